@@ -1,7 +1,7 @@
-"""The L-frame's four balls in a picture: which they are, and which end is which.
+"""Identifying the L-frame's four balls in one view.
 
-Three balls on a line and one beside it fit every picture of three on a line and one beside it, with either end for the
-corner. But an L-frame on the floor is seen from above: then only one of the two turns the right way round.
+Three balls on a line and one beside it fit any such picture with either end as the corner. But an L-frame on the floor
+is seen from above, and then only one of the two has the right orientation.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from ..numerics.arrays import Array
 from .ball_detection import Balls
 
 FOCALS = (0.6, 0.8, 1.0, 1.3, 1.7, 2.3)
-"""Focal lengths that are tried where none is known, as shares of the picture's longer side."""
+"""Focal lengths that are tried if none is known, relative to the picture's longer side."""
 _STANDS = 1.0  # pixels
-_LEAST_SEEN = 0.5  # share of the frames on which something must be found in one place to stand still
-_MOST = 12  # things that stand still among which the four are looked for
-_BENT = 0.04  # how far the long arm's balls may lie off a line, as a share of its length: lenses bend lines
+_LEAST_SEEN = 0.5  # least fraction of the frames on which a static ball is found in one place
+_MOST = 12  # largest number of static balls among which the four are searched for
+_BENT = 0.04  # deviation of the long arm's balls from a line, relative to its length: lenses bend lines
 _UNEVEN = 2.5  # factor by which perspective may change the ratio of their distances
-_SIZE_SPREAD = 0.12  # of the balls' sizes in the picture beside those expected, as a share
-_DOUBT = 9.0  # how much better a mirrored L-frame must fit
+_SIZE_SPREAD = 0.12  # standard deviation of the balls' sizes in the picture, relative to the expected ones
+_DOUBT = 9.0  # how much better, in squared standard deviations, a mirrored L-frame must fit
 
 
 def standing(seen: Sequence[Balls], most: int = _MOST) -> Balls:
-    """The balls that stand still through several pictures, the mean of each, the largest first."""
+    """Return the balls that stand still in several pictures, averaged, the largest first."""
     seen = [balls for balls in seen if len(balls)]
     if not seen:
         return Balls.joined([])
@@ -40,7 +40,7 @@ def standing(seen: Sequence[Balls], most: int = _MOST) -> Balls:
         left &= ~near
         if left[k] or len(set(home[near])) < _LEAST_SEEN * len(seen):
             continue
-        # What a picture's frames have in common, compression and shading, no mean takes away.
+        # Errors common to all frames, from compression and shading, do not average out.
         sigma = np.sqrt(np.mean(whole.sigma[near] ** 2))
         centre, shape = (np.median(values[near], axis=0) for values in (whole.centres, whole.shapes))
         found.append(Balls(centre[None], shape[None], sigma[None]))
@@ -54,7 +54,7 @@ class LFrameUnseenError(CalibrationError):
 
 @dataclass(frozen=True)
 class _LFrameFit:
-    """How well four balls are an L-frame: squared deviations in standard deviations, and which balls."""
+    """The fit of four balls to an L-frame: sum of squared deviations, in standard deviations, and which balls."""
 
     cost: float
     balls: tuple[int, ...]
@@ -69,9 +69,9 @@ class LFrameModel:
     points : ndarray, shape (4, 3)
         The corner, two more along the long arm, and the short arm's, metres.
     diameter : float or None
-        Of its balls, metres.
+        Diameter of its balls, metres.
     middle : ndarray, shape (2,)
-        Of the picture, pixels.
+        Middle of the picture, pixels.
     focals : sequence of float
         Focal lengths to try, pixels.
     """
@@ -87,22 +87,22 @@ class LFrameModel:
 
 
 def identified(balls: Balls, frame: LFrameModel, where: str) -> list[int]:
-    """Which of the balls are the L-frame's, in the order of its points.
+    """Return the indices of the L-frame's balls, in the order of its points.
 
     Parameters
     ----------
     balls : Balls
-        Those that stand still.
+        The static balls.
     frame : LFrameModel
     where : str
-        Video and camera, for errors.
+        Video and camera, for error messages.
 
     Raises
     ------
     LFrameUnseenError
-        No four of the balls are an L-frame that is seen from above.
+        No four of the balls form an L-frame seen from above.
     CalibrationError
-        Only its mirror image is seen.
+        They form only its mirror image.
     """
     if len(balls) < 4:
         raise LFrameUnseenError(
@@ -128,7 +128,9 @@ def identified(balls: Balls, frame: LFrameModel, where: str) -> list[int]:
 
 
 def _shaped(balls: Balls, points: Array) -> Iterator[tuple[int, ...]]:
-    """Four balls each that may be an L-frame: three on a line, spaced alike, the fourth on the side seen from above."""
+    """Generate sets of four balls that may be an L-frame seen from above: three on a line with its spacing, one
+    aside.
+    """
     c = balls.centres
     spacing = np.linalg.norm(points[1] - points[0]) / np.linalg.norm(points[2] - points[1])
     side = _cross(points[2] - points[0], points[3] - points[0])
@@ -141,7 +143,7 @@ def _shaped(balls: Balls, points: Array) -> Iterator[tuple[int, ...]]:
         if not between or bent > _BENT * length + _STANDS or not 1 / _UNEVEN < near / far / spacing < _UNEVEN:
             continue
         for d in set(range(len(balls))) - {a, b, e}:
-            # Seen from above, left turns stay left turns; v goes down.
+            # Seen from above, left turns stay left turns; v points down.
             if _cross(long, c[d] - c[a]) * side < 0:
                 yield a, b, e, d
 
@@ -151,7 +153,7 @@ def _cross(a: Array, b: Array) -> float:
 
 
 def _fit(balls: Balls, four: tuple[int, ...], frame: LFrameModel) -> _LFrameFit:
-    """Places and sizes against the best pose of the L-frame."""
+    """Compare positions and sizes with the best pose of the L-frame."""
     centres, radii = balls.centres[list(four)], balls.semi_axes[list(four), 1]
     return _LFrameFit(min(_pose_cost(centres, radii, frame, focal) for focal in frame.focals), four)
 
@@ -159,7 +161,7 @@ def _fit(balls: Balls, four: tuple[int, ...], frame: LFrameModel) -> _LFrameFit:
 def _pose_cost(centres: Array, radii: Array, frame: LFrameModel, focal: float) -> float:
     K = np.array([[focal, 0, frame.middle[0]], [0, focal, frame.middle[1]], [0, 0, 1.0]])
     _, turns, shifts, _ = cv2.solvePnPGeneric(frame.points, centres, K, np.zeros(4), flags=cv2.SOLVEPNP_SQPNP)
-    # A lens that is not known yet bends the line a little.
+    # The unknown lens distortion bends the line a little.
     tolerance = _STANDS + 0.01 * float(np.linalg.norm(centres[2] - centres[0]))
     best = np.inf
     for turn, shift in zip(turns, shifts, strict=True):

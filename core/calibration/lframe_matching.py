@@ -1,7 +1,7 @@
-"""The L-frame identified by all views together, once the wand has given the cameras.
+"""Identifying the L-frame by all views together, once the cameras are known from the wand.
 
-One view alone has only the places of four things of a colour to go by: a book in the place of a covered ball passes for
-an L-frame there. In three dimensions nothing else has its lengths.
+One view alone has only the positions of four things of the right colour, and a book in the place of a covered ball can
+complete an L-frame there. In three dimensions, nothing else has its lengths.
 """
 
 from __future__ import annotations
@@ -19,29 +19,29 @@ from ..numerics.arrays import Array, Ints
 from .camera_rig import Rig
 from .wand_triangulation import projected, rays, triangulated
 
-_ASIDE = 0.006  # of a picture's longer side: how far aside a ball may lie by cameras that are not yet exact
-_LENGTHS = 0.04  # metres by which a length may differ
+_ASIDE = 0.006  # largest residual of a ball, relative to a picture's longer side: the cameras are not exact yet
+_LENGTHS = 0.04  # largest error of a length, metres
 _BASES = ((0, 2, 3), (1, 2, 3), (0, 1, 3))
-"""Three balls not on a line, from which the L-frame's pose follows."""
-_SAME = 0.012  # metres within which two places are one
-_MOST_PLACES, _MOST_POSES = 120, 4000  # that are tried: a bound on the time where all the room is of the colour
+"""Sets of three balls not on a line, from which the L-frame's pose follows."""
+_SAME = 0.012  # metres within which two positions count as one
+_MOST_PLACES, _MOST_POSES = 120, 4000  # numbers that are tried, which limit the time if the whole room has the colour
 _FEWEST = 8
-"""Balls, over all views, that an L-frame must have: fewer lie so by chance."""
-_ROUNDS = 3  # of taking the nearest balls and placing the L-frame on them
+"""Least number of an L-frame's balls over all views: fewer may match by chance."""
+_ROUNDS = 3  # of assigning the nearest balls and aligning the L-frame with them
 
 
 def lframe_by_all_views(capture: Capture, rig: Rig) -> Capture:
-    """The capture with the L-frame's balls of each view as all views together identify them.
+    """Return the capture with the L-frame's balls of each view as identified by all views together.
 
-    A view that shows the L-frame where the others do not see it keeps the balls that it identified alone, if these are
-    an L-frame by its camera's own lens: then the camera was moved. Where too few views agree, all is left as it was.
+    If a view shows the L-frame in another place than the others, it keeps the balls that it identified alone if these
+    are an L-frame for its camera: the camera was moved then. If too few views agree, nothing is changed.
 
     Parameters
     ----------
     capture : Capture
-        Views have `lframe_candidates`, or what they have of the L-frame is left as it is.
+        Views without `lframe_candidates` are not changed.
     rig : Rig
-        The cameras in any world whose scale is the wand's.
+        The cameras in any world with the wand's scale.
     """
     seen = [_candidates(view) for view in capture.views]
     if not capture.has_lframe or sum(len(own) > 0 for own in seen) < 2:
@@ -59,12 +59,12 @@ def lframe_by_all_views(capture: Capture, rig: Rig) -> Capture:
 
 
 def _candidates(view: CaptureView) -> Array:
-    """Pixels of what may be balls of the L-frame, shape (n, 2)."""
+    """Return the pixels of possible balls of the L-frame, shape (n, 2)."""
     return np.zeros((0, 2)) if view.lframe_candidates is None else view.lframe_candidates.points[0]
 
 
 def _chosen(candidates: Markers, own: Ints) -> Markers:
-    """The L-frame's balls among the candidates, NaN where it is -1."""
+    """Return the L-frame's balls among the candidates; NaN for index -1."""
     points = np.where((own >= 0)[:, None], candidates.points[0][own], np.nan)
     sigma = np.where(own >= 0, candidates.sigma[0][own], np.nan)
     kept = slice(None) if (own >= 0).any() else slice(0)
@@ -72,20 +72,20 @@ def _chosen(candidates: Markers, own: Ints) -> Markers:
 
 
 def identified_together(rig: Rig, seen: Sequence[Array], measures: Array) -> Ints | None:
-    """Which of the candidates of each view is which ball of the L-frame, shape (V, 4); -1 for none.
+    """Return the index of each ball of the L-frame among the candidates of each view, shape (V, 4); -1 for none.
 
     Parameters
     ----------
     rig : Rig
     seen : sequence of ndarray, shape (n, 2)
-        Pixels.
+        The candidates of each view, pixels.
     measures : ndarray, shape (4, 3)
         The L-frame's balls, metres.
 
     Returns
     -------
     ndarray or None
-        None where too few of them lie as an L-frame's.
+        None if too few of them form an L-frame.
     """
     points = np.full((len(rig), max(len(own) for own in seen), 2), np.nan)
     for v, own in enumerate(seen):
@@ -112,12 +112,12 @@ def _at(points: Array, chosen: Ints) -> Array:
 
 
 def _reach(rig: Rig) -> Array:
-    """How far aside a ball may lie in each view, shape (V,), pixels."""
+    """Return the largest residual of a ball in each view, shape (V,), pixels."""
     return np.asarray(_ASIDE * rig.sizes.max(axis=1))
 
 
 def _meetings(rig: Rig, points: Array) -> Array:
-    """Where candidates of two views each meet, shape (K, 3)."""
+    """Return the points where the rays of two candidates meet, for all pairs of views, shape (K, 3)."""
     directions, centres, reach = rays(rig, points), rig.centres_world, _reach(rig)
     found = []
     for v, w in combinations(range(len(rig)), 2):
@@ -133,7 +133,7 @@ def _meetings(rig: Rig, points: Array) -> Array:
 
 
 def _distinct(rig: Rig, points: Array, places: Array) -> Array:
-    """The places that most views see, each once: a ball is where several pairs of views meet."""
+    """Return the points that most views see, without duplicates: at a ball several pairs of views meet."""
     views = (_closeness(rig, points, places).max(axis=2) > 0).sum(axis=0)
     kept: list[int] = []
     for k in np.argsort(-views, kind="stable"):
@@ -143,7 +143,7 @@ def _distinct(rig: Rig, points: Array, places: Array) -> Array:
 
 
 def _poses(places: Array, measures: Array) -> Array:
-    """Where the L-frame's balls would be by three places each that have its lengths, shape (P, 4, 3)."""
+    """Return the L-frame's balls for every three points with the right distances, shape (P, 4, 3)."""
     apart = np.linalg.norm(places[:, None] - places, axis=-1)
     found = []
     for base in _BASES:
@@ -160,14 +160,16 @@ def _poses(places: Array, measures: Array) -> Array:
 
 
 def _aligned(whole: Array, measured: Array, placed: Array) -> Array:
-    """The L-frame's balls where some of them lie nearest to some places."""
+    """Return the L-frame's balls, with some of them aligned to given points."""
     middle, there = measured.mean(axis=0), placed.mean(axis=0)
     R = Rotation.align_vectors(placed - there, measured - middle)[0].as_matrix()
     return (whole - middle) @ R.T + there
 
 
 def _closeness(rig: Rig, points: Array, balls_world: Array) -> Array:
-    """How near candidates lie to balls in each view, shape (V, 4, n): 1 in their places, 0 from a reach on."""
+    """Return how near candidates are to balls in each view, shape (V, 4, n): 1 at their positions, 0 beyond the
+    reach.
+    """
     off = np.stack(
         [np.linalg.norm(projected(rig, v, balls_world)[:, None] - points[v], axis=-1) for v in range(len(rig))]
     )
@@ -176,7 +178,7 @@ def _closeness(rig: Rig, points: Array, balls_world: Array) -> Array:
 
 
 def _is_lframe(rig: Rig, v: int, view: CaptureView, measures: Array) -> bool:
-    """Whether the balls that a view identified alone are an L-frame by its camera's lens."""
+    """Return whether the balls that a view identified alone form an L-frame, given its camera's intrinsics."""
     if not len(view.lframe) or not view.lframe.seen[0].all():
         return False
     K, distortions, seen = rig.matrix(v), rig.distortions[v], view.lframe.points[0]

@@ -22,16 +22,16 @@ if TYPE_CHECKING:
 
 _QUANTILES = (0.05, 0.5, 0.95)
 _BLOCK = 40
-"""Balls in a row by which a camera's steadiness is judged."""
+"""Number of consecutive balls by which it is tested whether a camera was moved."""
 _SURE = 8.0  # standard deviations
 _LEAST_ASIDE = 1.5
-"""Standard deviations of a ball aside from which a camera is said to have moved."""
+"""Shift, in standard deviations of a ball, from which a camera is reported as moved."""
 _NEAR = 100.0
-"""Pixels beside its place within which a ball may still be the wand's."""
+"""Distance from its expected position within which a ball may still be the wand's, pixels."""
 
 
 def measured_lengths(rig: Rig, seen: BallObservations, frames: NDArray[np.int64]) -> Array:
-    """Lengths of the wand, shape (n,), metres, its ends triangulated one by one, on frames where both are seen."""
+    """Return lengths of the wand, shape (n,), metres, between independently triangulated ends, where both are seen."""
     points, sigma = np.full((len(rig), len(frames), 2, 2), np.nan), np.ones((len(rig), len(frames), 2))
     for c in range(len(rig)):
         own = seen.take(seen.camera == c)
@@ -47,7 +47,7 @@ def measured_lengths(rig: Rig, seen: BallObservations, frames: NDArray[np.int64]
 
 
 def _track(seen: BallObservations) -> Markers:
-    """One camera's balls as markers."""
+    """Return one camera's balls as markers."""
     frames, row = np.unique(seen.frame.astype(np.int64), return_inverse=True)
     points, sigma = np.full((len(frames), 2, 2), np.nan), np.full((len(frames), 2), np.nan)
     points[row, seen.ball], sigma[row, seen.ball] = seen.uv, seen.sigma
@@ -55,13 +55,13 @@ def _track(seen: BallObservations) -> Markers:
 
 
 def _at(track: Markers, frames: Array) -> tuple[Array, Array]:
-    """Balls and their sigma at frames, as they are where those are whole, else interpolated."""
+    """Return balls and their sigma at frames, interpolated unless the frames are integers."""
     whole = np.round(frames).astype(np.int64)
     return picked(track, whole) if np.abs(frames - whole).max(initial=0.0) < 1e-6 else sampled(track, frames)
 
 
 def depths(solution: CalibrationResult) -> Array:
-    """Nearest, middle and farthest depth of the wand's balls that each camera sees, shape (C, 3), metres."""
+    """Return the least, median and largest depth of the wand's balls in each camera, shape (C, 3), metres."""
     rig, out = solution.rig, np.full((len(solution.rig), 3), np.nan)
     for c in range(len(rig)):
         points = seen_points(solution, c)
@@ -71,26 +71,26 @@ def depths(solution: CalibrationResult) -> Array:
 
 
 def _state(solution: CalibrationResult) -> NDArray[np.int64]:
-    """For each ball seen, the index of the wand's nearest frame."""
+    """Return for each observed ball the index of the wand's nearest frame."""
     frames, seen = solution.wand.frames, solution.seen
     times = np.floor(solution.rig.times(seen.camera, seen.frame) + 0.5)
     return np.asarray(np.clip(np.searchsorted(frames, times), 0, len(frames) - 1))
 
 
 def seen_points(solution: CalibrationResult, c: int) -> Array:
-    """The wand's balls that a camera sees, shape (n, 3), metres."""
+    """Return the wand's balls that a camera sees, world frame, metres, shape (n, 3)."""
     own = solution.seen.camera == c
     return np.asarray(solution.wand.ends_world[_state(solution)[own], solution.seen.ball[own]])
 
 
 def thickness(points: Array) -> float:
-    """Thickness over width of a cloud of points, shape (n, 3)."""
+    """Return the ratio of thickness to width of a cloud of points (n, 3)."""
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return float(spread[2] / spread[0])
 
 
 def coverage(solution: CalibrationResult) -> Array:
-    """Share of each picture that lies within the hull of the wand's balls, shape (C,)."""
+    """Return the fraction of each picture within the convex hull of the wand's balls, shape (C,)."""
     out = np.zeros(len(solution.rig))
     for c, size in enumerate(solution.rig.sizes):
         uv = solution.seen.uv[solution.seen.camera == c]
@@ -100,9 +100,10 @@ def coverage(solution: CalibrationResult) -> Array:
 
 
 def path_error(solution: CalibrationResult, c: int) -> tuple[float, int, int] | None:
-    """How many pixels a camera sees the wand aside from where it is, and on which frames; None where it does not.
+    """Return by how many pixels the wand is shifted in a camera's picture, and on which frames; None if it is not.
 
-    All balls near the wand's are looked at, whether they were used or not: the median of many in a row is no noise.
+    All balls near the wand's are considered, used or not: the median of many consecutive ones is hardly affected by
+    noise.
     """
     markers = solution.capture.views[c].wand
     near = matched(solution.scene, c, markers, np.full((len(markers), 2), _NEAR))
@@ -120,7 +121,9 @@ def path_error(solution: CalibrationResult, c: int) -> tuple[float, int, int] | 
 
 
 def quality_numbers(solution: CalibrationResult) -> dict[str, Any]:
-    """The numbers of the report as plain values for JSON: pixels, metres, frames; sigma is a standard deviation."""
+    """Return the numbers of the report as plain values for JSON, in pixels, metres and frames; sigma is a standard
+    deviation.
+    """
     lengths = measured_lengths(solution.rig, solution.seen, solution.wand.frames)
     return {
         "cameras": [_camera(solution, c) for c in range(len(solution.rig))],
@@ -145,7 +148,7 @@ def _camera(solution: CalibrationResult, c: int) -> dict[str, Any]:
     own = solution.residual[: len(solution.seen)][solution.seen.camera == c]
 
     def known(index: int) -> float | None:
-        """A standard deviation, None of what was not solved for."""
+        """Return a standard deviation, None for unknowns that were not solved for."""
         return _number(sigma[index]) if free[index] else None
 
     near, middle, far = depths(solution)[c]
@@ -176,7 +179,7 @@ def _camera(solution: CalibrationResult, c: int) -> dict[str, Any]:
 
 
 def _pixels(residual: Array) -> dict[str, float | None]:
-    """Root mean square of both coordinates, and median and 95 % of the distances."""
+    """Return the root mean square of both coordinates, and the median and 95 % quantile of the distances."""
     if not len(residual):
         return {"rms": None, "median": None, "most": None}
     off = np.linalg.norm(residual, axis=1)
@@ -188,7 +191,7 @@ def _pixels(residual: Array) -> dict[str, float | None]:
 
 
 def _lengths(lengths: Array, length: float) -> dict[str, Any]:
-    """Mean, spread, and root mean square error of measured lengths."""
+    """Return mean, standard deviation, and root mean square error of measured lengths."""
     if not len(lengths):
         return {"count": 0, "mean": None, "spread": None, "error": None}
     return {
@@ -200,5 +203,5 @@ def _lengths(lengths: Array, length: float) -> dict[str, Any]:
 
 
 def _number(value: Any) -> float | None:
-    """A plain number for JSON, None where it is not finite."""
+    """Return a plain number for JSON, None if it is not finite."""
     return float(value) if np.isfinite(value) else None

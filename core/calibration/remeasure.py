@@ -1,7 +1,7 @@
-"""Small balls measured again where a first solution expects them.
+"""Measuring small balls again where a first solution expects them.
 
-The first solution says how large every ball is in the picture, where the rods lead, and where the wand is on frames on
-which its balls were too faint to be found without knowing where to look.
+The first solution predicts how large every ball is in the picture, where the rods are, and where the wand is on frames
+on which its balls were too faint to be found without a prediction.
 """
 
 from __future__ import annotations
@@ -28,33 +28,33 @@ from .wand_triangulation import projected
 Image = NDArray[Any]
 
 _BRIDGED = 15
-"""Frames without the wand over which its path is interpolated."""
+"""Longest gap over which the wand's path is interpolated, frames."""
 _LARGEST = 5.0
-"""Radius up to which a ball is measured by its image, pixels: larger ones have an outline that says as much."""
+"""Largest radius of a ball that is measured by a model of its image, pixels; for larger ones the outline is as good."""
 _ASIDE = 4.0
-"""Pixels that a ball may lie from where it is expected."""
+"""Largest distance of a ball from its expected position, pixels."""
 _EXPLAINED = 0.75
-"""Share of what a window shows beside the background that a ball must explain to be one."""
+"""Least fraction of a window's difference from the background that a ball must explain."""
 _LIGHT_RATIO = 3.0
-"""Factor by which a ball's colour may differ from what it usually is in that video, in linear light."""
+"""Largest factor between a ball's colour and its usual colour in that video, in linear light."""
 _EXPOSURE = 0.5
-"""Share of the time between frames that the shutter is open, before it is known."""
-_EXPOSURE_SIGMA = 0.08  # of a path whose exposure is known, as a share
-_FAST = 3.0  # pixels from frame to frame from which on the blur shows the exposure
-_PLATE_FRAMES, _SAMPLES, _FEWEST = 15, 12, 4  # frames: for the background, for the balls' looks, of these at least
+"""Exposure as a fraction of the time between frames, before it is known."""
+_EXPOSURE_SIGMA = 0.08  # standard deviation of a known exposure, relative
+_FAST = 3.0  # pixels per frame from which motion blur shows the exposure
+_PLATE_FRAMES, _SAMPLES, _FEWEST = 15, 12, 4  # frames: for the background; for the balls' colours, and least of these
 _SAME_LEVELS = 10.0
-"""Difference of levels below which the picture without the L-frame shows the L-frame."""
-_UNMEASURED = 0.1  # standard deviation of radii where no diameter is given, as a share
+"""Difference of levels below which the L-frame is still in the background picture."""
+_UNMEASURED = 0.1  # standard deviation of radii if no diameter is given, relative
 
 
 def remeasured(found: VideoMarkers, solution: CalibrationResult, progress: Progress | None = None) -> VideoMarkers:
-    """Measure the small balls of all videos again, and look for those that were missed.
+    """Measure the small balls of all videos again, and search for those that were missed.
 
     Parameters
     ----------
     found : VideoMarkers
     solution : CalibrationResult
-        Solved from these.
+        The solution from these markers.
     progress : callable, optional
 
     Raises
@@ -76,12 +76,12 @@ def remeasured(found: VideoMarkers, solution: CalibrationResult, progress: Progr
 
 @dataclass(frozen=True, eq=False)
 class _Expected:
-    """Balls as a solution expects them in a camera's video.
+    """Balls as a solution predicts them in a camera's video.
 
     Attributes
     ----------
     centres : ndarray, shape (n, m, 2)
-        Pixels; NaN where nothing is expected.
+        Pixels; NaN where no ball is predicted.
     velocities : ndarray, shape (n, m, 2)
         Pixels per frame.
     radii : ndarray, shape (n, m)
@@ -97,7 +97,7 @@ class _Expected:
 
     @classmethod
     def of(cls, rig: Rig, c: int, places_world: Array, diameter: float) -> _Expected:
-        """Where a camera sees places (n, m, 3), on every frame of its video."""
+        """Project points (n, m, 3) of every frame into a camera's video."""
         centres = projected(rig, c, places_world)
         places_cam = places_world @ rig.R_cam_world[c].T + rig.t_cam_world[c]
         depth = places_cam[..., 2]
@@ -115,7 +115,7 @@ class _Expected:
         return np.asarray(self.radii < _LARGEST) & np.isfinite(self.centres).all(axis=-1)
 
     def rods(self, row: int, ball: int, others: Sequence[int]) -> tuple[Array, Array]:
-        """The rods from a ball to others, see `BallGuess.rods` and `BallGuess.starts`."""
+        """Return the rods from a ball to others, see `BallGuess.rods` and `BallGuess.starts`."""
         ways, starts = [], []
         place = self.places_cam[row, ball]
         for other in others:
@@ -130,7 +130,7 @@ class _Expected:
 
 
 def _wand_path(wand: Wand, times: Array) -> Array:
-    """The wand's ends at some times, shape (n, 2, 3); NaN where it was not seen for longer."""
+    """Return the wand's ends at some times, shape (n, 2, 3); NaN in longer gaps."""
     ends = np.full((len(times), 2, 3), np.nan)
     if len(wand) < _FEWEST:
         return ends
@@ -144,7 +144,7 @@ def _wand_path(wand: Wand, times: Array) -> Array:
 
 
 def _diameter(found: VideoMarkers, solution: CalibrationResult, given: float | None, *, wand: bool) -> float:
-    """The balls' diameter in metres: as it is given, or by how large they are in the pictures."""
+    """Return the balls' diameter in metres, as given or else estimated from their size in the pictures."""
     if given is not None:
         return given
     shares = []
@@ -160,7 +160,7 @@ def _diameter(found: VideoMarkers, solution: CalibrationResult, given: float | N
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """One camera's videos, what was found in them and what is expected in them."""
+    """One camera's videos, with the balls that were found and those that are predicted."""
 
     seen: SeenView
     lframe: _Expected
@@ -184,17 +184,17 @@ class _View:
 
     @property
     def is_small(self) -> bool:
-        """Whether any of its balls is."""
+        """Whether any of its balls is small."""
         return bool(self.wand.small.any() or (self.lframe.small.any() and self.seen.videos.lframe is not None))
 
     def measured(self, progress: Progress | None) -> SeenView:
-        """The view with its small balls measured again."""
+        """Return the view with its small balls measured again."""
         plate, looks = self._learned()
         lframe = self.seen.lframe if self.seen.videos.lframe is None else self._lframe(plate)
         return replace(self.seen, lframe=lframe, wand=self._wand(plate, looks, progress))
 
     def _found(self) -> _Rows:
-        """What was found of the wand before, its ends in the order of those that are expected."""
+        """Return the wand's balls found before, with the ends in the predicted order."""
         m, shape = self.seen.wand.markers, self.wand.radii.shape
         rows = _Rows(
             np.full((*shape, 2), np.nan), np.full(shape, np.nan), np.full(shape, np.nan), np.zeros((*shape, 2))
@@ -207,7 +207,7 @@ class _View:
         return rows
 
     def _learned(self) -> tuple[Image, _Looks]:
-        """The picture without the wand, and how its balls look, from some of the frames."""
+        """Learn the background, and the appearance of the wand's balls, from some of the frames."""
         found = self._found()
         whole = np.flatnonzero(np.isfinite(found.points).all(axis=(1, 2)) & self.wand.small.all(axis=1))
         sampled = set(whole[np.linspace(0, len(whole) - 1, min(_SAMPLES, len(whole))).astype(int)].tolist())
@@ -265,7 +265,7 @@ class _View:
     def _ball(
         self, image: Image, plate: Image, before: Array, where: tuple[int, int, Array], looks: _Looks
     ) -> BallImage | None:
-        """One end of the wand on one frame; None where it is not seen."""
+        """Measure one end of the wand on one frame; None if it is not seen."""
         frame, end, aside = where
         expected = self.wand.centres[frame, end]
         usual = looks.lights[end]
@@ -309,14 +309,14 @@ class _View:
         return SeenBalls(Markers(m.frames, rows.points, rows.sigma, rows.elongation), rows.radii)
 
     def _lframe_before(self) -> SeenBalls:
-        """What was found of the L-frame before; a row of nothing where that was nothing."""
+        """Return the L-frame's balls found before; a row of NaN if there were none."""
         if len(self.seen.lframe.markers):
             return self.seen.lframe
         nothing = np.full((1, LFRAME_BALLS), np.nan)
         return SeenBalls(Markers(np.zeros(1, np.int64), np.stack([nothing, nothing], axis=-1), nothing), nothing)
 
     def _stays(self, image: Image, plate: Image) -> bool:
-        """Whether the L-frame also lies there while the wand is waved."""
+        """Return whether the L-frame is still there while the wand is waved."""
         size = np.array(plate.shape[1::-1])
         places = np.round(np.nan_to_num(self.lframe.centres[0], nan=-1.0)).astype(int)
         u, v = places[((places >= 0) & (places < size)).all(axis=1)].T
@@ -326,7 +326,7 @@ class _View:
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Balls on frames of a video, NaN where they were not found: as in `Markers`, and radii."""
+    """Balls on frames of a video as in `Markers`, with radii; NaN where they were not found."""
 
     points: Array
     sigma: Array
@@ -334,7 +334,7 @@ class _Rows:
     elongation: Array
 
     def put(self, row: int, column: int, ball: BallImage | None) -> None:
-        """A ball as it was measured; None if the model of its image does not explain what is seen there."""
+        """Enter a measured ball, or None if the model of its image does not explain the picture."""
         if ball is None:
             self.points[row, column] = self.sigma[row, column] = self.radii[row, column] = np.nan
             return
@@ -344,7 +344,7 @@ class _Rows:
 
 @dataclass(frozen=True, eq=False)
 class _Looks:
-    """How the wand's balls look in a video: their colours in linear light, and the exposure as a share of a frame."""
+    """The appearance of the wand's balls in a video: colours in linear light, and exposure as a fraction of a frame."""
 
     lights: tuple[Array | None, Array | None] = (None, None)
     exposure: float = _EXPOSURE
@@ -352,5 +352,5 @@ class _Looks:
 
 
 def _sigma(diameter: float | None) -> float:
-    """Standard deviation of expected radii, as a share."""
+    """Return the standard deviation of predicted radii, relative."""
     return _UNMEASURED if diameter is None else BallGuess.radius_sigma

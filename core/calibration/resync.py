@@ -1,4 +1,4 @@
-"""Clocks of one more take: cameras that stand as they were solved, started again, a wand waved before them."""
+"""Clocks of another take: a wand is waved in front of cameras that were restarted but have not moved."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from .synchrony import synchrony, with_capture_clock
 from .wand_matching import labelled
 from .wand_triangulation import sight
 
-_LOOSE = 10.0  # standard deviations: at first clocks are off
+_LOOSE = 10.0  # standard deviations, while the clocks are still inexact
 _ROUNDS = 4  # of selecting the wand's balls and estimating the clocks
 
 
 def synchronise(
     capture: Capture, cameras: Mapping[str, Camera], progress: Progress | None = None, *, drift: bool = False
 ) -> Clocks:
-    """The clocks of a take whose cameras are known. Its L-frame is ignored.
+    """Find the clocks of a take whose cameras are known. Its L-frame is ignored.
 
     Raises
     ------
     CalibrationError
-        A view's camera is not among those known.
+        A view's camera is not among the known ones.
     CaptureError
         The wand's path does not determine the clocks.
     CancelledError
@@ -67,12 +67,12 @@ def synchronise(
 
 
 def known_camera(cameras: Mapping[str, Camera], name: str, size: tuple[int, int]) -> Camera:
-    """The camera of a view, if a wand can be seen by it.
+    """Return the camera of a view.
 
     Raises
     ------
     CalibrationError
-        It is not there, is of another size, moves, or is a fisheye.
+        It is unknown, has another size, moves, or has a fisheye lens.
     """
     where = f"camera {name}"
     if name not in cameras:

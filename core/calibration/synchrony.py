@@ -1,4 +1,4 @@
-"""The videos of a capture brought to common frames."""
+"""Synchronising the videos of a capture."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from .wand_tracks import Tracks, cleaned, is_waved, synchronised
 
 @dataclass(frozen=True, eq=False)
 class Synchrony:
-    """The wand in all videos, and how their frames go together.
+    """The wand in all videos, and how their frames correspond.
 
     Attributes
     ----------
     wands : tuple of Markers
-        Cleaned where the wand is waved.
+        Without outliers if the wand is waved, see `wand_tracks.cleaned`.
     rate, offset : ndarray, shape (V,)
         Frame s of the capture is frame rate s + offset of a video.
     loose : ndarray of bool, shape (V,)
-        Whose offset was estimated and is to be refined.
+        Videos whose offset was estimated and is to be refined.
     """
 
     wands: tuple[Markers, ...]
@@ -41,13 +41,13 @@ class Synchrony:
         return bool(self.loose.any() or (self.offset % 1).any() or (self.rate != 1).any())
 
     def tracks(self, rig: Rig | None = None) -> Tracks:
-        """The wand on the capture's frames, by a rig's clocks or by the first ones."""
+        """Return the wand on the capture's frames, with a rig's clocks or else the first estimates."""
         if rig is None or not self.loose.any():
             return synchronised(self.wands, self.rate, self.offset)
         return synchronised(self.wands, rig.rate * (1 + rig.drift), rig.offset)
 
     def turned(self, views: Sequence[int]) -> Synchrony:
-        """The capture with the wand's ends in the other order in some views."""
+        """Return the same with the wand's ends exchanged in some views."""
         wands = list(self.wands)
         for v in views:
             wands[v] = replace(wands[v], points=wands[v].points[:, ::-1], sigma=wands[v].sigma[:, ::-1])
@@ -55,12 +55,12 @@ class Synchrony:
 
 
 def synchrony(capture: Capture) -> Synchrony:
-    """Time offsets between a capture's videos: as given, or from the wand's path.
+    """Find the time offsets between a capture's videos: as given, or from the wand's path.
 
     Raises
     ------
     CaptureError
-        The wand's path is needed and does not determine the offsets.
+        Offsets are missing, and the wand's path does not determine them.
     """
     views = capture.views
     pace = [view.fps for view in views]
@@ -80,6 +80,6 @@ def synchrony(capture: Capture) -> Synchrony:
 
 
 def with_capture_clock(rig: Rig) -> Rig:
-    """The cameras with the capture's own clock."""
+    """Return the cameras with the capture's own clock."""
     n = len(rig)
     return replace(rig, offset=np.zeros(n), drift=np.zeros(n), rate=np.ones(n))

@@ -1,4 +1,4 @@
-"""From videos of an L-frame and a wand to the points that cameras are solved from."""
+"""Finding the balls of an L-frame and a wand in videos."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ from .wand_detection import Pairs, WandLooks, find_pairs, swapped_ends, wand_pat
 from .wand_triangulation import projected
 
 FEWEST_LFRAMES = 2
-"""Views in which the L-frame has to be found."""
+"""Least number of views in which the L-frame must be found."""
 _SAMPLES = 24
-"""Frames by which background and balls of a video become known."""
+"""Number of frames from which a video's background and balls are learned."""
 _LFRAMES = 0.05
-"""Share of the work that the L-frame's videos are."""
-_LEAST_SHARE = 0.02  # of a video's frames that must show the wand
+"""Fraction of the work that the L-frame's videos take."""
+_LEAST_SHARE = 0.02  # least fraction of a video's frames that must show the wand
 _FEWEST_CANDIDATES = 3
-"""Things of its balls' colour in a view from which all views together may identify the L-frame."""
+"""Least number of candidates for the L-frame's balls in a view that takes part in the identification by all views."""
 
 
 @dataclass(frozen=True, eq=False)
 class SeenView:
-    """What was found in one camera's videos.
+    """The balls found in one camera's videos.
 
     Attributes
     ----------
     videos : CaptureVideoView
     footage : Footage
     lframe : SeenBalls
-        Its balls as this view alone identifies them; none where it cannot.
+        The L-frame's balls as identified by this view alone; empty if it cannot identify them.
     wand : SeenBalls
     candidates : Balls
-        All that stands still in the L-frame's video and may be one of its balls.
+        Everything static in the L-frame's video that may be one of its balls.
     """
 
     videos: CaptureVideoView
@@ -57,14 +57,14 @@ class SeenView:
 
 @dataclass(frozen=True, eq=False)
 class VideoMarkers:
-    """What was found in all videos.
+    """The balls found in all videos.
 
     Attributes
     ----------
     videos : CaptureVideos
     views : tuple of SeenView
     unidentified : CalibrationError, optional
-        Why the first view that cannot identify the L-frame alone cannot.
+        The error of the first view that cannot identify the L-frame alone.
     """
 
     videos: CaptureVideos
@@ -72,14 +72,13 @@ class VideoMarkers:
     unidentified: CalibrationError | None = None
 
     def capture(self, cameras: Mapping[str, Camera] | None = None) -> Capture:
-        """The points to solve from.
+        """Return the points from which cameras are solved.
 
         Parameters
         ----------
         cameras : mapping of str to Camera, optional
-            Solved before; they determine where the centre of each ball lies within its outline. Without them, a
-            given or usual focal length is used, and large balls near the picture's edges are off by some hundredths of
-            a pixel.
+            A previous solution, which determines the centre of each ball within its outline. Without it, a given or
+            usual focal length is used, and large balls near the picture's edges are off by a few hundredths of a pixel.
         """
         return Capture(
             self.videos.lframe_points,
@@ -91,7 +90,7 @@ class VideoMarkers:
         )
 
     def with_lframes_identified(self, solution: CalibrationResult) -> VideoMarkers:
-        """The same with the L-frame's balls where a solution from all views expects them, and no candidates."""
+        """Return the same with the L-frame's balls where a solution from all views predicts them, and no candidates."""
         views = []
         for c, view in enumerate(self.views):
             if view.videos.lframe is None or c in solution.moved:
@@ -104,7 +103,7 @@ class VideoMarkers:
         return replace(self, views=tuple(decided))
 
     def without_lframe(self) -> tuple[str, ...]:
-        """Cameras in whose video of the L-frame it was not found."""
+        """Return the cameras whose video of the L-frame does not show it."""
         return tuple(
             view.videos.camera for view in self.views if view.videos.lframe is not None and not len(view.lframe.markers)
         )
@@ -132,7 +131,7 @@ def _capture_view(view: SeenView, camera: Camera | None) -> CaptureView:
 
 
 def _candidates(view: SeenView, matrix: Array, distortions: Array) -> Markers | None:
-    """What may be balls of the L-frame, as their middles are seen."""
+    """Return the candidates for the L-frame's balls, as images of their centres."""
     balls = view.candidates
     if not len(balls):
         return None
@@ -141,14 +140,14 @@ def _candidates(view: SeenView, matrix: Array, distortions: Array) -> Markers | 
 
 
 def find_all(videos: CaptureVideos, progress: Progress | None = None) -> VideoMarkers:
-    """Find the balls in all videos, one frame after the other.
+    """Find the balls in all videos, frame by frame.
 
-    A view in which the L-frame is not found counts as one that lacks it, if enough others show it.
+    If enough other views show the L-frame, a view in which it is not found is treated as having no video of it.
 
     Raises
     ------
     FootageError
-        A video is missing or unreadable, or the two of a camera differ in size.
+        A video is missing or unreadable, or the two videos of a camera differ in size.
     CalibrationError
         The L-frame or the wand cannot be found; names the video.
     CancelledError
@@ -174,7 +173,7 @@ def find_all(videos: CaptureVideos, progress: Progress | None = None) -> VideoMa
 
 
 def _footage(view: CaptureVideoView) -> Footage:
-    """A camera's video of the wand, which must be as large as that of the L-frame."""
+    """Return a camera's video of the wand, which must have the same size as that of the L-frame."""
     footage = probe(view.wand)
     before = footage if view.lframe is None else probe(view.lframe)
     if footage.size != before.size:
@@ -184,12 +183,12 @@ def _footage(view: CaptureVideoView) -> Footage:
 
 
 def find_wand(view: CaptureVideoView, videos: CaptureVideos, count: int, progress: Progress | None = None) -> SeenBalls:
-    """The wand's balls on every frame of a camera's video on which they are seen.
+    """Find the wand's balls on every frame of a camera's video on which they are seen.
 
     Raises
     ------
     CalibrationError
-        They are hardly ever seen; names the video.
+        They are seen on too few frames; names the video.
     """
     longest = videos.wand_length / videos.wand_diameter if videos.wand_diameter else None
     looks = WandLooks.learned(list(spread_out(view.wand, _SAMPLES)), videos.wand_colours)
@@ -216,7 +215,7 @@ def find_wand(view: CaptureVideoView, videos: CaptureVideos, count: int, progres
 
 
 def _swaps(frames: NDArray[np.int64], points: Array, radii: Array) -> NDArray[np.bool_]:
-    """`swapped_ends` over all frames, those without the wand between."""
+    """Return `swapped_ends` for frames with gaps between them."""
     places = np.full((frames[-1] + 1, 2, 2), np.nan)
     sizes = np.ones(len(places))
     places[frames], sizes[frames] = points, radii.mean(axis=1)

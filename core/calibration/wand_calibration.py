@@ -1,4 +1,4 @@
-"""Cameras from a capture of an L-frame and a wand: from nothing but their measures to a solution and its quality."""
+"""Solving for cameras from a capture of an L-frame and a wand of known measures."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from .wand_matching import labelled
 from .wand_triangulation import sight
 
 FOCAL_SIGMA = 0.1
-"""Standard deviation of a focal length that is given, as a share."""
+"""Standard deviation of a given focal length, relative."""
 _EXACT = 1e-6
-"""Of the L-frame's measures, metres, in the covariance: the world is what they make it."""
+"""Standard deviation of the L-frame's measures in the covariance, metres: they define the world exactly."""
 _ROUNDS = 4
-"""How often cameras are adjusted and the wand's balls selected anew, at most."""
+"""Largest number of rounds of adjusting the cameras and selecting the wand's balls again."""
 _SETTLED = 0.01
-"""Share by which the number of balls and their noise may change in the last of these."""
+"""Relative change of the number of balls, and of their noise, below which these rounds end."""
 _ROBUST = 4.0
-"""Scale of the robust loss, in standard deviations, while wrong balls may still be among the others."""
-_LEAST_NOISE = 0.2  # of their sigma: balls are hardly ever measured better than they say
+"""Scale of the robust loss, in standard deviations, while there may still be wrong balls."""
+_LEAST_NOISE = 0.2  # lower limit, as a multiple of sigma: balls are hardly ever much better than stated
 _HELD_OUT, _HELD_OUT_RUN = 10, 10
-"""One in so many runs of so many frames is held out: neighbouring frames have the same errors."""
+"""One in this many runs of this many frames is held out; runs, because errors of neighbouring frames are correlated."""
 
 
 def solve_capture(capture: Capture, progress: Progress | None = None, *, drift: bool = False) -> CalibrationResult:
@@ -49,7 +49,7 @@ def solve_capture(capture: Capture, progress: Progress | None = None, *, drift: 
     capture : Capture
     progress : callable, optional
     drift : bool
-        Let the clocks of cameras whose offset is estimated run faster or slower, too.
+        Whether clocks of cameras whose offset is estimated may also run at different speeds.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def solve_capture(capture: Capture, progress: Progress | None = None, *, drift: 
 
 
 class _Steps:
-    """Reports progress, and ends the work when the caller asks for it."""
+    """Reports progress, and raises a CancelledError if the caller has cancelled."""
 
     def __init__(self, progress: Progress | None) -> None:
         self._progress, self._what, self._fraction = progress, "", 0.0
@@ -101,7 +101,7 @@ class _Steps:
 
 
 def _lens(view: CaptureView) -> Lens:
-    """What is known of a camera beforehand, and the focal lengths to try."""
+    """Return what is known about a camera, and the focal lengths to try."""
     matrix = None if view.matrix is None else np.asarray(view.matrix, float)
     if matrix is not None:
         focals = np.array([matrix[0, 0]])
@@ -114,7 +114,7 @@ def _lens(view: CaptureView) -> Lens:
 
 @dataclass(frozen=True, eq=False)
 class _Draft:
-    """Cameras, the wand, and the balls that are the wand's."""
+    """Cameras, the wand, and the balls identified as the wand's."""
 
     scene: Scene
     seen: BallObservations
@@ -123,7 +123,7 @@ class _Draft:
 
 
 def _polished(rig: Rig, capture: Capture, together: Synchrony, free: Bools, steps: _Steps) -> _Draft | None:
-    """Adjust cameras on all frames and select the wand's balls, in turns; None where no wand is seen."""
+    """Adjust cameras on all frames and select the wand's balls, in turn; None if no wand is seen."""
     noise = 3.0
     draft: _Draft | None = None
     for _ in range(_ROUNDS):
@@ -146,7 +146,7 @@ def _polished(rig: Rig, capture: Capture, together: Synchrony, free: Bools, step
 
 
 def _sighted(rig: Rig, together: Synchrony, length: float, noise: float) -> Wand:
-    """The wand on the capture's frames, by cameras whose videos are brought to them."""
+    """Triangulate the wand on the capture's frames."""
     tracks = together.tracks(rig)
     found = sight(with_capture_clock(rig), tracks, length, max(noise, 1.0))
     return found.wand(tracks.frames, length, single=not together.between)
@@ -159,17 +159,17 @@ def _evidence(capture: Capture, seen: BallObservations, together: Synchrony) -> 
 
 @dataclass(frozen=True, eq=False)
 class _FloorCapture:
-    """A capture whose floor is that of an L-frame, whatever shows it, and the draft in its scale.
+    """A capture with an L-frame, real or substituted, and the draft in its scale.
 
     Attributes
     ----------
     capture : Capture
-        With the L-frame, or with one in its place that the wand on the floor or the performer shows.
+        With the L-frame, or with a substitute from the wand on the floor or from the performer.
     given : Capture
-        Without one in its place.
+        The capture without a substitute.
     draft : _Draft
     findings : tuple of Finding
-        What the floor is known by, where there is no L-frame.
+        How the floor was determined, if there is no L-frame.
     """
 
     capture: Capture
@@ -196,13 +196,13 @@ class _FloorCapture:
 
 @dataclass(frozen=True, eq=False)
 class _World:
-    """A scene in the world of the L-frame, and how the L-frame was placed in it.
+    """A scene in the world of the L-frame, and the placement of the L-frame in it.
 
     Attributes
     ----------
     scene : Scene
     resting : BallObservations
-        Of the L-frame, without those of cameras that were moved.
+        The L-frame's balls, without those of cameras that were moved.
     placement : LFramePose
     moved : dict of int to float
         Cameras that were moved between L-frame and wand, and by how many pixels.
@@ -228,7 +228,7 @@ class _World:
 def _finished(
     draft: _Draft, capture: Capture, together: Synchrony, free: Bools, *, known: Sequence[Lens], steps: _Steps
 ) -> CalibrationResult:
-    """Define the world by the L-frame, decide on the lenses, and adjust once more to all that is known."""
+    """Define the world by the L-frame, select the lens parameters, and adjust once more to all observations."""
     floor = _FloorCapture.of(capture, draft)
     world, capture, draft = _World.of(floor), floor.capture, floor.draft
     evidence = replace(
@@ -267,13 +267,13 @@ def _finished(
 
 
 def _unit_noise(residual: Array, scene: Scene, free: Bools) -> float:
-    """How many times their sigma the balls lie off, by the sum of squares and the degrees of freedom."""
+    """Return the balls' noise as a multiple of sigma, from the sum of squares and the degrees of freedom."""
     left = residual.size - 5 * len(scene.wand) - free.sum()
     return float(np.sqrt((residual**2).sum() / max(left, 1)))
 
 
 def _held_out(scene: Scene, evidence: BundleEvidence, free: Bools, steps: _Steps) -> Array:
-    """Lengths of the wand on runs of frames that took no part in the solution that measures them."""
+    """Return lengths of the wand, metres, on runs of frames that were held out of the solution that measures them."""
     wand = scene.wand
     left_out = (np.arange(len(wand)) // _HELD_OUT_RUN) % _HELD_OUT == _HELD_OUT // 2
     times = scene.rig.times(evidence.wand.camera, evidence.wand.frame)

@@ -1,4 +1,4 @@
-"""Which of the balls in a view are which ends of a wand whose places are known."""
+"""Matching the balls in a view with the ends of a wand whose positions are known."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from .wand_triangulation import GATE
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Balls that are the wand's.
+    """Balls that were matched with ends of the wand.
 
     Attributes
     ----------
     row : ndarray of int, shape (n,)
-        Of the markers.
+        Row of the markers.
     end : ndarray of int, shape (n,)
-        0 or 1.
+        End of the wand, 0 or 1.
     ball : ndarray of int, shape (n,)
-        Which of the markers' balls it is: the other one where the ends are swapped.
+        Index among the markers' balls: the other one if the ends are swapped.
     aside : ndarray, shape (n, 2)
-        Seen less predicted, pixels.
+        Observed minus predicted positions, pixels.
     """
 
     row: Ints
@@ -35,7 +35,7 @@ class Matches:
     aside: Array
 
     def observations(self, view: int, markers: Markers) -> BallObservations:
-        """The matched balls as the adjustment takes them."""
+        """Return the matched balls as observations for the adjustment."""
         at = markers.frames[self.row].astype(float)
         points, sigma = markers.points[self.row, self.ball], markers.sigma[self.row, self.ball]
         longer = None if markers.elongation is None else markers.elongation[self.row, self.ball]
@@ -43,12 +43,16 @@ class Matches:
 
 
 def matched(scene: Scene, view: int, markers: Markers, reach: Array) -> Matches:
-    """The balls of one view that lie near an end of the wand, the ends swapped where that fits better.
+    """Match the balls of one view with the ends of the wand, swapped on frames where that fits better.
 
     Parameters
     ----------
+    scene : Scene
+    view : int
+    markers : Markers
+        The wand's balls in that view, on n frames.
     reach : ndarray, shape (n, 2)
-        How far aside a ball may lie, pixels.
+        Largest distance of a ball from its predicted position, pixels.
     """
     n = len(markers)
     aside = np.full((n, 2, 2, 2), np.nan)  # row, end, ball, coordinate
@@ -66,7 +70,7 @@ def matched(scene: Scene, view: int, markers: Markers, reach: Array) -> Matches:
 
 
 def labelled(scene: Scene, views: Sequence[CaptureView], noise: float) -> tuple[BallObservations, Array]:
-    """The balls of all views that the scene's wand explains, swapped ends swapped back, and their share by view."""
+    """Return the balls of all views that the scene's wand explains, with ends in order, and their fraction per view."""
     matches = [matched(scene, v, view.wand, GATE * noise * view.wand.sigma) for v, view in enumerate(views)]
     parts = [found.observations(v, views[v].wand) for v, found in enumerate(matches)]
     shares = [len(found.row) / max(view.wand.seen.sum(), 1) for found, view in zip(matches, views, strict=True)]

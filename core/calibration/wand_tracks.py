@@ -1,4 +1,4 @@
-"""The wand's paths through the pictures: cleaned, and brought to common frames."""
+"""The wand's tracks in the pictures: removing outliers, and sampling on common frames."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from ..capture.capture import Markers
 from ..numerics.arrays import Array, Ints
 
 _REACH = 4
-"""Frames on either side from which a track's middle course is judged."""
+"""Number of frames on either side from which a ball's position is predicted."""
 _SMOOTH_SHARE = 0.35
-"""Of a waved wand, how far balls lie off the middle of their neighbours, beside how far they move."""
+"""Largest ratio of a ball's distance from the middle of its neighbours to its movement, for a waved wand."""
 _OUTLIER = 6.0
-"""Balls that lie this many usual distances off their course are not the wand's."""
+"""Multiple of the usual distance from its predicted position from which a ball is an outlier."""
 _SWAPPED = 0.3
-"""Ends that lie so much nearer to each other's course than to their own are swapped."""
+"""Ends are swapped if their distances from each other's predicted positions are below this fraction of their own."""
 _STEADY = 3.0
-"""Pixels off its course at which a ball is not doubted."""
+"""Distance from its predicted position that is always accepted, pixels."""
 _USUAL = 0.3
-"""Quantile that is robust against wrong balls."""
-_ENOUGH = 10  # frames by which a path can be told
+"""Quantile used for the usual distance, which is robust against many wrong balls."""
+_ENOUGH = 10  # least number of frames from which a path is judged
 _BRIDGED = 4
-"""Frames between two balls of a track across which it is interpolated."""
+"""Longest gap in a track over which it is interpolated, frames."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,16 +54,16 @@ class Tracks:
         return np.asarray(np.isfinite(self.points).all(axis=-1))
 
     def take(self, frames: NDArray[Any]) -> Tracks:
-        """The tracks on some of the frames."""
+        """Return the tracks on some of the frames."""
         return Tracks(self.frames[frames], self.points[:, frames], self.sigma[:, frames])
 
     def views(self, chosen: Sequence[int]) -> Tracks:
-        """The tracks of some of the views."""
+        """Return the tracks of some of the views."""
         return replace(self, points=self.points[list(chosen)], sigma=self.sigma[list(chosen)])
 
 
 def is_waved(markers: Markers) -> bool:
-    """Whether the balls move smoothly from frame to frame, so that they can be interpolated between frames."""
+    """Return whether the balls move smoothly enough to be interpolated between frames."""
     if not len(markers):
         return False
     points = _dense(markers)[0]
@@ -78,7 +78,7 @@ def is_waved(markers: Markers) -> bool:
 
 
 def cleaned(markers: Markers) -> Markers:
-    """A waved wand without balls that leave their course, and with swapped ends swapped back."""
+    """Return a waved wand without outliers, and with swapped ends swapped back."""
     if not len(markers):
         return markers
     points, sigma = _dense(markers)
@@ -94,7 +94,7 @@ def cleaned(markers: Markers) -> Markers:
 
 
 def _dense(markers: Markers) -> tuple[Array, Array]:
-    """Points (F, m, 2) and sigma (F, m) on every frame from the first to the last."""
+    """Return points (F, m, 2) and sigma (F, m) on every frame from the first to the last."""
     at = markers.frames - markers.frames[0]
     points = np.full((at[-1] + 1, *markers.points.shape[1:]), np.nan)
     sigma = np.full(points.shape[:2], np.nan)
@@ -104,7 +104,7 @@ def _dense(markers: Markers) -> tuple[Array, Array]:
 
 
 def _courses(points: Array) -> Array:
-    """Positions of balls interpolated from pairs of neighbours, one on each side: shape (pairs, F, m, 2)."""
+    """Return positions of balls predicted from pairs of neighbours, one on each side, shape (pairs, F, m, 2)."""
     F = len(points)
     padded = np.pad(points, ((_REACH, _REACH), (0, 0), (0, 0)), constant_values=np.nan)
     return np.stack(
@@ -117,13 +117,15 @@ def _courses(points: Array) -> Array:
 
 
 def _miss(points: Array, courses: Array) -> Array:
-    """Distance of balls, shape (F, m), to the second nearest of their courses: neighbours are wrong at times, too."""
+    """Return distances (F, m) of balls from the second nearest of their predictions, as neighbours may be wrong,
+    too.
+    """
     apart = np.linalg.norm(points - courses, axis=-1)
     return np.asarray(np.sort(np.where(np.isfinite(apart), apart, np.inf), axis=0)[1])
 
 
 def sampled(markers: Markers, frames: Array) -> tuple[Array, Array]:
-    """Points (n, m, 2) and sigma (n, m) at fractional frames of a video, by splines through a waved wand's balls."""
+    """Return points (n, m, 2) and sigma (n, m) at fractional frames of a video, from splines through a waved wand."""
     n, m = len(frames), markers.points.shape[1]
     points, sigma = np.full((n, m, 2), np.nan), np.full((n, m), np.nan)
     for b in range(m):
@@ -139,7 +141,7 @@ def sampled(markers: Markers, frames: Array) -> tuple[Array, Array]:
 
 
 def picked(markers: Markers, frames: Ints) -> tuple[Array, Array]:
-    """Points (n, m, 2) and sigma (n, m) on whole frames of a video, NaN where there is none."""
+    """Return points (n, m, 2) and sigma (n, m) on integer frames of a video, NaN where there are none."""
     n, m = len(frames), markers.points.shape[1]
     points, sigma = np.full((n, m, 2), np.nan), np.full((n, m), np.nan)
     _, here, there = np.intersect1d(frames, markers.frames, return_indices=True)
@@ -148,9 +150,9 @@ def picked(markers: Markers, frames: Ints) -> tuple[Array, Array]:
 
 
 def synchronised(wands: Sequence[Markers], rate: Array, offset: Array) -> Tracks:
-    """All views on the capture's frames: frame s is frame rate s + offset of a view's video.
+    """Return all views on the capture's frames: frame s is frame rate s + offset of a view's video.
 
-    Where that is a whole frame for all, nothing is interpolated.
+    Nothing is interpolated if that is an integer in all views.
     """
     spans = [(m.frames[[0, -1]] - o) / r for m, r, o in zip(wands, rate, offset, strict=True) if len(m)]
     first, last = min(span[0] for span in spans), max(span[1] for span in spans)

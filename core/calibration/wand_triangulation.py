@@ -1,4 +1,4 @@
-"""The wand from known cameras, frame by frame, with wrong balls and swapped ends among those seen."""
+"""Triangulating the wand with known cameras, robustly against wrong balls and swapped ends."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from .wand_tracks import Tracks
 _PARALLAX = np.deg2rad(3.0)
 """Smallest angle between two rays that are triangulated."""
 _ALONE = 3
-"""Views that must agree on one end where the other is not found: no length confirms it."""
+"""Number of views that must agree on one end if the other, and so the length, is unknown."""
 GATE = 4.0
-"""Standard deviations within which a ball is the wand's."""
+"""Largest residual of a ball that is the wand's, standard deviations."""
 
 
 def rays(rig: Rig, points: Array) -> Array:
-    """Unit directions in the world of pixels (C, ..., 2), shape (C, ..., 3)."""
+    """Return the world directions, as unit vectors (C, ..., 3), of pixels (C, ..., 2)."""
     out = np.full((*points.shape[:-1], 3), np.nan)
     for c in range(len(rig)):
         uv = points[c].reshape(-1, 2)
@@ -37,7 +37,7 @@ def rays(rig: Rig, points: Array) -> Array:
 
 
 def triangulated(centres: Array, directions: Array, weight: Array | None = None) -> Array:
-    """Points nearest to rays, shape (..., 3); NaN where fewer than two rays are known, or all are nearly parallel.
+    """Return the points nearest to rays, shape (..., 3); NaN if fewer than two are known, or all are nearly parallel.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def triangulated(centres: Array, directions: Array, weight: Array | None = None)
         centres.reshape(len(centres), *(1,) * (d.ndim - centres.ndim), *centres.shape[1:]), d.shape
     )
     A, b = across.sum(axis=0), np.einsum("v...ij,v...j->...i", across, places)
-    # Of two rays the determinant is 2 sin^2 of their angle, and the trace 4.
+    # For two rays, the determinant is 2 sin^2 of their angle and the trace is 4.
     enough = np.linalg.det(A) > np.sin(_PARALLAX) ** 2 / 32 * np.trace(A, axis1=-2, axis2=-1) ** 3
     enough &= known.sum(axis=0) >= 2
     A = np.where(enough[..., None, None], A, np.eye(3))
@@ -62,7 +62,7 @@ def triangulated(centres: Array, directions: Array, weight: Array | None = None)
 
 
 def projected(rig: Rig, c: int, points_world: Array) -> Array:
-    """Pixels (..., 2) of points (..., 3) in one camera, NaN behind it."""
+    """Project points (..., 3) to pixels (..., 2) of one camera; NaN behind it."""
     x = points_world.reshape(-1, 3) @ rig.R_cam_world[c].T + rig.t_cam_world[c]
     front = x[:, 2] > 1e-6
     uv = np.full((len(x), 2), np.nan)
@@ -74,14 +74,14 @@ def projected(rig: Rig, c: int, points_world: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class WandSighting:
-    """The wand as the cameras found it.
+    """The wand triangulated on n frames.
 
     Attributes
     ----------
     ends_world : ndarray, shape (n, 2, 3)
-        Each end by itself, NaN where fewer than two views agree on it.
+        The ends, independent of each other, metres; NaN where fewer than two views agree.
     ball : ndarray of int, shape (V, n, 2)
-        Which of a view's balls is that end; -1 where none is.
+        Index of the ball that is this end in each view; -1 if there is none.
     """
 
     ends_world: Array
@@ -89,16 +89,20 @@ class WandSighting:
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Frames on which both ends are known, shape (n,)."""
+        """Whether both ends are known on each frame, shape (n,)."""
         return np.asarray(np.isfinite(self.ends_world).all(axis=(1, 2)))
 
     def wand(self, frames: Ints, length: float, single: bool = False) -> Wand:
-        """A wand of that length on the frames whose ends are known.
+        """Return a wand of a length on the frames whose ends are known.
 
         Parameters
         ----------
+        frames : ndarray of int, shape (n,)
+            Frames of the capture.
+        length : float
+            Metres.
         single : bool
-            Also where only one end is; its direction then is any.
+            Whether to include frames on which only one end is known; the direction is arbitrary there.
         """
         one = np.isfinite(self.ends_world).all(axis=2)
         ends = self.ends_world.copy()
@@ -112,14 +116,18 @@ class WandSighting:
 
 
 def sight(rig: Rig, tracks: Tracks, length: float, noise: float = 1.0, tolerance: float = 0.1) -> WandSighting:
-    """Find the wand by consensus: of all points that two views agree on, the two that most views see.
+    """Find the wand by consensus: of all points on which two views agree, the two that most views see.
 
     Parameters
     ----------
+    rig : Rig
+    tracks : Tracks
+    length : float
+        Length of the wand, metres.
     noise : float
-        How many times their sigma the balls lie off, by what the cameras are not yet known exactly.
+        Noise of the balls as a multiple of their sigma, which includes the cameras' own errors.
     tolerance : float
-        How far a wand may differ from its length, as a share.
+        Largest relative error of the wand's length.
     """
     candidates = _candidates(rig, tracks)
     off = np.stack([_misses(rig, v, candidates, tracks, noise) for v in range(len(rig))])  # (V, K, n, 2 balls)
