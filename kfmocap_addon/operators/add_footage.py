@@ -1,4 +1,4 @@
-"""Views from an empty scene: footage, then the cameras that took it."""
+"""Adding views to a scene: footage first, then the cameras that filmed it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CALIBRATIONS = ".toml;.txt;.yml;.yaml;.json"
 
 
 def globbed(endings: str) -> str:
-    """File endings as a file browser filters by them."""
+    """Return file endings as a filter pattern of the file browser."""
     return ";".join(f"*{ending}" for ending in endings.split(";"))
 
 

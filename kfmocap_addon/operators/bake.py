@@ -1,4 +1,4 @@
-"""Bake: what the tracker wrote becomes the animator's own."""
+"""Bake: tracked keys become the animator's own."""
 
 import bpy
 

@@ -77,7 +77,7 @@ class ShowReport(Conditional, bpy.types.Operator):
 
 
 def image_area(context: bpy.types.Context) -> bpy.types.Area | None:
-    """An image editor: one that is open, or the largest area that is no 3D view, turned into one."""
+    """Return an open image editor, or else turn the largest area that is not a 3D view into one."""
     areas = list(context.screen.areas) if context.screen is not None else []
     for area in areas:
         if area.type == "IMAGE_EDITOR":

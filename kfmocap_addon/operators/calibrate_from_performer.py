@@ -23,9 +23,9 @@ def _views_have_keypoints(context: bpy.types.Context) -> str:
 
 
 def height_owner(context: bpy.types.Context) -> tuple[bpy.types.PropertyGroup, str]:
-    """Find the height of the performer to calibrate from: its owner and the name of its property.
+    """Return the owner and the name of the property with the height of the performer to calibrate from.
 
-    It is that of the chosen performer's body or, where there is none yet, the height that was entered.
+    It is that of the chosen performer's body or, if there is none yet, the height entered in the panel.
     """
     slot = active_performer.chosen(context)
     return (context.scene.kfmocap_capture, "performer_height") if slot is None else (slot, "height")

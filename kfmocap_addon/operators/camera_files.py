@@ -1,4 +1,4 @@
-"""Cameras from files and into files."""
+"""Importing and exporting cameras."""
 
 from pathlib import Path
 

@@ -37,7 +37,7 @@ class AddVideos(bpy.types.Operator, ImportHelper):
 
 
 def camera_name(path: Path) -> str:
-    """The name of a video without what says that it shows the wand."""
+    """Return the name of a video without the word that says it shows the wand."""
     name = path.stem.replace("wand", "").strip("-_. ")
     return name or path.stem
 

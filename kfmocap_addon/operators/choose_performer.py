@@ -1,4 +1,4 @@
-"""Choose Performer: who is posed, and whose key poses and review are shown first."""
+"""Choose Performer: the performer that is posed, and whose key poses and review are shown first."""
 
 import bpy
 

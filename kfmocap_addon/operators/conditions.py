@@ -11,17 +11,17 @@ from ..scene_io import active_performer
 from .mixin import OperatorMixin
 
 Condition = Callable[[bpy.types.Context], str]
-"""Gives what is missing as a sentence for the user; an empty text where the condition holds."""
+"""Returns what is missing, as a sentence for the user, or an empty string if the condition holds."""
 
 
 class Conditional(OperatorMixin):
-    """An operator that can be used where all of its conditions hold. Unless it says otherwise, it can be undone.
+    """An operator that can be used if all of its conditions hold. Unless it says otherwise, it can be undone.
 
     Attributes
     ----------
     conditions : tuple of Condition
     while_placing : bool
-        It can be used while joints are being placed too: it changes neither poses nor keys.
+        Whether it can also be used while joints are being placed, because it changes neither poses nor keys.
     """
 
     bl_options: set[Any] = {"REGISTER", "UNDO"}
@@ -30,13 +30,13 @@ class Conditional(OperatorMixin):
 
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str:
-        """Say what is missing; empty where the operator can be used."""
+        """Return what is missing, as a sentence for the user; empty if the operator can be used."""
         conditions = cls.conditions if cls.while_placing else (_no_joints_being_placed, *cls.conditions)
         return next(filter(None, (condition(context) for condition in conditions)), "")
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """See whether the operator can be used; if not, the disabled button says why."""
+        """Check whether the operator can be used; if not, the disabled button's tooltip says why."""
         missing = cls.missing(context)
         if missing:
             cls.poll_message_set(missing)

@@ -47,7 +47,7 @@ class OpenFile(bpy.types.Operator):
 
 
 def run_operator(operator: bpy.types.Operator, tool: Callable[..., set[str]], **settings: object) -> set[str]:
-    """Run another operator; the errors that it reports become this one's."""
+    """Run another operator, and report its errors as those of this one."""
     try:
         return tool("EXEC_DEFAULT", **settings)
     except RuntimeError as error:

@@ -1,4 +1,4 @@
-"""The body: added, taken, its parts edited."""
+"""Adding bodies, using armatures as bodies, and editing their parts."""
 
 from typing import Any
 
@@ -11,7 +11,8 @@ from .reporting import reported
 
 _FOOT = ("Foot", "From the ankle forward to the big toe")
 LENGTHS = (*(name for name in MEASURES if name != "foot"), "foot_forward")
-"""Measures of a new body; of the foot what a tape on the floor shows. Those not given follow from the height."""
+"""Measures of a new body; the foot's is its length forward of the ankle, as measured on the floor. Measures that are
+not given follow from the height."""
 
 
 def _length(name: str) -> object:
@@ -71,8 +72,8 @@ _BESIDE = 0.75  # metres: arms may reach into each other
 
 
 def _free_place(scene: bpy.types.Scene) -> Vector:
-    """The 3D cursor, or a place beside the bodies that stand there on this frame: one within another would not be
-    seen.
+    """Return the 3D cursor's position, or one beside the bodies that stand there on this frame and would hide the new
+    one.
     """
     place = scene.cursor.location.copy()
     armatures = [slot.armature for slot in scene.kfmocap.performers if slot.armature is not None]
@@ -83,7 +84,7 @@ def _free_place(scene: bpy.types.Scene) -> Vector:
 
 
 def _candidate(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The armature that is active, or deforms the active mesh; else that mesh; None where nothing fits."""
+    """Return the armature that is active or deforms the active mesh, else that mesh, else None."""
     active = context.active_object
     if active is None or active.type == "ARMATURE":
         return active
@@ -218,7 +219,7 @@ class FinishPart(Conditional, bpy.types.Operator):
 
 
 def edited_part(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The mesh of a performer's part that is active, as it is after Edit Part."""
+    """Return the active mesh if it is a performer's part, as after Edit Part, else None."""
     active = context.active_object
     if active is None or active.type != "MESH" or active.parent_type != "BONE":
         return None

@@ -1,4 +1,4 @@
-"""Who is who: exchanging two performers among the people in the keypoints."""
+"""Exchange People: swapping two performers among the people in the keypoints."""
 
 import bpy
 

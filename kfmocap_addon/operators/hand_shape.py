@@ -1,4 +1,4 @@
-"""Fingers of a character: posed in one of a few shapes, or moved as detectors see the performer's."""
+"""Fingers of a character: posing them in a hand shape, or moving them by the performer's hand keypoints."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class HoldProp(Conditional, bpy.types.Operator):
 
 
 def _prop_and_holder(context: bpy.types.Context) -> tuple[bpy.types.PropertyGroup, bpy.types.PropertyGroup]:
-    """Who is held, and who holds: the chosen performer is one of them, and the prop is the one with fewer bones."""
+    """Return the prop and its holder: the chosen performer is one of the two, and the prop has fewer bones."""
     chosen = active_performer.chosen(context)
     slots = sorted(active_performer.present(context.scene), key=lambda slot: len(slot.armature.data.bones))
     others = [slot for slot in slots if slot != chosen]

@@ -1,4 +1,4 @@
-"""Operators whose work is a job: the status bar shows the progress, Esc or its button cancels."""
+"""Operators that run a job in another process: the status bar shows the progress, and Esc or its button cancels."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..viewports import viewport
 from .mixin import OperatorMixin
 from .reporting import progress_shown, reported
 
-_INTERVAL = 0.1  # seconds between two looks at the job
+_INTERVAL = 0.1  # seconds between two checks of the job
 _BAR = 14.0  # width in the status bar, in units of the interface
 _NAVIGATION = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN", "TRACKPADZOOM", "NDOF_MOTION", "HOME"}
 _NAVIGATION |= {f"NUMPAD_{key}" for key in (*range(10), "PERIOD", "PLUS", "MINUS")}
@@ -28,15 +28,15 @@ _waiting: list[WorkerProcess] = []
 class JobOperator(OperatorMixin):
     """An operator whose work is a job.
 
-    `prepare` reads the scene and `finish` writes into it; both run in Blender's thread. Called with a window the
-    operator runs modally; without one, and from scripts, it blocks until the work is done. While it runs modally the
-    3D views can be turned and zoomed and other frames shown; everything else waits. Work that hands out interim results
-    has them shown by `show`; `hide` takes these away again without a trace, before `finish` is called.
+    `prepare` reads the scene and `finish` writes into it; both run in Blender's thread. With a window, the operator
+    runs modally; without one, and from scripts, it blocks until the work is done. While it runs modally, the user can
+    only orbit and zoom the 3D views and change the frame. Interim results of the work are shown by `show`, and removed
+    again by `hide` before `finish` is called.
 
     Attributes
     ----------
     blocks : bool
-        Nobody can change the scene while the work is done.
+        Whether the operator runs without a user who could change the scene meanwhile.
     """
 
     blocks = False
@@ -46,17 +46,17 @@ class JobOperator(OperatorMixin):
         raise NotImplementedError
 
     def finish(self, context: bpy.types.Context, result: Any) -> None:
-        """Write what the work returned into the scene."""
+        """Write the work's result into the scene."""
         raise NotImplementedError
 
     def show(self, context: bpy.types.Context, shown: dict[Any, Any]) -> None:
         """Show interim results, by their keys."""
 
     def hide(self, context: bpy.types.Context) -> None:
-        """Take all that `show` has shown away."""
+        """Remove everything that `show` has shown."""
 
     def kept(self, _context: bpy.types.Context) -> str:
-        """Say what of a cancelled job is kept; it follows "nothing was changed"."""
+        """Return what is kept of a cancelled job, as text that follows "nothing was changed"."""
         return ""
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -89,7 +89,7 @@ class JobOperator(OperatorMixin):
             return self._cancelled(context)
         if event.type.startswith("TIMER"):
             return self._continued(context)
-        # Nothing that the work depends on may change.
+        # Nothing on which the work depends may change.
         harmless = _only_looks(context.window, event) or _goes_to_a_frame(context.window, event)
         harmless = harmless or _is_over_status_bar(context.window, event)
         return {"PASS_THROUGH"} if harmless else {"RUNNING_MODAL"}
@@ -98,7 +98,7 @@ class JobOperator(OperatorMixin):
         if not self.job.done:
             if shown := self.job.take_shown():
                 self.show(context, shown)
-            if (text := self.job.status_text()) != self._status:  # drawing takes its time, too
+            if (text := self.job.status_text()) != self._status:  # redrawing takes time, too
                 self._status = text
                 context.window_manager.progress_update(self.job.state[1])
                 context.workspace.status_text_set(_status_of(self.job))
@@ -118,7 +118,7 @@ class JobOperator(OperatorMixin):
         return {"CANCELLED"}
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """Give up; also called where Blender closes its file or itself."""
+        """Cancel the job; also called when Blender closes its file or quits."""
         self.job.cancel()
         self._end(context)
 
@@ -139,7 +139,7 @@ def _redraw_sidebars(window: bpy.types.Window) -> None:
 
 
 def _waiting_worker() -> WorkerProcess:
-    """The process that did the last job, which need not be started and knows its footage; else a new one."""
+    """Return the process of the last job, which is running and has footage in its cache, or else a new one."""
     while _waiting:
         worker = _waiting.pop()
         if worker.alive:
@@ -149,19 +149,19 @@ def _waiting_worker() -> WorkerProcess:
 
 
 def unregister() -> None:
-    """End the process that waits for the next job."""
+    """End the idle process."""
     while _waiting:
         _waiting.pop().close()
 
 
 def running_job(window: bpy.types.Window | None) -> Job | None:
-    """The job that a window waits for, if any."""
+    """Return the job that runs in a window, if any."""
     tools = window.modal_operators if window is not None else ()
     return next((tool.job for tool in tools if isinstance(tool, JobOperator)), None)
 
 
 def _status_of(job: Job) -> Callable[[bpy.types.Header, bpy.types.Context], None]:
-    """What draws the status bar while a job runs. Blender takes functions alone, no methods."""
+    """Return the function that draws the status bar while a job runs; Blender does not accept methods."""
 
     def draw(header: bpy.types.Header, _context: bpy.types.Context) -> None:
         header.layout.operator(CancelJob.bl_idname, text="Cancel (Esc)", icon="CANCEL")
@@ -173,7 +173,7 @@ def _status_of(job: Job) -> Callable[[bpy.types.Header, bpy.types.Context], None
 
 
 def draw_progress(layout: bpy.types.UILayout, job: Job) -> bpy.types.UILayout:
-    """A bar that shows how far a job is; returns its row."""
+    """Draw a progress bar of a job; returns its row."""
     row = layout.row()
     row.progress(factor=min(max(job.state[1], 0.0), 1.0), text=job.status_text())
     return row
@@ -188,18 +188,18 @@ class CancelJob(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """See whether something is being worked on."""
+        """Check whether a job is running."""
         return running_job(context.window) is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         job = running_job(context.window)
         if job is not None:
-            job.cancel()  # its tool sees that at the next tick of its timer
+            job.cancel()  # its operator notices at the next tick of its timer
         return {"FINISHED"}
 
 
 def _goes_to_a_frame(window: bpy.types.Window, event: bpy.types.Event) -> bool:
-    """Whether an event can do no more than show another frame: the keys of single steps, the bar of a timeline."""
+    """Whether an event can only change the frame: arrow keys, or clicks on the frame bar of a timeline."""
     under = viewport.area_under(window, event.mouse_x, event.mouse_y)
     if under is None or under[1].type != "WINDOW":
         return False
@@ -215,12 +215,12 @@ def _goes_to_a_frame(window: bpy.types.Window, event: bpy.types.Event) -> bool:
 
 
 def _is_over_status_bar(window: bpy.types.Window, event: bpy.types.Event) -> bool:
-    """Whether the left button goes to the status bar, which has the button that cancels and nothing else."""
+    """Whether an event is a left click on the status bar, whose only button cancels the job."""
     return event.type == "LEFTMOUSE" and event.mouse_y < min((a.y for a in window.screen.areas), default=0)
 
 
 def _only_looks(window: bpy.types.Window, event: bpy.types.Event) -> bool:
-    """Whether an event can do no more than turn, move or zoom a 3D view."""
+    """Whether an event can only orbit, pan or zoom a 3D view."""
     if event.type in _PASSIVE:
         return True
     if event.type not in _NAVIGATION or event.alt or (event.ctrl and event.type.startswith("NUMPAD")):

@@ -26,7 +26,7 @@ class LoadShot(bpy.types.Operator, ImportHelper):
             scene = scenes.build_scene(shot)
             if context.window is not None:
                 context.window.scene = scene
-                for slot in scene.kfmocap.performers:  # Blender 4.5 poses them by their curves on the next frame only
+                for slot in scene.kfmocap.performers:  # Blender 4.5 applies their curves only when the frame changes
                     slot.armature.update_tag(refresh={"TIME"})
                 scene.view_layers[0].update()
                 screens.look(context)

@@ -1,4 +1,4 @@
-"""Look Through: see the footage of one view, of the next, or of up to four."""
+"""Look Through: show the footage of one view, of the next one, or of up to four."""
 
 import bpy
 
@@ -88,7 +88,7 @@ class QuadView(Conditional, bpy.types.Operator):
 
 
 def _ended(context: bpy.types.Context) -> set[str]:
-    """Blender keeps no undo step of what is cancelled: Place Joints is undone as a whole."""
+    """Return the operator's result. CANCELLED makes Blender push no undo step: Place Joints is undone as a whole."""
     return {"CANCELLED" if is_placing(context) else "FINISHED"}
 
 

@@ -1,4 +1,4 @@
-"""Small changes of a pose: towards the key poses beside it, and nearer to the camera or farther."""
+"""Small changes of a pose: towards the neighbouring key poses, and towards or away from the camera."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sections of the sidebar tab: opened and folded by their titles."""
+"""Opening and folding the sections of the sidebar tab."""
 
 import bpy
 

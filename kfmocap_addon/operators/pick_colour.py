@@ -99,7 +99,7 @@ class PickColour(Conditional, bpy.types.Operator):
         self.report({"INFO"}, f"{self._show_found()} balls of this colour are found here")
 
     def _show_found(self) -> int:
-        """Show the frame with circles round what is found; returns how many."""
+        """Show the frame with circles around the balls found; returns their number."""
         from ...core.calibration.ball_detection import Picture, find_balls, marked
         from ..scene_io import solved_cameras
 
@@ -111,7 +111,7 @@ class PickColour(Conditional, bpy.types.Operator):
         return count
 
     def _pixel(self, event: bpy.types.Event) -> tuple[int, int] | None:
-        """The picture's pixel under the mouse, from its upper left."""
+        """Return the picture's pixel under the mouse, counted from its upper left."""
         region = next((r for r in self._area.regions if r.type == "WINDOW"), None)
         if region is None:
             return None

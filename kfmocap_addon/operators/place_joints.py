@@ -1,4 +1,4 @@
-"""Place Joints: the body is posed by clicking its joints in the footage; and their marks are taken away."""
+"""Place Joints: posing the body by clicking its joints in the footage, and removing their marks."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .conditions import Conditional, has_performer
 from .look_through import show_view
 from .reporting import reported
 
-_NEAR, _CLICK = 14, 4  # pixels: how near a handle is meant, how far the mouse of a click moves
+_NEAR, _CLICK = 14, 4  # pixels: distance at which a handle is picked, and largest movement of a click
 _VIEW = ("MIDDLEMOUSE", "WHEEL", "NUMPAD_", "TRACKPAD", "MOUSEPAN", "MOUSEZOOM", "HOME", "NDOF", "TIMER", "WINDOW")
 _STEPS = ("LEFT_ARROW", "RIGHT_ARROW", "UP_ARROW", "DOWN_ARROW")  # through the frames
 _SIDEBARS = ("N", "T")
@@ -33,13 +33,13 @@ def _has_calibrated_camera(context: bpy.types.Context) -> str:
 
 
 class PlacingTool(Conditional):
-    """The modal tool behind `PlaceJoints`: it keys the pose on Enter alone, and leaves what is beside the footage to
+    """The modal tool behind `PlaceJoints`. It keys the pose only on Enter, and passes events outside the footage to
     Blender."""
 
     conditions = (has_performer, _has_calibrated_camera)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Without a mouse: pose the body on the marks that this frame has."""
+        """Pose the body on the present marks of this frame, for scripts."""
         with reported(self) as outcome:
             self._begin(context)
             try:
@@ -133,7 +133,7 @@ class PlacingTool(Conditional):
         return {"RUNNING_MODAL"}
 
     def _pressed_in(self, look: viewport.Look, context: bpy.types.Context, event: bpy.types.Event) -> None:
-        """A key or a button over the footage, on the frame of the marks."""
+        """Handle a key or mouse button over the footage, on the frame of the marks."""
         kind = event.type
         box = self._box_under(look)
         if kind == "LEFTMOUSE" and box is not None:
@@ -150,7 +150,7 @@ class PlacingTool(Conditional):
             self._edited(look, flip=kind == "F")
 
     def _alternative(self, look: viewport.Look, step: int) -> None:
-        """Show the likeliest pose of those that look alike, or the next of them."""
+        """Show the likeliest of the poses that look alike, or the next one."""
         count = len(self._placing.alternatives)
         if count:
             self._placing.choose((self._placing.alternative + step) % count)
@@ -158,7 +158,7 @@ class PlacingTool(Conditional):
             self._placing.ask_alternatives(look.view.name)
 
     def _box_under(self, look: viewport.Look) -> int | None:
-        """The alternative whose box is under the mouse."""
+        """Return the index of the alternative whose box is under the mouse."""
         if not self._placing.alternatives:
             return None
         from ..overlays import alternative_boxes
@@ -167,12 +167,12 @@ class PlacingTool(Conditional):
         return alternative_boxes.box_at(alternative_boxes.boxes(len(self._placing.alternatives)), x, y)
 
     def _is_over_3d_view(self, context: bpy.types.Context) -> bool:
-        """Whether the mouse is over the main region of a 3D view; its sidebars and all other editors are the user's."""
+        """Whether the mouse is over the main region of a 3D view; elsewhere the user works as usual."""
         under = viewport.area_under(context.window, *self._pointer)
         return under is not None and under[0].type == "VIEW_3D" and under[1].type == "WINDOW"
 
     def _is_away(self, context: bpy.types.Context) -> bool:
-        """Whether another frame is shown than that of the marks."""
+        """Whether the frame shown is not that of the marks."""
         return context.scene.frame_current != self._placing.frame
 
     def _follow_frame(self, context: bpy.types.Context) -> None:
@@ -183,7 +183,7 @@ class PlacingTool(Conditional):
                 self._show_again(context)
 
     def _show_again(self, context: bpy.types.Context) -> None:
-        # Another frame or camera has Blender evaluate the keys anew.
+        # When the frame or camera changes, Blender evaluates the keys again.
         context.view_layer.update()
         self._placing.show()
 
@@ -223,7 +223,7 @@ class PlacingTool(Conditional):
             self._placing.unmark(look.view.name, landmark)
 
     def _asked_in(self, view: str) -> str | None:
-        """The joint that the next click is for."""
+        """Return the joint that the next click will place."""
         missing = self._placing.missing(view)
         asked = self._asked.get(view)
         return asked if asked in missing else missing[0] if missing else None
@@ -234,7 +234,7 @@ class PlacingTool(Conditional):
             self._asked[view] = missing[(missing.index(self._asked_in(view)) + step) % len(missing)]
 
     def _near(self, look: viewport.Look, pointer: tuple[int, int]) -> str | None:
-        """The landmark whose handle is under the mouse: its mark, where it has one, or the pose's joint."""
+        """Return the landmark whose handle is under the mouse: its mark if it has one, or else the pose's joint."""
         x, y = pointer[0] - look.region.x, pointer[1] - look.region.y
         handles = {name: look.position_of(point) for name, point in self._placing.joints().items()}
         for view, name in self._placing.marks:
@@ -255,7 +255,7 @@ class PlacingTool(Conditional):
         return self._placing.is_inside(look.view.name, self._place(look, self._pointer))
 
     def _look_through_one(self, context: bpy.types.Context) -> None:
-        """Where no 3D view looks through a camera, the one that the tool was called from does."""
+        """If no 3D view looks through a camera, make the one from which the tool was called do so."""
         areas = [area for area in context.window.screen.areas if area.type == "VIEW_3D"]
         if not any(viewport.look_of(context.scene, a, a.regions[-1], a.spaces.active) for a in areas):
             self._look_on(context, 0)

@@ -1,4 +1,4 @@
-"""Plants: when heel and ball of the feet stand on the ground, and feet that keep to it."""
+"""Plants: finding and editing when heel and ball stand on the ground, and cleaning up feet accordingly."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from .reporting import reported
 
 
 class PlantOperator(Conditional):
-    """An operator that does something about the plants of the active performer."""
+    """An operator on the plants of the active performer."""
 
     conditions = (has_performer,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Do it, and say what came of it."""
+        """Make the change, and report its result."""
         with reported(self) as outcome:
             slot = active_performer.chosen(context)
             if said := self.change(context.scene, slot):
@@ -25,7 +25,7 @@ class PlantOperator(Conditional):
         return outcome.value
 
     def change(self, scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> str:
-        """Do it; what it returns is said."""
+        """Make the change; returns a message for the user."""
         raise NotImplementedError
 
 
@@ -81,7 +81,7 @@ class SetPlant(PlantOperator, bpy.types.Operator):
         return set(context.window_manager.invoke_props_dialog(self))
 
     def _suggested(self, context: bpy.types.Context) -> tuple[int, int]:
-        """The frames to offer: of the plant that is shown, where it is to end; else the frame that is shown."""
+        """Return the frames to offer: those of the plant on this frame, if it is to be removed, else this frame."""
         shown = context.scene.frame_current
         if not self.planted:
             for plant in active_performer.chosen(context).plants:

@@ -1,4 +1,4 @@
-"""Key poses from what other programs found: 2D keypoints of the views, 3D landmarks."""
+"""Key poses from 2D keypoints of the views and from 3D landmarks."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class ImportKeypoints(Conditional, bpy.types.Operator, BesideFootage):
 
 
 class _FromKeypoints(Conditional):
-    """Tools that need a view with keypoints."""
+    """A tool that needs a view with keypoints."""
 
     conditions = (has_shot, has_footage, has_performer, has_keypoints)
 

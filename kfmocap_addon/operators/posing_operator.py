@@ -1,4 +1,4 @@
-"""What the tools that make key poses of other poses share."""
+"""The base of tools that make key poses from other poses."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class PosingOperator(Conditional):
     conditions: tuple[Condition, ...] = (has_performer,)
 
     def pose(self, context: bpy.types.Context, armature: bpy.types.Object) -> Motion:
-        """The new pose."""
+        """Return the new pose."""
         raise NotImplementedError
 
     def execute(self, context: bpy.types.Context) -> set[str]:

@@ -1,4 +1,4 @@
-"""What went missing comes back: footage that was moved, bodies that were deleted."""
+"""Recovering footage that was moved and bodies that were deleted."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class RelinkFootage(Conditional, bpy.types.Operator, ImportHelper):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if bpy.data.filepath:
-            self.filepath = bpy.path.abspath("//")  # else Blender proposes the name of its own file
+            self.filepath = bpy.path.abspath("//")  # otherwise Blender proposes the name of its own file
         return set(super().invoke(context, event))
 
     def execute(self, context: bpy.types.Context) -> set[str]:

@@ -1,4 +1,4 @@
-"""Refine Cameras: moved until the key poses lie on the performers."""
+"""Refine Cameras: moving cameras until the key poses lie on the performers."""
 
 from __future__ import annotations
 

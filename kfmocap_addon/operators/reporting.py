@@ -1,4 +1,4 @@
-"""Errors that a user can cause become Blender's reports; progress is shown at the mouse pointer."""
+"""Reporting errors in Blender's interface, and progress at the mouse pointer."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Outcome:
-    """How an operator ended, as Blender wants it returned."""
+    """The result of an operator, in the form that Blender expects."""
 
     def __init__(self) -> None:
         self.value = {"FINISHED"}
@@ -23,7 +23,7 @@ class Outcome:
 
 @contextmanager
 def reported(operator: bpy.types.Operator) -> Iterator[Outcome]:
-    """Run an operator's body; an error of ours is reported and makes the outcome CANCELLED."""
+    """Run an operator's body; a KFMocapError is reported and makes the outcome CANCELLED."""
     outcome = Outcome()
     try:
         yield outcome
@@ -37,7 +37,7 @@ def reported(operator: bpy.types.Operator) -> Iterator[Outcome]:
 
 @contextmanager
 def progress_shown(context: bpy.types.Context) -> Iterator[Progress]:
-    """Give a progress callback that shows a number at the mouse pointer while the block runs."""
+    """Provide a progress callback that shows a number at the mouse pointer while the block runs."""
     manager = context.window_manager
 
     def progress(_what: str, fraction: float) -> bool:

@@ -1,4 +1,4 @@
-"""Which bones of a character play which roles: found, listed for editing, and kept in files."""
+"""The bone map of a character: finding it, listing it for editing, saving and loading it."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ def is_followed_live(context: bpy.types.Context) -> str:
     """A character is chosen that follows a motion live."""
     target = context.scene.kfmocap.retarget.target
     if target is not None:
-        from ..retargeting.live import is_following  # it loads NumPy, which Blender's start shall not
+        from ..retargeting.live import is_following  # loads NumPy, which must not slow down Blender's start
 
         if is_following(target):
             return ""
@@ -95,7 +95,7 @@ class StopFollowing(Conditional, bpy.types.Operator):
 
 
 def _options(settings: bpy.types.PropertyGroup) -> SendOptions:
-    """What the panel says."""
+    """Return the options chosen in the panel."""
     from ...core.retargeting.transfer import RetargetOptions
     from ..retargeting.listed_bones import listed_map
     from ..retargeting.rig_curves import CurveOptions
@@ -111,7 +111,7 @@ def _options(settings: bpy.types.PropertyGroup) -> SendOptions:
 
 
 def _show(operator: bpy.types.Operator, settings: bpy.types.PropertyGroup, errors: dict[str, dict[str, float]]) -> None:
-    """Keep what is left of errors for the panel, and say the worst."""
+    """Store the remaining errors for the panel, and report the largest."""
     settings.errors.clear()
     for limb, error in errors.items():
         row = settings.errors.add()

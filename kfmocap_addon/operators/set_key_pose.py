@@ -1,4 +1,4 @@
-"""Set Key Pose: the pose that is shown becomes one that the tracker must meet; and back."""
+"""Set Key Pose: keying the present pose, which the tracker must then meet; and removing such keys."""
 
 import bpy
 
@@ -50,12 +50,12 @@ class RemoveKeyPose(Conditional, bpy.types.Operator):
 
 
 class _Proposals(Conditional):
-    """Tools for proposed key poses: of one frame, or all of them."""
+    """A tool for proposed key poses: on one frame, or all of them."""
 
     conditions = (has_performer,)
 
     def chosen(self, context: bpy.types.Context, frame: int, every: bool) -> list[int]:
-        """Find the frames that are meant; those without a proposal are reported."""
+        """Return the chosen frames; an error is reported if they have no proposal."""
         from ..scene_io import key_pose_curves
 
         frame = frame if frame >= 0 else context.scene.frame_current

@@ -1,4 +1,4 @@
-"""Pictures of the key poses, to see at a glance which of them fit."""
+"""Showing pictures of the key poses, to see at a glance which of them fit."""
 
 from __future__ import annotations
 

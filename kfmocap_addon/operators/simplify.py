@@ -1,4 +1,4 @@
-"""Simplify: the tracked keys that are needed, and no others."""
+"""Simplify: removing tracked keys that are not needed."""
 
 import bpy
 

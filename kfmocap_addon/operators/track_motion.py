@@ -1,4 +1,4 @@
-"""Tracking: the frames between the key poses, from the footage; all of them, or some segments."""
+"""Tracking: filling in the frames between key poses from the footage, in all segments or some."""
 
 from __future__ import annotations
 
@@ -39,22 +39,22 @@ def _has_key_poses(context: bpy.types.Context) -> str:
 
 
 def _tracks_one(context: bpy.types.Context) -> bool:
-    """Whether the chosen performer alone is to be tracked."""
+    """Return whether only the chosen performer is tracked."""
     properties = context.scene.kfmocap
     return len(properties.performers) > 1 and properties.tracked == "CHOSEN"
 
 
 class Tracking(Conditional, JobOperator):
-    """Track some of the segments between key poses. The frames beside them stay as they are.
+    """Track some of the segments between key poses; other frames are not changed.
 
     Attributes
     ----------
     side : str
         Which segments: EVERYWHERE, or relative to the current frame HERE, FORWARD or BACKWARD.
     resume : bool
-        Segments that an ended tracking has finished are taken from there.
+        Whether to reuse the finished segments of a tracking that was stopped.
     anew : bool
-        The motion that the segments have already does not matter.
+        Whether to ignore the motion that the segments have already.
     """
 
     conditions: tuple[Condition, ...] = (has_shot, has_footage, _has_key_poses)
@@ -87,12 +87,12 @@ class Tracking(Conditional, JobOperator):
         return Remembering(partial(track_and_check, asked.shot, parts, journal=journal, looking_at=here), shows=True)
 
     def kept(self, context: bpy.types.Context) -> str:
-        """Say how many segments were finished."""
+        """Return a message on how many segments were finished."""
         count = unfinished_tracking.segment_count(context.scene)
         return f". Continue goes on from {count} finished segment{'s' if count > 1 else ''}" if count else ""
 
     def show(self, _context: bpy.types.Context, shown: dict[Segment, tuple[Motion, ...]]) -> None:
-        """Show the frames that are tracked so far."""
+        """Show the frames tracked so far."""
         from ..scene_io.tracking_preview import TrackingPreview
 
         scene: bpy.types.Scene | None = bpy.data.scenes.get(self._asked[0])
@@ -101,13 +101,13 @@ class Tracking(Conditional, JobOperator):
             self._preview.show(shown)
 
     def hide(self, _context: bpy.types.Context) -> None:
-        """Take them away: all of the result is written at once, or nothing."""
+        """Remove the preview: the result is written as a whole, or not at all."""
         if self._preview is not None:
             self._preview.end()
             self._preview = None
 
     def finish(self, _context: bpy.types.Context, tracked: CheckedTrack) -> None:
-        """Write the tracked motion into the scene, and which cameras do not fit."""
+        """Write the tracked motion into the scene, and report cameras that do not fit."""
         from ...core.errors import ShotError
         from ...core.review.track_report import torn_text
         from ..retargeting import sole_plants
@@ -156,7 +156,7 @@ class TrackChanges(Tracking, bpy.types.Operator):
     anew = False
 
     def segments(self, scene: bpy.types.Scene, asked: AskedTracking) -> Sequence[Segment]:
-        """Choose the segments for which something has changed."""
+        """Choose the segments for which a key pose, a camera or a setting has changed."""
         from ...core.errors import ShotError
         from ..scene_io import tracked_segments
 
@@ -180,7 +180,7 @@ class ContinueTracking(Tracking, bpy.types.Operator):
     resume = True
 
     def segments(self, scene: bpy.types.Scene, asked: AskedTracking) -> Sequence[Segment]:
-        """Choose the segments that were asked for then, as far as there still are such."""
+        """Choose the segments that were requested then, if they still exist."""
         from ...core.tracking.segments import segments
 
         before, every = unfinished_tracking.asked_segments(scene), segments(asked.shot)
@@ -188,7 +188,7 @@ class ContinueTracking(Tracking, bpy.types.Operator):
 
 
 def _frame_is_in_shot(first: int = 0, last: int = 0) -> Condition:
-    """Make the condition that the current frame is from the shot's first + `first` to its last + `last`."""
+    """Return the condition that the current frame is between the shot's first + `first` and its last + `last`."""
 
     def condition(context: bpy.types.Context) -> str:
         if first <= _shot_frame(context.scene) < context.scene.kfmocap.length + last:

@@ -48,7 +48,7 @@ class BodyPanel(Section, bpy.types.Panel):
 def _draw_performer(
     row: bpy.types.UILayout, context: bpy.types.Context, slot: bpy.types.PropertyGroup, index: int
 ) -> None:
-    """Name, colour and armature of a performer; where the armature was deleted, the way to have it back."""
+    """Draw name, colour and armature of a performer; if the armature was deleted, a button that restores it."""
     if len(context.scene.kfmocap.performers) > 1 and active_performer.is_present(context.scene, slot):
         performer_rows.draw_choice(row, context, slot, "")
     row.prop(slot, "name", text="")
@@ -92,7 +92,7 @@ class HoldsPanel(PerformerPart, bpy.types.Panel):
 
     @classmethod
     def is_needed(cls, context: bpy.types.Context) -> bool:
-        """See whether there may be a prop and somebody to hold it."""
+        """Check whether there may be a prop and somebody to hold it."""
         return len(context.scene.kfmocap.performers) > 1 or bool(context.scene.kfmocap.holds)
 
     def draw(self, context: bpy.types.Context) -> None:

@@ -1,4 +1,4 @@
-"""The section "Calibration" of the sidebar tab: videos, balls, solve, cameras in and out."""
+"""The section "Calibration" of the sidebar tab: videos, balls, solving, and importing and exporting cameras."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -85,7 +85,7 @@ class BallsPanel(SectionPart, bpy.types.Panel):
 
     @classmethod
     def is_needed(cls, context: bpy.types.Context) -> bool:
-        """See whether there are videos that may show them: before, what needs no wand shall not be far below."""
+        """Check whether there are videos; until then, the panels that need no wand are more important."""
         return len(context.scene.kfmocap_capture.views) > 0
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -135,7 +135,7 @@ class PerformerCalibrationPanel(SectionPart, bpy.types.Panel):
 
 
 def _draw_lenses(column: bpy.types.UILayout, views: Iterable[bpy.types.PropertyGroup]) -> None:
-    """For each view, whether its lens is known, and which it is."""
+    """Draw for each view whether its lens is known, and the focal length."""
     for view in views:
         if view.camera is None:
             continue

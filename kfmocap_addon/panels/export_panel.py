@@ -43,7 +43,7 @@ class ExportPanel(Section, bpy.types.Panel):
 
 
 def _draw_written(layout: bpy.types.UILayout, files: list[Path]) -> None:
-    """What was written last."""
+    """Draw the files that were written last."""
     column = layout.column(align=True)
     for file in files:
         column.label(text=file.name, icon="CHECKMARK")
@@ -51,7 +51,7 @@ def _draw_written(layout: bpy.types.UILayout, files: list[Path]) -> None:
 
 
 def _draw_choice(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, use: str, *names: str) -> None:
-    """A checkbox, and what it is about where it is ticked."""
+    """Draw a checkbox and, if it is ticked, the settings that belong to it."""
     layout.prop(settings, use)
     if getattr(settings, use):
         row = layout.row(align=True)

@@ -1,4 +1,4 @@
-"""The section "Footage and Cameras": the shot, and its views to look through."""
+"""The section "Footage and Cameras": the shot and its views."""
 
 import bpy
 

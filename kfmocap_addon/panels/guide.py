@@ -1,4 +1,4 @@
-"""The guide through the sections: when a step is done its section folds, and that of the next step opens."""
+"""The guide through the sections: when a step is done, its section folds and the next one opens."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ STEPS = ("footage", "body", "key_poses", "track", "review")
 """Sections of the steps, in their order."""
 _SETTLING = (0.3, 1.0, 3.0)  # seconds: a slow machine needs longer for one drawing
 LEAST_KEYS = 2
-"""Key poses of each performer: one at either end is enough for a start."""
+"""Number of key poses of each performer that completes the step: one at either end is enough to start with."""
 
 
 def is_open(context: bpy.types.Context, section: str) -> bool:
-    """Whether a section shows what it holds."""
+    """Whether a section is open."""
     return section in sections_of(context).shown
 
 
@@ -32,9 +32,10 @@ def is_done(context: bpy.types.Context, section: str) -> bool:
 
 
 def current_step(context: bpy.types.Context) -> str | None:
-    """The section of the first step that is not done; None while that is being looked up.
+    """Return the section of the first step that is not done; None until key poses have been looked up.
 
-    Proposed key poses wait there to be accepted or refused until the performers are tracked.
+    While there are proposed key poses and nothing is tracked, that is the section in which they are accepted or
+    refused.
     """
     shot = context.scene.kfmocap
     if not shot.views or any(view.missing or not view.is_calibrated for view in shot.views):
@@ -52,8 +53,8 @@ def current_step(context: bpy.types.Context) -> str | None:
 
 
 def follow(context: bpy.types.Context) -> None:
-    """See to it that the section of the current step opens when that has changed; panels cannot change it themselves
-    while they are drawn.
+    """Schedule the opening of the current step's section if the step has changed, which drawing code cannot do
+    itself.
     """
     step = current_step(context)
     if step is None or bpy.app.background or step == sections_of(context).step:
@@ -68,7 +69,7 @@ def _take_step() -> None:
     if step is not None:
         take_step(context, step)
         viewport.redraw(context)
-        # Blender moves panels to below those that have grown when it draws them the next time.
+        # Only when it draws again does Blender move panels below those that have grown.
         for wait in _SETTLING:
             bpy.app.timers.register(partial(_settle), first_interval=wait)
 
@@ -78,8 +79,8 @@ def _settle() -> None:
 
 
 def take_step(context: bpy.types.Context, step: str) -> None:
-    """Open the section of a step; those of the steps that are done fold. A step back, as where another performer is
-    added, folds those of all other steps.
+    """Open the section of a step and fold those of finished steps; a step back, as when another performer is added,
+    folds those of all other steps.
     """
     guided = sections_of(context)
     before, now = STEPS.index(guided.step) if guided.step in STEPS else -1, STEPS.index(step)
@@ -91,6 +92,6 @@ def take_step(context: bpy.types.Context, step: str) -> None:
 
 
 def unregister() -> None:
-    """Forget what is to be opened."""
+    """Cancel what is scheduled."""
     if bpy.app.timers.is_registered(_take_step):
         bpy.app.timers.unregister(_take_step)

@@ -1,4 +1,4 @@
-"""The key poses that the panel lists; a timer looks them up after changes, as drawing must not wait for it."""
+"""The key poses that the panel lists, looked up by a timer after changes so that drawing does not have to wait."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class KeyPoseEntry:
     bones : tuple of str
         The bones that are keyed; empty for the whole body.
     proposed : bool
-        It is the tracker's proposal.
+        Whether it is a proposal of the tracker.
     """
 
     frame: int
@@ -36,14 +36,14 @@ class KeyPoseEntry:
 
     @property
     def description(self) -> str:
-        """The tooltip of the entry's button."""
+        """Return the tooltip of the entry's button."""
         if self.proposed:
             return "Go to this frame: a proposed key pose, which the tracker may still move"
         return f"Go to this frame: a key pose of {', '.join(self.bones) if self.bones else 'the whole body'}"
 
 
 def find_key_poses(armature: bpy.types.Object) -> tuple[KeyPoseEntry, ...]:
-    """Look up the key poses of an armature; none where it is not a body of ours."""
+    """Look up the key poses of an armature; empty if it is not a performer's body."""
     from ...core.errors import KFMocapError
     from ..scene_io import body_armature, key_pose_curves
 
@@ -58,7 +58,7 @@ def find_key_poses(armature: bpy.types.Object) -> tuple[KeyPoseEntry, ...]:
 
 
 def find_tracked(armature: bpy.types.Object) -> tuple[tuple[int, int], ...]:
-    """Look up the runs of frames with a key of the tracker's; none where the armature is not a body of ours."""
+    """Look up the runs of frames with tracked keys; empty if the armature is not a performer's body."""
     from ...core.errors import KFMocapError
     from ..scene_io import motion_curves
 
@@ -69,8 +69,8 @@ def find_tracked(armature: bpy.types.Object) -> tuple[tuple[int, int], ...]:
 
 
 def _count(armature: bpy.types.Object) -> tuple[int, int]:
-    """The action of an armature, and how many keys it has: Blender sends no update for keys that are written just
-    before the frame changes, as they are after tracking.
+    """Return identity and number of keys of an armature's action. Blender sends no update for keys that are written
+    just before the frame changes, as after tracking.
     """
     from ..scene_io import fcurves
 
@@ -81,27 +81,27 @@ def _count(armature: bpy.types.Object) -> tuple[int, int]:
 
 
 class KeyPoseCache:
-    """The key poses and tracked frames of all performers, by the armature's number in this session of Blender."""
+    """The key poses and tracked frames of all performers, by the armature's identifier in this session of Blender."""
 
     def __init__(self) -> None:
         self._entries: dict[int, tuple[KeyPoseEntry, ...]] = {}
         self._tracked: dict[int, tuple[tuple[int, int], ...]] = {}
-        # What `_count` gave of armatures whose keys have not changed since they were looked up.
+        # Results of `_count` for armatures whose keys have not changed since they were looked up.
         self._current: dict[int, tuple[int, int]] = {}
         self._timer = self.look_up  # one object: Blender knows its timers by identity
 
     def entries(self, armature: bpy.types.Object) -> tuple[KeyPoseEntry, ...] | None:
-        """Give the key poses of an armature as last looked up, None before the first time."""
+        """Return the key poses of an armature as last looked up, None before the first time."""
         if self._current.get(armature.session_uid) != _count(armature):
             self._schedule()
         return self._entries.get(armature.session_uid)
 
     def tracked(self, armature: bpy.types.Object) -> tuple[tuple[int, int], ...]:
-        """Give the runs of frames with keys of the tracker's, as last looked up with the key poses."""
+        """Return the runs of frames with tracked keys, as last looked up with the key poses."""
         return self._tracked.get(armature.session_uid, ())
 
     def outdate(self) -> None:
-        """Have what was drawn before looked up again."""
+        """Mark everything as out of date, to be looked up again."""
         self._current.clear()
         if self._entries:
             self._schedule()
@@ -115,7 +115,7 @@ class KeyPoseCache:
         self._current.clear()
 
     def look_up(self) -> None:
-        """Look up what has changed, and draw it."""
+        """Look up what has changed, and redraw."""
         for scene in bpy.data.scenes:
             for slot in scene.kfmocap.performers:
                 if slot.armature is None:
@@ -133,11 +133,11 @@ class KeyPoseCache:
 
 
 CACHE = KeyPoseCache()
-"""The one cache of the session: Blender's handlers and panels are given no state of ours."""
+"""The only cache of the session: no state can be passed to Blender's handlers and panels."""
 
 
 def strip_of(context: bpy.types.Context) -> Strip | None:
-    """What the strip under the footage shows of the chosen performer; None without one, or before it is looked up."""
+    """Return the strip under the footage for the chosen performer; None without one, or before it is looked up."""
     slot, scene = active_performer.chosen(context), context.scene
     entries = CACHE.entries(slot.armature) if slot is not None else None
     if slot is None or entries is None:

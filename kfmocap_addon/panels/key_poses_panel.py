@@ -69,7 +69,7 @@ class KeyPicturesPanel(PerformerPart, bpy.types.Panel):
 
 
 def _draw_picture(column: bpy.types.UILayout, frame: int, row: key_list.KeyPoseEntry, icon: int) -> None:
-    """A key pose's picture; below it the button that goes there, and those for a proposal."""
+    """Draw a key pose's picture and, below it, the button that goes to its frame and those for a proposal."""
     column.template_icon(icon_value=icon, scale=_PICTURE_SCALE)
     buttons = column.row(align=True)
     button = buttons.operator(GoToFrame.bl_idname, text=str(row.frame), depress=row.frame == frame)
@@ -103,7 +103,7 @@ class PoseToolsPanel(PerformerPart, bpy.types.Panel):
 
 
 def _sides_with_key_poses(rows: tuple[key_list.KeyPoseEntry, ...] | None, frame: int) -> tuple[bool, bool]:
-    """Whether there are key poses before and after a frame; both may be there before they are looked up."""
+    """Return whether there are key poses before and after a frame; both are assumed until they have been looked up."""
     own = [row.frame for row in rows or () if not row.proposed]
     return rows is None or any(f < frame for f in own), rows is None or any(f > frame for f in own)
 
@@ -143,7 +143,7 @@ class PoseFilesPanel(PerformerPart, bpy.types.Panel):
 
 
 def _draw_people(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Which of the people in the keypoints each performer is."""
+    """Draw which of the people in the keypoints each performer is."""
     column = layout.column(align=True)
     for slot in context.scene.kfmocap.performers:
         draw_text(column, context, f"{slot.name}: {slot.identity or 'not looked for yet'}")
@@ -157,7 +157,7 @@ def _draw_advice(
     slot: bpy.types.PropertyGroup,
     rows: tuple[key_list.KeyPoseEntry, ...] | None,
 ) -> None:
-    """What there is to do next."""
+    """Draw a hint on what to do next."""
     if is_placing(context):
         draw_text(layout, context, "Click the joints, in two views or more. Enter keys the pose, Esc cancels", "INFO")
         return
@@ -185,7 +185,7 @@ def _draw_advice(
 
 
 def _open_end(scene: bpy.types.Scene, keyed: Sequence[int]) -> int | None:
-    """The end of the shot that is farther from all key poses, where keypoints do not show the performer there."""
+    """Return the end of the shot that is farther from all key poses, if keypoints do not show the performer there."""
     to_start, to_end = min(keyed) - scene.frame_start, scene.frame_end - max(keyed)
     known = len(keyed) > 1 and any(view.keypoints for view in scene.kfmocap.views)
     if known or max(to_start, to_end) <= 0:
@@ -196,7 +196,7 @@ def _open_end(scene: bpy.types.Scene, keyed: Sequence[int]) -> int | None:
 def _draw_rows(
     layout: bpy.types.UILayout, frame: int, rows: tuple[key_list.KeyPoseEntry, ...], accepts: bool = True
 ) -> None:
-    """A button for every key pose of a performer: a click goes there. Proposals of the chosen one can be accepted."""
+    """Draw a button for every key pose of a performer, which goes to its frame, and buttons to accept proposals."""
     if rows or not accepts:  # the chosen one's section says what to do
         layout.label(text="Frames with a key pose" if rows else "No key pose yet")
     grid = layout.grid_flow(row_major=True, columns=_COLUMNS, even_columns=True, align=True)
