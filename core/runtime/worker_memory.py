@@ -1,4 +1,4 @@
-"""A worker's cache from one task to the next: decoded pictures, and a pool of processes.
+"""A worker's cache from one task to the next: decoded pictures, small values, and a pool of processes.
 
 It never changes a result. Tasks that use it are wrapped in `Remembering`.
 """
@@ -22,10 +22,12 @@ if TYPE_CHECKING:
 
 KEPT_BYTES = 384 << 20
 """Largest size of the cached pictures: about 1000 frames at the usual working size."""
+KEPT_VALUES = 1000
+"""Largest number of cached small values."""
 
 
 class WorkerMemory:
-    """A cache of pictures and processes.
+    """A cache of pictures, small values and processes.
 
     Parameters
     ----------
@@ -36,6 +38,7 @@ class WorkerMemory:
     def __init__(self, limit: int = KEPT_BYTES) -> None:
         self._limit, self._bytes = limit, 0
         self._pictures: OrderedDict[Hashable, NDArray[np.uint8]] = OrderedDict()
+        self._values: OrderedDict[Hashable, Any] = OrderedDict()
         self._lock = Lock()
         self._pool: WorkerPool | None = None
 
@@ -56,6 +59,22 @@ class WorkerMemory:
             while self._bytes > self._limit:
                 _, oldest = self._pictures.popitem(last=False)
                 self._bytes -= oldest.nbytes
+
+    def value(self, key: Hashable, make: Callable[[], Any]) -> Any:
+        """Return the cached value of a key, or make it; it must be small and must not be changed.
+
+        None is not cached.
+        """
+        with self._lock:
+            value = self._values.get(key)
+        if value is None:
+            value = make()
+        with self._lock:
+            self._values[key] = value
+            self._values.move_to_end(key)
+            if len(self._values) > KEPT_VALUES:
+                self._values.popitem(last=False)
+        return value
 
     @contextmanager
     def pool(self, workers: int, imports: Sequence[str] = ()) -> Iterator[WorkerPool]:

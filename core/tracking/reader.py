@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from threading import Event
 
 import numpy as np
@@ -17,6 +18,7 @@ from ..runtime.threads import worker_count
 from ..runtime.worker_memory import WorkerMemory
 from ..shot.continuity import AROUND, block_change, small, torn_pairs
 from ..shot.footage import Album, frames_at, working_factor
+from ..shot.footage_times import FootageRate, footage_rate
 from ..shot.frame_numbers import footage_delay
 from ..shot.image_sequences import image_files
 from ..shot.shot import Shot, View
@@ -148,6 +150,15 @@ def is_kept(shot: Shot, view: View, memory: WorkerMemory) -> bool:
     except (OSError, FootageError):
         return False
     return all(memory.picture((made_of, f)) is not None for f in range(shot.frames[0], shot.frames[1] + 1))
+
+
+def kept_rate(shot: Shot, view: View, memory: WorkerMemory | None) -> FootageRate | None:
+    """The rate of a view's frames (`footage_rate`); files that have not changed since are not opened again."""
+    if memory is None or not view.footage.is_file():
+        return footage_rate(shot, view)
+    of = _made_of(view, working_factor(view, shot.settings.working_size)), shot.frames
+    rate: FootageRate | None = memory.value(("rate", *of), partial(footage_rate, shot, view))
+    return rate
 
 
 def _made_of(view: View, factor: float) -> bytes:

@@ -26,14 +26,14 @@ from ..runtime.timing import Seconds
 from ..runtime.worker_pool import WorkerPool
 from ..shot.carried_motion import carried
 from ..shot.footage_checks import check_view
-from ..shot.footage_times import FootageRate, footage_rate
+from ..shot.footage_times import FootageRate
 from ..shot.grips import completed
 from ..shot.keypose_spline import spline
 from ..shot.shot import Shot, fixed_degrees
 from ..shot.shot_spec import ShotSpec
 from .journal import KeptSegments
 from .picture_store import fits_in_memory, picture_folder
-from .reader import is_kept
+from .reader import is_kept, kept_rate
 from .run_context import NOTHING_KEPT, RunContext, SolvedShot
 from .schedule import Observer, SegmentSchedule
 from .segment_footage import SegmentFootage
@@ -195,7 +195,7 @@ def _footage_checked(shot: Shot, run: RunContext) -> Iterator[list[Future[Footag
     ]
     with ThreadPoolExecutor(worker_count(shot.settings.threads)) as pool:
         checked = [pool.submit(check_view, view, shot.frames[0], shot.length) for view in unchecked]
-        yield [pool.submit(footage_rate, shot, view) for view in shot.views]
+        yield [pool.submit(kept_rate, shot, view, run.memory) for view in shot.views]
         for check in checked:
             check.result()
 

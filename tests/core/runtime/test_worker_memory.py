@@ -27,6 +27,13 @@ def test_a_picture_larger_than_all_that_is_kept_is_not_kept() -> None:
     assert memory.picture("b") is None and memory.picture("a") is not None
 
 
+def test_a_value_is_made_once() -> None:
+    memory, made = WorkerMemory(), []
+    for key in "aab":
+        assert memory.value(key, lambda key=key: made.append(key) or key.upper()) == key.upper()
+    assert made == ["a", "b"]
+
+
 def test_a_worker_remembers_from_one_job_to_the_next() -> None:
     worker = WorkerProcess()
     try:

@@ -18,6 +18,7 @@ from kfmocap.core.errors import WorkerEndedError
 from kfmocap.core.formats.shot_toml import read_shot_spec
 from kfmocap.core.runtime.worker_memory import WorkerMemory
 from kfmocap.core.runtime.worker_pool import WorkerPool
+from kfmocap.core.shot.footage_times import FootageRate
 from kfmocap.core.shot.image_sequences import image_files
 from kfmocap.core.shot.shot import Shot, View
 from kfmocap.core.tracking import reader, tracker
@@ -156,6 +157,20 @@ def test_footage_is_looked_at_once(known: bool, filmed: Shot, monkeypatch: pytes
     with tracker._footage_checked(filmed, RunContext(footage_checked=known)):
         pass
     assert len(checked) == (0 if known else len(filmed.views))
+
+
+def test_the_rate_of_footage_that_has_not_changed_is_not_looked_up_again(
+    filmed: Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked, memory, file = [], WorkerMemory(), tmp_path / "cam.mp4"
+    file.write_bytes(b"video")
+    view, rate = replace(filmed.views[0], footage=file), FootageRate(30.0, 0.0, 0)
+    monkeypatch.setattr(reader, "footage_rate", lambda *of: asked.append(of) or rate)
+    for changed in (False, False, True):
+        if changed:
+            os.utime(file, (1, 1))
+        assert reader.kept_rate(filmed, view, memory) is rate
+    assert len(asked) == 2
 
 
 def test_frames_of_footage_that_has_changed_are_decoded_anew(filmed: Shot, tmp_path: Path) -> None:
