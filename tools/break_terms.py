@@ -312,7 +312,7 @@ TERMS = (
         PREDICTION,
         "kalman.R *= model.noise",
         "kalman.R *= 1e-9 * model.noise",
-        f"{SERIES}::test_noise_that_is_observed_is_not_foretold",
+        f"{SERIES}::test_noise_that_is_observed_is_not_predicted",
     ),
     Term(
         "paper 2, (1)",

@@ -116,7 +116,7 @@ def test_without_fingers_or_hands_it_is_said_what_is_missing(blender, tmp_path):
     assert len(armature.data.bones) == len(BODY), "no fingers are added in vain"
 
 
-def test_an_armature_without_fingers_that_is_no_body_of_ours_is_said_to_have_none(blender):  # noqa: F811
+def test_fingers_missing_on_a_foreign_armature_are_reported(blender):  # noqa: F811
     armature = unreal_like()
     with pytest.raises(BodyError, match="no armature has fingers that are known"):
         finger_tracking.with_fingers(use_as_body(bpy.context.scene, armature)[0])

@@ -45,7 +45,7 @@ def ask(choice: str, **values) -> None:
         setattr(wanted, name, value)
 
 
-def test_keypoints_are_given_to_the_view_that_their_name_tells(blender, tmp_path):  # noqa: F811
+def test_keypoints_are_given_to_the_view_with_their_name(blender, tmp_path):  # noqa: F811
     walk_scene(tmp_path)
     write_keypoints(tmp_path)
     with pytest.raises(RuntimeError, match="No view has 2D keypoints yet"):
@@ -54,7 +54,7 @@ def test_keypoints_are_given_to_the_view_that_their_name_tells(blender, tmp_path
     assert [view.keypoints for view in bpy.context.scene.kfmocap.views] == ["", "cam02_json"]
 
 
-def test_what_is_no_keypoint_file_changes_nothing(blender, tmp_path):  # noqa: F811
+def test_a_file_without_keypoints_changes_nothing(blender, tmp_path):  # noqa: F811
     walk_scene(tmp_path)
     (tmp_path / "cam01.json").write_text("[1, 2]")
     with pytest.raises(RuntimeError, match=r"cam01\.json: "):
@@ -157,7 +157,7 @@ def test_frames_without_landmarks_are_named(blender, tmp_path):  # noqa: F811
 
 
 @pytest.mark.parametrize("text", ["", "1, two", "99", "0"])
-def test_lists_that_make_no_sense_are_told(blender, tmp_path, text: str):  # noqa: F811
+def test_invalid_lists_are_reported(blender, tmp_path, text: str):  # noqa: F811
     walk_scene(tmp_path)
     ask("LISTED", listed=text)
     with pytest.raises(ShotError, match="Frames: "):

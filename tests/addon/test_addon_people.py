@@ -42,7 +42,7 @@ def test_exchanging_gives_each_the_number_of_the_other(slots):
     assert numbers() == [2, None, 1]
 
 
-def test_who_was_not_looked_for_counts_by_the_order_of_the_performers(slots):
+def test_unassigned_people_follow_the_order_of_the_performers(slots):
     bpy.context.scene.kfmocap.performer = "woman"
     assert bpy.ops.kfmocap.exchange_people() == {"FINISHED"}
     assert numbers() == [None, 3, 2]

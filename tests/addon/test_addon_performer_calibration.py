@@ -74,7 +74,7 @@ def test_where_there_is_a_body_its_height_counts(filmed: bpy.types.Scene) -> Non
     np.testing.assert_allclose(distances(filmed), true_distances() / 2, rtol=0.05)
 
 
-def test_lenses_that_are_known_stay_and_those_that_are_found_are_no_better_known(filmed: bpy.types.Scene) -> None:
+def test_known_lenses_are_kept_and_estimated_ones_do_not_count_as_known(filmed: bpy.types.Scene) -> None:
     slot = filmed.kfmocap.views[0]
     lens = slot.camera.data
     slot.lens_known, lens.lens = True, 0.9 * lens.lens

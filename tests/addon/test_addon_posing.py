@@ -302,7 +302,7 @@ def test_key_poses_are_listed_with_what_they_fix(blender, tmp_path):  # noqa: F8
     assert "hand.L" in rows[9].description and "whole body" in rows[1].description
 
 
-def test_the_list_is_looked_up_anew_when_keys_change(blender, tmp_path):  # noqa: F811
+def test_the_list_is_looked_up_again_when_keys_change(blender, tmp_path):  # noqa: F811
     slot = walk_scene(tmp_path)
     assert key_list.CACHE.entries(slot.armature) is None
     key_list.CACHE.look_up()

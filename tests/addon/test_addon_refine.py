@@ -57,7 +57,7 @@ def test_the_command_writes_all_cameras_of_the_calibration(
     np.testing.assert_allclose(written["other"].t_cam_world, camera.t_cam_world)
 
 
-def test_a_camera_that_is_lost_is_told(
+def test_a_camera_that_is_lost_is_reported(
     shot_folder: Path,  # noqa: F811
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
@@ -114,7 +114,7 @@ def test_the_refined_calibration_is_of_the_kind_asked_for(
     np.testing.assert_allclose(after.t_cam_world, adjusted(before, STEP).t_cam_world, atol=1e-4)
 
 
-def test_calibrating_needs_to_be_told_from_what(capsys: pytest.CaptureFixture[str]) -> None:
+def test_calibrating_needs_a_source(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["calibrate", "--out", "calibration.toml"])
     assert "--refine" in capsys.readouterr().err

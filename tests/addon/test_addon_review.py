@@ -61,7 +61,7 @@ def test_every_bone_carries_its_expected_error_in_millimetres(built):
     np.testing.assert_allclose(bone_confidence.read_confidence(armature, START, FRAMES), errors(), atol=1e-8)
 
 
-def test_errors_are_no_key_poses_and_change_none(built):
+def test_curves_of_errors_do_not_count_as_key_poses(built):
     _, armature, _ = built
     before = key_pose_curves.read_key_poses(armature, START, FRAMES).frames.tolist()
     armature.pose.bones["hand.L"].keyframe_insert(f'["{bone_confidence.ERROR}"]', frame=13)
@@ -76,7 +76,7 @@ def test_an_excerpt_replaces_its_own_frames_alone(built):
     np.testing.assert_allclose(bone_confidence.read_confidence(armature, START, FRAMES), expected, atol=1e-8)
 
 
-def test_what_is_forgotten_is_told_no_more(built):
+def test_discarded_expected_errors_are_no_longer_shown(built):
     made, armature, _ = built
     bone_confidence.forget(made, made.kfmocap.performers[0], range(START, START + FRAMES))
     assert not bone_confidence.read_confidence(armature, START, FRAMES).any()
@@ -223,7 +223,7 @@ def film_of_a_body(folder, wrong: int | None = None):
     return shot_of_it, replace(truth, translations=found)
 
 
-def test_the_residual_picture_tells_a_misplaced_model_from_one_that_fits(blender, tmp_path):  # noqa: F811
+def test_the_residual_picture_distinguishes_a_misplaced_model_from_one_that_fits(blender, tmp_path):  # noqa: F811
     original, strayed = film_of_a_body(tmp_path, wrong=4)
     built = scene.build_scene(original, [strayed], bpy.context.scene)
     found = [misfit_backgrounds.show(built, built.kfmocap.views[0], START + frame) for frame in (3, 4)]

@@ -146,7 +146,7 @@ def test_a_control_above_the_body_may_have_been_moved():
     assert joint_error(armature, body, motion) < 0.05
 
 
-def test_a_bone_with_keys_that_is_no_part_is_named():
+def test_a_bone_with_keys_that_is_not_a_part_is_named():
     armature = skinned()
     root = with_root(armature)
     for frame in (1, 9):
@@ -394,7 +394,7 @@ def test_the_active_skin_of_a_character_stands_for_its_armature():
 
 
 @pytest.mark.parametrize("how", ["constraint", "modifier", "parent"])
-def test_a_mesh_that_something_else_moves_is_no_prop_and_is_left_alone(how):
+def test_a_mesh_that_something_else_moves_does_not_become_a_prop(how):
     box = made_mesh()
     if how == "constraint":
         box.constraints.new("COPY_LOCATION")

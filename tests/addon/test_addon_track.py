@@ -563,11 +563,11 @@ def test_frames_can_be_gone_through_and_the_work_ended_by_its_button(monkeypatch
     assert ended(tool, context) == {"CANCELLED"} and "cancelled" in tool.reports[-1][1] and not tool.finished
 
 
-def test_durations_are_told_as_people_tell_them():
+def test_durations_are_written_as_people_write_them():
     assert [duration(s) for s in (0.2, 59.4, 59.6, 125, 3725)] == ["0 s", "59 s", "1:00 min", "2:05 min", "1:02 h"]
 
 
-def test_parts_are_tracked_again_with_the_offset_that_the_whole_shot_told(built, tracker):  # noqa: F811
+def test_parts_are_tracked_again_with_the_offset_found_on_the_whole_shot(built, tracker):  # noqa: F811
     tracker.footage_offset = 0.387
     bpy.ops.kfmocap.track()
     assert tracker.shots[-1].settings.footage_offset is None
@@ -581,7 +581,7 @@ def test_parts_are_tracked_again_with_the_offset_that_the_whole_shot_told(built,
     assert tracker.shots[-1].frames == (5, 10)  # the offset that was found is no change
 
 
-def test_without_a_track_of_the_whole_shot_a_part_tells_its_own_offset(built, tracker):  # noqa: F811
+def test_without_a_track_of_the_whole_shot_a_part_finds_its_own_offset(built, tracker):  # noqa: F811
     tracker.footage_offset = -0.25
     built.frame_set(3 + FRAME)
     bpy.ops.kfmocap.track_here()

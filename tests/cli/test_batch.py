@@ -146,7 +146,7 @@ def test_results_depend_on_the_middle_of_large_footage_too(tmp_path: Path) -> No
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes")
-def test_what_is_no_file_is_not_waited_for(shots: list[BatchShot], tmp_path: Path) -> None:
+def test_a_path_that_is_not_a_file_is_not_waited_for(shots: list[BatchShot], tmp_path: Path) -> None:
     (tmp_path / "footage_03.png").unlink()
     os.mkfifo(tmp_path / "footage_03.png")
     assert shot_digest(shots[0].file, OPTIONS)
@@ -161,7 +161,7 @@ def test_no_shot_has_the_name_of_what_a_batch_writes(folder: Path, name: str) ->
         chosen_shots([str(folder / "shot.toml")])
 
 
-def test_a_path_that_is_no_text_stands_in_the_table_all_the_same(tmp_path: Path) -> None:
+def test_an_undecodable_path_is_still_listed_in_the_table(tmp_path: Path) -> None:
     write_summary(tmp_path, [ShotOutcome("a", "caf\udce9/shot.toml", REFUSED, message="caf\udce9: it breaks off")])
     assert r"caf\udce9/shot.toml" in (tmp_path / "summary.csv").read_text(encoding="utf-8")
 

@@ -156,7 +156,7 @@ def test_what_the_decoder_says_while_tracking_is_put_down_to_a_view(
     assert "cam01: the footage is damaged at or near frames 4 of the file" in capsys.readouterr().err
 
 
-def test_cameras_that_do_not_fit_are_told_and_reported(
+def test_cameras_that_do_not_fit_are_printed_and_reported(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fits = (CameraFit(3.0, 1.0, 5.0, "cam01", "keypoints"), CameraFit(12.4, 2.0, 5.0, "cam01", "key poses"))
@@ -197,7 +197,7 @@ def test_refining_first_tracks_with_the_refined_cameras_and_writes_them(
     assert view["refined"] == {"shift": 7.5, "deviation": 2.0, "lost": False}
 
 
-def test_what_no_camera_saw_is_told_beside_the_list_of_files(
+def test_what_no_camera_saw_is_printed_apart_from_the_list_of_files(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def half_blind(shot, progress=None, pictures=(), **_):
@@ -403,7 +403,7 @@ def test_an_interrupt_after_the_results_says_so(
     assert (folder / "out" / "tiny.trc").is_file()
 
 
-def test_an_interrupt_while_the_report_is_put_among_the_temporary_files_says_that_nothing_was_written(
+def test_an_interrupt_while_the_report_is_still_temporary_says_that_nothing_was_written(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     put = files._put_file

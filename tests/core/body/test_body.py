@@ -61,7 +61,7 @@ def test_without_collar_bones_arms_hang_on_the_chest_with_all_joints_where_they_
 
 
 @pytest.mark.parametrize("parents", [(-1, 1), (-1, -1), (0, 0), (-1, 2, 0)])
-def test_what_is_no_tree_is_refused(parents: tuple[int, ...]) -> None:
+def test_parts_that_do_not_form_a_tree_are_refused(parents: tuple[int, ...]) -> None:
     solid = figure().parts[0]
     parts = tuple(
         Part(f"p{i}", p, solid.head_world, solid.tail_world, solid.R_world_rest, solid.vertices)

@@ -30,7 +30,7 @@ def shaken(points, size, fps, seed=0):
 
 @pytest.mark.parametrize("fps", [24.0, 30.0, 60.0, 120.0])
 @pytest.mark.parametrize("noise", [0.0, 0.003, 0.008])
-def test_frames_are_told_rightly_but_for_those_beside_the_change(fps, noise):
+def test_frames_are_classified_correctly_except_next_to_a_change(fps, noise):
     points, stands = stepping(fps)
     found = find_plants(shaken(points, noise, fps), fps, LEG)
     sure = np.abs((np.arange(len(stands)) / fps) % 0.5 - 0.25) < 0.19

@@ -33,5 +33,5 @@ def test_every_edge_parts_two_triangles():
             assert set(edge) <= set(solid.triangles[side])
 
 
-def test_from_within_there_is_no_outline():
+def test_from_inside_a_part_there_is_no_outline():
     assert len(Solid.of(box((-1, -1, -1), (1, 1, 1))).silhouette(np.zeros(3))) == 0

@@ -199,7 +199,7 @@ def test_offsets_of_a_wand_that_jumps_are_refused() -> None:
     assert refusal(whole(offsets=[None] * 3)).name == "wand-jumps"
 
 
-def test_an_offset_that_cannot_be_told_is_refused() -> None:
+def test_an_offset_that_cannot_be_determined_is_refused() -> None:
     paths = [waved(np.arange(150) / 30)] * 2 + [waved(np.arange(150) / 30 + 100)]
     given = capture(CAMERAS, paths, offsets=[0.0, 0.0, None])
     given = hidden(given, 2, np.arange(150) >= 25)

@@ -34,7 +34,7 @@ def seen_by_all(seed: int, clutter: int = 12, noise: float = 0.8) -> tuple[list[
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_the_lframe_is_told_among_other_things(seed):
+def test_the_lframe_is_identified_among_other_things(seed):
     views, places = seen_by_all(seed)
     told = identified_together(ELSEWHERE, views, MEASURES)
     for view, own, true in zip(views, told, places, strict=True):
@@ -43,7 +43,7 @@ def test_the_lframe_is_told_among_other_things(seed):
     assert (told == places).sum() >= 15
 
 
-def test_the_lframe_is_told_in_a_room_full_of_its_colour():
+def test_the_lframe_is_identified_in_a_room_full_of_its_colour():
     views, places = seen_by_all(5, clutter=36)
     told = identified_together(ELSEWHERE, views, MEASURES)
     off = [np.linalg.norm(view[own] - view[true], axis=1) for view, own, true in zip(views, told, places, strict=True)]

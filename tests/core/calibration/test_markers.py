@@ -173,7 +173,7 @@ def test_what_a_rod_hides_does_not_shift_the_ball(canvas):
     assert np.median(after) < 0.16 and np.mean(after) < np.mean(before)
 
 
-def test_what_is_no_ball_is_not_found(canvas):
+def test_things_that_are_not_balls_are_not_found(canvas):
     long = Rod(np.array([[-0.6, 0, 1.0]]), np.array([[-0.2, 0, 1.3]]), 0.04, PAINT["red"])
     speck = Ball(np.array([[0.3, 0, 1.2]]), 0.008, PAINT["red"])
     image = seen_by(canvas, [long, speck])
@@ -182,7 +182,7 @@ def test_what_is_no_ball_is_not_found(canvas):
     assert len(found(image, "red")) == 0
 
 
-def test_noise_in_the_dark_is_no_ball():
+def test_noise_in_the_dark_is_not_taken_for_a_ball():
     rng = np.random.default_rng(0)
     image = np.clip(rng.normal(12, 6, (120, 160, 3)), 0, 255).astype(np.uint8)
     assert sum(len(found(image, colour)) for colour in ("red", "green", "blue")) == 0

@@ -87,7 +87,7 @@ def test_streaks_three_balls_long_are_found_in_dim_light_whatever_the_exposure(c
     assert 0.5 < np.sqrt(np.mean((np.array(errors) / deviations) ** 2) / 2) < 2
 
 
-def test_rods_shadows_and_noise_are_no_balls(canvas, looks):
+def test_rods_shadows_and_noise_are_not_taken_for_balls(canvas, looks):
     for seed in range(200, 208):
         things, _ = waved(seed, 0.05)
         shadow = np.float32(1) - 0.2 * (np.indices(SIZE[::-1])[1] > 30 * (seed - 195)).astype(np.float32)

@@ -71,7 +71,7 @@ def test_looking_for_balls_can_be_cancelled(folder):
     assert told[0] == ("cam01: L-frame", 0.0) and told[-1][0] == "cam01: wand"
 
 
-def test_a_colour_that_is_not_there_is_told_with_its_video(folder):
+def test_a_colour_that_is_not_found_is_reported_with_its_video(folder):
     film = load_wand(folder / "wand.toml")
     seen = find_lframe(film.views[0], replace(film, lframe_colour=film.wand_colours[0]), SMALL[0].size)
     assert not len(seen.balls.markers)

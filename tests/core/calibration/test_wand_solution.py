@@ -59,7 +59,7 @@ def test_errors_come_near_the_cramer_rao_bound() -> None:
     assert max(ratio.values()) < 1.5
 
 
-def test_outliers_swapped_ends_and_dropouts_are_told_apart(cameras: list[Camera]) -> None:
+def test_outliers_swapped_ends_and_dropouts_are_recognised(cameras: list[Camera]) -> None:
     solution = solve_capture(capture(cameras, [scattered(300, SEED)] * 4, HARD, SEED))
     focal, centre, turn = errors(solution, cameras)
     assert focal < 0.003 and centre < 0.012 and turn < np.deg2rad(0.12)

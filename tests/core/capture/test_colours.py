@@ -42,7 +42,7 @@ def test_a_colour_comes_back_from_its_table():
 
 
 @pytest.mark.parametrize("wrong", ["crimsonish", "#12345", 7, {"hue": [1]}, {"shade": [0, 1]}, {"value": [0.5, 3]}])
-def test_what_is_no_colour_is_refused_with_its_place(wrong):
+def test_an_invalid_colour_is_refused_with_its_place(wrong):
     with pytest.raises(CalibrationError, match=r"wand\.toml \[wand\]"):
         parsed(wrong, "wand.toml [wand]")
 

@@ -207,7 +207,7 @@ def test_factors_and_tint_of_shadows_are_learned() -> None:
     np.testing.assert_array_equal(found.distances(tinted[0], plate), found.distances(plate, tinted[0]))
 
 
-def test_what_is_darker_in_all_sorts_of_colours_is_no_shadow() -> None:
+def test_what_is_darker_in_many_different_tints_is_not_a_shadow() -> None:
     rng = np.random.default_rng(0)
     lit = rng.uniform(120, 250, (4000, 3))
     dark = lit * rng.uniform(0.2, 1, lit.shape)

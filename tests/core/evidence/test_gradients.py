@@ -214,7 +214,7 @@ def moving_camera(*eyes: Sequence[float]) -> Camera:
     return replace(cameras[0], R_cam_world=R, t_cam_world=t)
 
 
-def test_of_parts_and_a_camera_that_move_before_a_ramp_the_later_frames_sums_are_the_derivatives() -> None:
+def test_for_moving_parts_and_cameras_the_later_frames_sums_are_the_derivatives() -> None:
     """A ramp has one slope everywhere, so for the later frame's twists nothing is approximate."""
     camera = moving_camera((0.8, -2.2, 1.6), (0.7, -2.25, 1.65))
     rest = at_rest(BODY)
@@ -518,7 +518,7 @@ def test_sampling_reads_between_pixels_and_in_the_window_that_was_asked_for() ->
     np.testing.assert_allclose(half, (whole.at(frame, uv) + whole.at(frame, uv + [1, 0])) / 2, atol=1e-6)
 
 
-def test_gradient_images_are_kept_while_they_show_what_is_looked_for() -> None:
+def test_gradient_images_are_cached_while_they_cover_what_is_needed() -> None:
     grey = np.random.default_rng(0).integers(0, 255, (4, 90, 120)).astype(np.uint8)
     view, box, cache = ViewFrames(CAMERA, grey, 10), (40, 30, 70, 50), GradientImageCache()
     kept = cache.images(view, range(10, 13), 1.0, box)

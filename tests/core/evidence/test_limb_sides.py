@@ -40,7 +40,7 @@ def changes(poses: tuple[Array, Array], step: int = 40) -> Array:
 
 @pytest.mark.parametrize("name", ["upper_arm.L", "forearm.R", "thigh.L", "shin.R"])
 @pytest.mark.parametrize("seed", range(3))
-def test_the_places_lie_on_the_outline_of_a_limb_from_wherever_it_is_looked_at(name: str, seed: int) -> None:
+def test_the_points_lie_on_the_outline_of_a_limb_from_every_direction(name: str, seed: int) -> None:
     body, rng = human(1.75), np.random.default_rng(seed)
     limb = body.parts[body.index(name)]
     R = rotations.exp(rng.normal(size=3))[None, None].astype(np.float32)

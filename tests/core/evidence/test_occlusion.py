@@ -124,7 +124,7 @@ def test_there_is_nothing_to_suggest_for_what_is_hidden_shortly() -> None:
     assert suggest_keys_beside_hidden(hidden((1, 30, 29 + LONG)), keys(0, 79))
 
 
-def test_a_glimpse_is_no_place_for_a_key_pose() -> None:
+def test_a_glimpse_is_too_short_for_a_key_pose() -> None:
     found = suggest_keys_beside_hidden(hidden((1, 20, 29), (1, 29 + GLIMPSE, 40)), keys(0, 79))
     assert [(s.frame, s.hidden) for s in found] == [(19, (20, 40)), (41, (20, 40))]
     longer = suggest_keys_beside_hidden(hidden((1, 20, 29), (1, 30 + GLIMPSE, 45)), keys(0, 79))
@@ -139,7 +139,7 @@ def test_near_a_key_pose_of_the_part_no_other_is_suggested() -> None:
     assert [s.frame for s in suggest_keys_beside_hidden(hidden((1, 30, 41)), poses)] == [29, 42]
 
 
-def test_a_key_pose_within_makes_two_stretches_of_one() -> None:
+def test_a_key_pose_within_a_hidden_interval_divides_it() -> None:
     found = suggest_keys_beside_hidden(hidden((1, 20, 59)), keys(0, 45, 79))
     assert [(s.frame, s.hidden) for s in found] == [(19, (20, 44)), (60, (46, 59))]
 

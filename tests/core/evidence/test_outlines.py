@@ -197,7 +197,7 @@ def test_where_another_part_lies_beyond_there_is_no_line() -> None:
     assert counts["before"][2] < 0.6 * counts["out"][2]
 
 
-def test_a_line_is_not_drawn_to_another_limb_whose_place_the_model_foretells() -> None:
+def test_a_line_is_not_drawn_to_another_limb_whose_place_the_model_predicts() -> None:
     """Before the camera two figures stand apart by less than a line's length: neither takes the other's edge."""
     motion = at_rest(TRUNK)
     beside = Motion(motion.translations + [0.55, 0, 0], motion.rotations)
@@ -227,7 +227,7 @@ def test_moving_the_world_moves_the_evidence() -> None:
     np.testing.assert_allclose(there.energy, here.energy, rtol=1e-3)
 
 
-def test_frames_do_not_know_of_one_another() -> None:
+def test_frames_are_independent_of_one_another() -> None:
     motion = swing(BODY, 3)
     picture = seen(BODY, motion, CAMERA, (1.0, 0.5))
     together = sums_of(arguments(BODY, motion, CAMERA, picture))

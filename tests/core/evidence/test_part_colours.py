@@ -106,7 +106,7 @@ def test_every_pixel_has_the_colour_of_the_palette_that_is_nearest() -> None:
     np.testing.assert_array_equal(near[labels >= 0], exact[labels >= 0])
 
 
-def test_parts_that_meet_are_not_told_apart() -> None:
+def test_parts_that_are_joined_are_not_separated() -> None:
     apart = parts_apart([BODY, FIGURE])
     assert apart[0, FOREARM] and apart[FOREARM, 0]
     assert not apart[0, BODY.index("upper_arm.L")] and not apart[1, FOREARM] and not apart.diagonal().any()
@@ -232,7 +232,7 @@ def test_a_bare_arm_is_found_before_the_shirt() -> None:
     assert found_apart(without, lost, truth) > 0.8 * apart(lost, truth), "silhouettes do not show it"
 
 
-def test_an_arm_of_the_shirts_colour_is_told_by_its_sides_from_one_elsewhere() -> None:
+def test_an_arm_of_the_shirts_colour_is_located_by_its_sides() -> None:
     truth, lost = crossing()
     views = views_of(truth, with_bare_arms((63, 57, 57)), brightness=True)  # of the same bin of colours
     problem = SegmentProblem(tuple(views), (HUMAN,), 0, 30.0, (ends_held(HUMAN, FRAMES),))

@@ -276,7 +276,7 @@ def test_unknowns_do_not_overlap() -> None:
     assert (state.prior() > 0).all()
 
 
-def test_a_rendered_walk_tells_where_its_cameras_are() -> None:
+def test_the_cameras_of_a_rendered_walk_are_found() -> None:
     """Of a skinned body, which no rigid parts fit, with four key poses; the pictures are 640 pixels wide."""
     true = load_shot(ROOT / "examples" / "walk" / "shot.toml")
     cameras = [view.camera for view in true.views]

@@ -70,7 +70,7 @@ def test_other_skeletons_are_refused_by_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("cut", ["HIERARCHY", "MOTION", "Frames:", "0.04\n"])
-def test_what_is_no_bvh_is_refused(tmp_path: Path, cut: str) -> None:
+def test_a_file_that_is_not_a_bvh_is_refused(tmp_path: Path, cut: str) -> None:
     body = human()
     path = tmp_path / "poses.bvh"
     path.write_text(bvh_text(body, wild(body)).replace(cut, ""))

@@ -156,7 +156,7 @@ def test_three_poses_of_a_moving_camera_are_not_a_matrix(tmp_path: Path) -> None
         ([[1.0, 0.0], [0.0]], "'rotation' must be numbers"),
     ],
 )
-def test_what_is_no_rotation_is_refused(tmp_path: Path, rotation, message: str) -> None:
+def test_a_matrix_that_is_not_a_rotation_is_refused(tmp_path: Path, rotation, message: str) -> None:
     path = tmp_path / "Calib.toml"
     path.write_text(toml_table("[cam01]").replace(f"{ROTATION.tolist()}", json.dumps(rotation)))
     with pytest.raises(CalibrationError, match=rf"Calib\.toml camera cam01: .*{message}"):
@@ -350,7 +350,7 @@ def test_errors_name_file_camera_and_field(tmp_path: Path, old: str, new: str, m
         ("twice.toml", toml_table('[a]\nname = "A"') + toml_table('[b]\nname = "A"')),
     ],
 )
-def test_files_that_are_no_calibration_are_refused(tmp_path: Path, name: str, text: str | None) -> None:
+def test_files_that_are_not_calibrations_are_refused(tmp_path: Path, name: str, text: str | None) -> None:
     if text is not None:
         (tmp_path / name).write_text(text)
     with pytest.raises(CalibrationError, match=name.replace(".", r"\.")):

@@ -92,7 +92,7 @@ def test_a_fisheye_and_long_lists_of_coefficients_go_out_as_opencv(tmp_path: Pat
     assert load_cameras(tmp_path / "fish.yml")["front"].fisheye
 
 
-def test_names_that_are_no_numbers_are_numbered_for_caliscope(tmp_path: Path) -> None:
+def test_names_that_are_not_numbers_are_numbered_for_caliscope(tmp_path: Path) -> None:
     values = [plain(), Camera.create("back", (64, 48), np.diag([50.0, 50, 1]), np.eye(3), np.ones(3))]
     export_cameras(tmp_path / "a.toml", values, "caliscope")
     assert list(load_cameras(tmp_path / "a.toml")) == ["cam_1", "cam_2"]

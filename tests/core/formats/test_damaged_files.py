@@ -246,7 +246,7 @@ def test_frames_and_tracks_beyond_all_counting_are_refused(tmp_path: Path, field
         read_keypoints(tmp_path / "a.json")
 
 
-def test_what_is_no_file_is_not_read(tmp_path: Path) -> None:
+def test_a_path_that_is_not_a_file_is_not_read(tmp_path: Path) -> None:
     (tmp_path / "folder.toml").mkdir()
     for path in (tmp_path / "folder.toml", Path("/dev/zero"), tmp_path / "none.toml", Path("a\0b")):
         with pytest.raises(KFMocapError, match="cannot be read"):

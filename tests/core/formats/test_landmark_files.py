@@ -120,6 +120,6 @@ def test_landmarks_of_something_else_are_refused():
         ("shot.toml", "[shot]", "shot"),
     ],
 )
-def test_files_are_told_by_what_they_hold(tmp_path: Path, name: str, text: str, kind: str):
+def test_files_are_recognised_by_their_content(tmp_path: Path, name: str, text: str, kind: str):
     (tmp_path / name).write_text(text)
     assert file_kind(tmp_path / name) == kind

@@ -104,7 +104,7 @@ def test_openpose_of_25_keypoints_in_its_second_order() -> None:
     assert not np.isfinite(found.points[1, found.names.index("RHeel")]).any()
 
 
-def test_the_two_orders_of_openpose_are_told_by_the_people(tmp_path: Path) -> None:
+def test_the_two_orders_of_openpose_are_recognised_from_the_people(tmp_path: Path) -> None:
     """The same people in the other order are the same people."""
     document = json.loads((SAMPLES / "openpose_body25b.json").read_text())
     second = sample("openpose_body25b")

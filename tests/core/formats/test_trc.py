@@ -61,7 +61,7 @@ def test_errors_name_file_and_line(tmp_path: Path, unit: str, rows: str, message
         read_trc(trc(tmp_path, unit, rows))
 
 
-def test_what_is_no_trc_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_trc_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.trc").write_bytes(b"\xff\xfe\x00binary")
     (tmp_path / "b.trc").write_text("frame,x,y,z\n")
     for name in ("a.trc", "b.trc", "missing.trc"):

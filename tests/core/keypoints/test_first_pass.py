@@ -104,7 +104,7 @@ def test_sides_that_one_view_exchanges_are_corrected_before_any_pose_is_known() 
     assert changed[1, 10:14][:, legs].all() and not changed[0][:, legs].any()
 
 
-def test_of_two_views_the_one_that_exchanges_sides_is_told_by_what_three_agreed_on_before_and_after() -> None:
+def test_frames_with_three_views_decide_which_of_two_views_exchanged_sides() -> None:
     body = human()
     motion = strolling(body, 40)
     sided = [i for i, name in enumerate(NAMES) if name[1:] in ("Hip", "Knee", "Ankle", "Shoulder", "Elbow", "Wrist")]
@@ -166,7 +166,7 @@ def test_offsets_that_mirror_each_other_are_likelier() -> None:
     np.linalg.cholesky(known)
 
 
-def test_lost_arms_are_posed_anew() -> None:
+def test_lost_arms_are_posed_again() -> None:
     body = human()
     motion = punching(body, 30)
     points = seen_places(body, motion)

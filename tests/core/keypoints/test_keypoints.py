@@ -234,7 +234,7 @@ def test_what_is_expected_nowhere_keeps_its_sides() -> None:
     assert not changed.any() and np.array_equal(found.rays, seen.rays)
 
 
-def test_a_body_is_laid_along_its_own_joints() -> None:
+def test_the_closed_form_pose_of_a_body_matches_its_own_joints() -> None:
     """All joints within centimetres, without an iteration; missing points are bridged."""
     body = human()
     motion = strolling(body, 20)
@@ -258,7 +258,7 @@ def test_a_knee_that_seems_to_bend_forward_does_not_turn_the_thigh_round() -> No
     assert np.linalg.norm(turn, axis=-1).max() < np.pi / 2
 
 
-def test_other_bodies_are_not_laid() -> None:
+def test_other_bodies_have_no_closed_form_pose() -> None:
     points = seen_places(human(), strolling(human(), 2))
     assert closed_form_pose(figure(), NAMES, points) is None
     points[:, [NAMES.index("RShoulder"), NAMES.index("LHip")]] = np.nan
@@ -392,7 +392,7 @@ def test_agreement_is_one_on_the_true_poses_and_falls_away_from_them() -> None:
     assert factor.agreement(part_poses(body, beside)) == pytest.approx(0.25, abs=0.03)
 
 
-def test_of_two_solutions_the_one_that_meets_keypoints_is_better_and_is_confirmed() -> None:
+def test_the_solution_that_meets_the_keypoints_is_better_and_is_confirmed() -> None:
     """The other covers a little more of what looks like the performer."""
     body = human()
     motion = strolling(body, 5)

@@ -67,7 +67,7 @@ class Scene:
 
 
 @pytest.mark.parametrize("views", [3, 2])
-def test_people_in_one_list_are_told_apart_without_key_poses(views: int) -> None:
+def test_people_in_one_list_are_distinguished_without_key_poses(views: int) -> None:
     """The cameras are equally high: rays of two people meet as well as those of one, but not at a body's size."""
     scene = Scene((MAN, WOMAN), views)
     found, identities = scene.assigned(PerformerClues("a"), PerformerClues("b"))

@@ -44,7 +44,7 @@ def test_all_alternatives_look_alike_and_differ_in_depth():
     assert len(found.poses) > 4 and (np.diff(found.energy) >= 0).all()
 
 
-def test_from_whichever_of_them_the_likeliest_is_nearly_the_true_pose_where_one_nearby_is_known():
+def test_with_a_known_pose_nearby_the_likeliest_alternative_is_nearly_the_true_pose():
     """A limb that is nearly across the view may be flipped: both of its places are then near the neighbour's."""
     before, after = [], []
     for frame in (8, 33):

@@ -31,7 +31,7 @@ def test_every_preset_is_recognised_by_its_bones(preset):
     assert found.preset == preset
 
 
-def test_a_rig_whose_hips_have_another_name_is_no_metarig():
+def test_a_rig_whose_hips_have_another_name_is_not_taken_for_a_metarig():
     """Its spine has the name that the metarig's hips have."""
     rig = made_rig("kfmocap", BODY, 0.3)
     plain = {rig.bones.bones["hips"][0]: "hips", rig.bones.bones["spine"][0]: "spine"}
@@ -113,7 +113,7 @@ def test_bones_of_other_programs_are_found(kind):
     assert all(role.split(".")[0] in ("root", *FINGERS) for role in strays)
 
 
-def test_limbs_below_the_legs_are_no_arms():
+def test_limbs_below_the_legs_are_not_taken_for_arms():
     """A skeleton whose arms cannot be told from its legs is refused, not bent."""
     rest, roles = foreign_skeleton("finnish, hips and spine side by side")
     arms = {

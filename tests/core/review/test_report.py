@@ -125,7 +125,7 @@ def test_the_report_has_how_far_off_the_parts_may_be_and_where_one_more_key_pose
     assert all(first["gain"] >= other["gain"] > 0 for other in others)
 
 
-def test_blind_spots_are_told_in_a_line_each(tracked: tuple[Shot, type]) -> None:
+def test_blind_spots_are_reported_in_one_line_each(tracked: tuple[Shot, type]) -> None:
     shot, result = tracked
     unseen, lost, helpful, suggested = report_lines(report(shot, result))
     assert lost == "man: may be lost, as the footage shows background where they are: forearm.L 114-116"
@@ -138,7 +138,7 @@ def test_blind_spots_are_told_in_a_line_each(tracked: tuple[Shot, type]) -> None
     assert not report_lines(report(shot, result))
 
 
-def test_footage_out_of_step_is_told_unless_it_was_given(tracked: tuple[Shot, type]) -> None:
+def test_a_footage_offset_is_reported_unless_it_was_given(tracked: tuple[Shot, type]) -> None:
     shot, result = tracked
     result.footage_offset = 0.38
     values = report(shot, result)
@@ -163,7 +163,7 @@ def landmarks(names: list[str], points: np.ndarray) -> Landmarks:
     return Landmarks(tuple(names), points, 30.0)
 
 
-def test_joint_error_leaves_out_key_frames_and_what_is_no_joint() -> None:
+def test_joint_error_leaves_out_key_frames_and_landmarks_that_are_not_joints() -> None:
     names = ["Hip", "RHip", "LKnee", "Nose"]
     truth = np.zeros((5, 4, 3))
     found = truth.copy()
@@ -182,7 +182,7 @@ def test_nothing_to_compare_is_an_error() -> None:
         joint_error(landmarks(["Nose"], np.zeros((3, 1, 3))), landmarks(["Nose"], np.zeros((3, 1, 3))), [])
 
 
-def test_what_is_wrong_with_the_footage_is_told(
+def test_problems_of_the_footage_are_reported(
     tracked: tuple[Shot, type], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shot, result = tracked

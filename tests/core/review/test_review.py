@@ -89,7 +89,7 @@ def test_the_gap_of_a_model_beside_the_performer_is_its_mean_distance_from_the_o
     assert 0.15 * shift < row[1] < 0.5 * shift
 
 
-def test_what_a_model_lacks_on_its_key_frames_is_no_gap() -> None:
+def test_what_a_model_lacks_on_its_key_frames_does_not_count_as_a_gap() -> None:
     wide = replace(BODY, parts=tuple(replace(part, vertices=1.15 * part.vertices) for part in BODY.parts))
     truth = at_rest(BODY, 4)
     poses = poses_of([wide], [truth])

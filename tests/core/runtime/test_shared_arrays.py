@@ -50,7 +50,7 @@ def test_rows_are_written_without_holding_more_than_a_few(tmp_path: Path) -> Non
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc tells what is in memory")
-def test_a_long_array_that_is_looked_at_part_by_part_does_not_stay_in_memory(kept: SharedArray) -> None:
+def test_a_long_array_that_is_read_part_by_part_does_not_stay_in_memory(kept: SharedArray) -> None:
     array, seen = kept.array(), []
     for first in range(0, ROWS, 20):
         np.testing.assert_array_equal(looked_at(array[first : first + 20])[:, 0, 0], np.arange(first, first + 20) % 251)
@@ -64,6 +64,6 @@ def test_a_long_array_that_is_looked_at_part_by_part_does_not_stay_in_memory(kep
     assert mapped_kilobytes(kept.path) > array.nbytes / 1024 / 2, "it is this that is told"
 
 
-def test_an_array_in_memory_is_looked_at_without_a_copy() -> None:
+def test_an_array_in_memory_is_read_without_a_copy() -> None:
     array = np.zeros((5, 4, 3), np.uint8)
     assert np.shares_memory(looked_at(array[1:3]), array)

@@ -40,7 +40,7 @@ def test_whole_footage_is_not_torn(speed: float) -> None:
 
 
 @pytest.mark.parametrize("swing", [(6, 12, 8, 3), (3, 9, 6)])
-def test_somebody_who_stands_still_and_strikes_once_is_no_damage(swing: tuple[float, ...]) -> None:
+def test_somebody_who_stands_still_and_strikes_once_does_not_look_like_damage(swing: tuple[float, ...]) -> None:
     rest = [0.0] * 6
     assert not torn(film(steps=[*rest, *swing, *rest])).any()
 

@@ -249,7 +249,7 @@ def test_strange_names_of_footage_are_refused_at_once(tmp_path: Path, name: str)
         "v=0\no=- 0 0\n",
     ],
 )
-def test_a_playlist_is_no_video_and_opens_no_other_file(video: Path, ending: str, text: str) -> None:
+def test_a_playlist_is_refused_and_opens_no_other_file(video: Path, ending: str, text: str) -> None:
     """FFmpeg would read the video that it names, or wait half a minute for one that is not there."""
     path = video.with_name(f"list{ending}")
     path.write_text(text.replace("video.mp4", video.name))
@@ -260,7 +260,7 @@ def test_a_playlist_is_no_video_and_opens_no_other_file(video: Path, ending: str
 
 
 @pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="names of files are texts there")
-def test_a_video_whose_path_is_no_text_is_refused_where_opencv_would_crash(video: Path) -> None:
+def test_a_video_with_an_undecodable_path_is_refused_where_opencv_would_crash(video: Path) -> None:
     folder = video.with_name(os.fsdecode(b"caf\xe9"))
     folder.mkdir()
     with pytest.raises(FootageError, match="not written in UTF-8"):

@@ -65,7 +65,7 @@ def test_damage_after_the_shot_does_not_count(damaged: Path) -> None:
     assert footage_damage(early, early.views[0]) is None
 
 
-def test_a_complaint_is_heard_whichever_thread_decodes(damaged: Path) -> None:
+def test_a_decoder_message_is_caught_whichever_thread_decodes(damaged: Path) -> None:
     video = cv2.VideoCapture(str(damaged), cv2.CAP_FFMPEG)
     with DecoderLog() as log:
         while video.grab():

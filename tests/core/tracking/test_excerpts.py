@@ -107,9 +107,7 @@ def test_an_excerpt_has_the_segments_of_the_shot(views: list[View]) -> None:
     assert segments(s.between(0, 7)) == [(0, 3), (3, 7)]
 
 
-def test_what_is_looked_at_is_shown_first_and_changes_nothing_in_the_result(
-    views: list[View], whole: TrackResult
-) -> None:
+def test_the_frame_on_screen_is_shown_first_without_changing_the_result(views: list[View], whole: TrackResult) -> None:
     """Coarse, then segment by segment in their order, the last of each as it is found."""
     shown: list[tuple[tuple[int, int], Motion]] = []
     s = shot(views)
@@ -140,7 +138,7 @@ def test_progress_goes_on_from_part_to_part_and_cancels(views: list[View]) -> No
         track_excerpts(s, [Excerpt(0, 5), Excerpt(10, 15)], lambda _what, fraction: fraction < 0.7)
 
 
-def test_a_performer_without_key_poses_is_told(views: list[View]) -> None:
+def test_a_performer_without_key_poses_is_reported(views: list[View]) -> None:
     with pytest.raises(ShotError, match=r"no key pose.*performer|performer.*no key pose"):
         track(shot(views, ()))
 
@@ -161,7 +159,7 @@ def test_a_key_pose_changes_the_digests_of_the_segments_beside_it_alone(views: l
 
 
 @pytest.mark.parametrize("what", ["camera", "footage", "settings", "body", "fps", "removed key"])
-def test_the_digest_tells_all_that_the_motion_depends_on(views: list[View], what: str) -> None:
+def test_the_digest_covers_all_that_the_motion_depends_on(views: list[View], what: str) -> None:
     s, view, person = shot(views), views[0], shot(views).performers[0]
     parted = replace(person.body.parts[1], vertices=1.1 * person.body.parts[1].vertices)
     other = {

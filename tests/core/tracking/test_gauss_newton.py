@@ -328,7 +328,7 @@ def test_where_a_part_is_seen_nothing_is_expected_of_it() -> None:
     assert not none.any() and none.shape == (72, D)
 
 
-def test_views_are_looked_at_in_turn_and_never_fewer_than_asked() -> None:
+def test_views_take_turns_and_are_never_fewer_than_asked() -> None:
     def turns(count: int) -> list[list[int]]:
         problem = SegmentProblem(tuple(range(count)), (BODY,), 0, FPS, (ends_held(BODY, 5),))
         return [list(gauss_newton.view_subset(problem, 2, turn).views) for turn in range(3)]
@@ -340,7 +340,7 @@ def test_views_are_looked_at_in_turn_and_never_fewer_than_asked() -> None:
         assert min(len(views) for views in turns(count)) >= 2
 
 
-def test_of_more_views_fewer_pixels_each_are_looked_at() -> None:
+def test_more_views_have_fewer_pixels_each() -> None:
     fine, coarse = (DescentStage(Sampling(1.0, 1.0, stride), 1) for stride in (2, 6))
     assert [fine.sampling_of(views).stride for views in (1, 2, 3, 4, 9)] == [2, 2, 3, 4, 4]
     assert [coarse.sampling_of(views).stride for views in (1, 4)] == [6, 6]
@@ -418,7 +418,7 @@ def test_costs_under_one_noise_are_those_of_the_same_problem() -> None:
     assert under_one[1] / under_one[0] > 1.5 * under_own[1] / under_own[0]
 
 
-def test_gradients_speak_for_following_a_limb_and_neither_way_for_one_that_stands_still() -> None:
+def test_gradients_favour_following_a_moving_limb_and_are_neutral_about_one_that_stands_still() -> None:
     """An arm swings: one that is followed is worth what it would cost if it stood still, one at rest aside nothing."""
     frames = 6
     turns = np.zeros((frames, D))
@@ -434,7 +434,7 @@ def test_gradients_speak_for_following_a_limb_and_neither_way_for_one_that_stand
     assert (followed.gain.sum(axis=1) > (followed.cost * followed.count).sum(axis=1)).all()
 
 
-def test_the_last_stage_goes_on_while_a_joint_is_under_way() -> None:
+def test_the_last_stage_continues_while_a_joint_still_moves() -> None:
     truth = at_rest(BODY, 5)
     landscape = Landscape(truth=truth, reach=np.pi)
     problem = SegmentProblem((), (BODY,), 0, FPS, (ends_held(BODY, 5),))

@@ -74,7 +74,7 @@ def test_rays_go_through_the_points_that_a_lens_shows() -> None:
 
 
 @pytest.mark.parametrize("keys", [[0], []])
-def test_people_are_told_apart_in_every_view(tmp_path: Path, keys: list[int]) -> None:
+def test_people_are_distinguished_in_every_view(tmp_path: Path, keys: list[int]) -> None:
     """With a key pose each, whose keypoints are whose is known; without, everybody's are together at least."""
     motions = people(2)
     found = own_keypoints(shot_with(tmp_path, motions, keys))
@@ -279,7 +279,7 @@ def test_long_stretches_are_cut_on_proposals_and_never_between_key_poses() -> No
     assert segments(shot(KeyPoses.whole([0, 399], poses[[0, 1]]))) == [(0, 399)]
 
 
-def test_the_report_tells_what_keypoints_did(tmp_path: Path) -> None:
+def test_the_report_describes_how_keypoints_were_used(tmp_path: Path) -> None:
     """Of views in the shot's order, whatever their names; proposals and files left out are named."""
     path = written(tmp_path, 'keyframes = "auto"\n[track]\nbroken_keypoints = "skip"')
     (tmp_path / "pose" / "cam02" / "cam02_000007.json").write_text("{")

@@ -44,7 +44,7 @@ def error(motion: Motion) -> float:
     return float(np.abs(motion.difference(TRUTH)).max())
 
 
-def test_a_limb_that_leaps_away_and_back_is_told_from_those_that_move_on() -> None:
+def test_a_limb_that_leaps_away_and_back_is_distinguished_from_those_that_move_on() -> None:
     assert leaps(PROBLEM, 0, TRUTH) == []
     [leap] = leaps(PROBLEM, 0, leaping(slice(10, 13)))
     assert set(leap.parts) == set(LEG)
@@ -88,7 +88,7 @@ def test_a_leap_is_bridged_only_where_the_pictures_are_likelier_with_that(right:
     assert right or found.motions is solution.motions
 
 
-def test_without_foreground_no_leaps_are_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_foreground_no_leaps_are_searched_for(monkeypatch: pytest.MonkeyPatch) -> None:
     landscape = Landscape(truth=TRUTH)
     solution = landscape.solution(PROBLEM, leaping(slice(10, 13)))
     monkeypatch.setattr(leaping_limbs, "best_of_starts", lambda *_: solution)

@@ -142,7 +142,7 @@ def test_points_show_the_pixel_nearest_to_them_and_nothing_beyond_the_picture_or
         np.testing.assert_allclose(found, expected.mean(axis=-1), atol=1e-5)
 
 
-def test_however_a_limb_turns_it_shows_pixels_of_the_window_that_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_however_a_limb_turns_it_stays_within_the_window_that_is_searched(monkeypatch: pytest.MonkeyPatch) -> None:
     """To the last bit what it shows in the whole picture."""
     truth = walk(5)
     problem = problem_of(truth, *coloured(BODY, truth, (CAMERA,)))
@@ -161,7 +161,7 @@ def test_however_a_limb_turns_it_shows_pixels_of_the_window_that_is_looked_at(mo
         np.testing.assert_array_equal(*(covered(limb, [each], rotations.log(drawn)) for each in (window, full)))
 
 
-def test_of_one_among_others_only_limbs_that_are_hardly_seen_where_they_are_are_looked_for(
+def test_with_several_performers_only_limbs_that_are_hardly_seen_in_place_are_searched_for(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     truth = walk()
@@ -211,7 +211,7 @@ def test_the_trunk_and_key_poses_stay_to_the_last_bit() -> None:
     np.testing.assert_array_equal(found.rotations[[0, 7, -1]], lost.rotations[[0, 7, -1]])
 
 
-def test_without_foreground_images_nothing_is_looked_for() -> None:
+def test_without_foreground_images_nothing_is_searched_for() -> None:
     truth = walk()
     lost = turned(truth, "upper_arm.L", -1.0)
     blind = ViewFrames(CAMERA, np.zeros((LENGTH, 160, 120), np.uint8), 0)

@@ -63,7 +63,7 @@ def upper_error(shot: Shot, motion: object, joints: tuple[str, ...] = ("Shoulder
 
 
 @pytest.mark.parametrize("hidden", [LEGS, LEGS + HIPS])
-def test_what_no_keypoint_shows_rests_and_is_told(tmp_path: Path, hidden: tuple[str, ...]) -> None:
+def test_parts_that_no_keypoint_shows_rest_and_are_reported(tmp_path: Path, hidden: tuple[str, ...]) -> None:
     shot = load_shot(written(tmp_path, 'keyframes = "auto"', hidden))
     (performer,) = shot.performers
     leading = ["pelvis", "spine"] if "LHip" in hidden else []

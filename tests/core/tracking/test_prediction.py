@@ -39,7 +39,7 @@ def test_levinson_solves_the_toeplitz_equations(order: int) -> None:
     assert variance == pytest.approx(r[0] - a @ r[1:])
 
 
-def test_levinson_stops_where_the_series_is_foretold_exactly() -> None:
+def test_levinson_stops_where_the_series_is_predicted_exactly() -> None:
     a, variance = levinson(np.cos(0.4 * np.arange(6)))  # y_j = 2 cos(0.4) y_{j-1} - y_{j-2}
     np.testing.assert_allclose(a, [2 * np.cos(0.4), -1], atol=1e-9)
     assert abs(variance) < 1e-9
@@ -85,7 +85,7 @@ def test_where_nothing_was_seen_the_series_varies_as_ever() -> None:
     np.testing.assert_allclose(variance[:, 0], model.covariance[0], rtol=1e-6)
 
 
-def test_noise_that_is_observed_is_not_foretold() -> None:
+def test_noise_that_is_observed_is_not_predicted() -> None:
     y = np.zeros((40, 1))
     y[:-1, 0], y[-1] = noisy_waves(39), 30.0  # the last one is an outlier
     model = autoregression([y[:-1, 0]])
@@ -106,7 +106,7 @@ def test_a_periodic_motion_goes_on_while_it_is_hidden() -> None:
 
 @pytest.mark.parametrize("samples", range(8))
 @pytest.mark.parametrize("value", [0.0, 0.3])
-def test_short_and_constant_series_are_foretold_without_fail(samples: int, value: float) -> None:
+def test_short_and_constant_series_are_predicted_without_failure(samples: int, value: float) -> None:
     mean, variance = predict(np.full((samples, 2), value), 5)
     assert mean.shape == variance.shape == (5, 2)
     assert (variance > 0).all()
@@ -219,7 +219,7 @@ def held(motion: Motion, mask: np.ndarray) -> Motion:
 
 
 @pytest.mark.parametrize("length", [6, 11, 16])
-def test_across_a_gap_a_limb_is_foretold_better_than_by_a_spline(length: int) -> None:
+def test_across_a_gap_a_limb_is_predicted_better_than_by_a_spline(length: int) -> None:
     errors = []
     for _, motion, parts, first, last in gaps(length, until_the_end=False):
         mask = hidden(motion, parts, first, last)
@@ -229,7 +229,7 @@ def test_across_a_gap_a_limb_is_foretold_better_than_by_a_spline(length: int) ->
     assert ours < 0.9 * theirs
 
 
-def test_before_an_open_gap_a_limb_is_foretold_twice_as_well_as_by_holding_still() -> None:
+def test_before_an_open_gap_a_limb_is_predicted_twice_as_well_as_by_holding_still() -> None:
     errors = []
     for _, motion, parts, first, last in gaps(12, until_the_end=True):
         mask = hidden(motion, parts, first, last)

@@ -125,7 +125,7 @@ def test_a_bent_limb_stays_where_it_covers_more_than_anything_that_is_found(prob
 
 @pytest.mark.usefixtures("without_descent")
 @pytest.mark.parametrize(("performers", "looks"), [(1, LOOKS), (2, VAIN_LOOKS)])
-def test_among_several_performers_looking_ends_after_vain_looks(
+def test_with_several_performers_the_search_ends_after_rounds_without_success(
     problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch, performers: int, looks: int
 ) -> None:
     asked: list[int] = []

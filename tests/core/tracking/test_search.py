@@ -93,7 +93,7 @@ def test_a_view_that_shows_a_limb_where_the_solution_has_none_for_long_calls_for
     assert solution_doubts.performers_uncovered(problem, found.motions) == [0] * expected
 
 
-def test_foreground_that_was_beside_a_searched_motion_is_no_limb() -> None:
+def test_foreground_beside_an_earlier_motion_is_not_searched_for_limbs_again() -> None:
     """A small correction is not followed by another search."""
     rest = at_rest(HUMAN, LENGTH)
     raised = rest.rotations.copy()
@@ -138,7 +138,7 @@ def test_a_limb_on_the_background_of_one_view_for_more_than_a_moment_calls_for_a
     assert solution_doubts.limb_astray(problem, explained(problem, Motion(rest.translations, turns))) == expected
 
 
-def test_whether_a_solution_is_doubted_goes_by_the_key_poses() -> None:
+def test_whether_a_solution_is_doubtful_is_judged_by_the_key_poses() -> None:
     """What is expected between them lies between what they explain."""
     total = np.array([100.0, 90, 80, 70, 60])
     share, none, unhidden = np.ones((1, 5, len(BODY))), np.zeros(5), np.ones((1, 5))
@@ -259,7 +259,7 @@ def test_limbs_go_where_what_they_cover_there_is_worth_more_than_what_it_costs(p
 
 
 @pytest.mark.parametrize(("gain", "moved"), [(0.5, False), (3, True)])
-def test_in_one_view_that_moves_limbs_stay_where_they_were_unless_others_cover_more_than_chance_would(
+def test_with_one_moving_camera_limbs_are_replaced_only_if_others_cover_more_than_chance_explains(
     gain: float, moved: bool
 ) -> None:
     """Putting the arms right costs nothing, and covers the given multiple of what is chance more."""
@@ -276,7 +276,7 @@ def test_in_one_view_that_moves_limbs_stay_where_they_were_unless_others_cover_m
     assert solution_ranking.likeliest(replace(problem, views=dark(CAMERAS[0], LENGTH)), noise, before, right) is right
 
 
-def test_limbs_are_looked_for_around_the_best_so_far_until_it_has_an_equal() -> None:
+def test_limbs_are_searched_for_around_the_best_solution_until_another_is_equal() -> None:
     """Every look halves what is wrong with the motion that it begins with."""
     landscape = Landscape(truth=TRUTH, reach=0.0)
     first, worse = (landscape.solution(PROBLEM, off(TRUTH, ARMS, angle)) for angle in (LOST, 2 * LOST))
@@ -289,7 +289,7 @@ def test_limbs_are_looked_for_around_the_best_so_far_until_it_has_an_equal() -> 
 
 
 @pytest.mark.parametrize(("apart", "looks"), [(0.01, 1), (2 * LOST, 2)])
-def test_starts_that_lead_to_one_motion_are_looked_around_once(apart: float, looks: int) -> None:
+def test_starts_that_lead_to_the_same_motion_are_searched_around_once(apart: float, looks: int) -> None:
     """Both starts cover as much; who passes by in one view had limbs looked for twice around the same motion."""
     landscape = Landscape(truth=TRUTH, reach=0.0)
     one, other = (landscape.solution(PROBLEM, off(TRUTH, ARMS, side * apart)) for side in (0.5, -0.5))
@@ -303,7 +303,7 @@ def test_starts_that_lead_to_one_motion_are_looked_around_once(apart: float, loo
     assert len(begun) == looks
 
 
-def test_limbs_are_not_looked_for_in_vain_again_and_again() -> None:
+def test_a_search_ends_after_rounds_without_success() -> None:
     """Every look makes it worse by more than chance."""
     landscape = Landscape(truth=TRUTH, reach=0.0)
     looks: list[int] = []
@@ -355,7 +355,7 @@ def test_a_look_that_was_taken_around_the_best_is_not_taken_again(around: str, t
 
 
 @pytest.mark.parametrize("begin", ["worse", "best", "start"])
-def test_where_the_best_is_doubtful_limbs_are_looked_for_around_all_solutions_and_around_the_start(begin: str) -> None:
+def test_if_the_best_solution_is_doubtful_limbs_are_searched_for_around_all_solutions_and_the_start(begin: str) -> None:
     """Whichever of them a look finds the limbs from, they are found."""
     landscape = Landscape(truth=TRUTH, reach=0.0)
     best, worse = (landscape.solution(PROBLEM, off(TRUTH, ARMS + LEGS, angle)) for angle in (1.8, 2.2))

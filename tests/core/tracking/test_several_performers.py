@@ -270,7 +270,7 @@ def test_a_limb_where_a_view_shows_somebody_else_is_not_on_the_background(likes:
     assert solution_doubts.limb_astray(problem.alone(0), found) == astray
 
 
-def test_what_hangs_over_the_outline_of_one_performer_is_no_lost_limb_of_another() -> None:
+def test_what_exceeds_the_outline_of_one_performer_is_not_a_lost_limb_of_another() -> None:
     """In equal clothes it looks like the other one; beside a performer who is not in the model it may be a limb."""
     camera = look_at("near", (0.3, -4, 1.6), size=(960, 520), focal=800)
     motions = [moved(at_rest(BODY, 1), np.array([x, 0.0, 0])) for x in (-0.25, 0.25)]
@@ -310,7 +310,7 @@ def test_only_the_performer_that_is_sought_moves_and_only_its_evidence_is_gather
         assert (alone.evidence.explained[:, other] > 0).all(), "what others cover is needed to compare solutions"
 
 
-def test_evidence_of_one_among_others_is_that_of_all_whether_the_others_were_drawn_before_or_not() -> None:
+def test_evidence_for_one_performer_is_the_same_whether_the_others_were_rendered_before_or_not() -> None:
     """Others who have moved since they were drawn are drawn anew."""
     start = [moved(TRUTHS[0], np.array([1.4, 0.1, 0])), TRUTHS[1]]
     aside = [moved(TRUTHS[0], np.array([1.3, 0.1, 0])), moved(TRUTHS[1], np.array([0.1, 0, 0]))]
@@ -421,13 +421,13 @@ def searched_for(monkeypatch: pytest.MonkeyPatch, doubts: list[list[int]]) -> li
     return looked
 
 
-def test_limbs_are_looked_for_first_where_the_least_is_explained(monkeypatch: pytest.MonkeyPatch, told: Told) -> None:
+def test_the_performer_who_is_explained_least_is_searched_first(monkeypatch: pytest.MonkeyPatch, told: Told) -> None:
     shares = [np.array([1.0, 0.7, np.nan]), np.array([1.0, 0.4, 0.9])]
     monkeypatch.setattr(solution_doubts, "explained_share", lambda _problem, _solution, i: shares[i])
     assert searched_for(monkeypatch, [[0, 1], [0]]) == [1, 0]
 
 
-def test_who_is_no_longer_doubted_once_the_limbs_of_others_are_found_is_not_searched_for(
+def test_a_performer_no_longer_doubtful_once_others_are_found_is_not_searched_for(
     monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
     monkeypatch.setattr(solution_doubts, "explained_share", lambda *_: np.ones(FRAMES))
@@ -455,7 +455,7 @@ def test_the_motion_of_a_performer_whom_others_hide_is_not_followed(
 
 
 @pytest.mark.parametrize("gain", [0.0, 100.0])
-def test_where_only_foreground_beside_a_performer_speaks_against_it_one_look_must_explain_that(
+def test_if_only_uncovered_foreground_is_left_one_round_of_search_must_explain_it(
     monkeypatch: pytest.MonkeyPatch, told: Told, gain: float
 ) -> None:
     """It may be the bare arm of a bystander."""

@@ -156,7 +156,7 @@ def test_a_plant_is_as_long_as_it_seems_before_the_refinement() -> None:
     assert steps[0] > 0.004 and steps[1] < 0.001
 
 
-def test_what_is_held_is_told_and_creeping_feet_are_not() -> None:
+def test_held_plants_are_returned_and_creeping_feet_are_not() -> None:
     found = [rested(tracked(WALK, seed)) for seed in range(6)]
     assert np.mean([stands.planted[0] == planted(WALK) for stands in found]) > 0.9
     for stands in found:

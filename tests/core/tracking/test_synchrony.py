@@ -66,7 +66,7 @@ def test_what_key_poses_out_of_step_would_cost_is_saved(
     assert known < 1.1 * in_step + 2
 
 
-def test_a_shot_of_one_stretch_is_brought_into_step_too(shots: dict[int, Shot]) -> None:
+def test_the_offset_of_a_shot_with_one_segment_is_found_too(shots: dict[int, Shot]) -> None:
     ends = replace(shots[2], performers=tuple(only_ends(p) for p in shots[2].performers))
     result = track(ends)
     assert result.footage_offset > 0.3

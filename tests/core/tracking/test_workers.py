@@ -137,7 +137,7 @@ def test_a_correction_solves_the_two_segments_beside_it_and_decodes_nothing(
 
 
 @pytest.mark.parametrize(("keys", "threads"), [((0, 20, 39, 59), None), ((10, 30), 2), ((0, 59), 4), ((20, 39), 1)])
-def test_a_shot_file_tells_how_many_workers_its_shot_has(
+def test_the_number_of_workers_follows_from_the_shot_file(
     keys: tuple[int, ...], threads: int | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tracker, "worker_count", lambda given=None: given or 8)
@@ -151,7 +151,7 @@ def test_a_shot_file_tells_how_many_workers_its_shot_has(
 
 
 @pytest.mark.parametrize("known", [False, True])
-def test_footage_is_looked_at_once(known: bool, filmed: Shot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_footage_is_checked_once(known: bool, filmed: Shot, monkeypatch: pytest.MonkeyPatch) -> None:
     checked: list[View] = []
     monkeypatch.setattr(tracker, "check_view", lambda view, *_: checked.append(view))
     with tracker._footage_checked(filmed, RunContext(footage_checked=known)):
@@ -173,7 +173,7 @@ def test_the_rate_of_footage_that_has_not_changed_is_not_looked_up_again(
     assert len(asked) == 2
 
 
-def test_frames_of_footage_that_has_changed_are_decoded_anew(filmed: Shot, tmp_path: Path) -> None:
+def test_frames_of_footage_that_has_changed_are_decoded_again(filmed: Shot, tmp_path: Path) -> None:
     file = tmp_path / filmed.views[0].footage.name
     shutil.copytree(filmed.views[0].footage.parent, tmp_path, dirs_exist_ok=True)
     view = replace(filmed.views[0], footage=file)
@@ -208,7 +208,7 @@ def test_after_a_correction_solving_begins_with_the_motion_that_there_is(filmed:
     np.testing.assert_array_equal(warm.motions[0].rotations[[0, 4, 8]], keys.poses.rotations[:3])
 
 
-def test_where_the_footage_offset_is_to_be_measured_tracking_begins_anew(filmed: Shot) -> None:
+def test_if_the_footage_offset_is_to_be_measured_tracking_ignores_the_earlier_motion(filmed: Shot) -> None:
     excerpt = Excerpt(0, 8, (None, (TRUTH[[9]],)))
     [cold] = track_excerpts(filmed, [excerpt])
     [again] = track_excerpts(filmed, [replace(excerpt, earlier=(TRUTH[:9],))])
