@@ -9,6 +9,7 @@ import numpy as np
 
 from ..body.skeleton_motion import RestSkeleton
 from ..numerics.arrays import Array
+from .bone_words import read_name
 from .skeleton_tree import SkeletonTree
 
 _SYMMETRY = 0.03  # of the height: largest distance of a bone's partner from its mirror image
@@ -177,7 +178,8 @@ def _trunk(rest: RestSkeleton, leg: int, arm: int) -> dict[str, tuple[str, ...]]
         if len(below) > 1 or not straight:
             break
         neck.append(below[0])
-    if len(neck) > 1 and np.isnan(rest.tails[neck[-1], 2]):
+    last = neck[-1]
+    if len(neck) > 1 and (np.isnan(rest.tails[last, 2]) or read_name(rest.names[last]).kind == "helper"):
         neck.pop()  # a joint that only marks the end of the head
     found["head"] = (rest.names[neck[-1]],)
     if len(neck) > 1:

@@ -11,12 +11,21 @@ _SIDES = {
     **dict.fromkeys(("l", "left", "lf", "lft", "lt", "左"), "L"),
     **dict.fromkeys(("r", "right", "rt", "rgt", "rg", "右"), "R"),
 }
-_MADE = re.compile(r"^(bip|valve|biped|j|b|m|cc|base|bn|bone|joint|jnt|jt|bind|skin|sk|x|character|valvebiped|mstr)$")
+_MADE = re.compile(
+    r"^(bip|valve|biped|j|b|m|cc|base|bn|bone|joint|jnt|jt|sh|bind|skin|sk|x|character|valvebiped"
+    r"|mstr)$"
+)
 _NUMBERED = re.compile(r"^(bip|biped|character)$")
-_TURNED = frozenset(["fk"])
-_HANDLES = frozenset(["c", "ctrl", "ctl", "control", "con"])
-_SKINNED = frozenset(["def", "deform"])
-_ORIGINALS = frozenset(["org"])
+_KINDS = {
+    "fk": "fk",
+    **dict.fromkeys(("c", "ctrl", "ctl", "control", "con"), "control"),
+    **dict.fromkeys(("def", "deform"), "def"),
+    "org": "org",
+}
+_CERTAIN = frozenset(["fk", "helper"])
+"""Kinds that count whatever else the name tells."""
+_CENTRE = "C"
+"""Begins the names of bones in the middle where those of the sides begin with L and R."""
 _HELPERS = re.compile(
     r"^(ik|ikhandle|mch|tgt|target|pole|tweak|twist\d*|twk|roll|share|corrective|cor|helper|helpers|volume|jiggle|spring"
     r"|nub|end|tip|eff|effector|sec|adj|metacarpals?|carpals?|metatarsals?|vis|driver|offset|stretch|scale|parent|prop"
@@ -86,7 +95,7 @@ class BoneName:
 
 def read_name(name: str) -> BoneName:
     """Read a bone's name, whatever the rig's conventions."""
-    tokens, side, kind = _tokens(name), "", ""
+    tokens, side, kind, central = _tokens(name), "", "", False
     kept: list[str] = []
     for before, token in zip(["", *tokens], tokens, strict=False):
         small = token.lower()
@@ -94,18 +103,14 @@ def read_name(name: str) -> BoneName:
             continue
         if small in _SIDES and not side:
             side = _SIDES[small]
-        elif small in _SKINNED:
-            kind = kind or "def"
-        elif small in _ORIGINALS:
-            kind = kind or "org"
-        elif small in _TURNED:
-            kind = "fk"
-        elif small in _HANDLES:
-            kind = kind or "control"
-        elif _HELPERS.match(small):
-            kind = "helper"
+        elif token == _CENTRE and not before:
+            central = True
+        elif of := _kind_of(small):
+            kind = of if of in _CERTAIN else kind or of
         elif not (_MADE.match(small) and len(tokens) > 1):
             kept.append(small)
+    if central and side:  # no centre, but the controls of a side
+        kind = kind or "control"
     word = "".join(kept)
     part = _part_of(word)
     if not part and (bare := _BENT.sub("", word)) != word:
@@ -116,6 +121,11 @@ def read_name(name: str) -> BoneName:
         kind = ""  # some rigs call the neck's own bones twist bones
     found = re.search(r"\d+$", word)
     return BoneName(side, part, kind, found.group() if found else "")
+
+
+def _kind_of(word: str) -> str:
+    """The kind of bone that a word in a name tells, see `BoneName`; nothing where it tells none."""
+    return "helper" if _HELPERS.match(word) else _KINDS.get(word, "")
 
 
 def _tokens(name: str) -> list[str]:

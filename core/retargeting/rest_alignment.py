@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..body.skeleton_motion import RestSkeleton
+from ..errors import BodyError
 from ..numerics.arrays import Array
 from .roles import FINGERS, PARENTS, SIDES, BoneMap, parent_role
 
@@ -64,14 +65,25 @@ def alignments(
 def facing(rest: RestSkeleton, bones: BoneMap) -> Array:
     """Return the rotation about the vertical (3, 3) from facing -Y, with left at +X, to the direction a skeleton
     faces.
+
+    Raises
+    ------
+    BodyError
+        Its left limbs are not beside its right ones; names the bones.
     """
     for limb in ("thigh", "upper_arm"):  # preferably from the hips, as shoulders may be posed
         left, right = (rest.heads[rest.indices(bones.bones[f"{limb}.{side}"])[0]] for side in SIDES)
         across = (left - right) * [1.0, 1.0, 0.0]
-        if np.linalg.norm(across) > 1e-6 * np.ptp(rest.heads):
-            break
-    x = across / max(float(np.linalg.norm(across)), 1e-12)
-    return np.stack([x, np.cross(_UP, x), _UP], axis=1)
+        width = float(np.linalg.norm(across))
+        if width > 1e-6 * np.ptp(rest.heads):
+            x = across / width
+            return np.stack([x, np.cross(_UP, x), _UP], axis=1)
+    names = [bones.bones[f"{limb}.{side}"][0] for limb in ("thigh", "upper_arm") for side in SIDES]
+    raise BodyError(
+        "left is not beside right at rest",
+        where=f"bones {', '.join(names)}",
+        todo="correct the bone map or the skeleton",
+    )
 
 
 def direction(rest: RestSkeleton, bones: BoneMap, role: str) -> Array:

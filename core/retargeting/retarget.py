@@ -71,11 +71,11 @@ def prepared(source: SkeletonMotion, of_source: BoneMap | None = None) -> tuple[
     if of_source is None:
         of_source = match_bones(source.rest, where=source.name)
     of_source.checked(source.rest.names, source.name)
-    source = source.rotated(_upright(source.rest, of_source))
+    source = source.rotated(upright_turn(source.rest, of_source))
     return replace(source, rest=grounded(source.rest, of_source)), of_source
 
 
-def _upright(rest: RestSkeleton, bones: BoneMap) -> Array:
+def upright_turn(rest: RestSkeleton, bones: BoneMap) -> Array:
     """Return the rotation (3, 3) by multiples of 90 degrees that makes the direction from knees to shoulders point
     up.
     """

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
 import bpy
@@ -18,7 +19,7 @@ from mathutils import Matrix, Quaternion
 from ...core.body.skeleton_motion import RestSkeleton
 from ...core.errors import BodyError
 from ...core.numerics import rotations
-from ...core.numerics.arrays import Array, Bools, Ints
+from ...core.numerics.arrays import Array, Bools
 from ...core.retargeting.control_rig import ControlRig
 from ...core.retargeting.retarget import grounded
 from ...core.retargeting.roles import BoneMap
@@ -34,8 +35,9 @@ _HOLDS = (
     "TRACK_TO",
     "STRETCH_TO",
     "LIMIT_ROTATION",
+    "LIMIT_LOCATION",
 )
-"""Kinds of constraints that set or clip the rotation of the bones that they act on."""
+"""Kinds of constraints that set the rotation of the bones that they act on, or clip their rotation or their way."""
 _RIGID = 1e-3
 """Radians, and lengths of the rig, within which two bones move as one."""
 
@@ -85,6 +87,8 @@ def rest_orientations(armature: bpy.types.Object, names: Sequence[str]) -> Array
 def at_rest(armature: bpy.types.Object, controls: Sequence[str]) -> Iterator[None]:
     """Take an armature's animation away and its controls to their rest pose while the block runs."""
     data = armature.animation_data
+    if data and data.use_tweak_mode:
+        data.use_tweak_mode = False  # while a strip is edited, the action cannot be taken away
     before = (data.action, data.action_slot, data.use_nla) if data else None
     poses = {name: _channels(armature.pose.bones[name]) for name in controls}
     update()
@@ -109,19 +113,29 @@ def at_rest(armature: bpy.types.Object, controls: Sequence[str]) -> Iterator[Non
 
 @contextmanager
 def evaluated(armature: bpy.types.Object) -> Iterator[None]:
-    """Have Blender evaluate an armature while the block runs: it does not in excluded collections, nor when hidden."""
-    hidden = armature.hide_viewport
+    """Have Blender evaluate an armature's poses while the block runs: it does not in excluded collections, nor when it
+    is hidden, or shown in its rest position.
+    """
+    hidden, position = armature.hide_viewport, armature.data.pose_position
     home = bpy.context.scene.collection.objects
     away = armature.name not in bpy.context.view_layer.objects
     if away:
         home.link(armature)
-    armature.hide_viewport = False
+    armature.hide_viewport, armature.data.pose_position = False, "POSE"
     try:
         yield
     finally:
-        armature.hide_viewport = hidden
+        armature.hide_viewport, armature.data.pose_position = hidden, position
         if away:
             home.unlink(armature)
+
+
+def leave_rest_position(armature: bpy.types.Object) -> tuple[str, ...]:
+    """Have an armature show its poses; returns what to tell where it has shown its rest position."""
+    if armature.data.pose_position == "POSE":
+        return ()
+    armature.data.pose_position = "POSE"
+    return (f"armature {armature.name}: it was shown in its rest position, and shows its poses now",)
 
 
 def _channels(bone: bpy.types.PoseBone) -> dict[str, tuple[float, ...]]:
@@ -175,12 +189,11 @@ def read_rig(armature: bpy.types.Object, bones: BoneMap, resting_toes: frozenset
             goes_with[b, k] = np.linalg.norm(moved[k][b][:3, 3] - goal) < _RIGID * size
             if angle > _RIGID and not turns_with[b, k]:
                 unsteady.append(names[b])
-    depth = turns_with.sum(axis=1) + goes_with.sum(axis=1)
     for b in range(B):
-        turn_parents.append(_nearest(turns_with[b], depth))
-        place_parents.append(_nearest(goes_with[b], depth))
-    order = sorted(range(B), key=lambda b: int(depth[b]))
-    place = {b: i for i, b in enumerate([*order])} | {-1: -1}
+        turn_parents.append(_nearest(turns_with[b], turns_with))
+        place_parents.append(_nearest(goes_with[b], goes_with))
+    order = _parents_first(names, turn_parents, place_parents)
+    place = {b: i for i, b in enumerate(order)} | {-1: -1}
     tails = np.array([armature.data.bones[name].length for name in names])[:, None] * rest[:, :3, 1] + rest[:, :3, 3]
     heads = rest[:, :3, 3] @ matrix[:3, :3].T + matrix[:3, 3]
     tails = tails @ matrix[:3, :3].T + matrix[:3, 3]
@@ -234,10 +247,25 @@ def moved_matrices(armature: bpy.types.Object, name: str, names: Sequence[str], 
     return found
 
 
-def _nearest(follows: Bools, depth: Ints) -> int:
-    """The control that a bone follows which itself follows most others; -1 where it follows none."""
-    above = np.flatnonzero(follows)
-    return int(above[np.argmax(depth[above])]) if len(above) else -1
+def _nearest(above: Bools, follows: Bools) -> int:
+    """Of the controls that a bone follows (B,) the one that follows most of the others (B, B); -1 where there is none.
+
+    Only these others count: a control that does not inherit rotation goes with controls that do not turn it.
+    """
+    found = np.flatnonzero(above)
+    return int(found[np.argmax(follows[np.ix_(found, found)].sum(axis=1))]) if len(found) else -1
+
+
+def _parents_first(names: Sequence[str], *parents: Sequence[int]) -> list[int]:
+    """Controls in an order in which each comes after all that it follows, given what it follows (B,) in each way."""
+    above = {b: sorted({p for p in each if p >= 0}) for b, each in enumerate(zip(*parents, strict=True))}
+    try:
+        return list(TopologicalSorter(above).static_order())
+    except CycleError as error:
+        circle = ", ".join(names[b] for b in error.args[1][1:])
+        raise BodyError(
+            "controls follow one another in a circle", where=f"bones {circle}", todo="mute what makes one follow"
+        ) from error
 
 
 @contextmanager

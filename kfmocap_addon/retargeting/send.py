@@ -16,7 +16,7 @@ from ...core.numerics.arrays import Array, Bools
 from ...core.retargeting.bone_matching import described, match_bones, preset_of
 from ...core.retargeting.control_rig import ControlRig, RigPoses, local_places, local_turns
 from ...core.retargeting.rest_alignment import feet_point_back
-from ...core.retargeting.retarget import Retargeted, limb_changes, plant_intervals, prepared, retarget
+from ...core.retargeting.retarget import Retargeted, limb_changes, plant_intervals, prepared, retarget, upright_turn
 from ...core.retargeting.roles import SIDES, BoneMap
 from ...core.retargeting.transfer import RetargetOptions
 from ..scene_io import fcurves
@@ -25,7 +25,7 @@ from .ik_controls import ik_channels, ik_roles
 from .live import LiveSource, follow, refuse_inverse_kinematics, remember, stop_following
 from .rig_curves import ControlChannel, CurveOptions, rotation_channel, write_channels
 from .rig_error import measured_errors, world_matrices
-from .rig_reading import at_rest, read_rig, rest_skeleton, with_settings, without_holds
+from .rig_reading import at_rest, leave_rest_position, read_rig, rest_skeleton, with_settings, without_holds
 
 _SAMPLE = 60  # frames on which the remaining error is measured
 
@@ -130,6 +130,8 @@ def send_to_rig(
         The source or the armature is no human's, or cannot do what is asked for; names the bone.
     """
     started = time.perf_counter()
+    if armature.mode == "EDIT":
+        raise BodyError("it is in edit mode", where=f"armature {armature.name}", todo="leave it first (Tab)")
     upright, of_source = prepared(source, options.source_bones)
     bones = options.bones or target_bones(armature, options.preset)
     bones.checked([bone.name for bone in armature.data.bones], f"armature {armature.name}")
@@ -141,6 +143,7 @@ def send_to_rig(
     stop_following(armature)
     sent = _on_controls(armature, bones, (upright, of_source), asked, options.planted)
     frames = frame_start + np.arange(len(upright))
+    shown_at_rest = leave_rest_position(armature)
     if options.live is not None:
         link = (upright, of_source, options.live)
         follow(scene, armature, sent.rig, link, placement=sent.result.placement, root=asked.root)
@@ -168,7 +171,12 @@ def send_to_rig(
         "error": errors,
         "keys": keys,
         "frames": [int(frames[0]), int(frames[-1])],
-        "warnings": [*_exchanged_sides(sent.rig), *without_influence, *_warnings(sent.unsteady, errors)],
+        "warnings": [
+            *shown_at_rest,
+            *_standing_wrongly(armature, sent.rig),
+            *without_influence,
+            *_warnings(sent.unsteady, errors),
+        ],
         "seconds": round(time.perf_counter() - started, 3),
     }
 
@@ -323,13 +331,20 @@ def _report(
     }
 
 
-def _exchanged_sides(rig: ControlRig) -> list[str]:
-    if not feet_point_back(rig.rest, rig.bones):
-        return []
-    return [
-        "the feet point backward: if left and right are named as seen from the front, exchange them in the list of "
-        "Find Bones, or in a bone map"
-    ]
+def _standing_wrongly(armature: bpy.types.Object, rig: ControlRig) -> list[str]:
+    """What the rest pose of a rig shows: that it lies, or that its sides are exchanged."""
+    found = []
+    if not np.array_equal(upright_turn(rig.rest, rig.bones), np.eye(3)):
+        found.append(
+            f"armature {armature.name}: it does not stand upright at rest, so its size and its feet are not exact: "
+            "turn it upright, and apply its rotation (Ctrl A)"
+        )
+    if feet_point_back(rig.rest, rig.bones):
+        found.append(
+            "the feet point backward: if left and right are named as seen from the front, exchange them in the list of "
+            "Find Bones, or in a bone map"
+        )
+    return found
 
 
 def _warnings(unsteady: tuple[str, ...], errors: Mapping[str, Mapping[str, float]]) -> list[str]:

@@ -14,7 +14,7 @@ from ..scene_io.followed_bones import following
 from . import fk_controls
 from .fk_controls import FkControls
 from .overrides import editable
-from .rig_reading import at_rest, moved_matrices, rest_matrices, with_settings
+from .rig_reading import at_rest, leave_rest_position, moved_matrices, rest_matrices, with_settings
 from .send import target_bones
 
 _PART_ROLES = ("hips", "spine", "neck", "head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")
@@ -43,6 +43,12 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
     """
     armature = editable(armature, current)
     _refuse_moving_object(armature)
+    taken, remarks = _taken(current, armature)
+    return taken, (*leave_rest_position(taken), *remarks)
+
+
+def _taken(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.types.Object, tuple[str, ...]]:
+    """Make an armature that can be edited a performer; see `use_as_body`."""
     if skinned_parts.carries_its_parts(armature):
         return performers.take_armature(current, armature), _remarks(armature)
     collection = scene.ensure_collection(current, "Performers")

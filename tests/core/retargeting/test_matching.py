@@ -15,6 +15,7 @@ from kfmocap.core.retargeting.bone_matching import match_bones
 from kfmocap.core.retargeting.bone_names import roles_by_name
 from kfmocap.core.retargeting.bone_places import roles_by_place
 from kfmocap.core.retargeting.bone_presets import PRESETS
+from kfmocap.core.retargeting.bone_words import read_name
 from kfmocap.core.retargeting.rest_alignment import feet_point_back
 from kfmocap.core.retargeting.roles import CHAINS, FINGERS, BoneMap
 from made_rigs import made_rig
@@ -144,6 +145,34 @@ def test_bones_without_telling_names_are_found_by_their_places(turn, droop):
             assert tuple(meant[name] for name in bones) == rig.bones.bones[role], role
     limbs = {f"{limb}.{side}" for limb in ("thigh", "shin", "foot", "upper_arm", "forearm", "hand") for side in "LR"}
     assert limbs | {"hips", "head"} <= set(found)
+
+
+def test_a_bone_that_marks_the_end_of_the_head_is_not_the_head_where_places_decide():
+    rig = made_rig("mixamo", BODY)
+    names = (*(f"b{k}" for k in range(len(rig.rest.names))), "b_end")
+    head = rig.index("head")
+    top = rig.rest.tails[head]
+    rest = RestSkeleton(
+        names,
+        (*rig.rest.parents, head),
+        np.vstack([rig.rest.heads, top]),
+        np.vstack([rig.rest.tails, top + [0, 0, 0.05]]),
+    )
+    assert roles_by_place(rest)["head"] == (names[head],)
+
+
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [
+        ("C_head_SHJnt", ("", "head", "")),
+        ("C_hand_L", ("L", "hand", "control")),
+        ("c_head.x", ("", "head", "control")),
+        ("L_arm_upper_SHJnt", ("L", "upper_arm", "")),
+    ],
+)
+def test_a_capital_c_is_the_middle_and_a_small_one_a_control(name, read):
+    found = read_name(name)
+    assert (found.side, found.part, found.kind) == read
 
 
 def test_a_bone_map_comes_back_from_its_file(tmp_path):

@@ -159,6 +159,12 @@ def test_in_place_the_hips_stay_where_they_were(walking, other):
     assert np.ptp(hips[:, :2], axis=0).max() < 1e-9
 
 
+def test_a_skeleton_without_width_is_refused_by_its_bones(walking, other):
+    flat = replace(other, rest=replace(other.rest, heads=other.rest.heads * [0.0, 1.0, 1.0]))
+    with pytest.raises(BodyError, match=r"LeftUpLeg.*RightArm: left is not beside right at rest"):
+        retarget(*walking, flat)
+
+
 def test_a_missing_root_bone_is_said(walking, other):
     with pytest.raises(BodyError, match="no root bone"):
         retarget(*walking, other, RetargetOptions(root="root-bone"))

@@ -1,0 +1,199 @@
+"""Characters as riggers and animators leave them: motion is sent, and limbs point where the performer's do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from addon_shots import blender  # noqa: E402, F401
+from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
+from kfmocap.core.errors import BodyError  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
+from mathutils import Matrix  # noqa: E402
+from odd_characters import BODY, add_bones, skinned_human  # noqa: E402
+from synthetic import swing  # noqa: E402
+
+pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
+
+FRAMES = 8
+WAYS = [
+    *(
+        (f"{upper}.{side}", f"{lower}.{side}")
+        for side in "LR"
+        for upper, lower in (("thigh", "shin"), ("shin", "foot"), ("upper_arm", "forearm"), ("forearm", "hand"))
+    ),
+    ("thigh.L", "thigh.R"),
+    ("upper_arm.L", "upper_arm.R"),
+]
+"""Pairs of joints: limbs, hips and shoulders."""
+
+
+def sent(armature):
+    """Send any poses to a character; returns the report."""
+    return send_to_rig(bpy.context.scene, motion(), armature, 1)
+
+
+def motion():
+    return motion_of_body(BODY, swing(BODY, FRAMES, 0.3), "man", 30.0)
+
+
+def shown(armature):
+    """Orientations (F, B, 3, 3) and heads (F, B, 3) of the bones of the body as Blender shows them."""
+    turns, heads = [], []
+    for frame in range(1, FRAMES + 1):
+        bpy.context.scene.frame_set(frame)
+        posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        matrices = [np.array(posed.matrix_world @ posed.pose.bones[name].matrix) for name in BODY.names]
+        turns.append([matrix[:3, :3] for matrix in matrices])
+        heads.append([matrix[:3, 3] for matrix in matrices])
+    return np.array(turns), np.array(heads)
+
+
+def worst_degrees(armature) -> float:
+    """How far limbs point elsewhere than the performer's, and hands, feet and head are turned, at most."""
+    given = motion()
+    own = given.positions[:, given.rest.indices(BODY.names)]
+    turns, heads = shown(armature)
+    a, b = ([BODY.index(pair[k]) for pair in WAYS] for k in (0, 1))
+    ways = [joints[:, b] - joints[:, a] for joints in (heads, own)]
+    unit = [way / np.linalg.norm(way, axis=-1, keepdims=True) for way in ways]
+    aside = np.arccos(np.clip(np.sum(unit[0] * unit[1], axis=-1), -1, 1)).max()
+    ends = [BODY.index(name) for name in ("head", "hand.L", "hand.R", "foot.L", "foot.R")]
+    wanted = given.turns[:, given.rest.indices(BODY.names)][:, ends]
+    rest = np.array([np.array(armature.data.bones[BODY.names[k]].matrix_local)[:3, :3] for k in ends])
+    apart = np.swapaxes(wanted @ rest, -1, -2) @ turns[:, ends]
+    turned = np.arccos(np.clip((np.trace(apart, axis1=-2, axis2=-1) - 1) / 2, -1, 1)).max()
+    return float(np.degrees(max(aside, turned)))
+
+
+def test_bones_that_do_not_inherit_rotation_are_turned_as_the_others():
+    armature = skinned_human()
+    for name in ("upper_arm.L", "upper_arm.R", "thigh.L", "head"):
+        armature.data.bones[name].use_inherit_rotation = False
+    report = sent(armature)
+    assert report["warnings"] == []
+    assert worst_degrees(armature) < 0.1
+
+
+def test_a_character_in_its_rest_position_shows_the_motion_with_a_word():
+    armature = skinned_human()
+    armature.data.pose_position = "REST"
+    report = sent(armature)
+    assert report["warnings"] == ["armature hero: it was shown in its rest position, and shows its poses now"]
+    assert worst_degrees(armature) < 0.1
+
+
+def test_a_body_in_its_rest_position_shows_key_poses_with_a_word():
+    armature = skinned_human()
+    armature.data.pose_position = "REST"
+    armature, remarks = use_as_body(bpy.context.scene, armature)
+    assert remarks == ("armature hero: it was shown in its rest position, and shows its poses now",)
+    assert armature.data.pose_position == "POSE"
+
+
+def test_an_error_leaves_the_rest_position():
+    armature = skinned_human()
+    armature.data.pose_position = "REST"
+    with pytest.raises(BodyError):
+        send_to_rig(bpy.context.scene, motion(), armature, 1, SendOptions(preset="mixamo"))
+    assert armature.data.pose_position == "REST"
+
+
+def with_a_strip(armature):
+    """Other motion in a track of the NLA."""
+    action = bpy.data.actions.new("old")
+    armature.animation_data_create().action = action
+    bone = armature.pose.bones["upper_arm.L"]
+    for frame, turn in ((1, (1, 0, 0, 0)), (20, (0.5, 0.5, 0.5, 0.5))):
+        bone.rotation_quaternion = turn
+        bone.keyframe_insert("rotation_quaternion", frame=frame)
+    track = armature.animation_data.nla_tracks.new()
+    track.strips.new("old", 1, action).blend_type = "COMBINE"
+    armature.animation_data.action = None
+    return track
+
+
+def solo(armature):
+    with_a_strip(armature).is_solo = True
+
+
+def edited(armature):
+    track = with_a_strip(armature)
+    track.select = track.strips[0].select = True
+    armature.animation_data.use_tweak_mode = True
+
+
+def mixed(armature):
+    with_a_strip(armature)
+    armature.animation_data.action_blend_type = "COMBINE"
+    armature.animation_data.action_influence = 0.5
+
+
+@pytest.mark.parametrize("state", [with_a_strip, solo, edited, mixed])
+def test_strips_of_the_nla_do_not_change_the_motion(state):
+    armature = skinned_human()
+    state(armature)
+    report = sent(armature)
+    assert report["warnings"] == []
+    assert worst_degrees(armature) < 0.1
+    assert [strip.action.name for track in armature.animation_data.nla_tracks for strip in track.strips] == ["old"]
+
+
+def test_a_limit_of_the_hips_way_is_taken_with_a_word():
+    armature = skinned_human()
+    limit = armature.pose.bones["pelvis"].constraints.new("LIMIT_LOCATION")
+    limit.use_min_x, limit.min_x, limit.owner_space = True, 1.0, "LOCAL"
+    report = sent(armature)
+    assert report["warnings"] == ["bone pelvis: its constraint 'Limit Location' has no influence in the new action"]
+    assert report["error"]["trunk"]["worst_mm"] < 0.1
+
+
+def test_a_character_that_lies_at_rest_is_named():
+    armature = skinned_human()
+    armature.data.transform(Matrix.Rotation(-np.pi / 2, 4, "X"))
+    [said] = sent(armature)["warnings"]
+    assert said.startswith("armature hero: it does not stand upright at rest")
+
+
+def test_a_character_in_edit_mode_is_refused_by_name():
+    armature = skinned_human()
+    bpy.context.view_layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    with pytest.raises(BodyError, match=r"armature hero: it is in edit mode \(leave it first"):
+        sent(armature)
+    bpy.ops.object.mode_set(mode="OBJECT")
+
+
+GAME = {
+    "pelvis": "C_pelvis_SHJnt",
+    "spine": "C_spine01_SHJnt",
+    "chest": "C_spine02_SHJnt",
+    "head": "C_head_SHJnt",
+    **{
+        f"{part}.{side}": f"{side}_{word}_SHJnt"
+        for side in "LR"
+        for part, word in (
+            ("upper_arm", "arm_upper"),
+            ("forearm", "arm_lower"),
+            ("hand", "hand"),
+            ("thigh", "leg_upper"),
+            ("shin", "leg_lower"),
+            ("foot", "foot"),
+        )
+    },
+}
+
+
+def test_leaf_bones_of_a_bought_character_play_no_role():
+    armature = skinned_human(GAME)
+    ends = ["head", "hand.L", "hand.R", "foot.L", "foot.R"]
+    tips = [BODY.parts[BODY.index(name)].tail_world for name in ends]
+    add_bones(
+        armature,
+        [(f"{GAME[name]}_end", GAME[name], tip, tip + [0, 0, 0.05]) for name, tip in zip(ends, tips, strict=True)],
+    )
+    found = sent(armature)["target"]["bones"]
+    assert {name: found[name] for name in ends} == {name: [GAME[name]] for name in ends}
