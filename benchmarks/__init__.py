@@ -1,1 +1,1 @@
-"""How far from the truth the tracker ends, and how long it takes."""
+"""Measurements of the tracker's errors and times, and studies of single parts."""

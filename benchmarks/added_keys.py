@@ -1,4 +1,4 @@
-"""Whether key poses that are added make other frames worse: `python -m kfmocap.benchmarks.added_keys --help`."""
+"""A study of whether added key poses make other frames worse: `python -m kfmocap.benchmarks.added_keys --help`."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from .review_study import real_errors
 from .tables import markdown
 
 MOST = 3
-"""Key poses that are added for a performer at most."""
+"""Largest number of key poses added for a performer."""
 KeysOfAll = tuple[tuple[int, ...], ...]
-"""Key frames of every performer, in the footage's count."""
+"""Key frames of every performer, as frame numbers of the footage."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Track a shot with its key poses, and with others added at random; print how the errors of all else change."""
+    """Track a shot with its key poses, and with random ones added; print how the errors of all other frames change."""
     parser = argparse.ArgumentParser(prog="python -m kfmocap.benchmarks.added_keys", description=__doc__)
     parser.add_argument("shot", type=Path, help="shot file whose performers have landmarks, the truth, on all frames")
     parser.add_argument("--count", type=int, default=12, metavar="N", help="so many times; default: 12")
@@ -49,7 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def given_keys(spec: ShotSpec) -> KeysOfAll:
-    """The key frames that a shot file lists.
+    """Return the key frames that a shot file lists.
 
     Raises
     ------
@@ -64,16 +64,16 @@ def given_keys(spec: ShotSpec) -> KeysOfAll:
 
 
 def additions(keys: KeysOfAll, frames: tuple[int, int], count: int, seed: int) -> list[KeysOfAll]:
-    """Draw key frames that are added for some performers, together with those that there are.
+    """Return sets of key frames, in each of which random ones are added for some performers.
 
     Parameters
     ----------
     keys : tuple of tuple of int
-        Of every performer.
+        Key frames of every performer.
     frames : tuple of int
         First and last frame of the shot.
     count : int
-        How many times.
+        Number of sets.
     seed : int
     """
     rng = np.random.default_rng(seed)
@@ -91,7 +91,7 @@ def additions(keys: KeysOfAll, frames: tuple[int, int], count: int, seed: int) -
 
 
 def errors_with(spec: ShotSpec, keys: KeysOfAll) -> list[Array]:
-    """Mean error of every performer's joints on every frame (F,), millimetres, with these key frames."""
+    """Return the mean error of every performer's joints on every frame (F,), millimetres, with these key frames."""
     performers = tuple(replace(p, keyframes=own) for p, own in zip(spec.performers, keys, strict=True))
     shot = prepare_shot(replace(spec, performers=performers))
     result = track(shot)

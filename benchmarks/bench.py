@@ -1,4 +1,4 @@
-"""`kfmocap bench`: measure every case in a process of its own and print what came out as tables."""
+"""`kfmocap bench`: measure every case in its own process and print the results as tables."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def run(request: BenchmarkRequest) -> int:
     Returns
     -------
     int
-        0 when every case that could be measured was. Footage that cannot be downloaded is reported and left out.
+        0 if all cases succeeded, apart from those whose footage cannot be downloaded: these are reported and left out.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def _run_speed(request: BenchmarkRequest) -> int:
 
 
 def known_example(shot: str | None) -> str | None:
-    """The name of an example that is measured, or None for all.
+    """Return the name of an example that is measured, or None for all.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def known_example(shot: str | None) -> str | None:
 
 
 def changed_settings(texts: Sequence[str]) -> tuple[tuple[str, Any], ...]:
-    """Names and values of settings, each written "name=value" with the value as in a shot file.
+    """Return names and values of settings, from texts "name=value" with the value as in a shot file.
 
     Raises
     ------
@@ -134,14 +134,14 @@ def changed_settings(texts: Sequence[str]) -> tuple[tuple[str, Any], ...]:
 
 
 def _judging(shots: Sequence[JudgedShot], changed: tuple[tuple[str, Any], ...], quick: bool) -> list[tuple[Case, Path]]:
-    """Cases of the shots with their folders; each once more with the changed settings, if there are any."""
+    """Return the cases of the shots with their folders; each a second time with the changed settings, if any."""
     plain = [(case, shot.folder) for shot in shots for case in shot.cases(quick)]
     again = [(replace(case, settings=changed), folder) for case, folder in plain]
     return plain if not changed else [pair for both in zip(plain, again, strict=True) for pair in both]
 
 
 def write(out_dir: Path, text: str, results: Sequence[tables.Result]) -> None:
-    """Write bench.md and, with what it was measured on, bench.json."""
+    """Write bench.md and bench.json, which also describes the machine."""
     versions = {name: metadata.version(name) for name in _LIBRARIES}
     document = {"machine": machine(), "versions": versions, "cases": results}
     with staged(out_dir) as stage:
@@ -150,7 +150,7 @@ def write(out_dir: Path, text: str, results: Sequence[tables.Result]) -> None:
 
 
 def measured(wanted: Iterable[tuple[Case, Path]], repeat: int) -> list[tables.Result]:
-    """Measure cases, each with its shot's folder, one after the other, with a line about each on standard error."""
+    """Measure cases, given with their shots' folders, and print a line on each to standard error."""
     results: list[tables.Result] = []
     for case, folder in wanted:
         _say(f"case {len(results) + 1}: {_title(case)} ...")
@@ -160,7 +160,7 @@ def measured(wanted: Iterable[tuple[Case, Path]], repeat: int) -> list[tables.Re
 
 
 def _with_footage(wanted: Sequence[Case]) -> Iterator[tuple[Case, Path]]:
-    """Cases with the folder of their shot; those without footage are left out, and that is said."""
+    """Generate cases with the folder of their shot; those without footage are left out, with a message."""
     folders: dict[str, Path | None] = {}
     for case in wanted:
         name = case.row.shot
@@ -175,7 +175,7 @@ def _with_footage(wanted: Sequence[Case]) -> Iterator[tuple[Case, Path]]:
 
 
 def _repeated(case: Case, folder: Path, repeat: int) -> dict[str, Any]:
-    """What a case measured, its times and memory as medians over runs; or its error."""
+    """Return the measurements of a case, with medians of time and memory over several runs; or its error."""
     runs = [measured_alone(case, folder) for _ in range(repeat)]
     failed = [run for run in runs if "error" in run]
     if failed:
@@ -186,7 +186,7 @@ def _repeated(case: Case, folder: Path, repeat: int) -> dict[str, Any]:
 
 
 def measured_alone(case: Case, folder: Path) -> dict[str, Any]:
-    """Measure a case in a process of its own, so that its memory and times are nobody else's."""
+    """Measure a case in a separate process, so that its memory and times are its own."""
     command = [sys.executable, "-m", f"{__package__}.case", json.dumps(case.as_json()), str(folder)]
     threads = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
     process = subprocess.run(command, env=os.environ | threads, capture_output=True, text=True, check=False)
@@ -196,7 +196,7 @@ def measured_alone(case: Case, folder: Path) -> dict[str, Any]:
 
 
 def summary(results: Sequence[tables.Result]) -> str:
-    """All tables, each under a line that says what it is."""
+    """Return all tables, each with a heading line."""
     parts = [f"Measured with {machine()}.", _ERRORS, tables.errors(results), _TIMES, tables.times(results)]
     if any(result["sweeps"] is not None for result in results):
         parts += [_CONVERGENCE, tables.convergence(results)]
@@ -204,7 +204,7 @@ def summary(results: Sequence[tables.Result]) -> str:
 
 
 def summary_of_shots(results: Sequence[tables.Result], halves: Mapping[str, str]) -> str:
-    """The tables of the set of shots: every row, then both halves."""
+    """Return the tables of the set of shots: every row, then both halves."""
     parts = [
         f"Measured with {machine()}.",
         _SHOTS,
@@ -216,7 +216,7 @@ def summary_of_shots(results: Sequence[tables.Result], halves: Mapping[str, str]
 
 
 def machine() -> str:
-    """What the times depend on."""
+    """Return a description of the machine."""
     return f"{os.cpu_count()} cores, {platform.system()} {platform.machine()}, Python {platform.python_version()}"
 
 

@@ -1,4 +1,4 @@
-"""What an animator would have without the tracker: Blender's own curves through the key poses."""
+"""The baseline without the tracker: Blender's own curves through the key poses."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from ..kfmocap_addon.scene_io import (
 
 
 def interpolated(performer: Performer, length: int) -> Motion:
-    """The key poses as Bezier keys with auto-clamped handles, Blender's default, evaluated on every frame.
+    """Return the key poses interpolated by Blender's default curves: Bezier keys with auto-clamped handles.
 
-    It closes the open file.
+    Blender's open file is closed.
     """
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     armature = body_armature.build_armature(performer.body, performer.name, bpy.context.scene.collection)

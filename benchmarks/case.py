@@ -1,4 +1,4 @@
-"""One case, measured in a process of its own: `python -m kfmocap.benchmarks.case CASE FOLDER` prints JSON."""
+"""Measuring one case in its own process: `python -m kfmocap.benchmarks.case CASE FOLDER` prints JSON."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ class Reference:
         return motion_error(self.performer.body, motion, self.landmarks, self.performer.key_poses.full().tolist())
 
     def cover(self, motion: Motion, interval: NDArray[np.float64]) -> float:
-        """Share of the joints within the 90 % interval of their expected error."""
+        """Return the fraction of the joints within the 90 % interval of their expected error."""
         keys = self.performer.key_poses.full().tolist()
         return interval_cover(self.performer.body, motion, interval, self.landmarks, keys)
 
 
 class Watch:
-    """Motions on the way to a solution, as `track` shows them."""
+    """Collects the motions before each iteration, as the `observe` callback of `track`."""
 
     def __init__(self) -> None:
         self.seen: dict[Segment, list[Motion]] = {}
@@ -50,12 +50,12 @@ class Watch:
         self.seen.setdefault(segment, []).append(motions[0])
 
     def way(self, end: Motion) -> list[Motion]:
-        """Give the whole motion before each iteration and after the last; finished segments wait for the others."""
+        """Return the whole motion before each iteration and after the last, with all segments iterated in parallel."""
         steps = max(len(motions) for motions in self.seen.values())
         return [self._at(step, end) for step in range(steps)] + [end]
 
     def before_last(self, end: Motion) -> Motion:
-        """Give the whole motion with every segment as it was when last seen."""
+        """Return the whole motion with every segment as it was before its last iteration."""
         return self._at(-1, end)
 
     def _at(self, step: int, end: Motion) -> Motion:
@@ -96,7 +96,7 @@ def measure(case: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _blender_error(shot: Shot, reference: Reference) -> float | None:
-    """Error of what Blender itself makes of the key poses; None without its module, or without key poses."""
+    """Return the error of Blender's own curves through the key poses; None without its module or without key poses."""
     if not len(reference.performer.key_poses.full()):
         return None
     try:
@@ -107,7 +107,7 @@ def _blender_error(shot: Shot, reference: Reference) -> float | None:
 
 
 def peak_memory() -> int | None:
-    """Largest resident size of this process so far, bytes; None where the system does not tell."""
+    """Return the largest resident size of this process so far, bytes; None on systems that do not report it."""
     try:
         import resource
     except ImportError:  # Windows

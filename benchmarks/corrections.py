@@ -1,4 +1,4 @@
-"""`kfmocap bench --speed`: what tracking again costs once a key pose was corrected, where footage is kept."""
+"""`kfmocap bench --speed`: the time of tracking again after a key pose was corrected, with the footage in the cache."""
 
 from __future__ import annotations
 
@@ -22,20 +22,21 @@ from ..core.tracking.run_context import RunContext
 from .tables import markdown
 
 MOVED, TURNED = 0.01, 0.03
-"""How far the key pose was off, metres, and each of its joints, radians."""
+"""Errors of the key pose before its correction: of its position, metres, and of each joint, radians."""
 
 
 @dataclass(frozen=True)
 class Correction:
-    """What is tracked.
+    """A measured correction.
 
     Attributes
     ----------
     what : str
+        Description, for the table.
     key : int or None
-        The key frame whose pose was off; None tracks the whole shot.
+        The key frame whose pose was wrong; None if the whole shot was tracked.
     seconds : float
-        Median.
+        Median time.
     """
 
     what: str
@@ -44,18 +45,19 @@ class Correction:
 
 
 def measure_corrections(folder: Path, *, repeat: int, threads: int | None = None) -> str:
-    """Track an example, put key poses right that were off, and track the segments beside them; returns a table.
+    """Track an example, correct wrong key poses, and track the segments next to them again; returns a table.
 
-    Footage and processes are kept, as they are while Blender is open, and the motion that was there is begun with.
-    What Blender takes to make curves of it is not measured.
+    As while Blender is open, footage and processes are kept, and tracking starts from the earlier motion. The time that
+    Blender takes to make curves of the result is not included.
 
     Parameters
     ----------
     folder : Path
+        The example's.
     repeat : int
-        Runs of each; the medians count.
+        Number of runs, of which medians are taken.
     threads : int, optional
-        Cores; by default all.
+        Number of cores; by default all.
     """
     shot = load_shot(folder / "shot.toml")
     shot = replace(shot, settings=replace(shot.settings, threads=threads))
@@ -84,7 +86,7 @@ def measure_corrections(folder: Path, *, repeat: int, threads: int | None = None
 
 
 def with_key_moved(shot: Shot, key: int) -> Shot:
-    """The shot with one key pose of its first performer moved by `MOVED` and turned by `TURNED`."""
+    """Return the shot with one key pose of its first performer moved by `MOVED` and turned by `TURNED`."""
     performer, *others = shot.performers
     poses, rng = performer.key_poses.poses, np.random.default_rng(key)
     step = np.zeros((len(poses), performer.body.dof))
@@ -96,7 +98,7 @@ def with_key_moved(shot: Shot, key: int) -> Shot:
 
 
 def beside(shot: Shot, key: int, motions: Sequence[Motion], offset: float | None) -> Excerpt:
-    """The segments on both sides of a key pose, with what was tracked there and beside them, and the offset."""
+    """Return the segments on both sides of a key pose as an excerpt, with the earlier motion and the footage offset."""
     keys = shot.performers[0].key_poses.frames.tolist()
     ends = [end for pair in pairwise(keys) if key in pair for end in pair]
     first, last = min(ends), max(ends)
@@ -109,7 +111,7 @@ def beside(shot: Shot, key: int, motions: Sequence[Motion], offset: float | None
 
 
 def table(found: list[Correction]) -> str:
-    """What each took, and its share of tracking all."""
+    """Return a table of the times, absolute and relative to tracking the whole shot."""
     whole = next(one.seconds for one in found if one.key is None and one.what == "all")
     cells = [
         [one.what, "-" if one.key is None else str(one.key), f"{one.seconds:.2f}", f"{one.seconds / whole:.0%}"]

@@ -1,8 +1,8 @@
-"""The papers' experiments, done again: `python -m kfmocap.benchmarks.experiments walk --out results`.
+"""Reproducing the papers' experiments: `python -m kfmocap.benchmarks.experiments walk --out results`.
 
 Y. Ohta, T. Yamagiwa, M. Yamamoto, Keyframe Tracking of Human Body in 3D Motion from a Monocular Image Sequence (1998),
 sections 5.5 and 6.1, and S. Shishido, M. Saito, T. Ando, 3D Motion Capturing Using Body Model, section 4; on footage
-that the repository renders, so that the truth is known.
+rendered by this repository, whose truth is known.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from .footage_renderer import ROOT, render
 
 CACHE = ROOT / "build" / "experiments"
 PAGE = ROOT / "docs" / "experiments.md"
-"""Has tables between `<!-- NAME -->` and `<!-- end -->`, and pictures beside it."""
+"""The page with the tables, between `<!-- NAME -->` and `<!-- end -->`; pictures are in the same folder."""
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """An experiment and the take of `tools/render_footage.py` that it is done on."""
+    """An experiment, and the take of `tools/render_footage.py` that it uses."""
 
     take: str
     run: Callable[[RenderedShot], ExperimentResult]
@@ -41,7 +41,7 @@ EXPERIMENTS = {
 
 
 def rendered(take: str) -> Path:
-    """The folder of a take's footage, which is rendered once and kept.
+    """Return the folder of a take's footage, which is rendered the first time.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def write(out_dir: Path, name: str, outcome: ExperimentResult) -> None:
 
 
 def publish(page: Path, name: str, outcome: ExperimentResult) -> None:
-    """Put an outcome into a page of the documentation, in the place of the last one's."""
+    """Replace an experiment's table and pictures in a page of the documentation."""
     text = page.read_text(encoding="utf-8")
     begin, end = f"<!-- {name} -->\n", "\n<!-- end -->"
     before, after = text.split(begin)
@@ -84,7 +84,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Do experiments, print their tables and write everything; returns the exit code."""
+    """Run experiments, print their tables and write the results; returns the exit code."""
     args = parser().parse_args(argv)
     try:
         check_writable(args.out)

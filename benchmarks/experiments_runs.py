@@ -29,24 +29,25 @@ from .tables import convergence, markdown
 Switches = Sequence[tuple[int, int, str]]
 
 SWEEPS = (5, 50, 500, 1000)
-"""Sweeps of the relaxation after which the throw is looked at."""
+"""Numbers of sweeps of the relaxation after which the throw is measured."""
 SHOWN_SWEEPS, SHOWN_FIELD = (5, 50, 500), 14
-"""Those that are shown, and on which field of the throw: the paper shows it on the next, which has a key pose."""
+"""Numbers of sweeps that are shown, and the field of the throw; the paper shows the next field, which has a key
+pose."""
 DRIFTED = (90, 96)
-"""Frames of the walk on which tracking without its end is shown."""
+"""Frames of the walk on which tracking without an end key is shown."""
 SEEDS = 10
-"""How often a search that has chance in it is done."""
+"""Number of random seeds of a limb search."""
 LEG = ("Hip", "Knee", "Ankle")
 ARM = ("Shoulder", "Elbow", "Wrist")
 SWITCHES = ((0, 11, "cam01"), (11, 46, "cam02"), (46, 75, "cam03"), (75, 96, "cam01"))
-"""The camera in which most of the turning performer's arms is seen: first and last frame, camera."""
+"""The camera that sees most of the turning performer's arms: first and last frame, camera."""
 SWITCHES_AT_KEYS = ((0, 24, "cam03"), (24, 48, "cam02"), (48, 72, "cam03"), (72, 96, "cam01"))
-"""The same where there are key poses, at which the camera is changed then."""
+"""The same with changes of camera only at key poses."""
 
 
 @dataclass(frozen=True, eq=False)
 class RenderedShot:
-    """A rendered shot and the truth about it.
+    """A rendered shot and its true landmarks.
 
     Attributes
     ----------
@@ -65,16 +66,18 @@ class RenderedShot:
 
     @property
     def keys(self) -> list[int]:
-        """Frames that count in no error, whichever of their key poses were used."""
+        """Key frames, which are left out of all errors whether or not their key poses were used."""
         return [int(f) for f in self.shot.performers[0].key_poses.frames]
 
     def score(self, motion: Motion, among: Sequence[int] | None = None) -> Score:
-        """Joint errors on the frames that are no key frames, or on those `among` given frames."""
+        """Return joint errors on the frames that are not key frames, or on those of them that are `among` given
+        ones.
+        """
         others = [] if among is None else np.setdiff1d(np.arange(len(motion)), among).tolist()
         return motion_error(self.shot.performers[0].body, motion, self.truth, sorted({*self.keys, *others}))
 
     def sight_errors(self, motion: Motion) -> tuple[float, float]:
-        """Mean joint errors across the first camera's line of sight, as its pictures show them, and along it, mm."""
+        """Return mean joint errors perpendicular to the first camera's line of sight, and along it, mm."""
         body, truth = self.shot.performers[0].body, self.truth
         R, t = self.shot.views[0].camera.poses(0, len(motion))
         true = truth.points_world[: len(motion)]
@@ -89,7 +92,7 @@ class RenderedShot:
 
 @dataclass(frozen=True, eq=False)
 class ExperimentResult:
-    """What an experiment brought: text in Markdown, pictures by name, and the scores behind the text."""
+    """The result of an experiment: text in Markdown, pictures by name, and the scores behind the text."""
 
     text: str
     pictures: dict[str, Image] = field(default_factory=dict)
@@ -107,11 +110,11 @@ class WalkVariant:
 
     @property
     def seeds(self) -> range:
-        """Seeds of the limb search: chance has a part only where there is one."""
+        """Seeds of the limb search; a single one without a search."""
         return range(SEEDS if self.limb_search else 1)
 
     def tracked(self, shot: Shot, seed: int) -> Motion:
-        """The motion that is found."""
+        """Track a shot; returns the motion."""
         keyed = selected(shot, solver=self.solver, keyframes=None if self.end_key else [shot.frames[0]])
         settings = replace(keyed.settings, prediction=self.prediction, limb_search=self.limb_search, search_seed=seed)
         return track(replace(keyed, settings=settings)).motions[0]
@@ -128,11 +131,11 @@ WALK_VARIANTS = tuple(
     for limb_search in (searches if end_key else (False,))
     for prediction in (False, True)
 )
-"""Between two key poses alone limbs are looked for."""
+"""Limbs are only searched for between two key poses."""
 
 
 def walk(footage: RenderedShot) -> ExperimentResult:
-    """A walk past one camera, with and without the key pose at its end, prediction and limb search."""
+    """Track a walk past one camera, with and without the key pose at its end, prediction and limb search."""
     shot = footage.shot
     found: dict[WalkVariant, list[Motion]] = {}
     for variant in WALK_VARIANTS:
@@ -157,13 +160,13 @@ def walk(footage: RenderedShot) -> ExperimentResult:
 
 
 def limb(score: Score, side: str, joints: Sequence[str]) -> float:
-    """Mean error of some joints of one side, millimetres."""
+    """Return the mean error of some joints of one side, millimetres."""
     return fmean(score.per_landmark[side + joint] for joint in joints)
 
 
 def _medians(scores: Sequence[Score]) -> list[str]:
-    """Medians of mean errors: of all joints, with the least and the largest, and of the legs and arms that are hidden
-    (right) and near (left).
+    """Return medians of mean errors: of all joints, with the smallest and the largest, and of the hidden (right) and
+    near (left) legs and arms.
     """
     means = [score.mean for score in scores]
     among = f"{min(means):.0f} to {max(means):.0f}" if len(means) > 1 else "-"
@@ -172,7 +175,7 @@ def _medians(scores: Sequence[Score]) -> list[str]:
 
 
 def throw(footage: RenderedShot) -> ExperimentResult:
-    """A throw of the discus in fields: both solvers on their way."""
+    """Track a throw of the discus filmed in fields; both solvers, with their convergence."""
     results, motions = [], {}
     for solver, sweeps in [("gauss-newton", None), *(("relaxation", s) for s in SWEEPS)]:
         say(f"{solver}{'' if sweeps is None else f', {sweeps} sweeps'} ...")
@@ -201,7 +204,7 @@ def throw(footage: RenderedShot) -> ExperimentResult:
 
 
 def _watched(footage: RenderedShot, solver: str, sweeps: int | None) -> tuple[dict[str, Any], Motion]:
-    """A tracked motion and how it came about, as `tables.convergence` has it."""
+    """Return a tracked motion and its convergence, as for `tables.convergence`."""
     shot = selected(footage.shot, solver=solver)
     if sweeps is not None:
         shot = replace(shot, settings=replace(shot.settings, sweeps=sweeps))
@@ -221,7 +224,7 @@ def _watched(footage: RenderedShot, solver: str, sweeps: int | None) -> tuple[di
 
 
 def whirl(footage: RenderedShot) -> ExperimentResult:
-    """A turn on the spot with waving arms: one camera, a camera switched by hand, and all of them; both solvers."""
+    """Track a turn on the spot with waving arms with one camera, a camera switched by hand, and all; both solvers."""
     ways: dict[str, Callable[[Shot, Switches], Motion]] = {
         "cam01": lambda s, _: track(selected(s, views=["cam01"])).motions[0],
         "switched": track_switched,

@@ -1,4 +1,4 @@
-"""Footage that the repository renders itself, once, into a folder that is kept."""
+"""Rendering footage with the scripts in `tools`, unless it exists already."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def render(script: str, arguments: Sequence[str], *, what: str) -> None:
-    """Run a script of `tools` that renders footage unless it is there.
+    """Run a script of `tools` that renders footage.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ def render(script: str, arguments: Sequence[str], *, what: str) -> None:
         Its file name.
     arguments : sequence of str
     what : str
-        What an error names as its place.
+        Name of the footage in errors.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A person with a hammer, both tracked on their own rigs, with the hammer held in the hand and without.
+"""A study of holds: a person with a hammer, both tracked on their own rigs, with and without a hold.
 
 python -m kfmocap.benchmarks.held_prop_study
 """
@@ -20,7 +20,7 @@ from .tables import markdown
 
 CREATURE = "worker"
 HAND = "Te_r"
-"""The bone that truly holds the hammer."""
+"""The bone that holds the hammer."""
 HEADS = ["hammer in the hand", "person, mm", "right hand, mm", "hammer, mm", "hammer, worst frame, mm"]
 
 
@@ -30,17 +30,17 @@ def measured(folder: Path, *, held: bool, every: int = KEY_EVERY) -> list[Array]
     Parameters
     ----------
     folder : Path
-        As `tools/render_creatures.py` writes it.
+        As written by `tools/render_creatures.py`.
     held : bool
-        Whether *Hold Prop* says that the hammer is held.
+        Whether the scene has a hold of the hammer.
     every : int
         Frames between key poses.
 
     Returns
     -------
     list of ndarray, shape (F,)
-        Mean distances of the vertices of the skin, of the right hand alone, and of the hammer from where they truly
-        are, metres, on every frame.
+        Mean distances of vertices from their true positions on every frame, metres: of the skin, of the right hand
+        alone, and of the hammer.
     """
     with registered():
         bpy.ops.wm.open_mainfile(filepath=str(folder / "rig.blend"))

@@ -1,4 +1,4 @@
-"""Errors of a shot with 2D keypoints, as given and made worse: `python -m kfmocap.benchmarks.keypoint_noise --help`."""
+"""A study of bad 2D keypoints, made from given ones: `python -m kfmocap.benchmarks.keypoint_noise --help`."""
 
 from __future__ import annotations
 
@@ -24,13 +24,14 @@ from .case import Reference
 from .tables import markdown
 
 MISSING, TURNED, LEAPS, LEAP = 0.20, 0.10, 0.05, 100.0
-"""Shares of the frames that are missing and that have left for right, of the keypoints that leap; how far, pixels."""
+"""Fractions of frames that are missing and that have left and right exchanged, fraction of keypoints that are outliers,
+and their distance, pixels."""
 _NAMED_FILE = re.compile(r'^(\s*(?:file|footage|landmarks|keyposes)\s*=\s*)"([^"]*)"', re.MULTILINE)
 _NAMED_KEYPOINTS = re.compile(r'^(\s*keypoints\s*=\s*)"([^"]*)"', re.MULTILINE)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Track a shot with its keypoints, and as asked without them and with worse ones; print a table."""
+    """Track a shot with its keypoints and, on request, without them and with worse ones; print a table."""
     parser = argparse.ArgumentParser(prog="python -m kfmocap.benchmarks.keypoint_noise", description=__doc__)
     parser.add_argument("shot", type=Path, help="a shot file with keypoints")
     parser.add_argument("reference", type=Path, help="TRC with the true landmarks")
@@ -60,7 +61,7 @@ def _row(args: argparse.Namespace, keyframes: str) -> list[str]:
 
 
 def error(shot: Shot, reference: Path) -> float:
-    """Track a shot: mean error of the joints, millimetres, on the frames without a key pose of the user's."""
+    """Track a shot; returns the mean error of the joints on frames without a key pose set by the user, millimetres."""
     return Reference(shot, reference).score(track(shot).motions[0]).mean
 
 
@@ -71,7 +72,7 @@ def _worse_error(args: argparse.Namespace, views: list[str] | None, keys: list[i
 
 
 def worse_shot(path: Path, folder: Path, seed: int) -> Path:
-    """A copy of a shot file, in a folder, that names copies of its keypoints made worse."""
+    """Write a copy of a shot file into a folder, with worse copies of its keypoints; returns its path."""
     home, sources = path.resolve().parent, []
 
     def spoil(match: re.Match[str]) -> str:
@@ -88,7 +89,7 @@ def worse_shot(path: Path, folder: Path, seed: int) -> Path:
 
 
 def worse(found: Detections, rng: np.random.Generator) -> Detections:
-    """Detections with gross errors: see `MISSING`."""
+    """Return detections with gross errors, see `MISSING`."""
     kept = np.sort(rng.permutation(len(found))[round(MISSING * len(found)) :])
     points, confidence = found.points[kept].copy(), found.confidence[kept].copy()
     turned = rng.permutation(len(kept))[: round(TURNED * len(kept))]
@@ -101,7 +102,7 @@ def worse(found: Detections, rng: np.random.Generator) -> Detections:
 
 
 def as_coco(found: Detections) -> list[dict[str, object]]:
-    """Detections in COCO's results format, in the order of HALPE_26."""
+    """Return detections in COCO's results format, in the order of HALPE_26."""
     table = np.zeros((len(found), len(HALPE_26), 3))
     for k, name in enumerate(HALPE_26):
         if name in found.names:

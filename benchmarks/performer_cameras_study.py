@@ -1,7 +1,7 @@
-"""How well cameras are found from a performer: `python -m kfmocap.benchmarks.performer_cameras_study SHOT.toml ...`.
+"""A study of cameras found from a performer: `python -m kfmocap.benchmarks.performer_cameras_study SHOT.toml ...`.
 
-The shots' own calibrations are the truth. The cameras that are found are turned, moved and scaled as a whole until they
-fit it best: what is left is the error of each camera beside the others. How far the world is tilted is told apart.
+The shots' own calibrations are the truth. The cameras found are aligned with it as a whole by a similarity; what
+remains is the error of each camera relative to the others. The tilt of the world is reported separately.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ..core.formats.keypoint_files import read_shot_keypoints
 from ..core.tracking.prepare import load_shot
 
 USUAL_HEIGHT = 1.75
-"""Metres: it gives the scale, which is not judged."""
+"""Metres; determines the scale, which is not evaluated."""
 HEAD = (
     "| shot | cameras | lenses | turned by, degrees | off, mm | of a distance of, m | focal length off, % "
     "| expected, % | tilt, degrees | seconds |\n| --- | ---: | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |"
@@ -30,7 +30,7 @@ HEAD = (
 
 
 def rows(path: Path) -> list[str]:
-    """A shot measured without and with its lenses, as rows of the table."""
+    """Return the rows of the table for a shot, without and with its lenses given."""
     shot = load_shot(path)
     true, found = [view.camera for view in shot.views], read_shot_keypoints(shot)
     table = []
@@ -48,7 +48,7 @@ def rows(path: Path) -> list[str]:
 
 
 def _errors(result: PerformerCalibration, true: Sequence[Camera]) -> str:
-    """The columns that tell how far the cameras are off: the worst of them."""
+    """Return the columns with the cameras' errors, each the largest of all cameras."""
     found = [result.cameras[camera.name] for camera in true]
     R, R_true = (np.stack([camera.R_cam_world[0] for camera in some]) for some in (found, true))
     places, wanted = (rig_of(some).centres_world for some in (found, true))

@@ -1,7 +1,7 @@
-"""How well cameras are refined from key poses: `python -m kfmocap.benchmarks.refinement_study` prints a table.
+"""A study of cameras refined from key poses: `python -m kfmocap.benchmarks.refinement_study` prints a table.
 
-Cameras are moved away from a calibration and refined again; before and after, the pictures that those which could be
-refined give of the reference's joints are compared with the calibration's, and the shot is tracked with all.
+Cameras are moved away from a calibration and refined again. Before and after, the reference's joints are projected by
+those cameras that could be refined, and compared with the calibration's projections; and the shot is tracked.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Cameras = Mapping[str, Camera]
 
 SHOTS = ("beam", "walk")
 POSITION, ROTATION, FOCAL = 0.04, 0.02, 0.01
-"""Standard deviations of the errors that are made: metres and radians along and about each axis, and relative."""
+"""Standard deviations of the errors added: metres along and radians about each axis, and relative."""
 HEAD = (
     "| shot | key frames | cameras | refined | off before, px | off after, px | expected, px | track before, mm "
     "| track after, mm | seconds |\n| --- | --- | --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |"
@@ -37,7 +37,7 @@ HEAD = (
 
 @dataclass(frozen=True)
 class RefinementCase:
-    """A shot, the calibration that is the truth, and the one to begin with."""
+    """A shot, its true calibration, and the calibration to start from."""
 
     shot: Shot
     folder: Path
@@ -47,7 +47,7 @@ class RefinementCase:
 
 
 def cases(shots: Sequence[str], seeds: int) -> Iterator[RefinementCase]:
-    """Every shot with its own cameras, with the ones it came with, and with cameras moved at random."""
+    """Generate every shot with its own cameras, with its original ones, and with randomly moved ones."""
     for name in shots:
         folder = example_folder(name)
         shot = load_shot(folder / "shot.toml")
@@ -61,14 +61,14 @@ def cases(shots: Sequence[str], seeds: int) -> Iterator[RefinementCase]:
 
 
 def moved(cameras: Cameras, seed: int) -> Cameras:
-    """Cameras with errors of their own."""
+    """Return the cameras with random errors added."""
     deviation = [POSITION] * 3 + [ROTATION] * 3 + [FOCAL]
     rng = np.random.default_rng(seed)
     return {name: adjusted(camera, rng.normal(0, deviation)) for name, camera in cameras.items()}
 
 
 def row(case: RefinementCase) -> str:
-    """A case measured, as a row of the table."""
+    """Measure a case; returns a row of the table."""
     cameras = [case.start[view.camera.name] for view in case.shot.views]
     views = [replace(view, camera=camera) for view, camera in zip(case.shot.views, cameras, strict=True)]
     start = replace(case.shot, views=tuple(views))
@@ -88,7 +88,7 @@ def row(case: RefinementCase) -> str:
 
 
 def away(cameras: Cameras, true: Cameras, landmarks: Landmarks) -> float:
-    """How far apart two sets of cameras show the landmarks, root mean square over all, pixels."""
+    """Return the root mean square distance between two sets of cameras' projections of the landmarks, pixels."""
     apart = [
         cameras[name].project(points, f) - camera.project(points, f)
         for name, camera in true.items()

@@ -1,4 +1,4 @@
-"""What the choices that the papers leave open do to the relaxation: `python -m kfmocap.benchmarks.relaxation_study`."""
+"""A study of choices that the paper leaves open: `python -m kfmocap.benchmarks.relaxation_study`."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
         "initial solution with its drift": {"without_drift": _with_drift},
     }
 )
-"""Names of `core.tracking.solvers.relaxation` that differ; see docs/papers.md for the reasons of the choices."""
+"""By variant, the changed values of names in `core.tracking.solvers.relaxation`; for the choices see docs/papers.md."""
 
 
 def error(shot: Shot, reference: Reference, variant: str) -> float:
-    """Mean error of the joints on the frames without a key pose with one of `VARIANTS`, mm."""
+    """Return the mean error of the joints on frames without a key pose with one of `VARIANTS`, mm."""
     with mock.patch.multiple(relaxation, **VARIANTS[variant]):
         return reference.score(track(shot).motions[0]).mean
 
@@ -57,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     views = None if args.views is None else args.views.split(",")
     shot = selected(load_shot(args.shot, views=views), solver="relaxation")
-    # In this process, where the variant is.
+    # In this process, whose module has been changed.
     swept = [replace(shot, settings=replace(shot.settings, sweeps=count, threads=1)) for count in args.sweeps]
     reference = Reference(shot, args.reference)
     rows = [[name, *(f"{error(one, reference, name):.1f}" for one in swept)] for name in VARIANTS]

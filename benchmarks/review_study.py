@@ -1,4 +1,4 @@
-"""How well the expected errors tell the real ones: `python -m kfmocap.benchmarks.review_study --help`."""
+"""A study of how well expected errors predict real ones: `python -m kfmocap.benchmarks.review_study --help`."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MORE = (
     Row("walk", ("cam02", "cam03"), (0, 30, 59)),
     Row("walk", WALK, (0, 59)),
 )
-"""Rows beside those of the benchmark."""
+"""Rows in addition to those of the benchmark."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -71,13 +71,13 @@ def _cells(row: Row, add: bool) -> list[str]:
 
 
 def cameras(row: Row) -> str:
-    """How many there are, or which, if not all."""
+    """Return the number of a row's cameras, or their names if they are not all."""
     every = BEAM if row.shot == "beam" else WALK
     return str(len(every)) if row.cameras == every else "+".join(row.cameras)
 
 
 def _tracked(row: Row, keyframes: Sequence[int]) -> tuple[Shot, TrackResult, Array]:
-    """A row tracked with some key frames, and its real errors."""
+    """Track a row with some key frames; returns the shot, the result, and the real errors."""
     folder = example_folder(row.shot)
     shot = load_shot(folder / "shot.toml", views=list(row.cameras), keyframes=list(keyframes))
     result = track(shot)
@@ -85,7 +85,7 @@ def _tracked(row: Row, keyframes: Sequence[int]) -> tuple[Shot, TrackResult, Arr
 
 
 def real_errors(shot: Shot, result: TrackResult, reference: Path, performer: int = 0) -> Array:
-    """Mean error of a performer's joints on every frame, millimetres, shape (F,)."""
+    """Return the mean error of a performer's joints on every frame, millimetres, shape (F,)."""
     body, truth = shot.performers[performer].body, read_trc(reference)
     names = [n for n in truth.names if n in body.landmarks and n != "Hip" and n.endswith(JOINTS)]
     found = Landmarks(tuple(names), landmark_positions(body, result.motions[performer], names), shot.fps).points_world
@@ -94,12 +94,12 @@ def real_errors(shot: Shot, result: TrackResult, reference: Path, performer: int
 
 
 def rank_correlation(a: Array, b: Array) -> float:
-    """Spearman's, of values on the same frames."""
+    """Return Spearman's rank correlation of values on the same frames."""
     return float(spearmanr(a, b).statistic)
 
 
 def middle_of_longest_gap(frames: Sequence[int]) -> int:
-    """The frame half-way between the two key frames that are farthest apart, the first two if several are."""
+    """Return the frame midway between the two neighbouring key frames that are farthest apart, the first such pair."""
     gaps = np.diff(frames)
     return int(frames[gaps.argmax()] + gaps.max() // 2)
 

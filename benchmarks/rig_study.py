@@ -1,4 +1,4 @@
-"""Characters of other people's making tracked on their own rigs, against Blender's curves through the same keys.
+"""A study of other people's characters tracked on their own rigs, compared with Blender's curves.
 
 python -m kfmocap.benchmarks.rig_study [NAME ...]
 """
@@ -26,19 +26,19 @@ CREATURES = ("person", "dog", "hammer")
 CACHE = ROOT / "build" / "creatures"
 KEY_EVERY = 24
 BAR = 0.2
-"""Share of the error of Blender's curves that tracking is to reach at most."""
+"""Largest acceptable ratio of the tracker's error to that of Blender's curves."""
 
 
 @dataclass(frozen=True, eq=False)
 class RigRow:
-    """What became of one character.
+    """The measurements of one character.
 
     Attributes
     ----------
     tracked, interpolated : ndarray, shape (F,)
-        Mean distance of the skin's vertices from where they truly are, metres, on every frame.
+        Mean distance of the skin's vertices from their true positions on every frame, metres.
     seconds : float
-        Of processor time, for tracking.
+        Processor time of tracking.
     """
 
     name: str
@@ -49,11 +49,11 @@ class RigRow:
 
     @property
     def ratio(self) -> float:
-        """Mean error over that of Blender's curves."""
+        """Ratio of the mean error to that of Blender's curves."""
         return float(self.tracked.mean() / self.interpolated.mean())
 
     def cells(self) -> list[str]:
-        """A row of the table, errors in millimetres."""
+        """Return the cells of the table's row, errors in millimetres."""
         errors = (1000 * self.interpolated.mean(), 1000 * self.tracked.mean(), 1000 * self.tracked.max())
         return [self.name, str(self.parts), *(f"{error:.1f}" for error in errors), f"{self.ratio:.2f}"]
 
@@ -95,18 +95,18 @@ def measured(name: str, folder: Path, save: Path | None = None) -> RigRow:
 
 
 def done(operator: Callable[[], set[str]]) -> None:
-    """Run an operator of the add-on; Blender raises a RuntimeError with what it reports as an error."""
+    """Run an operator of the add-on; an error that it reports becomes a RuntimeError."""
     if operator() != {"FINISHED"}:
         raise KFMocapError("it was cancelled", where=str(operator))
 
 
 def skin_on_frames(armature: bpy.types.Object) -> Array:
-    """Vertices of an armature's skin, see `mesh_on_frames`."""
+    """Return the vertices of an armature's skin, see `mesh_on_frames`."""
     return mesh_on_frames(next(c for c in armature.children if c.type == "MESH" and c.parent_type == "OBJECT"))
 
 
 def mesh_on_frames(skin: bpy.types.Object) -> Array:
-    """Vertices of a mesh in the world, as Blender shows them on every frame of the scene, shape (F, V, 3)."""
+    """Return the evaluated vertices of a mesh on every frame of the scene, world frame, metres, shape (F, V, 3)."""
     scene = bpy.context.scene
     shown = []
     for frame in range(scene.frame_start, scene.frame_end + 1):
@@ -122,7 +122,7 @@ def mesh_on_frames(skin: bpy.types.Object) -> Array:
 
 
 def keep_keys(armature: bpy.types.Object, every: int) -> None:
-    """Keep only those keys, of one on every frame, that an animator would set: every so many frames, Bezier."""
+    """Thin out keys on every frame to those that an animator might set: one every few frames, Bezier."""
     first = bpy.context.scene.frame_start
     for curve in fcurves.find_channelbag(armature).fcurves:
         keys = fcurves.get_keys(curve)

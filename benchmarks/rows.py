@@ -1,4 +1,4 @@
-"""What is measured: sets of cameras and key frames of the example shots."""
+"""The rows of the benchmark: sets of cameras and key frames of the example shots."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class Row:
     Attributes
     ----------
     keyframes : tuple of int
-        In the footage's count; none where key poses are proposed from keypoints.
+        Frame numbers of the footage; empty if key poses are proposed from keypoints.
     keypoints : bool
-        With 2D keypoints.
+        Whether 2D keypoints are used.
     quick : bool
-        Also measured when time is short.
+        Whether the row is among the few of `--quick`.
     """
 
     shot: str
@@ -33,12 +33,12 @@ class Row:
 
     @property
     def solvers(self) -> tuple[str, ...]:
-        """The solvers that use all that the row gives."""
+        """Solvers that can use everything in the row."""
         return SOLVERS[:1] if self.keypoints else SOLVERS
 
 
 CONVERGENCE = Row("beam", BEAM, (0, 33, 66, 99), quick=True)
-"""Where both solvers are watched on their way."""
+"""The row on which the convergence of both solvers is measured."""
 ROWS = (
     Row("beam", BEAM, (0, 20, 40, 60, 80, 99)),
     CONVERGENCE,
@@ -55,7 +55,7 @@ ROWS = (
     Row("walk", ("cam01",), (0, 20, 39, 59), quick=True),
 )
 SWEEPS = (5, 50, 500)
-"""Sweeps of the relaxation on that row; the last are the default's."""
+"""Numbers of sweeps of the relaxation on that row; the last is the default."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Case:
     Attributes
     ----------
     watch : bool
-        Also measure the error on the way.
+        Whether to measure the error before each iteration, too.
     settings : tuple of (name, value)
         Settings of the tracker that differ from the shot's.
     """
@@ -92,7 +92,7 @@ class Case:
 
 
 def cases(shot: str | None = None, quick: bool = False) -> list[Case]:
-    """All cases, or those of one shot, or the quick ones."""
+    """Return all cases, or those of one shot, or the quick ones."""
     rows = [row for row in ROWS if shot in (None, row.shot) and (row.quick or not quick)]
     found = [Case(row, solver, watch=row == CONVERGENCE) for row in rows for solver in row.solvers]
     if CONVERGENCE in rows and not quick:

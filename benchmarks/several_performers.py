@@ -1,4 +1,6 @@
-"""What performers cost each other, in accuracy and time: `python -m kfmocap.benchmarks.several_performers --help`."""
+"""A study of the cost of several performers, in accuracy and time: `python -m
+kfmocap.benchmarks.several_performers`.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,7 @@ from .tables import markdown
 
 @dataclass(frozen=True)
 class TrackedPerformers:
-    """A shot as it was tracked.
+    """The measurements of a tracked shot.
 
     Attributes
     ----------
@@ -37,7 +39,7 @@ class TrackedPerformers:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Track performers together, and each of them in a shot of its own; print how much larger errors and time are."""
+    """Track performers together, and each in a shot of its own; print how much errors and time increase."""
     parser = argparse.ArgumentParser(prog="python -m kfmocap.benchmarks.several_performers", description=__doc__)
     parser.add_argument("shot", type=Path, help="shot file whose performers have landmarks, the truth, on all frames")
     alone = "shot files with one of these performers each, who is alone in the picture"

@@ -1,4 +1,4 @@
-"""What a tracked shot of the set is compared with: a triangulated detector, and the tracker's own expected errors."""
+"""Comparing a tracked shot of the set with a triangulated detector, and with its own expected errors."""
 
 from __future__ import annotations
 
@@ -20,13 +20,15 @@ from ..core.shot.shot import Shot
 Array = NDArray[np.float64]
 
 CUTOFF = 6.0
-"""Of the low-pass filter on triangulated keypoints, Hz: what users of such pipelines choose for the whole body."""
+"""Cutoff frequency of the low-pass filter on triangulated keypoints, Hz, as is usual for whole-body pipelines."""
 TIPS = {"Elbow": "upper_arm", "Wrist": "forearm", "Knee": "thigh", "Ankle": "shin"}
-"""Joints that are the tip of a part."""
+"""Joints that are the tips of parts, with these parts."""
 
 
 def triangulated_error(shot: Shot, truth: Landmarks) -> Score | None:
-    """Errors of the shot's keypoints, triangulated, gaps closed, filtered; None with fewer than two views of them."""
+    """Return the errors of the keypoints after triangulation, interpolation and filtering; None with fewer than two
+    views.
+    """
     if sum(view.keypoints is not None for view in shot.views) < 2:
         return None
     keypoints = performer_keypoints(shot, read_shot_keypoints(shot))[0]
@@ -37,7 +39,7 @@ def triangulated_error(shot: Shot, truth: Landmarks) -> Score | None:
 
 
 def low_passed(points: Array, fps: float) -> Array:
-    """Points (F, L, 3), gaps (NaN) closed by straight lines, through a Butterworth filter forwards and backwards."""
+    """Interpolate gaps (NaN) of points (F, L, 3) linearly, and apply a Butterworth filter forwards and backwards."""
     frames, out = np.arange(len(points)), points.copy()
     for line in out.reshape(len(points), -1).T:
         known = np.isfinite(line)
@@ -49,12 +51,17 @@ def low_passed(points: Array, fps: float) -> Array:
 
 
 def interval_cover(body: Body, motion: Motion, interval: Array, truth: Landmarks, keys: Sequence[int]) -> float:
-    """Share of the joints that lie within the 90 % interval of their expected error, on frames without a key pose.
+    """Return the fraction of joints within the 90 % interval of their expected error, on frames without a key pose.
 
     Parameters
     ----------
+    body : Body
+    motion : Motion
     interval : ndarray, shape (F, P)
-        The distance from every part's tip that its true place is said to be within in 90 % of cases, metres.
+        See `core.tracking.uncertainty.JointErrors`, metres.
+    truth : Landmarks
+    keys : sequence of int
+        Rows with a key pose.
     """
     rows = np.setdiff1d(np.arange(min(len(motion), len(truth))), keys)
     named = {f"{side}{joint}": f"{part}.{side}" for joint, part in TIPS.items() for side in "LR"}

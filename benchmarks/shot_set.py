@@ -1,7 +1,7 @@
 """The set of shots that the tracker is judged by: one half decides about its constants, the other half only reports.
 
-`kfmocap bench --shots` measures them. Most are rendered by `tools/render_benchmark.py` when they are first wanted;
-those in a folder of one's own, which need the same files, are measured with them.
+`kfmocap bench --shots` measures them. Most are rendered by `tools/render_benchmark.py` when they are first needed.
+Shots in a folder of one's own, with the same files, are measured together with them.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ MADE: Mapping[str, str] = MappingProxyType(
 """The half that each rendered shot belongs to."""
 CACHE = ROOT / "build" / "shots"
 FOLDER = ROOT.parent / "shared" / "data" / "shots"
-"""Where further shots are looked for; the tracker was developed with them, so they decide."""
+"""Default folder of further shots, which belong to the deciding half."""
 GIVEN = ("shot.toml", "shot_keypoints.toml", "landmarks.trc")
 """The files of a further shot."""
 
@@ -61,7 +61,7 @@ class JudgedShot:
     folder: Path
 
     def cases(self, quick: bool = False) -> list[Case]:
-        """What is measured: the file's key frames; and with keypoints, the first and last of them, and none."""
+        """Return the cases: the file's key frames and, if there are keypoints, the first and last of them, and none."""
         spec = read_shot_spec(self.folder / "shot.toml")
         keys = spec.performers[0].keyframes
         if not isinstance(keys, tuple):
@@ -76,7 +76,7 @@ class JudgedShot:
 
 
 def judged_shots(shot: str | None = None, data: Path | None = None) -> list[JudgedShot]:
-    """All shots of the set, or the one of a name; rendered where they are not yet.
+    """Return all shots of the set, or the one with a name; they are rendered if necessary.
 
     Parameters
     ----------

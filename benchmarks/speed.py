@@ -1,7 +1,7 @@
-"""`kfmocap bench --speed`: what tracking costs by the number of frames, cameras and cores, and against another version.
+"""`kfmocap bench --speed`: times by the number of frames, cameras and cores, and compared with another version.
 
-Every row is the whole command in a process of its own, from the shot file to the written results. The footage is that
-of the beam example, played forwards and backwards until it is long enough, in the size to which the tracker reduces it.
+Every row is the whole command in its own process, from the shot file to the written results. The footage is that of the
+beam example, at the tracker's working size, played forwards and backwards until it is long enough.
 """
 
 from __future__ import annotations
@@ -37,27 +37,27 @@ from ..core.tracking.prepare import load_shot
 from .tables import markdown
 
 KEY_EVERY = 33
-"""Frames between key poses, at most."""
+"""Largest number of frames between key poses."""
 LENGTHS = (34, 100, 400, 1000)
 LONG = 3000
 FAR_APART = 400
-"""Frames of a shot whose key poses are those at its ends."""
+"""Number of frames of the shot with key poses only at its ends."""
 CORES_LENGTH = 400
-_SAMPLED = 0.1  # seconds between looks at the memory
+_SAMPLED = 0.1  # seconds between samples of the memory
 _CHART = (560, 280)
 
 
 @dataclass(frozen=True)
 class SpeedRow:
-    """What is tracked.
+    """A row of the table.
 
     Attributes
     ----------
     frames, cameras : int
     threads : int
-        Cores that the command may use.
+        Number of cores that the command may use.
     ends : bool
-        The key poses are those at the shot's ends alone.
+        Whether there are key poses only at the shot's ends.
     """
 
     frames: int
@@ -68,17 +68,17 @@ class SpeedRow:
 
 @dataclass(frozen=True)
 class Cost:
-    """What a command took.
+    """The time and memory that a command took.
 
     Attributes
     ----------
     seconds : float
         From its start to its end.
     processor : float
-        Seconds of all cores, in all of its processes.
+        Processor time of all of its processes, seconds.
     memory : int
-        Largest memory of all of its processes together, bytes; what they share counts once. 0 where the system does
-        not tell.
+        Largest memory of all of its processes together, bytes, with shared memory counted once. 0 on systems that do
+        not report it.
     """
 
     seconds: float
@@ -87,7 +87,7 @@ class Cost:
 
 
 def speed_rows(cores: int, quick: bool) -> list[SpeedRow]:
-    """The rows for a machine of so many cores."""
+    """Return the rows for a machine with a number of cores."""
     lengths = LENGTHS[:2] if quick else (*LENGTHS, LONG)
     rows = [SpeedRow(frames, 4, cores) for frames in lengths]
     rows += [SpeedRow(100, cameras, cores) for cameras in (1, 2)]
@@ -99,25 +99,25 @@ def speed_rows(cores: int, quick: bool) -> list[SpeedRow]:
 def measure_speed(
     folder: Path, *, repeat: int, quick: bool, out: Path | None = None, against: Path | None = None
 ) -> str:
-    """Measure all rows, and the same with another version of the program in turns; returns the table.
+    """Measure all rows, alternating with another version of the program if one is given; returns the table.
 
     Parameters
     ----------
     folder : Path
         The beam example with its footage.
     repeat : int
-        Runs of every row; the medians count.
+        Number of runs of every row, of which medians are taken.
     quick : bool
-        Short shots alone.
+        Whether to measure only short shots.
     out : Path, optional
-        Folder that a plot is written to, speed.png.
+        Folder for a plot, speed.png.
     against : Path, optional
         The folder of another checkout of the program.
 
     Raises
     ------
     KFMocapError
-        A command fails, or there is no program in the other folder.
+        A command fails, or the other folder does not contain the program.
     """
     if against is not None and not (against / "__main__.py").is_file():
         raise KFMocapError("there is no checkout of the program", where=str(against), todo="name its folder")
@@ -132,7 +132,7 @@ def measure_speed(
             cameras = [view.camera.name for view in names[: row.cameras]]
             runs: list[list[Cost]] = [[] for _ in programs]
             for _ in range(repeat):
-                for program, costs in zip(programs, runs, strict=True):  # in turns: what else runs slows down both
+                for program, costs in zip(programs, runs, strict=True):  # alternating, so that other load affects both
                     costs.append(command_cost(program, shots[row.frames], cameras, row.threads, ends=row.ends))
             medians = [_median(costs) for costs in runs]
             found.append((medians[0], medians[1] if against is not None else None))
@@ -143,7 +143,7 @@ def measure_speed(
 
 
 def table(rows: Sequence[SpeedRow], found: Sequence[tuple[Cost, Cost | None]]) -> str:
-    """All rows with their costs, and how many times as fast they are as another version."""
+    """Return the table of all rows with their costs, and the ratio to another version."""
     heads = ["frames", "key poses", "cameras", "cores", "seconds", "processor s", "camera-frames/s", "MB"]
     paired = any(other is not None for _, other in found)
     cells = []
@@ -192,7 +192,7 @@ def write_plot(path: Path, rows: Sequence[SpeedRow], costs: Sequence[Cost]) -> N
 
 
 def write_shot(example: Path, folder: Path, frames: int) -> Path:
-    """Write a shot of so many frames from an example's, played forwards and backwards; returns its file.
+    """Write a shot with a number of frames, from an example played forwards and backwards; returns its file.
 
     Raises
     ------
@@ -218,7 +218,7 @@ def write_shot(example: Path, folder: Path, frames: int) -> Path:
 
 
 def back_and_forth(length: int, count: int) -> NDArray[np.int64]:
-    """So many of a shot's frames, played forwards and backwards in turns; none is shown twice in a row."""
+    """Return `count` frame numbers that play a shot forwards and backwards, without showing any twice in a row."""
     once = np.concatenate([np.arange(length), np.arange(length - 2, 0, -1)])
     return np.asarray(np.resize(once, count))
 
@@ -244,19 +244,19 @@ def _shot_text(shot: Shot, frames: int) -> str:
 
 
 def _program(place: Path, checkout: Path) -> Path:
-    """A folder from which Python imports a checkout as `kfmocap`."""
+    """Return a folder from which Python imports a checkout as `kfmocap`."""
     place.mkdir()
     (place / "kfmocap").symlink_to(checkout.resolve(), target_is_directory=True)
     return place
 
 
 def command_cost(program: Path, shot: Path, cameras: Sequence[str], threads: int, *, ends: bool = False) -> Cost:
-    """Run `kfmocap track` with a program, a process of its own, and see what it takes; `ends` as of a `SpeedRow`.
+    """Run `kfmocap track` of a program in its own process and measure its cost; `ends` as in `SpeedRow`.
 
     Raises
     ------
     KFMocapError
-        It fails.
+        The command fails.
     """
     limit = threads_text(shot, threads, ends=ends)
     with tempfile.TemporaryDirectory() as out, _memory_watched() as watch:
@@ -278,7 +278,9 @@ def command_cost(program: Path, shot: Path, cameras: Sequence[str], threads: int
 
 
 def threads_text(shot: Path, threads: int, *, ends: bool = False) -> Path:
-    """A copy of a shot file, beside it, that asks for so many cores: every version of the program reads it."""
+    """Write a copy of a shot file with a number of threads, which every version of the program reads; returns its
+    path.
+    """
     file, text = shot.with_name(f"cores{threads}.toml"), shot.read_text(encoding="utf-8")
     if ends:
         text = re.sub(r"keyframes = \[(\d+),.* (\d+)\]", r"keyframes = [\1, \2]", text)
@@ -318,7 +320,7 @@ def _memory_watched() -> Iterator[_MemoryWatch]:
 
 
 def _family(process: int) -> list[int]:
-    """A process and all that it and its children started, as Linux tells."""
+    """Return a process and all its descendants, on Linux."""
     found = [process]
     for one in found:
         try:
@@ -330,7 +332,7 @@ def _family(process: int) -> list[int]:
 
 
 def _own_memory(process: int) -> int:
-    """A process's proportional share of memory, bytes: what it shares with others counts for each in part."""
+    """Return a process's proportional set size, bytes: shared memory is divided among the processes that share it."""
     try:
         for line in Path(f"/proc/{process}/smaps_rollup").read_text().splitlines():
             if line.startswith("Pss:"):

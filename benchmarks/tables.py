@@ -1,4 +1,4 @@
-"""Results as Markdown tables that read well on a terminal, too."""
+"""Results as Markdown tables that are readable on a terminal, too."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from statistics import fmean
 from typing import Any
 
 Result = dict[str, Any]
-"""A case's values and what was measured, as bench.json has them."""
+"""A case's values and measurements, as in bench.json."""
 Row = tuple[str, ...]
 MANY = 16
-"""Of more iterations than these only some are shown."""
+"""Number of iterations up to which all are shown."""
 
 
 def markdown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table; cells are padded to their column's width, numbers stand to the right."""
+    """Return a table with cells padded to their column's width and numbers aligned right."""
     rows = [list(row) for row in rows]
     numbers = [all(re.fullmatch(r"[0-9.]*|-", row[c]) for row in rows) for c in range(len(heads))]
     widths = [max(len(row[c]) for row in [list(heads), *rows]) for c in range(len(heads))]
@@ -30,7 +30,7 @@ def markdown(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def errors(results: Sequence[Result]) -> str:
-    """Mean joint error in millimetres of both solvers beside curves through the key poses alone."""
+    """Return the table of mean joint errors, millimetres, of both solvers and of curves through the key poses alone."""
     by_row: dict[Row, dict[str, Result]] = {}
     for result in defaults(results):
         by_row.setdefault(_row(result), {})[result["solver"]] = result
@@ -44,7 +44,9 @@ def errors(results: Sequence[Result]) -> str:
 
 
 def judged(results: Sequence[Result], halves: Mapping[str, str]) -> str:
-    """Errors on the set of shots, half by half, beside what needs no tracker; a column more for changed settings."""
+    """Return the table of errors on the set of shots, half by half, with baselines, and a column for changed
+    settings.
+    """
     plain = [result for result in results if not result["settings"]]
     again = {_row(result): result for result in results if result["settings"]}
     heads = ["half", "shot", "cameras", "fps", "key frames", "mm", "worst joint", "spline", "triangulated", "90 %"]
@@ -63,11 +65,11 @@ def judged(results: Sequence[Result], halves: Mapping[str, str]) -> str:
 
 
 HARD = 40.0
-"""Error of the spline, mm, from which on a row is compared with it."""
+"""Error of the spline, mm, from which a row is compared with it."""
 
 
 def halves(results: Sequence[Result], half_of: Mapping[str, str]) -> str:
-    """Both halves of the set of shots: mean errors by what was given, and what they are of the simpler ways' errors."""
+    """Return the table of both halves of the set: mean errors by kind of input, and their ratios to the baselines."""
     heads = ("half", "given", "settings", "rows", "mm", "of the spline", "of the triangulated", "90 %")
     groups: dict[Row, list[Result]] = {}
     for result in results:
@@ -89,7 +91,7 @@ def halves(results: Sequence[Result], half_of: Mapping[str, str]) -> str:
 
 
 def _worst(result: Result) -> str:
-    """The joint with the largest error, and that, mm."""
+    """Return the joint with the largest error, and this error, mm."""
     if "error" in result:
         return "-"
     name, error = max(result["score"]["per_landmark"].items(), key=lambda item: item[1])
@@ -97,7 +99,7 @@ def _worst(result: Result) -> str:
 
 
 def times(results: Sequence[Result]) -> str:
-    """Seconds by stage, speed, memory and iterations of every case."""
+    """Return the table of seconds by stage, speed, memory and iterations of every case."""
     stages = list(dict.fromkeys(s for r in defaults(results) for s in r.get("seconds", {}) if s != "total"))
     heads = ("shot", "cameras", "key frames", "solver", *stages, "total", "camera-frames/s", "MB", "iterations")
     rows = []
@@ -111,7 +113,7 @@ def times(results: Sequence[Result]) -> str:
 
 
 def convergence(results: Sequence[Result]) -> str:
-    """The error on the way: after each iteration of Gauss-Newton, and after some sweeps of the relaxation."""
+    """Return the table of errors after each iteration of Gauss-Newton, and after some sweeps of the relaxation."""
     watched = [result for result in results if result.get("way")]
     newton = [result["way"] for result in watched if result["solver"] == "gauss-newton"]
     left = [(str(i), f"{way[i]:.1f}") for way in newton[:1] for i in _some(len(way))]
@@ -121,25 +123,25 @@ def convergence(results: Sequence[Result]) -> str:
 
 
 def _some(count: int) -> list[int]:
-    """Which of so many iterations are shown: all of a few, else the first ones, every tenth and the last."""
+    """Return which iterations are shown: all of up to `MANY`, else the first ones, every tenth and the last."""
     return [i for i in range(count) if count <= MANY or i < MANY // 4 or i % 10 == 0 or i == count - 1]
 
 
 def _sweeps(results: Sequence[Result]) -> list[Row]:
     results = sorted(results, key=lambda r: r["iterations"][0])
     lines = [(str(r["iterations"][0]), f"{r['score']['mean']:.1f}", f"{r['seconds']['total']:.1f}") for r in results]
-    # The run with the fewest sweeps measures the gradients once, around the initial solution.
+    # The run with the fewest sweeps evaluates the gradients once, around the initial solution.
     return [("0", f"{results[0]['before_last']:.1f}", "-"), *lines] if results else []
 
 
 def _side_by_side(left: Sequence[Row], right: Sequence[Row]) -> Iterator[tuple[Row, Row]]:
-    """Rows of both, the shorter one filled up with empty cells."""
+    """Generate the rows of both, the shorter one padded with empty cells."""
     empty = ("",) * 2, ("",) * 3
     return ((a or empty[0], b or empty[1]) for a, b in zip_longest(left, right))
 
 
 def defaults(results: Sequence[Result]) -> list[Result]:
-    """The results with the default settings."""
+    """Return the results with the default settings."""
     return [result for result in results if result["sweeps"] is None]
 
 
@@ -151,6 +153,6 @@ def _row(result: Result) -> Row:
 
 
 def _number(result: Result | None, value: Callable[[Result], float | None], digits: int = 1) -> str:
-    """A measured value as text; a dash where the case failed or has no such value."""
+    """Return a measured value as text; a dash if the case failed or has no such value."""
     found = value(result) if result and "error" not in result else None
     return "-" if found is None else f"{found:.{digits}f}"

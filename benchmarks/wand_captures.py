@@ -1,4 +1,4 @@
-"""Captures of an L-frame and a wand whose truth is known: points as detectors see them, faults included."""
+"""Synthetic captures of an L-frame and a wand: points as from a detector, with faults, and with known truth."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ LFRAME_FRAMES = 60
 
 @dataclass(frozen=True, eq=False)
 class Faults:
-    """What goes wrong with detected points.
+    """The faults of detected points.
 
     Attributes
     ----------
     noise : float
         Standard deviation of each coordinate, pixels.
     outliers : float
-        Share of the wand's balls that are found somewhere else in the picture.
+        Fraction of the wand's balls that are found somewhere else in the picture.
     swaps : float
-        Share of the frames of a view in which the wand's ends are taken for each other.
+        Fraction of a view's frames on which the wand's ends are swapped.
     dropouts : float
-        Share of the frames of a view in which the wand is not found.
+        Fraction of a view's frames on which the wand is not found.
     """
 
     noise: float = 0.3
@@ -44,7 +44,7 @@ HARD = Faults(outliers=0.2, swaps=0.05, dropouts=0.3)
 
 
 def ring(count: int, seed: int = 0, radius: float = 4.0) -> list[Camera]:
-    """Ordinary cameras, no two alike, around a stage of some two metres."""
+    """Return different ordinary cameras around a stage of about two metres."""
     rng = np.random.default_rng([seed, 1])
     cameras = []
     for c in range(count):
@@ -60,7 +60,7 @@ def ring(count: int, seed: int = 0, radius: float = 4.0) -> list[Camera]:
 def look_at(
     name: str, eye: Array, target: Array, focal: float, distortions: Sequence[float], *, size: tuple[int, int] = SIZE
 ) -> Camera:
-    """A camera at one point that looks at another."""
+    """Return a camera at one point that looks at another."""
     forward = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(forward, [0.0, 0, 1])
     right /= np.linalg.norm(right)
@@ -70,7 +70,7 @@ def look_at(
 
 
 def scattered(count: int, seed: int = 0, length: float = WAND_LENGTH) -> Array:
-    """Unrelated positions of the wand's ends all over the stage, shape (count, 2, 3)."""
+    """Return independent random positions of the wand's ends on the stage, metres, shape (count, 2, 3)."""
     rng = np.random.default_rng([seed, 2])
     angle, radius = rng.uniform(0, 2 * np.pi, count), 1.4 * np.sqrt(rng.uniform(0, 1, count))
     middle = np.stack([radius * np.cos(angle), radius * np.sin(angle), rng.uniform(0.3, 2.1, count)], axis=1)
@@ -78,7 +78,9 @@ def scattered(count: int, seed: int = 0, length: float = WAND_LENGTH) -> Array:
 
 
 def waved(times: Array, seed: int = 0, length: float = WAND_LENGTH, speed: float = 1.0) -> Array:
-    """Ends of a wand that somebody waves while walking about, at times in seconds, shape (n, 2, 3)."""
+    """Return the ends of a wand that is waved by somebody walking about, at times in seconds, metres, shape (n, 2,
+    3).
+    """
     rng = np.random.default_rng([seed, 3])
     rates = 2 * np.pi * speed * np.array([[0.07, 0.21, 0.5], [0.09, 0.25, 0.43], [0.13, 0.31, 0.6]])
     phases = rng.uniform(0, 2 * np.pi, (2, 3, 3))
@@ -90,7 +92,7 @@ def waved(times: Array, seed: int = 0, length: float = WAND_LENGTH, speed: float
 
 
 def ends(middle: Array, direction: Array, length: float) -> Array:
-    """Ends of a wand by its middle and direction."""
+    """Return the ends of a wand from its middle and direction."""
     half = length / 2 * direction / np.linalg.norm(direction, axis=1, keepdims=True)
     return np.stack([middle + half, middle - half], axis=1)
 
@@ -105,19 +107,21 @@ def capture(
     lframe: Array = LFRAME,
     length: float = WAND_LENGTH,
 ) -> Capture:
-    """What the cameras see.
+    """Return the capture of a wand and an L-frame by some cameras.
 
     Parameters
     ----------
     cameras : sequence of Camera
     wand : sequence of ndarray, shape (n, 2, 3)
-        The wand's ends in each camera's own frames, metres.
+        The wand's ends on each camera's own frames, metres.
+    faults : Faults, optional
+    seed : int
     offsets : sequence of float or None, optional
-        What the capture says of the offsets; by default all are 0.
+        The offsets stated in the capture; by default all are 0.
     lframe : ndarray, shape (4, 3)
-        Where the L-frame's balls truly are; the capture says `LFRAME`.
+        True positions of the L-frame's balls; the capture states `LFRAME`.
     length : float
-        What the capture says of the wand.
+        Length of the wand stated in the capture, metres.
     """
     faults = faults or Faults()
     rng = np.random.default_rng([seed, 4])
@@ -137,7 +141,7 @@ def capture(
 
 
 def seen(camera: Camera, positions: Array, faults: Faults, rng: np.random.Generator) -> Markers:
-    """Balls, shape (n, m, 3), as a detector finds them in one camera's video."""
+    """Return balls at positions (n, m, 3) as a detector finds them in one camera's video."""
     n, m = positions.shape[:2]
     uv = camera.project(positions)
     inside = ((uv > -0.5) & (uv < np.array(camera.size) - 0.5)).all(axis=-1)
@@ -152,7 +156,7 @@ def seen(camera: Camera, positions: Array, faults: Faults, rng: np.random.Genera
 
 
 def without(markers: Markers, frames: Array) -> Markers:
-    """The markers as if nothing had been found on some frames (a mask)."""
+    """Return the markers without those on some frames (a mask)."""
     points, sigma = markers.points.copy(), markers.sigma.copy()
     points[frames], sigma[frames] = np.nan, np.nan
     return replace(markers, points=points, sigma=sigma)

@@ -1,4 +1,4 @@
-"""How exactly cameras are solved from synthetic captures, beside the Cramér-Rao bound.
+"""A study of cameras solved from synthetic captures, compared with the Cramér-Rao bound.
 
 python -m kfmocap.benchmarks.wand_study --seeds 50
 """
@@ -33,7 +33,7 @@ CAMERAS = 4
 POSITIONS = 300
 FARTHEST_OFFSET = 30.0
 WRONG_FOCAL, WRONG_CENTRE = 0.02, 0.05
-"""A solution is wrong from these errors on: share of the focal length, metres."""
+"""Errors from which a solution counts as wrong: of the focal length, relative, and of the position, metres."""
 _EXACT = 1e-6
 
 
@@ -44,15 +44,15 @@ class CaptureRow:
     Attributes
     ----------
     focal, centre, turn : ndarray, shape (C,)
-        Errors of each camera: share, metres, degrees.
+        Errors of each camera: of the focal length, relative; of the position, metres; of the rotation, degrees.
     bound : ndarray, shape (3, C)
-        Standard deviations that no estimate can go below, in the same order.
+        Cramér-Rao bounds of their standard deviations, in the same order.
     reprojection : float
-        Residual of the wand's balls over that of the noise alone.
+        Ratio of the wand's residual to that of the noise alone.
     offset : ndarray, shape (C,)
-        Errors, frames.
+        Errors of the time offsets, frames.
     seconds : float
-        Of processor time.
+        Processor time.
     """
 
     focal: Array
@@ -70,19 +70,19 @@ class CaptureRow:
 
 
 def measured(seed: int, faults: Faults, count: int = POSITIONS) -> CaptureRow:
-    """Solve a capture of unrelated positions whose cameras run in step."""
+    """Solve a capture of independent positions with synchronised cameras."""
     cameras, positions = ring(CAMERAS, seed), scattered(count, seed)
     given = capture(cameras, [positions] * CAMERAS, faults, seed)
     return _solved(given, true_scene(cameras, positions))
 
 
 def measured_in_time(seed: int, faults: Faults, count: int = POSITIONS) -> CaptureRow:
-    """Solve a capture of a waved wand whose cameras were started by hand."""
+    """Solve a capture of a waved wand with cameras that are not synchronised."""
     return _solved(*out_of_step(seed, faults, count))
 
 
 def out_of_step(seed: int, faults: Faults, count: int = POSITIONS) -> tuple[Capture, Scene]:
-    """A capture of a waved wand whose cameras were started by hand, and its truth."""
+    """Return a capture of a waved wand with cameras that are not synchronised, and its truth."""
     cameras = ring(CAMERAS, seed)
     offset = np.random.default_rng([seed, 5]).uniform(-FARTHEST_OFFSET, FARTHEST_OFFSET, CAMERAS)
     offset[0] = 0.0
@@ -110,14 +110,14 @@ def _solved(given: Capture, truth: Scene) -> CaptureRow:
 
 
 def _over_noise(solution: CalibrationResult) -> float:
-    """Root mean square residual over what is left of the noise when the unknowns are fitted to it."""
+    """Return the ratio of the residual to that expected from the noise alone, root mean squares."""
     residual = solution.residual[: len(solution.seen)] / solution.seen.sigma[:, None]
     left = 1 - (5 * len(solution.wand) + solution.free.sum()) / residual.size
     return float(np.sqrt(np.mean(residual**2) / left))
 
 
 def true_scene(cameras: Sequence[Camera], positions: Array, frames: NDArray[np.int64] | None = None) -> Scene:
-    """The truth in the form of a solution; frames are from 0 by default."""
+    """Return the truth as a `Scene`; frames are counted from 0 by default."""
     direction = (positions[:, 0] - positions[:, 1]) / WAND_LENGTH
     frames = np.arange(len(positions)) if frames is None else frames
     wand = Wand(frames, positions.mean(axis=1), direction, WAND_LENGTH)
@@ -125,9 +125,9 @@ def true_scene(cameras: Sequence[Camera], positions: Array, frames: NDArray[np.i
 
 
 def bound(given: Capture, truth: Scene) -> Array:
-    """Cramér-Rao's bound, shape (3, C): focal length (share), centre (metres), turn (degrees).
+    """Return the Cramér-Rao bounds (3, C) of focal length (relative), position (metres) and rotation (degrees).
 
-    Of the balls that are in truth the wand's, as if all were known to be, and the L-frame's measures were exact.
+    It is assumed to be known which balls are the wand's, and that the L-frame's measures are exact.
     """
     parts = []
     for v, view in enumerate(given.views):
@@ -153,7 +153,7 @@ def bound(given: Capture, truth: Scene) -> Array:
 
 
 def ratios(rows: Sequence[CaptureRow]) -> dict[str, float]:
-    """Root mean square errors over the bound's."""
+    """Return the ratios of root mean square errors to the bounds."""
     names = ("focal", "centre", "turn")
     return {
         name: _rms([getattr(row, name) for row in rows]) / _rms([row.bound[k] for row in rows])
@@ -166,7 +166,7 @@ def _rms(values: Sequence[Array]) -> float:
 
 
 def study(name: str, rows: Sequence[CaptureRow], failed: int) -> str:
-    """A line of the table."""
+    """Return a line of the table."""
     ratio = ratios(rows)
     wrong = failed + sum(row.wrong for row in rows)
     return (
