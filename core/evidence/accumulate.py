@@ -24,6 +24,9 @@ from .view_frames import GradientImageCache, ViewFrames
 RUN = 32
 """Approximate number of pairs of frames that are processed at a time: large enough for NumPy, small enough for the
 processor's cache."""
+OWN_SHARE = 2.0
+"""How many pixels count as independent where each part has a noise and a change of brightness of its own, relative to
+where it has not: what the pixels of a part had in common is taken out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,10 +69,12 @@ class SegmentEvidence:
         """Weight of a sampled pixel if all pixels within a square of side `correlation_length`, metres, count as one
         observation, shape (V,).
 
-        Weighted sums over pixels then depend neither on the size of the footage nor on the stride.
+        Weighted sums over pixels then depend neither on the size of the footage nor on the stride. Where parts have
+        noise and changes of brightness of their own, neighbouring pixels have less in common (`OWN_SHARE`).
         """
         density = np.maximum(np.median(self.gradients.density, axis=1), 1.0)
-        return np.asarray(self.sampling.stride**2 / (density * correlation_length**2))
+        count = OWN_SHARE if self.sampling.by_part else 1.0
+        return np.asarray(count * self.sampling.stride**2 / (density * correlation_length**2))
 
     def without(self, hidden: NDArray[np.bool_]) -> SegmentEvidence:
         """Return the evidence without the normal equations of hidden parts, (F, P); paper 1, equation (38)."""

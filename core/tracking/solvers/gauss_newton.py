@@ -80,7 +80,7 @@ class SegmentNoise:
     def of(cls, evidence: SegmentEvidence, settings: Settings) -> SegmentNoise:
         """Estimate the noise from evidence."""
         sums = evidence.gradients
-        weight = view_precision(evidence, settings)[:, None] * sums.count
+        weight = pixel_precision(evidence, settings) * sums.count
         return cls(sums.noise, weight, evidence.pixel_share(settings.lengths[0]) / evidence.sampling.stride**2)
 
 
@@ -399,7 +399,7 @@ def evidence_equations(
     """
     noise = noise or SegmentNoise.of(measured.evidence, problem.settings)
     evidence = measured.evidence.without(np.concatenate(hidden, axis=1)) if hidden else measured.evidence
-    precision = view_precision(evidence, problem.settings)
+    precision = pixel_precision(evidence, problem.settings)
     tolerance = evidence.sampling.tolerance
     # Far from the solution the search lines are long and meet outlines of other limbs: outlines then weigh little.
     outlines = 1 / (problem.settings.lengths[1] * tolerance**2)
@@ -427,8 +427,8 @@ def _image_systems(
     """Normal equations of gradients and outlines, by performer that is solved for: of views with the same instants."""
     (R, T), views, (precision, outlines) = instants.poses, list(instants.views), weights
     pairs, frames = evidence.gradients, evidence.outlines
-    H = np.tensordot(precision[views], pairs.H[views], 1)
-    g = np.tensordot(precision[views], pairs.g[views], 1)
+    H = np.einsum("vf,vfpij->fpij", precision[views], pairs.H[views])
+    g = np.einsum("vf,vfpi->fpi", precision[views], pairs.g[views])
     outline_H, outline_g = (outlines * a[views].sum(axis=0) for a in (frames.H, frames.g))
     # Outlines belong to single frames: each is added to the pair that its frame begins, the last to the pair it ends.
     H[..., :6, :6] += outline_H[:-1]
@@ -461,7 +461,12 @@ def predicted_accelerations(
     return expected
 
 
-def view_precision(evidence: SegmentEvidence, settings: Settings) -> Array:
-    """Inverse variance of a pixel's residual in each view, less the correlation of neighbouring pixels, shape (V,)."""
-    noise = np.maximum(np.median(evidence.gradients.noise[..., 0], axis=1), 1e-3)
-    return np.asarray(evidence.pixel_share(settings.lengths[0]) / noise**2)
+def pixel_precision(evidence: SegmentEvidence, settings: Settings) -> Array:
+    """Inverse variance of a pixel's residual, less the correlation of neighbouring pixels, shape (V, F - 1).
+
+    The noise is that of the view, or where parts have a noise of their own, that of each pair of frames.
+    """
+    noise = evidence.gradients.noise[..., 0]
+    if not evidence.sampling.by_part:
+        noise = np.broadcast_to(np.median(noise, axis=1, keepdims=True), noise.shape)
+    return np.asarray(evidence.pixel_share(settings.lengths[0])[:, None] / np.maximum(noise, 1e-3) ** 2)

@@ -1,9 +1,10 @@
 """Solving from several starts: Gauss-Newton finds only the minimum nearest to its start.
 
-The first start is the curve through the key poses. Where the images contradict its solution, two other kinds of start
-are tried: the motion followed frame by frame from the key poses (`sequential_start`), and motions in which lost limbs
-were searched for in uncovered foreground (`limb_search`). Solutions are compared by how much of the performer-like
-foreground they cover and how likely they make the images (`solution_ranking`).
+The first start is the curve through the key poses. Where the images contradict its solution, three other kinds of
+start are tried: the curve with another turn of the whole body (`whole_turns`), the motion followed frame by frame from
+the key poses (`sequential_start`), and motions in which lost limbs were searched for in uncovered foreground
+(`limb_search`). Solutions are compared by how much of the performer-like foreground they cover and how likely they make
+the images (`solution_ranking`).
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from .sequential_start import blended, excerpt, follow
 from .solution_doubts import doubted_performers, doubtful, speaks_against, worst_first
 from .solution_ranking import RESTING, alike, better, equals, likeliest_at_rest, likelihood, noise_of
 from .strayed_limbs import with_limbs_returned
+from .whole_turns import with_whole_turn
 
 IN_SIGHT = 0.9
 """Share of a performer that must be unhidden by others on every frame for its motion to be followed frame by frame: a
@@ -103,6 +105,7 @@ def best_of_own_starts(
 ) -> SegmentSolution:
     """Solve for one performer from several starts and return the best solution.
 
+    The body may have turned the longer way round from one key pose to the next, which is tried first (`whole_turns`).
     The motion is followed frame by frame from the key poses, unless others hide the performer on the way; then limbs
     are searched for around the solutions. If nothing but uncovered foreground contradicts the first solution, a single
     round of the search decides first whether the performer's limbs can be there at all: the foreground may be a
@@ -123,9 +126,13 @@ def best_of_own_starts(
     SegmentSolution
         `seconds` is the time spent here.
     """
-    seconds, solutions, [performer] = Seconds(), [first], problem.sought
+    seconds, [performer] = Seconds(), problem.sought
     first_look = None
     looks = len(problem.whole_keys(performer)) > 1 and not problem.keypoints  # keypoints show where limbs are
+    if looks:
+        with seconds.measure("initial solution"):
+            start, first = with_whole_turn(problem, start, first, workspace.part(0.0, 0.05))
+    solutions = [first]
     if looks and not speaks_against(problem, first):
         with seconds.measure("initial solution"):
             first_look = FirstLook.around(problem, first, workspace.part(0.0, 0.1))

@@ -36,18 +36,15 @@ counts as bent there."""
 KEY_ERROR = 0.01
 """Possible error of a key pose, metres: it changes the velocity by twice as much per frame."""
 
-POLISHED_VIEWS = 3
-"""Fewest views with which a solution is polished: with fewer, errors in depth pass for noise."""
-
 
 def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
     """Refine a solution, search again for lost limbs, and polish what was found: the `refine` of Gauss-Newton.
 
-    Several performers are not polished: where they touch, much of a part's noise is the other performer. Nor is what
-    fewer than `POLISHED_VIEWS` views show. Parameters as in `gauss_newton.descend`.
+    Several performers are not polished: where they touch, much of a part's noise is the other performer. Parameters as
+    in `gauss_newton.descend`.
     """
     found = _with_limbs_regained(problem, start, workspace.part(0.0, 0.9))
-    if len(problem.bodies) > 1 or len(problem.views) < POLISHED_VIEWS:
+    if len(problem.bodies) > 1:
         return found
     polished = descend(problem, found.motions, workspace.part(0.9, 1.0), POLISH)
     seconds = Seconds(found.seconds)

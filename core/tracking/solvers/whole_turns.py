@@ -1,0 +1,76 @@
+"""A start in which the whole body turns once more, or the other way round, between two key poses.
+
+The curve through the key poses takes the shorter way from each to the next, so that a spin by nearly a turn passes for
+standing still. The start with the other way is the same curve with a whole turn about one of the pelvis's axes added:
+upright a spin, sideways a cartwheel, forward a somersault.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...body.motion import Motion
+from ...numerics import rotations
+from ...numerics.arrays import Array, Bools
+from .gauss_newton import descend
+from .measurement import Workspace
+from .problem import SegmentProblem, SegmentSolution
+from .solution_doubts import doubtful
+from .solution_ranking import better, cover_at
+
+
+def with_whole_turn(
+    problem: SegmentProblem, start: Sequence[Motion], first: SegmentSolution, workspace: Workspace
+) -> tuple[Sequence[Motion], SegmentSolution]:
+    """Solve from the turned start that covers most, if the images contradict a solution between two whole key poses.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+        Of one performer, see `SegmentProblem.alone`.
+    start : sequence of Motion
+        F poses per performer.
+    first : SegmentSolution
+        The solution from that start.
+    workspace : Workspace
+
+    Returns
+    -------
+    start : sequence of Motion
+    solution : SegmentSolution
+        Those with the turn if they cover more, otherwise those that were given.
+    """
+    [performer] = problem.sought
+    if problem.whole_keys(performer).tolist() != [0, problem.length - 1] or not doubtful(problem, first):
+        return start, first
+    others = start[:performer], start[performer + 1 :]
+    starts = [
+        (*others[0], turned(start[performer], problem.fixed[performer], axis), *others[1])
+        for axis in (*np.eye(3), *-np.eye(3))
+    ]
+    most = max(starts, key=lambda motions: cover_at(problem, first, motions, workspace.silent()))
+    found = descend(problem, most, workspace)
+    return (most, found) if better(problem, first, found) is found else (start, first)
+
+
+def turned(motion: Motion, fixed: Bools, axis: Array) -> Motion:
+    """Add a whole turn of the root to a motion, which begins and ends as before.
+
+    Parameters
+    ----------
+    motion : Motion
+        F poses.
+    fixed : ndarray of bool, shape (F, D)
+        Degrees of freedom that keep their values.
+    axis : ndarray, shape (3,)
+        Unit vector, in the root's axes.
+    """
+    along = np.linspace(0, 1, len(motion))
+    # Between a constant speed, as in the midst of a pirouette, and one that begins and ends at rest.
+    share = 0.5 * (along + along**2 * (3 - 2 * along))
+    Q = motion.rotations.copy()
+    Q[:, 0] = Q[:, 0] @ rotations.exp(2 * np.pi * share[:, None] * axis)
+    guess = Motion(motion.translations, Q)
+    return guess.moved(np.where(fixed, guess.difference(motion), 0.0))

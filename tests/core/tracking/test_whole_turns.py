@@ -1,0 +1,67 @@
+"""Between two key poses the body may have turned all the way round, and the curve through them has not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from kfmocap.core.body.motion import Motion
+from kfmocap.core.numerics import rotations
+from kfmocap.core.tracking.solvers import whole_turns
+from kfmocap.core.tracking.solvers.problem import SegmentProblem
+from kfmocap.core.tracking.solvers.whole_turns import turned, with_whole_turn
+from made_evidence import Landscape
+from synthetic import at_rest, ends_held, figure
+
+BODY, LENGTH, FPS = figure(), 13, 30.0
+REST = at_rest(BODY, LENGTH)
+PROBLEM = SegmentProblem((), (BODY,), 0, FPS, (ends_held(BODY, LENGTH),))
+
+
+def spinning(axis: int, angle: float) -> Motion:
+    """A motion whose root turns at constant speed."""
+    Q = REST.rotations.copy()
+    Q[:, 0] = Q[:, 0] @ rotations.exp(np.linspace(0, angle, LENGTH)[:, None] * np.eye(3)[axis])
+    return Motion(REST.translations, Q)
+
+
+def farthest(motion: Motion, truth: Motion) -> float:
+    return float(np.linalg.norm(motion.difference(truth)[:, 3:6], axis=1).max())
+
+
+@pytest.mark.parametrize(("axis", "angle"), [(1, 2 * np.pi), (1, -1.7 * np.pi), (0, 2 * np.pi), (2, -2 * np.pi)])
+def test_a_body_that_turned_the_longer_way_is_found(axis: int, angle: float) -> None:
+    """It spins either way, turns a somersault, or a cartwheel."""
+    truth = spinning(axis, angle)
+    shorter = spinning(axis, angle - 2 * np.pi * np.sign(angle))
+    landscape = Landscape(truth=truth, reach=0.7)
+    start, found = with_whole_turn(PROBLEM, [shorter], landscape.solution(PROBLEM, shorter), landscape)
+    assert farthest(shorter, truth) > 3
+    assert farthest(start[0], truth) < 0.7
+    assert farthest(found.motions[0], truth) < 0.1
+
+
+def test_a_solution_that_the_images_agree_with_stands_without_another_look() -> None:
+    landscape = Landscape(truth=REST)
+    first = landscape.solution(PROBLEM, REST)
+    given = [REST]
+    start, found = with_whole_turn(PROBLEM, given, first, landscape)
+    assert found is first and start is given and not landscape.measured
+
+
+def test_a_turn_that_covers_less_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(whole_turns, "doubtful", lambda *_: True)
+    landscape = Landscape(truth=REST, reach=0.2)
+    first = landscape.solution(PROBLEM, REST)
+    given = [REST]
+    start, found = with_whole_turn(PROBLEM, given, first, landscape)
+    assert found is first and start is given and landscape.measured
+
+
+def test_a_turned_start_keeps_what_key_poses_fix() -> None:
+    fixed = ends_held(BODY, LENGTH)
+    fixed[4, 3:6] = True
+    whole = turned(REST, fixed, np.eye(3)[1])
+    moved = np.abs(whole.difference(REST))
+    np.testing.assert_allclose(moved[fixed], 0, atol=1e-12)
+    assert moved[6, 3:6].max() > 3
+    np.testing.assert_array_equal(whole.translations, REST.translations)
