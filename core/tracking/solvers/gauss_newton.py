@@ -177,20 +177,25 @@ class _TestedStage:
         return moved_by(motions, increments_of(self._tied, steps, self._pace))
 
 
-def refine(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
+def refine(
+    problem: SegmentProblem,
+    start: Sequence[Motion],
+    workspace: Workspace,
+    stages: Sequence[DescentStage] = REFINEMENT,
+) -> SegmentSolution:
     """Refine a solution once the motion on both sides of the segment is known.
 
     A descent keeps the noise and the smoothness of its start. If it moves some joint by more than `UNDER_WAY`, they no
     longer fit, and it is repeated, up to `AGAIN` times. Parameters as in `descend`.
     """
     share = 1 / (1 + AGAIN)
-    found = descend(problem, start, workspace.part(0.0, share), REFINEMENT)
+    found = descend(problem, start, workspace.part(0.0, share), stages)
     seconds = Seconds(found.seconds)
     moved = farthest_joint(problem, start, found.motions)
     for again in range(1, 1 + AGAIN):
         if moved < UNDER_WAY:
             break
-        further = descend(problem, found.motions, workspace.part(again * share, (again + 1) * share), REFINEMENT)
+        further = descend(problem, found.motions, workspace.part(again * share, (again + 1) * share), stages)
         moved = farthest_joint(problem, found.motions, further.motions)
         seconds.add(further.seconds)
         found = continued(found, further)

@@ -46,7 +46,7 @@ def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
     found = _with_limbs_regained(problem, start, workspace.part(0.0, 0.9))
     if len(problem.bodies) > 1:
         return found
-    polished = descend(problem, found.motions, workspace.part(0.9, 1.0), POLISH)
+    polished = gauss_newton.refine(problem, found.motions, workspace.part(0.9, 1.0), POLISH)
     seconds = Seconds(found.seconds)
     seconds.add(polished.seconds)
     return replace(gauss_newton.continued(found, polished), seconds=dict(seconds))
