@@ -1,1 +1,1 @@
-"""What is calibrated from: the capture of an L-frame and a wand."""
+"""Captures of an L-frame and a wand, from which cameras are calibrated."""

@@ -1,4 +1,4 @@
-"""What is seen of an L-frame and a wand: the data that cameras are solved from."""
+"""A capture: the observations of an L-frame and a wand from which cameras are solved."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LFRAME_BALLS = 4
 WAND_BALLS = 2
 PERFORMER_POINTS = 3
 USUAL_WAND_LENGTH = 0.5
-"""Metres; what a wand whose length is not known is taken for until the scale is."""
+"""Length assumed for a wand of unknown length until the scale is known, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,13 +26,12 @@ class Markers:
     frames : ndarray of int, shape (n,)
         Frames of the video, from 0, increasing.
     points : ndarray, shape (n, m, 2)
-        Centres of the balls as they are seen (distorted), pixels; integers lie at pixel centres. NaN where a ball
-        was not found.
+        Centres of the balls, distorted pixels; integers lie at pixel centres. NaN where a ball was not found.
     sigma : ndarray, shape (n, m)
         Standard deviation of each coordinate, pixels; NaN where a ball was not found.
     elongation : ndarray, shape (n, m, 2), optional
-        The direction in which a point is least certain. Its length e, from 0 to 1, says by how much: the variances are
-        sigma^2 (1 + e) along it and sigma^2 (1 - e) across.
+        The direction in which a point is least certain, with length e from 0 to 1: the variances are sigma^2 (1 + e)
+        along it and sigma^2 (1 - e) across.
     """
 
     frames: NDArray[np.int64]
@@ -53,7 +52,7 @@ class Markers:
 
     @property
     def seen(self) -> NDArray[np.bool_]:
-        """Which balls were found on which frames, shape (n, m)."""
+        """Whether each ball was found on each frame, shape (n, m)."""
         return np.asarray(np.isfinite(self.points).all(axis=-1))
 
 
@@ -67,22 +66,22 @@ class CaptureView:
     size : tuple of int
         Width and height, pixels.
     fps : float or None
-        Frames per second; None: as the others.
+        Frames per second; None: the same as the other views.
     lframe : Markers
         Four balls, in the order of `Capture.lframe_points`.
     wand : Markers
-        Two balls. Which end comes first must not change from view to view; a swapped frame here and there is found.
+        Two balls. The order of the ends must be the same in all views; single frames with swapped ends are found.
     offset : float or None
         Frame f of the capture is this video's frame f + offset. None: to be estimated.
     focal : float or None
-        What is known of the focal length beforehand, pixels.
+        A prior estimate of the focal length, pixels.
     matrix : ndarray, shape (3, 3), or None
-        Intrinsic matrix, where it is known.
+        Intrinsic matrix, if it is known.
     distortions : ndarray, shape (k,), or None
-        OpenCV's coefficients, where they are known.
+        OpenCV's coefficients, if they are known.
     lframe_candidates : Markers, optional
-        One row: all that may be balls of the L-frame; all views together decide which are. `lframe` has those that this
-        view alone identifies.
+        One row with all candidates for the L-frame's balls, among which all views together decide. `lframe` has those
+        that this view alone identifies.
     """
 
     camera: str
@@ -99,18 +98,18 @@ class CaptureView:
 
 @dataclass(frozen=True, eq=False)
 class StandingPerformer:
-    """Somebody who stood upright in some places, where there is no L-frame.
+    """Somebody who stands upright in several places, as a substitute for an L-frame.
 
     Attributes
     ----------
     height : float
-        From the floor to the top of the head, as they stood there (shoes and hair included), metres.
+        From the floor to the top of the head, including shoes and hair, metres.
     places : tuple of tuple of int
-        First and last frame, of the capture, of each time that they stand in one place.
+        First and last frame of the capture for each time that they stand in one place.
     points : mapping of str to Markers
-        By camera: where the left and the right foot meet the floor, and the top of the head, in this order.
+        By camera: the points where the left and the right foot meet the floor, and the top of the head.
     gives_scale : bool
-        Whether the length of the wand is not known, so that the scale comes from the height.
+        Whether the scale comes from the height, because the length of the wand is unknown.
     """
 
     height: float
@@ -126,18 +125,18 @@ class Capture:
     Attributes
     ----------
     lframe_points : ndarray, shape (4, 3)
-        Centres of the L-frame's balls in the world, metres: the first, two more along the long arm, and the short
-        arm's.
+        Centres of the L-frame's balls in the world frame, metres: the corner, two along the long arm, and one on the
+        short arm.
     wand_length : float
-        Between the centres of the wand's balls, metres.
+        Distance between the centres of the wand's balls, metres.
     views : tuple of CaptureView
     floor : tuple of tuple of int
-        Without an L-frame: first and last frame of the capture of each of the two stretches during which the wand lies
-        on the floor. `lframe_points` are NaN then.
+        Without an L-frame: first and last frame of the capture of the two times that the wand lies on the floor.
+        `lframe_points` are NaN then.
     floor_height : float
-        Height of the balls' centres above the floor while it lies there, metres.
+        Height of the balls' centres above the floor while the wand lies there, metres.
     performer : StandingPerformer, optional
-        Who takes the place of an L-frame. `lframe_points` are NaN then.
+        The performer who replaces an L-frame. `lframe_points` are NaN then.
     """
 
     lframe_points: Array
@@ -149,5 +148,5 @@ class Capture:
 
     @property
     def has_lframe(self) -> bool:
-        """Whether an L-frame defines the world."""
+        """Whether an L-frame defines the world frame."""
         return not self.floor and self.performer is None

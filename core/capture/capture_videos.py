@@ -1,4 +1,4 @@
-"""A capture as it was filmed: the videos of an L-frame and a wand, and the colours of their balls."""
+"""The videos of a capture, and the measures and colours of the L-frame's and the wand's balls."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from .colours import Colour
 
 @dataclass(frozen=True, eq=False)
 class CaptureVideoView:
-    """One camera's videos; see `CaptureView` for what may be known of it.
+    """One camera's videos; for the other attributes see `CaptureView`.
 
-    Some may lack a video of the L-frame: where they are follows from the wand.
+    The video of the L-frame may be missing: the camera is then found from the wand alone.
     """
 
     camera: str
@@ -28,26 +28,26 @@ class CaptureVideoView:
 
 @dataclass(frozen=True, eq=False)
 class CaptureVideos:
-    """What was filmed to calibrate cameras.
+    """The videos from which cameras are calibrated.
 
     Attributes
     ----------
     lframe_points : ndarray, shape (4, 3)
-        Centres of its balls, metres.
+        Centres of the L-frame's balls, metres.
     lframe_colour : Colour
     lframe_diameter : float or None
-        Of its balls, metres.
+        Diameter of the L-frame's balls, metres.
     wand_length : float
         Metres.
     wand_colours : tuple of Colour
-        Of its first and its second ball, or one for both.
+        Colours of the wand's first and second ball, or one colour for both.
     wand_diameter : float or None
-        Of its balls, metres.
+        Diameter of the wand's balls, metres.
     views : tuple of CaptureVideoView
     floor : tuple of tuple of int
-        See `Capture.floor`. Points and colour of the L-frame have no meaning then.
+        See `Capture.floor`. If it is given, points and colour of the L-frame are meaningless.
     performer : StandingPerformer, optional
-        See `Capture.performer`. The same holds then.
+        See `Capture.performer`. If it is given, points and colour of the L-frame are meaningless.
     """
 
     lframe_points: Array

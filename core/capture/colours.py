@@ -18,10 +18,10 @@ Range = tuple[float, float]
 
 _HUES = {"red": 0, "orange": 25, "yellow": 55, "green": 120, "cyan": 185, "blue": 225, "purple": 275, "magenta": 310}
 GAMMA = 2.2
-"""Levels of a picture, 0 to 1, are about that root of the light."""
-_NAMED_WIDTH = 25.0  # of the hue to both sides of a named colour, degrees
+"""Approximate gamma of pictures: levels, 0 to 1, are light to the power of 1 / GAMMA."""
+_NAMED_WIDTH = 25.0  # half the range of hues of a named colour, degrees
 _NAMED_SATURATION = (0.5, 1.0)
-_PICKED_WIDTH = 18.0  # the same of a picked one
+_PICKED_WIDTH = 18.0  # half the range of hues of a picked colour, degrees
 _STEPS = 255.0
 _WHOLE_HUE = (0.0, 360.0)
 _ANY_HUE = 180.0
@@ -29,19 +29,19 @@ _ANY_HUE = 180.0
 
 
 PALER = 0.5
-"""Share of its saturation that the colour of a thing of few pixels may have."""
+"""Least saturation of small things, relative to that of the colour itself."""
 
 
 @dataclass(frozen=True)
 class Colour:
-    """A range of colours: a pixel is of it when its hue, saturation and value are all within.
+    """A range of colours in terms of hue, saturation and value.
 
     Attributes
     ----------
     hue : tuple of float
         First and last hue, degrees; (340, 20) goes through red.
     saturation, value : tuple of float
-        Least and greatest, 0 to 1.
+        Smallest and largest, 0 to 1.
     """
 
     hue: Range = _WHOLE_HUE
@@ -49,17 +49,17 @@ class Colour:
     value: Range = (0.2, 1.0)
 
     def mask(self, hsv: Image) -> Image:
-        """Which pixels are of this colour.
+        """Return which pixels have this colour.
 
         Parameters
         ----------
         hsv : ndarray of uint8, shape (h, w, 3)
-            As `to_hsv` gives it.
+            The result of `to_hsv`.
 
         Returns
         -------
         ndarray of uint8, shape (h, w)
-            255 where they are, else 0.
+            255 for pixels of this colour, else 0.
         """
         (first, last), (s0, s1), (v0, v1) = self.hue, self.saturation, self.value
         first, last = (first, last) if last - first >= 360 else (first % 360, last % 360)
@@ -71,7 +71,7 @@ class Colour:
         return np.asarray(masks[0] if len(masks) == 1 else cv2.bitwise_or(*masks))
 
     def paler(self) -> Colour:
-        """Return the same colour mixed with a grey background, as of a thing of few pixels."""
+        """Return the colour for small things, whose pixels mix it with a grey background."""
         return replace(self, saturation=(PALER * self.saturation[0], self.saturation[1]), value=(0.0, self.value[1]))
 
     def pure(self) -> NDArray[np.float64] | None:
@@ -84,7 +84,7 @@ class Colour:
         return np.asarray(cv2.cvtColor(middle.round().astype(np.uint8), cv2.COLOR_HSV2BGR_FULL)[0, 0] / _STEPS)
 
     def table(self) -> dict[str, list[float]]:
-        """As `parsed` takes it, and a TOML or JSON file holds it."""
+        """Return the ranges as a table for TOML or JSON files, which `parsed` reads."""
         return {name: [round(float(x), 4) for x in pair] for name, pair in asdict(self).items()}
 
 
@@ -94,20 +94,20 @@ def _levels(hue: float, saturation: float, value: float, rounded: np.ufunc) -> t
 
 
 def to_hsv(image: Image) -> Image:
-    """Hue, saturation and value of a picture in blue, green, red; each goes from 0 to 255."""
+    """Convert a picture (blue, green, red) to hue, saturation and value, each from 0 to 255."""
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2HSV_FULL))
 
 
 def parsed(value: object, where: str) -> Colour:
-    """A colour as a capture file names it.
+    """Parse a colour of a capture file.
 
     Parameters
     ----------
     value : str or mapping
         A name ("red"), a picked colour ("#d02010"), or ranges: {hue = [340, 20], saturation = [0.4, 1.0], value =
-        [0.2, 1.0]}, hue in degrees; what is left out is as wide as is usual.
+        [0.2, 1.0]}, hue in degrees; missing ranges have their usual width.
     where : str
-        File and field, for errors.
+        File and field, for error messages.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def _around(hue: float, width: float) -> Range:
 
 
 def _picked(blue: int, green: int, red: int) -> Colour:
-    """The colour as one pixel of the ball shows it; other places of the ball are darker or paler."""
+    """Return the range of colours of a ball from one of its pixels; others are darker or paler."""
     hue, saturation, value = to_hsv(np.array([[[blue, green, red]]], np.uint8))[0, 0] / _STEPS
     return Colour(_around(360 * float(hue), _PICKED_WIDTH), (0.5 * float(saturation), 1.0), (0.35 * float(value), 1.0))
 
@@ -157,21 +157,21 @@ def _range(pair: object, where: str, most: float) -> Range:
 
 
 def learned(image: Image, point: ArrayLike, tolerance: float = 15.0) -> Colour:
-    """The colour of a ball that was clicked on: its hue, as saturated and as light as its parts are.
+    """Learn the range of colours of a ball from a click on it.
 
     Parameters
     ----------
     image : ndarray of uint8, shape (h, w, 3)
         Blue, green, red.
     point : array-like, shape (2,)
-        Where, pixels.
+        The clicked pixel.
     tolerance : float
-        How far, in hue, what lies around it may differ to be the same ball, degrees.
+        Largest difference in hue of the ball's pixels from the clicked one, degrees.
 
     Raises
     ------
     CalibrationError
-        The point lies outside the picture, or what is there is grey.
+        The point lies outside the picture, or on something grey.
     """
     height, width = image.shape[:2]
     u, v = (round(float(x)) for x in np.asarray(point, float))

@@ -1,4 +1,4 @@
-"""Masks of pictures, made smaller and larger."""
+"""Eroding and dilating masks of pictures."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ import numpy as np
 from ..numerics.arrays import Bools
 
 RIM = 2
-"""Pixels at a mask's edge that show something of both sides."""
+"""Width of a mask's edge in which pixels show something of both sides, pixels."""
 
 
 def within(mask: Bools, rim: int = RIM) -> Bools:
-    """A mask less its rim of so many pixels."""
+    """Return a mask eroded by some pixels."""
     return np.asarray(cv2.erode(mask.astype(np.uint8), _disc(rim)) > 0)
 
 
 def beyond(mask: Bools, margin: float) -> Bools:
-    """What is farther from a mask than a margin, pixels."""
+    """Return the pixels that are farther from a mask than a margin, pixels."""
     return np.asarray(cv2.dilate(mask.astype(np.uint8), _disc(margin)) == 0)
 
 
 def near(mask: Bools, distance: float) -> Bools:
-    """What is no farther from a mask than a distance, pixels, which may be large."""
+    """Return the pixels within a distance, which may be large, of a mask, pixels."""
     return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3) <= distance)
 
 
 def without_specks(mask: Bools, radius: float) -> Bools:
-    """A mask without what is smaller than a disc of a radius, pixels."""
+    """Return a mask without details smaller than a disc with a radius, pixels (morphological opening)."""
     return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, _disc(radius)) > 0)
 
 

@@ -1,4 +1,4 @@
-"""The polyhedra of performers' parts, as they are drawn and met."""
+"""The polyhedra of performers' parts, for rendering and for collisions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..body import Body
 from ..numerics.arrays import Array, Ints, slices_of
 
 TOUCHING = 1e-6
-"""Metres from a plane within which a point is on it."""
+"""Largest distance of a point on a plane, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +32,9 @@ class Geometry:
     face_owner : ndarray of int, shape (N,)
         The part that each plane belongs to.
     meeting : sparse array of int, shape (V, N)
-        One where a plane goes through a vertex of its part.
+        1 if a plane goes through a vertex of its part.
     performer : ndarray of int, shape (P,)
-        Whose part each is.
+        The performer to whom each part belongs.
     """
 
     vertices: Array
@@ -52,7 +52,7 @@ class Geometry:
 
     @classmethod
     def of(cls, bodies: Sequence[Body]) -> Geometry:
-        """The parts of some bodies."""
+        """Return the geometry of some bodies."""
         parts = [part for body in bodies for part in body.parts]
         planes = [np.unique(part.planes.round(9), axis=0) for part in parts]
         performer = np.repeat(np.arange(len(bodies)), [len(body) for body in bodies])
@@ -60,7 +60,7 @@ class Geometry:
 
     @classmethod
     def joined(cls, vertices: Sequence[Array], planes: Sequence[Array], performer: Ints | None = None) -> Geometry:
-        """From every part's vertices and planes, and whose it is: by default all are one performer's."""
+        """Join vertices and planes of parts; by default all parts belong to one performer."""
         count = np.arange(len(vertices))
         touching = [v @ p[:, :3].T + p[:, 3] > -TOUCHING for v, p in zip(vertices, planes, strict=True)]
         return cls(
@@ -74,7 +74,7 @@ class Geometry:
         )
 
     def subset(self, parts: Sequence[int]) -> Geometry:
-        """A geometry of some of the parts alone, in that order."""
+        """Return the geometry of some of the parts, in that order."""
         vertices = [self.vertices[self.spans[part]] for part in parts]
         planes = [self.planes[self.face_owner == part] for part in parts]
         return Geometry.joined(vertices, planes, self.performer[list(parts)])

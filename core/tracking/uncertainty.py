@@ -1,10 +1,10 @@
-"""Uncertainty: how far every joint may be from where the tracker has it.
+"""Expected errors of the tracked joints.
 
-Three things make it up. The covariance of the poses is the inverse of the solver's normal matrix; what moves is less
-sure (`joint_covariances.growth_by_speed`), and the shot itself shows a ratio for every part: how far key poses are
-missed that were not used (`core.tracking.held_out_keys`).
-What no footage can show is added: how well the body stands for the performer (`core.tracking.body_uncertainty`). And
-the solution may be the wrong one: foreground that is left uncovered, and limbs that cover background
+They have three components. The first is the covariance of the poses, the inverse of the solver's normal matrix. It
+grows with speed (`joint_covariances.growth_by_speed`), and is multiplied for each part by a ratio that is estimated
+from the shot, by predicting key poses without using them (`core.tracking.held_out_keys`). The second is what no footage
+can show: how far the body's joints are from the performer's (`core.tracking.body_uncertainty`). The third is the
+possibility that the solution is wrong, which uncovered foreground and limbs on the background indicate
 (`core.tracking.lost_limbs`).
 """
 
@@ -28,19 +28,19 @@ from .solvers.problem import SegmentProblem, SegmentSolution
 from .solvers.smoothness_factor import SegmentSmoothness
 
 MISPLACED = 2.0
-"""Error of a joint per gap between the outlines: what is misplaced are a few limbs, the gap is the whole outline's."""
+"""Ratio of a joint's error to the mean gap between the outlines: a few misplaced limbs cause the gap of the whole."""
 INTERVAL = 0.9
-"""Share of the errors that the interval holds."""
+"""Fraction of the errors that the interval should contain."""
 MAYBE = 0.5
-"""Probability from which a part is said to be lost, perhaps."""
+"""Probability from which a part is reported as possibly lost."""
 TAILS = 20.0
-"""Degrees of freedom of the errors' t distribution: the ratio that the key poses show is one of all frames, and the
-errors of some are larger."""
+"""Degrees of freedom of the errors' t distribution, as the ratio estimated from key poses is a mean over frames with
+smaller and larger errors."""
 
 
 @dataclass(frozen=True, eq=False)
 class SegmentUncertainty:
-    """What a segment's solution leaves uncertain of one performer.
+    """The uncertainty of a segment's solution for one performer.
 
     Attributes
     ----------
@@ -49,13 +49,13 @@ class SegmentUncertainty:
     held : ndarray of bool, shape (F,)
         Frames with a key pose of the whole body.
     covariances : ndarray, shape (F, P, 3, 3)
-        Of the places of all tips, as the solver expects them, metres squared.
+        Covariances of the positions of all tips according to the solver, metres squared.
     misses : ndarray, shape (K, P)
-        How far key poses were missed that were not used, see `core.tracking.held_out_keys`.
+        Errors of key poses predicted without themselves, see `core.tracking.held_out_keys`.
     gaps : ndarray, shape (F,)
-        How far the performer's outlines lie outside of the model's, metres.
+        Mean distance of the performer's outlines outside the model's, metres.
     lost : ndarray, shape (F, P)
-        Probability that a part is lost.
+        Probability that each part is lost.
     """
 
     first: int
@@ -66,24 +66,25 @@ class SegmentUncertainty:
     lost: Array
 
     def ratios(self, body: Body) -> Array:
-        """Squared errors of the parts' tips over those that the solver predicts, as this segment's key poses alone show
-        them, shape (P,); at most the usual ratio, since key poses that are missed by more may be off themselves.
+        """Return the ratios of squared errors of the parts' tips to those that the solver predicts, shape (P,),
+        estimated from this segment's key poses alone; at most the usual ratio, as key poses with larger errors may be
+        wrong.
         """
         return np.minimum(covariance_ratios(self.misses, joint_parts(body.parents)), USUAL_RATIO)
 
 
 @dataclass(frozen=True, eq=False)
 class JointErrors:
-    """Expected errors of the places of all parts' tips on F frames; zero where a key pose holds the whole body.
+    """Expected errors of the positions of all parts' tips on F frames; zero where a key pose holds the whole body.
 
     Attributes
     ----------
     deviation : ndarray, shape (F, P)
-        Expected distance from the true place, metres.
+        Expected distance from the true position, metres.
     interval : ndarray, shape (F, P)
-        The distance that the true one is within in 90 % of cases, metres.
+        Distance that should not be exceeded in 90 % of cases, metres.
     lost : ndarray, shape (F, P)
-        Probability that the part is not on what it is taken for.
+        Probability that the part is lost: it does not lie on the performer's.
     """
 
     deviation: Array
@@ -91,7 +92,7 @@ class JointErrors:
     lost: Array
 
     def with_reach(self, reach: Mapping[int, float]) -> JointErrors:
-        """The errors with those of unknown parts, which may be anywhere within their reach, metres by part."""
+        """Return the errors with those of unknown parts, which may be anywhere within a reach, metres by part."""
         parts, far = list(reach), list(reach.values())
         found = [values.copy() for values in (self.deviation, self.interval, self.lost)]
         for values, value in zip(found, (far, far, 0.0), strict=True):
@@ -99,21 +100,22 @@ class JointErrors:
         return JointErrors(*found)
 
     def maybe_lost(self) -> Bools:
-        """Where a part may be lost, shape (F, P)."""
+        """Return where each part may be lost, shape (F, P)."""
         return np.asarray(self.lost >= MAYBE)
 
 
 def segment_uncertainties(
     problem: SegmentProblem, solution: SegmentSolution, threads: int = 1
 ) -> list[SegmentUncertainty]:
-    """What a segment's solution leaves uncertain, per performer.
+    """Return the uncertainty of a segment's solution for every performer.
 
     Parameters
     ----------
     problem : SegmentProblem
-        As it was solved.
+        The problem that was solved.
     solution : SegmentSolution
     threads : int
+        Number of threads for image work.
     """
     motions, spans = solution.motions, problem.spans()
     measured = measured_at(problem, solution)
@@ -150,16 +152,16 @@ def segment_uncertainties(
 
 
 def joint_errors(body: Body, uncertainties: Sequence[SegmentUncertainty], beside: Array) -> JointErrors:
-    """The errors of one performer over a whole shot.
+    """Return the expected errors of one performer over a whole shot.
 
     Parameters
     ----------
     body : Body
     uncertainties : sequence of SegmentUncertainty
-        Of all segments: together they are F frames.
+        Those of all segments, which together have F frames.
     beside : ndarray, shape (F, P, 3, 3)
-        Covariances of what the footage cannot show, metres squared: how far the joints of the body, as it was fitted,
-        lie from the performer's.
+        Additional covariances, metres squared, of what the footage cannot show: the distances of the fitted body's
+        joints from the performer's.
     """
     F, P = beside.shape[:2]
     ratios = covariance_ratios(np.concatenate([one.misses for one in uncertainties]), joint_parts(body.parents))
@@ -182,14 +184,14 @@ def joint_errors(body: Body, uncertainties: Sequence[SegmentUncertainty], beside
 
 
 def expected_errors(deviation: Array, parents: Sequence[int], unknown: Sequence[int] = ()) -> Array:
-    """Expected error of every frame, metres, shape (F,): mean over the joints, of deviations (F, P) of all tips.
+    """Return the expected error of every frame, metres, shape (F,): the mean of deviations (F, P) over the joints.
 
-    A part's tip is a joint where another part begins. The ends of limbs are no joints: how a hand is turned, or a foot,
-    is seen so much worse than where it is that they would outweigh all else. Unknown parts are left out.
+    A part's tip is a joint if another part begins there. The ends of limbs are left out: the rotation of a hand or foot
+    is so much less certain than its position that they would outweigh all else. Unknown parts are left out as well.
     """
     return np.asarray(deviation[:, joint_parts(parents, unknown)].mean(axis=1))
 
 
 def joint_parts(parents: Sequence[int], unknown: Sequence[int] = ()) -> list[int]:
-    """Parts that others begin at, without unknown ones; all of them where there is one alone."""
+    """Return the parts at whose tips others begin, without unknown ones; part 0 if there are none."""
     return sorted({parent for parent in parents if parent >= 0} - set(unknown)) or [0]
