@@ -22,9 +22,9 @@ from ..numerics.error_lengths import length_quantile
 from .held_out_keys import USUAL_RATIO, covariance_ratios, missed_key_poses
 from .joint_covariances import growth_by_speed, tip_covariances, tip_jacobian
 from .lost_limbs import confirmed_parts, limb_reach, lost_probabilities
-from .solvers.gauss_newton import evidence_equations
 from .solvers.measurement import hidden_parts, keypoint_instants, measured_at, poses_by_delay
 from .solvers.problem import SegmentProblem, SegmentSolution
+from .solvers.segment_equations import evidence_equations
 from .solvers.smoothness_factor import SegmentSmoothness
 
 MISPLACED = 2.0

@@ -9,10 +9,11 @@ from itertools import islice
 from ...body.limbs import limb_pairs
 from ...body.motion import Motion
 from .descent_stages import SETTLED, SETTLING
-from .gauss_newton import SegmentNoise, approach, continued, descend
+from .gauss_newton import approach, continued, descend
 from .like_limbs import exchanges
 from .measurement import Workspace
 from .problem import SegmentProblem, SegmentSolution
+from .segment_equations import SegmentNoise
 from .solution_ranking import RESTING, alike, cover_at, equals, likeliest_at_rest, likelihood, noise_of
 
 LENDING = 0.03

@@ -19,12 +19,13 @@ import numpy as np
 from ...body.motion import Motion
 from ...runtime.timing import Seconds
 from .descent_stages import REACH, RESUMED, SETTLED, SETTLING, WINDOW
-from .gauss_newton import SegmentNoise, approach, continued, descend, farthest_joint
+from .gauss_newton import approach, continued, descend, farthest_joint
 from .like_limbs import untangled_limbs
 from .limb_exchange import recombined, with_limbs_exchanged
 from .limb_search import found_limbs
 from .measurement import Workspace
 from .problem import AccelerationSearch, SegmentProblem, SegmentSolution
+from .segment_equations import SegmentNoise
 from .sequential_start import blended, excerpt, follow
 from .solution_doubts import doubted_performers, doubtful, speaks_against, worst_first
 from .solution_ranking import RESTING, alike, better, equals, likeliest_at_rest, likelihood, noise_of

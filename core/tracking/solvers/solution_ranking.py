@@ -8,9 +8,10 @@ import numpy as np
 
 from ...body.motion import Motion
 from .descent_stages import SETTLED
-from .gauss_newton import SegmentNoise, continued, descend
+from .gauss_newton import continued, descend
 from .measurement import Workspace, keypoint_agreement
 from .problem import SegmentProblem, SegmentSolution
+from .segment_equations import SegmentNoise
 
 EQUAL = 0.005
 """Relative difference of cover up to which solutions count as equals: which of them covers more is chance."""

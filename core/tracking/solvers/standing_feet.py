@@ -28,11 +28,12 @@ from ...body.soles import Soles
 from ...numerics.arrays import Array, Bools
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.robust_kernels import Quadratic
-from .gauss_newton import equations_at, increments_of, moved_by
+from .gauss_newton import increments_of, moved_by
 from .hold_factor import TiedSystems, tied_systems
 from .plant_factor import PlantFactor
 from .problem import SegmentProblem, SegmentSolution
 from .protocol import SettledMotions
+from .segment_equations import equations_at
 
 REFUSED = 0.01
 """Significance level of the test: share of true plants that it rejects if the covariance is right."""

@@ -19,7 +19,7 @@ from kfmocap.core.numerics.banded import BandedFactor
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.shot.acceleration_prior import USUAL_JOINT, USUAL_ROOT, acceleration_precision
 from kfmocap.core.shot.shot import Settings
-from kfmocap.core.tracking.solvers import gauss_newton
+from kfmocap.core.tracking.solvers import gauss_newton, segment_equations
 from kfmocap.core.tracking.solvers.descent_stages import REACH, REFINEMENT, STAGES, STILL, DescentStage
 from kfmocap.core.tracking.solvers.measurement import MeasuredMotion, Workspace, hidden_parts
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, frame_residual
@@ -62,8 +62,8 @@ def with_smoothness(
     problem: SegmentProblem, measured: MeasuredMotion, hidden: list[np.ndarray] | tuple[()] = ()
 ) -> list[BandedBlocks]:
     """The evidence at motions, with the smoothness before any picture is looked at."""
-    images = gauss_newton.evidence_equations(problem, measured, hidden)
-    return gauss_newton.with_priors(problem, measured.motions, images, SegmentSmoothness.start(problem))
+    images = segment_equations.evidence_equations(problem, measured, hidden)
+    return segment_equations.with_priors(problem, measured.motions, images, SegmentSmoothness.start(problem))
 
 
 def systems(problem: SegmentProblem, motion: Motion) -> tuple[list[BandedBlocks], SegmentEvidence]:
@@ -318,13 +318,13 @@ def test_where_a_part_is_seen_nothing_is_expected_of_it() -> None:
     motion = waving(72)
     hidden = np.zeros((72, len(BODY)), bool)
     hidden[HIDDEN, BODY.index("forearm.L")] = True
-    [expected] = gauss_newton.predicted_accelerations([motion], [hidden], [0])
+    [expected] = segment_equations.predicted_accelerations([motion], [hidden], [0])
     found = expected[HIDDEN, FOREARM]
     true = np.pad(acceleration(motion), ((1, 1), (0, 0)))[HIDDEN, FOREARM]
     assert np.abs(found - true).max() < 0.4 * np.abs(true).max()
     expected[HIDDEN, FOREARM] = 0
     assert not expected.any()
-    [none] = gauss_newton.predicted_accelerations([motion], [np.zeros_like(hidden)], [0])
+    [none] = segment_equations.predicted_accelerations([motion], [np.zeros_like(hidden)], [0])
     assert not none.any() and none.shape == (72, D)
 
 
@@ -405,7 +405,7 @@ def test_costs_under_one_noise_are_those_of_the_same_problem() -> None:
     truth = swing(BODY, 6, 0.15)
     problem = SegmentProblem(filmed(truth), (BODY,), 0, 12.0, (ends_held(BODY, 6),))
     stages = (replace(CONVERGED[0], iterations=1),)
-    noise = gauss_newton.SegmentNoise.of(
+    noise = segment_equations.SegmentNoise.of(
         Workspace().measure(problem, [truth], stages[0].sampling_of(2)).evidence, SETTINGS
     )
     bow = np.sin(np.pi * np.arange(6) / 5)[:, None]
@@ -426,7 +426,7 @@ def test_frames_with_more_noise_count_less_where_each_part_has_its_own(by_part: 
     noise[1, 3] = 0.04
     gradients = replace(made.gradients, noise=noise, density=np.full((2, 5), 1e4))
     evidence = replace(made, gradients=gradients, sampling=replace(made.sampling, by_part=by_part))
-    precision = gauss_newton.pixel_precision(evidence, SETTINGS)
+    precision = segment_equations.pixel_precision(evidence, SETTINGS)
     others = np.delete(precision.ravel(), 8)
     np.testing.assert_allclose(others, others[0])
     assert precision[1, 3] == pytest.approx(others[0] / (16 if by_part else 1))
@@ -440,7 +440,7 @@ def test_gradients_favour_following_a_moving_limb_and_are_neutral_about_one_that
     truth, aside = (at_rest(BODY, frames).moved(turn) for turn in (turns, np.tile(3 * turns[-1], (frames, 1))))
     problem = SegmentProblem(filmed(truth), (BODY,), 0, 12.0, (ends_held(BODY, frames),))
     sampling = CONVERGED[0].sampling_of(2)
-    noise = gauss_newton.SegmentNoise.of(Workspace().measure(problem, [truth], sampling).evidence, SETTINGS)
+    noise = segment_equations.SegmentNoise.of(Workspace().measure(problem, [truth], sampling).evidence, SETTINGS)
     followed, still = (
         Workspace().measure(problem, [m], sampling, noise.deviation).evidence.gradients for m in (truth, aside)
     )

@@ -26,6 +26,7 @@ from kfmocap.core.tracking.solvers import (
     gauss_newton,
     limb_exchange,
     multi_start,
+    segment_equations,
     solution_doubts,
     solution_ranking,
 )
@@ -340,10 +341,10 @@ def test_the_noise_under_which_one_of_several_is_judged_is_of_its_own_pixels() -
         noise = solution_ranking.noise_of(alone, replace(both, only=i), workspace)
         count = own.gradients.count.sum()
         assert count < 0.7 * both.evidence.gradients.count.sum()
-        np.testing.assert_allclose(noise.weight, gauss_newton.SegmentNoise.of(own, problem.settings).weight)
+        np.testing.assert_allclose(noise.weight, segment_equations.SegmentNoise.of(own, problem.settings).weight)
     np.testing.assert_array_equal(
         solution_ranking.noise_of(problem, both, workspace).weight,
-        gauss_newton.SegmentNoise.of(both.evidence, problem.settings).weight,
+        segment_equations.SegmentNoise.of(both.evidence, problem.settings).weight,
     )
 
 
