@@ -226,8 +226,8 @@ TERMS = (
     Term(
         "units of the weights",
         "core/evidence/accumulate.py",
-        "return np.asarray(self.sampling.stride**2 / (density * correlation_length**2))",
-        "return np.asarray(1 / (density * correlation_length**2))",
+        "return np.asarray(count * self.sampling.stride**2 / (density * correlation_length**2))",
+        "return np.asarray(count / (density * correlation_length**2))",
         f"{SWEEPS}::test_weights_mean_the_same_at_every_resolution_and_stride",
     ),
     Term(
