@@ -11,7 +11,7 @@ from kfmocap.core.body import landmark_positions
 from kfmocap.core.body.motion import Motion, stacked
 from kfmocap.core.body.smoothness import LONGEST_STEP, acceleration, limited, smoothness
 from kfmocap.core.body.smoothness_estimate import LEAST_MOBILITY
-from kfmocap.core.evidence.accumulate import SegmentEvidence
+from kfmocap.core.evidence.accumulate import OWN_SHARE, SegmentEvidence
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
@@ -428,6 +428,9 @@ def test_frames_with_more_noise_count_less_where_each_part_has_its_own(by_part: 
     evidence = replace(made, gradients=gradients, sampling=replace(made.sampling, by_part=by_part))
     precision = segment_equations.pixel_precision(evidence, SETTINGS)
     others = np.delete(precision.ravel(), 8)
+    whole = replace(evidence, sampling=replace(made.sampling, by_part=False))
+    alone = gauss_newton.pixel_precision(whole, SETTINGS)[0, 0]
+    assert others[0] == pytest.approx((OWN_SHARE if by_part else 1) * alone)
     np.testing.assert_allclose(others, others[0])
     assert precision[1, 3] == pytest.approx(others[0] / (16 if by_part else 1))
 

@@ -12,6 +12,7 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
+from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers.measurement import Workspace
 from kfmocap.core.tracking.solvers.multi_start import LOOKS, VAIN_LOOKS
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
@@ -142,3 +143,13 @@ def test_with_several_performers_the_search_ends_after_rounds_without_success(
     solution = refined(several, apart, Workspace())
     with_limb_regained(several, solution, (0, ARM), Workspace())
     assert asked == list(range(looks))
+
+
+@pytest.mark.parametrize("views", [1, 2])
+def test_the_motion_of_one_performer_ends_with_noise_of_each_part_whatever_the_number_of_views(
+    problem: SegmentProblem, views: int
+) -> None:
+    pictured = replace(problem, views=problem.views[:views], settings=Settings(limb_search=False))
+    assert len(pictured.views) == views
+    evidence = refined(pictured, [TRUTH], Workspace()).evidence
+    assert evidence is not None and evidence.sampling.by_part
