@@ -25,17 +25,18 @@ from .label_images import LabelImages
 from .view_frames import GradientImages, Image
 
 HUBER = 1.345
-"""Where Huber's error turns from square to linear, in standard deviations (95 % efficiency under normal noise)."""
+"""Limit of Huber's loss between its quadratic and linear parts, standard deviations (95 % efficiency for normal
+noise)."""
 BACKGROUND_BELOW = -0.5
-"""Log likelihood ratio of a pixel that is rather background, within the model's outline though it may be."""
+"""Log likelihood ratio below which a pixel within the model's outline counts as background."""
 OUTLIERS = 0.05
-"""Share of pixels whose brightness may become any other: what hides or uncovers them, and shading, is no noise."""
+"""Fraction of pixels whose brightness changes arbitrarily, because of occlusion or shading."""
 PART_PIXELS = 20.0
 """A part's own noise is drawn toward that of its pair of frames, and its change of brightness toward none, as by so
 many pixels."""
 _LEAST_NOISE = 2e-4
 _LEAST_DEVIATION = 1e-3  # of the residuals of a frame whose pixels show next to nothing
-_AT_A_TIME = 16  # groups of pixels: few enough to stay in the cache
+_AT_A_TIME = 16  # groups of pixels, few enough to stay in the processor's cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,11 +56,11 @@ class GradientSums:
     noise : ndarray, shape (m, 1 + P)
         Robust standard deviation of the residuals of each pair of frames, and of each of its parts, grey level 0 to 1.
     density : ndarray, shape (m,)
-        Mean number of the view's pixels that a square metre facing it covers; 0 where no part is seen.
+        Mean number of the view's pixels per square metre facing it; 0 if no part is seen.
     count : ndarray, shape (m,)
-        Number of pixels that count.
+        Number of pixels used.
     cost : ndarray, shape (m,)
-        Mean of Huber's error of these pixels under a given noise, (grey level 0 to 1)^2.
+        Mean of Huber's loss of these pixels with a given noise, (grey level 0 to 1)^2.
     gain : ndarray, shape (m,)
         How much likelier these pixels are than if what they show stood still in the picture, in natural units, under
         the noise of their pair of frames. Where one of several performers is solved, `core.evidence.accumulate` adds
@@ -87,9 +88,9 @@ class Pixels:
     ends : ndarray of int
         See `LabelImages`.
     uv : ndarray of int, shape (N, 2)
-        Their places in the view's frames, pixels.
+        Their positions in the view's frames, pixels.
     points_cam : ndarray of float32, shape (N, 3)
-        What they show, in camera axes, metres.
+        The points that they show, in camera axes, metres.
     """
 
     frame: NDArray[np.intp]
@@ -100,7 +101,9 @@ class Pixels:
 
     @classmethod
     def of(cls, labels: LabelImages, camera: Camera, stride: int, frames: int) -> Pixels:
-        """The pixels of the first label images, which have every stride-th pixel of the camera's frames."""
+        """Return the pixels of the first `frames` label images, which have every stride-th pixel of the camera's
+        frames.
+        """
         P = labels.share.shape[1]
         ends = labels.ends[: frames * P + 1]
         frame, u, v = (a[: ends[-1]] for a in labels.places)
@@ -115,7 +118,7 @@ class Pixels:
 
 @dataclass(frozen=True, eq=False)
 class LabelledFrames:
-    """n consecutive frames of one view, and the parts that they show in some poses.
+    """n consecutive frames of one view, with the label images of some poses.
 
     Attributes
     ----------
@@ -130,9 +133,10 @@ class LabelledFrames:
     first : int
         Shot frame of the first of them.
     stride : int
-        Every how many pixels, each way, the label images are drawn.
+        Step between the pixels of the label images, in both directions.
     foreground : ndarray of uint8, shape (M, n, h, w), optional
-        Of each performer: pixels that show something else are left out; see `core.evidence.foreground`.
+        Foreground images of each performer, by which pixels that show something else are left out; see
+        `core.evidence.foreground`.
     """
 
     camera: Camera
@@ -149,7 +153,7 @@ def brightness_constancy(
 ) -> GradientSums:
     """Sum the brightness constancy constraint between neighbouring frames of one view.
 
-    A pixel of a frame counts if the next frame still shows its point.
+    A pixel of a frame is used if its point is still visible on the next frame.
 
     Parameters
     ----------
@@ -214,13 +218,13 @@ def brightness_constancy(
 
 @dataclass(frozen=True, eq=False)
 class PixelGains:
-    """What the pixels of parts that stay where they are add to `GradientSums.gain` while something else moves before
+    """Contributions to `GradientSums.gain` of the pixels of parts that stay in place, while others move in front of
     them.
 
     Attributes
     ----------
     here, there : ndarray of int, shape (N,)
-        Their places, and where their points are a frame later, among all pixels of the n label images.
+        Indices of the pixels, and of their points one frame later, among all pixels of the n label images.
     frame, part : ndarray of int, shape (N,)
     gain : ndarray, shape (N,)
     """
@@ -238,7 +242,7 @@ class PixelGains:
         tolerance: float,
         noise: Array,
     ) -> PixelGains:
-        """The gains of the parts that label images show; parameters as of `brightness_constancy`."""
+        """Return the gains of the parts in label images; parameters as in `brightness_constancy`."""
         compared, labels = _compared(frames), frames.labels
         pixels, deviation = compared.pixels, tolerance * np.maximum(noise, _LEAST_NOISE)
         gain = _gains(compared, frames.images, deviation[pixels.frame, 0])
@@ -250,8 +254,8 @@ class PixelGains:
         return cls(labels.index[: len(gain)][kept], there, frame, pixels.part[kept], gain[kept])
 
     def visible(self, part: NDArray[np.int16], numbers: NDArray[np.intp], pairs: int) -> Array:
-        """The sums (m,) over the pixels that label images of all parts (n, h, w) show on both frames; `numbers` are
-        those of these parts among all.
+        """Return the sums (m,) over the pixels that are visible on both frames in label images of all parts (n, h, w);
+        `numbers` are the indices of these parts among all.
         """
         own, shown = numbers.astype(np.int16).take(self.part), part.ravel()
         hidden = shown.take(self.here) != own
@@ -265,8 +269,8 @@ class PixelGains:
 
 @dataclass(frozen=True, eq=False)
 class _Compared:
-    """Pixels that show parts, and where the next frame shows their points: in camera axes (N, 3) and in the picture
-    (N, 2), with brightness and derivatives (3, N) here and there, the difference of brightness, and which count.
+    """Pixels that show parts, and their points on the next frame, in camera axes (N, 3) and in the picture (N, 2), with
+    brightness and its derivatives (3, N) on both frames, the difference of brightness, and which pixels are used.
     """
 
     pixels: Pixels
@@ -294,7 +298,7 @@ def _compared(frames: LabelledFrames) -> _Compared:
 
 
 def _gains(compared: _Compared, images: GradientImages, deviation: NDArray[np.floating[Any]]) -> Array:
-    """How much likelier each pixel is than if what it shows stood still; 0 of those that do not count, (N,)."""
+    """Return how much likelier each pixel is than if its point stood still, natural units, (N,); 0 for unused ones."""
     pixels, deviation = compared.pixels, np.maximum(deviation, _LEAST_DEVIATION)
     still = images.at(pixels.frame + 1, pixels.uv)[0] - compared.here[0]
     moved, stood = (log_likelihoods(residual, deviation) for residual in (compared.residual, still))
@@ -302,22 +306,22 @@ def _gains(compared: _Compared, images: GradientImages, deviation: NDArray[np.fl
 
 
 def log_likelihoods(residual: NDArray[np.floating[Any]], deviation: NDArray[np.floating[Any]]) -> Array:
-    """How likely residuals are, but for a constant: they are normal, or in a share of `OUTLIERS` anything.
+    """Return the log likelihoods of residuals, up to a constant: normal, or with probability `OUTLIERS` uniform.
 
-    No single pixel then says more than that it is an outlier. With Huber's errors a pixel on an edge counts as eighty
-    would that are off by one deviation, and a few of them outweigh all else.
+    No single pixel can then cost more than an outlier. With Huber's loss, a pixel on an edge counts as much as eighty
+    that are off by one standard deviation, and a few such pixels outweigh all else.
     """
     outliers = OUTLIERS / (1 - OUTLIERS) * np.sqrt(2 * np.pi) * deviation.astype(float)
     return np.asarray(np.log(np.exp(-0.5 * (residual.astype(float) / deviation) ** 2) + outliers))
 
 
 def _carried(pixels: Pixels, to_camera: Poses, poses: Poses) -> Image:
-    """The pixels' points, moved with their parts to the next frame, in its camera's axes, shape (N, 3)."""
+    """Return the pixels' points moved with their parts to the next frame, in its camera's axes, shape (N, 3)."""
     (Rc, tc), (R, T) = to_camera, poses
     R_cam, T_cam = Rc[:, None] @ R, T @ np.swapaxes(Rc, 1, 2) + tc[:, None]
     turn = R_cam[1:] @ np.swapaxes(R_cam[:-1], -1, -2)
     shift = T_cam[1:] - (turn @ T_cam[:-1, :, :, None])[..., 0]
-    # In double precision: the last bit of a single one depends on where arrays lie, and would show in the motion.
+    # In double precision: the last bit of a single-precision product depends on the alignment of arrays.
     rows = np.concatenate([turn, shift[..., None]], axis=-1).reshape(-1, 12).T
     move = np.repeat(np.ascontiguousarray(rows), np.diff(pixels.ends), axis=1)
     x, y, z = pixels.points_cam.T.astype(float)
@@ -336,9 +340,9 @@ def _carried(pixels: Pixels, to_camera: Poses, poses: Poses) -> Image:
 def summed_products(
     rows: NDArray[np.floating[Any]], weight: NDArray[np.floating[Any]], ends: NDArray[np.intp]
 ) -> Array:
-    """Weighted sums of the products of columns (k, N) with themselves, of ends[i] to ends[i + 1] each.
+    """Return weighted sums of the products of columns (k, N) with themselves, over columns ends[i] to ends[i + 1].
 
-    Summed in double precision, or they are not positive definite; shape (len(ends) - 1, k, k).
+    The shape is (len(ends) - 1, k, k). Sums in single precision might not be positive definite.
     """
     sums = np.zeros((len(ends) - 1, len(rows), len(rows)))
     for first in range(0, len(sums), _AT_A_TIME):
@@ -354,8 +358,8 @@ def summed_products(
 def _residuals_of_parts(
     residual: Image, seen: NDArray[np.bool_], ends: NDArray[np.intp], parts: int, *, by_part: bool
 ) -> tuple[Array, Array]:
-    """By how much each part gets brighter (m, P), and the noise, see `GradientSums`; by default nothing changes, and
-    all parts have the noise of their pair of frames.
+    """Return by how much each part gets brighter (m, P), and the noise, see `GradientSums`; without `by_part` nothing
+    gets brighter, and all parts have the noise of their pair of frames.
     """
     of_pairs = [_robust_deviation(residual[a:b][seen[a:b]]) for a, b in pairwise(ends[::parts])]
     noise = np.repeat(np.maximum(of_pairs, _LEAST_NOISE)[:, None], 1 + parts, axis=1)
@@ -372,28 +376,28 @@ def _residuals_of_parts(
 
 
 def _deviations(noise: Array, tolerance: float, ends: NDArray[np.intp]) -> tuple[Image, Image]:
-    """The standard deviation of each pixel, and the inverse of its square relative to that of its pair of frames."""
+    """Return the standard deviation of each pixel, and its inverse variance relative to that of its pair of frames."""
     each = np.repeat(noise[:, 1:].ravel(), np.diff(ends))
     relative = np.repeat((noise[:, :1] / noise[:, 1:]).ravel() ** 2, np.diff(ends))
     return (tolerance * each).astype(np.float32), relative.astype(np.float32)
 
 
 def _weights(residual: Image, noise: Array, tolerance: float, ends: NDArray[np.intp]) -> Image:
-    """Huber's weights of pixels under a noise, less where their part has more of it than its pair of frames."""
+    """Return the weights of pixels: Huber's, times the relative inverse variance of their part."""
     deviation, relative = _deviations(noise, tolerance, ends)
     return np.asarray(relative * huber_weights(residual, deviation))
 
 
 def _without_change(sums: Array, prior: Array) -> Array:
-    """Sums of products (m, P, k, k) whose last row is the part's change, which is solved for and left out; `prior`
-    (m, P) is the weight of its being zero.
+    """Eliminate the change of brightness, the last row of sums of products (m, P, k, k); `prior` (m, P) is the weight
+    that draws it to zero.
     """
     own = sums[..., -1:, -1:] + prior[..., None, None]
     return np.asarray(sums[..., :-1, :-1] - sums[..., :-1, -1:] @ sums[..., -1:, :-1] / own)
 
 
 def _robust_deviation(residual: Image) -> float:
-    """Standard deviation from the median of absolute values; 0 of nothing."""
+    """Return the standard deviation from the median of absolute values; 0 if there are none."""
     if not len(residual):
         return 0.0
     middle = len(residual) // 2
@@ -403,7 +407,7 @@ def _robust_deviation(residual: Image) -> float:
 
 
 def wrenches(points: Image, slope: Image, focal: Image) -> Image:
-    """Rows (m, x cross m) of brightness derivatives (2, N) at points in camera axes, shape (N, 6)."""
+    """Return the rows (m, x cross m) for brightness derivatives (2, N) at points in camera axes, shape (N, 6)."""
     x, y, z = points.T
     out = np.empty((6, len(points)), np.float32)
     mx, my = slope[0] * focal[0] / z, slope[1] * focal[1] / z
@@ -414,21 +418,21 @@ def wrenches(points: Image, slope: Image, focal: Image) -> Image:
 
 
 def huber_weights(residual: Image, deviation: Image) -> Image:
-    """Weights of Huber's error: one up to `HUBER` deviations, then falling as 1/|r|."""
+    """Return the weights of Huber's loss: 1 up to `HUBER` deviations, then falling as 1/|r|."""
     return np.asarray(
         np.minimum(np.float32(1), np.float32(HUBER) * deviation / np.maximum(np.abs(residual), np.float32(1e-12)))
     )
 
 
 def huber_errors(residual: Image, deviation: Image) -> Image:
-    """Huber's error: the square up to `HUBER` deviations, then linear."""
+    """Return Huber's loss: quadratic up to `HUBER` deviations, then linear."""
     size, limit = np.abs(residual), np.float32(HUBER) * deviation
     inner = np.minimum(size, limit)
     return np.asarray(inner * (2 * size - inner))
 
 
 def _pair_twists(Rc: Array, tc: Array) -> Array:
-    """Takes the world twists of a pair of frames to their cameras' axes and centres, shape (m, 12, 12)."""
+    """Return matrices (m, 12, 12) that take the world twists of a pair of frames to their cameras' axes and centres."""
     twist = camera_twist(Rc, tc)
     A = np.zeros((len(Rc) - 1, 12, 12))
     A[:, :6, :6], A[:, 6:, 6:] = twist[:-1], twist[1:]
@@ -436,7 +440,9 @@ def _pair_twists(Rc: Array, tc: Array) -> Array:
 
 
 def camera_twist(R_cam_world: Array, t_cam_world: Array) -> Array:
-    """Takes twists (v, omega) about the world's origin to camera axes and the camera's centre, shape (..., 6, 6)."""
+    """Return matrices (..., 6, 6) that take twists (v, omega) about the world's origin to the camera's axes and
+    centre.
+    """
     A = np.zeros((*t_cam_world.shape[:-1], 6, 6))
     A[..., :3, :3] = A[..., 3:, 3:] = R_cam_world
     A[..., :3, 3:] = rotations.skew(t_cam_world) @ R_cam_world

@@ -1,4 +1,4 @@
-"""What is done with a segment, as work for `core.runtime.worker_pool`: from values to values that can be pickled."""
+"""Solving and refining a segment as tasks for `core.runtime.worker_pool`, with values that can be pickled."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ Watcher = Callable[[int, Sequence[Motion]], None]
 
 @dataclass(frozen=True, eq=False)
 class SegmentTask:
-    """A segment to solve or to refine.
+    """The input of solving or refining a segment.
 
     Attributes
     ----------
@@ -53,8 +53,9 @@ class SegmentTask:
     segment : tuple of int
     views : tuple of ViewFrames or StoredView
     state : TrackState
-        What is known of the shot when the work begins.
+        What is known of the shot when the task starts.
     threads : int
+        Number of threads for image work.
     """
 
     shot: Shot
@@ -64,13 +65,13 @@ class SegmentTask:
     threads: int
 
     def opened(self) -> tuple[ViewFrames, ...]:
-        """The views with their pictures."""
+        """Return the views with their pictures mapped into memory."""
         return tuple(view.opened() if isinstance(view, StoredView) else view for view in self.views)
 
 
 @dataclass(frozen=True, eq=False)
 class RefinedSegment:
-    """A segment that is done.
+    """A refined segment.
 
     Attributes
     ----------
@@ -85,7 +86,7 @@ class RefinedSegment:
 
 @dataclass(frozen=True, eq=False)
 class SolvedSegment:
-    """A segment that is solved by itself.
+    """A solved segment, before refinement.
 
     Attributes
     ----------
@@ -94,11 +95,11 @@ class SolvedSegment:
     solution : SegmentSolution
         Without evidence.
     offset : Offset or None
-        Of the footage, as it was measured here.
+        Footage offset measured on this segment.
     seconds : dict
         Time spent, by stage.
     finished : FinishedSegment, optional
-        Where it is not refined.
+        The finished segment, if it is not to be refined.
     """
 
     data: SegmentData
@@ -123,8 +124,9 @@ def solve_task(
     task : SegmentTask
     observed : ShotKeypoints
     earlier : EarlierTrack, optional
-        The shot as it was tracked before. A segment that is solved from there, without a doubt, is not refined.
+        The shot as it was tracked before. A segment that is solved from there and is not doubtful is not refined.
     progress, watch : callable, optional
+        See `Progress` and `Watcher`.
     """
     shot, segment, state, seconds = task.shot, task.segment, task.state, Seconds()
     solver = solver_named(shot.settings.solver)
@@ -150,7 +152,7 @@ def solve_task(
 def refine_task(
     task: SegmentTask, solved: SolvedSegment, progress: Progress | None = None, watch: Watcher | None = None
 ) -> RefinedSegment:
-    """Refine a segment that is solved, now that the motion beside it is known; parameters as of `solve_task`."""
+    """Refine a solved segment once the motion on both sides of it is known; parameters as in `solve_task`."""
     shot, seconds = task.shot, Seconds()
     data = replace(solved.data, views=task.opened())
     workspace = Workspace(task.threads, on_step=_steps(progress, watch, solved.solution.iterations))
@@ -163,14 +165,14 @@ def refine_task(
 
 
 def _without_refinement(ended: SegmentState, offset: Offset | None, seconds: Seconds, threads: int) -> SolvedSegment:
-    """A segment that is at its end as soon as it is solved."""
+    """Return a segment that is finished as soon as it is solved."""
     finished = _finished(ended, ended.solution.motions, offset, seconds, threads)
     slim = replace(ended.solution, evidence=None)
     return SolvedSegment(replace(ended.data, views=()), slim, offset, dict(seconds), finished)
 
 
 def _steps(progress: Progress | None, watch: Watcher | None, before: int = 0) -> StepCallback:
-    """The solver's callback that reports progress and has iterations watched, after some that came before."""
+    """Return the solver's callback, which reports progress and calls `watch`, counting iterations from `before`."""
     number = before
 
     def on_step(done: float, motions: Sequence[Motion]) -> None:
@@ -184,7 +186,7 @@ def _steps(progress: Progress | None, watch: Watcher | None, before: int = 0) ->
 
 
 def _found_accelerations(ended: SegmentState) -> tuple[Array, ...]:
-    """Typical accelerations per performer, as `AccelerationVariances.deviations`; none where the usual ones stayed."""
+    """Return the estimated accelerations per performer, see `AccelerationVariances.deviations`; empty if none were."""
     problem, found = ended.problem, ended.solution.variances
     usual = [usual_variances(body, problem.fps, problem.settings) for body in problem.bodies]
     if all(np.array_equal(own.typical, before) for own, before in zip(found, usual, strict=False)):
@@ -195,7 +197,7 @@ def _found_accelerations(ended: SegmentState) -> tuple[Array, ...]:
 def _finished(
     ended: SegmentState, first_motions: tuple[Motion, ...], offset: Offset | None, seconds: Seconds, threads: int
 ) -> FinishedSegment:
-    """What is kept of a segment that is at its end, with the uncertainty of its joints, which takes time as well."""
+    """Return the finished segment, with its uncertainty and with planted feet held."""
     solution = ended.solution
     energy = sum((earlier.energy for earlier in (*ended.earlier, solution)), ())
     found = _found_accelerations(ended)

@@ -59,22 +59,24 @@ class TrackResult:
     errors : tuple of JointErrors
         Per performer: how far every part's tip may be from its true place, and where it may be lost.
     pictures : tuple of dict of int to ndarray of uint8, shape (h, w, 3)
-        Per view: the pictures that were asked for, by shot frame; rectified; blue, green, red.
+        Per view: the requested pictures by frame, counted from the shot's first; rectified; blue, green, red.
     observed : ShotKeypoints
-        The keypoints that were used; empty where there are none.
+        The keypoints that were used; empty if there are none.
     unknown : tuple of tuple of str
-        Per performer: the parts that no key pose, keypoint or picture shows on any frame; they rest.
+        Per performer: the parts that no key pose, keypoint or picture shows on any frame; they keep their rest
+        rotation.
     planted : tuple of (ndarray of bool, shape (F, C), or None)
-        Per performer: when each point of its soles (`core.body.soles.Soles`) stood still by the footage and was held
-        there. None where that was not tested: in one view, without `plants` in the settings, or on a body without feet.
+        Per performer: when each point of its soles (`core.body.soles.Soles`) passed the test of plants and was held.
+        None if plants were not tested: with one view, with `plants` switched off, or for a body without feet.
     footage_offset : float
-        How much later than on their frames the key poses are shown, frames; see `core.shot.shot.Settings`.
+        How much later than on their frames the footage shows the key poses, frames; see `core.shot.shot.Settings`.
     torn : tuple of tuple of int
-        Per view: shot frames whose picture does not continue from the one before; see `core.shot.continuity`.
+        Per view: frames, counted from the shot's first, that do not continue the frame before; see
+        `core.shot.continuity`.
     rates : tuple of FootageRate or None
-        Per view: the rate of its frames, where its container tells.
+        Per view: its frame rate; None if the container does not state times.
     damage : tuple of FootageDamage or None
-        Per view: what its decoder complained of; empty where it did not, or nobody listened.
+        Per view: damage that its decoder reported; empty if there was none, or it was not recorded.
     """
 
     motions: tuple[Motion, ...]
@@ -108,5 +110,5 @@ class TrackResult:
 
     @property
     def deviation(self) -> tuple[Array, ...]:
-        """Expected distance of every part's tip from its true place, metres: per performer, shape (F, P)."""
+        """Per performer: expected distance of every part's tip from its true position, metres, shape (F, P)."""
         return tuple(own.deviation for own in self.errors)
