@@ -429,7 +429,7 @@ def test_frames_with_more_noise_count_less_where_each_part_has_its_own(by_part: 
     precision = segment_equations.pixel_precision(evidence, SETTINGS)
     others = np.delete(precision.ravel(), 8)
     whole = replace(evidence, sampling=replace(made.sampling, by_part=False))
-    alone = gauss_newton.pixel_precision(whole, SETTINGS)[0, 0]
+    alone = segment_equations.pixel_precision(whole, SETTINGS)[0, 0]
     assert others[0] == pytest.approx((OWN_SHARE if by_part else 1) * alone)
     np.testing.assert_allclose(others, others[0])
     assert precision[1, 3] == pytest.approx(others[0] / (16 if by_part else 1))
