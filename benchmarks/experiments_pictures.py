@@ -94,7 +94,7 @@ class Panels:
 
 
 def part_of(camera: Camera, corner: NDArray[np.float64], size: NDArray[np.float64], scale: float) -> Camera:
-    """The camera of a part of a picture, enlarged; its upper left corner and its size in pixels of the whole."""
+    """Return the camera of a part of a picture, enlarged; its upper left corner and its size in pixels of the whole."""
     K = camera.matrix.copy()
     K[:2, 2] -= corner
     K[:2] *= scale

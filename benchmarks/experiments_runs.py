@@ -271,7 +271,9 @@ def track_switched(shot: Shot, switches: Switches) -> Motion:
 
 
 def excerpt(shot: Shot, first: int, last: int, pose: Motion) -> Shot:
-    """The frames first to last of a shot of one performer: they begin with that pose, or a key pose in its place."""
+    """Return the frames first to last of a shot of one performer: they begin with that pose, or a key pose in its
+    place.
+    """
     performer = shot.performers[0]
     keys = performer.key_poses
     inside = (keys.frames >= first) & (keys.frames <= last)

@@ -44,7 +44,7 @@ class KFMocapError(Exception):
 
 
 def _unpickled(kind: type[KFMocapError], args: tuple[str, ...], state: dict[str, Any]) -> KFMocapError:
-    """An error as it was, whatever its kind needs to be made."""
+    """Return an error as it was, whatever its kind needs to be made."""
     error = kind.__new__(kind, *args)
     error.__dict__.update(state)
     return error

@@ -45,7 +45,7 @@ class BuildError(Exception):
 
 
 def requirements() -> list[str]:
-    """What the extension bundles: the package's dependencies but for what Blender brings."""
+    """Return what the extension bundles: the package's dependencies but for what Blender brings."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     return [line for line in project["dependencies"] if not line.startswith(IN_BLENDER)]
 
@@ -123,7 +123,7 @@ def update_lock() -> None:
 
 
 def with_list(toml: str, key: str, values: Iterable[str]) -> str:
-    """The same TOML text with another list of strings under a top-level key."""
+    """Return the same TOML text with another list of strings under a top-level key."""
     items = "".join(f"    {json.dumps(value)},\n" for value in values)
     return re.sub(rf"^{key} = \[[^\]]*\]", f"{key} = [\n{items}]", toml, count=1, flags=re.MULTILINE)
 

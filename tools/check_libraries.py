@@ -50,7 +50,7 @@ def missing_packages() -> list[str]:
 
 
 def bpy_error() -> str | None:
-    """What keeps bpy from loading, or None."""
+    """Return what keeps bpy from loading, or None."""
     try:
         import bpy  # noqa: F401
     except ImportError as error:

@@ -48,7 +48,7 @@ class Blender:
             self.process = subprocess.Popen(command, start_new_session=True, stdout=log, stderr=log)
 
     def lines(self) -> list[str]:
-        """What it said, in whole lines."""
+        """Return what it said, in whole lines."""
         text = self.said.read_text() if self.said.exists() else ""
         return text.splitlines() if text.endswith("\n") else text.splitlines()[:-1]
 

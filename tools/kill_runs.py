@@ -150,7 +150,7 @@ def forked_workers() -> AbstractContextManager[object]:
 
 
 def left(session: int) -> int:
-    """How many processes of a session are still there after `PATIENCE`, or sooner when there are none."""
+    """Return how many processes of a session are still there after `PATIENCE`, or sooner when there are none."""
     until, count = time.monotonic() + PATIENCE, 1
     while count and time.monotonic() < until:
         count = 0
@@ -163,12 +163,12 @@ def left(session: int) -> int:
 
 
 def contents(out: Path) -> dict[Path, bytes]:
-    """The results of a run."""
+    """Return the results of a run."""
     return {file.relative_to(out): file.read_bytes() for file in out.rglob("*") if file.is_file()}
 
 
 def untrue(ended: Ended, number: int, found: str, *, apart: bool) -> list[str]:
-    """What a run that ended by a signal says and does not hold: its exit code, and what it wrote."""
+    """Return what a run that ended by a signal says and does not hold: its exit code, and what it wrote."""
     codes = {signal.SIGKILL: -signal.SIGKILL, signal.SIGTERM: 143, signal.SIGINT: 130}
     if ended.code == 0:
         return [] if found == "new" else [f"exit code 0 with {found} results"]
@@ -212,7 +212,7 @@ def faults_of(out: Path, names: Sequence[Path], number: int, *, apart: bool) -> 
 
 
 def faults_of_the_next(command: Sequence[str], out: Path, names: Sequence[Path]) -> list[str]:
-    """What is wrong once a run has ended of itself where another one was killed."""
+    """Return what is wrong once a run has ended of itself where another one was killed."""
     ended = run(command, out)
     if ended.code:
         return [f"the next run ends with code {ended.code}: {ended.said}"]
@@ -302,7 +302,7 @@ class Trials:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The tool's arguments."""
+    """Return the tool's arguments."""
     out = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     out.add_argument("--kills", type=int, default=10, help="runs that get each of the signals (default: 10)")
     out.add_argument("--apart", action="store_true", help="each folder of results is by itself, as in a batch")

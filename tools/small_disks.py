@@ -81,7 +81,7 @@ def is_whole(name: Path, found: bytes, whole: bytes) -> bool:
 
 
 def faults_of(ended: Ended, place: Path, old: bool, whole: Mapping[Path, bytes], *, apart: bool) -> list[str]:
-    """What is wrong with what a run left on a disk; with `apart` some of its folders may have new results."""
+    """Return what is wrong with what a run left on a disk; with `apart` some of its folders may have new results."""
     found = contents(place / "out") if (place / "out").exists() else {}
     left = [entry for entry in place.rglob("*") if entry.name.startswith(".kfmocap-") or entry.name.endswith(".new")]
     faults = [f"{entry.name} was left" for entry in left]
@@ -106,7 +106,7 @@ def faults_of(ended: Ended, place: Path, old: bool, whole: Mapping[Path, bytes],
 
 
 def sizes(text: str) -> list[float]:
-    """The sizes from "first:last:step" or "one,other", in MB."""
+    """Return the sizes from "first:last:step" or "one,other", in MB."""
     if ":" not in text:
         return [float(size) for size in text.split(",")]
     first, last, step = map(float, text.split(":"))

@@ -21,7 +21,7 @@ call, undo) and of the installed extension cover them."""
 
 
 def find_python(version: str) -> str | None:
-    """A Python of a version: on the PATH, or one of pyenv's."""
+    """Return a Python of a version: on the PATH, or one of pyenv's."""
     pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
     candidates = [f"python{version}", *map(str, sorted(pyenv.glob(f"{version}.*/bin/python")))]
     for candidate in candidates:
@@ -35,7 +35,7 @@ def find_python(version: str) -> str | None:
 
 
 def environment(blender: str, python: str) -> Path:
-    """The Python of a version's environment beside the project, made or renewed where it has to be."""
+    """Return the Python of a version's environment beside the project, made or renewed where it has to be."""
     folder = ROOT / f".venv-{blender.rpartition('.')[0]}"
     mark = folder / ".installed"
     if not mark.exists() or mark.stat().st_mtime < (ROOT / "pyproject.toml").stat().st_mtime:
@@ -48,7 +48,7 @@ def environment(blender: str, python: str) -> Path:
 
 
 def environments() -> dict[str, Path]:
-    """The Python of each version that can be had; says of the others why not."""
+    """Return the Python of each version that can be had; says of the others why not."""
     found = {}
     for blender, version in BLENDERS.items():
         python = find_python(version)

@@ -105,7 +105,7 @@ class Body:
         return [part.name for part in self.parts]
 
     def index(self, name: str) -> int:
-        """Index of the part of that name."""
+        """Return the index of the part of that name."""
         if name not in self.names:
             raise BodyError(f"the body has no part '{name}'", todo=f"its parts are {', '.join(self.names)}")
         return self.names.index(name)

@@ -104,7 +104,7 @@ class _Sizes:
         return self.planted, self.swinging, self.height, self.floor
 
     def renewed(self, speed: Array, height: Array, weight: Array) -> _Sizes:
-        """The sizes that explain the frames best, each weighted by how likely it is a plant."""
+        """Return the sizes that explain the frames best, each weighted by how likely it is a plant."""
         on, off = weight.sum() + 1e-9, (1 - weight).sum() + 1e-9
         floor = _weighted_median(height.ravel(), weight.ravel()) if on > 1 else self.floor
         near = weight * (np.abs(height - floor) < 3 * _HEIGHT_PLANTED[1])
@@ -134,7 +134,9 @@ def _weighted_median(values: Array, weights: Array) -> float:
 
 
 def _most_likely(gain: Array, change: float) -> Bools:
-    """The most likely sequence of states, if a planted frame gains `gain` (F,) and every change costs `change`."""
+    """Return the most likely sequence of states, if a planted frame gains `gain` (F,) and every change costs
+    `change`.
+    """
     value = np.zeros(2)
     came = np.zeros((len(gain), 2), np.int64)
     for f, step in enumerate(gain):

@@ -99,7 +99,7 @@ def default_measures(height: float) -> dict[str, float]:
 
 
 def measure_names(name: str) -> tuple[str, ...]:
-    """Names of a measure on the sides of the body: one for the trunk and widths, two for the limbs."""
+    """Return the names of a measure on the sides of the body: one for the trunk and widths, two for the limbs."""
     return (name,) if name in _CENTRAL else (f"{name}.L", f"{name}.R")
 
 
@@ -240,7 +240,9 @@ def bone_axes(direction: Array, z_hint: Array) -> Array:
 
 
 def tapered(rings: Sequence[tuple[float, ...]], sides: int) -> Array:
-    """Vertices of a solid of elliptic rings (y, half width, half depth, shift in depth), shape (rings * sides, 3)."""
+    """Return the vertices of a solid of elliptic rings (y, half width, half depth, shift in depth), shape (rings *
+    sides, 3).
+    """
     angle = np.arange(sides) * 2 * np.pi / sides
     y, rx, rz, z = np.array(rings).T[:, :, None]
     corners = np.empty((len(rings), sides, 3))
@@ -249,7 +251,7 @@ def tapered(rings: Sequence[tuple[float, ...]], sides: int) -> Array:
 
 
 def _foot(ankle: Array, toe: Array, heel: Array, girth: float) -> Array:
-    """Vertices of a wedge-shaped foot in the world's rest pose: sole, instep, and a cuff at the ankle."""
+    """Return the vertices of a wedge-shaped foot in the world's rest pose: sole, instep, and a cuff at the ankle."""
     side = np.array([1.0, 0.0, 0.0]) * girth
     tip = toe + (toe - heel) * 0.12
     ground = min(toe[2], heel[2]) - _SOLE * girth

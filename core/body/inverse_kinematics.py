@@ -126,7 +126,7 @@ def _replace(poses: Motion, which: NDArray[np.intp], others: Motion) -> None:
 
 
 def _limited(body: Body) -> NDArray[np.bool_]:
-    """Which parts have joints with limits, shape (P,)."""
+    """Return which parts have joints with limits, shape (P,)."""
     limited = np.ptp(body.limits, axis=2).max(axis=1) < 2 * np.pi - 1e-6
     limited[0] = False
     return np.asarray(limited)
@@ -145,13 +145,13 @@ def _limbs_drawn(body: Body, pose: Motion) -> Motion:
 
 
 def _misfits(body: Body, names: list[str], targets: Array, poses: Motion) -> Array:
-    """The largest distance of a landmark from its target in each pose, metres, shape (K,)."""
+    """Return the largest distance of a landmark from its target in each pose, metres, shape (K,)."""
     distance = np.linalg.norm(landmark_positions(body, poses, names) - targets, axis=2)
     return np.asarray(np.nanmax(distance, axis=1))
 
 
 def _costs(body: Body, names: list[str], targets: Array, poses: Motion) -> Array:
-    """The objective of poses that are within the joint limits, square metres, shape (K,)."""
+    """Return the objective of poses that are within the joint limits, square metres, shape (K,)."""
     turns = rotations.log(poses.rotations[:, 1:]).reshape(len(poses), -1)
     error = landmark_positions(body, poses, names) - targets
     return np.asarray(np.nansum(error**2, axis=(1, 2)) + turns**2 @ _posture(body)[6:])
@@ -165,7 +165,9 @@ def _posture(body: Body) -> Array:
 
 
 def _elbow_turned(body: Body, poses: Motion, side: str) -> Motion:
-    """The poses with an elbow bent and turned to the other side, for fits that end with a wrongly twisted arm."""
+    """Return the poses with an elbow bent and turned to the other side, for fits that end with a wrongly twisted
+    arm.
+    """
     Q = poses.rotations.copy()
     if f"forearm.{side}" in body.names:
         upper, lower = body.index(f"upper_arm.{side}"), body.index(f"forearm.{side}")
@@ -175,7 +177,7 @@ def _elbow_turned(body: Body, poses: Motion, side: str) -> Motion:
 
 
 def _placed(body: Body, names: list[str], points: Array) -> Motion:
-    """The rest pose moved rigidly onto the landmarks (Kabsch), with those of the trunk weighted most."""
+    """Return the rest pose moved rigidly onto the landmarks (Kabsch), with those of the trunk weighted most."""
     rest = Motion(body.offsets[:1], np.tile(np.eye(3), (1, len(body), 1, 1)))
     model = landmark_positions(body, rest, names)[0]
     trunk = [n.endswith(("Hip", "Shoulder", "Neck")) for n in names]
@@ -307,7 +309,7 @@ class _MeasureProblem:
 
     @classmethod
     def of(cls, stature: float, names: Sequence[str], targets: Array) -> _MeasureProblem:
-        """The problem for landmarks (K, L, 3), without those that a body does not have."""
+        """Return the problem for landmarks (K, L, 3), without those that a body does not have."""
         average = default_measures(stature)
         sigma = [SHIFT_SIGMA if key in SHIFTS else MEASURE_SIGMA * value for key, value in average.items()]
         known = human(stature, solid=False).landmarks
@@ -323,13 +325,15 @@ class _MeasureProblem:
     def posed(
         self, values: Array, start: Motion | None, *, search: bool = False, tolerance: float = SETTLED
     ) -> _MeasuredPoses:
-        """The body with some measures, posed on the landmarks from given poses; with `search` from others as well."""
+        """Return the body with some measures, posed on the landmarks from given poses; with `search` from others as
+        well.
+        """
         body = human(self.stature, self.measures(values), solid=False)
         poses = _fit_poses(body, self.labels, self.targets, start, search=search, draw=search, tolerance=tolerance)
         return _MeasuredPoses(values, body, poses)
 
     def minimised(self, start: _MeasuredPoses, steps: int) -> _MeasuredPoses:
-        """The measures after at most `steps` steps, each of which lowers the cost."""
+        """Return the measures after at most `steps` steps, each of which lowers the cost."""
         stopping: StoppingRule[_MeasuredPoses] = StoppingRule(steps, LITTLE_GAIN)
         return minimise(start, self._linearised, self._moved, damping=GAUSS_NEWTON, stopping=stopping).state
 
@@ -338,7 +342,7 @@ class _MeasureProblem:
         return self.posed(np.maximum(on_grid(state.values + step), least), state.poses)
 
     def _linearised(self, state: _MeasuredPoses) -> DenseEquations:
-        """The normal equations of the measures, with the poses eliminated."""
+        """Return the normal equations of the measures, with the poses eliminated."""
         step = 1e-4
         base = landmark_positions(state.body, state.poses, self.labels)
         columns = []

@@ -62,7 +62,7 @@ def joint_blocks(body: Body, poses: Poses, H: Array, g: Array, energy: float) ->
 
 
 def _tree(body: Body) -> tuple[Array, Bools]:
-    """The tree as two tables of bool.
+    """Return the tree as two tables of bool.
 
     The first, (1 + P, P), says which parts are below each joint, where the translation counts as the first joint. The
     second, (D, D), says whether the joint of one degree of freedom is that of another, or below it.

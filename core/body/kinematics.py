@@ -38,7 +38,7 @@ def tip_positions(body: Body, poses: Poses) -> Array:
 
 
 def motion_of_poses(body: Body, poses: Poses) -> Motion:
-    """The motion that has these poses of the parts; inverse of `part_poses`."""
+    """Return the motion that has these poses of the parts; inverse of `part_poses`."""
     R, T = poses
     parents = [i if p < 0 else p for i, p in enumerate(body.parents)]
     before = np.swapaxes(R[:, parents], -1, -2)

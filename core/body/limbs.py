@@ -27,7 +27,7 @@ def limbs(body: Body) -> list[list[int]]:
 
 
 def without_end(chain: Sequence[int]) -> list[int]:
-    """The parts of a limb without the last of three: the rotation of a hand or a foot is hardly visible."""
+    """Return the parts of a limb without the last of three: the rotation of a hand or a foot is hardly visible."""
     return list(chain[: max(2, len(chain) - 1)])
 
 

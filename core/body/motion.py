@@ -37,13 +37,13 @@ class Motion:
         return Motion(self.translations[frames], self.rotations[frames])
 
     def replaced(self, start: int, part: Motion) -> Motion:
-        """A copy whose frames from `start` on are those of `part`."""
+        """Return a copy whose frames from `start` on are those of `part`."""
         T, Q = self.translations.copy(), self.rotations.copy()
         T[start : start + len(part)], Q[start : start + len(part)] = part.translations, part.rotations
         return Motion(T, Q)
 
     def with_parts(self, parts: Sequence[int], other: Motion) -> Motion:
-        """A copy in which some parts have the rotations of another motion."""
+        """Return a copy in which some parts have the rotations of another motion."""
         Q = self.rotations.copy()
         Q[:, parts] = other.rotations[:, parts]
         return Motion(self.translations, Q)
@@ -61,8 +61,8 @@ class Motion:
         return Motion(self.translations + delta[:, :3], rotations.orthonormal(self.rotations @ rotations.exp(steps)))
 
     def on_grid(self, fixed: Bools) -> Motion:
-        """The motion where it is the same on every processor; what joints and root have that are fixed, bool (F, D),
-        in any degree of freedom stays as it is.
+        """Return the motion where it is the same on every processor; what joints and root have that are fixed, bool (F,
+        D), in any degree of freedom stays as it is.
         """
         free = ~fixed.reshape(len(self), -1, 3).any(axis=2)
         T, turns = (on_grid(values) for values in (self.translations, rotations.log(self.rotations)))
@@ -72,7 +72,7 @@ class Motion:
         )
 
     def difference(self, other: Motion) -> Array:
-        """The increments that take this motion to `other`, shape (F, D); inverse of `moved`."""
+        """Return the increments that take this motion to `other`, shape (F, D); inverse of `moved`."""
         steps = rotations.log(np.swapaxes(self.rotations, -1, -2) @ other.rotations)
         return np.concatenate([other.translations - self.translations, steps.reshape(len(self), -1)], axis=1)
 

@@ -12,7 +12,7 @@ from .skeleton_motion import RestSkeleton
 
 
 def body_of_prop(rest: RestSkeleton, vertices: Array) -> Body:
-    """The body of a prop whose skeleton is one joint.
+    """Return the body of a prop whose skeleton is one joint.
 
     Parameters
     ----------

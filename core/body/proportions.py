@@ -34,7 +34,7 @@ class _Measure:
 
 
 def _limb(bone: str, below: str | None) -> dict[str, _Measure]:
-    """A limb's length on both sides, to the joint below or to its tip."""
+    """Return a limb's length on both sides, to the joint below or to its tip."""
     found = {}
     for name, side in zip(measure_names(bone), (".L", ".R"), strict=True):
         end = (bone + side, _TAIL) if below is None else (below + side, _HEAD)
@@ -79,7 +79,7 @@ def measured(ends: Ends, name: str) -> float | None:
 
 
 def with_measure(body: Body, name: str, value: float) -> Body:
-    """The body with one measure changed, on both sides; all other measures stay.
+    """Return the body with one measure changed, on both sides; all other measures stay.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def with_measure(body: Body, name: str, value: float) -> Body:
 
 
 def scaled(body: Body, factor: float) -> Body:
-    """The body with all lengths and widths multiplied by a factor; the root's joint stays."""
+    """Return the body with all lengths and widths multiplied by a factor; the root's joint stays."""
     return shaped(body, np.full((len(body), 3), factor - 1), np.zeros((len(body), 3)))
 
 

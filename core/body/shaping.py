@@ -11,7 +11,7 @@ from .body import Body
 
 
 def shaped(body: Body, stretch: Array, shift: Array) -> Body:
-    """The body with its parts stretched and their solids shifted; the root's joint and all orientations stay.
+    """Return the body with its parts stretched and their solids shifted; the root's joint and all orientations stay.
 
     The stretch of a part applies to its solid, its landmarks and the joints of its children. Along the bone it changes
     the length of a limb, across the bone the width of the part, and for the trunk also that between the shoulders or

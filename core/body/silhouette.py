@@ -37,7 +37,7 @@ class Solid:
 
     @classmethod
     def of(cls, points: Array) -> Solid:
-        """The hull of points (V, 3) that are not in one plane."""
+        """Return the hull of points (V, 3) that are not in one plane."""
         hull = ConvexHull(points)
         corners = np.array([[0, 1], [1, 2], [2, 0]])
         pairs = np.sort(hull.simplices[:, corners].reshape(-1, 2), axis=1)
@@ -47,6 +47,6 @@ class Solid:
         return cls(points, hull.simplices.astype(np.int64), hull.equations, edges.astype(np.int64), sides)
 
     def silhouette(self, eye: Array) -> Indices:
-        """The edges of the outline as seen from a point (3,), as pairs of vertices, shape (n, 2)."""
+        """Return the edges of the outline as seen from a point (3,), as pairs of vertices, shape (n, 2)."""
         facing = self.planes[:, :3] @ eye + self.planes[:, 3] > 0
         return np.asarray(self.edges[facing[self.sides[:, 0]] != facing[self.sides[:, 1]]])

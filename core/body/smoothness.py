@@ -123,7 +123,9 @@ gradients are meaningless."""
 
 
 def limited(step: Array) -> Array:
-    """The step (F, D) with the rotation of every joint (and the root's translation) limited to `LONGEST_STEP`."""
+    """Return the step (F, D) with the rotation of every joint (and the root's translation) limited to
+    `LONGEST_STEP`.
+    """
     turns = step.reshape(len(step), -1, 3)
     length = np.linalg.norm(turns, axis=-1, keepdims=True)
     return np.asarray((turns * np.minimum(1.0, LONGEST_STEP / np.maximum(length, 1e-12))).reshape(step.shape))

@@ -103,7 +103,7 @@ def axis_mobility(body: Body) -> Array:
 def updated_variances(
     before: AccelerationVariances, squares: Array, uncertain: Array, axes: Array, *, bursts: bool = True
 ) -> AccelerationVariances:
-    """The next estimate.
+    """Return the next estimate.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def likeliest_scale(
     expected: Array | None = None,
     guess: float = 1.0,
 ) -> float:
-    """The most likely common factor of all accelerations relative to given ones.
+    """Return the most likely common factor of all accelerations relative to given ones.
 
     Parameters
     ----------
@@ -257,7 +257,7 @@ def likeliest_scale(
 
 
 def _among(blocks: Array, start: int, count: int) -> Array:
-    """The blocks placed among those of `count` frames from index `start` on; the other frames are held and get
+    """Return the blocks placed among those of `count` frames from index `start` on; the other frames are held and get
     zeros.
     """
     out = np.zeros((count, *blocks.shape[1:]))

@@ -57,7 +57,7 @@ class Soles:
         return cls(names, np.array(parts), np.array(points), max(float(np.mean(legs)), 1e-3))
 
     def world(self, poses: Poses) -> Array:
-        """The points in the world, metres, shape (F, C, 3)."""
+        """Return the points in the world, metres, shape (F, C, 3)."""
         R, T = poses
         return np.asarray(np.einsum("fcab,cb->fca", R[:, self.parts], self.local) + T[:, self.parts])
 

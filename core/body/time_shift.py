@@ -82,7 +82,7 @@ def _add(out: BandedBlocks, row: NDArray[np.intp], column: NDArray[np.intp], blo
 
 
 def delayed(motion: Motion, delay: float, before: Motion | None = None, after: Motion | None = None) -> Delayed:
-    """The poses at a constant delay after each of F >= 2 frames.
+    """Return the poses at a constant delay after each of F >= 2 frames.
 
     Parameters
     ----------
@@ -114,6 +114,6 @@ def delayed(motion: Motion, delay: float, before: Motion | None = None, after: M
 
 
 def poses_after(motions: Sequence[Motion], delay: float, frames: NDArray[np.int64] | Sequence[int]) -> list[Motion]:
-    """The poses of some performers at a delay after some of their frames; see `delayed`."""
+    """Return the poses of some performers at a delay after some of their frames; see `delayed`."""
     picked = np.asarray(frames, dtype=np.int64)
     return [motion[picked] if delay == 0 else delayed(motion, delay).motion[picked] for motion in motions]

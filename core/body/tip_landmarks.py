@@ -16,7 +16,7 @@ SAME_PLACE = 0.01
 
 
 def tip_landmarks(body: Body) -> dict[int, str]:
-    """The landmark at the tip of each part that has one, by part."""
+    """Return the landmark at the tip of each part that has one, by part."""
     tails = np.array([part.tail_world for part in body.parts])
     found: dict[int, str] = {}
     for name, (part, point) in body.landmarks.items():

@@ -92,13 +92,13 @@ def unknown_reach(body: Body, unknown: Collection[str]) -> dict[int, float]:
 
 
 def _carrier(body: Body, name: str) -> int:
-    """The part that determines the position of a landmark; at a joint, this is the part that ends there."""
+    """Return the part that determines the position of a landmark; at a joint, this is the part that ends there."""
     part, point = body.landmarks[name]
     return part if point.any() or body.parents[part] < 0 else body.parents[part]
 
 
 def _leading_parts(body: Body, carrying: Collection[int], known: NDArray[np.bool_]) -> list[int]:
-    """The unknown parts from the root on whose known descendants all hang on a single child."""
+    """Return the unknown parts from the root on whose known descendants all hang on a single child."""
     part, found = 0, []
     while part not in carrying:
         branches = [child for child, parent in enumerate(body.parents) if parent == part and known[child]]

@@ -126,12 +126,12 @@ class Picture:
 
 
 def background_of(images: Sequence[Image]) -> Image:
-    """What some pictures of a camera that stands show behind all that moves, as `Picture.of` takes it."""
+    """Return what some pictures of a camera that stands show behind all that moves, as `Picture.of` takes it."""
     return cv2.GaussianBlur(np.median(images, axis=0).astype(np.uint8), (0, 0), _EVEN)
 
 
 def _brought_out(even: Image, background: Image) -> Image:
-    """What passes before a background, as it would look if the exposure had seen it alone.
+    """Return what passes before a background, as it would look if the exposure had seen it alone.
 
     A small ball that moves, or a soft lens, leaves a mixture of the ball's colour and the background's in each pixel,
     too pale for the ball's. Its difference from the background goes the ball's way, and is taken several times.
@@ -174,12 +174,12 @@ def find_spots(picture: Picture, colour: Colour, most: int) -> Balls:
 
 
 def _is_small(balls: Balls) -> NDArray[np.bool_]:
-    """Which balls are measured by their colour's centroid: they are too small for an outline."""
+    """Return which balls are measured by their colour's centroid: they are too small for an outline."""
     return np.asarray(balls.semi_axes[:, 1] < LARGEST_SMALL)
 
 
 def _within_others(balls: Balls, others: Balls) -> NDArray[np.bool_]:
-    """Which balls are parts of others."""
+    """Return which balls are parts of others."""
     apart = np.linalg.norm(balls.centres[:, None] - others.centres, axis=-1)
     return np.asarray((apart < others.semi_axes[:, 0] + 1).any(axis=1))
 
@@ -219,7 +219,7 @@ def without_rods(
 
 
 def _small_without_rods(picture: Picture, balls: Balls, small: NDArray[np.bool_], ways: Array, *, still: bool) -> Balls:
-    """The small balls measured without what rods hide, where enough is left of them."""
+    """Return the small balls measured without what rods hide, where enough is left of them."""
     if not small.any():
         return balls
     columns = [balls.centres.copy(), balls.shapes.copy(), balls.sigma.copy()]
@@ -242,7 +242,7 @@ def _is_compact(outline: Image) -> bool:
 
 
 def _ellipse_of(outline: Image) -> Balls:
-    """The ellipse with the moments of what a contour encloses."""
+    """Return the ellipse with the moments of what a contour encloses."""
     m = cv2.moments(outline)
     area = max(m["m00"], 1e-9)
     values, vectors = np.linalg.eigh(np.array([[m["mu20"], m["mu11"]], [m["mu11"], m["mu02"]]]) / area)
@@ -253,7 +253,7 @@ def _ellipse_of(outline: Image) -> Balls:
 def _refined(
     image: Image, balls: Balls, hidden: NDArray[np.bool_], tolerance: _Tolerance, terms: int = _ELLIPSE_TERMS
 ) -> tuple[Balls, NDArray[np.bool_]]:
-    """The outlines near given ones, and which are balls'; `hidden` (n, rays) are rays not to look at."""
+    """Return the outlines near given ones, and which are balls'; `hidden` (n, rays) are rays not to look at."""
     good = np.ones(len(balls), bool)
     if not len(balls):
         return balls, good
@@ -295,7 +295,7 @@ class _EllipseFit:
 
 
 def _outline_fit(image: Image, balls: Balls, hidden: NDArray[np.bool_], nearest: float, terms: int) -> _EllipseFit:
-    """The outlines through the edges near given ones.
+    """Return the outlines through the edges near given ones.
 
     In the coordinates in which the given ellipse is the unit circle, the outline's distance from the middle is fitted
     by 1 + r + x cos + y sin + e cos 2 + f sin 2: a shift, and to the first order another ellipse. The first three
@@ -396,7 +396,7 @@ def _inside_share(light: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def marked(image: Image, balls: Balls) -> Image:
-    """A copy of a picture with a white and black ellipse round every ball."""
+    """Return a copy of a picture with a white and black ellipse round every ball."""
     shown = image.copy()
     for centre, shape in zip(balls.centres, balls.shapes, strict=True):
         for grow, colour in ((3.0, (0, 0, 0)), (2.0, (255, 255, 255))):

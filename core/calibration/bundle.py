@@ -133,7 +133,7 @@ def adjust(
 
 
 def _normal_equations(found: BundleResiduals, free: Bools, kernel: RobustKernel) -> tuple[sparse.csc_array, Array]:
-    """The Gauss-Newton matrix and gradient of the free unknowns, with robust weights."""
+    """Return the Gauss-Newton matrix and gradient of the free unknowns, with robust weights."""
     weight = np.ones(found.jacobian.shape[0])
     weight[: found.points.size] = np.repeat(kernel.weight((found.points**2).sum(axis=1)), 2)
     J = found.jacobian[:, np.flatnonzero(free)]
@@ -142,7 +142,7 @@ def _normal_equations(found: BundleResiduals, free: Bools, kernel: RobustKernel)
 
 
 def variance_inflation(seen: BallObservations, residual: Array) -> float:
-    """The factor by which correlated errors of neighbouring frames increase variances.
+    """Return the factor by which correlated errors of neighbouring frames increase variances.
 
     The same ball in front of almost the same background is measured with almost the same error. With a correlation r
     between neighbouring frames, n observations count as n (1 - r) / (1 + r), as in a first-order autoregressive series.

@@ -91,7 +91,7 @@ class Rig:
         return Rig(tuple(self.names[c] for c in i), **arrays)
 
     def put(self, chosen: Sequence[int] | Ints, other: Rig) -> Rig:
-        """The rig with some of its cameras replaced by those of another."""
+        """Return the rig with some of its cameras replaced by those of another."""
         i = np.asarray(chosen, int)
         arrays = {k: v.copy() for k, v in vars(self).items() if k != "names"}
         for key, value in arrays.items():
@@ -103,7 +103,7 @@ class Rig:
         return np.asarray((frames - self.offset[camera]) / (self.rate * (1 + self.drift))[camera])
 
     def moved(self, step: Array) -> Rig:
-        """The rig after a step of shape (C, 13)."""
+        """Return the rig after a step of shape (C, 13)."""
         turn = rotations.exp(step[:, TURN])
         distortions = self.distortions.copy()
         distortions[:, :2] += step[:, [K1, K2]]
@@ -119,12 +119,12 @@ class Rig:
         )
 
     def in_world(self, R: Array, t: Array) -> Rig:
-        """The same cameras in a world whose points are R x + t."""
+        """Return the same cameras in a world whose points are R x + t."""
         turned = self.R_cam_world @ R.T
         return replace(self, R_cam_world=turned, t_cam_world=self.t_cam_world - turned @ t)
 
     def scaled(self, scale: float) -> Rig:
-        """The same cameras in a world that is so many times as large."""
+        """Return the same cameras in a world that is so many times as large."""
         return replace(self, t_cam_world=scale * self.t_cam_world)
 
 
@@ -179,21 +179,21 @@ class Wand:
         return np.stack([self.middle + half, self.middle - half], axis=1)
 
     def moved(self, step: Array) -> Wand:
-        """The wand after a step of shape (n, 5)."""
+        """Return the wand after a step of shape (n, 5)."""
         direction = self.direction + np.einsum("nij,nj->ni", tangents(self.direction), step[:, 3:])
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         return replace(self, middle=self.middle + step[:, :3], direction=direction)
 
     def in_world(self, R: Array, t: Array) -> Wand:
-        """The same wand in a world whose points are R x + t."""
+        """Return the same wand in a world whose points are R x + t."""
         return replace(self, middle=self.middle @ R.T + t, direction=self.direction @ R.T)
 
     def scaled(self, scale: float) -> Wand:
-        """The same wand in a world that is so many times as large."""
+        """Return the same wand in a world that is so many times as large."""
         return replace(self, middle=scale * self.middle, length=scale * self.length)
 
     def take(self, chosen: NDArray[Any]) -> Wand:
-        """The wand on some of its frames."""
+        """Return the wand on some of its frames."""
         return Wand(self.frames[chosen], self.middle[chosen], self.direction[chosen], self.length)
 
 

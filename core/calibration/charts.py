@@ -22,7 +22,7 @@ _FONT, _SIZE = cv2.FONT_HERSHEY_SIMPLEX, 0.45
 
 
 def blank(width: int, height: int) -> Image:
-    """An empty picture."""
+    """Return an empty picture."""
     return np.full((height, width, 3), PAPER, np.uint8)
 
 
@@ -73,7 +73,7 @@ class Chart:
         cv2.line(self.picture, self.place([x[0], y[0]]), self.place([x[1], y[0]]), INK, 1)
 
     def place(self, point: ArrayLike) -> Any:
-        """The pixel of a point."""
+        """Return the pixel of a point."""
         share = (np.asarray(point, float) - self._low) / (self._high - self._low)
         return (self._corner + share * self._size * [1, -1]).round().astype(np.int32)
 

@@ -30,7 +30,7 @@ _SAME = 2.0  # pixels within which two spots are one
 
 
 def coloured_spots(image: Image, light: Array, coloured: Image, pure: Array, *, most: int) -> SmallBalls:
-    """The small balls among the spots of a colour, those that stand out most first.
+    """Return the small balls among the spots of a colour, those that stand out most first.
 
     Parameters
     ----------
@@ -57,21 +57,21 @@ def coloured_spots(image: Image, light: Array, coloured: Image, pure: Array, *, 
 
 
 def _share_of(image: Image, pure: Array) -> Image:
-    """How much of the light of every pixel is of a colour and not grey: 1 where it is pure, shape (h, w)."""
+    """Return how much of the light of every pixel is of a colour and not grey: 1 where it is pure, shape (h, w)."""
     linear = ((np.arange(256) / 255) ** GAMMA).astype(np.float32)[image]
     way = pure / pure.sum() - 1 / 3
     return np.asarray(linear @ (way / (way @ way)).astype(np.float32) / (linear.sum(axis=2) + np.float32(_DARK)))
 
 
 def _standing_out(share: Image) -> Image:
-    """The curvature downwards in the direction in which it is least: the lesser eigenvalue of the Hessian."""
+    """Return the curvature downwards in the direction in which it is least: the lesser eigenvalue of the Hessian."""
     smooth = cv2.GaussianBlur(share, (0, 0), _SCALE)
     along, down, across = (cv2.Sobel(smooth, -1, *order, ksize=3) / 4 for order in ((2, 0), (0, 2), (1, 1)))
     return np.asarray(-(_SCALE**2) * ((along + down) / 2 + np.hypot((along - down) / 2, across)))
 
 
 def _peaks(height: Image, coloured: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Pixels (v, u) of the spots, the highest first."""
+    """Return the pixels (v, u) of the spots, the highest first."""
     room = NORMAL_MAD * float(np.median(np.abs(height - np.median(height))))
     places = np.argwhere((height >= cv2.dilate(height, _PEAK)) & coloured & (height > _SURE * room))
     return places[np.argsort(-height[tuple(places.T)], kind="stable")]

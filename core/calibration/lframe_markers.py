@@ -49,7 +49,9 @@ class SeenBalls:
     interlaced: bool = False
 
     def corrected(self, matrix: Array, distortions: Array) -> Markers:
-        """The images of the balls' middles, which are not their outlines' centres; see `ball_centres.centres_of`."""
+        """Return the images of the balls' middles, which are not their outlines' centres; see
+        `ball_centres.centres_of`.
+        """
         m = self.markers
         return Markers(m.frames, centres_of(m.points, self.radii, matrix, distortions), m.sigma, m.elongation)
 
@@ -76,7 +78,7 @@ class SeenLFrame:
 def find_lframe(
     view: CaptureVideoView, videos: CaptureVideos, size: tuple[int, int], progress: Progress | None = None
 ) -> SeenLFrame:
-    """The L-frame's balls as they stand through a camera's video."""
+    """Return the L-frame's balls as they stand through a camera's video."""
     if view.lframe is None:
         return SeenLFrame(_nothing(), Balls.joined([]))
     report_progress(progress, f"{view.camera}: L-frame", 0.0)
@@ -106,7 +108,7 @@ def find_lframe(
 
 
 def _apart(balls: Balls, others: Balls) -> NDArray[np.bool_]:
-    """Which balls are none of others."""
+    """Return which balls are none of others."""
     near = np.linalg.norm(balls.centres[:, None] - others.centres, axis=-1) < balls.semi_axes[:, :1] + 1
     return np.asarray(~near.any(axis=1))
 
@@ -114,7 +116,7 @@ def _apart(balls: Balls, others: Balls) -> NDArray[np.bool_]:
 def expected_lframe(
     view: CaptureVideoView, before: SeenBalls, candidates: Balls, expected: Array, size: tuple[int, int]
 ) -> SeenBalls:
-    """The L-frame's balls in a camera's video where a solution expects them.
+    """Return the L-frame's balls in a camera's video where a solution expects them.
 
     Parameters
     ----------
@@ -158,7 +160,7 @@ def _without_arms(images: Sequence[Picture], balls: Balls, which: list[int]) -> 
 
 
 def _as_spheres(balls: Balls, size: tuple[int, int]) -> Balls:
-    """The balls with outlines as still spheres have them by a usual focal length, longer away from the middle.
+    """Return the balls with outlines as still spheres have them by a usual focal length, longer away from the middle.
 
     Arms that hide half an outline leave its own length and width unsure.
     """
@@ -175,7 +177,7 @@ def spread_out(path: Path, most: int = _PICTURES) -> Iterator[NDArray[np.uint8]]
 
 
 def still_picture(path: Path) -> Array:
-    """The mean of the frames of a video in which nothing moves, shape (h, w, 3), levels."""
+    """Return the mean of the frames of a video in which nothing moves, shape (h, w, 3), levels."""
     total, count = np.zeros(1), 0
     for image in spread_out(path, _MOST_PICTURES):
         total, count = total + image, count + 1

@@ -98,7 +98,7 @@ class JointScene:
     lengths: Array
 
     def moved(self, step: Array) -> JointScene:
-        """The scene after a step, which has the order: known joints, logarithms of the lengths, cameras."""
+        """Return the scene after a step, which has the order: known joints, logarithms of the lengths, cameras."""
         known = np.isfinite(self.joints_world).all(axis=-1)
         joints, lengths, cameras = np.split(step, np.cumsum([3 * known.sum(), len(self.lengths)]))
         points = self.joints_world.copy()
@@ -207,14 +207,16 @@ def _focal_deviation(scene: JointScene, seen: JointSightings, height: float, noi
 
 
 def cost_of_joints(scene: JointScene, seen: JointSightings, height: float) -> float:
-    """The robust sum of squares of a scene with the usual noise of a detector, by which starts are compared."""
+    """Return the robust sum of squares of a scene with the usual noise of a detector, by which starts are compared."""
     noise = np.maximum(USUAL_NOISE * _extent(seen), _LEAST_NOISE)
     free = np.ones(_Columns.of(scene).count, bool)
     return joint_equations(scene, seen, height, noise=noise, free=free).cost
 
 
 def _free(scene: JointScene, known_lens: Bools) -> Bools:
-    """Which unknowns are solved for: all but the first camera's pose, clocks, lens distortions and known lenses."""
+    """Return which unknowns are solved for: all but the first camera's pose, clocks, lens distortions and known
+    lenses.
+    """
     known = int(np.isfinite(scene.joints_world).all(axis=-1).sum())
     cameras = np.zeros((len(scene.rig), CAMERA_DOF), bool)
     cameras[1:, TURN] = cameras[1:, SHIFT] = True
@@ -280,7 +282,7 @@ class _Rows:
     cost: float
 
     def matrix(self, unknowns: int) -> sparse.csr_array:
-        """The Jacobian, shape (m, unknowns)."""
+        """Return the Jacobian, shape (m, unknowns)."""
         m, k = self.columns.shape
         starts = k * np.arange(m + 1)
         return sparse.csr_array((self.derivatives.ravel(), self.columns.ravel(), starts), (m, unknowns))
@@ -320,7 +322,7 @@ class _Columns:
 def joint_equations(
     scene: JointScene, seen: JointSightings, height: float, *, noise: Array, free: Bools
 ) -> SparseEquations:
-    """The Gauss-Newton equations of the free unknowns at a scene, with its robust sum of squares as their cost.
+    """Return the Gauss-Newton equations of the free unknowns at a scene, with its robust sum of squares as their cost.
 
     Parameters
     ----------

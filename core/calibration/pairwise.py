@@ -74,7 +74,7 @@ class Lens:
         return np.asarray(x / (1 + bend * r2))
 
     def k1(self, focal: float, bend: float) -> float:
-        """The coefficient k1 that bends nearly as much."""
+        """Return the coefficient k1 that bends nearly as much."""
         return 0.0 if self.distortions is not None else bend * 4 * focal**2 / float((np.array(self.size) ** 2).sum())
 
 
@@ -120,7 +120,7 @@ class Start:
 
 
 def epipolar(points_i: Array, points_j: Array, lens_i: Lens, lens_j: Lens) -> Epipolar | None:
-    """The epipolar geometry that most correspondences, shape (n, 2) each, agree on; None where there is none.
+    """Return the epipolar geometry that most correspondences, shape (n, 2) each, agree on; None where there is none.
 
     Distortion is tried in steps, the same for both: without it the picture's edges would not agree.
     """
@@ -145,7 +145,7 @@ def epipolar(points_i: Array, points_j: Array, lens_i: Lens, lens_j: Lens) -> Ep
 
 
 def _fundamental(x: Array, y: Array) -> Array | None:
-    """The fundamental matrix that most correspondences agree on, None where there is none."""
+    """Return the fundamental matrix that most correspondences agree on, None where there is none."""
     cv2.setRNGSeed(1)
     try:
         F, _ = cv2.findFundamentalMat(x, y, cv2.USAC_MAGSAC, _THRESHOLD, 0.9999, 5000)
@@ -164,12 +164,12 @@ def sampson(F: Array, x: Array, y: Array) -> Array:
 
 
 def _in_a_plane(x: Array, y: Array) -> Bools:
-    """Which correspondences one homography explains, from the view in which the plane is seen more steeply."""
+    """Return which correspondences one homography explains, from the view in which the plane is seen more steeply."""
     return max(_transferred(x, y), _transferred(y, x), key=lambda fits: fits.sum())
 
 
 def _transferred(x: Array, y: Array) -> Bools:
-    """Which points x a homography brings to y."""
+    """Return which points x a homography brings to y."""
     some = np.linspace(0, len(x) - 1, min(_SAMPLE, len(x))).astype(int)
     cv2.setRNGSeed(1)
     # Not MAGSAC: it takes no homography between views from the plane's two sides.
@@ -181,7 +181,7 @@ def _transferred(x: Array, y: Array) -> Bools:
 
 
 def starts(geometry: Epipolar, ends: tuple[Array, Array], lenses: tuple[Lens, Lens], length: float) -> list[Start]:
-    """A few guesses of two cameras, the best first, from the wand's ends in both views.
+    """Return a few guesses of two cameras, the best first, from the wand's ends in both views.
 
     Parameters
     ----------

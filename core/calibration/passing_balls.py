@@ -98,14 +98,14 @@ class Backdrop:
         return bool(np.abs(ball.even[v, u] / 255 - self.levels[v, u]).max() > _LEAST * self.noise.max())
 
     def unmixed(self, ball: BallSample) -> Array:
-        """The colour of a ball whose pixels blur mixes with the background's, linear light, shape (3,)."""
+        """Return the colour of a ball whose pixels blur mixes with the background's, linear light, shape (3,)."""
         u, v = np.round(ball.centre).astype(int)
         own, behind = (ball.even[v, u] / 255) ** GAMMA, self.levels[v, u] ** GAMMA
         share = 1 - np.exp(-(ball.radius**2) / (2 * _BLUR**2))
         return np.asarray(np.maximum(behind + (own - behind) / share, 0.0))
 
     def frame(self, even: Image) -> PassingFrame:
-        """A frame that was evened, uint8, shape (h, w, 3), compared with the background."""
+        """Return a frame that was evened, uint8, shape (h, w, 3), compared with the background."""
         gain = self._gain(even)
         added = (even.astype(np.float32) / 255 - gain * self.levels) / self.noise
         return PassingFrame(even, gain, added)
@@ -170,7 +170,7 @@ class PassingBalls:
 
     @classmethod
     def learned(cls, backdrop: Backdrop, samples: Sequence[BallSample]) -> PassingBalls | None:
-        """A filter for balls that were seen clearly on some frames; None where they are too few, or not small.
+        """Return a filter for balls that were seen clearly on some frames; None where they are too few, or not small.
 
         Its threshold lies above what else those frames show, and below the balls' own peaks.
         """
@@ -201,7 +201,7 @@ class PassingBalls:
         return replace(found, threshold=threshold, size=float(np.median(sizes or [1.0])))
 
     def find(self, frame: PassingFrame) -> SmallBalls:
-        """The small balls that pass, the surest first."""
+        """Return the small balls that pass, the surest first."""
         places = self._peaks(frame, self.threshold)[1]
         found: list[tuple[Array, Array, float]] = []
         for place in places[:_MOST]:
@@ -257,7 +257,7 @@ class PassingBalls:
         return centre + [left, top], shape, sigma
 
     def _share(self, frame: PassingFrame, own: tuple[slice, slice]) -> tuple[Array, float]:
-        """How much of every pixel of a window is the ball's colour, and its standard deviation."""
+        """Return how much of every pixel of a window is the ball's colour, and its standard deviation."""
         levels = np.maximum((frame.gain * self.backdrop.levels[own]).astype(float), _DARKEST)
         behind = levels**GAMMA
         added = np.maximum(frame.even[own].astype(float) / 255, _DARKEST) ** GAMMA - behind
@@ -272,12 +272,12 @@ def _unit(vectors: Array) -> Array:
 
 
 def _beside(vectors: Array, ways: Array) -> Array:
-    """What of vectors is square to unit vectors."""
+    """Return what of vectors is square to unit vectors."""
     return vectors - np.sum(vectors * ways, axis=-1, keepdims=True) * ways
 
 
 def _joined(share: Array, v: int, u: int, noise: float) -> NDArray[np.bool_]:
-    """The pixels around a peak that have much of what it has."""
+    """Return the pixels around a peak that have much of what it has."""
     least = max(_CORE * float(share[max(v - 1, 0) : v + 2, max(u - 1, 0) : u + 2].max()), 2 * noise)
     above = (share > least).astype(np.uint8)
     above[v, u] = 1

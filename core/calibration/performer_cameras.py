@@ -224,7 +224,9 @@ def cameras_by_performer(
 
 
 def _lens(view: PerformerView, share: float) -> Lens:
-    """The lens with which initial cameras are found: the known one, or one of that focal length; without distortion."""
+    """Return the lens with which initial cameras are found: the known one, or one of that focal length; without
+    distortion.
+    """
     matrix = view.matrix(share * max(view.size))
     return Lens(view.size, matrix[:1, 0], matrix, np.zeros(4))
 
@@ -244,7 +246,7 @@ def _rig_by_limb(seen: JointSightings, lenses: Sequence[Lens], limb: str, height
 
 
 def _with_joints(rig: Rig, seen: JointSightings, height: float) -> JointScene:
-    """The scene of these cameras with triangulated joints."""
+    """Return the scene of these cameras with triangulated joints."""
     lines = rays(rig, seen.points.reshape(len(rig), -1, 2))
     joints = triangulated(rig.centres_world, lines).reshape(*seen.points.shape[1:3], 3)
     return JointScene(rig, joints, usual_lengths(height))

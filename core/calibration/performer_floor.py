@@ -117,7 +117,8 @@ def _seen(performer: StandingPerformer, rig: Rig) -> Array:
 
 
 def _vertical(feet: Array, head: Array) -> tuple[Array, float]:
-    """The upward unit vector by least squares, and the standard deviation of its tilt in the worst direction, radians.
+    """Return the upward unit vector by least squares, and the standard deviation of its tilt in the worst direction,
+    radians.
 
     Parameters
     ----------
@@ -132,7 +133,9 @@ def _vertical(feet: Array, head: Array) -> tuple[Array, float]:
 
 
 def _far_apart(feet: Array) -> list[int]:
-    """Indices of four points: both feet and the head in the first place, and the left foot farthest from there."""
+    """Return the indices of four points: both feet and the head in the first place, and the left foot farthest from
+    there.
+    """
     places = feet.mean(axis=1)
     other = int(np.linalg.norm(places - places[0], axis=1).argmax())
     chosen = [0, 1, _HEAD, other * PERFORMER_POINTS]
@@ -141,7 +144,7 @@ def _far_apart(feet: Array) -> list[int]:
 
 
 def _in_world(points: Array, feet: Array, floor: Array, up: Array) -> Array:
-    """Points with the origin between two feet and x from the right one to the left, on the floor."""
+    """Return the points with the origin between two feet and x from the right one to the left, on the floor."""
     x = feet[0] - feet[1]
     x = x - (x @ up) * up
     x /= np.linalg.norm(x)

@@ -43,14 +43,14 @@ class PerformerView:
     lens: Camera | None = None
 
     def matrix(self, focal: float) -> Array:
-        """The intrinsic matrix of the lens, or if it is not known, of a focal length in pixels, shape (3, 3)."""
+        """Return the intrinsic matrix of the lens, or if it is not known, of a focal length in pixels, shape (3, 3)."""
         if self.lens is not None:
             return self.lens.matrix
         width, height = self.size
         return np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
 
     def camera_at(self, matrix: Array, R_cam_world: Array, t_cam_world: Array) -> Camera:
-        """The view's camera with this matrix and pose, and the distortion of its lens, if that is known."""
+        """Return the view's camera with this matrix and pose, and the distortion of its lens, if that is known."""
         distortions = np.zeros(4) if self.lens is None else self.lens.distortions
         fisheye = self.lens is not None and self.lens.fisheye
         return Camera.create(
@@ -59,7 +59,9 @@ class PerformerView:
 
 
 def joint_sightings(views: Sequence[PerformerView], frames: tuple[int, int], correlated: float = 1.0) -> JointSightings:
-    """The main joints of the largest person in every view, on frames on which two views, or the only one, show one."""
+    """Return the main joints of the largest person in every view, on frames on which two views, or the only one, show
+    one.
+    """
     first, last = frames
     shape = (len(views), last - first + 1, len(JOINTS))
     points, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)

@@ -24,7 +24,8 @@ _ON_FLOOR = 0.25
 
 
 def in_performers_world(scene: JointScene) -> Rig:
-    """The cameras with z up, the floor at z = 0, the origin below the first frame's hips, x to the performer's left.
+    """Return the cameras with z up, the floor at z = 0, the origin below the first frame's hips, x to the performer's
+    left.
 
     The performer is taken to be upright on the average, and cameras to stand level unless they disagree with that; the
     floor lies below the lower ankle of the frames on which it is low.
@@ -50,7 +51,9 @@ def in_performers_world(scene: JointScene) -> Rig:
 
 
 def _up(rig: Rig, joint: dict[str, Array]) -> Array:
-    """The upward unit vector by the performer's trunk and legs, and by the rows of those cameras that stand level."""
+    """Return the upward unit vector by the performer's trunk and legs, and by the rows of those cameras that stand
+    level.
+    """
     feet, shoulders = _middle(joint["RAnkle"], joint["LAnkle"]), _middle(joint["RShoulder"], joint["LShoulder"])
     tall = shoulders - feet
     tall = tall[np.isfinite(tall).all(axis=1)]

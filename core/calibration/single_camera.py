@@ -171,7 +171,7 @@ class _Setting:
         )
 
     def rays(self, points: Array) -> Array:
-        """Points at unit depth in camera axes, (..., 3), for pixels (..., 2)."""
+        """Return the points at unit depth in camera axes, (..., 3), for pixels (..., 2)."""
         matrix = self.matrix
         plane = (points - matrix[:2, 2]) / matrix[[0, 1], [0, 1]]
         return np.concatenate([plane, np.ones((*plane.shape[:-1], 1))], axis=-1)
@@ -233,7 +233,9 @@ class _Standing:
         return np.concatenate([_robust(off, _ROBUST, self.correlated), self._leaning(setting, depth)])
 
     def _leaning(self, setting: _Setting, depth: Array) -> Array:
-        """The median angle in the picture between the performer and the vertical there; empty if it is not seen."""
+        """Return the median angle in the picture between the performer and the vertical there; empty if it is not
+        seen.
+        """
         feet = self.ankles.mean(axis=1)
         body = self.shoulders - feet
         seen = np.isfinite(body).all(axis=1)
@@ -260,7 +262,7 @@ def _robust(residuals: Array, scale: float, correlated: float = 1.0) -> Array:
 
 
 def _camera(view: PerformerView, setting: _Setting, hips: Array) -> Camera:
-    """The camera in the performer's world."""
+    """Return the camera in the performer's world."""
     up = -setting.down
     right = np.array([1.0, 0.0, 0.0]) - up[0] * up
     right /= np.linalg.norm(right)

@@ -139,7 +139,7 @@ def measure_small_ball(image: Image, light: Array, place: Array) -> tuple[Array,
 
 
 def _window(size: tuple[int, ...], box: Sequence[int]) -> tuple[slice, slice] | None:
-    """The blob with its background; None at the picture's edge, where a part of it may be missing."""
+    """Return the blob with its background; None at the picture's edge, where a part of it may be missing."""
     left, top, width, height = (int(n) for n in box)
     x0, y0, x1, y1 = left - _MARGIN, top - _MARGIN, left + width + _MARGIN, top + height + _MARGIN
     if left < 2 or top < 2 or left + width > size[1] - 2 or top + height > size[0] - 2:
@@ -184,14 +184,14 @@ def _measured(light: Array, blob: Bools, coloured: Bools) -> tuple[Array, Array,
 
 
 def _core(share: Array, blob: Bools) -> Bools:
-    """The pixels around the one that is most the ball's which are more the ball's than not."""
+    """Return the pixels around the one that is most the ball's which are more the ball's than not."""
     _, labels = cv2.connectedComponents((share >= 0.5).astype(np.uint8), connectivity=4)
     v, u = np.unravel_index(np.argmax(np.where(blob, share, -1)), share.shape)
     return np.asarray((labels == labels[v, u]) & (share >= 0.5)) if labels[v, u] else blob
 
 
 def _share_of_ball(light: Array, blob: Bools, coloured: Bools) -> Array | None:
-    """How much of every pixel is the ball's colour, 0 to 1; None where ball and background are too alike.
+    """Return how much of every pixel is the ball's colour, 0 to 1; None where ball and background are too alike.
 
     A colour c is x f + y g, with f of the ball and g of the background. Shading scales x, light and dark spots scale y:
     x / (x + y) is nearly free of both, and where there is little light at all it is no ball.

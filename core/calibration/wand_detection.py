@@ -162,7 +162,7 @@ class _FoundBalls:
 
 
 def _found(picture: Picture, colour: Colour, frame: PassingFrame | None, passing: PassingBalls | None) -> _FoundBalls:
-    """The balls of a colour: those that are seen by themselves, and those that pass before the background."""
+    """Return the balls of a colour: those that are seen by themselves, and those that pass before the background."""
     balls = find_balls(picture, colour)
     if passing is None or frame is None:
         balls = balls[:_MOST_OF_A_COLOUR]
@@ -180,7 +180,7 @@ def _found(picture: Picture, colour: Colour, frame: PassingFrame | None, passing
 
 
 def wand_path(seen: Sequence[Pairs], longest: float | None = None) -> NDArray[np.int64]:
-    """Which pair of every frame is the wand, -1 where none is, shape (frames,); `longest` as of `find_pairs`."""
+    """Return which pair of every frame is the wand, -1 where none is, shape (frames,); `longest` as of `find_pairs`."""
     fast = max(_FAST, _FAST_LENGTHS * (longest or 0.0))
     before, reached, back = _Reached.nowhere(), np.zeros(1), []
     for pairs, own in zip(seen, _own_costs(seen), strict=True):
@@ -198,7 +198,7 @@ def wand_path(seen: Sequence[Pairs], longest: float | None = None) -> NDArray[np
 
 
 def _own_costs(seen: Sequence[Pairs]) -> list[Array]:
-    """What the pairs of every frame cost by themselves: balls of unlike sizes, balls that lie still."""
+    """Return what the pairs of every frame cost by themselves: balls of unlike sizes, balls that lie still."""
     crowds = [_Crowd.of([pairs.found[end] for pairs in seen]) for end in range(2)]
     return [
         (np.diff(np.log(pairs.radii), axis=1)[:, 0] / _UNLIKE) ** 2
@@ -248,7 +248,8 @@ class _Reached:
         return cls(np.full((1, 2, 2), np.nan), np.ones(1), np.ones(1))
 
     def steps_to(self, pairs: Pairs, fast: float) -> Array:
-        """What it costs to get from each state to each pair of the next frame, and to none, shape (n + 1, m + 1).
+        """Return what it costs to get from each state to each pair of the next frame, and to none, shape (n + 1, m +
+        1).
 
         `fast` is how many diameters from frame to frame cost as much as one standard deviation.
         """
@@ -259,7 +260,7 @@ class _Reached:
         return np.column_stack([costs, np.zeros(len(costs))])
 
     def followed(self, pairs: Pairs, missed_from: int) -> _Reached:
-        """The states of the next frame; the one without a pair came from `missed_from`."""
+        """Return the states of the next frame; the one without a pair came from `missed_from`."""
         return _Reached(
             np.concatenate([pairs.centres, self.centres[[missed_from]]]),
             np.append(pairs.radii.mean(axis=1), self.radii[missed_from]),

@@ -149,7 +149,7 @@ def sight(rig: Rig, tracks: Tracks, length: float, noise: float = 1.0, tolerance
 
 
 def _candidates(rig: Rig, tracks: Tracks) -> Array:
-    """Where every ball of a view meets every ball of another, shape (K, n, 3)."""
+    """Return where every ball of a view meets every ball of another, shape (K, n, 3)."""
     directions, centres = rays(rig, tracks.points), rig.centres_world
     pairs = product(combinations(range(len(rig)), 2), range(2), range(2))
     return np.stack(
@@ -158,18 +158,20 @@ def _candidates(rig: Rig, tracks: Tracks) -> Array:
 
 
 def _nearest(off: Array) -> Ints:
-    """Which ball is a point's, -1 where neither is; squared distances have the shape (..., 2)."""
+    """Return which ball is a point's, -1 where neither is; squared distances have the shape (..., 2)."""
     return np.where(off.min(axis=-1) < GATE**2, off.argmin(axis=-1), -1)
 
 
 def _shares_a_ball(off: Array, chosen: Array) -> NDArray[np.bool_]:
-    """Which candidates, (V, K, n, 2), take a ball in some view that the chosen ones, (V, n, 2), take; shape (K, n)."""
+    """Return which candidates, (V, K, n, 2), take a ball in some view that the chosen ones, (V, n, 2), take; shape (K,
+    n).
+    """
     own, taken = _nearest(off), _nearest(chosen)[:, None]
     return np.asarray(((own == taken) & (taken >= 0)).any(axis=0))
 
 
 def _named(sighting: WandSighting) -> WandSighting:
-    """The ends in the order that most views have them in."""
+    """Return the ends in the order that most views have them in."""
     ends, ball = sighting.ends_world.copy(), sighting.ball.copy()
     against = (ball == [1, 0]).sum(axis=(0, 2)) > (ball == [0, 1]).sum(axis=(0, 2))
     ends[against], ball[:, against] = ends[against, ::-1], ball[:, against, ::-1]
@@ -184,7 +186,7 @@ def _misses(rig: Rig, v: int, points_world: Array, tracks: Tracks, noise: float)
 
 
 def refined(rig: Rig, tracks: Tracks, sighting: WandSighting) -> WandSighting:
-    """The ends from all the views that agree on them."""
+    """Return the ends from all the views that agree on them."""
     found = np.take_along_axis(tracks.points, np.maximum(sighting.ball, 0)[..., None], axis=2)
     found = np.where((sighting.ball >= 0)[..., None], found, np.nan)
     directions, centres = rays(rig, found), rig.centres_world

@@ -65,7 +65,7 @@ class Misfit:
         return np.maximum(beyond_known(gaps, known), 0.0)
 
     def areas_beside(self, known: Sequence[NDArray[np.intp]]) -> Array:
-        """The areas (V, N, F) minus those on frames with known poses, as in `mean_gaps`."""
+        """Return the areas (V, N, F) minus those on frames with known poses, as in `mean_gaps`."""
         return np.array([beyond_known(view, known) for view in self.areas]).reshape(self.areas.shape)
 
 

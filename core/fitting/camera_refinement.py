@@ -110,7 +110,7 @@ class Refinement:
         return {view.camera.name: view.camera for view in self.views}
 
     def applied(self, shot: Shot) -> Shot:
-        """The shot with the refined cameras."""
+        """Return the shot with the refined cameras."""
         views = [replace(view, camera=found.camera) for view, found in zip(shot.views, self.views, strict=True)]
         return replace(shot, views=tuple(views))
 

@@ -84,12 +84,12 @@ class SharedKeypoints:
         )
 
     def found(self) -> Bools:
-        """Which keypoints were found and can be triangulated, shape (V, F, L)."""
+        """Return which keypoints were found and can be triangulated, shape (V, F, L)."""
         known = np.isfinite(self.rays).all(axis=-1) & (self.confidence > 0)
         return np.asarray(known & np.isfinite(self.points_world).all(axis=-1))
 
     def kinds_seen(self) -> Ints:
-        """How many kinds of joints each view shares with another, shape (V,)."""
+        """Return how many kinds of joints each view shares with another, shape (V,)."""
         shared = self.found() & (self.found().sum(axis=0) >= 2)
         return np.array([len(np.unique(self.kind[view.any(axis=0)])) for view in shared])
 

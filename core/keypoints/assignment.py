@@ -128,7 +128,7 @@ def _matched(
     people: Sequence[Person],
     clues: Sequence[PerformerClues],
 ) -> tuple[list[int | None], list[Reason]]:
-    """The index of the person that each performer is, if any, and the reason."""
+    """Return the index of the person that each performer is, if any, and the reason."""
     persons: list[int | None] = [None] * len(clues)
     reasons: list[Reason] = ["order of appearance"] * len(clues)
     for i, performer in enumerate(clues):
@@ -154,7 +154,7 @@ def _matched(
 
 
 def _chosen(name: str, number: int, count: int, taken: Sequence[int | None]) -> int:
-    """The index of the person with a number that the user chose.
+    """Return the index of the person with a number that the user chose.
 
     Raises
     ------
@@ -172,7 +172,7 @@ def _chosen(name: str, number: int, count: int, taken: Sequence[int | None]) -> 
 def _by_key_poses(
     detections: Sequence[ViewDetections], empty: Keypoints, free: Sequence[Track], known: Array | None
 ) -> list[Track]:
-    """The tracks that lie on the key poses, and further ones that agree with these.
+    """Return the tracks that lie on the key poses, and further ones that agree with these.
 
     Without key poses this is the longest track if all tracks are of one view, else none.
     """
@@ -221,7 +221,7 @@ def _places(
 
 
 def _filled(detections: Sequence[ViewDetections], empty: Keypoints, tracks: Sequence[Track]) -> Keypoints:
-    """The keypoints of some tracks as one performer's."""
+    """Return the keypoints of some tracks as one performer's."""
     rays, confidence = empty.rays.copy(), empty.confidence.copy()
     for track in tracks:
         rays[track.view, track.frames] = detections[track.view].rays[track.rows]

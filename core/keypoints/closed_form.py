@@ -36,7 +36,7 @@ LEAST_EVIDENCE = 0.02
 
 
 def closed_form_pose(body: Body, names: Sequence[str], points_world: Array, fps: float | None = None) -> Motion | None:
-    """Poses of the default body on points.
+    """Return the poses of the default body on points.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def closed_form_pose(body: Body, names: Sequence[str], points_world: Array, fps:
 def closed_form_limb(
     body: Body, motion: Motion, parts: tuple[int, int], points_world: Array, *, sign: float, farthest: float, fps: float
 ) -> Array:
-    """The rotations of a motion's parts after one limb is posed in closed form, shape (F, P, 3, 3).
+    """Return the rotations of a motion's parts after one limb is posed in closed form, shape (F, P, 3, 3).
 
     Parameters
     ----------
@@ -123,8 +123,8 @@ def closed_form_limb(
 
 
 def _with_trunk(body: Body, known: dict[str, Array]) -> dict[str, Array]:
-    """Points by name, with missing hips added below the shoulders, or missing shoulders above the hips, as of a person
-    who stands upright.
+    """Return the points by name, with missing hips added below the shoulders, or missing shoulders above the hips, as
+    of a person who stands upright.
     """
     up = np.array([0.0, 0.0, 1.0])
     for near, far, sign in (("Shoulder", "Hip", -1.0), ("Hip", "Shoulder", 1.0)):
@@ -149,12 +149,12 @@ def _with_trunk(body: Body, known: dict[str, Array]) -> dict[str, Array]:
 
 
 def _joint(body: Body, name: str) -> Array:
-    """The origin of a landmark's part in the frame of its parent, metres: of a hip, in the pelvis's frame."""
+    """Return the origin of a landmark's part in the frame of its parent, metres: of a hip, in the pelvis's frame."""
     return np.asarray(body.offsets[body.landmarks[name][0]])
 
 
 def _filled(points: Array) -> Array:
-    """Points over time (F, 3), in which missing ones are interpolated linearly."""
+    """Return the points over time (F, 3), in which missing ones are interpolated linearly."""
     known = np.isfinite(points).all(axis=-1)
     if not known.any():
         return points
@@ -163,7 +163,9 @@ def _filled(points: Array) -> Array:
 
 
 def along_and_across(along: Array, across: Array) -> Array:
-    """Rotations whose y axis is `along` and whose x axis is as close to `across` as possible, shape (F, 3, 3)."""
+    """Return the rotations whose y axis is `along` and whose x axis is as close to `across` as possible, shape (F, 3,
+    3).
+    """
     y = along / np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9)
     x = across - np.sum(across * y, axis=-1, keepdims=True) * y
     x /= np.maximum(np.linalg.norm(x, axis=-1, keepdims=True), 1e-9)
@@ -195,7 +197,7 @@ def _swung(rest: Array, along: Array) -> Array:
 
 
 def _swing(a: Array, b: Array) -> Array:
-    """The shortest turns that take unit vectors a to b, shape (F, 3, 3)."""
+    """Return the shortest turns that take unit vectors a to b, shape (F, 3, 3)."""
     axis = np.cross(a, b)
     sine = np.linalg.norm(axis, axis=-1, keepdims=True)
     angle = np.arctan2(sine, np.sum(a * b, axis=-1, keepdims=True))

@@ -123,8 +123,8 @@ def scaled_first_pass(
 
 
 def _with_lost_limbs_found(problem: FitProblem, fit: KeypointFit) -> KeypointFit:
-    """A fit, or where limbs of it are farther from the images than what views agree on, the better of it and one that
-    goes on with these limbs posed anew. Its changed sides are those since the detector.
+    """Return a fit, or where limbs of it are farther from the images than what views agree on, the better of it and one
+    that goes on with these limbs posed anew. Its changed sides are those since the detector.
     """
     best, agreement = fit, problem.agreement
     if agreement.deviation is not None:

@@ -123,7 +123,9 @@ class FitProblem:
         return self.correlated * self.weight * (1.0 if self.fixed.all(axis=1).any() else REPEATED_POSES)
 
     def usual_variances(self, mobility: Array, frames: int) -> AccelerationVariances:
-        """The variances from which the estimate of smoothness starts; if views agree on nothing, they are kept."""
+        """Return the variances from which the estimate of smoothness starts; if views agree on nothing, they are
+        kept.
+        """
         typical = (1 / (self.precision * mobility**2)).reshape(-1, 3).mean(axis=1)
         widened = typical * WIDER_START**2 if self.views_agree else typical
         return AccelerationVariances.constant(widened, max(frames - 2, 0))
@@ -187,7 +189,7 @@ class _Estimate:
     measures: BodyMeasures | None
 
     def on_grid(self, problem: FitProblem) -> _Estimate:
-        """The estimate where it is the same on every processor, with the surfaces of its body."""
+        """Return the estimate where it is the same on every processor, with the surfaces of its body."""
         motion, measures = (
             self.motion.on_grid(problem.fixed),
             None if self.measures is None else self.measures.on_grid(),
@@ -237,7 +239,7 @@ def fit_motion(
 def _iterated(
     problem: FitProblem, found: _Estimate, step: FitStep, *, mobility: Array, estimates_smoothness: bool
 ) -> _Estimate:
-    """The estimates after one Gauss-Newton step."""
+    """Return the estimates after one Gauss-Newton step."""
     body, motion, places, measures = found.body, found.motion, found.places, found.measures
     poses = part_poses(body, motion)
     comparison = compared(problem.agreement, places.world(poses), step.tolerance)
@@ -274,7 +276,7 @@ def _iterated(
 
 
 def _finished(problem: FitProblem, found: _Estimate) -> KeypointFit:
-    """The fit of a final estimate."""
+    """Return the fit of a final estimate."""
     body, motion, places = found.body, found.motion, found.places
     comparison = compared(problem.agreement, places.world(part_poses(body, motion)))
     usual = np.full_like(comparison.deviation, USUAL_DEVIATION)

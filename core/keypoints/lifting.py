@@ -91,7 +91,9 @@ class Rays:
 
     @classmethod
     def of(cls, keypoints: Keypoints) -> Rays:
-        """The rays of the first view's keypoints, interpolated linearly between the frames on which they are found."""
+        """Return the rays of the first view's keypoints, interpolated linearly between the frames on which they are
+        found.
+        """
         R, t = keypoints.R_cam_world[0], keypoints.t_cam_world[0]
         directions = {}
         for i, name in enumerate(keypoints.names):
@@ -102,11 +104,11 @@ class Rays:
         return cls(-np.einsum("fba,fb->fa", R, t), directions)
 
     def at(self, name: str, depth: Array) -> Array:
-        """Points at depths (..., F), shape (..., F, 3)."""
+        """Return the points at depths (..., F), shape (..., F, 3)."""
         return self.centre + depth[..., None] * self.directions[name]
 
     def depths_from(self, start: Array, name: str, length: float) -> Array:
-        """The nearer and the farther depth of a keypoint at a distance of `length` from points (..., F, 3).
+        """Return the nearer and the farther depth of a keypoint at a distance of `length` from points (..., F, 3).
 
         Both have the shape (2, ..., F), metres. The extent in depth is the expected one, see `expected_depth`.
         """
@@ -182,7 +184,7 @@ def lifted_points(body: Body, keypoints: Keypoints, fps: float, *, mirrored: boo
 
 
 def _rest_places(body: Body) -> dict[str, Array]:
-    """The landmarks of a body at rest, by name."""
+    """Return the landmarks of a body at rest, by name."""
     rest, names = Motion(np.zeros((1, 3)), np.tile(np.eye(3), (1, len(body), 1, 1))), list(body.landmarks)
     return dict(zip(names, landmark_positions(body, rest, names)[0], strict=True))
 
@@ -229,7 +231,7 @@ def _floor_ratio(rays: Rays, depth: Array) -> float:
 def _trunk_points(
     rays: Rays, places: Mapping[str, Array], root: Array, fps: float, *, mirrored: bool
 ) -> tuple[dict[str, Array], float]:
-    """The hips and shoulders on the cheapest path, by name, shape (F, 3) each, and the path's cost."""
+    """Return the hips and shoulders on the cheapest path, by name, shape (F, 3) each, and the path's cost."""
     middles = {
         joint: Rays(rays.centre, {joint: 0.5 * (rays.directions["L" + joint] + rays.directions["R" + joint])})
         for joint in ("Hip", "Shoulder")
@@ -289,7 +291,7 @@ class Limb:
 
     @classmethod
     def of(cls, body: Body, names: tuple[str, str], joints: list[str]) -> Limb:
-        """The limb of two parts by their names."""
+        """Return the limb of two parts by their names."""
         return cls(body, (body.index(names[0]), body.index(names[1])), joints)
 
     def lengths(self) -> list[float]:
@@ -298,7 +300,9 @@ class Limb:
         return [float(np.linalg.norm(part.tail_world - part.head_world)) for part in parts]
 
     def turns(self, trunk: Array, upper: Array, lower: Array) -> list[Array]:
-        """Rotation vectors of both parts, which point along `upper` and `lower`, relative to a trunk (F, 3, 3)."""
+        """Return the rotation vectors of both parts, which point along `upper` and `lower`, relative to a trunk (F, 3,
+        3).
+        """
         name = self.body.names[self.parts[0]]
         sign, farthest = next((float(s), float(f)) for part, *_, s, f in LIMBS if name.startswith(part))
         # The arms hang on the chest through collar bones, which rest here.
@@ -316,7 +320,9 @@ class Limb:
 def _limb_points(
     rays: Rays, limb: Limb, trunk: Array, start: Array, *, fps: float, standing: bool
 ) -> tuple[dict[str, Array], float]:
-    """The middle and last joint of a limb that starts at points (F, 3), by name, on the cheapest path; and its cost."""
+    """Return the middle and last joint of a limb that starts at points (F, 3), by name, on the cheapest path; and its
+    cost.
+    """
     _, middle, last = limb.joints
     lengths = limb.lengths()
     bent = rays.at(middle, rays.depths_from(start, middle, lengths[0]))  # (2, F, 3)
@@ -335,7 +341,7 @@ def _limb_points(
 
 
 def _cheapest_path(cost: Array, moving: Array, fps: float) -> tuple[Ints, float]:
-    """The sequence of states (F,) with the least total cost, and that cost (Viterbi).
+    """Return the sequence of states (F,) with the least total cost, and that cost (Viterbi).
 
     Parameters
     ----------

@@ -76,7 +76,9 @@ def _mean_error(keypoints: Keypoints, points_world: Array, deviation: Array) -> 
 
 
 def _lost_frames(worse: Array, fps: float) -> NDArray[np.bool_]:
-    """The frames on which the mean of `worse` (F,) over `LOST_FOR` exceeds `WORSE`, and their neighbours, (F,)."""
+    """Return the frames on which the mean of `worse` (F,) over `LOST_FOR` exceeds `WORSE`, and their neighbours,
+    (F,).
+    """
     span = max(1, round(LOST_FOR * fps))
     lost = scipy.ndimage.uniform_filter1d(worse, span, mode="nearest") > WORSE
     return np.asarray(scipy.ndimage.binary_dilation(lost, iterations=span)) if lost.any() else lost

@@ -179,7 +179,7 @@ def identified_keypoints(shot: Shot, detections: Sequence[Detections]) -> tuple[
 
 
 def on_shot_frames(view: View, detections: Detections, names: Sequence[str], shot: Shot) -> ViewDetections:
-    """The detections of a view that lie on the shot's frames, reduced to the keypoints of these names."""
+    """Return the detections of a view that lie on the shot's frames, reduced to the keypoints of these names."""
     first = footage_index(view, shot.frames[0])
     frames = detections.frames - first
     rows = np.flatnonzero((frames >= 0) & (frames < shot.length))
@@ -206,7 +206,7 @@ def _key_places(performer: Performer, names: Sequence[str], frames: int) -> Arra
 
 
 def on_time(keypoints: Keypoints, delays: Sequence[float]) -> Keypoints:
-    """The keypoints at the shot's instants: views with a delay are interpolated between two of their frames."""
+    """Return the keypoints at the shot's instants: views with a delay are interpolated between two of their frames."""
     rays, confidence = keypoints.rays.copy(), keypoints.confidence.copy()
     for v, delay in enumerate(delays):
         if delay:

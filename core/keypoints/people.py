@@ -104,7 +104,7 @@ def find_people(
 
 
 def prominence(detections: Sequence[ViewDetections], person: Person) -> float:
-    """How much of the pictures a person takes up: the sum of its sizes over the frames, in the median view.
+    """Return how much of the pictures a person takes up: the sum of its sizes over the frames, in the median view.
 
     Sizes are in normalized image coordinates. By the median, somebody who is close to one camera only does not count
     for much.
@@ -126,7 +126,7 @@ def distance_to(person: Person, places: Array) -> float:
 def detections_of(
     detections: Sequence[ViewDetections], empty: Keypoints, people: Sequence[Person], fps: float
 ) -> list[list[Track]]:
-    """The detections of every person: on each frame those nearest to where the other views put the person.
+    """Return the detections of every person: on each frame those nearest to where the other views put the person.
 
     A track may change from one person to another where they meet. Therefore, once people are located, every frame is
     decided by itself.
@@ -173,7 +173,7 @@ class _Scene:
         return cls(Keypoints(names, rays, confidence, empty.R_cam_world, empty.t_cam_world), middles)
 
     def keypoints(self, tracks: Sequence[Track]) -> Keypoints:
-        """The points of some tracks as one person's keypoints."""
+        """Return the points of some tracks as one person's keypoints."""
         rays = self.empty.rays.copy()
         for track in tracks:
             rays[track.view, track.frames] = self.points[track.view][track.rows]
@@ -200,15 +200,15 @@ class _Scene:
 
 
 def _overlapping(tracks: Sequence[Track]) -> Bools:
-    """Which tracks are of different views and have frames in common, or may have, shape (n, n)."""
+    """Return which tracks are of different views and have frames in common, or may have, shape (n, n)."""
     ends = np.array([(t.view, t.frames[0], t.frames[-1]) for t in tracks]).reshape(-1, 3)
     views, first, last = (column[:, None] for column in ends.T)
     return np.asarray((views != views.T) & (first <= last.T) & (last >= first.T))
 
 
 def _score(scene: _Scene, tracks: Sequence[Track], rays: Sequence[Array], pair: tuple[int, int], others: Ints) -> float:
-    """How strongly it is confirmed that two tracks of different views show one person: the number of frames on which
-    they agree, and of further views that agree there. `others` are the tracks of other views at that time.
+    """Return how strongly it is confirmed that two tracks of different views show one person: the number of frames on
+    which they agree, and of further views that agree there. `others` are the tracks of other views at that time.
     """
     first, second = tracks[pair[0]], tracks[pair[1]]
     frames, rows_a, rows_b = np.intersect1d(first.frames, second.frames, assume_unique=True, return_indices=True)
@@ -236,7 +236,9 @@ def _score(scene: _Scene, tracks: Sequence[Track], rays: Sequence[Array], pair: 
 
 
 def _nearest(origin_a: Array, ray_a: Array, origin_b: Array, ray_b: Array) -> tuple[Array, Array]:
-    """The point where two rays are nearest to each other, and their distance there; NaN if it is behind a camera."""
+    """Return the point where two rays are nearest to each other, and their distance there; NaN if it is behind a
+    camera.
+    """
     between = origin_b - origin_a
     cosine = (ray_a * ray_b).sum(axis=-1)
     along_a, along_b = (ray_a * between).sum(axis=-1), (ray_b * between).sum(axis=-1)
@@ -260,7 +262,7 @@ def _bodily(names: Sequence[str], points: Array) -> Bools:
 
 
 def _grown(scene: _Scene, tracks: Sequence[Track], own: set[int], free: set[int]) -> tuple[Person, set[int]]:
-    """A person with its `own` tracks and every free one that agrees with it, and the set of all these."""
+    """Return a person with its `own` tracks and every free one that agrees with it, and the set of all these."""
     own = set(own)
     while True:
         person = Person(
@@ -287,7 +289,7 @@ def _track_distance(scene: _Scene, track: Track, places: Array) -> float:
 
 
 def _joined(scene: _Scene, people: Sequence[Person], fps: float) -> list[Person]:
-    """The people, with two joined into one where the second appears where the first has disappeared."""
+    """Return the people, with two joined into one where the second appears where the first has disappeared."""
     left = list(people)
     while True:
         pairs = [
@@ -313,7 +315,7 @@ def _goes_on(before: Person, after: Person, fps: float) -> bool:
 
 
 def _appearance(scene: _Scene, person: Person, fps: float) -> tuple[int, int, float]:
-    """The key that people are sorted by: when they appear, and where in the first view that sees them."""
+    """Return the key that people are sorted by: when they appear, and where in the first view that sees them."""
     begin = int(person.frames[0])
     view = min(track.view for track in person.tracks)
     track = min((t for t in person.tracks if t.view == view), key=lambda t: int(t.frames[0]))
@@ -337,7 +339,7 @@ def _middle(points: Array) -> Array:
 
 
 def _seen(rays: Array) -> Array:
-    """Which of n detections (n, L, 2) have any keypoint."""
+    """Return which of n detections (n, L, 2) have any keypoint."""
     return rays[np.isfinite(rays).any(axis=(1, 2))]
 
 

@@ -48,7 +48,7 @@ def lifted_fit(
 
 
 def lifted_start(body: Body, keys: KeyPoses, keypoints: Keypoints, view: int, *, fixed: Bools, fps: float) -> Motion:
-    """The motion lifted from the keypoints of one view, bent to pass through the key poses, as a start.
+    """Return the motion lifted from the keypoints of one view, bent to pass through the key poses, as a start.
 
     Its depths are wrong by decimetres, but each limb follows its own keypoints. The curve through the key poses, the
     other possible start, may have one leg in the place of the other.
@@ -59,7 +59,7 @@ def lifted_start(body: Body, keys: KeyPoses, keypoints: Keypoints, view: int, *,
 
 
 def _lifted(body: Body, keypoints: Keypoints, view: int, *, fixed: Bools, fps: float) -> tuple[Motion, ViewAgreement]:
-    """The motion of the likelier hypothesis, and the agreement of the view with an imagined one that holds its
+    """Return the motion of the likelier hypothesis, and the agreement of the view with an imagined one that holds its
     depths.
     """
     own = without_midpoints(keypoints.of_views([view]))
@@ -84,7 +84,7 @@ def corrected_fit(
 
 
 def _collar_bones(body: Body) -> Bools:
-    """The degrees of freedom of the default body's collar bones, shape (D,); none where it has none."""
+    """Return the degrees of freedom of the default body's collar bones, shape (D,); none where it has none."""
     return np.repeat([False] + [name.startswith("shoulder.") for name in body.names], 3)
 
 
@@ -103,7 +103,9 @@ def _fitted(
 
 
 def _as_of_all_views(fit: KeypointFit, keypoints: Keypoints, view: int, fps: float) -> KeypointFit:
-    """A fit to one view and an imagined one, expressed as a fit to all views of the shot, in which others are empty."""
+    """Return a fit to one view and an imagined one, expressed as a fit to all views of the shot, in which others are
+    empty.
+    """
 
     def spread(values: NDArray[Any]) -> NDArray[Any]:
         everywhere = np.zeros((len(keypoints.confidence), *values.shape[1:]), values.dtype)

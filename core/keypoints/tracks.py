@@ -59,7 +59,8 @@ class ViewDetections:
 
 
 def without_sides(names: Sequence[str], points: Array) -> tuple[tuple[str, ...], Array]:
-    """Names and positions of points without a side: middles of left and right ones, and those that have no side anyway.
+    """Return the names and positions of points without a side: middles of left and right ones, and those that have no
+    side anyway.
 
     Parameters
     ----------

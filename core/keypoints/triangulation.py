@@ -77,7 +77,8 @@ def triangulate(keypoints: Keypoints, fps: float | None = None) -> tuple[Array, 
 
 
 def _steadiest(candidates: Array, agreed: Array, leap_cost: float) -> Ints:
-    """The best of S candidates (S, F, 3) on every frame, shape (F,), by agreement (S, F) and by least acceleration.
+    """Return the best of S candidates (S, F, 3) on every frame, shape (F,), by agreement (S, F) and by least
+    acceleration.
 
     The path is found by dynamic programming over pairs of neighbouring frames.
     """

@@ -76,7 +76,7 @@ class ViewAgreement:
         return cls(sided, changed, points, inliers * sided.confidence, deviation, fps)
 
     def averaged(self) -> Array:
-        """The points averaged over a few frames; see the function `averaged`."""
+        """Return the points averaged over a few frames; see the function `averaged`."""
         return np.where(np.isfinite(self.points_world), averaged(self.points_world, self.fps), np.nan)
 
 

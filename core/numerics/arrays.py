@@ -12,5 +12,5 @@ Ints = NDArray[np.int64]
 
 
 def slices_of(counts: Iterable[int]) -> list[slice]:
-    """The slices of pieces with these lengths in the array that concatenates them."""
+    """Return the slices of pieces with these lengths in the array that concatenates them."""
     return [slice(a, b) for a, b in pairwise(accumulate(counts, initial=0))]

@@ -115,7 +115,7 @@ def _without_fixed(band: Array, fixed: NDArray[np.bool_], distance: int) -> None
 
 
 def _column_blocks(stored: Array, D: int) -> Array:
-    """The blocks in the storage (3 D, F D) of a banded matrix by columns, as a view of shape (F, 3 D, D).
+    """Return the blocks in the storage (3 D, F D) of a banded matrix by columns, as a view of shape (F, 3 D, D).
 
     Each frame has its block against itself, of which only the lower triangle is stored, and those of the next two
     frames against it. The upper triangle shares its memory with entries beyond the band, which are zero.

@@ -44,7 +44,7 @@ class BandedBlocks:
         )
 
     def cut(self, start: int, stop: int) -> BandedBlocks:
-        """The system of frames start to stop (exclusive) alone, with all others held."""
+        """Return the system of frames start to stop (exclusive) alone, with all others held."""
         return BandedBlocks(
             self.diagonal[start:stop],
             self.first[start : stop - 1],
@@ -54,7 +54,7 @@ class BandedBlocks:
         )
 
     def scaled(self, factor: float) -> BandedBlocks:
-        """The system with its energy multiplied by a factor."""
+        """Return the system with its energy multiplied by a factor."""
         return BandedBlocks(
             factor * self.diagonal,
             factor * self.first,
@@ -64,7 +64,7 @@ class BandedBlocks:
         )
 
     def near(self, deviation: float) -> BandedBlocks:
-        """The system whose solution is expected within a deviation of where it is linearised, for every unknown.
+        """Return the system whose solution is expected within a deviation of where it is linearised, for every unknown.
 
         Unknowns of which it says little then stay where they are, instead of going as far as it happens to say.
         """
@@ -91,7 +91,9 @@ class BandedBlocks:
 
 
 def with_translation(J: Array, translation: Array | float = 1.0) -> Array:
-    """The Jacobians of the translation, by a factor (N,), and of all parts' turns (N, P, 3, 3): (N, 1 + P, 3, 3)."""
+    """Return the Jacobians of the translation, by a factor (N,), and of all parts' turns (N, P, 3, 3): (N, 1 + P, 3,
+    3).
+    """
     first = np.reshape(translation, (-1, 1, 1, 1)) * np.eye(3)
     return np.concatenate([np.broadcast_to(first, (len(J), 1, 3, 3)), J], axis=1)
 

@@ -13,7 +13,7 @@ _HALVINGS = 40
 def length_quantile(
     covariances: Array, share: float, *, tails: float, gross: Array | None = None, gross_length: Array | None = None
 ) -> Array:
-    """The length below which a given share of errors in space stay.
+    """Return the length below which a given share of errors in space stay.
 
     Errors have a multivariate t distribution about zero, mixed with a share of gross errors, which are normal and
     isotropic. The squared length of a normal error is approximated by a multiple of a chi-squared variable with the

@@ -14,8 +14,8 @@ from .arrays import Array
 
 
 def likeliest_path(score: Array, places: Array) -> tuple[NDArray[np.intp], float]:
-    """The best path through K places on each of F frames by Viterbi's algorithm: an index per frame (F,), and its
-    value.
+    """Return the best path through K places on each of F frames by Viterbi's algorithm: an index per frame (F,), and
+    its value.
 
     The value is the sum of the scores (F, K) of its places minus half the sum of squared distances between consecutive
     places (F, K, d).
@@ -36,7 +36,8 @@ def likeliest_path(score: Array, places: Array) -> tuple[NDArray[np.intp], float
 
 
 def place_probabilities(score: Array, places: Array) -> Array:
-    """The posterior probability of every place, (F, K), if the probability of a path is proportional to exp(its value).
+    """Return the posterior probability of every place, (F, K), if the probability of a path is proportional to exp(its
+    value).
 
     Parameters are those of `likeliest_path`.
     """

@@ -13,7 +13,7 @@ from .arrays import Array
 
 
 def skew(v: Array) -> Array:
-    """Matrix [v]x with [v]x w = v x w, shape (..., 3, 3)."""
+    """Return the matrix [v]x with [v]x w = v x w, shape (..., 3, 3)."""
     S = np.zeros((*v.shape, 3))
     S[..., 0, 1], S[..., 0, 2], S[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
     S[..., 1, 0], S[..., 2, 0], S[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
@@ -21,22 +21,22 @@ def skew(v: Array) -> Array:
 
 
 def exp(v: Array) -> Array:
-    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3)."""
+    """Return the rotation matrices (..., 3, 3) of rotation vectors (..., 3)."""
     return np.asarray(Rotation.from_rotvec(_listed(v, 1)).as_matrix().reshape(*v.shape, 3))
 
 
 def log(R: Array) -> Array:
-    """Rotation vectors (..., 3), of length at most pi, of rotation matrices (..., 3, 3)."""
+    """Return the rotation vectors (..., 3), of length at most pi, of rotation matrices (..., 3, 3)."""
     return np.asarray(Rotation.from_matrix(_listed(R, 2)).as_rotvec().reshape(R.shape[:-1]))
 
 
 def orthonormal(R: Array) -> Array:
-    """The nearest rotation matrices: takes away the rounding of long products."""
+    """Return the nearest rotation matrices: takes away the rounding of long products."""
     return np.asarray(Rotation.from_matrix(_listed(R, 2)).as_matrix().reshape(R.shape))
 
 
 def mean(R: Array, weight: Array) -> Array:
-    """The rotations (P, 3, 3) nearest on average to rotation matrices (F, P, 3, 3) of weights (F, P).
+    """Return the rotations (P, 3, 3) nearest on average to rotation matrices (F, P, 3, 3) of weights (F, P).
 
     The square of their distance (Frobenius) is least, also where the matrices are so far apart that their sum mirrors.
     Without any weight it is no turn.
@@ -47,7 +47,9 @@ def mean(R: Array, weight: Array) -> Array:
 
 
 def _listed(values: Array, axes: int) -> Array:
-    """Values of so many axes in a list, which may be written to: scipy takes no others, though it does not write."""
+    """Return the values of so many axes in a list, which may be written to: scipy takes no others, though it does not
+    write.
+    """
     return np.require(values.reshape(-1, *values.shape[-axes:]), requirements="W")
 
 
@@ -80,7 +82,7 @@ def left_jacobian_inverse(v: Array) -> Array:
 
 
 def continuous_signs(quaternions: Array) -> Array:
-    """The same rotations (F, ..., 4) with signs that do not jump along time: q and -q are one rotation."""
+    """Return the same rotations (F, ..., 4) with signs that do not jump along time: q and -q are one rotation."""
     jumps = np.sum(quaternions[1:] * quaternions[:-1], axis=-1, keepdims=True) < 0
     signs = np.cumprod(np.where(jumps, -1.0, 1.0), axis=0)
     return np.concatenate([quaternions[:1], quaternions[1:] * signs])

@@ -124,7 +124,7 @@ def read_name(name: str) -> BoneName:
 
 
 def _kind_of(word: str) -> str:
-    """The kind of bone that a word in a name tells, see `BoneName`; nothing where it tells none."""
+    """Return the kind of bone that a word in a name tells, see `BoneName`; nothing where it tells none."""
     return "helper" if _HELPERS.match(word) else _KINDS.get(word, "")
 
 

@@ -227,7 +227,7 @@ def _opened(path: Path, threads: int = 0) -> Iterator[cv2.VideoCapture]:
 
 
 def _codec(video: cv2.VideoCapture) -> str:
-    """The four letters that name a video's codec, such as AV01."""
+    """Return the four letters that name a video's codec, such as AV01."""
     letters = int(video.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=True)
     return letters.decode("ascii", errors="replace").strip().upper() if letters.strip(b"\0 ") else "unknown"
 

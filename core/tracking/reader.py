@@ -153,7 +153,7 @@ def is_kept(shot: Shot, view: View, memory: WorkerMemory) -> bool:
 
 
 def kept_rate(shot: Shot, view: View, memory: WorkerMemory | None) -> FootageRate | None:
-    """The rate of a view's frames (`footage_rate`); files that have not changed since are not opened again."""
+    """Return the rate of a view's frames (`footage_rate`); files that have not changed since are not opened again."""
     if memory is None or not view.footage.is_file():
         return footage_rate(shot, view)
     of = _made_of(view, working_factor(view, shot.settings.working_size)), shot.frames

@@ -75,11 +75,11 @@ class Placing:
         return self.fitted.pose
 
     def views(self) -> set[str]:
-        """Names of the views that joints can be clicked in."""
+        """Return the names of the views that joints can be clicked in."""
         return set(self._cameras)
 
     def joints(self) -> dict[str, Vector]:
-        """Where the pose has its landmarks, in the world."""
+        """Return where the pose has its landmarks, in the world."""
         points = landmark_positions(self.body, self.pose, self.landmarks)[0]
         return {name: Vector(point) for name, point in zip(self.landmarks, points, strict=True)}
 
@@ -169,12 +169,12 @@ class Placing:
         return np.stack([poses[1], tip_positions(self.body, poses)], axis=2)
 
     def centre_of(self, view: str) -> Array:
-        """The place of a view's camera in the world, shape (3,)."""
+        """Return the place of a view's camera in the world, shape (3,)."""
         R, t = self._cameras[view].pose(0)
         return np.asarray(-R.T @ t)
 
     def _neighbours(self) -> list[Neighbour]:
-        """The pose that the keys of other frames give here, which counts the less the farther they are."""
+        """Return the pose that the keys of other frames give here, which counts the less the farther they are."""
         frames = [frame for frame in key_pose_curves.keyed_bones(self.slot.armature)[0] if frame != self.frame]
         if not frames:
             return []
@@ -224,20 +224,22 @@ def _held(body: Body, bones: set[str] | None) -> NDArray[np.bool_]:
 
 
 def _cameras_now(scene: bpy.types.Scene) -> dict[str, Camera]:
-    """The calibrated cameras of the shot as they stand on the scene's present frame, by the names of their views."""
+    """Return the calibrated cameras of the shot as they stand on the scene's present frame, by the names of their
+    views.
+    """
     slots = [slot for slot in scene.kfmocap.views if slot.is_calibrated and slot.has_camera]
     cameras = scene_cameras.read_cameras(scene, [slot.camera for slot in slots], scene.frame_current, 1)
     return {slot.name: camera for slot, camera in zip(slots, cameras, strict=True)}
 
 
 def order(body: Body) -> list[str]:
-    """A body's landmarks in the order in which they are asked for."""
+    """Return a body's landmarks in the order in which they are asked for."""
     first = [name for name in ASKED if name in body.landmarks]
     return first + [name for name in body.landmarks if name not in first]
 
 
 def spoken(landmark: str) -> str:
-    """A landmark's name as people say it: "Left Big Toe" for LBigToe."""
+    """Return a landmark's name as people say it: "Left Big Toe" for LBigToe."""
     side = {"L": "Left ", "R": "Right "}.get(landmark[0], "") if landmark[1:2].isupper() else ""
     name = landmark[1:] if side else landmark
     return side + "".join(" " + c if c.isupper() and i else c for i, c in enumerate(name))

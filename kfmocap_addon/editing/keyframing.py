@@ -51,7 +51,7 @@ def frames_wanted(scene: bpy.types.Scene) -> list[int] | None:
 
 
 def frames_listed(text: str) -> list[int]:
-    """Scene frames of a list such as "1, 20, 40-42".
+    """Return the scene frames of a list such as "1, 20, 40-42".
 
     Raises
     ------
@@ -83,7 +83,9 @@ def set_key_poses(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frames:
 
 
 def without_replaced(scene: bpy.types.Scene, shot: Shot, number: int, frames: Sequence[int] | None) -> Shot:
-    """The shot without the key poses of a performer that are to be replaced: they shall not hold those that come."""
+    """Return the shot without the key poses of a performer that are to be replaced: they shall not hold those that
+    come.
+    """
     if frames is None or not scene.kfmocap.key_frames.replace:
         return shot
     performers, keys = list(shot.performers), shot.performers[number].key_poses
@@ -193,7 +195,9 @@ def _fitted(
 
 
 def _rows(scene: bpy.types.Scene, landmarks: Landmarks, first_row: int) -> np.ndarray:
-    """The file's row of every shot frame, -1 where there is none; the file may have another rate than the shot."""
+    """Return the file's row of every shot frame, -1 where there is none; the file may have another rate than the
+    shot.
+    """
     fps = scenes.frame_rate(scene)
     rate = landmarks.fps / fps if landmarks.fps > 0 and abs(landmarks.fps / fps - 1) > _RATES_DIFFER else 1.0
     rows = first_row + np.rint(rate * np.arange(scene.kfmocap.length)).astype(np.int64)
@@ -201,7 +205,7 @@ def _rows(scene: bpy.types.Scene, landmarks: Landmarks, first_row: int) -> np.nd
 
 
 def _parts(scene: bpy.types.Scene, path: Path) -> list[Path]:
-    """The folders of the views in a folder that has no file itself; else the path alone."""
+    """Return the folders of the views in a folder that has no file itself; else the path alone."""
     if not path.is_dir() or any(path.glob("*.json")):
         return [path]
     names = [view.name.lower() for view in scene.kfmocap.views]
@@ -210,7 +214,7 @@ def _parts(scene: bpy.types.Scene, path: Path) -> list[Path]:
 
 
 def _source(path: Path) -> Path:
-    """The file, or its folder where it is one of many files, one for every picture."""
+    """Return the file, or its folder where it is one of many files, one for every picture."""
 
     def pattern(name: str) -> str:
         return re.sub(r"\d+(?=\D*$)", "#", name)

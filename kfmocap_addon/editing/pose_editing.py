@@ -21,7 +21,7 @@ def set_pose(armature: bpy.types.Object, pose: Motion, frame: int, bones: set[st
 
 
 def beside(armature: bpy.types.Object, frame: int) -> tuple[Motion | None, Motion | None]:
-    """The poses on the nearest frames before and after a scene frame that have a key pose."""
+    """Return the poses on the nearest frames before and after a scene frame that have a key pose."""
     keyed, _ = key_pose_curves.keyed_bones(armature)
     before = max((f for f in keyed if f < frame), default=None)
     after = min((f for f in keyed if f > frame), default=None)
@@ -30,7 +30,7 @@ def beside(armature: bpy.types.Object, frame: int) -> tuple[Motion | None, Motio
 
 
 def between(armature: bpy.types.Object, frame: int, share: float) -> Motion:
-    """The pose at a share of the way from the key pose before a scene frame to that after it.
+    """Return the pose at a share of the way from the key pose before a scene frame to that after it.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def between(armature: bpy.types.Object, frame: int, share: float) -> Motion:
 
 
 def nudged(armature: bpy.types.Object, frame: int, earlier: bool, share: float) -> Motion:
-    """The pose shown, moved a share of the way to the key pose before or after a scene frame.
+    """Return the pose shown, moved a share of the way to the key pose before or after a scene frame.
 
     Raises
     ------
@@ -61,13 +61,13 @@ def nudged(armature: bpy.types.Object, frame: int, earlier: bool, share: float) 
 
 
 def nudged_in_depth(scene: bpy.types.Scene, armature: bpy.types.Object, distance: float) -> Motion:
-    """The pose shown, moved away from the scene's camera, metres."""
+    """Return the pose shown, moved away from the scene's camera, metres."""
     [camera] = scene_cameras.read_cameras(scene, [scene.camera], scene.frame_current, 1)
     return moved_in_depth(shown_pose.read_shown_pose(armature), camera.centre_world(), distance)
 
 
 def mirrored(armature: bpy.types.Object, pose: Motion, root: bool) -> Motion:
-    """A pose with left and right exchanged, bones paired by their names as Blender does."""
+    """Return a pose with left and right exchanged, bones paired by their names as Blender does."""
     body = body_armature.body_from_armature(armature)
     partners = []
     for name in body.names:
@@ -77,7 +77,7 @@ def mirrored(armature: bpy.types.Object, pose: Motion, root: bool) -> Motion:
 
 
 def copied(armature: bpy.types.Object) -> str:
-    """The pose shown, as text: the bones' own values by their names."""
+    """Return the pose shown, as text: the bones' own values by their names."""
     values: dict[str, dict[str, list[float]]] = {}
     for channel, value in zip(body_channels.list_channels(armature), shown_pose.shown_values(armature), strict=True):
         values.setdefault(channel.bone, {}).setdefault(channel.attribute, []).append(value)
@@ -85,7 +85,7 @@ def copied(armature: bpy.types.Object) -> str:
 
 
 def pasted(armature: bpy.types.Object, text: str) -> Motion:
-    """The pose shown, with the values of `copied` for the bones that it names.
+    """Return the pose shown, with the values of `copied` for the bones that it names.
 
     Raises
     ------

@@ -39,7 +39,7 @@ class _Track:
         return np.arange(np.floor(places.min()), np.ceil(places.max()) + 1).astype(np.int64)
 
     def values(self, frames: NDArray[np.int64]) -> Array:
-        """Values of the curves as they are now, shape (F, C)."""
+        """Return the values of the curves as they are now, shape (F, C)."""
         return np.array([[curve.evaluate(float(frame)) for curve in self.curves] for frame in frames])
 
     def count(self) -> int:
@@ -54,13 +54,13 @@ class _Track:
             fcurves.set_keys(curve, [own, kept])
 
     def breaks(self) -> set[int]:
-        """Frames beside those on which a curve jumps."""
+        """Return the frames beside those on which a curve jumps."""
         constant = fcurves.enum_value("interpolation", "CONSTANT")
         jumps = _frames(keys[keys["interpolation"] == constant] for keys in self.tracked)
         return jumps | {f + 1 for f in jumps}
 
     def strays(self, before: Array, now: Array) -> Array:
-        """How far values (F, C) are from others: an angle in radians, or a distance in metres, shape (F,)."""
+        """Return how far values (F, C) are from others: an angle in radians, or a distance in metres, shape (F,)."""
         if not self.turns:
             return np.linalg.norm(now - before, axis=1)
         a, b = (q / np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-12) for q in (before, now))
@@ -149,7 +149,7 @@ def _thin_out(track: _Track, tolerance: float) -> None:
 
 
 def _worst(frames: NDArray[np.int64], excess: Array, knots: Collection[int]) -> set[int]:
-    """The frame between every two knots on which there is most excess, where there is any."""
+    """Return the frame between every two knots on which there is most excess, where there is any."""
     edges = [0, *sorted(np.searchsorted(frames, list(knots)).tolist()), len(frames)]
     found = set()
     for a, b in pairwise(edges):

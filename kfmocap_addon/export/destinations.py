@@ -14,7 +14,7 @@ SUFFIXES = ("bvh", "fbx", "glb", "vrma", "usdc")
 
 
 def paths(scene: bpy.types.Scene, folder: Path, name: str = "") -> list[Path]:
-    """The files that an export with the panel's settings writes, performer by performer.
+    """Return the files that an export with the panel's settings writes, performer by performer.
 
     Raises
     ------
@@ -26,7 +26,7 @@ def paths(scene: bpy.types.Scene, folder: Path, name: str = "") -> list[Path]:
 
 
 def stems(scene: bpy.types.Scene, name: str = "") -> list[str]:
-    """Names without an ending of the performers' files: NAME, or NAME_PERFORMER where there are several.
+    """Return the names without an ending of the performers' files: NAME, or NAME_PERFORMER where there are several.
 
     The name is by default the shot's.
 
@@ -43,8 +43,8 @@ def stems(scene: bpy.types.Scene, name: str = "") -> list[str]:
 
 
 def proposed(scene: bpy.types.Scene) -> Path:
-    """The path, without an ending, that was chosen last; else the shot's name, in the folder of the saved scene or of
-    the footage.
+    """Return the path, without an ending, that was chosen last; else the shot's name, in the folder of the saved scene
+    or of the footage.
     """
     chosen = scene.kfmocap.export.path
     if chosen and Path(bpy.path.abspath(chosen)).parent.is_dir():

@@ -54,7 +54,7 @@ def check_whole(path: Path, shown: Path | None = None) -> None:
 
 
 def _ends(path: Path, count: int) -> tuple[bytes, bytes]:
-    """The first and the last bytes of a file."""
+    """Return the first and the last bytes of a file."""
     with path.open("rb") as file:
         begin = file.read(count)
         file.seek(max(0, file.seek(0, 2) - _TAIL))
@@ -122,6 +122,8 @@ def writing(path: Path) -> Iterator[Path]:
 
 
 def _reason(error: RuntimeError) -> str:
-    """What an operator failed with: where that was an exception in Python, Blender gives its traceback instead."""
+    """Return what an operator failed with: where that was an exception in Python, Blender gives its traceback
+    instead.
+    """
     said = str(error).partition("\nLocation:")[0].strip()
     return said.splitlines()[-1] if "Traceback" in said else said

@@ -23,7 +23,7 @@ Box = tuple[float, float, float, float]
 
 
 def boxes(count: int, scale: float | None = None) -> list[Box]:
-    """Where the boxes are, in a row from the lower left of the region; by default at the interface's scale."""
+    """Return where the boxes are, in a row from the lower left of the region; by default at the interface's scale."""
     scale = bpy.context.preferences.system.ui_scale if scale is None else scale
     step = _WIDTH + _GAP
     lefts = [(_MARGIN + i * step) * scale for i in range(count)]

@@ -75,13 +75,13 @@ def draw(strip: Strip) -> None:
 
 
 def position(frames: Run, box: Box, frame: float) -> float:
-    """Where the middle of a frame is in a box that spans frames."""
+    """Return where the middle of a frame is in a box that spans frames."""
     return box[0] + (frame - frames[0] + 0.5) * (box[2] - box[0]) / max(frames[1] - frames[0] + 1, 1)
 
 
 @lru_cache(maxsize=8)
 def pieces(strip: Strip, box: Box, scale: float) -> tuple[tuple[Colour, Triangles], ...]:
-    """What there is to draw but the current frame: colours and triangles, the lowest first."""
+    """Return what there is to draw but the current frame: colours and triangles, the lowest first."""
     low, high, middle = box[1], box[3], (box[1] + box[3]) / 2
 
     def bands(runs: Sequence[Run], bottom: float, top: float) -> Triangles:
@@ -111,7 +111,7 @@ def pieces(strip: Strip, box: Box, scale: float) -> tuple[tuple[Colour, Triangle
 
 
 def _within(runs: Sequence[Run], frames: Run) -> list[Run]:
-    """The parts of runs that lie in a range of frames; what overlaps is one, so that it is not drawn twice."""
+    """Return the parts of runs that lie in a range of frames; what overlaps is one, so that it is not drawn twice."""
     joined: list[Run] = []
     for first, last in sorted((max(a, frames[0]), min(b, frames[1])) for a, b in runs):
         if first > last:

@@ -9,7 +9,7 @@ from ..scene_io import active_performer
 
 
 def in_order(context: bpy.types.Context) -> list[bpy.types.PropertyGroup]:
-    """The performers whose bodies are in the scene, the chosen one first."""
+    """Return the performers whose bodies are in the scene, the chosen one first."""
     chosen = active_performer.chosen(context)
     return sorted(active_performer.present(context.scene), key=lambda slot: slot != chosen)
 

@@ -80,7 +80,7 @@ def _draw_helpful(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> 
 
 
 def _first_of(names: str) -> str:
-    """The first of some bones, and how many more there are: a button has room for as much."""
+    """Return the first of some bones, and how many more there are: a button has room for as much."""
     first, *others = names.split(", ")
     return f"{first} +{len(others)}" if others else first
 

@@ -26,14 +26,14 @@ MEASURES: Mapping[str, tuple[str, str]] = MappingProxyType(
 
 
 def height_field(description: str, **access: Any) -> object:
-    """A field for a height in metres, with a default or with functions that get and set it."""
+    """Return a field for a height in metres, with a default or with functions that get and set it."""
     return bpy.props.FloatProperty(
         min=0.3, max=3.0, unit="LENGTH", precision=3, name="Height", description=description, **access
     )
 
 
 def length_field(label: str, description: str, **access: Any) -> object:
-    """A field for the length of a part in metres, with a least value or with functions that get and set it."""
+    """Return a field for the length of a part in metres, with a least value or with functions that get and set it."""
     return bpy.props.FloatProperty(
         soft_max=1.0, unit="LENGTH", precision=3, name=label, description=description, **access
     )

@@ -54,7 +54,7 @@ class KFMocapColour(bpy.types.PropertyGroup):
     )
 
     def get(self) -> "Colour":
-        """The range as the core has it."""
+        """Return the range as the core has it."""
         from ...core.capture.colours import Colour
 
         return Colour(tuple(self.hue), tuple(self.saturation), tuple(self.value))

@@ -32,7 +32,7 @@ class KFMocapSections(bpy.types.PropertyGroup):
 
 
 def sections_of(context: bpy.types.Context) -> Any:
-    """Which sections are open, a KFMocapSections."""
+    """Return which sections are open, a KFMocapSections."""
     manager: Any = context.window_manager
     return manager.kfmocap_sections
 

@@ -145,7 +145,7 @@ def refuse_otherwise_moved(armature: bpy.types.Object, carriers: Mapping[str, st
 
 
 def _held_by(armature: bpy.types.Object, name: str) -> str:
-    """What besides their own pose moves a bone, or one above it."""
+    """Return what besides their own pose moves a bone, or one above it."""
     moved = following(armature)
     for bone in (armature.pose.bones[name], *armature.pose.bones[name].parent_recursive):
         if bone.name in moved:
@@ -182,7 +182,7 @@ def _may_be_turned(armature: bpy.types.Object, name: str, bones: Collection[str]
 
 
 def _moved(armature: bpy.types.Object, bones: Sequence[str], candidates: Sequence[str]) -> dict[str, set[str]]:
-    """The bones that move rigidly with each candidate."""
+    """Return the bones that move rigidly with each candidate."""
     rest, standing = rest_matrices(armature, bones), rest_matrices(armature, candidates)
     size = float(np.ptp(rest[:, :3, 3], axis=0).max()) or 1.0
     found = {}
@@ -196,7 +196,9 @@ def _moved(armature: bpy.types.Object, bones: Sequence[str], candidates: Sequenc
 
 
 def _alike(changes: Array, change: Array, rest: Array, size: float) -> Array:
-    """Which of some changes (B, 4, 4) of bones that stand at `rest` are one and the same change (4, 4), of any size."""
+    """Return which of some changes (B, 4, 4) of bones that stand at `rest` are one and the same change (4, 4), of any
+    size.
+    """
     apart = rotations.orthonormal(change[:3, :3]).T @ rotations.orthonormal(changes[:, :3, :3])
     heads = rest[:, :3, 3]
     goals = heads @ change[:3, :3].T + change[:3, 3]
@@ -207,7 +209,7 @@ def _alike(changes: Array, change: Array, rest: Array, size: float) -> Array:
 
 
 def _switched(armature: bpy.types.Object, bones: Sequence[str], moved: Mapping[str, set[str]]) -> Settings:
-    """Values of properties that switch constraints with which controls move more bones than they do now."""
+    """Return the values of properties that switch constraints with which controls move more bones than they do now."""
     found: Settings = {}
     first: dict[tuple[str, str], Any] = {}
     for (name, key), owners in _switches(armature).items():
@@ -227,7 +229,7 @@ def _switched(armature: bpy.types.Object, bones: Sequence[str], moved: Mapping[s
 
 
 def _ends(bone: Any, key: str) -> tuple[float, float]:
-    """The ends of a custom property's range; 0 and 1 where it has none."""
+    """Return the ends of a custom property's range; 0 and 1 where it has none."""
     if isinstance(bone[key], bool):
         return 0.0, 1.0
     shown = bone.id_properties_ui(key).as_dict()
@@ -253,8 +255,8 @@ def _switches(armature: bpy.types.Object) -> dict[tuple[str, str], list[str]]:
 
 
 def _chosen(armature: bpy.types.Object, bones: Sequence[str], moved: Mapping[str, set[str]]) -> dict[str, str]:
-    """The control of each bone: of those that it moves with and that turn about its head, one that has a shape, and
-    moves most; of equals the one that lies on the bone, or the lowest.
+    """Return the control of each bone: of those that it moves with and that turn about its head, one that has a shape,
+    and moves most; of equals the one that lies on the bone, or the lowest.
     """
     rest = armature.data.bones
     size = float(np.ptp([bone.head_local for bone in rest], axis=0).max()) or 1.0

@@ -57,7 +57,7 @@ def _limb(armature: bpy.types.Object, rig: ControlRig, poses: RigPoses, limb: Ik
 
 
 def _pole_path(joints: Array, turns: Array, standing: Array, pole: Array) -> Array:
-    """Where a pole must be for elbow or knee to be where they are, shape (F, 3).
+    """Return where a pole must be for elbow or knee to be where they are, shape (F, 3).
 
     Blender's solver bends a chain in the plane in which it is bent at rest, and turns its first bone so that one of
     that bone's axes points to the pole. That axis is the one that does so at rest.
@@ -93,7 +93,7 @@ def _pole_path(joints: Array, turns: Array, standing: Array, pole: Array) -> Arr
 
 
 def _across(v: Array, line: Array) -> Array:
-    """The part of vectors (..., 3) that is square to unit vectors (..., 3)."""
+    """Return the part of vectors (..., 3) that is square to unit vectors (..., 3)."""
     return np.asarray(v - line * np.sum(v * line, axis=-1, keepdims=True))
 
 

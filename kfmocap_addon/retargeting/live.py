@@ -172,7 +172,7 @@ def _helper(
     live: LiveSource,
     bones: list[_HelperBone],
 ) -> bpy.types.Object:
-    """The helper armature, carried by the source's bones."""
+    """Return the helper armature, carried by the source's bones."""
     name = f"{NAME} {armature.name}"
     helper = bpy.data.objects.new(name, bpy.data.armatures.new(name))
     _hide(scene, helper)
@@ -195,7 +195,7 @@ def _helper(
 
 
 def _empty(scene: bpy.types.Scene, helper: bpy.types.Object, placement: Placement, shift: Array) -> bpy.types.Object:
-    """An empty whose space is the source's world where the target shall move in it, shifted."""
+    """Return an empty whose space is the source's world where the target shall move in it, shifted."""
     empty = bpy.data.objects.new(f"{helper.name} space", None)
     empty.parent = helper
     _hide(scene, empty)
@@ -213,14 +213,14 @@ def _hide(scene: bpy.types.Scene, made: bpy.types.Object) -> None:
 def _place(
     armature: bpy.types.Object, bone: str, helper: bpy.types.Object, followed: str, space: bpy.types.Object
 ) -> Any:
-    """A constraint that puts a control where a bone of the helper is, in an empty's space."""
+    """Return a constraint that puts a control where a bone of the helper is, in an empty's space."""
     made = _constraint(armature, bone, "COPY_LOCATION", helper, followed)
     made.target_space, made.owner_space, made.space_object = "WORLD", "CUSTOM", space
     return made
 
 
 def _constraint(armature: bpy.types.Object, bone: str, kind: str, helper: bpy.types.Object, followed: str) -> Any:
-    """A constraint of a control, before those that the rig has itself: these act as on keys."""
+    """Return a constraint of a control, before those that the rig has itself: these act as on keys."""
     constraints: Any = armature.pose.bones[bone].constraints
     made: Any = constraints.new(kind)
     made.name = NAME

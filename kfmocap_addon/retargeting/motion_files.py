@@ -71,7 +71,7 @@ def _lights_as_imported() -> Iterator[None]:
 
 
 def _moving_human(path: Path, bones: BoneMap | None) -> bpy.types.Object:
-    """The armature of a file just imported that moves and is a human's."""
+    """Return the armature of a file just imported that moves and is a human's."""
     moving = [o for o in bpy.data.objects if o.type == "ARMATURE" and o.animation_data and o.animation_data.action]
     if not moving:
         raise ShotError("it holds no skeleton that moves", where=str(path), todo="export it with its animation")

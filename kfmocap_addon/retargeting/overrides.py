@@ -45,6 +45,6 @@ def _override_of(armature: bpy.types.Object) -> bpy.types.Object | None:
 
 
 def _linked_collection(armature: bpy.types.Object) -> bpy.types.Collection | None:
-    """The linked collection that holds an armature and is itself instanced or in the scene."""
+    """Return the linked collection that holds an armature and is itself instanced or in the scene."""
     found = [c for c in bpy.data.collections if c.library is not None and armature.name in c.all_objects]
     return max(found, key=lambda c: len(c.all_objects), default=None)

@@ -62,7 +62,7 @@ class CurveOptions:
 
 
 def rotation_channel(bone: bpy.types.PoseBone, turns: Array) -> ControlChannel:
-    """Values of a bone's rotation (F, 3, 3) in the mode that it has, without jumps along time."""
+    """Return the values of a bone's rotation (F, 3, 3) in the mode that it has, without jumps along time."""
     mode = bone.rotation_mode
     rotation = Rotation.from_matrix(turns)
     wxyz = rotations.continuous_signs(rotation.as_quat()[:, [3, 0, 1, 2]])

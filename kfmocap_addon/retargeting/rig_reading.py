@@ -226,19 +226,21 @@ def _refuse_held(armature: bpy.types.Object, name: str, rest: Array, moved: Arra
 
 
 def location_axes(armature: bpy.types.Object, name: str, R_world: Array) -> Array:
-    """The axes (3, 3) that a bone's location is counted along, as columns: its own of orientation `R_world`, or not."""
+    """Return the axes (3, 3) that a bone's location is counted along, as columns: its own of orientation `R_world`, or
+    not.
+    """
     if armature.data.bones[name].use_local_location:
         return R_world
     return rotations.orthonormal(np.array(armature.matrix_world)[:3, :3] / world_frame(armature)[1])
 
 
 def rest_matrices(armature: bpy.types.Object, names: Sequence[str]) -> Array:
-    """Matrices (B, 4, 4) of bones as they stand, in the armature."""
+    """Return the matrices (B, 4, 4) of bones as they stand, in the armature."""
     return np.array([armature.pose.bones[name].matrix for name in names]).reshape(-1, 4, 4)
 
 
 def moved_matrices(armature: bpy.types.Object, name: str, names: Sequence[str], way: float = 0.0) -> Array:
-    """Matrices (B, 4, 4) of bones while a control is turned, and shifted where it can be."""
+    """Return the matrices (B, 4, 4) of bones while a control is turned, and shifted where it can be."""
     bone = armature.pose.bones[name]
     bone.matrix_basis = Matrix.Translation((way, 0.7 * way, -0.4 * way)) @ _PROBE.to_matrix().to_4x4()
     update()

@@ -260,7 +260,7 @@ def _refuse_lying(given: SkeletonMotion, upright: SkeletonMotion) -> None:
 
 
 def _used(bones: BoneMap, of_source: BoneMap, options: RetargetOptions) -> BoneMap:
-    """The roles that the source has something to say about; all other bones stay as they are posed."""
+    """Return the roles that the source has something to say about; all other bones stay as they are posed."""
     moving = set(of_source.bones) - {"root"}
     moving |= {"neck"} if "head" in moving else set()
     moving |= {"root"} if options.root == "root-bone" else set()
@@ -281,7 +281,7 @@ def shown_bone(armature: bpy.types.Object, follows: Mapping[str, str], name: str
 def control_channels(
     armature: bpy.types.Object, rig: ControlRig, poses: RigPoses, left_out: set[int]
 ) -> list[ControlChannel]:
-    """Rotations of all driven controls, and places of those that move through the world."""
+    """Return the rotations of all driven controls, and places of those that move through the world."""
     turns = local_turns(rig, poses)
     channels = []
     for b, name in enumerate(rig.rest.names):
@@ -332,7 +332,7 @@ def _report(
 
 
 def _standing_wrongly(armature: bpy.types.Object, rig: ControlRig) -> list[str]:
-    """What the rest pose of a rig shows: that it lies, or that its sides are exchanged."""
+    """Return what the rest pose of a rig shows: that it lies, or that its sides are exchanged."""
     found = []
     if not np.array_equal(upright_turn(rig.rest, rig.bones), np.eye(3)):
         found.append(

@@ -75,7 +75,7 @@ def _taken(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.ty
 
 
 def _controls(armature: bpy.types.Object) -> FkControls | None:
-    """The controls of a rig that no preset knows; None where its deforming bones are posed themselves."""
+    """Return the controls of a rig that no preset knows; None where its deforming bones are posed themselves."""
     led = skinned_parts.leading_bones(armature)
     held = set(following(armature)) & set(led)
     loose = {n for n in led if not any(above.name in led for above in armature.data.bones[n].parent_recursive)}
@@ -127,7 +127,9 @@ def _use_controls(
 
 
 def _mechanism(armature: bpy.types.Object) -> BoneMap | None:
-    """The controls of a rig whose deforming bones are not posed themselves, by its preset; None for other rigs."""
+    """Return the controls of a rig whose deforming bones are not posed themselves, by its preset; None for other
+    rigs.
+    """
     try:
         bones = target_bones(armature)
     except BodyError:
@@ -136,7 +138,7 @@ def _mechanism(armature: bpy.types.Object) -> BoneMap | None:
 
 
 def _carriers(armature: bpy.types.Object, controls: list[str]) -> dict[str, str]:
-    """The control that moves each deforming bone: the last of those that it follows by half at least."""
+    """Return the control that moves each deforming bone: the last of those that it follows by half at least."""
     deforming = [bone.name for bone in armature.data.bones if bone.use_deform]
     found: dict[str, str] = {}
     depth: dict[str, int] = {}
@@ -211,7 +213,7 @@ def _refuse_moving_object(armature: bpy.types.Object) -> None:
 
 
 def _limb_bones(armature: bpy.types.Object) -> BoneMap:
-    """The bones that a human cannot do without; none where the armature is no human's."""
+    """Return the bones that a human cannot do without; none where the armature is no human's."""
     try:
         bones = target_bones(armature).bones
     except BodyError:
@@ -220,7 +222,7 @@ def _limb_bones(armature: bpy.types.Object) -> BoneMap:
 
 
 def _limbs(bones: BoneMap) -> list[str]:
-    """The bones of a map that are parts however small they are."""
+    """Return the bones of a map that are parts however small they are."""
     return [name for role, _, name in bones.items() if role.partition(".")[0] in _LIMB_ROLES]
 
 

@@ -20,7 +20,7 @@ def chosen(context: bpy.types.Context) -> bpy.types.PropertyGroup | None:
 
 
 def present(scene: bpy.types.Scene) -> list[bpy.types.PropertyGroup]:
-    """The performers whose armatures are in the scene."""
+    """Return the performers whose armatures are in the scene."""
     return [slot for slot in scene.kfmocap.performers if is_present(scene, slot)]
 
 

@@ -19,7 +19,7 @@ from ...core.shot.shot import View
 from . import camera_poses, footage_background, scene, scene_cameras, solved_cameras, view_cameras
 
 _USUAL_FOCAL = 1.1
-"""Of a camera that nothing is known of, in longer sides of its picture."""
+"""Focal length of a camera about which nothing is known, relative to the longer side of its picture."""
 _UNNAMED = "shot"
 
 

@@ -61,8 +61,8 @@ def build_armature(body: Body, name: str, collection: bpy.types.Collection) -> b
 
 
 def _sort_by_side(armature: bpy.types.Object) -> None:
-    """Left, right and middle are bone collections and have colours. The colours are the bones' own: they stay beneath
-    those that show expected errors, which are the pose bones'.
+    """Put the bones of each side and of the middle into a bone collection, with a colour. The colour is set on the
+    bones, so that it stays beneath the colours of expected errors, which are set on the pose bones.
     """
     groups = {letter: armature.data.collections.new(label) for letter, (label, _) in SIDES.items()}
     for bone in armature.data.bones:
@@ -82,7 +82,9 @@ def show_colour(armature: bpy.types.Object, colour: Sequence[float]) -> None:
 
 @contextmanager
 def edit_bones(armature: bpy.types.Object) -> Iterator[bpy.types.ArmatureEditBones]:
-    """Edit mode needs the object in the active view layer: there for the time of the edit, then taken out."""
+    """Provide the edit bones of an armature, which is put into the active view layer meanwhile, as edit mode
+    requires.
+    """
     layer, home = bpy.context.view_layer, bpy.context.scene.collection
     before, there = layer.objects.active, armature.name in home.objects
     mode = "OBJECT" if before is None else before.mode
@@ -109,7 +111,7 @@ def edit_bones(armature: bpy.types.Object) -> Iterator[bpy.types.ArmatureEditBon
 
 
 def _describe(armature: bpy.types.Object, body: Body) -> None:
-    """Keep on each bone what Blender has no place for."""
+    """Store on each bone what Blender has no property for."""
     for rank, part in enumerate(body.parts):
         bone = armature.data.bones[part.name]
         bone[PART] = rank
@@ -150,7 +152,7 @@ def reshape(armature: bpy.types.Object, body: Body) -> None:
 
 
 def world_frame(armature: bpy.types.Object) -> tuple[Array, float]:
-    """Matrix (4, 4) of an armature in the world, and its scale.
+    """Return the matrix (4, 4) of an armature in the world, and its scale.
 
     Raises
     ------
@@ -170,7 +172,8 @@ def world_frame(armature: bpy.types.Object) -> tuple[Array, float]:
 
 
 def object_pose(armature: bpy.types.Object) -> tuple[Array, Array, float]:
-    """Rotation (3, 3) and place (3,) of the armature object in the world, metres, and how many metres its unit is.
+    """Return the rotation (3, 3) and place (3,) of the armature object in the world, metres, and how many metres its
+    unit is.
 
     Raises
     ------
@@ -182,7 +185,7 @@ def object_pose(armature: bpy.types.Object) -> tuple[Array, Array, float]:
 
 
 def body_bones(armature: bpy.types.Object) -> list[bpy.types.Bone]:
-    """The bones that are parts of the body, in the body's order: parents before children."""
+    """Return the bones that are parts of the body, in the body's order: parents before children."""
     carried = part_meshes.meshes_by_bone(armature)
     bones = [bone for bone in armature.data.bones if bone.name in carried or PART in bone]
     if all(PART in bone for bone in bones):
@@ -193,7 +196,9 @@ def body_bones(armature: bpy.types.Object) -> list[bpy.types.Bone]:
 
 
 def parents_of(bones: Sequence[bpy.types.Bone]) -> list[int]:
-    """The place of the part that each part of a body hangs on, -1 for none: the nearest bone above that is one."""
+    """Return the place of the part that each part of a body hangs on, -1 for none: the nearest bone above that is
+    one.
+    """
     index = {bone.name: i for i, bone in enumerate(bones)}
     return [next((index[above.name] for above in bone.parent_recursive if above.name in index), -1) for bone in bones]
 
@@ -250,7 +255,8 @@ def _rest(part: Part) -> Array:
 
 
 def standing_frames(armature: bpy.types.Object, bones: Sequence[bpy.types.Bone]) -> Array:
-    """Matrices (B, 4, 4) in the armature of the bones of a body, unposed; all other bones stand as they are posed.
+    """Return the matrices (B, 4, 4) in the armature of the bones of a body, unposed; all other bones stand as they are
+    posed.
 
     So a control that all bones hang on, or one between two parts, may have been moved once and for all.
     """

@@ -40,7 +40,7 @@ class Channel:
 
 
 def list_channels(armature: bpy.types.Object) -> list[Channel]:
-    """The root's location (3), then the quaternion (w, x, y, z) of every part in the body's order."""
+    """Return the root's location (3), then the quaternion (w, x, y, z) of every part in the body's order."""
     bones = body_armature.body_bones(armature)
     for bone in bones:
         mode = armature.pose.bones[bone.name].rotation_mode
@@ -55,7 +55,7 @@ def list_channels(armature: bpy.types.Object) -> list[Channel]:
 
 
 def evaluate_channels(armature: bpy.types.Object, channels: list[Channel], frames: FrameNumbers) -> Array:
-    """Values of the channels at scene frames, shape (K, C); a channel without keys has its present value."""
+    """Return the values of the channels at scene frames, shape (K, C); a channel without keys has its present value."""
     bag = fcurves.find_channelbag(armature)
     values = np.empty((len(frames), len(channels)))
     for c, channel in enumerate(channels):
@@ -75,7 +75,7 @@ def channel_values(armature: bpy.types.Object, motion: Motion) -> Array:
 
 
 def motion_of_values(armature: bpy.types.Object, values: Array) -> Motion:
-    """The motion of channel values (F, 3 + 4 P); inverse of `channel_values`."""
+    """Return the motion of channel values (F, 3 + 4 P); inverse of `channel_values`."""
     A, place, scale = root_frame(armature)
     wxyz = values[:, 3:].reshape(-1, 4)
     Q = Rotation.from_quat(wxyz[:, [1, 2, 3, 0]]).as_matrix() if len(wxyz) else np.empty((0, 3, 3))

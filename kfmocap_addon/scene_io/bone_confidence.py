@@ -35,7 +35,7 @@ def write_confidence(
     *,
     slots: Sequence[bpy.types.PropertyGroup] | None = None,
 ) -> None:
-    """Write into a scene how far its performers' bones may be off; `refresh` then shows what follows from it.
+    """Write the expected errors of its performers' bones into a scene; `refresh` then shows what follows from them.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def write_confidence(
 
 
 def refresh(scene: bpy.types.Scene) -> None:
-    """Show where one more key pose would help most, and the colours, from the errors as they are now."""
+    """Update the suggested key frames, and the colours, from the present errors."""
     for slot in scene.kfmocap.performers:
         _write_helpful(scene, slot)
     if scene.kfmocap.show_confidence:
@@ -100,8 +100,8 @@ def show_colours(scene: bpy.types.Scene) -> None:
 
 
 def outline_colour(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, posed: bpy.types.PoseBone) -> Colour:
-    """The colour of an evaluated bone's part as an outline: of its expected error, where that is shown, else its side's
-    or in the middle the performer's.
+    """Return the colour of an evaluated bone's part as an outline: of its expected error, where that is shown, else its
+    side's or in the middle the performer's.
     """
     if scene.kfmocap.show_confidence and posed.color.palette == "CUSTOM":
         return (*posed.color.custom.normal, 1.0)
@@ -140,7 +140,7 @@ def _write_helpful(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> Non
 
 
 def _colour_bone(bone: bpy.types.PoseBone, limit: float | None) -> None:
-    """A bone that has a colour of the animator's keeps it."""
+    """Colour a bone by its expected error, unless the animator has given it a colour."""
     ours = _drive(bone.id_data, f"{bone.path_from_id()}.color.custom.normal", bone, None)
     if ours:
         bone.color.palette = "DEFAULT"

@@ -56,7 +56,7 @@ def is_tracked(armature: bpy.types.Object | None) -> bool:
 
 
 def hidden_parts(armature: bpy.types.Object) -> list[str]:
-    """Names of the bones that no camera sees on the frame that is shown; of what was never tracked none."""
+    """Return the names of the bones that no camera sees on the frame that is shown; of what was never tracked none."""
     return [bone.name for bone in armature.pose.bones if bone.get(VIEWS, 1) < 1]
 
 
@@ -101,5 +101,5 @@ def _write_suggestions(
 
 
 def property_path(bone: bpy.types.PoseBone, name: str) -> str:
-    """Where a bone's custom property is found from its armature, as F-curves and drivers name it."""
+    """Return where a bone's custom property is found from its armature, as F-curves and drivers name it."""
     return f'{bone.path_from_id()}["{name}"]'

@@ -68,7 +68,7 @@ def read_poses(
 
 @contextlib.contextmanager
 def coming_back(scene: bpy.types.Scene) -> Iterator[None]:
-    """Other frames are visited in the block; then the frame is shown again, with poses that nobody has keyed yet."""
+    """Restore the frame, and poses that have not been keyed, after the block has visited other frames."""
     before = scene.frame_current, scene.frame_subframe
     bones = [bone for thing in scene.objects if thing.pose for bone in thing.pose.bones]
     posed = [(bone, name, getattr(bone, name).copy()) for bone in bones for name in _POSED]
@@ -85,7 +85,9 @@ def _stands_still(camera: bpy.types.Object) -> bool:
 
 
 def _along_curves(camera: bpy.types.Object, frames: list[int]) -> Array | None:
-    """Matrices (F, 4, 4) of a camera on scene frames by its curves; None where more than these may move it."""
+    """Return the matrices (F, 4, 4) of a camera on scene frames by its curves; None where more than these may move
+    it.
+    """
     data, bag = camera.animation_data, fcurves.find_channelbag(camera)
     if bag is None or camera.parent is not None or camera.constraints or camera.rotation_mode != "QUATERNION":
         return None
@@ -114,7 +116,7 @@ def _has_delta(camera: bpy.types.Object) -> bool:
 
 
 def _view_layer(scene: bpy.types.Scene, cameras: list[bpy.types.Object]) -> bpy.types.ViewLayer:
-    """A view layer that evaluates all the cameras."""
+    """Return a view layer that evaluates all the cameras."""
     for layer in scene.view_layers:
         layer.update()  # an object linked just now is not in `layer.objects` before
         if all(camera.name in layer.objects for camera in cameras):
@@ -135,7 +137,7 @@ def _cv_poses(matrices: Array) -> tuple[Array, Array]:
 
 
 def check_can_be_placed(slots: Iterable[bpy.types.PropertyGroup]) -> None:
-    """See that the views' cameras stand where their own properties say.
+    """Check that nothing but their own properties moves the views' cameras.
 
     Raises
     ------

@@ -21,12 +21,12 @@ _LABELS = {"lframe": "L-frame", "first": "Wand, first ball", "second": "Wand, se
 
 
 def slot_items() -> list[tuple[str, str, str]]:
-    """The colours as an enumeration's items."""
+    """Return the colours as an enumeration's items."""
     return [(slot, _LABELS[slot], "") for slot in SLOTS]
 
 
 def wanted_slots(capture: bpy.types.PropertyGroup) -> tuple[str, ...]:
-    """The colours that this capture needs."""
+    """Return the colours that this capture needs."""
     return SLOTS[:2] if capture.one_colour else SLOTS
 
 
@@ -36,7 +36,7 @@ def is_picked(colour: bpy.types.PropertyGroup) -> bool:
 
 
 def missing(capture: bpy.types.PropertyGroup) -> str:
-    """What there is to do before cameras can be solved from a capture; empty when there is nothing."""
+    """Return what there is to do before cameras can be solved from a capture; empty when there is nothing."""
     if len(capture.views) < LEAST_VIEWS:
         return "Add the wand's videos of at least two cameras"
     open_slots = [_LABELS[slot] for slot in wanted_slots(capture) if not is_picked(capture.colour(slot))]
@@ -86,7 +86,7 @@ def _read_view(view: bpy.types.PropertyGroup) -> CaptureVideoView:
 
 
 def video_of(view: bpy.types.PropertyGroup, take: str) -> Path:
-    """The path of a view's video of the L-frame or the wand.
+    """Return the path of a view's video of the L-frame or the wand.
 
     Raises
     ------

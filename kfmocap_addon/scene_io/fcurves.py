@@ -50,13 +50,15 @@ _ENUMS = MappingProxyType(
 
 
 def bone_path(bone: str, attribute: str = "") -> str:
-    """The data path of a pose bone's attribute, or of a custom property such as `["name"]`, in the armature object."""
+    """Return the data path of a pose bone's attribute, or of a custom property such as `["name"]`, in the armature
+    object.
+    """
     dot = "" if attribute.startswith("[") else "."
     return f'pose.bones["{bpy.utils.escape_identifier(bone)}"]{dot}{attribute}'
 
 
 def property_key(name: str) -> str:
-    """A custom property as the end of a data path."""
+    """Return a custom property as the end of a data path."""
     return f'["{bpy.utils.escape_identifier(name)}"]'
 
 
@@ -66,7 +68,7 @@ def enum_value(field: str, name: str) -> int:
 
 
 def ensure_action(owner: bpy.types.Object, name: str) -> bpy.types.Action:
-    """The object's action with a slot for the object, made where it is missing."""
+    """Return the object's action with a slot for the object, made where it is missing."""
     data = owner.animation_data or owner.animation_data_create()
     if data.action is None:
         data.action = bpy.data.actions.new(name)
@@ -77,12 +79,12 @@ def ensure_action(owner: bpy.types.Object, name: str) -> bpy.types.Action:
 
 
 def ensure_channelbag(owner: bpy.types.Object, name: str) -> bpy.types.ActionChannelbag:
-    """The bag of F-curves of the object's slot, made where it is missing."""
+    """Return the bag of F-curves of the object's slot, made where it is missing."""
     return ensure_channelbag_of(owner, ensure_action(owner, name))
 
 
 def ensure_channelbag_of(owner: bpy.types.Object, action: bpy.types.Action) -> bpy.types.ActionChannelbag:
-    """The bag of F-curves of the object's slot in an action, which becomes the object's."""
+    """Return the bag of F-curves of the object's slot in an action, which becomes the object's."""
     data = owner.animation_data or owner.animation_data_create()
     data.action = action
     if data.action_slot is None:
@@ -93,7 +95,7 @@ def ensure_channelbag_of(owner: bpy.types.Object, action: bpy.types.Action) -> b
 
 
 def find_channelbag(owner: bpy.types.Object) -> bpy.types.ActionChannelbag | None:
-    """The bag of F-curves of the object's slot, or None where it has no animation."""
+    """Return the bag of F-curves of the object's slot, or None where it has no animation."""
     data = owner.animation_data
     if data is None or data.action is None or data.action_slot is None or not data.action.layers:
         return None
@@ -102,7 +104,7 @@ def find_channelbag(owner: bpy.types.Object) -> bpy.types.ActionChannelbag | Non
 
 
 def ensure_fcurve(bag: bpy.types.ActionChannelbag, path: str, index: int, group: str) -> bpy.types.FCurve:
-    """The F-curve of a property's component, made in the named group where it is missing."""
+    """Return the F-curve of a property's component, made in the named group where it is missing."""
     curve = bag.fcurves.find(path, index=index)
     if curve is None:
         curve = bag.fcurves.new(path, index=index)
@@ -137,12 +139,14 @@ def get_keys(curve: bpy.types.FCurve, fields: np.dtype[np.void] = KEY_TYPE) -> K
 
 
 def frames_of(keys: Keys) -> NDArray[np.int64]:
-    """The scene frames that keys lie on, or nearest to."""
+    """Return the scene frames that keys lie on, or nearest to."""
     return np.rint(keys["co"][:, 0]).astype(np.int64)
 
 
 def are_among(numbers: NDArray[np.int64], frames: ArrayLike) -> NDArray[np.bool_]:
-    """Which of some frame numbers are among others; for so few numbers NumPy's `isin` takes three times as long."""
+    """Return which of some frame numbers are among others; for so few numbers NumPy's `isin` takes three times as
+    long.
+    """
     chosen = np.asarray(frames, np.int64).ravel()
     if not len(chosen) or not len(numbers):
         return np.zeros(numbers.shape, bool)
@@ -192,18 +196,18 @@ def _are_alike(keys: Keys, before: Keys) -> bool:
 
 
 def _raw(keys: Keys) -> NDArray[np.uint8]:
-    """The bytes of keys, shape (K, B)."""
+    """Return the bytes of keys, shape (K, B)."""
     return np.ascontiguousarray(keys).view(np.uint8).reshape(len(keys), KEY_TYPE.itemsize)
 
 
 def _are_placed(keys: Keys, side: str) -> NDArray[np.bool_]:
-    """Which handles of a side lie where a user has placed them, shape (K,)."""
+    """Return which handles of a side lie where a user has placed them, shape (K,)."""
     types = keys[f"{side}_type"]
     return (types == enum_value(f"{side}_type", "FREE")) | (types == enum_value(f"{side}_type", "ALIGNED"))
 
 
 def _restore_handles(curve: bpy.types.FCurve, keys: Keys) -> None:
-    """Handles placed by hand stay to the last bit: Blender's update rounds them anew."""
+    """Restore handles placed by hand exactly, as Blender's update rounds them again."""
     points = curve.keyframe_points
     for side in ("handle_left", "handle_right"):
         placed = _are_placed(keys, side)

@@ -33,7 +33,7 @@ def load_clip(path: Path) -> bpy.types.MovieClip:
 
 
 def footage_folder(scene: bpy.types.Scene) -> Path | None:
-    """The folder of the first footage of a scene's shot; None without any."""
+    """Return the folder of the first footage of a scene's shot; None without any."""
     for view in scene.kfmocap.views:
         clip = clip_behind(view.camera) if view.camera is not None else None
         if clip is not None:
@@ -42,7 +42,7 @@ def footage_folder(scene: bpy.types.Scene) -> Path | None:
 
 
 def clip_behind(owner: bpy.types.Object) -> bpy.types.MovieClip | None:
-    """The footage behind a camera object."""
+    """Return the footage behind a camera object."""
     for background in owner.data.background_images:
         if background.source == "MOVIE_CLIP" and background.clip is not None:
             return background.clip
@@ -50,7 +50,7 @@ def clip_behind(owner: bpy.types.Object) -> bpy.types.MovieClip | None:
 
 
 def footage_path(slot: bpy.types.PropertyGroup) -> Path | None:
-    """The footage of a view as a shot names it, or None where there is none."""
+    """Return the footage of a view as a shot names it, or None where there is none."""
     clip = clip_behind(slot.camera) if slot.camera is not None else None
     if clip is None:
         return None
@@ -80,7 +80,7 @@ def show_behind(data: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:
 
 
 def undistort(background: bpy.types.CameraBackgroundImage) -> None:
-    """A Blender camera has no distortion: the footage is shown as such a camera would have seen it."""
+    """Show the footage without lens distortion, which Blender's cameras do not have."""
     background.clip_user.use_render_undistorted = True
 
 
@@ -104,9 +104,10 @@ def show_in_time(slot: Any, first: int, frame_start: int) -> None:
 
 
 def _play_at_half_rate(clip: bpy.types.MovieClip, ahead: int) -> None:
-    """Show each frame of interlaced footage, both fields woven, for the two scene frames that are its fields.
+    """Show each frame of interlaced footage, with both fields interleaved, on the two scene frames that are its fields.
 
-    A movie clip knows no rate: its start is driven instead. `ahead` is how far fields count ahead of scene frames.
+    A movie clip has no playback rate, so its start is driven instead. `ahead` is the number of fields that the footage
+    is ahead of scene frames.
     """
     driver = clip.driver_add("frame_start").driver
     # Of functions that Blender evaluates itself: a file may drive it where Python is not trusted.
@@ -124,10 +125,10 @@ def look_through(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
 
 
 def refresh(scene: bpy.types.Scene) -> None:
-    """Lay the footage of all views before their cameras, with the opacity that the scene has for it.
+    """Show the footage of all views in their cameras, with the scene's opacity for it.
 
-    The scene's resolution is that of one view; before cameras of another shape footage keeps its own. Our cameras' lens
-    goes by their picture's width, so that is what the footage must span.
+    The scene's resolution is that of one view; in cameras of another shape, footage keeps its own proportions. A
+    camera's lens refers to its picture's width, so that is what the footage must span.
     """
     render = scene.render
     aspect = render.resolution_x * render.pixel_aspect_x / (render.resolution_y * render.pixel_aspect_y)

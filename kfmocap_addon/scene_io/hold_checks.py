@@ -6,12 +6,12 @@ import bpy
 
 
 def slot_of(scene: bpy.types.Scene, armature: bpy.types.Object | None) -> bpy.types.PropertyGroup | None:
-    """The performer whose body an armature is, if it is one of the scene's."""
+    """Return the performer whose body an armature is, if it is one of the scene's."""
     return next((slot for slot in scene.kfmocap.performers if armature is not None and slot.armature == armature), None)
 
 
 def missing(scene: bpy.types.Scene, hold: bpy.types.PropertyGroup) -> str:
-    """What keeps a hold from being used, as a sentence for the user; an empty text where nothing does."""
+    """Return what keeps a hold from being used, as a sentence for the user; an empty text where nothing does."""
     shot = scene.kfmocap
     if slot_of(scene, hold.prop) is None:
         return "Not used: choose the prop, which must be a performer"

@@ -1,4 +1,4 @@
-"""The joints that the animator clicked: by performer, view and frame, kept in the scene."""
+"""The joints that the animator has clicked, stored in the scene by performer, view and frame."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Everything = list[tuple[str, str, int, tuple[float, float]]]
 
 
 def on_frame(slot: bpy.types.PropertyGroup, frame: int) -> Snapshot:
-    """A performer's marks on a scene frame."""
+    """Return a performer's marks on a scene frame."""
     return {(mark.view, mark.name): tuple(mark.pixel) for mark in slot.marks if mark.frame == frame}
 
 

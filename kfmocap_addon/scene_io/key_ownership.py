@@ -42,8 +42,8 @@ def channel_keys(
 def are_animators(
     keys: Sequence[fcurves.Keys], record: tracked_keys.Written, channels: Sequence[body_channels.Channel]
 ) -> list[NDArray[np.bool_]]:
-    """Which keys of channels are the animator's, shape (K,) each: not of the tracker's types, or not where it wrote
-    one.
+    """Return which keys of channels are the animator's, shape (K,) each: not of the tracker's types, or not where it
+    wrote one.
     """
     if not channels:
         return []
@@ -64,12 +64,12 @@ def are_animators(
 
 
 def proposal_frames(keys: fcurves.Keys, own: NDArray[np.bool_]) -> FrameNumbers:
-    """Scene frames of proposals, of a channel's keys and which of them are the animator's."""
+    """Return the scene frames of proposals, of a channel's keys and which of them are the animator's."""
     return fcurves.frames_of(keys)[~own & (keys["type"] == fcurves.enum_value("type", PROPOSAL))]
 
 
 def lie_on_frames(keys: fcurves.Keys, frames: FrameNumbers) -> NDArray[np.bool_]:
-    """Which keys lie on one of the scene frames, shape (K,)."""
+    """Return which keys lie on one of the scene frames, shape (K,)."""
     on = fcurves.frames_of(keys)
     return fcurves.are_among(on, frames) & (np.abs(keys["co"][:, 0] - on) <= _SAME_FRAME)
 

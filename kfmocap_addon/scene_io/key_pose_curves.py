@@ -47,7 +47,7 @@ def write_key_poses(armature: bpy.types.Object, key_poses: KeyPoses, frame_start
 
 
 def read_key_poses(armature: bpy.types.Object, frame_start: int, length: int) -> KeyPoses:
-    """The animator's keys as key poses: every shot frame with a key that the tracker did not write.
+    """Return the animator's keys as key poses: every shot frame with a key that the tracker did not write.
 
     A bone with any of its rotation keyed fixes its rotation; the root's location is fixed per axis. Proposals of the
     tracker fix nothing.
@@ -138,13 +138,13 @@ def _remember(armature: bpy.types.Object, frames: FrameNumbers, poses: Motion) -
 
 
 def _remembered(armature: bpy.types.Object) -> tuple[FrameNumbers, Array, Array]:
-    """Scene frames (K,) of the poses that are kept, their translations and rotations."""
+    """Return the scene frames (K,) of the poses that are kept, their translations and rotations."""
     frames, T, Q = (lossless.stored(armature[name]) for name in (KEY_FRAMES, KEY_TRANSLATIONS, KEY_ROTATIONS))
     return frames.astype(np.int64), T, Q
 
 
 def _unrounded(armature: bpy.types.Object, frames: FrameNumbers, read: Motion) -> Motion:
-    """The poses that `write_key_poses` was given, where the keys still have them; else those read."""
+    """Return the poses that `write_key_poses` was given, where the keys still have them; else those read."""
     if KEY_FRAMES not in armature:
         return read
     first, T0, Q0 = _remembered(armature)

@@ -1,7 +1,7 @@
-"""Values as they were before Blender rounded them to single precision.
+"""Keeping values as they were before Blender rounded them to single precision.
 
-A scene that nobody has changed is then the shot that it shows to the last bit, and gives the same motion as the shot
-file does. What was changed in Blender is taken from Blender.
+A scene that was not changed is then exactly the shot from which it was built, and gives the same motion as the shot
+file. Values that were changed in Blender are taken from Blender.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def keep(owner: Owner, name: str, values: ArrayLike) -> None:
 
 
 def recall(owner: Owner, name: str, read: ArrayLike, scale: float = 1.0) -> Array:
-    """The values that were stored, if those read from Blender are the same but for rounding; else those read.
+    """Return the values that were stored, if those read from Blender are the same but for rounding; else those read.
 
     Parameters
     ----------
@@ -42,7 +42,9 @@ def recall(owner: Owner, name: str, read: ArrayLike, scale: float = 1.0) -> Arra
 
 @lru_cache(maxsize=1024)
 def stored(text: str) -> Array:
-    """Values as they were stored, which must not be written to: a body is read often, and its parts are long texts."""
+    """Return the values as they were stored, which must not be written to: a body is read often, and its parts are long
+    texts.
+    """
     values = np.array(json.loads(text), float)
     values.setflags(write=False)
     return values
@@ -54,5 +56,5 @@ def same(a: Array, b: Array, scale: float = 1.0) -> bool:
 
 
 def alike(a: Array, b: Array, scale: float = 1.0) -> Bools:
-    """Which values differ by rounding alone; NumPy's `isclose` takes ten times as long."""
+    """Return which values differ by rounding alone; NumPy's `isclose` takes ten times as long."""
     return np.asarray(np.abs(a - b) <= _ROUNDING * (scale + np.abs(b)))

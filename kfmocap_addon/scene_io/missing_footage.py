@@ -1,4 +1,4 @@
-"""Footage that is not where a file says, as after the file or the footage was moved."""
+"""Finding missing footage, after the .blend file or the footage was moved."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ def find(scene: bpy.types.Scene) -> None:
 
 
 def relink(scene: bpy.types.Scene, chosen: Path) -> tuple[list[str], list[str]]:
-    """Look for the footage that is missing in a folder and those below.
+    """Search a folder and its subfolders for missing footage.
 
-    Of several files of a name, that counts whose folders are named most like those where the footage was.
+    Of several files with the same name, the one whose path agrees with the old path on most parent folders is used.
 
     Parameters
     ----------
     chosen : Path
-        The folder, or a file in it; where one view alone misses its footage that file, whatever its name.
+        The folder, or a file in it. If only one view misses its footage, that file is used, whatever its name.
 
     Returns
     -------

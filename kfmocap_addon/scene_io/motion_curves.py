@@ -67,7 +67,7 @@ def write_motion(
 
 
 def read_motion(armature: bpy.types.Object, frame_start: int, length: int) -> Motion:
-    """The motion that the F-curves show, whoever set their keys, on scene frames from `frame_start` on."""
+    """Return the motion that the F-curves show, whoever set their keys, on scene frames from `frame_start` on."""
     channels = body_channels.list_channels(armature)
     return body_channels.motion_of_values(
         armature, body_channels.evaluate_channels(armature, channels, frame_start + np.arange(length))
@@ -98,7 +98,9 @@ def clear_motion(armature: bpy.types.Object, frames: ArrayLike) -> set[int]:
 
 
 def keyed_frames(armature: bpy.types.Object, frame_start: int, length: int) -> NDArray[np.bool_]:
-    """Scene frames from `frame_start` on that have a key on every channel, whoever set it, shape (length,)."""
+    """Return the scene frames from `frame_start` on that have a key on every channel, whoever set it, shape
+    (length,).
+    """
     bag = fcurves.find_channelbag(armature)
     frames = frame_start + np.arange(length)
     keyed = np.full(length, bag is not None)

@@ -133,7 +133,7 @@ def orphans(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
 
 def meshes_on(armature: bpy.types.Object, bone: str) -> list[bpy.types.Object]:
-    """The meshes that a bone carries."""
+    """Return the meshes that a bone carries."""
     return meshes_by_bone(armature).get(bone, [])
 
 
@@ -146,13 +146,13 @@ def meshes_by_bone(armature: bpy.types.Object) -> dict[str, list[bpy.types.Objec
 
 
 def _to_bone_tail(child: bpy.types.Object) -> Array:
-    """Matrix (4, 4) from a mesh to the tail of the bone it hangs on."""
+    """Return the matrix (4, 4) from a mesh to the tail of the bone it hangs on."""
     return np.array(child.matrix_parent_inverse) @ np.array(child.matrix_basis)
 
 
 def part_clouds(armature: bpy.types.Object) -> dict[str, Array]:
-    """Vertices of the meshes on every bone that carries some, by its name, in the part's frame, shape (V, 3), in the
-    armature's unit.
+    """Return the vertices of the meshes on every bone that carries some, by its name, in the part's frame, shape (V,
+    3), in the armature's unit.
     """
     bones = armature.data.bones
     return {
@@ -161,7 +161,7 @@ def part_clouds(armature: bpy.types.Object) -> dict[str, Array]:
 
 
 def mesh_vertices(armature: bpy.types.Object, bone: bpy.types.Bone, meshes: Sequence[bpy.types.Object]) -> Array:
-    """Vertices of all meshes on a bone, in the part's frame, the armature's unit, shape (V, 3)."""
+    """Return the vertices of all meshes on a bone, in the part's frame, the armature's unit, shape (V, 3)."""
     clouds = []
     for child in meshes:
         if child.mode == "EDIT":

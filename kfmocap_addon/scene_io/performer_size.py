@@ -11,15 +11,15 @@ from . import body_armature, part_meshes
 
 
 def height(armature: bpy.types.Object) -> float:
-    """How tall a body stands at rest, from the lowest to the highest vertex of its parts, metres."""
+    """Return how tall a body stands at rest, from the lowest to the highest vertex of its parts, metres."""
     low, high = _vertical_extent(armature)
     return high - low
 
 
 def set_height(armature: bpy.types.Object, value: float) -> None:
-    """Make a body that tall, all of it larger or smaller alike; its keys stay as they are.
+    """Scale a body uniformly to a height, metres; its keys do not change.
 
-    A body without keys goes on standing where it stands: its soles stay at their height.
+    A body without keys keeps standing where it is: its soles stay at their height.
 
     Raises
     ------

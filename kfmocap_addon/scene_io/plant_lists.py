@@ -1,5 +1,5 @@
-"""When the feet of a performer are planted, as a scene keeps it: what tracking has tested, what the animator has
-corrected, and what is shown of both.
+"""The plants of a performer's feet stored in a scene: those that tracking has tested, the animator's corrections, and
+the combination that is shown.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ def shown(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> dict[str, Bo
 
 
 def show(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, seeming: Mapping[str, Bools]) -> None:
-    """Show when points of the soles are planted: as they seem to be, as was tested where it was, and everywhere as the
-    animator has it.
+    """Show when points of the soles are planted: as detected in the motion, replaced by what was tested, and then by
+    the animator's corrections.
     """
     flags = {name: planted.copy() for name, planted in seeming.items()}
     _put(scene, flags, slot.tested_plants)

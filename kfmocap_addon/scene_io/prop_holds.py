@@ -27,7 +27,7 @@ def read_holds(scene: bpy.types.Scene) -> tuple[Hold, ...]:
 
 
 def with_grips_of_scene(scene: bpy.types.Scene, shot: Shot) -> Shot:
-    """The scene's shot with how props are held; messages count frames as the scene does.
+    """Return the scene's shot with how props are held; messages count frames as the scene does.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def add_hold(
 
 
 def bone_at(prop: bpy.types.PropertyGroup, holder: bpy.types.PropertyGroup) -> str:
-    """The bone of a performer whose part is nearest to a prop, as both are posed now.
+    """Return the bone of a performer whose part is nearest to a prop, as both are posed now.
 
     Raises
     ------

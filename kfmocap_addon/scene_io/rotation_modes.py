@@ -68,7 +68,7 @@ def _turn_keys(bag: bpy.types.ActionChannelbag, bone: bpy.types.PoseBone, attrib
 
 
 def _quaternions(values: Array, mode: str) -> Array:
-    """Rotations (K, 3) or (K, 4) of a mode as quaternions (K, 4), w first, of signs that are continuous."""
+    """Return the rotations (K, 3) or (K, 4) of a mode as quaternions (K, 4), w first, of signs that are continuous."""
     found: list[Quaternion] = []
     for value in values.tolist():
         turn = Quaternion(value[1:], value[0]) if mode == "AXIS_ANGLE" else Euler(value, mode).to_quaternion()

@@ -180,7 +180,7 @@ def load_clips(footage: Sequence[Path]) -> list[bpy.types.MovieClip]:
 
 
 def frame_rate(scene: bpy.types.Scene) -> float:
-    """The scene's frames per second, to the last digit as `set_rate` had them."""
+    """Return the scene's frames per second, to the last digit as `set_rate` had them."""
     return float(lossless.recall(scene, _FPS, scene.render.fps / scene.render.fps_base))
 
 
@@ -211,7 +211,9 @@ def _build_views(scene: bpy.types.Scene, shot: Shot, clips: list[bpy.types.Movie
 
 
 def read_settings(properties: bpy.types.PropertyGroup) -> Settings:
-    """The tracker's settings as a scene says: defaults for what it does not, and without what this version lacks."""
+    """Return the tracker's settings as a scene says: defaults for what it does not, and without what this version
+    lacks.
+    """
     shown = {"solver": properties.solver, "contact": properties.contact}
     stored = json.loads(properties.settings or "{}") | shown
     known = {f.name: stored[f.name] for f in dataclasses.fields(Settings) if f.name in stored}
@@ -220,12 +222,12 @@ def read_settings(properties: bpy.types.PropertyGroup) -> Settings:
 
 
 def find_collection(scene: bpy.types.Scene, name: str) -> bpy.types.Collection | None:
-    """The scene's collection of that name, numbered or not."""
+    """Return the scene's collection of that name, numbered or not."""
     return next((c for c in scene.collection.children if c.name.split(".")[0] == name), None)
 
 
 def ensure_collection(scene: bpy.types.Scene, name: str) -> bpy.types.Collection:
-    """The scene's collection of that name, made where it is missing."""
+    """Return the scene's collection of that name, made where it is missing."""
     collection = find_collection(scene, name)
     if collection is None:
         collection = bpy.data.collections.new(name)
@@ -234,7 +236,7 @@ def ensure_collection(scene: bpy.types.Scene, name: str) -> bpy.types.Collection
 
 
 def free_name(name: str, slots: bpy.types.bpy_prop_collection) -> str:
-    """A name that none of the slots has: the one given, with a number if need be."""
+    """Return a name that none of the slots has: the one given, with a number if need be."""
     taken, number, free = {slot.name for slot in slots}, 2, name
     while free in taken:
         free, number = f"{name} {number}", number + 1

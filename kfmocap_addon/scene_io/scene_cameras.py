@@ -100,8 +100,8 @@ def _read_camera(scene: bpy.types.Scene, owner: bpy.types.Object, R_cam_world: A
 
 
 def built_distortion(owner: bpy.types.Object) -> tuple[list[float], bool, bool]:
-    """The distortion that a camera object was built with: OpenCV's coefficients, whether a fisheye's, and whether
-    Blender's Brown model can hold it.
+    """Return the distortion that a camera object was built with: OpenCV's coefficients, whether a fisheye's, and
+    whether Blender's Brown model can hold it.
     """
     packed: dict[str, Any] = {"coefficients": [0.0] * 4, "fisheye": False}
     if DISTORTED in owner:
@@ -119,7 +119,7 @@ def core_camera(
     distortions: ArrayLike,
     fisheye: bool,
 ) -> Camera:
-    """A camera object as a camera; what was built here and did not change is exact."""
+    """Return a camera object as a camera; what was built here and did not change is exact."""
     R_cam_world, t_cam_world = pose
     return Camera.create(
         name,

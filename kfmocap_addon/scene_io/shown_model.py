@@ -38,7 +38,7 @@ def _is_skinned(armature: bpy.types.Object) -> bool:
 
 
 def _give_shapes(armature: bpy.types.Object) -> None:
-    """Bones that have a shape of the animator's keep it; rings follow the parts as they are now."""
+    """Draw the bones as rings around their parts, except those to which the animator has given another shape."""
     ring = bpy.data.objects.get(SHAPE) or bpy.data.objects.new(SHAPE, _ring())
     clouds = part_meshes.part_clouds(armature)
     for bone in armature.pose.bones:
@@ -50,7 +50,7 @@ def _give_shapes(armature: bpy.types.Object) -> None:
 
 
 def _ring() -> bpy.types.Mesh:
-    """A circle of radius 1 around the middle of a bone of length 1, and the bone itself as a line."""
+    """Return a circle of radius 1 around the middle of a bone of length 1, and the bone itself as a line."""
     mesh = bpy.data.meshes.new(SHAPE)
     turns = np.linspace(0.0, 2.0 * np.pi, _CORNERS, endpoint=False)
     circle = np.stack([np.cos(turns), np.full(_CORNERS, 0.5), np.sin(turns)], axis=1)

@@ -12,17 +12,17 @@ from . import body_channels
 
 
 def read_shown_pose(armature: bpy.types.Object) -> Motion:
-    """The one pose that an armature shows now, keyed or not."""
+    """Return the one pose that an armature shows now, keyed or not."""
     return pose_of_values(armature, shown_values(armature))
 
 
 def pose_of_values(armature: bpy.types.Object, values: Sequence[float]) -> Motion:
-    """The one pose of values of the body's channels."""
+    """Return the one pose of values of the body's channels."""
     return body_channels.motion_of_values(armature, np.array([values]))
 
 
 def shown_values(armature: bpy.types.Object) -> list[float]:
-    """Values of the body's channels as the armature shows them now."""
+    """Return the values of the body's channels as the armature shows them now."""
     bones = armature.pose.bones
     return [getattr(bones[c.bone], c.attribute)[c.index] for c in body_channels.list_channels(armature)]
 

@@ -25,8 +25,8 @@ PERFORMERS: tuple[tuple[float, float, float], ...] = (
 
 
 def side_of(name: str) -> str:
-    """The letter of the side that a landmark ("LWrist") or a bone ("hand.L", "mixamorig:LeftHand") is on; empty for the
-    middle.
+    """Return the letter of the side that a landmark ("LWrist") or a bone ("hand.L", "mixamorig:LeftHand") is on; empty
+    for the middle.
     """
     from ...core.retargeting.bone_matching import side_of_bone  # it loads NumPy, which Blender's start shall not
 
@@ -35,6 +35,6 @@ def side_of(name: str) -> str:
 
 
 def colour_of(name: str, middle: Sequence[float] = PERFORMERS[0]) -> Colour:
-    """The colour of a landmark's or a bone's side; that of the middle is the performer's own."""
+    """Return the colour of a landmark's or a bone's side; that of the middle is the performer's own."""
     side = side_of(name)
     return SIDES[side][1] if side else (middle[0], middle[1], middle[2], 1.0)

@@ -170,7 +170,7 @@ def _at_rest(armature: bpy.types.Object) -> Iterator[None]:
 
 
 def _leader(vertex: bpy.types.MeshVertex, groups: list[int]) -> int:
-    """The bone with most of a vertex's weight, -1 where none has half of it."""
+    """Return the bone with most of a vertex's weight, -1 where none has half of it."""
     weights = [(g.weight, groups[g.group]) for g in vertex.groups if g.group < len(groups) and groups[g.group] >= 0]
     if not weights:
         return -1
@@ -179,8 +179,8 @@ def _leader(vertex: bpy.types.MeshVertex, groups: list[int]) -> int:
 
 
 def _clouds(armature: bpy.types.Object, skin: Skin, carriers: Mapping[str, str] | None) -> dict[str, Array]:
-    """Points (V, 3) by the bone that is posed to move them, in the armature's axes: of the skin, and of eyes, hats and
-    props that hang on single bones.
+    """Return the points (V, 3) by the bone that is posed to move them, in the armature's axes: of the skin, and of
+    eyes, hats and props that hang on single bones.
     """
     found: dict[str, list[Array]] = {}
     led = {name: skin.points[skin.leaders == number] for number, name in enumerate(skin.names)}
@@ -192,7 +192,7 @@ def _clouds(armature: bpy.types.Object, skin: Skin, carriers: Mapping[str, str] 
 
 
 def _carried(armature: bpy.types.Object) -> dict[str, Array]:
-    """Vertices (V, 3) of the meshes on every bone that carries some, in the armature's axes."""
+    """Return the vertices (V, 3) of the meshes on every bone that carries some, in the armature's axes."""
     frames = {name: np.array(armature.data.bones[name].matrix_local) for name in part_meshes.meshes_by_bone(armature)}
     clouds = part_meshes.part_clouds(armature)
     return {name: clouds[name] @ frame[:3, :3].T + frame[:3, 3] for name, frame in frames.items()}
@@ -286,7 +286,7 @@ def _with_joined_tops(armature: bpy.types.Object, kept: Mapping[str, Array], siz
 def _one_tree(
     armature: bpy.types.Object, kept: Mapping[str, Array], tops: list[str], remarks: list[str]
 ) -> dict[str, Array]:
-    """The largest tree of parts; the bones of the others are named."""
+    """Return the largest tree of parts; the bones of the others are named."""
 
     def below(top: str) -> list[str]:
         chain = {name: [p.name for p in armature.data.bones[name].parent_recursive] for name in kept}
@@ -325,7 +325,7 @@ def corners(cloud: Array) -> Array:
 
 
 def _part(armature: bpy.types.Object, name: str, points: Array) -> Part:
-    """A part whose corners (V, 3) are in the armature's axes, in those of its bone."""
+    """Return a part whose corners (V, 3) are in the armature's axes, in those of its bone."""
     bone = armature.data.bones[name]
     frame = np.array(bone.matrix_local)
     inverse = np.linalg.inv(frame)

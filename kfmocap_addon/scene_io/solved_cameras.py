@@ -77,7 +77,7 @@ def _emptied(scene: bpy.types.Scene) -> bpy.types.Collection:
 
 
 def camera_objects(scene: bpy.types.Scene, selected: Sequence[bpy.types.Object] = ()) -> list[bpy.types.Object]:
-    """The cameras that are meant: those selected, else those of the collection "Calibration", else all."""
+    """Return the cameras that are meant: those selected, else those of the collection "Calibration", else all."""
     chosen = [owner for owner in selected if owner.type == "CAMERA"]
     collection = scenes.find_collection(scene, COLLECTION)
     calibrated = [owner for owner in collection.objects if owner.type == "CAMERA"] if collection is not None else []
@@ -85,7 +85,7 @@ def camera_objects(scene: bpy.types.Scene, selected: Sequence[bpy.types.Object] 
 
 
 def show_picture(name: str, picture: NDArray[np.uint8]) -> bpy.types.Image:
-    """A picture in blue, green, red as an image of Blender's, in place of one of the same name."""
+    """Return a picture in blue, green, red as an image of Blender's, in place of one of the same name."""
     height, width = picture.shape[:2]
     image: bpy.types.Image | None = bpy.data.images.get(name)
     if image is not None and tuple(image.size) != (width, height):

@@ -32,7 +32,7 @@ class Written:
     values: Mapping[str, NDArray[np.float32]]
 
     def at(self, channel: str, frames: NDArray[np.int64]) -> NDArray[np.float32] | None:
-        """Values written at scene frames (K,), NaN where none was; None for a channel never written."""
+        """Return the values written at scene frames (K,), NaN where none was; None for a channel never written."""
         values = self.values.get(channel)
         if values is None:
             return None
@@ -43,7 +43,7 @@ class Written:
         return np.where(inside, values[np.where(inside, index, 0)], np.float32(np.nan))
 
     def updated(self, first: int, values: Mapping[str, NDArray[np.float32]]) -> Written:
-        """A record with the values of a later tracking, shape (F,) per channel, put over this one's."""
+        """Return a record with the values of a later tracking, shape (F,) per channel, put over this one's."""
         lengths = [len(v) for v in self.values.values()]
         start = min(first, self.first) if lengths else first
         stop = max([first + len(v) for v in values.values()] + [self.first + n for n in lengths])
@@ -64,7 +64,7 @@ def is_recorded(owner: bpy.types.Object | None) -> bool:
 
 
 def load(owner: bpy.types.Object) -> Written:
-    """The record for the object's action and slot; empty where the tracker wrote nothing yet."""
+    """Return the record for the object's action and slot; empty where the tracker wrote nothing yet."""
     action, slot = owner.animation_data.action, owner.animation_data.action_slot
     record = action.get(PROPERTY, {}).get(str(slot.handle))
     if record is None:

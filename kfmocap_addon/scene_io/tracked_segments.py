@@ -22,7 +22,7 @@ _OFFSET = "kfmocap_footage_offset"
 
 
 def out_of_date(scene: bpy.types.Scene, shot: Shot) -> list[Segment]:
-    """Give the segments of a scene's shot that changed since they were tracked, or were never tracked."""
+    """Return the segments of a scene's shot that have changed since they were tracked, or were never tracked."""
     keyed = _keyed(scene, scene.kfmocap.performers, 0, shot.length)
     tracked = {(slot.first, slot.last): slot.digest for slot in scene.kfmocap.stretches}
     zero = shot.frames[0]
@@ -58,9 +58,9 @@ class AskedTracking:
 def asked_tracking(scene: bpy.types.Scene, shot: Shot, one: bpy.types.PropertyGroup | None = None) -> AskedTracking:
     """Ask for the tracking of all performers of a scene's shot, or of one.
 
-    Where one is tracked, others that are tracked on every frame are held as they are, so that they hide it as they do;
-    others that have key poses alone are tracked with it, and what is found of them is not kept. Those that have no key
-    pose are left out.
+    If one is tracked, others that are already tracked on every frame are held, so that they are known to hide it;
+    others with key poses only are tracked together with it, and their results are discarded. Those without a key pose
+    are left out.
     """
     slots = tuple(scene.kfmocap.performers)
     shot = prop_holds.with_grips_of_scene(scene, shot)
@@ -86,8 +86,9 @@ def asked_tracking(scene: bpy.types.Scene, shot: Shot, one: bpy.types.PropertyGr
 
 
 def _held(keys: KeyPoses, motion: Motion) -> KeyPoses:
-    """A motion as key poses on every frame. On frames without one of the animator's the last part is free: they are no
-    key poses of the whole body, from which the looks of a performer are learned and where segments meet.
+    """Return a motion as key poses on every frame. On frames without a key pose of the animator's, the last part is
+    left free, so that they are not key poses of the whole body, from which appearance is learned and where segments
+    meet.
     """
     frames = np.arange(len(motion))
     fixed = np.ones((len(motion), 3 + 3 * motion.rotations.shape[1]), bool)
@@ -98,7 +99,7 @@ def _held(keys: KeyPoses, motion: Motion) -> KeyPoses:
 def excerpts(
     scene: bpy.types.Scene, asked: AskedTracking, chosen: Sequence[Segment], *, anew: bool = True
 ) -> list[Excerpt]:
-    """The runs of some segments, each with what is known of the rest of the shot: the poses beside it that are
+    """Return the runs of some segments, each with what is known of the rest of the shot: the poses beside it that are
     tracked or keyed, and the offset of the footage; unless they are tracked anew, with the motion that they have.
     """
     shot = asked.shot
@@ -127,12 +128,12 @@ def write(
     Parameters
     ----------
     unwatched : bool
-        The scene may have changed since it was read: then it is read again and compared.
+        Whether the scene may have changed since it was read; it is then read again and compared.
 
     Raises
     ------
     KFMocapError
-        The scene is no longer what was tracked. Nothing was written then.
+        The scene has changed; nothing is written then.
     """
     if unwatched:
         _check_unchanged(scene, asked.whole, parts)
@@ -150,13 +151,13 @@ def write(
 
 
 def remember_offset(scene: bpy.types.Scene, result: TrackResult) -> None:
-    """Keep the offset of the footage that a track has found, for tracking parts again and for looking at it."""
+    """Store the footage offset that a track has found, for tracking parts again and for showing it."""
     scene.kfmocap.footage_offset = result.footage_offset
     lossless.keep(scene, _OFFSET, result.footage_offset)
 
 
 def with_footage_offset(scene: bpy.types.Scene, shot: Shot) -> Shot:
-    """A scene's shot, its key poses and its footage in step as they were found to be."""
+    """Return a scene's shot with the footage offset that an earlier track found, if any."""
     return shot.with_footage_offset(_footage_offset(scene))
 
 
@@ -193,7 +194,7 @@ def _remember(scene: bpy.types.Scene, shot: Shot, tracked: Sequence[Segment]) ->
 
 
 def _footage_offset(scene: bpy.types.Scene) -> float | None:
-    """The offset of the footage as it was found; None where nothing was tracked."""
+    """Return the offset of the footage as it was found; None where nothing was tracked."""
     return float(lossless.recall(scene, _OFFSET, scene.kfmocap.footage_offset)) if _OFFSET in scene else None
 
 

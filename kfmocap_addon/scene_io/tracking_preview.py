@@ -29,7 +29,7 @@ class _Lent:
 
 
 class TrackingPreview:
-    """Frames of a scene's shot that are tracked so far.
+    """Shows the frames of a scene's shot that are tracked so far.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class TrackingPreview:
         self._redraw()
 
     def end(self) -> None:
-        """Show again what was shown before."""
+        """Remove the preview, and show what was shown before."""
         for handlers, handler in self._handlers():
             with contextlib.suppress(ValueError):  # a file was opened, and Blender has let go of it
                 handlers.remove(handler)

@@ -1,4 +1,4 @@
-"""What a tracking leaves that was ended, by Esc or with Blender: its finished segments, in the add-on's own folder."""
+"""The finished segments of a tracking that was stopped, by Esc or by closing Blender, stored in the add-on's folder."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _ENDING = ".segment"
 
 
 def segment_count(scene: bpy.types.Scene) -> int:
-    """How many segments an ended tracking of a scene has finished."""
+    """Return how many segments an ended tracking of a scene has finished."""
     with suppress(OSError):
         return sum(entry.name.endswith(_ENDING) for entry in os.scandir(_folder(scene)))
     return 0
 
 
 def begun(scene: bpy.types.Scene, asked: Sequence[Segment], *, resume: bool) -> Journal:
-    """Give the journal of a tracking that begins, and remember which segments it is asked for."""
+    """Return the journal of a new tracking, and store which segments were requested."""
     from ...core.tracking.journal import Journal
 
     if not resume:
@@ -41,7 +41,7 @@ def begun(scene: bpy.types.Scene, asked: Sequence[Segment], *, resume: bool) -> 
 
 
 def asked_segments(scene: bpy.types.Scene) -> set[Segment]:
-    """Which segments the tracking was asked for that was ended; none where that is not known."""
+    """Return which segments the tracking was asked for that was ended; none where that is not known."""
     with suppress(OSError, ValueError, TypeError, RecursionError):
         return {(first, last) for first, last in json.loads((_folder(scene) / _ASKED).read_text(encoding="utf-8"))}
     return set()
@@ -58,7 +58,7 @@ def discard(scene: bpy.types.Scene) -> None:
 
 
 def _folder(scene: bpy.types.Scene) -> Path:
-    """A folder for each scene of each file: Blender keeps the file's name in what it saves by itself."""
+    """Return a folder for each scene of each file: Blender keeps the file's name in what it saves by itself."""
     name = hashlib.sha256(f"{bpy.data.filepath}\n{scene.name}".encode()).hexdigest()[:16]
     return Path(_own_folder(), "unfinished", name)
 

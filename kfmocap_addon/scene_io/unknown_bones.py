@@ -37,13 +37,13 @@ def mark_unseen(armature: bpy.types.Object, names: Collection[str]) -> None:
 
 
 def unknown_bones(armature: bpy.types.Object) -> list[str]:
-    """Names of the bones that are marked, in the body's order."""
+    """Return the names of the bones that are marked, in the body's order."""
     bones = [armature.pose.bones[bone.name] for bone in body_armature.body_bones(armature)]
     return [bone.name for bone in bones if bone.get(UNKNOWN, 0)]
 
 
 def resting_bones(armature: bpy.types.Object, keys: KeyPoses) -> tuple[str, ...]:
-    """Names of the bones that rest: those so marked that no key pose turns."""
+    """Return the names of the bones that rest: those so marked that no key pose turns."""
     names = [bone.name for bone in body_armature.body_bones(armature)]
     turned = np.linalg.norm(rotations.log(keys.poses.rotations), axis=-1) > _TURNED
     posed = (turned & keys.fixed[:, 3:].reshape(*turned.shape, 3).all(axis=-1)).any(axis=0)

@@ -86,7 +86,7 @@ def adopt(slot: bpy.types.PropertyGroup, owner: bpy.types.Object, scene: bpy.typ
 
 
 def read_views(scene: bpy.types.Scene, frame_start: int, length: int) -> tuple[View, ...]:
-    """The views of a scene, in the order of its properties.
+    """Return the views of a scene, in the order of its properties.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def set_keypoints(slot: bpy.types.PropertyGroup, path: Path) -> None:
 
 
 def read_specs(scene: bpy.types.Scene) -> tuple[ViewSpec, ...]:
-    """The views of a scene as a shot file names them: whatever is known of their cameras.
+    """Return the views of a scene as a shot file names them: whatever is known of their cameras.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def read_specs(scene: bpy.types.Scene) -> tuple[ViewSpec, ...]:
 
 
 def known_lenses(scene: bpy.types.Scene) -> dict[str, Camera]:
-    """The cameras of those views whose lenses are known, by their names: wherever they stand."""
+    """Return the cameras of those views whose lenses are known, by their names: wherever they stand."""
     slots = [slot for slot in scene.kfmocap.views if slot.lens_known]
     poses = camera_poses.read_poses(scene, [slot.camera for slot in slots], scene.frame_current, 1)
     return {slot.name: _read_camera(slot, *pose) for slot, pose in zip(slots, poses, strict=True)}
@@ -161,7 +161,7 @@ def _read_camera(slot: bpy.types.PropertyGroup, R_cam_world: Array, t_cam_world:
 
 
 def _relative(path: Path, folder: Path) -> str:
-    """The path as seen from the folder; as it is where there is no way, as between drives."""
+    """Return the path as seen from the folder; as it is where there is no way, as between drives."""
     with contextlib.suppress(ValueError):
         return os.path.relpath(path, folder)
     return str(path)

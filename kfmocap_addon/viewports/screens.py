@@ -115,7 +115,7 @@ def show_keys(context: bpy.types.Context) -> None:
 
 
 def view3d_of(context: bpy.types.Context) -> bpy.types.Area | None:
-    """The 3D view that the context is in, else the largest of its window."""
+    """Return the 3D view that the context is in, else the largest of its window."""
     if context.area is not None and context.area.type == "VIEW_3D":
         return context.area
     areas = [a for a in context.screen.areas if a.type == "VIEW_3D"] if context.screen is not None else []
@@ -123,7 +123,7 @@ def view3d_of(context: bpy.types.Context) -> bpy.types.Area | None:
 
 
 def layout_of(window: bpy.types.Window) -> list[bpy.types.Area]:
-    """The 3D views of a window that look through cameras of views, each through its own."""
+    """Return the 3D views of a window that look through cameras of views, each through its own."""
     cameras = {view.camera for view in window.scene.kfmocap.views}
     spaces = [(area, area.spaces.active) for area in window.screen.areas if area.type == "VIEW_3D"]
     return [area for area, space in spaces if space.use_local_camera and space.camera in cameras]
@@ -206,7 +206,7 @@ def _through_camera(window: bpy.types.Window, screen: bpy.types.Screen, area: bp
 
 
 def uncovered_part(area: bpy.types.Area, but: str = "") -> Box:
-    """What bars and sidebars leave free of a 3D view, but for the regions of one type.
+    """Return what bars and sidebars leave free of a 3D view, but for the regions of one type.
 
     The panel of the last operator floats over the view: it comes and goes, and nothing makes way for it.
     """
@@ -215,7 +215,7 @@ def uncovered_part(area: bpy.types.Area, but: str = "") -> Box:
 
 
 def free_box(region: Box, others: Sequence[Box]) -> Box:
-    """What bars and sidebars leave free of a region that they lie over (Blender's setting Region Overlap)."""
+    """Return what bars and sidebars leave free of a region that they lie over (Blender's setting Region Overlap)."""
     left, bottom, right, top = region
     for x0, y0, x1, y1 in others:
         if min(x1, region[2]) <= max(x0, region[0]) or min(y1, region[3]) <= max(y0, region[1]):
@@ -228,7 +228,7 @@ def free_box(region: Box, others: Sequence[Box]) -> Box:
 
 
 def framing(region: Box, free: Box, aspect: float, zoom: float) -> tuple[float, tuple[float, float]]:
-    """The zoom and the offset of a camera's view that bring its picture into the free part of a region.
+    """Return the zoom and the offset of a camera's view that bring its picture into the free part of a region.
 
     Parameters
     ----------
@@ -271,5 +271,5 @@ def _region(area: bpy.types.Area, kind: str = "WINDOW") -> bpy.types.Region:
 
 
 def _tab(area: bpy.types.Area) -> str:
-    """The sidebar's tab that is open in a 3D view."""
+    """Return the sidebar's tab that is open in a 3D view."""
     return _region(area, "UI").active_panel_category if area.spaces.active.show_region_ui else ""

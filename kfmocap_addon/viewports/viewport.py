@@ -40,7 +40,7 @@ class Look:
 def look_of(
     scene: bpy.types.Scene, area: bpy.types.Area, region: bpy.types.Region, space: bpy.types.Space
 ) -> Look | None:
-    """How a 3D view looks at the shot; None where it does not look through one of its cameras."""
+    """Return how a 3D view looks at the shot; None where it does not look through one of its cameras."""
     region_3d = space.region_3d
     if region_3d is None or region_3d.view_perspective != "CAMERA":
         return None
@@ -50,7 +50,7 @@ def look_of(
 
 
 def area_under(window: bpy.types.Window, x: int, y: int) -> tuple[bpy.types.Area, bpy.types.Region] | None:
-    """The area and the region of a window under the mouse; sidebars lie over what they cover."""
+    """Return the area and the region of a window under the mouse; sidebars lie over what they cover."""
     for area in window.screen.areas:
         under = [r for r in area.regions if r.x <= x < r.x + r.width and r.y <= y < r.y + r.height]
         if under:
@@ -59,7 +59,7 @@ def area_under(window: bpy.types.Window, x: int, y: int) -> tuple[bpy.types.Area
 
 
 def look_under(context: bpy.types.Context, x: int, y: int) -> Look | None:
-    """How the 3D view under the mouse looks at the shot."""
+    """Return how the 3D view under the mouse looks at the shot."""
     under = area_under(context.window, x, y)
     if under is None or under[0].type != "VIEW_3D" or under[1].type != "WINDOW":
         return None

@@ -138,11 +138,11 @@ class SegmentProblem:
         return tied_systems(systems, self.holds, self.bodies, motions, fixed=self.fixed, sought=self.sought)
 
     def whole_keys(self, performer: int) -> NDArray[np.intp]:
-        """Frames of the segment on which a key pose fixes every degree of freedom of a performer."""
+        """Return the frames of the segment on which a key pose fixes every degree of freedom of a performer."""
         return np.flatnonzero(self.fixed[performer].all(axis=1))
 
     def around(self, performer: int) -> tuple[Motion | None, Motion | None]:
-        """A performer's poses on the frame before the first and after the last, where they are known."""
+        """Return a performer's poses on the frame before the first and after the last, where they are known."""
         before, after = (side[performer] if side else None for side in (self.before, self.after))
         return before, after
 

@@ -232,12 +232,12 @@ def _moved_by_gradients(
 
 
 def _last_step(motion: Motion) -> Array:
-    """The last motion parameters of a motion, shape (D,); zero for a single pose."""
+    """Return the last motion parameters of a motion, shape (D,); zero for a single pose."""
     return Steps.of(motion[-2:]).vectors()[0] if len(motion) > 1 else np.zeros(3 + 3 * motion.rotations.shape[1])
 
 
 def _degrees(parts: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The degrees of freedom of parts, shape (D,); the root's translation belongs to the first part."""
+    """Return the degrees of freedom of parts, shape (D,); the root's translation belongs to the first part."""
     return np.concatenate([np.repeat(parts[:1], 3), np.repeat(parts, 3)])
 
 
