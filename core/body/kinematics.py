@@ -80,7 +80,18 @@ def twist_jacobian(body: Body, R: Array, T: Array) -> Array:
 
 
 def point_jacobian(body: Body, R: Array, T: Array, parts: NDArray[np.int64], points_world: Array) -> Array:
-    """Velocity of world points (F, L, 3) fixed to parts (L,) per degree of freedom, shape (F, L, 3, D)."""
+    """Return the velocity of points fixed to parts per degree of freedom, shape (F, L, 3, D).
+
+    Parameters
+    ----------
+    body : Body
+    R, T : ndarray, shapes (F, P, 3, 3) and (F, P, 3)
+        World poses of all parts.
+    parts : ndarray of int, shape (L,)
+        The part to which each point is fixed.
+    points_world : ndarray, shape (F, L, 3)
+        World frame, metres.
+    """
     J = twist_jacobian(body, R, T)[:, parts]
     return J[..., :3, :] - rotations.skew(points_world) @ J[..., 3:, :]
 

@@ -73,7 +73,18 @@ class SkeletonMotion:
 
 
 def motion_of_body(body: Body, motion: Motion, name: str, fps: float) -> SkeletonMotion:
-    """Return the motion of a tracked body."""
+    """Return the motion of a tracked body as that of a skeleton, one bone per part.
+
+    Parameters
+    ----------
+    body : Body
+    motion : Motion
+        F poses.
+    name : str
+        Name of the skeleton.
+    fps : float
+        Frames per second.
+    """
     R, T = part_poses(body, motion)
     rest_R = np.stack([part.R_world_rest for part in body.parts])
     return SkeletonMotion(name, rest_of_body(body), R @ np.swapaxes(rest_R, -1, -2), T, fps)

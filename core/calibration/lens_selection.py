@@ -27,6 +27,18 @@ def select_lens_unknowns(
 
     All are tried at once. A camera keeps those whose Wald statistic is significant and whose standard deviation is
     small enough; estimated without need, they only make the focal length less certain.
+
+    Parameters
+    ----------
+    scene : Scene
+        The solution so far.
+    evidence : BundleEvidence
+    free : ndarray of bool, shape (C, 13)
+        The unknowns that are solved for already.
+    lenses : sequence of Lens
+        What is known about each camera's lens.
+    cancel : callable
+        Called in every iteration; may raise.
     """
     every = free.copy()
     for c, lens in enumerate(lenses):

@@ -78,7 +78,17 @@ class SeenLFrame:
 def find_lframe(
     view: CaptureVideoView, videos: CaptureVideos, size: tuple[int, int], progress: Progress | None = None
 ) -> SeenLFrame:
-    """Return the L-frame's balls as they stand through a camera's video."""
+    """Find the L-frame's balls in a camera's video.
+
+    Parameters
+    ----------
+    view : CaptureVideoView
+    videos : CaptureVideos
+        With the measures and the colour of the L-frame.
+    size : tuple of int
+        Width and height of the video, pixels.
+    progress : callable, optional
+    """
     if view.lframe is None:
         return SeenLFrame(_nothing(), Balls.joined([]))
     report_progress(progress, f"{view.camera}: L-frame", 0.0)

@@ -120,9 +120,15 @@ class Start:
 
 
 def epipolar(points_i: Array, points_j: Array, lens_i: Lens, lens_j: Lens) -> Epipolar | None:
-    """Return the epipolar geometry that most correspondences, shape (n, 2) each, agree on; None where there is none.
+    """Return the epipolar geometry on which most correspondences agree; None if there is none.
 
-    Distortion is tried in steps, the same for both: without it the picture's edges would not agree.
+    Distortion is tried in steps, the same for both views: without it, points near the edges would not agree.
+
+    Parameters
+    ----------
+    points_i, points_j : ndarray, shape (n, 2)
+        Corresponding points in both views, distorted pixels.
+    lens_i, lens_j : Lens
     """
     best: Epipolar | None = None
     flat = np.zeros(len(points_i), bool)

@@ -30,6 +30,15 @@ def synchronise(
 ) -> Clocks:
     """Find the clocks of a take whose cameras are known. Its L-frame is ignored.
 
+    Parameters
+    ----------
+    capture : Capture
+    cameras : mapping of str to Camera
+        The solved cameras by name.
+    progress : callable, optional
+    drift : bool
+        Whether clocks may also run at different speeds.
+
     Raises
     ------
     CalibrationError

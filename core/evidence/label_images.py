@@ -305,8 +305,21 @@ def pixels_at(
     v: NDArray[np.floating[Any]],
     beyond: Any,
 ) -> NDArray[Any]:
-    """Look up the pixels of images (n, h, w) nearest to positions; `frame` is broadcast to u and v, and positions
-    outside of the image give `beyond`.
+    """Look up the pixels of images that are nearest to positions.
+
+    Parameters
+    ----------
+    images : ndarray, shape (n, h, w)
+    frame : ndarray of int
+        Index of the image of each position; broadcast to the shape of `u` and `v`.
+    u, v : ndarray
+        Positions, pixels.
+    beyond : scalar
+        Value for positions outside the image.
+
+    Returns
+    -------
+    ndarray, shape of `u` and `v`
     """
     _, height, width = images.shape
     whole = np.dtype(np.int32 if images.size < 1 << 31 else np.int64)  # half as much to go through where it is enough

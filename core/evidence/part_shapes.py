@@ -165,8 +165,17 @@ def _rows(lines: Lines, camera: Camera, poses: Poses, twists: Array | None) -> A
 
 
 def shape_columns(lines: Lines, wrench: Array, camera: Camera, poses: Poses) -> list[Array]:
-    """Jacobian rows of the lines by the stretches and the shifts of their parts, (N, 3) each, from those by twists
-    (N, 6).
+    """Return the derivatives of search lines by the stretches and by the shifts of their parts, shape (N, 3) each.
+
+    Parameters
+    ----------
+    lines : Lines
+        N search lines.
+    wrench : ndarray, shape (N, 6)
+        Derivatives of the lines by twists of their parts, in camera axes.
+    camera : Camera
+    poses : tuple
+        World poses (R, T) of all parts on the camera's frames.
     """
     (R, T), (Rc, tc) = poses, camera.poses(0, len(poses[0]))
     of = lines.frame, lines.part

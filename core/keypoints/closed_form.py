@@ -175,7 +175,24 @@ def along_and_across(along: Array, across: Array) -> Array:
 def limb_orientations(
     rest: Array, upper: Array, lower: Array, *, sign: float, farthest: float, fps: float | None
 ) -> tuple[Array, Array]:
-    """World rotations of both parts of a limb. Where it is straight it has the twist of the frames around, or none."""
+    """Return the world rotations of both parts of a limb, shape (..., 3, 3) each.
+
+    The joint between them is a hinge, whose axis gives the twist. A straight limb has the twist of nearby frames, or of
+    the shortest rotation from rest.
+
+    Parameters
+    ----------
+    rest : ndarray, shape (..., 3, 3)
+        World orientations of the upper part without a rotation of its joint.
+    upper, lower : ndarray, shape (..., 3)
+        Directions of the two parts, world frame.
+    sign : float
+        Sign of the hinge's axis, as elbows and knees bend in opposite directions.
+    farthest : float
+        Cosine of the largest angle between the hinge's axis and the untwisted one at which the axis is used.
+    fps : float or None
+        Frames per second, if the first axis is time; None for unrelated poses.
+    """
     a, b = (v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9) for v in (upper, lower))
     hinge = sign * np.cross(a, b)
     bend = np.linalg.norm(hinge, axis=-1, keepdims=True)

@@ -246,7 +246,10 @@ def robust_energy(residuals: Array, confidence: Array, deviation: Array) -> floa
 
 
 def robust_weights(residuals: Array, confidence: Array, deviation: Array, tolerance: float = 1.0) -> Array:
-    """Return the weights of `robust_energy` in iterated least squares, 1/m^2, shape (V, F, L); 0 for NaN."""
+    """Return the weights of `robust_energy` in iteratively reweighted least squares, 1/m^2, shape (V, F, L); 0 for NaN.
+
+    Parameters as in `robust_energy`.
+    """
     error = np.sum(residuals**2, axis=-1) / deviation[:, None] ** 2
     weight = confidence * GemanMcClure(GROSS * tolerance).weight(error) / deviation[:, None] ** 2
     return np.nan_to_num(weight)

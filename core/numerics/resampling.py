@@ -10,10 +10,16 @@ from .rotations import continuous_signs
 
 
 def sample_times(first: int, last: int, rate: float, wanted: float) -> Array:
-    """Times, in frames of `rate` per second, at which to sample frames `first` to `last` for `wanted` frames per
-    second.
+    """Return the times at which to sample frames for another frame rate, in frames, from `first` up to `last`.
 
-    They need not be whole numbers. They begin with `first` and do not exceed `last`.
+    Parameters
+    ----------
+    first, last : int
+        Range of frames.
+    rate : float
+        Their frames per second.
+    wanted : float
+        Frames per second of the samples.
     """
     count = int(np.floor((last - first) * wanted / rate + 1e-6)) + 1
     return np.minimum(first + np.arange(count) * (rate / wanted), float(last))

@@ -43,6 +43,15 @@ def reach_goals(rig: ControlRig, poses: RigPoses, goals: list[LimbGoal], fps: fl
     """Move the ends of limbs to their goals; the ends keep their rotation, and elbows and knees their plane.
 
     The hips are lowered smoothly if a held foot is out of reach.
+
+    Parameters
+    ----------
+    rig : ControlRig
+    poses : RigPoses
+        F frames.
+    goals : list of LimbGoal
+    fps : float
+        Frames per second.
     """
     hips = rig.index("hips")
     goal_places = [poses.places[:, goal.end] + goal.shift for goal in goals]
@@ -83,8 +92,15 @@ def _lowered(poses: RigPoses, goals: list[LimbGoal], places: list[Array], fps: f
 def two_bone_turns(root: Array, middle: Array, end: Array, goal: Array) -> tuple[Array, Array]:
     """Return world rotations (F, 3, 3) of the upper and the lower bone that bring the end of a limb to its goal.
 
-    All points are (F, 3). The limb is turned by the shortest rotation towards the goal and bent in its own plane, so
-    that it is not twisted. If a goal is out of reach, the straight limb points at it.
+    The limb is turned by the shortest rotation towards the goal and bent in its own plane, so that it is not twisted.
+    If a goal is out of reach, the straight limb points at it.
+
+    Parameters
+    ----------
+    root, middle, end : ndarray, shape (F, 3)
+        The limb's joints, metres.
+    goal : ndarray, shape (F, 3)
+        The position to which the end is moved.
     """
     a, b = (np.linalg.norm(q - p, axis=1, keepdims=True) for p, q in ((root, middle), (middle, end)))
     way = goal - root

@@ -191,7 +191,17 @@ class BoneBlend:
 
 
 def source_blends(rest: RestSkeleton, of_source: BoneMap, role: str, count: int) -> list[BoneBlend]:
-    """Return which of the source's bones rotate each of `count` bones of a role; empty if the source lacks the role."""
+    """Return which of the source's bones rotate the bones of a role; empty if the source lacks the role.
+
+    Parameters
+    ----------
+    rest : RestSkeleton
+        The source's.
+    of_source : BoneMap
+    role : str
+    count : int
+        Number of the target's bones with that role.
+    """
     if role == "root":
         return []
     chain = rest.indices(of_source.bones.get(role, ()))

@@ -133,6 +133,18 @@ def preview_segment(
     """Show a coarse solution of the segment at a frame early, unless this segment is tracked first anyway.
 
     The preview has no influence on the result. Errors are ignored here: the tracking that follows reports them.
+
+    Parameters
+    ----------
+    shot : Shot
+    excerpts : sequence of Excerpt
+        The excerpts that are going to be tracked.
+    frame : int
+        Shot frame that the user has on the screen.
+    show : callable
+        See `SegmentShown`.
+    progress : callable, optional
+    memory : WorkerMemory, optional
     """
     chosen = [(part, s) for part in excerpts for s in segments(shot) if part.first <= s[0] and s[1] <= part.last]
     number = next((i for i, (_, (first, last)) in enumerate(chosen) if first <= frame <= last), 0)

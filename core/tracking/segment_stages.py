@@ -145,7 +145,19 @@ class SegmentState:
 def segment_data(
     shot: Shot, segment: Segment, views: tuple[ViewFrames, ...], state: TrackState, observed: ShotKeypoints
 ) -> SegmentData:
-    """Collect what is known of a segment, and fit the shapes of the parts on its key frames."""
+    """Collect what is known of a segment, and fit the shapes of the parts on its key frames.
+
+    Parameters
+    ----------
+    shot : Shot
+    segment : tuple of int
+    views : tuple of ViewFrames
+        Frames of the segment, one per view.
+    state : TrackState
+        What is known of the shot so far.
+    observed : ShotKeypoints
+        Keypoints of the whole shot.
+    """
     bodies, frames = [p.body for p in shot.performers], slice(segment[0], segment[1] + 1)
     keys = posed_frames(shot, *segment)
     return SegmentData(
@@ -212,7 +224,7 @@ def segment_problem(shot: Shot, data: SegmentData, state: TrackState) -> Segment
 
 
 def is_refined(shot: Shot, solver: Solver, segment: Segment, state: TrackState) -> bool:
-    """Whether a segment is refined once its neighbours are solved, with the offset of the footage that was measured."""
+    """Return whether a segment is refined once its neighbours are solved; `state` has the measured footage offset."""
     alone = segment == (0, shot.length - 1) and state.around == (None, None)
     in_step = state.footage_offset(shot) == (shot.settings.footage_offset or 0.0)
     return solver.refines and not (alone and in_step)
@@ -221,7 +233,17 @@ def is_refined(shot: Shot, solver: Solver, segment: Segment, state: TrackState) 
 def solve_segment(
     shot: Shot, solver: Solver, data: SegmentData, state: TrackState, workspace: Workspace
 ) -> SegmentState:
-    """Solve a segment; `state` holds what is known beside it."""
+    """Solve a segment.
+
+    Parameters
+    ----------
+    shot : Shot
+    solver : Solver
+    data : SegmentData
+    state : TrackState
+        What is known of the shot so far, such as the motion before the segment.
+    workspace : Workspace
+    """
     problem = segment_problem(shot, data, state)
     return SegmentState(data, problem, solver.solve(problem, _on(data.segment, state.motions), workspace))
 
@@ -229,7 +251,13 @@ def solve_segment(
 def resume_segment(
     shot: Shot, solver: Solver, data: SegmentData, earlier: EarlierTrack, workspace: Workspace
 ) -> SegmentState | None:
-    """Solve a segment from an earlier result; None where the images contradict that, or the solver cannot resume."""
+    """Solve a segment from an earlier result; parameters as in `solve_segment`.
+
+    Returns
+    -------
+    SegmentState or None
+        None if the images contradict the result, or the solver cannot resume.
+    """
     if solver.resume is None:
         return None
     problem = segment_problem(shot, data, earlier.carried)
@@ -241,7 +269,7 @@ def resume_segment(
 def refine_segment(
     shot: Shot, solver: Solver, data: SegmentData, solved: SegmentSolution, state: TrackState, *, workspace: Workspace
 ) -> SegmentState:
-    """Refine a solved segment, once the motion on both sides is known."""
+    """Refine a solved segment once the motion on both sides is known; parameters as in `solve_segment`."""
     problem = segment_problem(shot, data, state)
     problem = problem.with_smoothness(solved.variances)
     refined = solver.refine(problem, _on(data.segment, state.motions), workspace)

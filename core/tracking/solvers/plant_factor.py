@@ -97,7 +97,18 @@ def with_plants(
     bodies: Sequence[Body],
     motions: Sequence[Motion],
 ) -> list[BandedBlocks]:
-    """Add plants to the normal equations of every performer."""
+    """Add plants to the normal equations of every performer.
+
+    Parameters
+    ----------
+    systems : sequence of BandedBlocks
+        Per performer.
+    plants : sequence of (PlantFactor or None)
+        Per performer; None for no plants.
+    bodies : sequence of Body
+    motions : sequence of Motion
+        The motions at which the equations are built.
+    """
     return [
         system if plant is None else system + plant.blocks(body, part_poses(body, motion))
         for system, plant, body, motion in zip(systems, plants, bodies, motions, strict=True)
