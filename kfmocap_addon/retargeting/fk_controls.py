@@ -7,7 +7,7 @@ moves rigidly with it hangs on it.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import bpy
@@ -43,10 +43,13 @@ class FkControls:
         heads are absent.
     settings : mapping of str to mapping of str to float
         Custom properties by bone that must have these values for that, where they have others now.
+    carried : mapping of str to str
+        The lowest other control that a deforming bone moves with, about whatever point, by that bone.
     """
 
     by_bone: Mapping[str, str]
     settings: Mapping[str, Mapping[str, float]]
+    carried: Mapping[str, str] = field(default_factory=dict)
 
 
 def find_controls(armature: bpy.types.Object, bones: Sequence[str], held: Collection[str]) -> FkControls:
@@ -70,7 +73,31 @@ def find_controls(armature: bpy.types.Object, bones: Sequence[str], held: Collec
             before = set_settings(armature, switched)
             moved = _moved(armature, bones, candidates)
             restore_settings(armature, before)
-    return FkControls(_chosen(armature, bones, moved), switched)
+    chosen = _chosen(armature, bones, moved)
+    return FkControls(chosen, switched, _carried(armature, bones, moved, set(chosen.values())))
+
+
+def with_halves_of_limbs(
+    armature: bpy.types.Object, controls: FkControls, held: Collection[str], limbs: Collection[str]
+) -> dict[str, str]:
+    """Return the controls of deforming bones, where bones that hang on a held one are carried by what moves that.
+
+    Rigs that share the skin of a thigh between two bones hang both on a third, which copies the controls: the lower
+    one has no control about its own head but itself.
+
+    Parameters
+    ----------
+    held : collection of str
+        All bones of the rig that something else than their own pose moves.
+    limbs : collection of str
+        Bones that stay parts of their own.
+    """
+    found = dict(controls.by_bone)
+    for name, control in controls.by_bone.items():
+        alone = control == name and name not in limbs
+        if alone and name in controls.carried and _is_led(armature, name, held, controls.by_bone):
+            found[name] = controls.carried[name]
+    return found
 
 
 def through_controls(armature: bpy.types.Object, bones: BoneMap) -> tuple[BoneMap, FkControls]:
@@ -252,6 +279,19 @@ def _switches(armature: bpy.types.Object) -> dict[tuple[str, str], list[str]]:
                 if bone is not None and isinstance(bone.get(key), (int, float)):
                     found.setdefault((name, key), []).append(curve.data_path.split('"')[1])
     return dict(sorted(found.items(), key=lambda item: -len(item[1]))[:_SWITCHES])
+
+
+def _carried(
+    armature: bpy.types.Object, bones: Sequence[str], moved: Mapping[str, set[str]], chosen: Collection[str]
+) -> dict[str, str]:
+    """The lowest of the chosen controls, besides itself, that each bone moves with: that which moves fewest."""
+    found = {}
+    for name in bones:
+        able = [control for control in moved if name in moved[control] and control != name and control in chosen]
+        if able:
+            rest = armature.data.bones
+            found[name] = min(able, key=lambda each: (len(moved[each]), -len(rest[each].parent_recursive)))
+    return found
 
 
 def _chosen(armature: bpy.types.Object, bones: Sequence[str], moved: Mapping[str, set[str]]) -> dict[str, str]:

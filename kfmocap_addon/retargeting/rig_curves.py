@@ -136,10 +136,8 @@ def _columns(channel: ControlChannel) -> Iterator[tuple[int, Array]]:
 
 def _make_room(armature: bpy.types.Object, layer: bool) -> None:
     """Keep the action that is there, as a strip below or in the file, and let the new one be shown."""
-    data = armature.animation_data or armature.animation_data_create()
-    data.action_blend_type, data.action_influence = "REPLACE", 1.0
-    for solo in (track for track in data.nla_tracks if track.is_solo):
-        solo.is_solo = False
+    data = fcurves.own_animation(armature)
+    fcurves.show_action(armature)
     if data.action is None:
         return
     if not layer:

@@ -23,6 +23,7 @@ from ...core.numerics.arrays import Array, Bools
 from ...core.retargeting.control_rig import ControlRig
 from ...core.retargeting.retarget import grounded
 from ...core.retargeting.roles import BoneMap
+from ..scene_io import fcurves
 from ..scene_io.body_armature import world_frame
 
 _PROBE = Quaternion((0.9553, 0.1837, 0.1342, 0.1885)).normalized()
@@ -86,9 +87,7 @@ def rest_orientations(armature: bpy.types.Object, names: Sequence[str]) -> Array
 @contextmanager
 def at_rest(armature: bpy.types.Object, controls: Sequence[str]) -> Iterator[None]:
     """Take an armature's animation away and its controls to their rest pose while the block runs."""
-    data = armature.animation_data
-    if data and data.use_tweak_mode:
-        data.use_tweak_mode = False  # while a strip is edited, the action cannot be taken away
+    data = fcurves.own_animation(armature) if armature.animation_data else None
     before = (data.action, data.action_slot, data.use_nla) if data else None
     poses = {name: _channels(armature.pose.bones[name]) for name in controls}
     update()

@@ -44,6 +44,8 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
     armature = editable(armature, current)
     _refuse_moving_object(armature)
     taken, remarks = _taken(current, armature)
+    if taken.animation_data is not None:
+        fcurves.show_action(taken)
     return taken, (*leave_rest_position(taken), *remarks)
 
 
@@ -92,7 +94,8 @@ def _use_controls(
     """Make a rig a performer through its controls; see `use_as_body`."""
     held = following(armature)
     roles = _limb_bones(armature)
-    carriers, remarks = dict(controls.by_bone), list[str]()
+    turned = fk_controls.with_halves_of_limbs(armature, controls, held, roles.names())
+    carriers, remarks = dict(turned), list[str]()
     led = skinned_parts.leading_bones(armature)
     for name in sorted(set(led) - set(carriers), key=lambda each: len(armature.data.bones[each].parent_recursive)):
         above = next((p.name for p in armature.data.bones[name].parent_recursive if p.name in carriers), None)
@@ -112,7 +115,7 @@ def _use_controls(
             armature, collection, carriers, limbs=[carriers.get(n, n) for n in _limbs(roles)]
         )
         try:
-            fk_controls.refuse_otherwise_moved(armature, controls.by_bone)
+            fk_controls.refuse_otherwise_moved(armature, turned)
             taken = performers.take_armature(current, armature)
             remarks += [*made.remarks, *_remarks(armature)]
         except BodyError:

@@ -67,9 +67,20 @@ def enum_value(field: str, name: str) -> int:
     return _ENUMS[field][name]
 
 
+def own_animation(owner: bpy.types.Object) -> bpy.types.AnimData:
+    """Return the object's animation data, made where it is missing.
+
+    A strip that is being edited is left: until then its action stands in the place of the object's own.
+    """
+    data = owner.animation_data or owner.animation_data_create()
+    if data.use_tweak_mode:  # setting it evaluates the animation anew, and undoes what was posed
+        data.use_tweak_mode = False
+    return data
+
+
 def ensure_action(owner: bpy.types.Object, name: str) -> bpy.types.Action:
     """Return the object's action with a slot for the object, made where it is missing."""
-    data = owner.animation_data or owner.animation_data_create()
+    data = own_animation(owner)
     if data.action is None:
         data.action = bpy.data.actions.new(name)
     if data.action_slot is None:
@@ -85,13 +96,22 @@ def ensure_channelbag(owner: bpy.types.Object, name: str) -> bpy.types.ActionCha
 
 def ensure_channelbag_of(owner: bpy.types.Object, action: bpy.types.Action) -> bpy.types.ActionChannelbag:
     """Return the bag of F-curves of the object's slot in an action, which becomes the object's."""
-    data = owner.animation_data or owner.animation_data_create()
+    data = own_animation(owner)
     data.action = action
     if data.action_slot is None:
         ensure_action(owner, action.name)
     layer = action.layers[0] if action.layers else action.layers.new("Layer")
     strip = layer.strips[0] if layer.strips else layer.strips.new(type="KEYFRAME")
     return strip.channelbag(owner.animation_data.action_slot, ensure=True)
+
+
+def show_action(owner: bpy.types.Object) -> None:
+    """Have an object's own action replace what strips of the NLA do, whichever is played alone or edited."""
+    data = own_animation(owner)
+    data.action_blend_type, data.action_influence = "REPLACE", 1.0
+    for track in data.nla_tracks:
+        if track.is_solo:
+            track.is_solo = False
 
 
 def find_channelbag(owner: bpy.types.Object) -> bpy.types.ActionChannelbag | None:

@@ -7,13 +7,14 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender  # noqa: E402, F401
+from addon_shots import blender, joint_error  # noqa: E402, F401
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves  # noqa: E402
 from mathutils import Matrix  # noqa: E402
-from odd_characters import BODY, add_bones, skinned_human  # noqa: E402
+from odd_characters import BODY, CONTROL, add_bones, bind, layered_human, points_of, skinned_human  # noqa: E402
 from synthetic import swing  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -140,6 +141,34 @@ def test_strips_of_the_nla_do_not_change_the_motion(state):
     assert report["warnings"] == []
     assert worst_degrees(armature) < 0.1
     assert [strip.action.name for track in armature.animation_data.nla_tracks for strip in track.strips] == ["old"]
+
+
+@pytest.mark.parametrize("state", [with_a_strip, solo, edited, mixed])
+def test_strips_of_the_nla_do_not_change_what_is_tracked(state):
+    armature = skinned_human()
+    state(armature)
+    armature, _ = use_as_body(bpy.context.scene, armature)
+    truth = swing(body_armature.body_from_armature(armature), FRAMES, 0.3)
+    motion_curves.write_motion(armature, truth, 1)
+    assert joint_error(armature, body_armature.body_from_armature(armature), truth) < 0.1
+
+
+def test_halves_of_a_limb_that_hang_on_a_copy_of_its_control_are_one_part():
+    armature = layered_human()
+    whole = [f"{limb}.{side}" for limb in ("thigh", "upper_arm") for side in "LR"]
+    for name in whole:
+        part = BODY.parts[BODY.index(name)]
+        middle, half = (part.head_world + part.tail_world) / 2, f"half.{name}"
+        add_bones(armature, [(half, f"ORG-{name}", middle, part.tail_world)], deform=True)
+        bind(armature, half, [(half, points_of(part))])
+    armature, remarks = use_as_body(bpy.context.scene, armature)
+    body = body_armature.body_from_armature(armature)
+    assert not remarks
+    assert len(body) == len(BODY)
+    assert {f"{CONTROL}{name}" for name in whole} < set(body.names)
+    truth = swing(body, FRAMES, 0.3)
+    motion_curves.write_motion(armature, truth, 1)
+    assert joint_error(armature, body, truth) < 0.1
 
 
 def test_a_limit_of_the_hips_way_is_taken_with_a_word():
