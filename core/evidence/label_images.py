@@ -324,7 +324,7 @@ def pixels_at(
     _, height, width = images.shape
     whole = np.dtype(np.int32 if images.size < 1 << 31 else np.int64)  # half as much to go through where it is enough
     unsigned = np.dtype(f"u{whole.name}")
-    with np.errstate(invalid="ignore"):  # what is no number becomes one that is far beyond
+    with np.errstate(invalid="ignore"):  # NaN becomes a number far beyond all limits
         column, row = np.rint(u).astype(whole), np.rint(v).astype(whole)
     # As an unsigned number a negative one is large.
     inside = (column.view(unsigned) < width) & (row.view(unsigned) < height)

@@ -258,8 +258,8 @@ def robust_weights(residuals: Array, confidence: Array, deviation: Array, tolera
 def trusted_weights(residuals: Array, agreed: Array, deviation: Array, tolerance: float = 1.0) -> Array:
     """Return Huber's weights, 1/m^2, shape (V, F, L), of keypoints that views agree on; 0 for NaN.
 
-    Such keypoints are no outliers, however far the motion is from them at present. With Huber's weights they still pull
-    from where Geman and McClure's weights would be close to zero.
+    Such keypoints are not outliers, however far the motion is from them at present. With Huber's weights they still
+    pull from where Geman and McClure's weights would be close to zero.
 
     Parameters
     ----------

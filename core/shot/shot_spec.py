@@ -55,7 +55,7 @@ class PerformerSpec:
     person : int, optional
         Which of the people that keypoints show it is, see `core.shot.shot.Performer`.
     mesh : Path, optional
-        The shape of a prop, which is no person.
+        The shape of a prop, which is not a person.
     fingers : bool
         See `core.shot.shot.Performer`.
     """

@@ -1,4 +1,4 @@
-"""A body being posed by clicked joints: what the tool Place Joints does between two mouse events."""
+"""Posing a body by clicked joints: the state of the tool Place Joints between mouse events."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Placing:
     Raises
     ------
     KFMocapError
-        The armature is no body, or a camera cannot be one of ours.
+        The armature is not a performer's body, or a camera cannot be used.
     """
 
     def __init__(self, scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, bones: set[str] | None = None) -> None:
@@ -105,7 +105,7 @@ class Placing:
             return False
 
     def is_changed(self) -> bool:
-        """Whether marks were put or taken away, and not all of it was undone."""
+        """Whether marks were added or removed, and not all of that was undone."""
         return bool(self._history)
 
     def remember(self) -> None:
@@ -114,11 +114,11 @@ class Placing:
         self._undone.clear()
 
     def undo(self) -> bool:
-        """Take the last change of the marks back, and the pose that they had; whether there was one."""
+        """Undo the last change of marks and pose; returns whether there was one."""
         return self._exchange(self._history, self._undone)
 
     def redo(self) -> bool:
-        """Make the last change again that was undone; whether there was one."""
+        """Redo the last change that was undone; returns whether there was one."""
         return self._exchange(self._undone, self._history)
 
     def _exchange(self, source: list[_State], other: list[_State]) -> bool:
@@ -131,13 +131,13 @@ class Placing:
         return True
 
     def mark(self, view: str, landmark: str, place: tuple[float, float], dragging: bool = False) -> None:
-        """Put a mark, and pose the body on all that there are."""
+        """Add or move a mark, and fit the pose to all marks."""
         x, y = pixel(self._cameras[view].matrix, place)
         self.marks[view, landmark] = float(x), float(y)
         self._fit(DRAGGING_STEPS if dragging else STEPS, search=not dragging)
 
     def unmark(self, view: str, landmark: str) -> None:
-        """Take a mark away."""
+        """Remove a mark."""
         self.remember()
         del self.marks[view, landmark]
         self._fit_afresh()
@@ -193,7 +193,7 @@ class Placing:
         self.show()
 
     def show(self) -> None:
-        """Let scene and armature show marks and pose."""
+        """Show the marks in the scene, and the pose on the armature."""
         joint_marks.put(self.slot, self.frame, self.marks)
         shown_pose.show_pose(self.slot.armature, self.pose, self.bones)
 

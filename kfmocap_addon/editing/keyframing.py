@@ -56,7 +56,7 @@ def frames_listed(text: str) -> list[int]:
     Raises
     ------
     ShotError
-        It is no such list.
+        It is not such a list.
     """
     found: list[int] = []
     for item in filter(None, (part.strip() for part in text.split(","))):
@@ -112,7 +112,7 @@ def attach_keypoints(scene: bpy.types.Scene, paths: Sequence[Path]) -> dict[str,
     Raises
     ------
     KeypointError
-        A file is no keypoint file, or is nobody's.
+        A file is not a keypoint file, or contains nobody.
     """
     each = [part for path in paths for part in _parts(scene, path)]
     sources = list(dict.fromkeys(_source(path) for path in each))

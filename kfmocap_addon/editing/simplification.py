@@ -71,7 +71,7 @@ class _Track:
 def simplify(
     armature: bpy.types.Object, angle: float, distance: float, bones: Collection[str] | None = None
 ) -> tuple[int, int]:
-    """Take out tracked keys that are not needed; the animator's keys stay.
+    """Remove tracked keys that are not needed; the animator's keys stay.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def simplify(
 
 
 def thin_out_curves(curves: Sequence[bpy.types.FCurve], tolerance: float, *, turns: bool) -> None:
-    """Take out keys of curves that belong together, all of them, wherever the others describe the curve as well.
+    """Remove keys of curves that belong together, on all of them at once, where the remaining keys describe the curves.
 
     Parameters
     ----------

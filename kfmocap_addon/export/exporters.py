@@ -155,7 +155,7 @@ def export_vrma(path: Path, armature: bpy.types.Object, scene: bpy.types.Scene, 
     Raises
     ------
     BodyError
-        The armature is no human's, or lacks a bone that VRM requires; names it.
+        The armature is not human, or lacks a bone that VRM requires; names it.
     OutputError
         If the file cannot be written.
     """

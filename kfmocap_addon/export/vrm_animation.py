@@ -30,7 +30,7 @@ def humanoid_bones(armature: bpy.types.Object) -> dict[str, str]:
     Raises
     ------
     BodyError
-        It is no human's, or lacks a bone that VRM requires.
+        It is not human, or lacks a bone that VRM requires.
     """
     rest = rest_of_body(body_armature.body_from_armature(armature))
     own, theirs = match_bones(rest, where=f"armature {armature.name}").bones, PRESETS["unity"].bones

@@ -17,7 +17,7 @@ def key_shape(armature: bpy.types.Object, sides: str, shape: str, amount: float,
     Raises
     ------
     BodyError
-        The armature is no human's, or its fingers are not known.
+        The armature is not human, or its fingers are unknown.
     """
     skeleton, bones = rest_skeleton(armature), target_bones(armature)
     hands = [finger_turns(skeleton, bones, side, shape, amount) for side in sides]

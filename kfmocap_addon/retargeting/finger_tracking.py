@@ -79,7 +79,7 @@ def with_fingers(
     Raises
     ------
     BodyError
-        None has fingers that are known, and the performer's is no body of ours.
+        None has known fingers, and the performer's is not a body made by this add-on.
     """
     try:
         return armature_with_fingers([*others, armature])

@@ -34,7 +34,7 @@ def read_motion(path: Path, bones: BoneMap | None = None) -> tuple[SkeletonMotio
     ShotError
         It cannot be read, or has no motion.
     BodyError
-        It is no human's.
+        It is not human.
     """
     kind = path.suffix.lower()
     if kind == ".bvh":

@@ -64,7 +64,7 @@ def target_bones(armature: bpy.types.Object, preset: str | None = None) -> BoneM
     Raises
     ------
     BodyError
-        It is no human's, or lacks bones of the preset.
+        It is not human, or lacks bones of the preset.
     """
     return match_bones(rest_skeleton(armature), preset, f"armature {armature.name}")
 
@@ -127,7 +127,7 @@ def send_to_rig(
     Raises
     ------
     BodyError
-        The source or the armature is no human's, or cannot do what is asked for; names the bone.
+        The source or the armature is not human, or does not support an option; names the bone.
     """
     started = time.perf_counter()
     if armature.mode == "EDIT":

@@ -216,7 +216,7 @@ def _refuse_moving_object(armature: bpy.types.Object) -> None:
 
 
 def _limb_bones(armature: bpy.types.Object) -> BoneMap:
-    """Return the bones that a human cannot do without; none where the armature is no human's."""
+    """Return the bones that a human cannot do without; empty if the armature is not human."""
     try:
         bones = target_bones(armature).bones
     except BodyError:

@@ -28,7 +28,7 @@ def find(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
     Raises
     ------
     BodyError
-        The body is no human's.
+        The body is not human.
     ShotError
         There is no motion.
     """

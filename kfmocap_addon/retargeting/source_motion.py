@@ -59,7 +59,7 @@ def motion_of_armature(
     Raises
     ------
     BodyError
-        It is no human's.
+        It is not human.
     ShotError
         There are no frames.
     """

@@ -30,14 +30,14 @@ def is_present(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> bool:
 
 
 def chosen_bones(context: bpy.types.Context, armature: bpy.types.Object) -> set[str] | None:
-    """Give the names of the bones selected in pose mode; None, for the whole body, if there are none."""
+    """Return the names of the bones selected in pose mode; None, for the whole body, if there are none."""
     if armature.mode != "POSE":
         return None
     return {bone.name for bone in context.selected_pose_bones or [] if bone.id_data == armature} or None
 
 
 def posed_armatures(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """Give the armatures of performers that are selected or in pose mode; if there are none, the chosen performer's."""
+    """Return the armatures of performers that are selected or in pose mode, or else the chosen performer's."""
     armatures = [slot.armature for slot in context.scene.kfmocap.performers if slot.armature is not None]
     names = {o.name for o in context.view_layer.objects if o.select_get()}
     found = [a for a in armatures if a.name in context.scene.objects and (a.name in names or a.mode == "POSE")]

@@ -237,7 +237,7 @@ def _adopted(current: bpy.types.Scene, owners: Sequence[bpy.types.Object]) -> Ca
 
 
 def remove_view(current: bpy.types.Scene, index: int) -> None:
-    """Take a view out of the shot, with its camera and footage where nothing else uses them."""
+    """Remove a view from the shot, with its camera and footage unless something else uses them."""
     slot = current.kfmocap.views[index]
     owner = slot.camera
     current.kfmocap.views.remove(index)

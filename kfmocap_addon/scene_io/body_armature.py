@@ -74,7 +74,7 @@ def _sort_by_side(armature: bpy.types.Object) -> None:
 
 
 def show_colour(armature: bpy.types.Object, colour: Sequence[float]) -> None:
-    """Give the bones of the middle a performer's colour, where they have one of their own."""
+    """Set the colour of the bones of the middle to the performer's, unless they have no colour."""
     for bone in armature.data.bones:
         if bone.color.palette == "CUSTOM" and not side_of(bone.name):
             bone.color.custom.normal = colour
@@ -128,7 +128,7 @@ def _describe(armature: bpy.types.Object, body: Body) -> None:
 
 
 def reshape(armature: bpy.types.Object, body: Body) -> None:
-    """Give an armature the lengths and shapes of another body with the same parts; its keys stay as they are.
+    """Change an armature to the lengths and shapes of another body with the same parts; its keys do not change.
 
     Parameters
     ----------

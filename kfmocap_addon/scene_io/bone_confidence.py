@@ -1,6 +1,6 @@
 """How far the tracked bones may be off, in the scene: on every pose bone its expected error, animated, and as colours.
 
-Each tracking writes it for the frames that it tracked. Like `occlusion`'s, it is no channel of the body.
+Each tracking writes it for the frames that it tracked. Like that of `bone_visibility`, it is not a channel of the body.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """What the cameras saw of each part, in the scene: on every pose bone the number of cameras that see it, animated.
 
-It is written by each tracking in place of the one before. It is no channel of the body, so keys on it are no key poses.
+It is written by each tracking in place of the one before. It is not a channel of the body, so keys on it are not key
+poses.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ _SAME = 1e-6  # metres, and differences of rotations: a camera that moves by les
 
 
 def place_camera(owner: bpy.types.Object, camera: Camera, frame_start: int) -> None:
-    """Give an object a camera's pose: keyed on every frame where it moves, or was keyed before."""
+    """Set an object's pose to a camera's, with keys on every frame if the camera moves or the object had keys."""
     R = np.swapaxes(camera.R_cam_world, -1, -2) @ _FLIP
     centres = np.stack([camera.centre_world(i) for i in range(len(R))])
     quaternions = Rotation.from_matrix(R).as_quat()[:, [3, 0, 1, 2]]

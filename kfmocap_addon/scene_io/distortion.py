@@ -45,7 +45,7 @@ def frame_of(camera: Camera) -> Frame:
 
 
 def set_lens(data: bpy.types.Camera, camera: Camera) -> Frame:
-    """Give a Blender camera the intrinsics of a core camera; valid for the frame that is returned."""
+    """Set a Blender camera's intrinsics to those of a core camera; valid for the frame returned."""
     K, (width, height) = camera.matrix, camera.size
     if abs(K[0, 1]) > 1e-6 * K[0, 0]:
         raise CalibrationError(
@@ -83,7 +83,7 @@ def fits_brown_model(distortions: ArrayLike, fisheye: bool) -> bool:
 
 
 def set_clip_lens(clip: bpy.types.MovieClip, camera: Camera) -> None:
-    """Give a movie clip the camera's intrinsics and the lens distortion that its footage is shown without.
+    """Set a movie clip's intrinsics, and the lens distortion that is removed from its footage.
 
     Where Blender has no model for it, that is the nearest of those it has.
     """

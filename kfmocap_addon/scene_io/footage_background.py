@@ -59,7 +59,7 @@ def footage_path(slot: bpy.types.PropertyGroup) -> Path | None:
 
 
 def background_clip(slot: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
-    """Give the footage behind a view's camera; raises a FootageError where there is none."""
+    """Return the footage behind a view's camera; raises a FootageError if there is none."""
     clip = clip_behind(slot.camera)
     if clip is None:
         raise FootageError(
@@ -85,7 +85,7 @@ def undistort(background: bpy.types.CameraBackgroundImage) -> None:
 
 
 def show_in_time(slot: Any, first: int, frame_start: int) -> None:
-    """Let the footage behind a view's camera show the frames that its offset and fields say.
+    """Set up the footage behind a view's camera to show the right frames for its offset and fields.
 
     Parameters
     ----------

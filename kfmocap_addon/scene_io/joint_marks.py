@@ -15,7 +15,7 @@ def on_frame(slot: bpy.types.PropertyGroup, frame: int) -> Snapshot:
 
 
 def put(slot: bpy.types.PropertyGroup, frame: int, marks: Snapshot) -> None:
-    """Give a frame these marks and no others."""
+    """Replace the marks of a frame."""
     missing = dict(marks)
     for index in reversed(range(len(slot.marks))):
         mark = slot.marks[index]
@@ -35,7 +35,7 @@ def everything(slot: bpy.types.PropertyGroup) -> Everything:
 
 
 def restore(slot: bpy.types.PropertyGroup, marks: Everything) -> None:
-    """Put back all marks, in their order."""
+    """Restore all marks, in their order."""
     slot.marks.clear()
     for mark in marks:
         _add(slot, *mark)

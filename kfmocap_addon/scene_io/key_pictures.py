@@ -42,7 +42,7 @@ class KeyPictures:
         self._shown[armature.session_uid] = sorted(pictures)
 
     def icons(self, armature: bpy.types.Object) -> dict[int, int]:
-        """Give the numbers of the icons of a performer, by scene frame."""
+        """Return the numbers of the icons of a performer, by scene frame."""
         frames = self._shown.get(armature.session_uid, [])
         names = {frame: _NAME.format(performer=armature.session_uid, frame=frame) for frame in frames}
         return {frame: self._icons[name].icon_id for frame, name in names.items()}

@@ -101,7 +101,7 @@ def key_current_pose(armature: bpy.types.Object, frame: int, bones: Collection[s
 
 
 def remove_key_pose(armature: bpy.types.Object, frame: int, bones: Collection[str] | None = None) -> int:
-    """Take the animator's keys on a scene frame away, of these bones or the whole body; how many there were."""
+    """Remove the animator's keys on a scene frame, of these bones or the whole body; returns their number."""
     channels, count = body_channels.list_channels(armature), 0
     for c, curve, keys, own in key_ownership.channel_keys(armature, channels):
         gone = own & key_ownership.lie_on_frames(keys, np.array([frame]))

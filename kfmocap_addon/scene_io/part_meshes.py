@@ -37,7 +37,9 @@ def build_mesh(part: Part, armature: bpy.types.Object, collection: bpy.types.Col
 
 
 def _join_triangles(mesh: bpy.types.Mesh) -> None:
-    """Take out edges between triangles that are nearly in one plane: the wire shall not hide the footage."""
+    """Dissolve edges between triangles that are nearly in one plane, so that the wireframe hides less of the
+    footage.
+    """
     bm = bmesh.new()
     bm.from_mesh(mesh)
     bmesh.ops.join_triangles(
@@ -60,7 +62,7 @@ def put_vertices(armature: bpy.types.Object, name: str, vertices: Array, longer:
 
 
 def check_part(child: bpy.types.Object) -> None:
-    """See that a part's mesh can be one.
+    """Check that a part's mesh encloses a volume.
 
     Raises
     ------
@@ -88,7 +90,7 @@ def _thickness(vertices: Array) -> float:
 
 
 def mirror_part(child: bpy.types.Object) -> None:
-    """Give the same part of the other side the mirrored shape of a part's mesh, where there is such a part."""
+    """Copy the shape of a part's mesh, mirrored, to the same part on the other side, if there is one."""
     armature = child.parent
     bone, other = (armature.data.bones.get(n) for n in (child.parent_bone, bpy.utils.flip_name(child.parent_bone)))
     if other is None or other == bone:
@@ -127,7 +129,7 @@ def parts_of(armature: bpy.types.Object) -> list[bpy.types.Object]:
 
 
 def orphans(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Parts in a scene whose armature is no more: they hang on a bone of nothing, and cannot be clicked on."""
+    """Parts in a scene whose armature was deleted, which still have it as parent and cannot be selected."""
     meshes = [o for o in scene.objects if o.type == "MESH" and o.hide_select]
     return [mesh for mesh in meshes if mesh.parent is None and mesh.parent_bone]
 

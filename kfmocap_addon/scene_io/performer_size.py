@@ -24,7 +24,7 @@ def set_height(armature: bpy.types.Object, value: float) -> None:
     Raises
     ------
     BodyError
-        It is no body, or has no height.
+        It is not a performer's body, or has no height.
     """
     low, high = _vertical_extent(armature)
     if not high > low or not value > 0:
@@ -43,12 +43,12 @@ def measure(armature: bpy.types.Object, name: str) -> float:
 
 
 def set_measure(armature: bpy.types.Object, name: str, value: float) -> None:
-    """Give a body another measure, on both sides; its keys stay as they are.
+    """Change a measure of a body, on both sides; its keys do not change.
 
     Raises
     ------
     BodyError
-        It is no body, or has no such measure.
+        It is not a performer's body, or has no such measure.
     """
     body_armature.reshape(armature, proportions.with_measure(body_armature.body_from_armature(armature), name, value))
 

@@ -1,4 +1,4 @@
-"""Performers added to a scene one by one: a new body, or an armature that is there."""
+"""Adding performers to a scene: a new body, or an existing armature."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def restore(current: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
 
 
 def remove(current: bpy.types.Scene, number: int) -> None:
-    """Take a performer out of the shot; where its armature was deleted, with the parts that this has left behind."""
+    """Remove a performer from the shot and, if its armature was deleted, the parts that were left behind."""
     slots = current.kfmocap.performers
     armature, is_gone = slots[number].armature, not active_performer.is_present(current, slots[number])
     slots.remove(number)

@@ -88,7 +88,7 @@ def edit(
     frames: tuple[int, int],
     planted: bool,
 ) -> None:
-    """Say that points of the soles are planted, or not, from one scene frame to another."""
+    """Correct points of the soles to be planted, or not, from one scene frame to another."""
     first, last = min(frames), max(frames)
     flags = shown(scene, slot) or {}
     for name in (name for name in flags if name in points):

@@ -65,7 +65,7 @@ def bone_at(prop: bpy.types.PropertyGroup, holder: bpy.types.PropertyGroup) -> s
     Raises
     ------
     BodyError
-        One of them is no body.
+        One of them is not a performer's body.
     """
     placed = []
     for slot in (prop, holder):

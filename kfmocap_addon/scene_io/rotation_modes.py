@@ -1,4 +1,4 @@
-"""Bones that are turned by Euler angles, or by an axis and an angle, turned by quaternions instead."""
+"""Changing bones from Euler angles, or axis and angle, to quaternion rotation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _PATHS = ("rotation_euler", "rotation_axis_angle")
 
 
 def to_quaternions(armature: bpy.types.Object, bones: list[str]) -> list[str]:
-    """Give bones the rotation mode of quaternions; the poses that they show, and those of their keys, stay.
+    """Change bones to quaternion rotation; their present poses, and those of their keys, stay the same.
 
     Returns
     -------

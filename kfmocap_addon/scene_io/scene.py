@@ -185,7 +185,7 @@ def frame_rate(scene: bpy.types.Scene) -> float:
 
 
 def set_rate(scene: bpy.types.Scene, fps: float | None) -> None:
-    """Give a scene a frame rate, frames per second; None leaves it as it is."""
+    """Set a scene's frame rate, frames per second; None leaves it unchanged."""
     if fps is not None:
         render = scene.render
         render.fps = max(1, round(fps))

@@ -78,7 +78,7 @@ def new_camera_object(
 
 
 def show_camera_on(owner: bpy.types.Object, camera: Camera, frame_start: int) -> distortion.Frame:
-    """Give a camera object and the footage behind it the pose and the lens of a camera."""
+    """Set pose and lens of a camera object, and the lens of its footage, to those of a camera."""
     frame = distortion.set_lens(owner.data, camera)
     camera_poses.place_camera(owner, camera, frame_start)
     clip = footage_background.clip_behind(owner)
@@ -147,5 +147,5 @@ def frame_behind(scene: bpy.types.Scene, owner: bpy.types.Object, clip: bpy.type
 
 
 def packed_distortions(camera: Camera) -> str:
-    """Give the distortion of a camera as JSON."""
+    """Return the distortion of a camera as JSON."""
     return json.dumps({"coefficients": camera.distortions.tolist(), "fisheye": camera.fisheye})

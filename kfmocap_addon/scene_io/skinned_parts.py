@@ -1,4 +1,4 @@
-"""Parts of a body made of a skinned character: for each bone a convex solid around the skin that it leads."""
+"""Making the parts of a body from a skinned character: for each bone, a convex solid around the skin that it moves."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Skin:
 
 @dataclass(frozen=True)
 class SkinnedParts:
-    """What became of a skin.
+    """The parts made from a skin.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ def add_parts(
     *,
     limbs: Collection[str] = (),
 ) -> SkinnedParts:
-    """Give the bones of a skinned character the parts of a body, as meshes of their own.
+    """Add the parts of a body to the bones of a skinned character, as separate meshes.
 
     Parameters
     ----------

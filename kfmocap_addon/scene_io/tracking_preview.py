@@ -96,7 +96,7 @@ class TrackingPreview:
 
 
 def _lend(armature: bpy.types.Object) -> _Lent | None:
-    """Give an armature a copy of its action; None where it has none of its own to be exchanged."""
+    """Assign a copy of its action to an armature; None if it has no action of its own."""
     data = armature.animation_data
     if data is None or data.action is None or data.use_tweak_mode:
         return None

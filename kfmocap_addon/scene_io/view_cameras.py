@@ -56,7 +56,7 @@ def build_view(
 
 
 def show_camera(slot: bpy.types.PropertyGroup, camera: Camera, frame_start: int) -> None:
-    """Give a view's camera object and its footage the pose and the lens of a camera."""
+    """Set pose and lens of a view's camera object, and the lens of its footage, to those of a camera."""
     frame = scene_cameras.show_camera_on(slot.camera, camera, frame_start)
     slot.size, slot.aspect, slot.misfit = frame.size, frame.aspect, ""
     slot.distortions = (
@@ -109,7 +109,7 @@ def read_views(scene: bpy.types.Scene, frame_start: int, length: int) -> tuple[V
 
 
 def set_keypoints(slot: bpy.types.PropertyGroup, path: Path) -> None:
-    """Give a view a detector's 2D keypoints, a file or a folder; its path is kept relative to the footage's.
+    """Set a view's 2D keypoints, a file or a folder; the path is stored relative to the footage's.
 
     Raises
     ------
