@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 from .cli import command_line
 from .cli.services import BenchmarkRequest, Services, blender_needed
+from .core.errors import ShotError, WorkerEndedError
 from .core.runtime.standard_streams import make_streams_safe
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from .cli.services import OutputRequest
+    from .cli.services import OutputRequest, RetargetRequest
     from .core.runtime.progress import Progress
     from .core.shot.shot import Shot
     from .core.tracking.track_result import TrackResult
@@ -27,7 +28,12 @@ if TYPE_CHECKING:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; see `kfmocap.cli.command_line.main`."""
     make_streams_safe()
-    services = Services(load_blender=_load_blender, start_blender=_BlenderProcess, run_benchmark=_run_benchmark)
+    loaded = sys.modules.get("bpy") is not None  # its paths, which another process would get, lead to other modules
+    services = Services(
+        load_blender=_load_blender,
+        start_blender=None if loaded else _BlenderProcess,
+        run_benchmark=_run_benchmark,
+    )
     return command_line.main(argv, services)
 
 
@@ -77,6 +83,20 @@ class _BlenderProcess:
             raise
         return files
 
+    def retarget(self, request: RetargetRequest) -> dict[str, Any]:
+        """Put a motion on a character and save the file; returns the report."""
+        with blender_needed():
+            self._loaded.result()
+        try:
+            report: dict[str, Any] = self._process.call(partial(_retargeted, request))
+        except WorkerEndedError as error:  # damaged files make Blender crash
+            raise ShotError(
+                f"Blender ended while it worked on them: {error.what}",
+                where=f"{request.motion}, {request.character}",
+                todo="open both in Blender, and save them again",
+            ) from error
+        return report
+
     def close(self) -> None:
         """End it."""
         self._process.kill()
@@ -98,6 +118,11 @@ def _showing(shot: Shot, home: Path, _: Progress) -> None:
 def _written_outputs(shot: Shot, result: TrackResult, request: OutputRequest, _: Progress) -> list[Path]:
     """Have Blender write what was tracked."""
     return _load_blender().write_outputs(shot, result, request)
+
+
+def _retargeted(request: RetargetRequest, _: Progress) -> dict[str, Any]:
+    """Have Blender put a motion on a character."""
+    return _load_blender().retarget(request)
 
 
 def _run_benchmark(request: BenchmarkRequest) -> int:

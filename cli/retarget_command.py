@@ -19,19 +19,19 @@ def run(args: argparse.Namespace, services: Services) -> int:
     requests = _requests(args)
     for request in requests:
         check_writable(request.out.parent)
-    blender = services.blender()
     files: list[Path] = []
-    for request in requests:
-        report = blender.retarget(request)
-        beside = request.out.with_suffix(".report.json")
-        write_json(beside, report)
-        files += [request.out, beside]
-        if args.save_map is not None:
-            from ..core.formats.bone_map_files import write_bone_map
+    with services.blender_beside() as blender:  # damaged files make Blender crash
+        for request in requests:
+            report = blender.retarget(request)
+            beside = request.out.with_suffix(".report.json")
+            write_json(beside, report)
+            files += [request.out, beside]
+            if args.save_map is not None:
+                from ..core.formats.bone_map_files import write_bone_map
 
-            write_bone_map(args.save_map, report["target"]["bones"], report["target"]["preset"])
-        for line in summary_lines(report):
-            print(f"kfmocap: {line}", file=sys.stderr)
+                write_bone_map(args.save_map, report["target"]["bones"], report["target"]["preset"])
+            for line in summary_lines(report):
+                print(f"kfmocap: {line}", file=sys.stderr)
     print_outcome(files)
     return 0
 

@@ -83,7 +83,7 @@ class RetargetRequest:
 
 
 class BlenderWriter(Protocol):
-    """Blender, for writing results."""
+    """Blender, for writing results and for putting motions on characters."""
 
     def check(self) -> None:
         """Check that Blender loads, as far as that is known already.
@@ -116,19 +116,6 @@ class BlenderWriter(Protocol):
             A file cannot be written.
         """
 
-
-class BlenderSession(BlenderWriter, Protocol):
-    """Blender, for everything that the commands need."""
-
-    def read_shot(self) -> Shot:
-        """Read the shot of the open scene.
-
-        Raises
-        ------
-        ShotError
-            The scene has none, or it cannot be tracked.
-        """
-
     def retarget(self, request: RetargetRequest) -> dict[str, Any]:
         """Put a motion on a character and save the file; returns the report.
 
@@ -140,6 +127,19 @@ class BlenderSession(BlenderWriter, Protocol):
             The motion or the character is not human, or does not support an option.
         OutputError
             The file cannot be written.
+        """
+
+
+class BlenderSession(BlenderWriter, Protocol):
+    """Blender, for everything that the commands need."""
+
+    def read_shot(self) -> Shot:
+        """Read the shot of the open scene.
+
+        Raises
+        ------
+        ShotError
+            The scene has none, or it cannot be tracked.
         """
 
 

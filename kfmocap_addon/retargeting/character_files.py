@@ -17,7 +17,7 @@ from ...core.retargeting.transfer import RetargetOptions
 from ..export.whole_files import writing
 from ..scene_io.scene import set_rate
 from .listed_bones import read_map
-from .motion_files import read_motion
+from .motion_files import last_line, read_motion
 from .overrides import editable
 from .rig_curves import CurveOptions
 from .send import SendOptions, find_target, send_to_rig
@@ -67,7 +67,7 @@ def open_file(path: Path) -> None:
         with quiet():
             bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False)
     except RuntimeError as error:
-        raise ShotError(f"Blender cannot open it: {error}", where=str(path)) from error
+        raise ShotError(f"Blender cannot open it: {last_line(error)}", where=str(path)) from error
 
 
 @contextmanager

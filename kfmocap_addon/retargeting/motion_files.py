@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr
 from pathlib import Path
 
 import bpy
@@ -43,15 +44,20 @@ def read_motion(path: Path, bones: BoneMap | None = None) -> tuple[SkeletonMotio
         raise ShotError("it is no motion file", where=str(path), todo="give a .bvh or an .fbx file")
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     try:
-        with _lights_as_imported():
+        with _lights_as_imported(), redirect_stderr(io.StringIO()):  # the importer prints a traceback
             bpy.ops.import_scene.fbx(filepath=str(path.resolve()), anim_offset=0.0)
     except RuntimeError as error:
-        raise ShotError(f"Blender cannot read it: {error}", where=str(path)) from error
+        raise ShotError(f"Blender cannot read it: {last_line(error)}", where=str(path)) from error
     armature = _moving_human(path, bones)
     lasts = armature.animation_data.action.frame_range
     frames = math.ceil(lasts[0] - 1e-3), math.floor(lasts[1] + 1e-3)
     motion, found = motion_of_armature(bpy.context.scene, armature, frames, bones)
     return motion, found
+
+
+def last_line(error: Exception) -> str:
+    """Return what an error of Blender says: the last line, as a traceback of an importer may come before it."""
+    return next((line.strip() for line in reversed(str(error).splitlines()) if line.strip()), "no reason is given")
 
 
 @contextmanager

@@ -13,7 +13,7 @@ bpy = pytest.importorskip("bpy")
 from addon_shots import blender, metarig, shot  # noqa: E402, F401
 from kfmocap.__main__ import main  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
-from kfmocap.core.errors import BodyError  # noqa: E402
+from kfmocap.core.errors import BodyError, ShotError  # noqa: E402
 from kfmocap.core.retargeting.bone_presets import PRESETS  # noqa: E402
 from kfmocap.core.retargeting.retarget import prepared  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
@@ -154,6 +154,18 @@ def test_the_command_line_moves_a_character(blender, tmp_path, capsys, kind):  #
     given, _ = prepared(moved_body(BODY, motion))
     assert joint_errors(armature, report, given) < 1e-4
     assert (bpy.context.scene.frame_start, bpy.context.scene.frame_end) == (1, FRAMES)
+
+
+def test_a_damaged_fbx_file_is_refused_in_one_line(blender, tmp_path):  # noqa: F811
+    armature = built("mixamo")
+    send_to_rig(bpy.context.scene, source(), armature, 1)
+    bpy.ops.export_scene.fbx(filepath=str(tmp_path / "cut.fbx"), object_types={"ARMATURE"})
+    data = (tmp_path / "cut.fbx").read_bytes()
+    (tmp_path / "cut.fbx").write_bytes(data[: len(data) // 2])
+    with pytest.raises(ShotError, match=r"cut\.fbx: Blender cannot read it: ") as refused:
+        read_motion(tmp_path / "cut.fbx")
+    assert "Traceback" not in str(refused.value)
+    assert "\n" not in str(refused.value)
 
 
 def test_an_fbx_file_with_a_light_is_read(blender, tmp_path):  # noqa: F811

@@ -7,9 +7,11 @@ import os
 import signal
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import cv2
+import job_functions
 import numpy as np
 import pytest
 from kfmocap.__main__ import main
@@ -505,6 +507,20 @@ finally:
 """
     arguments = [str(folder / "shot.toml"), str(folder / "out")]
     subprocess.run([sys.executable, "-c", code, *arguments], check=True)
+
+
+@pytest.mark.skipif(find_spec("bpy") is None, reason="needs Blender's module")
+def test_files_with_which_blender_crashes_are_named(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delitem(sys.modules, "bpy", raising=False)
+    monkeypatch.setattr("kfmocap.__main__._loaded_blender", job_functions.silently)
+    monkeypatch.setattr("kfmocap.__main__._retargeted", job_functions.crashing)
+    motion, character = folder / "take.bvh", folder / "hero.blend"
+    motion.touch()
+    character.touch()
+    code = main(["retarget", str(motion), "--to", str(character), "--out", str(folder / "moved.blend")])
+    assert_refused(folder, capsys, code, "take.bvh", "hero.blend: Blender ended while it worked on them")
 
 
 def test_a_blender_that_is_missing_is_said_after_what_is_wrong_with_the_shot(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 from collections.abc import Callable
@@ -35,6 +36,15 @@ def failing(progress: Progress) -> None:
 
 def broken(progress: Progress) -> None:
     raise ZeroDivisionError("a bug")
+
+
+def silently(_progress: Progress) -> None:
+    """Does nothing."""
+
+
+def crashing(_work: object, _progress: Progress) -> None:
+    """Ends the process as a crash does."""
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def killed(progress: Progress) -> None:
