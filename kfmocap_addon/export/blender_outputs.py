@@ -69,7 +69,7 @@ def write_blender_outputs(
     result : TrackResult
         Of that shot.
     out_dir : path
-        Made if it is missing.
+        Created if it does not exist.
     scene : bpy.types.Scene, optional
         The scene that the shot was read from: its armatures get the motion, and shot.blend is a copy of the
         open file. By default a new scene shows the shot; that closes the open file, so it needs a process
@@ -77,11 +77,11 @@ def write_blender_outputs(
     home : path, optional
         Folder that the files will be moved to: footage near it is named relative to it. By default `out_dir`.
     leave_out_unknown : bool
-        BVH and FBX have no bones of parts that nothing has shown.
+        Whether BVH and FBX leave out the bones of parts that nothing has shown.
     finish : callable, optional
         Called with the scene once it has the motion, before files are written.
     shown : bool
-        The scene is that of `show_shot`, for this home.
+        Whether the scene was made by `show_shot` for this home.
 
     Returns
     -------
@@ -121,7 +121,7 @@ def _fresh_scene() -> bpy.types.Scene:
 
 
 def _open_on_footage(scene: bpy.types.Scene) -> None:
-    """Let the 3D views of the file look through the scene's camera."""
+    """Make the 3D views of the file look through the scene's camera."""
     scene.name = scene.kfmocap.shot
     for screen in bpy.data.screens:
         for area in screen.areas:
@@ -131,7 +131,7 @@ def _open_on_footage(scene: bpy.types.Scene) -> None:
 
 @contextmanager
 def _portable_paths(folder: Path) -> Iterator[None]:
-    """Paths as a file in that folder needs them, for the time of a save; the open file's own come back."""
+    """Set paths as a file in a folder needs them while the block saves it, and restore them afterwards."""
     new = _paths(folder)
     before = [(item, item.filepath) for item, _ in new]
     try:
@@ -160,12 +160,14 @@ def _paths(folder: Path) -> list[tuple[Any, str]]:
 
 
 def _is_path(path: str) -> bool:
-    """Not empty, and not the name of something built in, such as a font's `<builtin>`."""
+    """Whether a path is not empty, and not the name of something built in, such as a font's `<builtin>`."""
     return bool(path) and not path.startswith("<")
 
 
 def _portable(path: str, folder: Path) -> str:
-    """Relative to the folder where it is near, so that both can be moved together; else absolute."""
+    """Return a path relative to a folder if it is near, so that both can be moved together, or else an absolute
+    path.
+    """
     with contextlib.suppress(ValueError):  # no way leads from one drive of Windows to another
         steps = os.path.relpath(path, folder).split(os.sep)
         if steps[: _STEPS_UP + 1] != [os.pardir] * (_STEPS_UP + 1):

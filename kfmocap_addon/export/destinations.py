@@ -1,4 +1,4 @@
-"""Where an export goes: names of the files, and the folder that is proposed."""
+"""Destinations of an export: names of the files, and the default folder."""
 
 from __future__ import annotations
 

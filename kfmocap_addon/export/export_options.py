@@ -1,4 +1,4 @@
-"""What to write of the performers of a shot."""
+"""Options of an export."""
 
 from __future__ import annotations
 
@@ -7,22 +7,23 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """What to write of the performers.
+    """Options of an export.
 
     Attributes
     ----------
     preset : str
         A key of `presets.PRESETS`.
     bvh, fbx, glb, vrma, usd : bool
-        Which files: glb is glTF in one file, vrma VRM animation, usd USD in binary (.usdc).
+        Which files to write: glb is glTF in one file, vrma VRM animation, usd binary USD (.usdc).
     frames : tuple of int, optional
         First and last scene frame; by default those of the shot.
     fps : float, optional
         Frames per second of the files; by default the scene's.
     root_motion : bool
-        The performers move through the world; else they stay over their first place, and only rise and sink.
+        Whether the performers move through the world; if not, they stay over their first position, and only rise and
+        sink.
     leave_out_unknown : bool
-        Without the bones of parts that nothing has shown, but for those that others hang on.
+        Whether to leave out bones of parts that nothing has shown, unless other bones are their descendants.
     """
 
     preset: str = "BLENDER"

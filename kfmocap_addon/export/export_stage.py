@@ -24,11 +24,11 @@ _TRANSFORMS = ("location", "rotation_quaternion", "rotation_euler", "rotation_ax
 def stage_of(
     armature: bpy.types.Object, scene: bpy.types.Scene, turn: Matrix, options: ExportOptions
 ) -> Iterator[bpy.types.Scene]:
-    """A scene for the time of an export, with nothing but a copy of the armature, active and selected.
+    """Provide a temporary scene with nothing but a copy of the armature, active and selected.
 
-    The copy stands at the world's origin: where the object was, the turn, and the unit have gone into its bones. Pose
-    bones are relative to them, so the keys hold but for the unit. The user's scene, selection and frame stay, and
-    what windows show.
+    The copy is at the world's origin: the object's transform, the turn and the unit are applied to its bones. Pose
+    bones are relative to these, so the keys remain valid but for the unit. The user's scene, selection, frame and
+    windows do not change.
     """
     body_armature.object_pose(armature)  # refuses one that is scaled unevenly
     preset = PRESETS[options.preset]
@@ -78,7 +78,7 @@ def stage_of(
 def stage_in_metres(
     armature: bpy.types.Object, scene: bpy.types.Scene, options: ExportOptions
 ) -> Iterator[bpy.types.Scene]:
-    """The scene of an export to a format in metres: where a preset has another unit, the copy is scaled."""
+    """Provide the scene of an export to a format in metres; if the preset has another unit, the copy is scaled."""
     with stage_of(armature, scene, Matrix.Identity(4), options) as stage:
         stage.objects[0].scale = (1 / PRESETS[options.preset].scale,) * 3
         yield stage
@@ -98,7 +98,7 @@ def _leave_out_unknown(copy: bpy.types.Object) -> None:
 
 
 def _set_time(stage: bpy.types.Scene, scene: bpy.types.Scene, options: ExportOptions) -> tuple[int, Array]:
-    """Give the stage its frames and rate; returns its first frame, and the scene frame that each of them shows."""
+    """Set the stage's frames and rate; returns its first frame, and the scene frame that each of its frames shows."""
     properties = scene.kfmocap
     first, last = options.frames or (properties.frame_start, properties.frame_start + properties.length - 1)
     if last < first:
@@ -114,7 +114,7 @@ def _set_time(stage: bpy.types.Scene, scene: bpy.types.Scene, options: ExportOpt
 def _sample(
     copy: bpy.types.Object, armature: bpy.types.Object, first: int, times: Array, options: ExportOptions
 ) -> None:
-    """Give the copy of an armature a key on every frame from the first on, of the scene frames `times`."""
+    """Key the copy of an armature on every frame from `first` on, with the poses at the scene frames `times`."""
     bag = fcurves.find_channelbag(armature)
     if bag is None:
         return
@@ -140,9 +140,9 @@ def _sample_followed(
     frames: tuple[int, Array],
     options: ExportOptions,
 ) -> None:
-    """Give bones of the copy of a rig that constraints or drivers move keys of what they do, in place of these.
+    """Replace constraints and drivers on the copy of a rig by keys with their effect.
 
-    They would follow the rig itself, which is in another scene, and is not turned and scaled as the copy.
+    They would follow the rig itself, which is in another scene, and is not rotated and scaled like the copy.
     """
     followed = followed_bones.following(armature)
     data = copy.animation_data
@@ -167,7 +167,7 @@ def _sample_followed(
 
 
 def _at_times(values: dict[tuple[str, int], Array], frames: Array, times: Array) -> dict[tuple[str, int], Array]:
-    """Curves by path and index, at other times: whole quaternions by slerp, all else linearly."""
+    """Resample curves by path and index at other times: quaternions by slerp, all others linearly."""
     found = {}
     for (path, index), row in values.items():
         together = [values.get((path, k)) for k in range(4)]
@@ -181,7 +181,7 @@ def _at_times(values: dict[tuple[str, int], Array], frames: Array, times: Array)
 def _scale_locations(
     values: dict[tuple[str, int], Array], armature: bpy.types.Object, scale: float, root_motion: bool
 ) -> None:
-    """Bring locations to another unit, in place; without root motion the root stays over its first place."""
+    """Convert locations to another unit, in place; without root motion the root stays over its first position."""
     if not root_motion:
         root = armature.pose.bones[body_armature.body_bones(armature)[0].name]
         path = f"{root.path_from_id()}.location"

@@ -32,7 +32,7 @@ _EXPORTERS = MappingProxyType(
         ".usdc": ("wm", "usd_export", "choose other kinds of files, or use a Blender that was built with USD"),
     }
 )
-"""The operator that writes a kind of file, and what to do where it is missing."""
+"""By file ending, the operator that writes it, and advice if it is missing."""
 
 
 def export_performers(
@@ -215,7 +215,7 @@ def export_usd(path: Path, armature: bpy.types.Object, scene: bpy.types.Scene, o
 
 
 def _check_available(suffix: str) -> None:
-    """See that this Blender has the exporter for a kind of file: some builds lack USD, and add-ons can be disabled."""
+    """Check that the exporter for a kind of file is available: some builds lack USD, and add-ons can be disabled."""
     module, name, todo = _EXPORTERS[suffix]
     if name not in dir(getattr(bpy.ops, module)):
         raise OutputError("this Blender has no exporter for this kind of file", where=f"*{suffix}", todo=todo)

@@ -1,4 +1,4 @@
-"""What other programs expect of an exported skeleton: names of bones, unit, name of the armature's node."""
+"""Presets for other programs: names of bones, unit of length, and name of the armature's node."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Preset:
     Attributes
     ----------
     label, description : str
-        For the animator.
+        Shown to the animator.
     scale : float
         Units of the files per metre.
     names : mapping of str to str
@@ -48,4 +48,4 @@ PRESETS = {
     "UNITY": Preset("Unity", "Names that Unity's humanoid avatar finds by itself, centimetres", 100, _UNITY),
     "MIXAMO": Preset("Mixamo", "Mixamo's names, centimetres", 100, _MIXAMO),
 }
-"""By what the animator chooses; all of them Y up."""
+"""The presets by their names in the menu; all are Y up."""

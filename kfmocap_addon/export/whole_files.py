@@ -1,4 +1,4 @@
-"""Files that Blender wrote: whether they are whole. On a full disk Blender reports success and leaves a part."""
+"""Checking that files written by Blender are complete: on a full disk, Blender reports success for a truncated file."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _TAIL = 64
 
 
 def check_whole(path: Path, shown: Path | None = None) -> None:
-    """See that a .blend, .fbx, .bvh, .glb, .vrma or .usdc file is whole.
+    """Check that a .blend, .fbx, .bvh, .glb, .vrma or .usdc file is complete.
 
     Parameters
     ----------
@@ -103,10 +103,10 @@ def _is_whole_bvh(path: Path) -> bool:
 
 @contextmanager
 def writing(path: Path) -> Iterator[Path]:
-    """Like `replacing`; makes the folder where it is missing, and raises Blender's failures as OutputError, also those
-    that it does not report: see `check_whole`.
+    """Do the same as `replacing`, create the folder if necessary, and raise Blender's failures as OutputErrors,
+    including those that it does not report, see `check_whole`.
 
-    Blender's exporters also print, and tracebacks where they fail; that is not for the user of a batch.
+    What Blender's exporters print, such as tracebacks, is suppressed.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

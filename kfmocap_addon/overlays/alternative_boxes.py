@@ -1,4 +1,4 @@
-"""Poses that look alike from the camera, each in a box of its own as seen from the side: there they differ."""
+"""Poses that look alike from the camera, each drawn in a box as seen from the side, where they differ."""
 
 from __future__ import annotations
 

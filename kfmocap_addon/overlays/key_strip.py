@@ -1,4 +1,4 @@
-"""A strip under the footage: where in the shot the chosen performer has key poses, tracked frames, and doubted ones."""
+"""A strip below the footage with the chosen performer's key poses, tracked frames, and doubtful frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The residual view: pictures of what the footage shows and the model does not, behind cameras and in image editors."""
+"""The residual view: pictures of where footage and model differ, as camera backgrounds and in image editors."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def hide(scene: bpy.types.Scene) -> int:
 
 
 def _drive(data: bpy.types.Camera, index: int, expression: str) -> None:
-    """Let a picture behind a camera be seen on some frames alone: a residual would be wrong on others."""
+    """Make a camera's background picture visible only on some frames, as a residual would be wrong on others."""
     data.driver_remove(_shown(index))
     driver = data.driver_add(_shown(index)).driver
     driver.type, driver.expression = "SCRIPTED", expression

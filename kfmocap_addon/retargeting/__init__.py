@@ -1,1 +1,1 @@
-"""Motion put on other characters' rigs: reading a rig's controls, writing their curves, measuring what came of it."""
+"""Retargeting in Blender: reading a rig's controls, writing their curves, and measuring the result."""

@@ -1,4 +1,4 @@
-"""Motion files onto characters of .blend files, for batches: open, send, save as another file."""
+"""Putting motion files on characters of .blend files, for batches: open, send, save as another file."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def quiet() -> Iterator[None]:
 
 
 def show_scene_of(armature: bpy.types.Object) -> bpy.types.Scene:
-    """Make a scene that an armature is in the shown one: Blender evaluates no other.
+    """Show a scene that contains an armature, as Blender evaluates no other.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def show_scene_of(armature: bpy.types.Object) -> bpy.types.Scene:
 def save_copy(path: Path) -> None:
     """Save the open file under another name, whole or not at all; paths in it stay right."""
     with writing(path) as target:
-        # Blender turns relative paths to where it saves: that has to be the folder that the file will be in.
+        # Blender makes relative paths relative to where it saves, which must be the folder that the file will be in.
         beside = path.resolve().with_name(f"{target.parents[1].name}{path.suffix}")
         try:
             bpy.ops.wm.save_as_mainfile(filepath=str(beside), copy=True, check_existing=False, relative_remap=True)

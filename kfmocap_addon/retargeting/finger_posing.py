@@ -1,4 +1,4 @@
-"""Finger bones of a character posed in a shape of the hand, and keyed."""
+"""Posing and keying the finger bones of a character in a hand shape."""
 
 from __future__ import annotations
 

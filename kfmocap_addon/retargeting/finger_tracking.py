@@ -1,4 +1,4 @@
-"""Fingers of a character moved by the hands that detectors see in the footage."""
+"""Moving the fingers of a character by hand keypoints."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def armature_with_fingers(candidates: Sequence[bpy.types.Object | None]) -> tupl
 
 
 def seen_hands(current: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> Array:
-    """Return points of a performer's hands as the keypoints show them, (F, 2, 21, 3) in the world, metres.
+    """Return the points of a performer's hands from keypoints, world frame, metres, shape (F, 2, 21, 3).
 
     Raises
     ------
@@ -74,7 +74,7 @@ def with_fingers(
 ) -> tuple[bpy.types.Object, BoneMap]:
     """Return the first of some others and a performer's armature that has fingers, and the roles of its bones.
 
-    Where none has, a body of ours gets finger bones.
+    If none has, finger bones are added to a body made by this add-on.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def write_fingers(current: bpy.types.Scene, armature: bpy.types.Object, bones: B
 
 
 def _write(armature: bpy.types.Object, channel: ControlChannel, frames: Array) -> None:
-    """Put generated keys in the place of those on the frames; the animator's own stay."""
+    """Replace generated keys on the frames; the animator's own stay."""
     bag = fcurves.ensure_channelbag(armature, armature.name)
     for index, column in enumerate(channel.values.T):
         curve = fcurves.ensure_fcurve(bag, channel.path, index, channel.bone)

@@ -1,7 +1,7 @@
-"""Controls of a rig that no preset knows: which bone an animator turns to move each deforming bone.
+"""Finding the FK controls of a rig without a preset: the bone that an animator rotates to move each deforming bone.
 
-Constraints and drivers are not understood but observed: each bone that may be a control is turned a little, and what
-moves rigidly with it hangs on it.
+Constraints and drivers are not analysed but observed: each bone that may be a control is rotated a little, and the
+bones that move rigidly with it follow it.
 """
 
 from __future__ import annotations
@@ -23,28 +23,27 @@ from ..scene_io.followed_bones import following
 from .rig_reading import at_rest, moved_matrices, rest_matrices, restore_settings, set_settings, update
 
 _RIGID = 1e-3
-"""Radians, and lengths of the rig, within which two bones move as one."""
+"""Tolerance within which two bones move rigidly together, radians, and relative to the rig's size."""
 _HUGE = 1e3
-"""Ends of a property's range that are none."""
+"""Limits of a property's range beyond which it counts as unlimited."""
 _SWITCHES = 24
-"""Custom properties that are tried at most, those of most constraints first."""
+"""Largest number of custom properties that are tried, those that drive most constraints first."""
 
 Settings = dict[str, dict[str, float]]
 
 
 @dataclass(frozen=True)
 class FkControls:
-    """Controls of deforming bones.
+    """The controls of deforming bones.
 
     Attributes
     ----------
     by_bone : mapping of str to str
-        The bone that is turned, by the deforming bone that moves with it. Bones that nothing turns about their own
-        heads are absent.
+        By deforming bone, the control that rotates it about its head. Bones without such a control are absent.
     settings : mapping of str to mapping of str to float
-        Custom properties by bone that must have these values for that, where they have others now.
+        By bone, the values to which custom properties must be changed for that.
     carried : mapping of str to str
-        The lowest other control that a deforming bone moves with, about whatever point, by that bone.
+        By deforming bone, the lowest other control with which it moves, about any point.
     """
 
     by_bone: Mapping[str, str]
@@ -53,17 +52,18 @@ class FkControls:
 
 
 def find_controls(armature: bpy.types.Object, bones: Sequence[str], held: Collection[str]) -> FkControls:
-    """Find which bones are turned to move deforming bones.
+    """Find which bones are rotated to move deforming bones.
 
-    Where constraints are switched by custom properties (from inverse kinematics to forward kinematics, say), those
-    values are chosen with which controls move more.
+    If custom properties switch constraints (such as from IK to FK), the values with which controls move most bones are
+    chosen.
 
     Parameters
     ----------
+    armature : bpy.types.Object
     bones : sequence of str
-        Deforming bones, also those that are posed themselves.
+        Deforming bones, including those that are posed directly.
     held : collection of str
-        Bones that something else than their own pose moves, see `scene_io.followed_bones`.
+        Bones moved by something other than their own pose, see `scene_io.followed_bones`.
     """
     candidates = [name for name in _upstream(armature, bones) if _may_be_turned(armature, name, bones, held)]
     with at_rest(armature, [bone.name for bone in armature.data.bones]):
@@ -80,17 +80,19 @@ def find_controls(armature: bpy.types.Object, bones: Sequence[str], held: Collec
 def with_halves_of_limbs(
     armature: bpy.types.Object, controls: FkControls, held: Collection[str], limbs: Collection[str]
 ) -> dict[str, str]:
-    """Return the controls of deforming bones, where bones that hang on a held one are carried by what moves that.
+    """Return the controls of deforming bones; children of a held bone are assigned to the control that moves it.
 
-    Rigs that share the skin of a thigh between two bones hang both on a third, which copies the controls: the lower
-    one has no control about its own head but itself.
+    Rigs that divide the skin of a thigh between two bones parent both to a third, which copies the controls: nothing
+    but itself rotates the lower one about its own head.
 
     Parameters
     ----------
+    armature : bpy.types.Object
+    controls : FkControls
     held : collection of str
-        All bones of the rig that something else than their own pose moves.
+        All bones of the rig that are moved by something other than their own pose.
     limbs : collection of str
-        Bones that stay parts of their own.
+        Bones that remain separate parts.
     """
     found = dict(controls.by_bone)
     for name, control in controls.by_bone.items():
@@ -101,8 +103,8 @@ def with_halves_of_limbs(
 
 
 def through_controls(armature: bpy.types.Object, bones: BoneMap) -> tuple[BoneMap, FkControls]:
-    """Return a map with the controls of those bones that something else moves, or that hang on bones that something
-    else moves, where there are controls, and these.
+    """Replace bones of a map that follow controls, or are descendants of bones that do, by these controls; returns the
+    map and the controls.
     """
     held = following(armature)
     names = bones.names()
@@ -131,7 +133,7 @@ def _is_led(armature: bpy.types.Object, name: str, held: Collection[str], roles:
 
 
 def refuse_otherwise_moved(armature: bpy.types.Object, carriers: Mapping[str, str]) -> None:
-    """Raise a BodyError where the skin of a body does not move as its parts do, alone by the turns of their bones.
+    """Raise a BodyError if rotating the bones of a body's parts does not move the skin with them.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Limbs driven through IK controls: the control at the limb's end, and the pole that elbow or knee points to."""
+"""Driving limbs through IK controls: the control at the limb's end, and the pole target."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from .rig_error import world_matrices
 from .rig_reading import location_axes
 
 _BENT = 1e-3
-"""Sine of the angle from which on a limb's bend shows its plane."""
+"""Sine of the least bend of a limb that defines its plane."""
 
 
 def ik_roles(rig: ControlRig, preset: BonePreset) -> set[int]:
-    """Controls whose rotations are not keyed, since the preset drives their limbs by IK."""
+    """Return the controls whose rotations are not keyed, because the preset drives their limbs by IK."""
     roles = [role for limb in preset.ik for role in (limb.upper, limb.lower, limb.end)]
     return {rig.index(role) for role in roles if role in rig.bones.bones}
 
@@ -26,7 +26,7 @@ def ik_roles(rig: ControlRig, preset: BonePreset) -> set[int]:
 def ik_channels(
     armature: bpy.types.Object, rig: ControlRig, poses: RigPoses, preset: BonePreset
 ) -> list[ControlChannel]:
-    """Keys of the IK controls of a rig that stands at rest, for where its limbs shall be."""
+    """Return the keys of a rig's IK controls that bring its limbs to their poses; the rig must be at rest."""
     channels = []
     for limb in preset.ik:
         roles = (limb.upper, limb.lower, limb.end)
@@ -57,10 +57,10 @@ def _limb(armature: bpy.types.Object, rig: ControlRig, poses: RigPoses, limb: Ik
 
 
 def _pole_path(joints: Array, turns: Array, standing: Array, pole: Array) -> Array:
-    """Return where a pole must be for elbow or knee to be where they are, shape (F, 3).
+    """Return the positions of a pole target that put the elbow or knee where it is to be, shape (F, 3).
 
-    Blender's solver bends a chain in the plane in which it is bent at rest, and turns its first bone so that one of
-    that bone's axes points to the pole. That axis is the one that does so at rest.
+    Blender's solver bends a chain in the plane in which it is bent at rest, and rotates its first bone so that the same
+    axis points to the pole as at rest.
 
     Parameters
     ----------

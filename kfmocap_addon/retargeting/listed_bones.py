@@ -1,4 +1,4 @@
-"""Bone maps as the list that the animator sees and edits, and from files."""
+"""Bone maps as a list that the animator can edit, and from files."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def read_map(path: Path) -> BoneMap:
     Raises
     ------
     BodyError
-        It is none, or names a role that there is not.
+        It is not a bone map, or names an unknown role.
     """
     preset, bones = read_bone_map(path)
     if preset and preset not in PRESETS:

@@ -1,8 +1,8 @@
-"""A rig that follows a source live: constraints in place of keys, so that every change of the source shows at once.
+"""Making a rig follow a source live, by constraints instead of keys, so that every change of the source shows at once.
 
-A hidden helper armature has a bone for every control. The source's bones carry it (Armature constraint), and it stands
-where the control shall be turned to: D A R0 of `core.retargeting.rest_alignment`. The control copies its rotation. The
-hips, and the root bone, copy a place in the space of an empty that has the placement's scale.
+A hidden helper armature has a bone for every control. The source's bones move it (by Armature constraints), so that it
+has the orientation that the control needs: D A R0 of `core.retargeting.rest_alignment`. The control copies its
+rotation. The hips, and the root bone, copy a location in the space of an empty with the placement's scale.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ _LENGTH = 0.1
 
 @dataclass(frozen=True, eq=False)
 class LiveSource:
-    """What a rig follows.
+    """The armature that a rig follows.
 
     Attributes
     ----------
     armature : bpy.types.Object
     shown : mapping of str to str
-        The bone that shows what another one does, for those of the source's bones that do not show it themselves.
+        For source bones that do not show their own motion, the bone that shows it.
     """
 
     armature: bpy.types.Object
@@ -106,7 +106,7 @@ def follow(
 def remember(
     armature: bpy.types.Object, holds: Mapping[tuple[str, str], float], settings: Mapping[tuple[str, str], Any]
 ) -> None:
-    """Keep what the rig's constraints and settings were, for `stop_following`."""
+    """Store the rig's constraints and settings, for `stop_following`."""
     helper: Any = _helper_of(armature)
     rows = [[*key, float(value)] for key, value in holds.items()], [[*key, value] for key, value in settings.items()]
     helper[_CHANGED] = json.dumps(rows)
@@ -118,7 +118,7 @@ def is_following(armature: bpy.types.Object) -> bool:
 
 
 def stop_following(armature: bpy.types.Object) -> bool:
-    """Take the constraints and the helper away again; returns whether there were any."""
+    """Remove the constraints and the helper; returns whether there were any."""
     helper: Any = _helper_of(armature)
     found = list(_constraints(armature))
     for bone, constraint in found:
@@ -134,7 +134,7 @@ def stop_following(armature: bpy.types.Object) -> bool:
 
 
 def refuse_inverse_kinematics(preset: str, goals: Sequence[object]) -> None:
-    """Raise a BodyError where a preset drives limbs by IK: their controls follow no bone of the source."""
+    """Raise a BodyError if a preset drives limbs by IK, whose controls correspond to no bone of the source."""
     if goals:
         raise BodyError(
             f"IK controls cannot follow live (preset {preset})", where="option Live", todo="choose a preset with FK"
@@ -195,7 +195,7 @@ def _helper(
 
 
 def _empty(scene: bpy.types.Scene, helper: bpy.types.Object, placement: Placement, shift: Array) -> bpy.types.Object:
-    """Return an empty whose space is the source's world where the target shall move in it, shifted."""
+    """Return an empty whose space places the source's world in the target's, with a shift."""
     empty = bpy.data.objects.new(f"{helper.name} space", None)
     empty.parent = helper
     _hide(scene, empty)

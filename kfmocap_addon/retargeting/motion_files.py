@@ -1,4 +1,4 @@
-"""Motion from files of other programs: BVH by the core's reader, FBX by Blender's importer."""
+"""Reading motion files: BVH with the core's reader, FBX with Blender's importer."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .source_motion import motion_of_armature
 
 
 def read_motion(path: Path, bones: BoneMap | None = None) -> tuple[SkeletonMotion, BoneMap | None]:
-    """Read a motion, and return the roles of its bones too, where they were looked for or given.
+    """Read a motion; returns the roles of its bones as well if they are given, or had to be found.
 
     An FBX file is imported into an empty file of Blender, which replaces the one that is open.
 
@@ -62,7 +62,7 @@ def last_line(error: Exception) -> str:
 
 @contextmanager
 def _lights_as_imported() -> Iterator[None]:
-    """Give lights the property that Blender 5.0 took from them, though its FBX importer still sets it."""
+    """Add the property to lights that Blender 5.0 removed, but which its FBX importer still sets."""
     light = bpy.data.lights.new("light", "POINT")
     settings = type(light.cycles) if hasattr(light, "cycles") else None
     bpy.data.lights.remove(light)
@@ -77,7 +77,7 @@ def _lights_as_imported() -> Iterator[None]:
 
 
 def _moving_human(path: Path, bones: BoneMap | None) -> bpy.types.Object:
-    """Return the armature of a file just imported that moves and is a human's."""
+    """Return the moving human armature of a file just imported."""
     moving = [o for o in bpy.data.objects if o.type == "ARMATURE" and o.animation_data and o.animation_data.action]
     if not moving:
         raise ShotError("it holds no skeleton that moves", where=str(path), todo="export it with its animation")

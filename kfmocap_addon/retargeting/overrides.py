@@ -1,4 +1,4 @@
-"""Linked characters: motion goes on a library override of them, made where there is none yet."""
+"""Library overrides of linked characters, which are needed to animate them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def editable(armature: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Ob
     Raises
     ------
     BodyError
-        Blender makes no override of it.
+        Blender cannot make an override of it.
     """
     if armature.library is None:
         return armature

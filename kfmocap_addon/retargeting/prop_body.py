@@ -1,4 +1,4 @@
-"""A mesh object, such as a prop, as a body of one part."""
+"""Using a mesh object, such as a prop, as a body of one part."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .skinned_body import use_as_body
 
 _LEAST = 8
 _RIGID = ("SUBSURF", "BEVEL", "MIRROR", "SOLIDIFY", "TRIANGULATE", "WEIGHTED_NORMAL", "EDGE_SPLIT", "ARRAY", "DECIMATE")
-"""Kinds of modifiers that change with no frame."""
+"""Kinds of modifiers that do not change over time."""
 
 
 def use_as_prop(current: bpy.types.Scene, mesh: bpy.types.Object) -> bpy.types.Object:
@@ -71,7 +71,7 @@ def use_as_prop(current: bpy.types.Scene, mesh: bpy.types.Object) -> bpy.types.O
 
 
 def _refuse_moved(mesh: bpy.types.Object) -> None:
-    """Raise a BodyError where a mesh is not moved by its own channels alone, or changes its shape."""
+    """Raise a BodyError if anything but its own channels moves a mesh, or if its shape changes."""
     holds = next((c for c in mesh.constraints if not c.mute and c.influence), None)
     shaped = next((m for m in mesh.modifiers if m.show_viewport and m.type not in _RIGID), None)
     what = ""

@@ -1,4 +1,4 @@
-"""Poses of a rig's controls as keys: every rotation mode, a new action or a layer over the old one."""
+"""Writing poses of a rig's controls as keys, in any rotation mode, into a new action or a layer over the old one."""
 
 from __future__ import annotations
 
@@ -41,15 +41,14 @@ class ControlChannel:
 
 @dataclass(frozen=True)
 class CurveOptions:
-    """How keys are written.
+    """Options for writing keys.
 
     Attributes
     ----------
     layer : bool
-        The action that is there stays below, as a strip of the NLA; else it only stays in the file.
+        Whether the present action is kept below the new one, as an NLA strip; if not, it is only kept in the file.
     angle, distance : float
-        How far rotations (radians) and places (metres) may stray for the sake of fewer keys; zeros keep one on every
-        frame.
+        Tolerances for leaving out keys, radians and metres; 0 keeps a key on every frame.
     """
 
     layer: bool = False
@@ -135,7 +134,7 @@ def _columns(channel: ControlChannel) -> Iterator[tuple[int, Array]]:
 
 
 def _make_room(armature: bpy.types.Object, layer: bool) -> None:
-    """Keep the action that is there, as a strip below or in the file, and let the new one be shown."""
+    """Keep the present action, as a strip below or in the file, and make way for the new one."""
     data = fcurves.own_animation(armature)
     fcurves.show_action(armature)
     if data.action is None:

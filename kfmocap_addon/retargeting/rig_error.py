@@ -1,4 +1,4 @@
-"""What a rig does with its new curves, measured: bones as Blender evaluates them against where they should be."""
+"""Measuring the errors of a rig with its new curves: its evaluated bones compared with where they should be."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ def measured_errors(
     Parameters
     ----------
     shown : sequence of str, length B
-        The bone that shows what each control has done.
+        The bone that shows the effect of each control.
     at_rest : tuple of ndarray, shapes (B, 3, 3) and (B, 3)
         Orientations and heads of those bones at rest.
     frames : ndarray of int, shape (F,)
         Scene frames of the poses.
     sample : ndarray of int
-        Which of them are looked at.
+        Indices of the frames that are compared.
     """
     now = scene.frame_current
     R_rest, heads = at_rest

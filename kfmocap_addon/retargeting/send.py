@@ -1,4 +1,4 @@
-"""Send to Rig: a motion onto an armature of the open file. The operator and the command line call the same function."""
+"""Send to Rig: putting a motion on an armature of the open file, for the operator and the command line."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _SAMPLE = 60  # frames on which the remaining error is measured
 
 @dataclass(frozen=True)
 class SendOptions:
-    """What to send, and how.
+    """Options of sending a motion to a rig.
 
     Attributes
     ----------
@@ -43,8 +43,8 @@ class SendOptions:
     retarget : RetargetOptions
     curves : CurveOptions
     live : LiveSource, optional
-        The character follows this armature by constraints, instead of getting keys: joint angles and the way of the
-        hips, without keeping feet and hands.
+        If given, the character follows this armature by constraints, instead of getting keys: only joint angles and the
+        path of the hips, without keeping feet and hands in place.
     planted : mapping of str to ndarray of bool, shape (F,), optional
         When points of the source's soles are planted, see `core.retargeting.foot_keeping.foot_paths`.
     """
@@ -75,7 +75,7 @@ def find_target(name: str | None, preset: str | None = None) -> bpy.types.Object
     Raises
     ------
     BodyError
-        There is none of that name, none at all, or several and no name is given; names them.
+        There is none with that name, none at all, or several without a name being given; names them.
     """
     overridden = [o.override_library.reference for o in bpy.data.objects if o.override_library]
     armatures = [o for o in bpy.data.objects if o.type == "ARMATURE" and o not in overridden]
@@ -119,7 +119,7 @@ def send_to_rig(
         The one that shows the armature.
     source : SkeletonMotion
     armature : bpy.types.Object
-        If it follows a source live, it stops to.
+        If it follows a source live, it stops following.
     frame_start : int
         Scene frame of the first pose.
     options : SendOptions
@@ -183,23 +183,23 @@ def send_to_rig(
 
 @dataclass(frozen=True, eq=False)
 class _Sent:
-    """A motion as the controls of a rig carry it.
+    """A motion on the controls of a rig.
 
     Attributes
     ----------
     bones : BoneMap
-        The controls, where the rig's bones follow some.
+        The rig's bones, or the controls that they follow.
     rig : ControlRig
     unsteady : tuple of str
         Controls that follow another one only in part.
     shown : list of str
-        The bones that show what each of the rig's controls has done.
+        The bones that show the effect of each of the rig's controls.
     standing : tuple of ndarray
         Their orientations and heads in the world at rest.
     result : Retargeted
     channels : list of ControlChannel
     holds, settings : dict
-        What the influence of constraints, and settings of the rig, were: by bone and name.
+        The previous influence of constraints, and settings of the rig, by bone and name.
     """
 
     bones: BoneMap
@@ -220,8 +220,8 @@ def _on_controls(
     asked: RetargetOptions,
     planted: Mapping[str, Bools] | None,
 ) -> _Sent:
-    """Bring a motion, with the roles of its bones, to a rig's controls; constraints and settings are in its way no
-    longer, unless there is an error.
+    """Transfer a motion, with the roles of its bones, to a rig's controls; constraints and settings that interfere are
+    changed, unless there is an error.
     """
     source, of_source = motion
     preset = preset_of(bones)
@@ -250,7 +250,7 @@ def _on_controls(
 
 
 def _refuse_lying(given: SkeletonMotion, upright: SkeletonMotion) -> None:
-    """Raise a BodyError where the source had to be turned upright: the character would follow it as it lies."""
+    """Raise a BodyError if the source had to be turned upright, as the character would follow it lying down."""
     if not np.array_equal(given.rest.heads, upright.rest.heads):
         raise BodyError(
             "it does not stand upright at rest: it cannot be followed live",
@@ -260,7 +260,7 @@ def _refuse_lying(given: SkeletonMotion, upright: SkeletonMotion) -> None:
 
 
 def _used(bones: BoneMap, of_source: BoneMap, options: RetargetOptions) -> BoneMap:
-    """Return the roles that the source has something to say about; all other bones stay as they are posed."""
+    """Return the roles for which the source has motion; all other bones stay as they are posed."""
     moving = set(of_source.bones) - {"root"}
     moving |= {"neck"} if "head" in moving else set()
     moving |= {"root"} if options.root == "root-bone" else set()
@@ -268,7 +268,7 @@ def _used(bones: BoneMap, of_source: BoneMap, options: RetargetOptions) -> BoneM
 
 
 def _resting_toes(bones: BoneMap, used: BoneMap) -> frozenset[str]:
-    """Sides whose feet have toes that the source says nothing of."""
+    """Return the sides whose feet have toes for which the source has no motion."""
     return frozenset(side for side in SIDES if f"toe.{side}" in bones.bones and f"toe.{side}" not in used.bones)
 
 
@@ -295,13 +295,13 @@ def control_channels(
 
 
 def _setting_channel(armature: bpy.types.Object, bone: str, key: str) -> ControlChannel:
-    """One key of a setting, so that the action brings it along."""
+    """Return a channel with one key of a setting, so that the action includes it."""
     value = np.array([[float(armature.pose.bones[bone][key])]])
     return ControlChannel(bone, fcurves.property_key(key), value)
 
 
 def _hold_channel(bone: str, constraint: str) -> ControlChannel:
-    """One key that takes a constraint's influence, so that the action brings it along."""
+    """Return a channel with one key that removes a constraint's influence, so that the action includes it."""
     return ControlChannel(bone, f"constraints{fcurves.property_key(constraint)}.influence", np.zeros((1, 1)))
 
 
@@ -332,7 +332,7 @@ def _report(
 
 
 def _standing_wrongly(armature: bpy.types.Object, rig: ControlRig) -> list[str]:
-    """Return what the rest pose of a rig shows: that it lies, or that its sides are exchanged."""
+    """Return warnings about the rest pose of a rig: that it lies down, or that its sides are exchanged."""
     found = []
     if not np.array_equal(upright_turn(rig.rest, rig.bones), np.eye(3)):
         found.append(

@@ -1,4 +1,4 @@
-"""Any armature as a body to track: one whose bones carry meshes, a skinned character, a generated Rigify rig."""
+"""Using an armature as a body to track: one whose bones carry meshes, a skinned character, or a control rig."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from .send import target_bones
 
 _PART_ROLES = ("hips", "spine", "neck", "head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")
 _LIMB_ROLES = ("head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")
-"""Parts of their own also where they are small, as on figures with large heads and short limbs."""
+"""Roles of bones that are separate parts even if small, as on figures with large heads and short limbs."""
 _FOLLOWS = 0.5
-"""Share of a control's rotation from which on a deforming bone is counted as its."""
+"""Least fraction of a control's rotation with which a deforming bone follows it."""
 _APART = 0.5
-"""Share of the deforming bones that hang on no other one from which on they hang on controls."""
+"""Fraction of deforming bones without a deforming parent from which they are taken to be parented to controls."""
 _STILL = 1e-5
-"""What keys of one channel may differ by where it stands still."""
+"""Largest difference between the keys of a channel that does not move."""
 _SCALED = 0.01
-"""Change of a bone's scale that is more than an importer's rounding."""
+"""Least change of a bone's scale that importers' rounding cannot explain."""
 
 
 def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.types.Object, tuple[str, ...]]:
-    """Make an armature a performer of the scene's shot; returns it, and what of it could not be used.
+    """Make an armature a performer of the scene's shot; returns it, and remarks on what could not be used.
 
-    A skinned character gets parts made of its skin. On a control rig they hang on the FK controls. Of a linked
-    character a library override is used.
+    The parts of a skinned character are made from its skin; on a control rig, they are parented to the FK controls. For
+    a linked character, a library override is used.
 
     Raises
     ------
@@ -162,7 +162,7 @@ def _carriers(armature: bpy.types.Object, controls: list[str]) -> dict[str, str]
 
 
 def _remarks(armature: bpy.types.Object) -> tuple[str, ...]:
-    """Free the top of the body to move; returns what is to be said of it, and of poses that cannot be followed."""
+    """Make the root of the body movable; returns remarks on that, and on poses that cannot be tracked."""
     parts = body_armature.body_bones(armature)
     names = {bone.name for bone in parts}
     carrying = {above.name for bone in parts for above in bone.parent_recursive} - names
@@ -225,12 +225,12 @@ def _limb_bones(armature: bpy.types.Object) -> BoneMap:
 
 
 def _limbs(bones: BoneMap) -> list[str]:
-    """Return the bones of a map that are parts however small they are."""
+    """Return the bones of a map that are separate parts even if small."""
     return [name for role, _, name in bones.items() if role.partition(".")[0] in _LIMB_ROLES]
 
 
 def _refuse_following(armature: bpy.types.Object, parts: tuple[str, ...], followed: dict[str, str]) -> None:
-    """Raise a BodyError where something else than its pose moves a part's bone."""
+    """Raise a BodyError if something other than its pose moves a part's bone."""
     held = [name for name in followed if name in parts]  # those with a constraint of their own come first
     for name in (*held, *parts):
         bone = armature.pose.bones[name]
@@ -251,7 +251,7 @@ def _refuse_following(armature: bpy.types.Object, parts: tuple[str, ...], follow
 
 
 def _remove(armature: bpy.types.Object, parts: tuple[str, ...]) -> None:
-    """Take the meshes of parts away again."""
+    """Remove the meshes of parts."""
     for name, meshes in part_meshes.meshes_by_bone(armature).items():
         for child in meshes if name in parts else ():
             mesh = child.data

@@ -1,4 +1,4 @@
-"""When the feet of a performer seem to be planted in its motion, and feet that are made to keep to it."""
+"""Detecting plants in a performer's motion, and cleaning up the feet accordingly."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ from .source_motion import motion_of_performer
 
 
 def find(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
-    """Find when heel and ball of a performer's feet seem to be planted; what tracking has tested and what the animator
-    has set stays.
+    """Detect when heel and ball of a performer's feet are planted; tested plants and the animator's corrections stay.
 
     Raises
     ------
@@ -47,9 +46,9 @@ def refresh(scene: bpy.types.Scene) -> None:
 
 
 def on_ground(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> dict[str, Bools] | None:
-    """Return when points of the soles are on the ground, on the frames of the shot: where they are shown to stand, and
-    where they seem to though the footage shows them creep, unless the animator says that they do not. None where nobody
-    has looked for plants.
+    """Return on which frames of the shot points of the soles are on the ground: when they are planted, and when they
+    seem planted although the footage shows them creep, unless the animator has corrected that. None before plants have
+    been found.
 
     Raises
     ------
@@ -82,7 +81,9 @@ def clean_feet(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
 
 
 def _seeming(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> dict[str, Bools]:
-    """When points of the soles seem to be planted in the motion; frames on which the tracker is unsure decide less."""
+    """Return when points of the soles seem planted in the motion; frames with large expected errors have less
+    weight.
+    """
     source, bones = prepared(motion_of_performer(scene, slot))
     deviation = bone_confidence.read_confidence(slot.armature, scene.kfmocap.frame_start, len(source))
     return {

@@ -1,4 +1,4 @@
-"""The motion of a tracked performer, or of any other armature, as retargeting reads it."""
+"""Reading the motion of a tracked performer, or of any other armature, for retargeting."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .send import shown_bone, target_bones
 
 
 def motion_of_performer(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> SkeletonMotion:
-    """Return what the curves of a performer show on the frames of the shot.
+    """Return the motion in a performer's curves on the frames of the shot.
 
     Raises
     ------
@@ -36,7 +36,7 @@ def motion_of_performer(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -
 
 
 def shown_bones(armature: bpy.types.Object, bones: BoneMap) -> dict[str, str]:
-    """Return the bone that shows what each bone of a map does, by its name."""
+    """Return for each bone of a map the bone that shows its motion."""
     follows = preset_of(bones).follows
     return {name: shown_bone(armature, follows, name) for name in bones.names()}
 
@@ -44,7 +44,7 @@ def shown_bones(armature: bpy.types.Object, bones: BoneMap) -> dict[str, str]:
 def motion_of_armature(
     scene: bpy.types.Scene, armature: bpy.types.Object, frames: tuple[int, int], bones: BoneMap | None = None
 ) -> tuple[SkeletonMotion, BoneMap]:
-    """Return what the bones of an armature do, as Blender shows it, and their roles.
+    """Return the evaluated motion of an armature's bones, and their roles.
 
     Parameters
     ----------
