@@ -34,6 +34,8 @@ MADE: Mapping[str, str] = MappingProxyType(
         "lunges": REPORTING,
         "waving_far": DECIDING,
         "picking_up_near": REPORTING,
+        "jump_spin": DECIDING,
+        "cartwheel": REPORTING,
     }
 )
 """The half that each rendered shot belongs to."""

@@ -78,7 +78,7 @@ def test_every_rendered_shot_belongs_to_the_half_it_was_made_for() -> None:
         return plan.half
 
     assert {name: half(plan) for name, plan in PLANS.items()} == dict(MADE)
-    assert sorted(MADE.values()) == [DECIDING] * 7 + [REPORTING] * 7
+    assert sorted(MADE.values()) == [DECIDING] * 8 + [REPORTING] * 8
 
 
 def test_shots_are_rendered_when_they_are_wanted_and_ones_own_decide(rendered: list[list[str]], tmp_path: Path) -> None:
@@ -107,14 +107,14 @@ def test_the_tables_tell_the_halves_apart(
 ) -> None:
     changed = ["--set", "estimate_smoothness = true", "--set", "joint_acceleration=100.0"]
     assert main(["bench", "--shots", *changed, "--out", str(tmp_path / "out")]) == 0
-    assert len(stand_in) == 2 * (13 * 3 + 2)
+    assert len(stand_in) == 2 * (15 * 3 + 2)
     assert stand_in[1].settings == (("estimate_smoothness", True), ("joint_acceleration", 100.0))
     lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in capsys.readouterr().out.splitlines()]
     assert ["deciding", "bow", "cam01+cam02", "30", "0 9 20", "12.0", "LWrist 24", "48.0", "-", "88", "10.0"] in lines
     assert ["reporting", "lunges", "cam01+cam02", "30", "none, keypoints",
             "24.0", "LWrist 48", "-", "36.0", "88", "10.0"] in lines  # fmt: skip
-    assert ["reporting", "key poses", "default", "7", "24.0", "0.50", "-", "88"] in lines
-    assert ["deciding", "key poses, keypoints", "changed", "7", "10.0", "0.21", "0.28", "88"] in lines
+    assert ["reporting", "key poses", "default", "8", "24.0", "0.50", "-", "88"] in lines
+    assert ["deciding", "key poses, keypoints", "changed", "8", "10.0", "0.21", "0.28", "88"] in lines
     assert (tmp_path / "out" / "bench.json").is_file()
 
 

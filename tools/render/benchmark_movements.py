@@ -194,3 +194,35 @@ PICK_UP = Movement(
     ),
     seed=14,
 )
+_LIMP_LEGS = {"knee.L": 8, "knee.R": 8, "flex.L": 4, "flex.R": 4}
+"""Both legs off the floor or about to leave it."""
+JUMP_SPIN = Movement(
+    _AT_REST | _LIMP_LEGS | {"heading": -120, "drop.L": 30, "drop.R": 30, "elbow.L": 15, "elbow.R": 15},
+    (
+        _phrase(0.05, 0.2, "swing", z=-0.16, twist=-35, flex_L=40, flex_R=40, knee_L=70, knee_R=70, bend=15),
+        _phrase(0.05, 0.2, "swing", ankle_L=30, ankle_R=30),
+        _phrase(0.24, 0.14, "strike", z=0.03, twist=10, flex_L=5, flex_R=5, knee_L=8, knee_R=8, bend=0),
+        _phrase(0.24, 0.14, "strike", ankle_L=0, ankle_R=0),
+        _phrase(0.36, 0.52, "flight", z=0.39),
+        _phrase(0.26, 0.7, "swing", heading=330, drop_L=70, drop_R=70, elbow_L=100, elbow_R=105),
+        _phrase(0.26, 0.7, "swing", swing_L=40, swing_R=40),
+        _phrase(0.40, 0.3, "there and back", flex_L=50, knee_L=80),
+        _phrase(0.88, 0.12, "snap", z=-0.14, flex_L=45, flex_R=38, knee_L=75, knee_R=65, bend=16),
+        _phrase(0.88, 0.12, "snap", drop_L=10, drop_R=10, elbow_L=20, elbow_R=20, ankle_L=30, ankle_R=27),
+        _phrase(1.0, 0.3, "settle", z=0.0, flex_L=5, flex_R=5, knee_L=8, knee_R=8, bend=2, ankle_L=0, ankle_R=0),
+    ),
+    free="LR",
+    seed=22,
+)
+CARTWHEEL = Movement(
+    _AT_REST | _LIMP_LEGS | {"heading": -90, "x": -0.85, "drop.L": 55, "drop.R": 55, "spread.L": 8, "spread.R": 8},
+    (
+        _phrase(0.05, 0.25, "swing", drop_L=-75, drop_R=-70, spread_L=30, z=-0.04),
+        _phrase(0.25, 0.95, "swing", roll=-360, x=0.9),
+        _phrase(0.3, 0.35, "swing", spread_L=58, spread_R=54, knee_R=3, knee_L=3, drop_R=-80, drop_L=-80, elbow_L=24, elbow_R=20, z=0.33),
+        _phrase(0.8, 0.35, "swing", spread_L=12, spread_R=14, z=-0.02, knee_L=14, knee_R=20),
+        _phrase(1.05, 0.3, "settle", drop_L=40, drop_R=45, knee_L=5, knee_R=5, z=0.0),
+    ),
+    free="LR",
+    seed=21,
+)

@@ -177,6 +177,10 @@ SHOTS = (
              ring(1, 4.3, 330, -85, 40, lens=_LENS), sensor=_SOFT),
     ShotPlan("picking_up_near", "reporting", Person(1.67, _LIKE_THE_FLOOR, _TALL, 1.0, 0.012), movements.PICK_UP, 30.0,
              (0, 17, 34, 51), ring(1, 2.9, 400, -95, 40, at=(0, -0.05, 0.8), lens=_LENS), sensor=_SOFT),
+    ShotPlan("jump_spin", "deciding", Person(1.75, _LIGHT, _SHORT), movements.JUMP_SPIN, 60.0,
+             (0, 12, 24, 36, 48, 60, 72, 83), ring(2, 4.2, 480, -130, 85, at=(0, 0, 1.05)), exposure=0.5, moments=4),
+    ShotPlan("cartwheel", "reporting", Person(1.65, SPORTS, _SLIM, 0.97), movements.CARTWHEEL, 60.0, (0, 28, 56, 83),
+             ring(3, 4.3, 470, -140, 75, at=(0, 0, 1.0)), exposure=0.5, moments=4),
 )  # fmt: skip
 """In pairs of like difficulty: of each the first decides and the second reports."""
 PLANS = {plan.name: plan for plan in SHOTS}
