@@ -219,7 +219,8 @@ CARTWHEEL = Movement(
     (
         _phrase(0.05, 0.25, "swing", drop_L=-75, drop_R=-70, spread_L=30, z=-0.04),
         _phrase(0.25, 0.95, "swing", roll=-360, x=0.9),
-        _phrase(0.3, 0.35, "swing", spread_L=58, spread_R=54, knee_R=3, knee_L=3, drop_R=-80, drop_L=-80, elbow_L=24, elbow_R=20, z=0.33),
+        _phrase(0.3, 0.35, "swing", spread_L=58, spread_R=54, knee_R=3, knee_L=3, z=0.33),
+        _phrase(0.3, 0.35, "swing", drop_R=-80, drop_L=-80, elbow_L=24, elbow_R=20),
         _phrase(0.8, 0.35, "swing", spread_L=12, spread_R=14, z=-0.02, knee_L=14, knee_R=20),
         _phrase(1.05, 0.3, "settle", drop_L=40, drop_R=45, knee_L=5, knee_R=5, z=0.0),
     ),
