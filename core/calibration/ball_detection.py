@@ -2,8 +2,8 @@
 
 A colour filter finds blobs; rays from a blob's middle then cross its edge, where ball and background mix in linear
 light. The place of the edge on every ray follows from how much of each is there, however the ball is shaded, and an
-ellipse through these places is the ball's outline. What is no ellipse is no ball. Balls that are too small for that are
-measured in `core.calibration.small_balls`.
+ellipse through these places is the ball's outline. Outlines that are not ellipses are rejected. Balls that are too
+small for that are measured in `core.calibration.small_balls`.
 """
 
 from __future__ import annotations
@@ -50,7 +50,15 @@ _LEAST_CHANGE, _SURE_CHANGE = 8.0, 5.0  # of what passes from the background: le
 
 @dataclass(frozen=True)
 class _Tolerance:
-    """What still is a ball: share of its outline that agrees; deviation of that, pixels and a share of its radius."""
+    """What is accepted as a ball.
+
+    Attributes
+    ----------
+    coverage : float
+        Least share of the outline that agrees with the fit.
+    noise, roundness : float
+        Largest deviation of that part from the fit, root mean square: pixels, plus a share of the radius.
+    """
 
     coverage: float
     noise: float
@@ -88,12 +96,12 @@ class Balls:
 
     @property
     def semi_axes(self) -> Array:
-        """Major and minor, shape (n, 2), pixels."""
+        """Return the major and minor semi-axes of the outlines, shape (n, 2), pixels."""
         return np.linalg.eigvalsh(self.shapes)[:, ::-1]
 
     @classmethod
     def joined(cls, balls: Sequence[Balls]) -> Balls:
-        """Several sets of balls as one."""
+        """Return several sets of balls as one."""
         if not balls:
             return cls(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0))
         return cls(*(np.concatenate([getattr(b, item.name) for b in balls]) for item in fields(cls)))
@@ -120,13 +128,16 @@ class Picture:
 
     @classmethod
     def of(cls, image: Image, background: Image | None = None) -> Picture:
-        """From blue, green and red, uint8, shape (h, w, 3); see `background_of`."""
+        """Return the picture of an image in blue, green and red, uint8, shape (h, w, 3).
+
+        `background` is that of a stationary camera, by `background_of`.
+        """
         even = cv2.GaussianBlur(image, (0, 0), _EVEN)
         return cls(even, to_hsv(image), None if background is None else to_hsv(_brought_out(even, background)))
 
 
 def background_of(images: Sequence[Image]) -> Image:
-    """Return what some pictures of a camera that stands show behind all that moves, as `Picture.of` takes it."""
+    """Return the background of a stationary camera, the median of some of its pictures, as `Picture.of` takes it."""
     return cv2.GaussianBlur(np.median(images, axis=0).astype(np.uint8), (0, 0), _EVEN)
 
 
@@ -147,7 +158,7 @@ def _brought_out(even: Image, background: Image) -> Image:
 
 
 def find_balls(picture: Picture, colour: Colour) -> Balls:
-    """All balls of a colour in a picture, the largest first."""
+    """Return all balls of a colour in a picture, the largest first."""
     image, coloured = picture.even, colour.mask(picture.hsv)
     mask = cv2.morphologyEx(coloured, cv2.MORPH_OPEN, _SPECKS)
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
@@ -165,7 +176,7 @@ def find_balls(picture: Picture, colour: Colour) -> Balls:
 
 
 def find_spots(picture: Picture, colour: Colour, most: int) -> Balls:
-    """Small balls of a colour, also before a room in its range: those that stand out most first."""
+    """Return at most `most` small balls of a colour, the most conspicuous first, even in a room with that colour."""
     pure = colour.pure()
     if pure is None:
         return Balls.joined([])
@@ -187,7 +198,7 @@ def _within_others(balls: Balls, others: Balls) -> NDArray[np.bool_]:
 def without_rods(
     picture: Picture, balls: Balls, ends: Array, *, still: bool = False
 ) -> tuple[Balls, NDArray[np.bool_]]:
-    """Balls measured again without the parts of their outlines that rods hide.
+    """Measure balls again without the parts of their outlines that rods hide.
 
     Parameters
     ----------
@@ -202,7 +213,7 @@ def without_rods(
     -------
     balls : Balls
     good : ndarray of bool, shape (n,)
-        Which are balls indeed.
+        Which of them are still accepted as balls.
     """
     ways = ends - balls.centres[:, None]
     ways = ways / np.maximum(np.linalg.norm(ways, axis=-1, keepdims=True), 1e-9)
@@ -332,7 +343,7 @@ def _outline_fit(image: Image, balls: Balls, hidden: NDArray[np.bool_], nearest:
 
 
 def _centre_variance(weights: Array, terms: int) -> Array:
-    """Variance of a centre's coordinates for rays of unit variance and these weights, shape (n,)."""
+    """Return the variance of a centre's coordinates for rays of unit variance and these weights, shape (n,)."""
     basis = _BASIS[:, :terms]
     N = np.einsum("nk,ki,kj->nij", weights, basis, basis) + 1e-6 * np.eye(terms)
     return np.asarray(np.trace(np.linalg.inv(N)[:, 1:3, 1:3], axis1=1, axis2=2) / 2)
@@ -350,7 +361,7 @@ def _robust_fit(A: Array, b: Array, usable: NDArray[np.bool_]) -> tuple[Array, A
 
 
 def _median_of(values: Array, usable: NDArray[np.bool_]) -> Array:
-    """Median of the usable values of every row; 0 where there are none."""
+    """Return the median of the usable values of every row; 0 where there are none."""
     ordered = np.sort(np.where(usable, values, np.inf), axis=1)
     middle = np.maximum(usable.sum(axis=1) - 1, 0) // 2
     medians = ordered[np.arange(len(values)), middle]
@@ -358,25 +369,25 @@ def _median_of(values: Array, usable: NDArray[np.bool_]) -> Array:
 
 
 def _least_squares(A: Array, b: Array, weights: Array) -> Array:
-    """Solutions (n, m) of n weighted systems (n, rays, m)."""
+    """Return the solutions (n, m) of n weighted systems (n, rays, m)."""
     weighted = np.swapaxes(A * weights[..., None], 1, 2)
     return np.linalg.solve(weighted @ A + 1e-9 * np.eye(A.shape[-1]), weighted @ b[..., None])[..., 0]
 
 
 def _within(image: Image, places: Array) -> NDArray[np.bool_]:
-    """Whether rays (n, K, S, 2) stay in the picture."""
+    """Return whether rays (n, K, S, 2) stay in the picture."""
     return np.asarray(((places >= 0) & (places <= np.array(image.shape[1::-1]) - 1)).all(axis=(-1, -2)))
 
 
 def _light(image: Image, places: Array) -> Array:
-    """Linear light at places (..., 2) of the picture, shape (..., 3)."""
+    """Return the linear light at places (..., 2) of the picture, shape (..., 3)."""
     u, v = np.moveaxis(places.reshape(-1, places.shape[-2], 2).astype(np.float32), -1, 0)
     levels = cv2.remap(image, u.copy(), v.copy(), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(_LIGHT[levels].reshape(*places.shape[:-1], 3))
 
 
 def _inside_share(light: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Share of the ball's colour along rays from its inside outwards, and the rays on which it is defined.
+    """Return the share of the ball's colour along rays from its inside outwards, and the rays on which it is defined.
 
     A colour c is a mixture of the ball's, f, at a ray's inner end and the background's, g, at its outer end: c = x f +
     y g. Shading scales x, light and dark spots scale y: x / (x + y) is nearly free of both.

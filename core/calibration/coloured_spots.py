@@ -1,9 +1,10 @@
 """Small spots that are more of a colour than what lies around them, ranked.
 
-A range of colours tells a small ball from a room only where the room has none of them: before brown boards in warm
-light, half the floor is in the range of red. But a ball is a spot, redder than the boards on every side of it, and a
-book is so on two sides alone. So spots are ranked by how much more they are of the colour in the direction in which
-they are so least, and the best are measured as small balls.
+A range of colours separates a small ball from the room only if nothing in the room has such colours: with brown boards
+in warm light, half the floor is in the range of red. But a ball is a spot that is redder than the boards on every side
+of it, whereas the edge of a book is redder than its surroundings on two sides only. So spots are ranked by how much
+their colour exceeds that of the surroundings in the direction in which it does so least, and the best are measured as
+small balls.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ _SAME = 2.0  # pixels within which two spots are one
 
 
 def coloured_spots(image: Image, light: Array, coloured: Image, pure: Array, *, most: int) -> SmallBalls:
-    """Return the small balls among the spots of a colour, those that stand out most first.
+    """Return the small balls among the spots of a colour, the most conspicuous first.
 
     Parameters
     ----------

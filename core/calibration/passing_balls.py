@@ -1,10 +1,10 @@
-"""Small balls that pass before a background that is known, brought out by a matched filter.
+"""Small moving balls in front of a known background, found by a matched filter.
 
 A small ball that moves while the shutter is open shares every pixel with the background, and in dim light the noise of
 a pixel is as large as what the ball adds to it. But a camera that stands still shows its background on the other
-frames, and the colour of a ball that was seen clearly once is known. So what a frame adds to the background, in
-deviations of the footage's own noise, is compared with what such a ball would add, over the area of a ball. What goes
-another way, an arm, a rod or a shadow, counts against it.
+frames, and the colour of a ball that was seen clearly once is known. So the difference of a frame from the background,
+in standard deviations of the footage's own noise, is compared with the difference that such a ball would make, over the
+area of a ball. Differences of another colour, as an arm, a rod or a shadow makes them, count against it.
 """
 
 from __future__ import annotations
@@ -86,14 +86,14 @@ class Backdrop:
 
     @classmethod
     def of(cls, evened: Sequence[Image], background: Image) -> Backdrop:
-        """From some frames of a video, evened, and their median; all uint8, shape (h, w, 3)."""
+        """Return the backdrop of some frames as `Picture.even` and of their median, all uint8, shape (h, w, 3)."""
         found = cls(background.astype(np.float32) / 255, np.ones(3, np.float32))
         apart = [np.median(np.abs(found.frame(even).added), axis=(0, 1)) for even in evened]
         noise = np.maximum(NORMAL_MAD * np.median(apart, axis=0), _LEAST_NOISE)
         return replace(found, noise=noise.astype(np.float32))
 
     def passes(self, ball: BallSample) -> bool:
-        """Whether a ball is not of the background itself."""
+        """Return whether a ball differs from the background, so that it is not a part of it."""
         u, v = np.round(ball.centre).astype(int)
         return bool(np.abs(ball.even[v, u] / 255 - self.levels[v, u]).max() > _LEAST * self.noise.max())
 
@@ -105,7 +105,7 @@ class Backdrop:
         return np.asarray(np.maximum(behind + (own - behind) / share, 0.0))
 
     def frame(self, even: Image) -> PassingFrame:
-        """Return a frame that was evened, uint8, shape (h, w, 3), compared with the background."""
+        """Return a frame as `Picture.even`, uint8, shape (h, w, 3), compared with the background."""
         gain = self._gain(even)
         added = (even.astype(np.float32) / 255 - gain * self.levels) / self.noise
         return PassingFrame(even, gain, added)
@@ -121,16 +121,16 @@ class Backdrop:
 
 @dataclass(frozen=True, eq=False)
 class PassingFrame:
-    """A frame, and what it adds to its background.
+    """A frame and its difference from the background.
 
     Attributes
     ----------
     even : ndarray of uint8, shape (h, w, 3)
         See `Picture.even`.
     gain : ndarray of float32, shape (3,)
-        How much lighter it is as a whole, by colour: a camera may set its exposure anew.
+        Factor by which it is lighter as a whole, by colour: a camera may change its exposure.
     added : ndarray of float32, shape (h, w, 3)
-        Its difference from the background, in deviations.
+        Its difference from the background, in standard deviations of the noise.
     """
 
     even: Image
@@ -139,7 +139,7 @@ class PassingFrame:
 
     @cached_property
     def smooth(self) -> Image:
-        """What it adds over the area of a ball."""
+        """Return the difference from the background, smoothed over the area of a ball."""
         return np.asarray(cv2.GaussianBlur(self.added, (0, 0), _FILTER))
 
 
@@ -153,12 +153,13 @@ class PassingBalls:
     light : ndarray, shape (3,)
         The ball's colour in linear light.
     way, aside : ndarray of float32, shape (h, w, 3)
-        Unit vectors, in deviations: which way a ball takes each pixel from the background, besides making it lighter or
-        darker, as rods and shadows do, too; and the way that is neither.
+        Unit vectors in the colours, scaled by the noise: the direction in which a ball changes each pixel of the
+        background, apart from making it lighter or darker, as rods and shadows do, too; and the direction perpendicular
+        to both.
     threshold : float
-        The least peak, in deviations of the filter's own noise.
+        The least peak, in standard deviations of the filter's own noise.
     size : float
-        How many times as large balls are as the colour that they add says.
+        Ratio of the balls' size to the size that the amount of their colour suggests.
     """
 
     backdrop: Backdrop
@@ -201,7 +202,7 @@ class PassingBalls:
         return replace(found, threshold=threshold, size=float(np.median(sizes or [1.0])))
 
     def find(self, frame: PassingFrame) -> SmallBalls:
-        """Return the small balls that pass, the surest first."""
+        """Return the small moving balls of a frame, the most certain first."""
         places = self._peaks(frame, self.threshold)[1]
         found: list[tuple[Array, Array, float]] = []
         for place in places[:_MOST]:
@@ -213,7 +214,7 @@ class PassingBalls:
         return SmallBalls.of(found)
 
     def _peaks(self, frame: PassingFrame, least: float) -> tuple[Array, NDArray[np.int64]]:
-        """Heights of the filter's peaks, decreasing, in deviations of its own noise, and their pixels (v, u)."""
+        """Return the heights of the filter's peaks, decreasing, in deviations of its noise, and their pixels (v, u)."""
         along = np.einsum("vuc,vuc->vu", frame.smooth, self.way)
         across = np.einsum("vuc,vuc->vu", frame.smooth, self.aside)
         noise = max(NORMAL_MAD * float(np.median(np.abs(along))), 1e-6)
@@ -225,7 +226,7 @@ class PassingBalls:
         return heights[order], places[order]
 
     def _measured(self, frame: PassingFrame, place: NDArray[np.int64]) -> tuple[Array, Array, float] | None:
-        """Centre, shape and deviation of the ball at a peak; None where it is none."""
+        """Return the centre, shape and standard deviation of the ball at a peak; None if there is no ball."""
         size = np.array(frame.even.shape[:2])
         if (place < _EDGE).any() or (place >= size - _EDGE).any():
             return None
@@ -272,7 +273,7 @@ def _unit(vectors: Array) -> Array:
 
 
 def _beside(vectors: Array, ways: Array) -> Array:
-    """Return what of vectors is square to unit vectors."""
+    """Return the components of vectors that are perpendicular to unit vectors."""
     return vectors - np.sum(vectors * ways, axis=-1, keepdims=True) * ways
 
 

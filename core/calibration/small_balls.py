@@ -21,9 +21,9 @@ from ..numerics.arrays import Array, Bools
 Image = NDArray[Any]
 
 LARGEST_SMALL = 3.0
-"""Radius from which on a ball has an outline to measure, pixels."""
+"""Radius from which a ball's outline is measured instead, pixels."""
 BLUR_SHARE = 0.35
-"""Share of how much longer than wide a ball is by which its centre may be off along it."""
+"""Standard deviation of a moving ball's centre, as a share of the difference of its image's semi-axes."""
 LONGEST = 3.0
 """Length over width of a ball that moves: a blur of twice the diameter."""
 _FEWEST, _MOST_PIXELS = 3, 80  # of a blob
@@ -54,7 +54,7 @@ _CROWDED = 0.35  # share of a blob's colour that may lie around it
 
 @dataclass(frozen=True, eq=False)
 class SmallBalls:
-    """What was measured of small blobs.
+    """Small balls, as measured.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class SmallBalls:
 
     @classmethod
     def of(cls, found: Sequence[tuple[Array, Array, float]]) -> SmallBalls:
-        """From the centre, shape and deviation of each."""
+        """Return the balls of a centre, a shape and a standard deviation each."""
         if not found:
             return cls(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0))
         return cls(*(np.array(column, float) for column in zip(*found, strict=True)))
@@ -120,9 +120,9 @@ def find_small_balls(image: Image, light: Array, masks: Sequence[Image]) -> Smal
 
 
 def measure_small_ball(image: Image, light: Array, place: Array) -> tuple[Array, Array, float] | None:
-    """Centre, shape and deviation of a small ball near a place (2,) where its colour is brightest; None for no ball.
+    """Return the centre, shape and standard deviation of a small ball near a place (2,), pixels; None if there is none.
 
-    As `find_small_balls`, but needs no range of colours: what lies some pixels away is the background.
+    As `find_small_balls`, but without a range of colours: the pixels some distance away are the background.
     """
     size = image.shape[1::-1]
     corner = np.round(place).astype(int) - _HALF_WINDOW
@@ -148,7 +148,7 @@ def _window(size: tuple[int, ...], box: Sequence[int]) -> tuple[slice, slice] | 
 
 
 def _measured(light: Array, blob: Bools, coloured: Bools) -> tuple[Array, Array, float] | None:
-    """Centre, shape and deviation of one blob in its window; None where it is no ball."""
+    """Return the centre, shape and standard deviation of one blob in its window; None if it is not a ball."""
     share = _share_of_ball(light, blob, coloured)
     if share is None:
         return None
@@ -219,7 +219,7 @@ def _share_of_ball(light: Array, blob: Bools, coloured: Bools) -> Array | None:
 def without_rod(
     image: Image, light: Array, ball: tuple[Array, Array], ways: Array, *, still: bool
 ) -> tuple[Array, Array, float] | None:
-    """Measure a small ball again by what rods cannot hide of it.
+    """Measure a small ball again by the part of it that rods cannot hide.
 
     A disc that is swept along the ball's path and blurred is fitted to the shares of its colour, in all pixels that do
     not lie where a rod leaves the ball.
@@ -285,7 +285,7 @@ def without_rod(
 
 
 def _swept_disc(places: Array, x: Array) -> Array:
-    """Share of a blurred disc of radius x[2] around x[:2], swept along x[3:], at places (n, 2)."""
+    """Return the share of a blurred disc of radius x[2] around x[:2], swept along x[3:], at places (n, 2)."""
     off, path = places - x[:2], x[3:]
     squared = float(path @ path)
     along = np.clip(off @ path / squared, -0.5, 0.5) if squared > 1e-12 else np.zeros(len(off))
