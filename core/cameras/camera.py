@@ -58,7 +58,29 @@ class Camera:
         distortions: ArrayLike = (0.0, 0.0, 0.0, 0.0),
         fisheye: bool = False,
     ) -> Camera:
-        """Build a camera from array-likes; with one pose it is fixed, with several they are one per shot frame."""
+        """Build a camera from array-likes.
+
+        Parameters
+        ----------
+        name : str
+        size : tuple of int
+            Width and height, pixels.
+        matrix : array-like, shape (3, 3)
+            Pixels; the focal lengths are positive.
+        R_cam_world : array-like, shape (3, 3) or (F, 3, 3)
+            Rotation from world to camera axes: one of a fixed camera, or one per shot frame.
+        t_cam_world : array-like, shape (3,) or (F, 3)
+            The world's origin in camera axes, metres.
+        distortions : array-like, shape (k,)
+            OpenCV's coefficients.
+        fisheye : bool
+            The coefficients are those of OpenCV's fisheye model.
+
+        Raises
+        ------
+        CalibrationError
+            Shapes or values that are not a camera's.
+        """
         R = np.asarray(R_cam_world, float).reshape(-1, 3, 3)
         t = np.asarray(t_cam_world, float).reshape(-1, 3)
         if len(R) != len(t):

@@ -71,8 +71,21 @@ class StillPartsCache:
     def drawn(
         self, view: ViewFrames, geometry: Geometry, poses: Poses, parts: Ints, *, stride: int, first: int
     ) -> StillEvidence:
-        """Return the evidence of some parts on consecutive shot frames from `first` on; poses are those of all
-        parts.
+        """Return the evidence of some parts on F consecutive shot frames.
+
+        Parameters
+        ----------
+        view : ViewFrames
+        geometry : Geometry
+            Of all P parts.
+        poses : tuple of ndarray, shapes (F, P, 3, 3) and (F, P, 3)
+            World poses of all parts, metres.
+        parts : ndarray of int
+            Indices of the parts that are drawn.
+        stride : int
+            Every stride-th pixel of each row and column is drawn.
+        first : int
+            The first shot frame.
         """
         count = len(poses[0])
         own = tuple(a[:, parts] for a in poses)

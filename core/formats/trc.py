@@ -108,7 +108,17 @@ def _row(line: str, count: int, where: str) -> list[float]:
 
 
 def write_trc(path: Path | str, names: Sequence[str], points_world: Array, fps: float) -> None:
-    """Write landmarks, shape (F, L, 3), metres, NaN where not seen, as a TRC file.
+    """Write landmarks as a TRC file.
+
+    Parameters
+    ----------
+    path : Path or str
+    names : sequence of str
+        Of the L landmarks.
+    points_world : ndarray, shape (F, L, 3)
+        Metres; NaN where a landmark was not seen.
+    fps : float
+        Frames per second.
 
     Raises
     ------

@@ -130,6 +130,22 @@ def detections_of(
 
     A track may change from one person to another where they meet. Therefore, once people are located, every frame is
     decided by itself.
+
+    Parameters
+    ----------
+    detections : sequence of ViewDetections
+        One per view.
+    empty : Keypoints
+        Keypoints on F frames of which none is found; they carry the names and the cameras.
+    people : sequence of Person
+        As located.
+    fps : float
+        Frames per second.
+
+    Returns
+    -------
+    list of list of Track
+        One list per person.
     """
     scene = _Scene.of(detections, empty)
     places = [_filled_in(person.places, round(GAP * fps)) for person in people]

@@ -81,6 +81,16 @@ def detection_tracks(names: Sequence[str], found: ViewDetections, view: int, fps
     """Link the detections of a view from frame to frame with the least total movement (Hungarian method).
 
     Where two people are so close to each other that it is unclear who is who, their tracks end.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the keypoints.
+    found : ViewDetections
+    view : int
+        Index of the view, as the tracks are to state it.
+    fps : float
+        Frames per second.
     """
     _, points = without_sides(names, found.rays)
     open_tracks: list[list[int]] = []

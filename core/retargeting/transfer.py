@@ -97,8 +97,17 @@ def hip_centre(rest: RestSkeleton, bones: BoneMap) -> Array:
 
 
 def place(source: SkeletonMotion, of_source: BoneMap, rig: ControlRig, scale: float | None = None) -> Placement:
-    """Return the placement with the target's first pose above the source's, both on the ground, at the target's
-    size.
+    """Return the placement that puts the target's first pose where the source's is, both on the ground.
+
+    Parameters
+    ----------
+    source : SkeletonMotion
+    of_source : BoneMap
+        Its bones.
+    rig : ControlRig
+        The target.
+    scale : float, optional
+        Metres of the target per unit of the source; by default the ratio of their legs' lengths.
     """
     ratio = scale
     legs = leg_length(rig.rest, rig.bones) / leg_length(source.rest, of_source)

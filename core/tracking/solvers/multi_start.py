@@ -281,10 +281,21 @@ def look_for_limbs(
     *,
     noise: SegmentNoise | None = None,
 ) -> SegmentSolution:
-    """Make one round of the search for limbs around motions, F poses per performer, and solve from what it finds.
+    """Make one round of the search for limbs, and solve from the poses that it finds.
 
-    `around` is the problem with the degrees of freedom fixed that must not follow misplaced limbs; the first iterations
-    use it, the last ones use `problem`. The seed selects the random poses.
+    Parameters
+    ----------
+    problem : SegmentProblem
+        Used by the last iterations.
+    around : SegmentProblem
+        The same with those degrees of freedom fixed that must not follow misplaced limbs; used by the first iterations.
+    motions : sequence of Motion
+        F poses per performer, around which limbs are searched for.
+    seed : int
+        Selects the random poses.
+    workspace : Workspace
+    noise : SegmentNoise, optional
+        Of the measurements in the last iterations; by default as measured at their start.
     """
     begin = found_limbs(problem, motions, seed, workspace.part(0.0, 0.6))
     settled, *_ = approach(around, begin, workspace.part(0.6, 0.8), SETTLING)
