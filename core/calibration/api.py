@@ -17,13 +17,13 @@ from ..shot.footage_times import video_rate
 from .calibration_result import CalibrationResult
 from .clocks import Clocks
 from .findings import LFRAME_NOT_SEEN, Finding, interlaced, lframe_missed, rate_varies
-from .remeasure import remeasured
+from .remeasure import remeasured, with_lframes_remeasured
 from .resync import known_camera, synchronise
 from .video_markers import VideoMarkers, find_all, find_wand
 from .wand_calibration import solve_capture
 
-_SEEING, _MEASURED = 0.6, 0.9
-"""Fractions of the work after which markers are found, and small ones measured again."""
+_SEEING, _MEASURED, _ALMOST = 0.6, 0.9, 0.95
+"""Fractions of the work after which markers are found, small ones measured again, and cameras solved from these."""
 
 
 def calibrate(
@@ -32,7 +32,8 @@ def calibrate(
     """Find the markers, if they are given as videos, and solve for the cameras.
 
     The first solution is used to correct the markers: the position of a ball's centre within its outline depends on the
-    camera, and small balls are measured again where they are expected. Then the cameras are solved a second time.
+    camera, and small balls are measured again where they are expected. Then the cameras are solved a second time, and,
+    if balls are small, a third time after the L-frame's balls were measured with the second solution.
 
     Parameters
     ----------
@@ -55,9 +56,20 @@ def calibrate(
     doubtful = list(_doubtful(found))
     first = _first(found, doubtful, share(progress, _SEEING, middle), drift=drift)
     found = remeasured(found.with_lframes_identified(first), first, share(progress, middle, _MEASURED))
-    solution = solve_capture(found.capture(first.cameras), share(progress, _MEASURED, 1.0), drift=drift)
+    solution = solve_capture(found.capture(first.cameras), share(progress, _MEASURED, _ALMOST), drift=drift)
+    solution = _with_lframe_remeasured(found, solution, share(progress, _ALMOST, 1.0), drift=drift)
     missed = tuple(lframe_missed(camera) for camera in found.without_lframe())
     return replace(solution, findings=(*solution.findings, *doubtful, *missed))
+
+
+def _with_lframe_remeasured(
+    found: VideoMarkers, solution: CalibrationResult, progress: Progress | None, *, drift: bool
+) -> CalibrationResult:
+    """Solved with small balls of the L-frame as they are measured by a solution; that itself where there are none."""
+    if not any(view.background is not None and len(view.lframe.markers) for view in found.views):
+        return solution
+    found = with_lframes_remeasured(found, solution)
+    return solve_capture(found.capture(solution.cameras), progress, drift=drift)
 
 
 def _doubtful(found: VideoMarkers) -> Iterator[Finding]:

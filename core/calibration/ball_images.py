@@ -9,7 +9,7 @@ by the lens in linear light, and again, after the gamma curve, by colour subsamp
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -52,6 +52,7 @@ _COMPARED = np.array([_BRIGHTNESS, _COLOURS, _COLOURS])[:, None] * [
 _PIXEL_SIGMA = 0.02  # of what the model leaves, levels from 0 to 1
 _ROBUST = 3.0  # scale of the kernel, in standard deviations
 _SHARED = 2.0  # blurred pixels share what they show: so many count as one
+_ALIKE = 0.1  # standard deviation of how balls of one view look, about what they have in common
 _ITERATIONS = 10  # at most
 _SETTLED = 3e-3  # pixels
 _DARKEST = 1e-4  # linear light
@@ -61,6 +62,39 @@ _FLOOR = 0.03  # standard deviation that the best of images leaves, pixels
 _ROD_SIGMA = 0.1  # what the shape of a rod where it meets the ball adds along the rod, pixels
 _ROD_SHARE = 0.2  # and as a share of the path: a rod turns while the shutter is open
 _PATH_SHARE = 0.03  # of the path: its speed need not be even
+
+
+@dataclass(frozen=True, eq=False)
+class BallLooks:
+    """How a ball and its rods look in one view: the balls of an L-frame have this in common.
+
+    Attributes
+    ----------
+    light : ndarray, shape (3,)
+        The ball's colour, logarithms of linear light.
+    shade : ndarray, shape (2,)
+        How much brighter than in its middle it is at the outline, to the right and below, as a share.
+    width : float
+        Half the rods' width, as a share of the ball's radius.
+    rod_light : ndarray, shape (3,)
+        The rods' colour, logarithms of linear light; NaN where no rod is seen, and so is their width.
+    """
+
+    light: Array
+    shade: Array
+    width: float
+    rod_light: Array
+
+    @classmethod
+    def common(cls, several: Sequence[BallLooks]) -> BallLooks:
+        """What some balls have in common: the median of each number."""
+        with_rods = [own for own in several if np.isfinite(own.width)] or several[:1]
+        return cls(
+            np.median([own.light for own in several], axis=0),
+            np.median([own.shade for own in several], axis=0),
+            float(np.median([own.width for own in with_rods])),
+            np.median([own.rod_light for own in with_rods], axis=0),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +120,8 @@ class BallGuess:
         camera hides a part of the ball; one that leads away, from 1 on, is hidden by it.
     light : ndarray, shape (3,), optional
         Its colour in linear light, if it is known.
+    looks : BallLooks, optional
+        How it and its rods look, if other balls of the same view have told.
     """
 
     centre: Array
@@ -96,6 +132,7 @@ class BallGuess:
     rods: Array = field(default_factory=lambda: np.zeros((0, 2)))
     starts: Array = field(default_factory=lambda: np.zeros(0))
     light: Array | None = None
+    looks: BallLooks | None = None
 
     @property
     def reach(self) -> float:
@@ -115,8 +152,7 @@ class BallImage:
         Pixels.
     path : ndarray, shape (2,)
         How far it moved during the exposure, pixels.
-    light : ndarray, shape (3,)
-        Its colour in linear light.
+    looks : BallLooks
     sigma : float
         Standard deviation of each coordinate of the centre, pixels.
     elongation : ndarray, shape (2,)
@@ -128,10 +164,15 @@ class BallImage:
     centre: Array
     radius: float
     path: Array
-    light: Array
+    looks: BallLooks
     sigma: float
     elongation: Array
     explained: float
+
+    @property
+    def light(self) -> Array:
+        """Its colour in linear light, shape (3,)."""
+        return np.exp(self.looks.light)
 
 
 def linear(levels: Array) -> Array:
@@ -186,7 +227,12 @@ def fit_ball(image: Image, plate: Array | None, guess: BallGuess) -> BallImage |
         x[_CENTRE],
         float(x[_RADIUS]),
         x[_PATH],
-        np.exp(x[_LIGHT]),
+        BallLooks(
+            x[_LIGHT],
+            x[_SHADE],
+            float(x[_WIDTH] / x[_RADIUS]) if free[_WIDTH] else np.nan,
+            np.where(free[_ROD_LIGHT], x[_ROD_LIGHT], np.nan),
+        ),
         float(np.sqrt((least + most) / 2)),
         (most - least) / (most + least) * ways[:, 1],
         1 - left / max(whole, 1e-12),
@@ -207,6 +253,12 @@ def _start(window: _Window, guess: BallGuess) -> tuple[Array, Array, Bools]:
     start[_WIDTH], sigma[_WIDTH] = 0.3 * guess.radius, 0.1 * guess.radius
     start[_ROD_LIGHT] = np.log(0.05)
     start[_STARTS][:rods], sigma[_STARTS] = guess.starts, 0.25
+    if guess.looks is not None:
+        start[_LIGHT], sigma[_LIGHT] = guess.looks.light, _ALIKE
+        start[_SHADE], sigma[_SHADE] = guess.looks.shade, _ALIKE
+        if rods and np.isfinite(guess.looks.width):
+            start[_WIDTH], sigma[_WIDTH] = guess.looks.width * guess.radius, _ALIKE * guess.radius
+            start[_ROD_LIGHT], sigma[_ROD_LIGHT] = guess.looks.rod_light, _ALIKE
     free = np.ones(_UNKNOWNS, bool)
     free[_PATH] = length > 0
     free[_WIDTH] = free[_ROD_LIGHT] = rods > 0

@@ -18,7 +18,7 @@ from ..capture.capture import LFRAME_BALLS, Markers
 from ..numerics.arrays import Array, Bools
 from ..runtime.progress import Progress, report_progress, share
 from ..shot.footage import pictures
-from .ball_images import BallGuess, BallImage, fit_ball
+from .ball_images import BallGuess, BallImage, BallLooks, fit_ball
 from .calibration_result import CalibrationResult
 from .camera_rig import Rig, Wand
 from .lframe_markers import ARMS, SeenBalls, still_picture
@@ -71,6 +71,28 @@ def remeasured(found: VideoMarkers, solution: CalibrationResult, progress: Progr
         report_progress(part, f"{view.videos.camera}: small balls", 0.0)
         seen = _View.create(found, solution, c)
         views.append(seen.measured(part) if seen.is_small else view)
+    return VideoMarkers(found.videos, tuple(views))
+
+
+def with_lframes_remeasured(found: VideoMarkers, solution: CalibrationResult) -> VideoMarkers:
+    """The small balls of the L-frame measured once more by a solution that is better than the one before.
+
+    The rods that meet in a ball say where its middle is. A first solution that has one ball in a wrong place has the
+    rods to it go a wrong way, and there the ball is then found.
+
+    Parameters
+    ----------
+    found : VideoMarkers
+        As `remeasured` returns them.
+    solution : CalibrationResult
+        Solved from these.
+    """
+    views = []
+    for c, view in enumerate(found.views):
+        seen = _View.create(found, solution, c)
+        if view.background is not None and view.videos.lframe is not None and seen.lframe.small.any():
+            view = replace(view, lframe=seen.lframe_again(view.background))
+        views.append(view)
     return VideoMarkers(found.videos, tuple(views))
 
 
@@ -190,8 +212,9 @@ class _View:
     def measured(self, progress: Progress | None) -> SeenView:
         """Return the view with its small balls measured again."""
         plate, looks = self._learned()
-        lframe = self.seen.lframe if self.seen.videos.lframe is None else self._lframe(plate)
-        return replace(self.seen, lframe=lframe, wand=self._wand(plate, looks, progress))
+        lframe = self.seen.lframe if self.seen.videos.lframe is None else self.lframe_again(plate)
+        wand = self._wand(plate, looks, progress)
+        return replace(self.seen, lframe=lframe, wand=wand, background=plate.astype(np.float32))
 
     def _found(self) -> _Rows:
         """Return the wand's balls found before, with the ends in the predicted order."""
@@ -279,7 +302,8 @@ class _View:
             return None
         return ball
 
-    def _lframe(self, plate: Image) -> SeenBalls:
+    def lframe_again(self, plate: Image) -> SeenBalls:
+        """The L-frame's small balls by their images before the picture without the wand."""
         path = self.seen.videos.lframe
         assert path is not None
         before = self._lframe_before()
@@ -287,18 +311,11 @@ class _View:
         m = before.markers
         rows = _Rows(m.points.copy(), m.sigma.copy(), before.radii.copy(), np.zeros_like(m.points))
         empty = None if self._stays(image, plate) else plate
-        fitted: dict[int, BallImage] = {}
-        for k in np.flatnonzero(self.lframe.small[0]).tolist():
-            rods, starts = self.lframe.rods(0, k, [b if a == k else a for a, b in ARMS if k in (a, b)])
-            missed = bool(np.isnan(m.points[0, k]).any())
-            expected = self.lframe.centres[0, k]
-            guess = BallGuess(
-                expected if missed else m.points[0, k], float(self.lframe.radii[0, k]), self.radius_sigma[0]
-            )
-            ball = fit_ball(image, empty, replace(guess, rods=rods, starts=starts))
-            far = missed and ball is not None and np.linalg.norm(ball.centre - expected) > _ASIDE
-            if ball is not None and ball.explained > _EXPLAINED and not far:
-                fitted[k] = ball
+        fitted = self._lframe_balls(image, empty, m.points[0])
+        if len(fitted) > 1:
+            # Where a rod hides what would tell the light's side from the ball's place, the other balls tell it.
+            looks = BallLooks.common([ball.looks for ball in fitted.values()])
+            fitted |= self._lframe_balls(image, empty, m.points[0], looks)
         usual = np.median([np.log(ball.light) for ball in fitted.values()], axis=0) if fitted else np.zeros(3)
         for k, ball in fitted.items():
             alike = np.abs(np.log(ball.light) - usual).max() < np.log(_LIGHT_RATIO)
@@ -307,6 +324,22 @@ class _View:
         if np.isnan(rows.points).any(axis=-1).all():
             return self.seen.lframe
         return SeenBalls(Markers(m.frames, rows.points, rows.sigma, rows.elongation), rows.radii)
+
+    def _lframe_balls(
+        self, image: Array, empty: Image | None, found: Array, looks: BallLooks | None = None
+    ) -> dict[int, BallImage]:
+        """Those of the L-frame's small balls that are seen, from where they were found (4, 2) before, or not: NaN."""
+        fitted: dict[int, BallImage] = {}
+        for k in np.flatnonzero(self.lframe.small[0]).tolist():
+            rods, starts = self.lframe.rods(0, k, [b if a == k else a for a, b in ARMS if k in (a, b)])
+            missed = bool(np.isnan(found[k]).any())
+            expected, radius = self.lframe.centres[0, k], float(self.lframe.radii[0, k])
+            guess = BallGuess(expected if missed else found[k], radius, self.radius_sigma[0], looks=looks)
+            ball = fit_ball(image, empty, replace(guess, rods=rods, starts=starts))
+            far = missed and ball is not None and np.linalg.norm(ball.centre - expected) > _ASIDE
+            if ball is not None and ball.explained > _EXPLAINED and not far:
+                fitted[k] = ball
+        return fitted
 
     def _lframe_before(self) -> SeenBalls:
         """Return the L-frame's balls found before; a row of NaN if there were none."""

@@ -46,6 +46,8 @@ class SeenView:
     wand : SeenBalls
     candidates : Balls
         Everything static in the L-frame's video that may be one of its balls.
+    background : ndarray, shape (h, w, 3), optional
+        Grey levels of the wand's video without the wand; None until small balls were measured.
     """
 
     videos: CaptureVideoView
@@ -53,6 +55,7 @@ class SeenView:
     lframe: SeenBalls
     wand: SeenBalls
     candidates: Balls = field(default_factory=lambda: Balls.joined([]))
+    background: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,9 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.calibration import ball_images
-from kfmocap.core.calibration.ball_images import BallGuess, fit_ball
+from kfmocap.core.calibration.ball_images import BallGuess, BallLooks, fit_ball
+from render.drawing import Canvas
+from render.waving import HARDSHIPS, drawn_take, lframe_pictures
 
 SIZE = 31
 FINE = 12  # rays across each pixel
@@ -94,3 +96,29 @@ def test_colour_that_is_kept_for_every_other_pixel_alone_shifts_a_resting_ball_l
     now = off()
     monkeypatch.setattr(ball_images, "_COMPARED", np.eye(3))
     assert now < 0.1 and now < off()
+
+
+def test_balls_of_an_lframe_are_measured_better_by_how_they_look_all():
+    """A rod before a ball hides what would tell the light's side from the ball's place: other balls tell it."""
+    take = replace(drawn_take(55, HARDSHIPS["usual"]), lframe_frames=1)
+    arms = {0: (1, 3), 1: (0, 2), 2: (1,), 3: (0,)}
+    off = []
+    for k, camera in enumerate(take.cameras[:2]):
+        [image] = lframe_pictures(take, k)
+        floor = 255 * (np.array(take.light) * Canvas(camera, take.still_things()).drawn([])) ** (1 / 2.2)
+        places_cam = take.lframe_points @ camera.R_cam_world[0].T + camera.t_cam_world[0]
+        pixels, guesses = camera.project(take.lframe_points), []
+        for ball, others in arms.items():
+            ways = pixels[list(others)] - pixels[ball]
+            along, place = places_cam[list(others)] - places_cam[ball], places_cam[ball]
+            nearer = -along @ place / (np.linalg.norm(along, axis=1) * np.linalg.norm(place))
+            starts = np.where(nearer > 0, np.sqrt(1 - nearer**2), 1.0)
+            radius = camera.matrix[0, 0] * 0.0175 / place[2]
+            rods = ways / np.linalg.norm(ways, axis=1, keepdims=True)
+            guesses.append(BallGuess(pixels[ball], radius, rods=rods, starts=starts))
+        alone = [fit_ball(image, floor, guess) for guess in guesses]
+        looks = BallLooks.common([ball.looks for ball in alone])
+        alike = [fit_ball(image, floor, replace(guess, looks=looks)) for guess in guesses]
+        off.append([[ball.centre for ball in balls] - pixels for balls in (alone, alike)])
+    alone_off, alike_off = np.sqrt(np.mean(np.square(off), axis=(0, 2, 3)))
+    assert alike_off < 0.95 * alone_off

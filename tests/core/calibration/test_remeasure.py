@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from kfmocap.core.calibration.camera_rig import Wand, rig_of
-from kfmocap.core.calibration.remeasure import remeasured
+from kfmocap.core.calibration.remeasure import remeasured, with_lframes_remeasured
 from kfmocap.core.calibration.video_markers import SeenBalls, SeenView, VideoMarkers
 from kfmocap.core.capture.capture import Markers
 from kfmocap.core.formats.wand_toml import load_wand
@@ -74,6 +74,22 @@ def test_balls_of_the_wand_are_measured_on_all_frames_to_a_tenth_of_a_pixel_acro
 def test_balls_of_the_lframe_are_measured_to_a_quarter_of_a_pixel(again):
     markers = again.views[0].lframe.corrected(CAMERA.matrix, CAMERA.distortions)
     np.testing.assert_allclose(markers.points[0], CAMERA.project(TAKE.lframe_points), atol=0.25)
+
+
+def test_the_lframe_measured_by_a_better_solution_is_nearer(before):
+    """A short arm that the first solution takes to rise by three degrees draws its ball along with it."""
+    first = true_solution()
+    first.lframe_world = TAKE.lframe_points + np.outer([0, 0, 0, 1], [0, 0, 0.012])
+    rough = remeasured(before, first)
+    assert off_short_arm(rough) > 2 * off_short_arm(with_lframes_remeasured(rough, true_solution()))
+
+
+def off_short_arm(found: VideoMarkers) -> float:
+    """How far aside of the short arm its ball lies, pixels."""
+    markers = found.views[0].lframe.corrected(CAMERA.matrix, CAMERA.distortions)
+    corner, *_, ball = CAMERA.project(TAKE.lframe_points)
+    along, off = (ball - corner) / np.linalg.norm(ball - corner), markers.points[0, 3] - ball
+    return float(abs(along[0] * off[1] - along[1] * off[0]))
 
 
 def test_balls_of_the_lframe_that_the_first_look_missed_are_found_where_they_are_expected(before):
