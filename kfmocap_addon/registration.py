@@ -101,6 +101,7 @@ _drawings: list[tuple[Any, object]] = []
 
 def register() -> None:
     """Add everything to Blender."""
+    _unwrap_docstrings()
     _register_classes()
     properties.register()
     for menu, entry in MENUS:
@@ -111,6 +112,13 @@ def register() -> None:
     toolbar.register()
     for space, draw, stage in _OVERLAYS:
         _drawings.append((space, space.draw_handler_add(draw, (), "WINDOW", stage)))
+
+
+def _unwrap_docstrings() -> None:
+    """Put docstrings on one line each: Blender shows those of operators as tooltips, line breaks and all."""
+    for cls in CLASSES:
+        if cls.__doc__:
+            cls.__doc__ = " ".join(cls.__doc__.split())
 
 
 def unregister() -> None:

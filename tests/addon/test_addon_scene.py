@@ -318,7 +318,8 @@ def test_every_tool_and_property_explains_itself(blender):  # noqa: F811
                 assert collection or prop.description, f"{cls.__name__}.{prop.identifier}"
         if issubclass(cls, bpy.types.Operator):
             tool = getattr(bpy.ops.kfmocap, cls.bl_idname.split(".")[1])
-            assert tool.get_rna_type().description
+            description = tool.get_rna_type().description
+            assert description and description == " ".join(description.split())  # not broken as in the source
 
 
 @pytest.mark.parametrize("collar_bones", [True, False])
