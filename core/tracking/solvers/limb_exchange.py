@@ -86,13 +86,14 @@ def with_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspa
 
 def _with_own_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspace: Workspace) -> SegmentSolution:
     """Do the same for the performer that is solved for. Among several performers, the solution is only solved further
-    once there is an exchange that may be better.
+    to be compared with an exchange that may be better, and stays as it was where no exchange counts.
     """
     noise = noise_of(problem, best, workspace)
     count = len(list(exchanges(problem, best.motions)))
     settled = count > 0 and problem.only is None
     if settled:
         best = _settled_on(problem, best, noise, workspace)
+    kept = best
     for k in range(count):
         part = workspace.part(k / count, (k + 1) / count)
         # Generated anew from the best so far: an accepted exchange leaves the meetings of the limbs where they were.
@@ -103,8 +104,8 @@ def _with_own_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, wo
             if not settled:
                 best, settled = _settled_on(problem, best, noise, workspace), True
             if _exchange_counts(problem, best, found, noise):
-                best = continued(best, found)
-    return best
+                best = kept = continued(best, found)
+    return kept
 
 
 def _settled_on(

@@ -361,7 +361,7 @@ class Told:
         evidence = no_evidence(1, FRAMES, 2 * P)
         share, seen = np.ones((1, FRAMES, 2 * P)), np.ones((2, FRAMES))
         return SegmentSolution(
-            tuple(motions), 1, (float(off.sum()),), share, -off, seen, none, {}, evidence, (), problem.only
+            tuple(list(motions)), 1, (float(off.sum()),), share, -off, seen, none, {}, evidence, (), problem.only
         )
 
 
@@ -405,6 +405,17 @@ def test_limbs_are_exchanged_by_solving_their_own_performer_and_all_settle_at_la
     assert found.motions == (tuple(TRUTHS) if None in solved[1:] else tuple(WRONG))
     assert found.only is None
     assert told.solved == solved
+
+
+def test_exchanges_that_are_no_likelier_leave_the_solution_as_it_was(
+    monkeypatch: pytest.MonkeyPatch, told: Told
+) -> None:
+    """It is compared with them once it has settled as they have; all performers are not solved again for that."""
+    best = told.found(BOTH, WRONG)
+    monkeypatch.setattr(limb_exchange, "cover_at", lambda _problem, solution, *_: solution.cover)
+    monkeypatch.setattr(limb_exchange, "likelihood", lambda *_: 0.0)
+    assert limb_exchange.with_limbs_exchanged(BOTH, best, Workspace()) is best
+    assert told.solved == [None, 0, 0, 1, 1]
 
 
 def searched_for(monkeypatch: pytest.MonkeyPatch, doubts: list[list[int]]) -> list[int | None]:
