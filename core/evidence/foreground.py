@@ -20,6 +20,7 @@ from ..numerics.robust_kernels import NORMAL_MAD
 from ..runtime.shared_arrays import each_row
 from .cast_shadows import CastShadows
 from .masks import beyond, within
+from .strangers import strangers_on, without_strangers
 
 Bytes = NDArray[np.uint8]
 Array = NDArray[np.float32]
@@ -138,16 +139,19 @@ def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Ite
     ndarray of uint8, shape (M, h, w)
         See `log_ratio`.
     """
-    bodies = [_histogram(colour, shown) for shown in known.shown]
     background = _histogram(colour, known.behind)
     plate, there = _plate(colour, known.behind)
     there &= fixed
     deviation = _deviation(colour, plate, there)
+    unlike = float(np.sqrt(2 * STRONGEST)) * deviation
+    passing = strangers_on(colour, known.behind, plate, there, unlike=unlike, scale=known.pixels_per_metre)
+    strangers = _histogram(colour, passing) if passing else None
+    bodies = [_histogram(colour, shown, strangers) for shown in known.shown]
     shadows = CastShadows.learned(colour, known.behind, plate, deviation, known.pixels_per_metre) if fixed else None
     if shadows is not None:
         plate = shadows.plate
     tables = [
-        _table(own, background, deviation, [other for j, other in enumerate(bodies) if j != i])
+        _table(own, background, deviation, [other for j, other in enumerate(bodies) if j != i], strangers)
         for i, own in enumerate(bodies)
     ]
     squares = np.minimum(np.round(np.arange(256) ** 2 * _STEPS / (2 * deviation**2)), 255).astype(np.uint8)
@@ -164,11 +168,11 @@ def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Ite
         yield images
 
 
-def _table(body: Array, background: Array, deviation: float, others: Sequence[Array]) -> Bytes:
+def _table(body: Array, background: Array, deviation: float, others: Sequence[Array], strangers: Array | None) -> Bytes:
     """Table of foreground values by the bin of a pixel's colour and its distance from the plate in steps.
 
     The last distance is for pixels where no plate is known. Colours of other performers weigh so little that a colour
-    that all wear may still reach the largest value.
+    that all wear may still reach the largest value, and so do those of strangers that the performer wears as well.
     """
     volume = (256 / LEVELS) ** 3  # of a bin of the histograms, whose values are per bin
     nearness = volume * np.exp(-np.arange(255) / _STEPS) / (np.sqrt(2 * np.pi) * deviation) ** 3
@@ -178,6 +182,8 @@ def _table(body: Array, background: Array, deviation: float, others: Sequence[Ar
     values[:, -1] = background
     for other in others:
         values += np.float32(np.exp(-STRONGEST)) * other[:, None]
+    if strangers is not None:
+        values += np.float32(_UNKNOWN) * np.maximum(strangers - body, 0)[:, None]
     np.divide(body[:, None], values, out=values)
     cv2.log(values, values)
     np.clip(values, -STRONGEST, STRONGEST, out=values)
@@ -196,16 +202,17 @@ def bins(image: Bytes) -> NDArray[np.uint16]:
     return places
 
 
-def _histogram(colour: Bytes, regions: Mapping[int, Bools]) -> Array:
-    """Smoothed colour histogram of regions of frames, shape (`LEVELS`^3,); uniform without any pixels."""
-    counts = np.zeros(LEVELS**3)
-    for frame, region in regions.items():
-        counts += np.bincount(bins(colour[frame])[region], minlength=len(counts))
-    if not counts.any():
-        counts += 1
-    share = smoothed(counts)
+def _histogram(colour: Bytes, regions: Mapping[int, Bools], strangers: Array | None = None) -> Array:
+    """Smoothed colour histogram of regions of frames, shape (`LEVELS`^3,); uniform without any pixels. The colours of
+    strangers, who may stand in the regions, count less.
+    """
+    frames = [np.bincount(bins(colour[frame])[region], minlength=LEVELS**3) for frame, region in regions.items()]
+    frames = [counts for counts in frames if counts.any()]
+    share = smoothed(np.sum(frames, axis=0, dtype=float) if frames else np.ones(LEVELS**3))
     share /= max(float(share.sum()), 1e-9)
-    return ((1 - _UNKNOWN) * share + _UNKNOWN / len(counts)).astype(np.float32)
+    if strangers is not None and len(frames) > 1:
+        share = without_strangers(share, [smoothed(counts / counts.sum()) for counts in frames], strangers)
+    return ((1 - _UNKNOWN) * share + _UNKNOWN / len(share)).astype(np.float32)
 
 
 def smoothed(counts: NDArray[np.float64]) -> NDArray[np.float64]:
