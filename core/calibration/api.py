@@ -105,6 +105,16 @@ def synchronise_take(
 ) -> Clocks:
     """Find the clocks of another take by cameras that have not moved since they were solved.
 
+    Parameters
+    ----------
+    source : CaptureVideos or Capture
+        The take's videos of the wand, or the markers found in them.
+    cameras : mapping of str to Camera
+        The solved cameras by name.
+    progress : callable, optional
+    drift : bool
+        Whether clocks may also run at different speeds.
+
     Raises
     ------
     KFMocapError, CancelledError

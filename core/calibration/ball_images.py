@@ -1,6 +1,6 @@
 """Small balls measured by a model of their image.
 
-A ball of a few pixels has no edge to look at, and the centroid of its colour lies off its centre: towards the lit side,
+A ball of a few pixels has no measurable edge, and the centroid of its colour lies off its centre: towards the lit side,
 away from the rod that hides a part of it, and wherever the background's texture resembles it. So its image is computed
 instead, as a camera forms it, and fitted to the pixels: a background, in front of it a disc that is brighter on one
 side and swept along a path while the shutter is open, in front of that the rods that lead away from the ball; blurred
@@ -37,9 +37,9 @@ _WIDTH, _ROD_LIGHT, _STARTS = 10, slice(11, 14), slice(14, 16)
 _UNKNOWNS = 16
 _FORM = np.r_[0:3, 8:11, 14:16]  # the unknowns that change what covers what
 _STEPS = np.array([0.05, 0.05, 0.03, 0.02, 0.02, 0.05, 0.05, 0.05, 0.1, 0.1, 0.05, 0.1, 0.1, 0.1, 0.05, 0.05])
-"""Of the finite differences."""
+"""Steps of the finite differences, by unknown."""
 _FURTHEST = np.array([0.5, 0.5, 0.2, 0.15, 0.15, 0.5, 0.5, 0.5, 0.7, 0.7, 0.2, 0.7, 0.7, 0.7, 0.2, 0.2])
-"""Of one iteration."""
+"""Largest change in one iteration, by unknown."""
 _BRIGHTNESS, _COLOURS = 1.7, 0.8
 """Weights of brightness and of the two differences of colour of a ball that rests: of these, video keeps one for every
 four pixels, which shifts them by up to half a pixel, on all frames alike. A ball that moves lies elsewhere on each."""
@@ -136,13 +136,13 @@ class BallGuess:
 
     @property
     def reach(self) -> float:
-        """Radius around the centre that the ball covers during the exposure, pixels."""
+        """Return the radius around the centre that the ball covers during the exposure, pixels."""
         return self.radius + float(np.linalg.norm(self.path)) / 2
 
 
 @dataclass(frozen=True, eq=False)
 class BallImage:
-    """A ball that was fitted.
+    """The image of a ball, as fitted.
 
     Attributes
     ----------
@@ -171,12 +171,12 @@ class BallImage:
 
     @property
     def light(self) -> Array:
-        """Its colour in linear light, shape (3,)."""
+        """Return the ball's colour in linear light, shape (3,)."""
         return np.exp(self.looks.light)
 
 
 def linear(levels: Array) -> Array:
-    """Linear light of grey levels from 0 to 255."""
+    """Return the linear light of levels from 0 to 255."""
     return np.asarray(np.maximum((np.asarray(levels, float) / 255) ** GAMMA, _DARKEST))
 
 
@@ -240,7 +240,7 @@ def fit_ball(image: Image, plate: Array | None, guess: BallGuess) -> BallImage |
 
 
 def _start(window: _Window, guess: BallGuess) -> tuple[Array, Array, Bools]:
-    """The unknowns before, their standard deviations, and which of them are solved for."""
+    """Return the initial unknowns, their standard deviations, and which of them are solved for, shape (16,) each."""
     core = np.linalg.norm(window.places - guess.centre, axis=-1) < max(0.7 * guess.radius, 1.0)
     light = np.median(linear(255 * window.observed[core]), axis=0) if guess.light is None else guess.light
     length, rods = float(np.linalg.norm(guess.path)), len(guess.rods)
@@ -306,15 +306,15 @@ class _Window:
         return replace(window, background=_background(window, None if plate is None else plate[own], guess))
 
     def rendered(self, x: Array, guess: BallGuess) -> Array:
-        """The images for unknowns x of shape (k, 16), levels from 0 to 1, shape (k, n, n, 3)."""
+        """Return the images for unknowns x of shape (k, 16), levels from 0 to 1, shape (k, n, n, 3)."""
         return self._recorded(np.mean(list(self._moments(x, guess, ball=True)), axis=0))
 
     def empty(self, x: Array, guess: BallGuess) -> Array:
-        """The image without the ball, levels from 0 to 1, shape (n, n, 3)."""
+        """Return the image without the ball, levels from 0 to 1, shape (n, n, 3)."""
         return np.asarray(self._recorded(np.mean(list(self._moments(x[None], guess, ball=False)), axis=0))[0])
 
     def _moments(self, x: Array, guess: BallGuess, *, ball: bool) -> Iterator[Array]:
-        """Linear light at moments spread evenly over the exposure, shape (k, n, n, 3) each."""
+        """Yield the linear light at moments spread evenly over the exposure, shape (k, n, n, 3) each."""
         # Most unknowns change colours alone: what covers what is the same for all of these.
         forms, form = np.unique(x[:, _FORM], axis=0, return_inverse=True)
         form = form.reshape(-1)
@@ -345,7 +345,7 @@ class _Window:
 
 
 def _strip(off: Array, x: Array, rod: Array, start: Array) -> Array:
-    """Share of each place that a rod covers which begins `start` radii from the ball's centre, shape (k, n, n)."""
+    """Return the share of each place that a rod covers, shape (k, n, n); it begins `start` radii from the centre."""
     along, across = off @ rod, off @ np.array([-rod[1], rod[0]])
     width, begin = x[:, _WIDTH, None, None], (start * x[:, _RADIUS])[:, None, None]
     strip = ndtr((across + width) / _LENS) - ndtr((across - width) / _LENS)
@@ -353,7 +353,7 @@ def _strip(off: Array, x: Array, rod: Array, start: Array) -> Array:
 
 
 def _background(window: _Window, plate: Array | None, guess: BallGuess) -> Array:
-    """What is behind the ball, linear light: the plate, or a plane through the pixels around the ball."""
+    """Return the background in linear light: the plate, or a plane through the pixels around the ball."""
     off = window.places - guess.centre
     clear = np.linalg.norm(off, axis=-1) > guess.reach + _CLEAR
     for rod in guess.rods:
