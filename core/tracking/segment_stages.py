@@ -223,13 +223,6 @@ def segment_problem(shot: Shot, data: SegmentData, state: TrackState) -> Segment
     )
 
 
-def is_refined(shot: Shot, solver: Solver, segment: Segment, state: TrackState) -> bool:
-    """Return whether a segment is refined once its neighbours are solved; `state` has the measured footage offset."""
-    alone = segment == (0, shot.length - 1) and state.around == (None, None)
-    in_step = state.footage_offset(shot) == (shot.settings.footage_offset or 0.0)
-    return solver.refines and not (alone and in_step)
-
-
 def solve_segment(
     shot: Shot, solver: Solver, data: SegmentData, state: TrackState, workspace: Workspace
 ) -> SegmentState:

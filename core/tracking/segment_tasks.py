@@ -24,7 +24,6 @@ from .segment_stages import (
     SegmentData,
     SegmentState,
     TrackState,
-    is_refined,
     measured_offset,
     refine_segment,
     resume_segment,
@@ -142,7 +141,7 @@ def solve_task(
     state = state.with_solution(segment, solved.solution.motions)
     with seconds.measure("appearance"):
         offset = measured_offset(shot, data, state)
-    if not is_refined(shot, solver, segment, state.with_offset(offset)):
+    if not solver.refines:
         return _without_refinement(solved, offset, seconds, task.threads)
     slim = replace(solved.solution, evidence=None)
     return SolvedSegment(replace(data, views=()), slim, offset, dict(seconds))

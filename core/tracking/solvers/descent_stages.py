@@ -86,7 +86,9 @@ SETTLING = (
 SETTLED = (DescentStage(Sampling(1.0, 1.0, 3, REACH), 3),)
 """From there to the minimum."""
 RESUMED = (
-    DescentStage(Sampling(1.0, 1.0, 2, REACH), 5, small=0.003, small_refused=True, noticed=NOTICED, plants=False),
+    DescentStage(
+        Sampling(1.0, 1.0, 2, REACH, by_part=True), 5, small=0.003, small_refused=True, noticed=NOTICED, plants=False
+    ),
 )
 """From the motion that was found before key poses changed to the one with the present key poses."""
 WINDOW = (

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ...body import part_poses
 from ...body.motion import Motion
 from ...body.smoothness import limited
+from ...cameras.camera import Camera
 from ...numerics.arrays import Array
 from ...numerics.least_squares import Damping, LeastSquaresResult, StoppingRule, minimise
 from ...numerics.normal_equations import IndependentEquations
@@ -74,6 +75,7 @@ class _TestedStage:
         self.smooth = smooth
         self.seconds, self.trials = Seconds(), 0
         self._problem, self._stage, self._workspace, self._noise = problem, stage, workspace, noise
+        self._sampling = stage.sampling
         self._hidden: list[NDArray[np.bool_]] | None = None
         self._expected: list[Array] = []
         self._plants: list[PlantFactor | None] = [None] * len(problem.bodies)
@@ -83,6 +85,7 @@ class _TestedStage:
     def minimise(self, start: tuple[Motion, ...]) -> LeastSquaresResult[tuple[Motion, ...], MeasuredEquations]:
         """Descend from the start."""
         stage = self._stage
+        self._sampling = stage.sampling_of(views_in_sight(self._problem, start))
         stopping = StoppingRule(
             stage.iterations + LONGER,
             SMALL_GAIN,
@@ -99,7 +102,7 @@ class _TestedStage:
 
     def _linearise(self, motions: tuple[Motion, ...]) -> MeasuredEquations:
         """Measure the evidence at motions and build the normal equations."""
-        problem, sampling = self._problem, self._stage.sampling_of(len(self._problem.views))
+        problem, sampling = self._problem, self._sampling
         deviation = None if self._noise is None else self._noise.deviation
         measured = self._workspace.measure(problem, motions, sampling, deviation)
         evidence = measured.evidence
@@ -250,7 +253,7 @@ def approach(
         for i in range(stage.iterations):
             workspace.report((before + i) / planned, motions)
             seen = problem if stage.views is None else view_subset(problem, stage.views, i)
-            measured = workspace.measure(seen, motions, stage.sampling_of(len(seen.views)))
+            measured = workspace.measure(seen, motions, stage.sampling_of(views_in_sight(seen, motions)))
             seconds.add(measured.evidence.seconds)
             longer = i + 1 < stage.iterations and len(seen.views) == len(problem.views)
             pace = OVERRELAXATION if longer else 1.0
@@ -285,6 +288,22 @@ def moved_by(motions: Sequence[Motion], increments: Mapping[int, Array]) -> tupl
 def _size(steps: Sequence[Array]) -> float:
     """Root mean square of all elements of steps."""
     return float(np.sqrt(np.mean(np.concatenate([step.ravel() for step in steps]) ** 2)))
+
+
+def views_in_sight(problem: SegmentProblem, motions: Sequence[Motion]) -> int:
+    """Return how many views have a joint of a performer in their picture on some frame."""
+    joints = np.concatenate([part_poses(body, m)[1] for body, m in zip(problem.bodies, motions, strict=True)], axis=1)
+    return sum(_in_picture(view.camera, joints, problem.first) for view in problem.views)
+
+
+def _in_picture(camera: Camera, points: Array, first: int) -> bool:
+    """Return whether any of the points (F, K, 3) of consecutive frames is in the picture of its frame."""
+    if camera.moving:
+        uv = np.stack([camera.project(own, first + f) for f, own in enumerate(points)])
+    else:
+        uv = camera.project(points)
+    with np.errstate(invalid="ignore"):
+        return bool(((uv >= 0) & (uv < camera.size)).all(axis=-1).any())
 
 
 def view_subset(problem: SegmentProblem, least: int, turn: int) -> SegmentProblem:

@@ -40,12 +40,9 @@ KEY_ERROR = 0.01
 def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
     """Refine a solution, search again for lost limbs, and polish what was found: the `refine` of Gauss-Newton.
 
-    Several performers are not polished: where they touch, much of a part's noise is the other performer. Parameters as
-    in `gauss_newton.descend`.
+    Parameters as in `gauss_newton.descend`.
     """
     found = _with_limbs_regained(problem, start, workspace.part(0.0, 0.9))
-    if len(problem.bodies) > 1:
-        return found
     polished = gauss_newton.refine(problem, found.motions, workspace.part(0.9, 1.0), POLISH)
     seconds = Seconds(found.seconds)
     seconds.add(polished.seconds)

@@ -85,5 +85,5 @@ def test_nine_tenths_of_the_tips_are_within_their_intervals(tracked: dict[str, T
 def test_an_arm_that_is_hidden_is_less_certain_and_not_called_lost(tracked: dict[str, TrackResult]) -> None:
     forearm = BODY.index("forearm.L")
     hidden, seen = (tracked[name].errors[0] for name in ("hidden", "seen"))
-    assert hidden.interval[HIDDEN, forearm].mean() > 1.5 * seen.interval[HIDDEN, forearm].mean()
+    assert hidden.deviation[HIDDEN, forearm].mean() > 1.5 * seen.deviation[HIDDEN, forearm].mean()
     assert not hidden.maybe_lost().any() and not seen.maybe_lost().any()

@@ -17,6 +17,7 @@ from kfmocap.core.errors import CancelledError, ShotError
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.keypose_spline import spline
 from kfmocap.core.shot.shot import KeyPoses, Settings, Shot, View, fixed_degrees
+from kfmocap.core.tracking import segment_tasks
 from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.tracker import track
 from synthetic import (
@@ -155,6 +156,17 @@ def test_a_shot_split_at_a_key_pose_gives_the_same_motion(views: list[View], set
         part = shot_of(views, [BODY], [TRUTH[first : last + 1]], (0, last - first), settings)
         part = replace(part, frames=(first, last))
         assert apart_mm(track(part).motions[0], whole[first : last + 1]).mean() < limit
+
+
+@pytest.mark.parametrize(("keys", "stretches"), [((0, LENGTH - 1), 1), ((0, 4, LENGTH - 1), 2)])
+def test_every_stretch_is_refined_the_only_one_as_well(
+    views: list[View], keys: Sequence[int], stretches: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refined = []
+    refine = segment_tasks.refine_segment
+    monkeypatch.setattr(segment_tasks, "refine_segment", lambda *a, **k: refined.append(a) or refine(*a, **k))
+    track(shot(views, keys, Settings(footage_offset=0.0)))
+    assert len(refined) == stretches
 
 
 def test_motion_passes_smoothly_through_a_key_pose_between_stretches(views: list[View], tmp_path: Path) -> None:
