@@ -71,8 +71,9 @@ def stubborn(file: Path, progress: Progress) -> None:
 def helped(file: Path, progress: Progress) -> None:
     """Does not end when it is asked to, and neither does a process that works for it."""
     with WorkerPool(2) as pool:
-        pool.submit(partial(stubborn, file.with_name("helper")), lambda _: None)
-        while not file.with_name("helper").exists():
+        helper = file.with_name("helper")
+        pool.submit(partial(stubborn, helper), lambda _: None)
+        while not helper.exists() or not helper.read_text():
             time.sleep(0.01)
         stubborn(file, progress)
 
