@@ -75,7 +75,6 @@ class _TestedStage:
         self.smooth = smooth
         self.seconds, self.trials = Seconds(), 0
         self._problem, self._stage, self._workspace, self._noise = problem, stage, workspace, noise
-        self._sampling = stage.sampling
         self._hidden: list[NDArray[np.bool_]] | None = None
         self._expected: list[Array] = []
         self._plants: list[PlantFactor | None] = [None] * len(problem.bodies)
@@ -85,7 +84,6 @@ class _TestedStage:
     def minimise(self, start: tuple[Motion, ...]) -> LeastSquaresResult[tuple[Motion, ...], MeasuredEquations]:
         """Descend from the start."""
         stage = self._stage
-        self._sampling = stage.sampling_of(views_in_sight(self._problem, start))
         stopping = StoppingRule(
             stage.iterations + LONGER,
             SMALL_GAIN,
@@ -102,7 +100,7 @@ class _TestedStage:
 
     def _linearise(self, motions: tuple[Motion, ...]) -> MeasuredEquations:
         """Measure the evidence at motions and build the normal equations."""
-        problem, sampling = self._problem, self._sampling
+        problem, sampling = self._problem, self._stage.sampling
         deviation = None if self._noise is None else self._noise.deviation
         measured = self._workspace.measure(problem, motions, sampling, deviation)
         evidence = measured.evidence
@@ -210,6 +208,7 @@ def descend(
     *coarse, last = stages
     share = 1 - last.iterations / sum(stage.iterations for stage in stages)
     start, energies, seconds, smooth = approach(problem, start, workspace.part(0.0, share), coarse)
+    last = replace(last, sampling=last.sampling_of(views_in_sight(problem, start)))
     stage = _TestedStage(problem, last, workspace.part(share, 1.0), smooth, noise)
     result = stage.minimise(start)
     with stage.seconds.measure("solve"):

@@ -45,11 +45,8 @@ def with_whole_turn(
     [performer] = problem.sought
     if problem.whole_keys(performer).tolist() != [0, problem.length - 1] or not doubtful(problem, first):
         return start, first
-    others = start[:performer], start[performer + 1 :]
-    starts = [
-        (*others[0], turned(start[performer], problem.fixed[performer], axis), *others[1])
-        for axis in (*np.eye(3), *-np.eye(3))
-    ]
+    ways = [turned(start[performer], problem.fixed[performer], axis) for axis in (*np.eye(3), *-np.eye(3))]
+    starts = [(*start[:performer], way, *start[performer + 1 :]) for way in ways]
     most = max(starts, key=lambda motions: cover_at(problem, first, motions, workspace.silent()))
     found = descend(problem, most, workspace)
     return (most, found) if better(problem, first, found) is found else (start, first)
