@@ -94,6 +94,9 @@ CLASSES = tuple(cls for module in MODULES for cls in module.CLASSES)
 MENUS = tuple(entry for module in (edit_body, load_shot, export_motion) for entry in module.MENUS)
 """Names of Blender's menus and what is appended to them."""
 
+_BESIDE_CLASSES = (key_list, missing_footage, keymap, toolbar)
+"""Modules that add more to Blender than classes: handlers, keys, a tool. They are taken back in reverse order."""
+
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)
 _drawings: list[tuple[Any, object]] = []
 """The editors of `_OVERLAYS` with Blender's handles, by which the drawing functions are removed again."""
@@ -106,10 +109,8 @@ def register() -> None:
     properties.register()
     for menu, entry in MENUS:
         getattr(bpy.types, menu).append(entry)
-    key_list.register()
-    missing_footage.register()
-    keymap.register()
-    toolbar.register()
+    for module in _BESIDE_CLASSES:
+        module.register()
     for space, draw, stage in _OVERLAYS:
         _drawings.append((space, space.draw_handler_add(draw, (), "WINDOW", stage)))
 
@@ -125,10 +126,8 @@ def unregister() -> None:
     """Remove everything from Blender again."""
     for menu, entry in MENUS:
         getattr(bpy.types, menu).remove(entry)
-    toolbar.unregister()
-    keymap.unregister()
-    missing_footage.unregister()
-    key_list.unregister()
+    for module in reversed(_BESIDE_CLASSES):
+        module.unregister()
     job_operator.unregister()
     while _drawings:
         space, handle = _drawings.pop()

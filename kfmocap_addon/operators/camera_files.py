@@ -3,19 +3,18 @@
 from pathlib import Path
 
 import bpy
-from bpy_extras.io_utils import ImportHelper
 
 from .add_footage import CALIBRATIONS, globbed
 from .conditions import Conditional
+from .mixin import FileReader
 from .reporting import reported
 
 
-class ImportCameras(bpy.types.Operator, ImportHelper):
+class ImportCameras(FileReader, bpy.types.Operator):
     """Show the cameras of a calibration file as camera objects"""
 
     bl_idname = "kfmocap.import_cameras"
     bl_label = "Import Cameras"
-    bl_options = {"REGISTER", "UNDO"}
 
     filepath: bpy.props.StringProperty(
         subtype="FILE_PATH",
@@ -24,15 +23,13 @@ class ImportCameras(bpy.types.Operator, ImportHelper):
     )
     filter_glob: bpy.props.StringProperty(default=globbed(CALIBRATIONS), options={"HIDDEN"})
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def read(self, context: bpy.types.Context, path: Path) -> None:
         from ...core.formats import load_cameras
         from ..scene_io import solved_cameras
 
-        with reported(self) as outcome:
-            cameras = load_cameras(bpy.path.abspath(self.filepath))
-            solved_cameras.show_cameras(context.scene, cameras)
-            self.report({"INFO"}, f"{len(cameras)} cameras")
-        return outcome.value
+        cameras = load_cameras(path)
+        solved_cameras.show_cameras(context.scene, cameras)
+        self.report({"INFO"}, f"{len(cameras)} cameras")
 
 
 def _has_cameras(context: bpy.types.Context) -> str:

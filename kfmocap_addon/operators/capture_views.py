@@ -9,7 +9,7 @@ from ...core.errors import CalibrationError
 from ..scene_io import capture_scene as captures
 from .add_footage import VIDEOS, globbed
 from .conditions import Conditional
-from .reporting import reported
+from .mixin import FileReader
 
 
 class AddVideos(bpy.types.Operator, ImportHelper):
@@ -61,28 +61,25 @@ class RemoveVideos(Conditional, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class LoadCapture(bpy.types.Operator, ImportHelper):
+class LoadCapture(FileReader, bpy.types.Operator):
     """Fill in the capture from a file that `kfmocap calibrate` reads"""
 
     bl_idname = "kfmocap.load_capture"
     bl_label = "Load Capture"
-    bl_options = {"REGISTER", "UNDO"}
 
     filepath: bpy.props.StringProperty(subtype="FILE_PATH", name="Capture", description="The capture file (.toml)")
     filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def read(self, context: bpy.types.Context, path: Path) -> None:
         from ...core.capture.capture_videos import CaptureVideos
         from ...core.formats.wand_toml import load_wand
 
-        with reported(self) as outcome:
-            given = load_wand(Path(bpy.path.abspath(self.filepath)))
-            if not isinstance(given, CaptureVideos):
-                todo = "calibrate from it with `kfmocap calibrate`"
-                raise CalibrationError("it names points, not videos", where=self.filepath, todo=todo)
-            captures.show_capture(context.scene.kfmocap_capture, given)
-            self.report({"INFO"}, f"{len(given.views)} views")
-        return outcome.value
+        given = load_wand(path)
+        if not isinstance(given, CaptureVideos):
+            todo = "calibrate from it with `kfmocap calibrate`"
+            raise CalibrationError("it names points, not videos", where=str(path), todo=todo)
+        captures.show_capture(context.scene.kfmocap_capture, given)
+        self.report({"INFO"}, f"{len(given.views)} views")
 
 
 CLASSES = (AddVideos, RemoveVideos, LoadCapture)

@@ -7,6 +7,7 @@ from mathutils import Vector
 
 from ..properties.body_fields import MEASURES, USUAL_HEIGHT, height_field, length_field
 from .conditions import Conditional, in_object_mode
+from .mixin import OfPerformer
 from .reporting import reported
 
 _FOOT = ("Foot", "From the ankle forward to the big toe")
@@ -132,7 +133,7 @@ class UseArmature(Conditional, bpy.types.Operator):
         return outcome.value
 
 
-class RemovePerformer(bpy.types.Operator):
+class RemovePerformer(OfPerformer, bpy.types.Operator):
     """Remove this performer from the shot. The armature and its keys stay in the scene; if the armature was deleted,
     the parts that it left behind are removed, too"""
 
@@ -140,16 +141,13 @@ class RemovePerformer(bpy.types.Operator):
     bl_label = "Remove Performer"
     bl_options = {"REGISTER", "UNDO"}
 
-    performer: bpy.props.IntProperty(min=0, name="Performer", description="Number of the performer, from 0")
-
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..scene_io import performers
 
-        if self.performer >= len(context.scene.kfmocap.performers):
-            self.report({"ERROR"}, f"The shot has no performer {self.performer}")
-            return {"CANCELLED"}
-        performers.remove(context.scene, self.performer)
-        return {"FINISHED"}
+        with reported(self) as outcome:
+            self.slot(context)
+            performers.remove(context.scene, self.performer)
+        return outcome.value
 
 
 def _bone_is_active(context: bpy.types.Context) -> str:

@@ -1,14 +1,55 @@
-"""The base of mixin classes for operators."""
+"""Mixin classes for operators: on which performer they work, and how they get their file."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
+from ...core.errors import BodyError
+from .reporting import reported
+
 # For mypy it is an operator; Blender must not see operators that are never registered.
 OperatorMixin = bpy.types.Operator if TYPE_CHECKING else object
+
+
+class OfPerformer(OperatorMixin):
+    """An operator for one performer of the shot, whoever is chosen."""
+
+    performer: bpy.props.IntProperty(min=0, name="Performer", description="Number of the performer, from 0")
+
+    def slot(self, context: bpy.types.Context) -> bpy.types.PropertyGroup:
+        """Return the scene's entry of the performer.
+
+        Raises
+        ------
+        BodyError
+            There is no performer of this number.
+        """
+        performers = context.scene.kfmocap.performers
+        if self.performer >= len(performers):
+            raise BodyError(f"The shot has no performer {self.performer}")
+        return performers[self.performer]
+
+
+class FileReader(ImportHelper, OperatorMixin):
+    """An operator that reads a file of the user's choice, and can be undone."""
+
+    bl_options: set[Any] = {"REGISTER", "UNDO"}
+
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH")
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Read the file, and report what is wrong with it."""
+        with reported(self) as outcome:
+            self.read(context, Path(bpy.path.abspath(self.filepath)))
+        return outcome.value
+
+    def read(self, context: bpy.types.Context, path: Path) -> None:
+        """Read the file."""
+        raise NotImplementedError
 
 
 class BesideFootage(ImportHelper):

@@ -29,6 +29,14 @@ class PlantOperator(Conditional):
         raise NotImplementedError
 
 
+def _found(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> str:
+    """Find the plants, and return how many there are, for the user."""
+    from ..retargeting import sole_plants
+
+    sole_plants.find(scene, slot)
+    return f"{len(slot.plants)} plants of heels and balls"
+
+
 class FindPlants(PlantOperator, bpy.types.Operator):
     """Find when heel and ball of the performer's feet seem to stand in the motion as it is now: for curves that you
     changed after tracking, or to see also where the footage showed them creep. What you have set here stays"""
@@ -37,11 +45,8 @@ class FindPlants(PlantOperator, bpy.types.Operator):
     bl_label = "Find Plants"
 
     def change(self, scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> str:
-        from ..retargeting import sole_plants
-
         slot.tested_plants.clear()
-        sole_plants.find(scene, slot)
-        return f"{len(slot.plants)} plants of heels and balls"
+        return _found(scene, slot)
 
 
 class SetPlant(PlantOperator, bpy.types.Operator):
@@ -111,11 +116,8 @@ class ForgetPlantEdits(PlantOperator, bpy.types.Operator):
     bl_label = "Forget Edits"
 
     def change(self, scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> str:
-        from ..retargeting import sole_plants
-
         slot.plant_edits.clear()
-        sole_plants.find(scene, slot)
-        return f"{len(slot.plants)} plants of heels and balls"
+        return _found(scene, slot)
 
 
 class CleanFeet(PlantOperator, bpy.types.Operator):

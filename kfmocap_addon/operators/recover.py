@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
-from bpy_extras.io_utils import ImportHelper
 
+from ...core.errors import BodyError
 from ..scene_io import active_performer
 from .add_footage import IMAGES, VIDEOS, globbed
 from .conditions import Conditional
+from .mixin import FileReader, OfPerformer
 from .reporting import reported
 
 
@@ -17,7 +18,7 @@ def _misses_footage(context: bpy.types.Context) -> str:
     return "" if any(view.missing for view in context.scene.kfmocap.views) else "No footage is missing"
 
 
-class RelinkFootage(Conditional, bpy.types.Operator, ImportHelper):
+class RelinkFootage(Conditional, FileReader, bpy.types.Operator):
     """Find footage that was moved: choose the folder where it is now. All that is missing is looked for there and in
     the folders below, by the names of its files. Where one view alone misses its footage, any video can be chosen"""
 
@@ -35,15 +36,13 @@ class RelinkFootage(Conditional, bpy.types.Operator, ImportHelper):
             self.filepath = bpy.path.abspath("//")  # otherwise Blender proposes the name of its own file
         return set(super().invoke(context, event))
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def read(self, context: bpy.types.Context, path: Path) -> None:
         from ..scene_io import missing_footage
 
-        with reported(self) as outcome:
-            found, missing = missing_footage.relink(context.scene, Path(bpy.path.abspath(self.filepath)))
-            if missing:
-                self.report({"WARNING"}, f"Still missing: the footage of {', '.join(missing)}")
-            self.report({"INFO"}, f"Found the footage of {', '.join(found)}")
-        return outcome.value
+        found, missing = missing_footage.relink(context.scene, path)
+        if missing:
+            self.report({"WARNING"}, f"Still missing: the footage of {', '.join(missing)}")
+        self.report({"INFO"}, f"Found the footage of {', '.join(found)}")
 
 
 def _has_lost_body(context: bpy.types.Context) -> str:
@@ -54,24 +53,22 @@ def _has_lost_body(context: bpy.types.Context) -> str:
     return "" if lost else "No body was deleted that could be brought back"
 
 
-class RestoreBody(Conditional, bpy.types.Operator):
+class RestoreBody(Conditional, OfPerformer, bpy.types.Operator):
     """Bring back a performer's armature that was deleted from the scene, with its keys"""
 
     bl_idname = "kfmocap.restore_body"
     bl_label = "Bring Back"
     conditions = (_has_lost_body,)
 
-    performer: bpy.props.IntProperty(min=0, name="Performer", description="Number of the performer, from 0")
-
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..scene_io import performers
 
-        slots = context.scene.kfmocap.performers
-        if self.performer >= len(slots) or slots[self.performer].armature is None:
-            self.report({"ERROR"}, f"Performer {self.performer} has no armature that could be brought back")
-            return {"CANCELLED"}
-        performers.restore(context.scene, slots[self.performer])
-        return {"FINISHED"}
+        with reported(self) as outcome:
+            slot = self.slot(context)
+            if slot.armature is None:
+                raise BodyError(f"Performer {self.performer} has no armature that could be brought back")
+            performers.restore(context.scene, slot)
+        return outcome.value
 
 
 CLASSES = (RelinkFootage, RestoreBody)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
-from bpy_extras.io_utils import ExportHelper, ImportHelper
+from bpy_extras.io_utils import ExportHelper
 
 from .conditions import Conditional
+from .mixin import FileReader
 from .reporting import reported
 
 
@@ -76,23 +77,19 @@ class SaveBoneMap(Conditional, bpy.types.Operator, ExportHelper):
         return outcome.value
 
 
-class LoadBoneMap(bpy.types.Operator, ImportHelper):
+class LoadBoneMap(FileReader, bpy.types.Operator):
     """Read the list of bones from a file"""
 
     bl_idname = "kfmocap.load_bone_map"
     bl_label = "Load Bone Map"
-    bl_options = {"REGISTER", "UNDO"}
 
     filepath: bpy.props.StringProperty(subtype="FILE_PATH", name="Bone Map", description="A bone map (.json)")
     filter_glob: bpy.props.StringProperty(default="*.json", options={"HIDDEN"})
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def read(self, context: bpy.types.Context, path: Path) -> None:
         from ..retargeting import listed_bones
 
-        with reported(self) as outcome:
-            bones = listed_bones.read_map(Path(bpy.path.abspath(self.filepath)))
-            listed_bones.list_bones(context.scene.kfmocap.retarget, bones)
-        return outcome.value
+        listed_bones.list_bones(context.scene.kfmocap.retarget, listed_bones.read_map(path))
 
 
 CLASSES = (FindBones, ForgetBones, SaveBoneMap, LoadBoneMap)

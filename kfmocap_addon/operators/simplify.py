@@ -2,6 +2,7 @@
 
 import bpy
 
+from ..properties.tolerance_fields import shift_tolerance, turn_tolerance
 from ..scene_io import active_performer
 from .conditions import Conditional, has_performer, has_tracked
 from .reporting import reported
@@ -15,21 +16,8 @@ class Simplify(Conditional, bpy.types.Operator):
     bl_label = "Simplify"
     conditions = (has_performer, has_tracked)
 
-    angle: bpy.props.FloatProperty(
-        default=0.0174533,
-        min=0.0,
-        soft_max=0.174533,
-        subtype="ANGLE",
-        name="Rotation",
-        description="How far a bone may turn away from what it was, on any frame",
-    )
-    distance: bpy.props.FloatProperty(
-        default=2.0,
-        min=0.0,
-        soft_max=50.0,
-        name="Location (mm)",
-        description="How far the root may move away from where it was, on any frame, mm",
-    )
+    angle: turn_tolerance(1.0, "How far a bone may turn away from what it was, on any frame")
+    distance: shift_tolerance(2.0, "How far the root may move away from where it was, on any frame, mm")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..editing import simplification

@@ -9,7 +9,7 @@ from ..operators.recover import RestoreBody
 from ..properties.body_fields import MEASURES
 from ..scene_io import active_performer, hold_checks
 from . import performer_rows
-from .section import PerformerPart, Section
+from .section import PerformerPart, Section, draw_as_form
 from .texts import draw_text
 
 
@@ -33,7 +33,7 @@ class BodyPanel(Section, bpy.types.Panel):
         if slot is None:
             return
         column = layout.column()
-        column.use_property_split, column.use_property_decorate = True, False
+        draw_as_form(column)
         column.enabled = slot.armature.mode != "EDIT"
         column.prop(slot, "height")
         column = layout.column(align=True)
@@ -65,16 +65,21 @@ def _draw_performer(
     row.operator(RemovePerformer.bl_idname, text="", icon="REMOVE").performer = index
 
 
-class ProportionsPanel(PerformerPart, bpy.types.Panel):
+class _BodyPart(PerformerPart):
+    """A part of the section "Body"."""
+
+    bl_parent_id = BodyPanel.bl_idname
+    section = BodyPanel.section
+
+
+class ProportionsPanel(_BodyPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_proportions"
     bl_label = "Proportions"
-    bl_parent_id = BodyPanel.bl_idname
     bl_options = {"DEFAULT_CLOSED"}
-    section = "body"
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, slot = self.layout, active_performer.chosen(context)
-        layout.use_property_split, layout.use_property_decorate = True, False
+        draw_as_form(layout)
         known = [name for name in MEASURES if getattr(slot, name)]
         if not known:
             layout.label(text="Its bones are not those of a body of ours", icon="INFO")
@@ -84,11 +89,9 @@ class ProportionsPanel(PerformerPart, bpy.types.Panel):
             column.prop(slot, name)
 
 
-class HoldsPanel(PerformerPart, bpy.types.Panel):
+class HoldsPanel(_BodyPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_holds"
     bl_label = "Props in Hands"
-    bl_parent_id = BodyPanel.bl_idname
-    section = "body"
 
     @classmethod
     def is_needed(cls, context: bpy.types.Context) -> bool:

@@ -14,7 +14,7 @@ from ..operators.pose_from_files import ImportKeypoints
 from ..scene_io import active_performer
 from ..scene_io import capture_scene as captures
 from . import guide
-from .section import Section, SectionPart
+from .section import Section, SectionPart, draw_as_form
 from .texts import draw_text
 
 
@@ -57,11 +57,16 @@ class CalibrationPanel(Section, bpy.types.Panel):
         row.operator(ExportCameras.bl_idname, text="Export", icon="EXPORT")
 
 
-class CapturePanel(SectionPart, bpy.types.Panel):
+class _CalibrationPart(SectionPart):
+    """A part of the section "Calibration"."""
+
+    bl_parent_id = CalibrationPanel.bl_idname
+    section = CalibrationPanel.section
+
+
+class CapturePanel(_CalibrationPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_capture"
     bl_label = "Videos"
-    bl_parent_id = CalibrationPanel.bl_idname
-    section = "calibration"
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, capture = self.layout, context.scene.kfmocap_capture
@@ -73,15 +78,13 @@ class CapturePanel(SectionPart, bpy.types.Panel):
         buttons.operator(RemoveVideos.bl_idname, text="", icon="REMOVE")
         if capture.active < len(capture.views):
             _draw_view(layout, capture.views[capture.active])
-        layout.use_property_split, layout.use_property_decorate = True, False
+        draw_as_form(layout)
         layout.prop(capture, "report")
 
 
-class BallsPanel(SectionPart, bpy.types.Panel):
+class BallsPanel(_CalibrationPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_balls"
     bl_label = "L-Frame and Wand"
-    bl_parent_id = CalibrationPanel.bl_idname
-    section = "calibration"
 
     @classmethod
     def is_needed(cls, context: bpy.types.Context) -> bool:
@@ -90,7 +93,7 @@ class BallsPanel(SectionPart, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, capture = self.layout, context.scene.kfmocap_capture
-        layout.use_property_split, layout.use_property_decorate = True, False
+        draw_as_form(layout)
         box = layout.box()
         box.label(text="L-frame: centres of the balls")
         for name in ("corner", "middle", "end", "side"):
@@ -109,16 +112,14 @@ class BallsPanel(SectionPart, bpy.types.Panel):
             _draw_colour(box, capture, slot)
 
 
-class PerformerCalibrationPanel(SectionPart, bpy.types.Panel):
+class PerformerCalibrationPanel(_CalibrationPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_performer_calibration"
     bl_label = "Without a Wand"
-    bl_parent_id = CalibrationPanel.bl_idname
     bl_options = {"DEFAULT_CLOSED"}
-    section = "calibration"
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
-        layout.use_property_split, layout.use_property_decorate = True, False
+        draw_as_form(layout)
         missing = CalibrateFromPerformer.missing(context)
         if missing:
             draw_text(layout, context, missing, "INFO")
@@ -148,7 +149,7 @@ def _draw_lenses(column: bpy.types.UILayout, views: Iterable[bpy.types.PropertyG
 
 def _draw_view(layout: bpy.types.UILayout, view: bpy.types.PropertyGroup) -> None:
     column = layout.column(align=True)
-    column.use_property_split, column.use_property_decorate = True, False
+    draw_as_form(column)
     column.prop(view, "lframe")
     column.prop(view, "wand")
     for name, heading in (("focal", "Focal Length"), ("offset", "Offset")):

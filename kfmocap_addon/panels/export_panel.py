@@ -7,7 +7,7 @@ import bpy
 from ..operators.bake import Bake
 from ..operators.export_motion import Export, OpenExportFolder
 from ..operators.simplify import Simplify
-from .section import Section
+from .section import Section, draw_as_form
 from .texts import draw_text
 
 
@@ -19,7 +19,7 @@ class ExportPanel(Section, bpy.types.Panel):
     def draw_content(self, context: bpy.types.Context) -> None:
         layout, properties = self.layout, context.scene.kfmocap
         settings = properties.export
-        layout.use_property_split, layout.use_property_decorate = True, False
+        draw_as_form(layout)
         if not properties.performers:
             draw_text(layout, context, "No performer yet: add a body, or load a shot", "INFO")
         row = layout.row(align=True)

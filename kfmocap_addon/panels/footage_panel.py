@@ -8,7 +8,7 @@ from ..operators.look_through import LookThrough, QuadView, StepView
 from ..operators.open_section import OpenSection
 from ..operators.recover import RelinkFootage
 from ..operators.refine_cameras import RefineCameras
-from .section import Section, SectionPart
+from .section import Section, SectionPart, draw_as_form
 from .texts import draw_text
 
 
@@ -47,7 +47,7 @@ class FootagePanel(Section, bpy.types.Panel):
             for text in off:
                 draw_text(column, context, text, "ERROR")
             column.operator(RefineCameras.bl_idname, icon="CON_CAMERASOLVER")
-        layout.use_property_split, layout.use_property_decorate = True, False
+        draw_as_form(layout)
         column = layout.column(align=True)
         column.prop(shot, "shot", text="Name")
         column.prop(shot, "frame_rate")
@@ -103,7 +103,7 @@ class ViewPanel(SectionPart, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, shot = self.layout, context.scene.kfmocap
         view = shot.views[shot.shown_view]
-        layout.use_property_split, layout.use_property_decorate = True, False
+        draw_as_form(layout)
         column = layout.column()
         column.prop(view, "name", text="Camera")
         column.prop(view, "offset")

@@ -17,7 +17,7 @@ from ..properties.section_properties import sections_of
 from ..scene_io import active_performer
 from ..scene_io.key_pictures import PICTURES
 from . import key_list, performer_rows
-from .section import PerformerPart, Section
+from .section import PerformerPart, Section, draw_as_form
 from .texts import draw_text
 
 _COLUMNS, _PICTURE_COLUMNS, _PICTURE_SCALE = 6, 2, 6.0
@@ -51,12 +51,17 @@ class KeyPosesPanel(Section, bpy.types.Panel):
             _draw_rows(layout, context.scene.frame_current, rows, accepts=each == slot)
 
 
-class KeyPicturesPanel(PerformerPart, bpy.types.Panel):
+class _KeyPosesPart(PerformerPart):
+    """A part of the section "Key Poses"."""
+
+    bl_parent_id = KeyPosesPanel.bl_idname
+    section = KeyPosesPanel.section
+
+
+class KeyPicturesPanel(_KeyPosesPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_key_pictures"
     bl_label = "Pictures"
-    bl_parent_id = KeyPosesPanel.bl_idname
     bl_options = {"DEFAULT_CLOSED"}
-    section = "key_poses"
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, slot = self.layout, active_performer.chosen(context)
@@ -79,11 +84,9 @@ def _draw_picture(column: bpy.types.UILayout, frame: int, row: key_list.KeyPoseE
         buttons.operator(RefuseProposal.bl_idname, text="", icon="X").frame = row.frame
 
 
-class PoseToolsPanel(PerformerPart, bpy.types.Panel):
+class PoseToolsPanel(_KeyPosesPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_pose_tools"
     bl_label = "From Other Poses"
-    bl_parent_id = KeyPosesPanel.bl_idname
-    section = "key_poses"
 
     def draw(self, context: bpy.types.Context) -> None:
         slot = active_performer.chosen(context)
@@ -114,12 +117,10 @@ def _part(row: bpy.types.UILayout, enabled: bool) -> bpy.types.UILayout:
     return part
 
 
-class PoseFilesPanel(PerformerPart, bpy.types.Panel):
+class PoseFilesPanel(_KeyPosesPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_pose_files"
     bl_label = "From Keypoints and Landmarks"
-    bl_parent_id = KeyPosesPanel.bl_idname
     bl_options = {"DEFAULT_CLOSED"}
-    section = "key_poses"
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, properties = self.layout, context.scene.kfmocap
@@ -131,7 +132,7 @@ class PoseFilesPanel(PerformerPart, bpy.types.Panel):
             _draw_people(layout, context)
         layout.operator(MarkKeypoints.bl_idname, icon="PIVOT_CURSOR")
         frames = layout.column()
-        frames.use_property_split, frames.use_property_decorate = True, False
+        draw_as_form(frames)
         frames.prop(properties.key_frames, "choice")
         for choice, name in (("EVERY", "step"), ("LISTED", "listed")):
             if properties.key_frames.choice == choice:

@@ -6,7 +6,7 @@ from ..operators.hand_shape import FingersFromKeypoints, HandShape
 from ..operators.retarget_bones import FindBones, ForgetBones, LoadBoneMap, SaveBoneMap
 from ..operators.send_to_rig import SendToRig, StopFollowing
 from ..scene_io import active_performer
-from .section import Section
+from .section import Section, draw_as_form
 
 
 class KFMOCAP_UL_bones(bpy.types.UIList):  # noqa: N801  Blender's own way of naming lists
@@ -37,7 +37,7 @@ class RetargetPanel(Section, bpy.types.Panel):
 
     def draw_content(self, context: bpy.types.Context) -> None:
         layout, settings = self.layout, context.scene.kfmocap.retarget
-        layout.use_property_split, layout.use_property_decorate = True, False
+        draw_as_form(layout)
         layout.prop(settings, "source")
         slot = active_performer.chosen(context)
         if settings.source is None and slot is not None:

@@ -70,6 +70,11 @@ class Section(_OnTab):
         raise NotImplementedError
 
 
+def draw_as_form(layout: bpy.types.UILayout) -> None:
+    """Let the fields that are drawn from here on have their names on the left, as in Blender's properties editor."""
+    layout.use_property_split, layout.use_property_decorate = True, False
+
+
 class SectionPart(_OnTab):
     """A part of a section with a title of its own, which is there while the section is open.
 

@@ -13,7 +13,7 @@ from ..operators.track_motion import (
     TrackHere,
 )
 from ..scene_io import active_performer, unfinished_tracking
-from .section import Section, SectionPart
+from .section import Section, SectionPart, draw_as_form
 from .texts import draw_text
 
 
@@ -67,7 +67,7 @@ class SolverPanel(SectionPart, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
-        layout.use_property_split, layout.use_property_decorate = True, False
+        draw_as_form(layout)
         properties = context.scene.kfmocap
         layout.prop(properties, "solver")
         if len(properties.performers) > 1:

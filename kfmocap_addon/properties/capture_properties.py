@@ -27,28 +27,18 @@ def _point(index: int) -> object:
     )
 
 
+def _least_and_greatest(default: tuple[float, float], name: str, description: str) -> object:
+    return bpy.props.FloatVectorProperty(size=2, min=0.0, max=1.0, default=default, name=name, description=description)
+
+
 class KFMocapColour(bpy.types.PropertyGroup):
     """The range of colours of some balls."""
 
     hue: bpy.props.FloatVectorProperty(
         size=2, min=0.0, max=360.0, name="Hue", description="First and last hue, degrees; 340 to 20 goes through red"
     )
-    saturation: bpy.props.FloatVectorProperty(
-        size=2,
-        min=0.0,
-        max=1.0,
-        default=(0.5, 1.0),
-        name="Saturation",
-        description="Least and greatest saturation, 0 to 1",
-    )
-    value: bpy.props.FloatVectorProperty(
-        size=2,
-        min=0.0,
-        max=1.0,
-        default=(0.2, 1.0),
-        name="Value",
-        description="Least and greatest value (lightness), 0 to 1",
-    )
+    saturation: _least_and_greatest((0.5, 1.0), "Saturation", "Least and greatest saturation, 0 to 1")
+    value: _least_and_greatest((0.2, 1.0), "Value", "Least and greatest value (lightness), 0 to 1")
     swatch: bpy.props.FloatVectorProperty(
         size=3, subtype="COLOR_GAMMA", min=0.0, max=1.0, name="Colour", description="The ball where it was clicked on"
     )

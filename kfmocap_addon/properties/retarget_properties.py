@@ -4,6 +4,7 @@ import bpy
 
 from ...core.retargeting.bone_presets import PRESETS
 from .pointer_polls import is_armature
+from .tolerance_fields import shift_tolerance, turn_tolerance
 
 
 class KFMocapBone(bpy.types.PropertyGroup):
@@ -78,21 +79,8 @@ class KFMocapRetarget(bpy.types.PropertyGroup):
         name="As Layer", description="Keep the character's present action below, as a strip of the NLA"
     )
     sparse: bpy.props.BoolProperty(name="Fewer Keys", description="Leave out keys that smooth curves make unnecessary")
-    angle: bpy.props.FloatProperty(
-        default=0.00872665,
-        min=0.0,
-        soft_max=0.0872665,
-        subtype="ANGLE",
-        name="Rotation",
-        description="How far a bone may turn away for the sake of fewer keys, degrees",
-    )
-    distance: bpy.props.FloatProperty(
-        default=1.0,
-        min=0.0,
-        soft_max=20.0,
-        name="Location (mm)",
-        description="How far a bone may move away for the sake of fewer keys, mm",
-    )
+    angle: turn_tolerance(0.5, "How far a bone may turn away for the sake of fewer keys, degrees")
+    distance: shift_tolerance(1.0, "How far a bone may move away for the sake of fewer keys, mm")
 
 
 CLASSES = (KFMocapBone, KFMocapLimbError, KFMocapRetarget)
