@@ -10,6 +10,9 @@ from ..body.skeleton_motion import RestSkeleton
 from ..numerics.arrays import Array, Bools
 from .roles import BoneMap
 
+MOVED = ("root", "hips")
+"""Roles of the bones that move through the world."""
+
 
 @dataclass(frozen=True, eq=False)
 class ControlRig:
@@ -26,9 +29,8 @@ class ControlRig:
     R_world_rest : ndarray, shape (B, 3, 3)
         Orientation at rest.
     location_axes : ndarray, shape (B, 3, 3)
-        The axes of each control's location channels at rest, as columns: its own axes, or the armature's.
-    scale : float
-        Metres per unit of the armature.
+        How each unit of a control's location channels moves it in the world at rest, metres, as columns. Only those of
+        controls that play a role of `MOVED` are used.
     resting_toes : frozenset of str
         Sides ("L", "R") whose feet have toe bones that are not among the controls and keep their rest rotation.
     """
@@ -38,7 +40,6 @@ class ControlRig:
     turn_parents: tuple[int, ...]
     R_world_rest: Array
     location_axes: Array
-    scale: float = 1.0
     resting_toes: frozenset[str] = frozenset()
 
     def index(self, role: str, place: int = 0) -> int:
@@ -107,12 +108,10 @@ def local_turns(rig: ControlRig, poses: RigPoses) -> Array:
 
 
 def local_places(rig: ControlRig, poses: RigPoses, b: int) -> Array:
-    """Return a control's location along its location axes, as turned by its turn parent, in armature units, shape (F,
-    3).
-    """
+    """Return the location channels of a control, whose axes its turn parent turns, shape (F, 3)."""
     p, k = rig.rest.parents[b], rig.turn_parents[b]
     start = rig.rest.heads[b]
     if p >= 0:
         start = poses.places[:, p] + poses.turns[:, p] @ (start - rig.rest.heads[p])
     axes = rig.location_axes[b] if k < 0 else poses.turns[:, k] @ rig.location_axes[b]
-    return np.asarray(np.einsum("...ji,...j->...i", axes, poses.places[:, b] - start) / rig.scale)
+    return np.asarray(np.einsum("...ij,...j->...i", np.linalg.inv(axes), poses.places[:, b] - start))

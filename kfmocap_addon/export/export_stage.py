@@ -124,6 +124,8 @@ def _sample(
         for curve in bag.fcurves
         if curve.data_path.rpartition(".")[2] in _TRANSFORMS and len(curve.keyframe_points)
     }
+    for bone in armature.pose.bones:
+        values = {key: np.full(len(frames), value) for key, value in _standing(bone).items()} | values
     unit = PRESETS[options.preset].scale * body_armature.object_pose(armature)[2]
     _scale_locations(values, armature, unit, options.root_motion)
     copy.animation_data.action = bpy.data.actions.new(armature.name)
@@ -131,6 +133,20 @@ def _sample(
     for (path, index), row in _at_times(values, frames, times).items():
         keys = fcurves.new_keys(first + np.arange(len(times)), row, "KEYFRAME", "LINEAR")
         fcurves.set_keys(fcurves.ensure_fcurve(sampled, path, index, armature.name), [keys])
+
+
+def _standing(bone: bpy.types.PoseBone) -> dict[tuple[str, int], float]:
+    """Return the channels that pose a bone, by path and index; none where it is at rest."""
+    if np.allclose(np.array(bone.matrix_basis), np.eye(4), atol=1e-6):
+        return {}
+    turn = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}.get(
+        bone.rotation_mode, "rotation_euler"
+    )
+    return {
+        (bone.path_from_id(attribute), index): value
+        for attribute in ("location", turn, "scale")
+        for index, value in enumerate(getattr(bone, attribute))
+    }
 
 
 def _sample_followed(

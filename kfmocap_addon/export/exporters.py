@@ -12,7 +12,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 import bpy
-from mathutils import Matrix
+import numpy as np
+from mathutils import Matrix, Vector
 
 from ...core.errors import OutputError, ShotError
 from ..scene_io import fcurves
@@ -21,6 +22,8 @@ from .export_options import DEFAULTS, ExportOptions
 from .export_stage import stage_in_metres, stage_of
 from .whole_files import writing
 
+_SCALED = 0.01
+"""Least change of a bone's scale that importers' rounding cannot explain."""
 _Y_UP = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
 _GLTF = ("export_scene", "gltf", "enable the add-on glTF 2.0 format under Edit > Preferences > Add-ons")
 _EXPORTERS = MappingProxyType(
@@ -74,8 +77,14 @@ def export_bvh(path: Path, armature: bpy.types.Object, scene: bpy.types.Scene, o
     Raises
     ------
     OutputError
-        If the file cannot be written.
+        If the file cannot be written, or a bone that carries others is scaled, which a BVH file cannot say.
     """
+    if (scaled := _scaled_bone(armature)) is not None:
+        raise OutputError(
+            f"BVH has no sizes of bones, and {scaled} is scaled",
+            where=str(path),
+            todo="export FBX alone, or scale the armature object instead of its bone",
+        )
     with writing(path) as target:
         with stage_of(armature, scene, _Y_UP, options) as stage:
             bpy.ops.export_anim.bvh(
@@ -88,6 +97,17 @@ def export_bvh(path: Path, armature: bpy.types.Object, scene: bpy.types.Scene, o
         text = target.read_text(encoding="utf-8")
         text = re.sub(r"Frame Time: .*", f"Frame Time: {seconds:.10f}", text)
         target.write_text(text, encoding="utf-8", newline="\n")
+
+
+def _scaled_bone(armature: bpy.types.Object) -> str | None:
+    """Return the bone that gives bones with others below them another size, None where they have that of the rest."""
+    posed = armature.pose.bones
+    scaled = [bone.name for bone in posed if bone.bone.children and _is_scaled(bone.matrix.to_scale())]
+    return next((bone.name for bone in posed if _is_scaled(bone.scale)), scaled[0]) if scaled else None
+
+
+def _is_scaled(scale: Vector) -> bool:
+    return bool(np.abs(np.array(scale) - 1).max() > _SCALED)
 
 
 def _others_move(armature: bpy.types.Object) -> bool:

@@ -142,10 +142,14 @@ def refuse_otherwise_moved(armature: bpy.types.Object, carriers: Mapping[str, st
     """
     parts = body_armature.body_bones(armature)
     names = [bone.name for bone in parts]
-    above, standing = body_armature.parents_of(parts), body_armature.standing_frames(armature, parts)
+    above = body_armature.parents_of(parts)
     bones = [bone for bone in carriers if carriers[bone] in names]
     dice = np.random.default_rng(0)
     with at_rest(armature, [bone.name for bone in armature.data.bones]):
+        for name in names:
+            armature.pose.bones[name].scale = (1.0, 1.0, 1.0)  # the parts have that of the skin at rest
+        update()
+        standing, _ = body_armature.standing_frames(armature, parts)
         rest = rest_matrices(armature, [*names, *bones])
         size = float(np.ptp(rest[:, :3, 3], axis=0).max()) or 1.0
         posed: list[Array] = []

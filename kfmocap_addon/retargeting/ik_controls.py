@@ -8,7 +8,6 @@ import numpy as np
 from ...core.numerics.arrays import Array
 from ...core.retargeting.bone_presets import BonePreset, IkLimb
 from ...core.retargeting.control_rig import ControlRig, RigPoses
-from ..scene_io.body_armature import world_frame
 from .rig_curves import ControlChannel, rotation_channel
 from .rig_error import world_matrices
 from .rig_reading import location_axes
@@ -45,13 +44,12 @@ def _limb(armature: bpy.types.Object, rig: ControlRig, poses: RigPoses, limb: Ik
     standing, joints = (a[:, (upper, lower, end)] for a in (rig.rest.heads[None], poses.places))
     pole = _pole_path(joints, poses.turns[:, upper], standing[0], heads[1])
     found = []
-    scale = world_frame(armature)[1]
     shift = np.zeros((len(poses), 3))
     if carried_by is not None:
         shift = poses.places[:, carried_by] - rig.rest.heads[carried_by]
-    for name, axes, start, goal in ((limb.control, R[0], heads[0], place), (limb.pole, R[1], heads[1], pole)):
-        along = location_axes(armature, name, axes)
-        found.append(ControlChannel(name, "location", (goal - shift - start) @ along / scale))
+    for name, start, goal in ((limb.control, heads[0], place), (limb.pole, heads[1], pole)):
+        along = np.linalg.inv(location_axes(armature, name))
+        found.append(ControlChannel(name, "location", (goal - shift - start) @ along.T))
     found.append(rotation_channel(armature.pose.bones[limb.control], R[0].T @ turns @ R[0]))
     return found
 

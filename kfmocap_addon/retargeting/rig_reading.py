@@ -14,13 +14,13 @@ from typing import Any
 
 import bpy
 import numpy as np
-from mathutils import Matrix, Quaternion
+from mathutils import Matrix, Quaternion, Vector
 
 from ...core.body.skeleton_motion import RestSkeleton
 from ...core.errors import BodyError
 from ...core.numerics import rotations
 from ...core.numerics.arrays import Array, Bools
-from ...core.retargeting.control_rig import ControlRig
+from ...core.retargeting.control_rig import MOVED, ControlRig
 from ...core.retargeting.retarget import grounded
 from ...core.retargeting.roles import BoneMap
 from ..scene_io import fcurves
@@ -86,7 +86,9 @@ def rest_orientations(armature: bpy.types.Object, names: Sequence[str]) -> Array
 
 @contextmanager
 def at_rest(armature: bpy.types.Object, controls: Sequence[str]) -> Iterator[None]:
-    """Take an armature's animation away and its controls to their rest pose while the block runs."""
+    """Take an armature's animation away and its controls to their rest pose while the block runs. The sizes of bones
+    stay: by them animators scale a whole character, or its head.
+    """
     data = fcurves.own_animation(armature) if armature.animation_data else None
     before = (data.action, data.action_slot, data.use_nla) if data else None
     poses = {name: _channels(armature.pose.bones[name]) for name in controls}
@@ -96,7 +98,7 @@ def at_rest(armature: bpy.types.Object, controls: Sequence[str]) -> Iterator[Non
             data.action, data.use_nla = None, False
         try:
             for name in controls:
-                armature.pose.bones[name].matrix_basis = Matrix.Identity(4)
+                pose(armature.pose.bones[name])
             update()
             yield
         finally:
@@ -135,6 +137,11 @@ def leave_rest_position(armature: bpy.types.Object) -> tuple[str, ...]:
         return ()
     armature.data.pose_position = "POSE"
     return (f"armature {armature.name}: it was shown in its rest position, and shows its poses now",)
+
+
+def pose(bone: bpy.types.PoseBone, way: Sequence[float] = (0.0, 0.0, 0.0), turn: Quaternion | None = None) -> None:
+    """Shift a bone from its rest pose, and turn it; it keeps its size."""
+    bone.matrix_basis = Matrix.LocRotScale(Vector(way), turn, bone.scale)
 
 
 def _channels(bone: bpy.types.PoseBone) -> dict[str, tuple[float, ...]]:
@@ -200,13 +207,13 @@ def read_rig(armature: bpy.types.Object, bones: BoneMap, resting_toes: frozenset
         tuple(names[b] for b in order), tuple(place[place_parents[b]] for b in order), heads[order], tails[order]
     )
     R = rotations.orthonormal(matrix[:3, :3] / scale @ rest[:, :3, :3])
+    shifts = {bones.bones[r][0]: location_axes(armature, bones.bones[r][0]) for r in MOVED if r in bones.bones}
     rig = ControlRig(
         grounded(skeleton, bones, float(matrix[2, 3])),
         bones,
         tuple(place[turn_parents[b]] for b in order),
         R[order],
-        np.stack([location_axes(armature, names[b], R[b]) for b in order]),
-        scale,
+        np.stack([shifts.get(names[b], scale * R[b]) for b in order]),
         resting_toes,
     )
     return RigReading(rig, tuple(sorted(set(unsteady))))
@@ -224,13 +231,24 @@ def _refuse_held(armature: bpy.types.Object, name: str, rest: Array, moved: Arra
         )
 
 
-def location_axes(armature: bpy.types.Object, name: str, R_world: Array) -> Array:
-    """Return the axes (3, 3) that a bone's location is counted along, as columns: its own of orientation `R_world`, or
-    not.
+def location_axes(armature: bpy.types.Object, name: str) -> Array:
+    """Return how far and where each unit of a bone's location moves it in the world, metres, shape (3, 3), as columns.
+
+    That depends on settings of the bone and on the sizes of those above: it is shifted along each axis. The armature's
+    own axes are returned for a bone that does not move.
     """
-    if armature.data.bones[name].use_local_location:
-        return R_world
-    return rotations.orthonormal(np.array(armature.matrix_world)[:3, :3] / world_frame(armature)[1])
+    matrix, _ = world_frame(armature)
+    bone = armature.pose.bones[name]
+    way = max(bone.bone.length, _RIGID)
+    update()
+    start, found = np.array(bone.head), np.empty((3, 3))
+    for i, axis in enumerate(np.eye(3)):
+        pose(bone, way * axis)
+        update()
+        found[:, i] = (np.array(bone.head) - start) / way
+    pose(bone)
+    update()
+    return np.asarray(matrix[:3, :3] @ (found if abs(np.linalg.det(found)) > _RIGID**3 else np.eye(3)))
 
 
 def rest_matrices(armature: bpy.types.Object, names: Sequence[str]) -> Array:
@@ -241,10 +259,10 @@ def rest_matrices(armature: bpy.types.Object, names: Sequence[str]) -> Array:
 def moved_matrices(armature: bpy.types.Object, name: str, names: Sequence[str], way: float = 0.0) -> Array:
     """Return the matrices (B, 4, 4) of bones while a control is turned, and shifted where it can be."""
     bone = armature.pose.bones[name]
-    bone.matrix_basis = Matrix.Translation((way, 0.7 * way, -0.4 * way)) @ _PROBE.to_matrix().to_4x4()
+    pose(bone, (way, 0.7 * way, -0.4 * way), _PROBE)
     update()
     found = rest_matrices(armature, names)
-    bone.matrix_basis = Matrix.Identity(4)
+    pose(bone)
     return found
 
 

@@ -14,7 +14,7 @@ from ...core.body.skeleton_motion import SkeletonMotion
 from ...core.errors import BodyError
 from ...core.numerics.arrays import Array, Bools
 from ...core.retargeting.bone_matching import described, match_bones, preset_of
-from ...core.retargeting.control_rig import ControlRig, RigPoses, local_places, local_turns
+from ...core.retargeting.control_rig import MOVED, ControlRig, RigPoses, local_places, local_turns
 from ...core.retargeting.rest_alignment import feet_point_back
 from ...core.retargeting.retarget import Retargeted, limb_changes, plant_intervals, prepared, retarget, upright_turn
 from ...core.retargeting.roles import SIDES, BoneMap
@@ -28,6 +28,7 @@ from .rig_error import measured_errors, world_matrices
 from .rig_reading import at_rest, leave_rest_position, read_rig, rest_skeleton, with_settings, without_holds
 
 _SAMPLE = 60  # frames on which the remaining error is measured
+_UNEVEN = 1e-3  # difference of a bone's scales from which it is said
 
 
 @dataclass(frozen=True)
@@ -174,6 +175,7 @@ def send_to_rig(
         "warnings": [
             *shown_at_rest,
             *_standing_wrongly(armature, sent.rig),
+            *_scaled_unevenly(armature, sent.rig),
             *without_influence,
             *_warnings(sent.unsteady, errors),
         ],
@@ -287,7 +289,7 @@ def control_channels(
     for b, name in enumerate(rig.rest.names):
         if poses.driven[b] and b not in left_out:
             channels.append(rotation_channel(armature.pose.bones[name], turns[:, b]))
-    for role in ("root", "hips"):
+    for role in MOVED:
         if role in rig.bones.bones and poses.driven[rig.index(role)]:
             b = rig.index(role)
             channels.append(ControlChannel(rig.rest.names[b], "location", local_places(rig, poses, b)))
@@ -345,6 +347,17 @@ def _standing_wrongly(armature: bpy.types.Object, rig: ControlRig) -> list[str]:
             "Find Bones, or in a bone map"
         )
     return found
+
+
+def _scaled_unevenly(armature: bpy.types.Object, rig: ControlRig) -> list[str]:
+    """Return warnings about controls that are scaled by different amounts along their axes."""
+    scales = {name: np.array(armature.pose.bones[name].scale) for name in rig.rest.names}
+    return [
+        f"bone {name}: it is scaled by different amounts along its axes, so the bones below it are not exactly in "
+        "place: scale it evenly, or clear its scale (Alt S)"
+        for name, scale in scales.items()
+        if np.ptp(scale) > _UNEVEN and armature.data.bones[name].children
+    ]
 
 
 def _warnings(unsteady: tuple[str, ...], errors: Mapping[str, Mapping[str, float]]) -> list[str]:

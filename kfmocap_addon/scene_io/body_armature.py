@@ -137,17 +137,21 @@ def reshape(armature: bpy.types.Object, body: Body) -> None:
     """
     R_object, place, scale = object_pose(armature)
     before = {bone.name: bone.length for bone in armature.data.bones}
+    carried = dict(
+        zip(body.names, _carrying(armature, [armature.data.bones[name] for name in body.names]), strict=True)
+    )
     with edit_bones(armature) as bones:
         for bone in bones:
             bone.use_connect = False
         for part in body.parts:
-            bone = bones[part.name]
-            ends = np.stack([part.head_world, part.tail_world]) - place
-            bone.head, bone.tail = map(Vector, (ends @ R_object / scale).tolist())
-            bone.align_roll(Vector((R_object.T @ part.R_world_rest[:, 2]).tolist()))
+            bone, to_rest = bones[part.name], np.linalg.inv(carried[part.name])
+            ends = (np.stack([part.head_world, part.tail_world]) - place) @ R_object / scale
+            bone.head, bone.tail = map(Vector, (ends @ to_rest[:3, :3].T + to_rest[:3, 3]).tolist())
+            bone.align_roll(Vector((to_rest[:3, :3] @ R_object.T @ part.R_world_rest[:, 2]).tolist()))
     for part in body.parts:
         longer = armature.data.bones[part.name].length - before[part.name]
-        part_meshes.put_vertices(armature, part.name, part.vertices / scale, longer)
+        unit = scale * _size(carried[part.name])
+        part_meshes.put_vertices(armature, part.name, part.vertices / unit, longer)
     _describe(armature, body)
 
 
@@ -214,7 +218,8 @@ def body_from_armature(armature: bpy.types.Object) -> Body:
     R_object, place, scale = object_pose(armature)
     bones, meshes = body_bones(armature), part_meshes.meshes_by_bone(armature)
     parts: list[Part] = []
-    for bone, above, frame in zip(bones, parents_of(bones), standing_frames(armature, bones), strict=True):
+    frames, sizes = standing_frames(armature, bones)
+    for bone, above, frame, size in zip(bones, parents_of(bones), frames, sizes, strict=True):
         if above < 0 and parts:
             raise BodyError(
                 f"the bone hangs on no other part: {bones[0].name} is the top of the body",
@@ -222,14 +227,14 @@ def body_from_armature(armature: bpy.types.Object) -> Body:
                 todo="parent a mesh to a bone that both hang on, or take this one's off",
             )
         R_rest, start = frame[:3, :3], frame[:3, 3]
-        head, tail = (scale * R_object @ point + place for point in (start, start + bone.length * R_rest[:, 1]))
+        head, tail = (scale * R_object @ point + place for point in (start, start + size * bone.length * R_rest[:, 1]))
         read = Part(
             name=bone.name,
             parent=above,
             head_world=head,
             tail_world=tail,
             R_world_rest=R_object @ R_rest,
-            vertices=scale * part_meshes.mesh_vertices(armature, bone, meshes.get(bone.name, ())),
+            vertices=scale * size * part_meshes.mesh_vertices(armature, bone, meshes.get(bone.name, ())),
             limits=np.array(json.loads(bone[LIMITS]))
             if LIMITS in bone
             else joint_limits(armature.pose.bones[bone.name]),
@@ -254,22 +259,49 @@ def _rest(part: Part) -> Array:
     return np.concatenate([[part.head_world, part.tail_world], part.R_world_rest, part.vertices])
 
 
-def standing_frames(armature: bpy.types.Object, bones: Sequence[bpy.types.Bone]) -> Array:
-    """Return the matrices (B, 4, 4) in the armature of the bones of a body, unposed; all other bones stand as they are
-    posed.
+def standing_frames(armature: bpy.types.Object, bones: Sequence[bpy.types.Bone]) -> tuple[Array, Array]:
+    """Return the frames (B, 4, 4) in the armature of the bones of a body, unposed, and their sizes (B,); all other
+    bones stand as they are posed.
 
-    So a control that all bones hang on, or one between two parts, may have been moved once and for all.
+    So a control that all bones hang on, or one between two parts, may have been moved, or scaled, once and for all.
     """
-    parts = {bone.name for bone in bones}
-    frames = np.array([np.array(bone.matrix_local) for bone in bones])
-    for i, bone in enumerate(bones):
-        for between in bone.parent_recursive:
-            basis = None if between.name in parts else np.array(armature.pose.bones[between.name].matrix_basis)
-            if basis is not None and not np.allclose(basis, np.eye(4), atol=1e-6):
-                rest = np.array(between.matrix_local)
-                frames[i] = rest @ basis @ np.linalg.inv(rest) @ frames[i]
+    carrying = _carrying(armature, bones)
+    frames = carrying @ np.array([np.array(bone.matrix_local) for bone in bones])
     frames[:, :3, :3] = rotations.orthonormal(frames[:, :3, :3])
-    return frames
+    return frames, np.array([_size(matrix) for matrix in carrying])
+
+
+def _carrying(armature: bpy.types.Object, bones: Sequence[bpy.types.Bone]) -> Array:
+    """Return how the bones above each bone of a body that are no parts move it from rest, (B, 4, 4) in the armature.
+
+    A bone above all parts that constraints move (Rigify's torso follows its root so) stands where Blender shows it.
+    """
+    found: dict[str, Array] = {}
+    for bone in bones:
+        carried = np.eye(4)
+        part = next((above.name for above in bone.parent_recursive if above.name in found), None)
+        for between in bone.parent_recursive:
+            posed, rest = armature.pose.bones[between.name], np.array(between.matrix_local)
+            if between.name == part:
+                carried = found[part] @ carried
+                break
+            if part is None and is_held(posed):
+                carried = np.array(posed.matrix) @ np.linalg.inv(rest) @ carried
+                break
+            if not np.allclose(np.array(posed.matrix_basis), np.eye(4), atol=1e-6):
+                carried = rest @ np.array(posed.matrix_basis) @ np.linalg.inv(rest) @ carried
+        found[bone.name] = carried
+    return np.array([found[bone.name] for bone in bones])
+
+
+def is_held(bone: bpy.types.PoseBone) -> bool:
+    """Whether a constraint acts on a bone."""
+    return any(not held.mute and held.influence > 0 for held in bone.constraints)
+
+
+def _size(matrix: Array) -> float:
+    """Return by how much a matrix (4, 4) enlarges."""
+    return float(np.cbrt(np.linalg.det(matrix[:3, :3])))
 
 
 def joint_limits(bone: bpy.types.PoseBone) -> Array:

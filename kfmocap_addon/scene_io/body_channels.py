@@ -86,9 +86,9 @@ def root_frame(armature: bpy.types.Object) -> tuple[Array, Array, float]:
     """Axes (3, 3) and origin (3,) in the world of the root bone's location channels, and their unit in metres."""
     R_object, place, scale = body_armature.object_pose(armature)
     bones = body_armature.body_bones(armature)
-    frame = body_armature.standing_frames(armature, bones[:1])[0]
+    [frame], [size] = body_armature.standing_frames(armature, bones[:1])
     axes = R_object @ frame[:3, :3] if bones[0].use_local_location else R_object
-    return axes, scale * R_object @ frame[:3, 3] + place, scale
+    return axes, scale * R_object @ frame[:3, 3] + place, scale * size
 
 
 def fixed_dofs(armature: bpy.types.Object, held: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -173,10 +173,10 @@ def find(label: str, *, within: Box | None = None, sideways: bool = False) -> Pl
     return column + w // 2, row + h // 2
 
 
-def is_shown(label: str) -> bool:
-    """Whether a label is on the screen."""
+def is_shown(label: str, **where: Any) -> bool:
+    """Whether a label is on the screen; the other arguments are those of `find`."""
     try:
-        find(label)
+        find(label, **where)
     except NotShownError:
         return False
     return True

@@ -136,8 +136,17 @@ def add_body() -> Waits:
     yield from picture("body")
 
 
+SCROLLS = 10
+"""Turns of the mouse wheel at most."""
+
+
 def only(section: str) -> Waits:
-    """Ctrl-click on a section's title, which opens it and closes the others."""
+    """Ctrl-click on a section's title, which opens it and closes the others; scrolls to it where it is below."""
+    for _ in range(SCROLLS):
+        if screen.is_shown(section, within=sidebar()):
+            break
+        left, _, right, bottom = sidebar()
+        yield from click_at(((left + right) // 2, bottom - 40), button=5)
     yield from screen.click_with("ctrl", find(section, within=sidebar()))
 
 

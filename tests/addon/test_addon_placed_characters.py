@@ -1,0 +1,148 @@
+"""Characters that were placed, turned and scaled by their controls: tracked, exported and moved where they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from addon_shots import blender, joint_error  # noqa: E402, F401
+from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
+from kfmocap.core.errors import OutputError  # noqa: E402
+from kfmocap.core.formats.bvh import read_bvh  # noqa: E402
+from kfmocap.core.retargeting.transfer import RetargetOptions  # noqa: E402
+from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
+from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves, part_meshes  # noqa: E402
+from odd_characters import BODY, CONTROL, controlled_human, skinned_human, switched_human, unreal_like  # noqa: E402
+from synthetic import swing  # noqa: E402
+
+pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
+
+FRAMES, HALF = 8, 0.5
+
+
+def following_root():
+    """A control rig whose topmost control follows the root by a constraint, as Rigify's torso does."""
+    armature = controlled_human()
+    with body_armature.edit_bones(armature) as bones:
+        between, pelvis = bones.new("MCH-pelvis.parent"), bones[f"{CONTROL}pelvis"]
+        between.head, between.tail, between.use_deform = pelvis.head, pelvis.tail, False
+        pelvis.use_connect, pelvis.parent = False, between
+    held = armature.pose.bones["MCH-pelvis.parent"].constraints.new("ARMATURE")
+    target = held.targets.new()
+    target.target, target.subtarget = armature, "root"
+    return armature
+
+
+def placed(armature, scale=1.0):
+    """Shift, turn and scale a character by its root."""
+    root = armature.pose.bones["root"]
+    root.rotation_mode = "XYZ"
+    root.location, root.rotation_euler, root.scale = (1.0, 0.5, 0.2), (0.3, 0.8, -0.2), (scale,) * 3
+    armature.location, armature.scale = (0.3, -0.4, 0.1), (0.8,) * 3
+    bpy.context.view_layer.update()
+    return armature
+
+
+MADE = [unreal_like, controlled_human, switched_human, following_root]
+
+
+@pytest.mark.parametrize("scale", [1.0, HALF])
+@pytest.mark.parametrize("made", MADE)
+def test_a_body_stands_where_its_root_has_put_it_in_its_size(made, scale):
+    armature, _ = use_as_body(bpy.context.scene, placed(made(), scale))
+    body = body_armature.body_from_armature(armature)
+    sizes = [np.ptp(part.vertices, axis=0) / np.ptp(own.vertices, axis=0) for part, own in zip_parts(body)]
+    assert np.median(sizes) == pytest.approx(scale, rel=0.1), "its parts are as large as its skin, which has no parent"
+    truth = swing(body, FRAMES, 0.3)
+    motion_curves.write_motion(armature, truth, 1)
+    assert joint_error(armature, body, truth) < 0.1
+
+
+def zip_parts(body):
+    """The parts of a body beside those of the default one on the same bones."""
+    plain = {"thigh.L": "thigh_l", "shin.L": "calf_l", "upper_arm.R": "upperarm_r"}
+    for own, other in plain.items():
+        name = next(n for n in (other, CONTROL + own) if n in body.names)
+        yield body.parts[body.index(name)], BODY.parts[BODY.index(own)]
+
+
+def test_a_body_below_a_scaled_control_takes_other_lengths():
+    """As Fit Body gives them: in the world, where the body stands."""
+    armature, _ = use_as_body(bpy.context.scene, placed(unreal_like(), HALF))
+    body = body_armature.body_from_armature(armature)
+    body_armature.reshape(armature, body)
+    again = body_armature.body_from_armature(armature)
+    for part, other in zip(body.parts, again.parts, strict=True):
+        assert np.abs(part.head_world - other.head_world).max() < 1e-5
+        assert np.abs(part.vertices - other.vertices).max() < 1e-5
+    assert {name: len(meshes) for name, meshes in part_meshes.meshes_by_bone(armature).items()} == dict.fromkeys(
+        body.names, 1
+    )
+
+
+def heads(armature, names):
+    """Heads of bones in the world on all frames as Blender shows them, (F, B, 3)."""
+    found = []
+    for frame in range(1, FRAMES + 1):
+        bpy.context.scene.frame_set(frame)
+        posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        found.append([posed.matrix_world @ posed.pose.bones[name].head for name in names])
+    return np.array(found)
+
+
+@pytest.mark.parametrize("scale", [1.0, HALF])
+@pytest.mark.parametrize("made", MADE)
+def test_files_have_a_placed_character_where_blender_shows_it(made, scale, tmp_path):
+    scene = bpy.context.scene
+    armature, _ = use_as_body(scene, placed(made(), scale))
+    body = body_armature.body_from_armature(armature)
+    motion_curves.write_motion(armature, swing(body, FRAMES, 0.3), 1)
+    wanted = heads(armature, body.names)
+    options = ExportOptions(frames=(1, FRAMES))
+    if scale == 1.0:
+        exporters.export_bvh(tmp_path / "motion.bvh", armature, scene, options)
+        moved = read_bvh(tmp_path / "motion.bvh")
+        assert np.abs(moved.positions[:, moved.rest.indices(body.names)] - wanted).max() < 1e-4
+    else:
+        with pytest.raises(OutputError, match=r"BVH has no sizes of bones, and root is scaled \(export FBX alone"):
+            exporters.export_bvh(tmp_path / "motion.bvh", armature, scene, options)
+        assert not (tmp_path / "motion.bvh").exists()
+    exporters.export_fbx(tmp_path / "motion.fbx", armature, scene, options)
+    bpy.ops.import_scene.fbx(filepath=str(tmp_path / "motion.fbx"), anim_offset=0.0)
+    assert np.abs(heads(bpy.context.object, body.names) - wanted).max() < 1e-3
+
+
+@pytest.mark.parametrize("root", ["world", "root-bone", "in-place"])
+@pytest.mark.parametrize("made", MADE)
+def test_motion_is_sent_to_a_character_that_its_root_has_placed_and_scaled(made, root):
+    motion = motion_of_body(BODY, swing(BODY, FRAMES, 0.3), "man", 30.0)
+    options = SendOptions(retarget=RetargetOptions(root=root))
+    report = send_to_rig(bpy.context.scene, motion, placed(made(), HALF), 1, options)
+    assert max(limb["worst_degrees"] for limb in report["error"].values()) < 0.1
+    assert max(limb["worst_mm"] for limb in report["error"].values()) < 0.1
+
+
+@pytest.mark.parametrize("name", ["pelvis", "upper_arm.L", "head"])
+def test_motion_is_sent_to_a_character_with_a_bone_of_another_size(name):
+    armature = skinned_human()
+    armature.pose.bones[name].scale = (1.3,) * 3
+    motion = motion_of_body(BODY, swing(BODY, FRAMES, 0.3), "man", 30.0)
+    report = send_to_rig(bpy.context.scene, motion, armature, 1)
+    assert report["warnings"] == []
+    assert max(limb["worst_mm"] for limb in report["error"].values()) < 0.1
+    assert tuple(armature.pose.bones[name].scale) == pytest.approx((1.3,) * 3)
+
+
+def test_a_bone_that_is_scaled_unevenly_is_named():
+    armature = skinned_human()
+    armature.pose.bones["upper_arm.L"].scale = (1.0, 1.3, 1.0)
+    armature.pose.bones["head"].scale = (1.2, 1.0, 1.0)  # nothing hangs on it
+    [said] = send_to_rig(bpy.context.scene, motion_of_body(BODY, swing(BODY, FRAMES, 0.3), "man", 30.0), armature, 1)[
+        "warnings"
+    ]
+    assert said.startswith("bone upper_arm.L: it is scaled by different amounts along its axes")
