@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from ..core.calibration.bundle import covariance
 from ..core.calibration.bundle_residuals import BallObservations, BundleEvidence, Scene, unknowns
 from ..core.calibration.calibration_result import CalibrationResult
-from ..core.calibration.camera_rig import CAMERA_DOF, FOCAL, K1, OFFSET, SHIFT, TURN, Wand, rig_of
+from ..core.calibration.camera_rig import CAMERA_DOF, FOCAL, K1, OFFSET, SHIFT, TURN, rig_of
 from ..core.calibration.lframe import resting
 from ..core.calibration.wand_calibration import solve_capture
 from ..core.calibration.wand_matching import matched
+from ..core.calibration.wand_motion import Wand
 from ..core.cameras.camera import Camera
 from ..core.capture.capture import Capture
 from ..core.errors import KFMocapError

@@ -316,7 +316,7 @@ TERMS = (
     ),
     Term(
         "paper 2, (1)",
-        "core/calibration/camera_rig.py",
+        "core/calibration/wand_motion.py",
         "half = self.length / 2 * self.direction",
         "half = self.length * self.direction",
         "tests/core/calibration/test_bundle.py::test_the_wand_keeps_its_length_exactly",

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 
 from ..numerics.arrays import Array, Bools
-from ..numerics.least_squares import StoppingRule, minimise
+from ..numerics.least_squares import StoppingRule, minimise, moving_only
 from ..numerics.normal_equations import SparseEquations, SparseFactor
 from ..numerics.robust_kernels import RAYLEIGH_MEDIAN, Cauchy, Quadratic, RobustKernel
 from .bundle_residuals import (
@@ -115,15 +115,10 @@ def adjust(
         found = linearise(state, evidence)
         return SparseEquations(*_normal_equations(found, free, kernel), cost(found.points, found.others))
 
-    def move(state: Scene, step: Array) -> Scene:
-        whole = np.zeros(len(free))
-        whole[free] = step
-        return state.moved(whole)
-
     result = minimise(
         scene,
         equations,
-        move,
+        moving_only(Scene.moved, free),
         trial_cost=lambda trial, _: cost(*residuals(trial, evidence)),
         stopping=StoppingRule(iterations, relative_gain=tolerance),
         on_iteration=None if cancel is None else lambda iteration, state: cancel(),

@@ -16,22 +16,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from ..numerics.arrays import Array, Bools, Ints
-from .camera_rig import (
-    CAMERA_DOF,
-    CENTRE,
-    DRIFT,
-    FOCAL,
-    K1,
-    K2,
-    OFFSET,
-    SHIFT,
-    TURN,
-    WAND_DOF,
-    Rig,
-    Stencil,
-    Wand,
-    tangents,
-)
+from .camera_rig import CAMERA_DOF, CENTRE, DRIFT, FOCAL, K1, K2, OFFSET, SHIFT, TURN, Rig
+from .frame_stencil import Stencil
+from .wand_motion import WAND_DOF, Wand, tangents
 
 Rows = tuple[Array, sparse.csr_array]
 

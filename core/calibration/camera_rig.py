@@ -1,13 +1,11 @@
-"""The unknowns of a calibration: the cameras with their clocks, and the wand on every frame."""
+"""The unknowns of the cameras: places, lenses and clocks."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
 from ..numerics import rotations
@@ -17,12 +15,8 @@ TURN, SHIFT, FOCAL, CENTRE, K1, K2, OFFSET, DRIFT = slice(0, 3), slice(3, 6), 6,
 CAMERA_DOF = 13
 """Unknowns of a camera: rotation (3) and translation (3) of its frame, logarithm of the focal length, principal point
 (2), k1, k2, offset, drift."""
-WAND_DOF = 5
-"""Unknowns of a wand on a frame: its middle (3), and its direction along the two axes of `tangents`."""
 COEFFICIENTS = 14
 """Length of OpenCV's longest list of distortion coefficients."""
-_ORDER = 4
-"""Number of frames from which positions between frames are interpolated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,120 +140,3 @@ def rig_of(cameras: Sequence[Camera]) -> Rig:
         np.zeros(C),
         np.ones(C),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Wand:
-    """A wand of known length on n frames.
-
-    Attributes
-    ----------
-    frames : ndarray of int, shape (n,)
-        Frames of the capture, increasing.
-    middle : ndarray, shape (n, 3)
-        Metres, world.
-    direction : ndarray, shape (n, 3)
-        Unit vectors from the second end to the first.
-    length : float
-        Metres.
-    """
-
-    frames: Ints
-    middle: Array
-    direction: Array
-    length: float
-
-    def __len__(self) -> int:
-        return len(self.frames)
-
-    @property
-    def ends_world(self) -> Array:
-        """Both ends, shape (n, 2, 3), metres."""
-        half = self.length / 2 * self.direction
-        return np.stack([self.middle + half, self.middle - half], axis=1)
-
-    def moved(self, step: Array) -> Wand:
-        """Return the wand after a step of shape (n, 5)."""
-        direction = self.direction + np.einsum("nij,nj->ni", tangents(self.direction), step[:, 3:])
-        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-        return replace(self, middle=self.middle + step[:, :3], direction=direction)
-
-    def in_world(self, R: Array, t: Array) -> Wand:
-        """Return the same wand in a world whose points are R x + t."""
-        return replace(self, middle=self.middle @ R.T + t, direction=self.direction @ R.T)
-
-    def scaled(self, scale: float) -> Wand:
-        """Return the same wand in a world that is so many times as large."""
-        return replace(self, middle=scale * self.middle, length=scale * self.length)
-
-    def take(self, chosen: NDArray[Any]) -> Wand:
-        """Return the wand on some of its frames."""
-        return Wand(self.frames[chosen], self.middle[chosen], self.direction[chosen], self.length)
-
-
-def tangents(direction: Array) -> Array:
-    """Return two unit vectors perpendicular to each direction (n, 3) and to each other, shape (n, 3, 2)."""
-    axis = np.eye(3)[np.argmin(np.abs(direction), axis=1)]
-    first = np.cross(direction, axis)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(direction, first)], axis=-1)
-
-
-@dataclass(frozen=True, eq=False)
-class Stencil:
-    """Weights of cubic Lagrange interpolation between frames.
-
-    Attributes
-    ----------
-    nodes : ndarray of int, shape (n, 4)
-        Indices of the frames that are interpolated.
-    weights : ndarray, shape (n, 4)
-        Weights of their values.
-    slopes : ndarray, shape (n, 4)
-        Weights of their values in the derivative, per frame.
-    reached : ndarray of bool, shape (n,)
-        Whether there is a frame within half a frame's distance.
-    """
-
-    nodes: Ints
-    weights: Array
-    slopes: Array
-    reached: NDArray[np.bool_]
-
-    @classmethod
-    def create(cls, frames: Ints, times: Array) -> Stencil:
-        """Return the interpolation of increasing frames at some times; times in gaps are not reached."""
-        start, stop = _runs(frames)
-        nearest = np.clip(np.searchsorted(frames, np.floor(times + 0.5)), 0, len(frames) - 1)
-        reached = np.abs(frames[nearest] - times) <= 0.5 + 1e-9
-        size = np.minimum(stop[nearest] - start[nearest], _ORDER)
-        before = nearest - (times < frames[nearest])  # the frame at or before the time
-        first = np.clip(before - 1, start[nearest], stop[nearest] - size)
-        x = times - frames[first]
-        nodes = np.minimum(first[:, None] + np.arange(_ORDER), len(frames) - 1)
-        weights, slopes = np.zeros((2, len(times), _ORDER))
-        for m in range(1, _ORDER + 1):
-            rows = size == m
-            powers = x[rows, None] ** np.arange(m)
-            basis = np.linalg.inv(np.vander(np.arange(m), increasing=True))
-            weights[rows, :m] = powers @ basis
-            slopes[rows, :m] = powers[:, :-1] @ (np.arange(1, m)[:, None] * basis[1:])
-        whole = np.abs(frames[nearest] - times) < 1e-12
-        weights[whole] = np.arange(_ORDER) == (nearest - first)[whole, None]
-        return cls(nodes, weights, slopes, reached)
-
-    def value(self, values: Array) -> Array:
-        """Interpolated values, shape (n, ...)."""
-        return np.asarray(np.einsum("nk,nk...->n...", self.weights, values[self.nodes]))
-
-    def slope(self, values: Array) -> Array:
-        """Their derivatives, per frame."""
-        return np.asarray(np.einsum("nk,nk...->n...", self.slopes, values[self.nodes]))
-
-
-def _runs(frames: Ints) -> tuple[Ints, Ints]:
-    """Return for each frame the first index of its run of consecutive frames, and the index after the last."""
-    cuts = np.flatnonzero(np.diff(frames) != 1) + 1
-    edges = np.concatenate([[0], cuts, [len(frames)]])
-    run = np.repeat(np.arange(len(edges) - 1), np.diff(edges))
-    return edges[:-1][run], edges[1:][run]

@@ -11,10 +11,11 @@ from ..capture.capture import LFRAME_BALLS, Capture
 from ..errors import CaptureError
 from ..numerics.arrays import Array
 from . import findings
-from .camera_rig import FOCAL, OFFSET, Wand
+from .camera_rig import FOCAL, OFFSET
 from .findings import Finding
 from .first_cameras import FEWEST_SHARED, FLAT, Link
 from .quality import coverage, depths, path_error, seen_points, thickness
+from .wand_motion import Wand
 from .wand_tracks import Tracks
 
 if TYPE_CHECKING:

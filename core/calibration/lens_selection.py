@@ -8,10 +8,10 @@ import numpy as np
 from scipy.special import chdtri
 
 from ..numerics.arrays import Bools
+from .assumed_lens import Lens
 from .bundle import adjust, covariance, variance_inflation
 from .bundle_residuals import BundleEvidence, Scene
 from .camera_rig import CAMERA_DOF, CENTRE, K2
-from .pairwise import Lens
 
 CENTRE_SIGMA = 0.01
 """Largest standard deviation of an estimated principal point, relative to the picture's width."""

@@ -16,7 +16,7 @@ from scipy import sparse
 
 from ..body.human import FRACTIONS
 from ..numerics.arrays import Array, Bools, Ints
-from ..numerics.least_squares import StoppingRule, minimise
+from ..numerics.least_squares import StoppingRule, minimise, moving_only
 from ..numerics.normal_equations import SparseEquations
 from ..numerics.robust_kernels import RAYLEIGH_MEDIAN, Cauchy
 from ..numerics.rotations import skew
@@ -161,15 +161,10 @@ def adjust_joints(
         def equations(state: JointScene, sigma: Array = sigma) -> SparseEquations:
             return joint_equations(state, seen, height, noise=sigma, free=free)
 
-        def move(state: JointScene, step: Array) -> JointScene:
-            whole = np.zeros(len(free))
-            whole[free] = step
-            return state.moved(whole)
-
         found = minimise(
             scene,
             equations,
-            move,
+            moving_only(JointScene.moved, free),
             stopping=StoppingRule(30, relative_gain=1e-5),
             on_iteration=lambda iteration, state: cancel(),
         )

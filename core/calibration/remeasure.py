@@ -20,9 +20,10 @@ from ..runtime.progress import Progress, report_progress, share
 from ..shot.footage import pictures
 from .ball_images import BallGuess, BallImage, BallLooks, fit_ball
 from .calibration_result import CalibrationResult
-from .camera_rig import Rig, Wand
+from .camera_rig import Rig
 from .lframe_markers import ARMS, SeenBalls, still_picture
 from .video_markers import SeenView, VideoMarkers
+from .wand_motion import Wand
 from .wand_triangulation import projected
 
 Image = NDArray[Any]

@@ -11,19 +11,21 @@ from ..capture.capture import Capture, CaptureView
 from ..numerics.arrays import Array, Bools
 from ..runtime.progress import Progress, report_progress
 from . import diagnosis, lens_selection, lframe
+from .assumed_lens import Lens
 from .bundle import adjust, covariance, variance_inflation
 from .bundle_residuals import BallObservations, BundleEvidence, Scene
 from .calibration_result import CalibrationResult
-from .camera_rig import DRIFT, OFFSET, Rig, Wand
+from .camera_rig import DRIFT, OFFSET, Rig
 from .findings import Finding
 from .first_cameras import FEWEST_SHARED, crossed_views, find_links, first_rig, unknown_lens
 from .floor import with_wand_on_floor
 from .lframe_matching import lframe_by_all_views
-from .pairwise import FOCAL_GRID, Lens
+from .pairwise import FOCAL_GRID
 from .performer_floor import on_performers_floor
 from .quality import measured_lengths
 from .synchrony import Synchrony, synchrony, with_capture_clock
 from .wand_matching import labelled
+from .wand_motion import Wand
 from .wand_triangulation import sight
 
 FOCAL_SIGMA = 0.1

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numerics.arrays import Array, Ints
-from .camera_rig import Rig, Wand
+from .camera_rig import Rig
+from .wand_motion import Wand
 from .wand_tracks import Tracks
 
 _PARALLAX = np.deg2rad(3.0)

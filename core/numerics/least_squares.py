@@ -15,6 +15,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from .arrays import Array, Bools
 from .normal_equations import NormalEquations
 
 State = TypeVar("State")
@@ -199,6 +200,24 @@ def minimise(
             share = damping.after_refusal(share)
     last = (lambda: linearise(state)) if stale else (lambda: equations)
     return LeastSquaresResult(state, tuple(history), converged, last)
+
+
+def moving_only(move: Callable[[State, Array], State], free: Bools) -> Callable[[State, Array], State]:
+    """Return `move` for steps of the free unknowns alone: the others are held.
+
+    Parameters
+    ----------
+    move : callable
+        Applies a step of all N unknowns to a state.
+    free : ndarray of bool, shape (N,)
+    """
+
+    def move_free(state: State, step: Array) -> State:
+        whole = np.zeros(len(free))
+        whole[free] = step
+        return move(state, whole)
+
+    return move_free
 
 
 def _finite_step(equations: NormalEquations[Any, Any], damping: float) -> Any | None:

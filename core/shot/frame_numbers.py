@@ -1,7 +1,7 @@
 """Frame numbers: from frames of the shot to frames of the footage and of its file, and the delay between them.
 
 The frames of an interlaced view are its fields, two to a frame of the file: field k consists of the lines of one parity
-of the file's frame k // 2.
+of the file's frame k // 2. A frame of the shot is a number in the count of `Shot.frames`.
 """
 
 from __future__ import annotations
@@ -20,14 +20,7 @@ def is_interlaced(view: View) -> bool:
 
 
 def footage_index(view: View, frame: int) -> int:
-    """Return the footage's frame, or field, that shows a frame of the shot: the nearest if the offset is fractional.
-
-    Parameters
-    ----------
-    view : View
-    frame : int
-        In the same numbering as the shot's first and last frame.
-    """
+    """Return the footage's frame, or field, that shows a frame of the shot: the nearest if the offset is fractional."""
     return int(np.floor(frame + view.offset + 0.5))
 
 
@@ -42,14 +35,7 @@ def shown_delay(view: View, settings: Settings) -> float:
 
 
 def file_index(view: View, frame: int) -> int:
-    """Return the frame of the file that shows a frame of the shot; for interlaced footage, the one with its field.
-
-    Parameters
-    ----------
-    view : View
-    frame : int
-        In the same numbering as the shot's first and last frame.
-    """
+    """Return the frame of the file that shows a frame of the shot; for interlaced footage, the one with its field."""
     return footage_index(view, frame) // frames_per_file_frame(view)
 
 

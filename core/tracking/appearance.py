@@ -12,7 +12,8 @@ from ..body import Body
 from ..body.kinematics import Poses, scene_poses
 from ..body.motion import Motion
 from ..body.time_shift import poses_after
-from ..evidence.foreground import HALO, MARGIN, KnownPixels, performer_foregrounds
+from ..evidence.foreground import HALO, performer_foregrounds
+from ..evidence.known_pixels import MARGIN, KnownPixels
 from ..evidence.label_images import render_labels
 from ..evidence.masks import beyond, within
 from ..evidence.part_colours import PartColours

@@ -29,24 +29,31 @@ class PlantOperator(Conditional):
         raise NotImplementedError
 
 
-def _found(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> str:
-    """Find the plants, and return how many there are, for the user."""
-    from ..retargeting import sole_plants
+class _FindingAnew(PlantOperator):
+    """An operator that empties one of the performer's lists, and finds the plants anew.
 
-    sole_plants.find(scene, slot)
-    return f"{len(slot.plants)} plants of heels and balls"
+    Attributes
+    ----------
+    emptied : str
+    """
+
+    emptied = ""
+
+    def change(self, scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> str:
+        from ..retargeting import sole_plants
+
+        getattr(slot, self.emptied).clear()
+        sole_plants.find(scene, slot)
+        return f"{len(slot.plants)} plants of heels and balls"
 
 
-class FindPlants(PlantOperator, bpy.types.Operator):
+class FindPlants(_FindingAnew, bpy.types.Operator):
     """Find when heel and ball of the performer's feet seem to stand in the motion as it is now: for curves that you
     changed after tracking, or to see also where the footage showed them creep. What you have set here stays"""
 
     bl_idname = "kfmocap.find_plants"
     bl_label = "Find Plants"
-
-    def change(self, scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> str:
-        slot.tested_plants.clear()
-        return _found(scene, slot)
+    emptied = "tested_plants"
 
 
 class SetPlant(PlantOperator, bpy.types.Operator):
@@ -109,15 +116,12 @@ class SetPlant(PlantOperator, bpy.types.Operator):
         return f"{what} on the ground on frames {self.first} to {self.last}"
 
 
-class ForgetPlantEdits(PlantOperator, bpy.types.Operator):
+class ForgetPlantEdits(_FindingAnew, bpy.types.Operator):
     """Discard your corrections of the plants"""
 
     bl_idname = "kfmocap.forget_plant_edits"
     bl_label = "Forget Edits"
-
-    def change(self, scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> str:
-        slot.plant_edits.clear()
-        return _found(scene, slot)
+    emptied = "plant_edits"
 
 
 class CleanFeet(PlantOperator, bpy.types.Operator):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kfmocap.core.evidence.foreground import KnownPixels, log_ratio, performer_foregrounds
+from kfmocap.core.evidence.foreground import log_ratio, performer_foregrounds
+from kfmocap.core.evidence.known_pixels import KnownPixels
 from kfmocap.core.evidence.masks import beyond, within
 from kfmocap.core.evidence.strangers import strangers_on
 
