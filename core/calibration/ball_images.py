@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from ..capture.colours import GAMMA
+from ..capture.linear_light import GAMMA, linear_light
 from ..numerics.arrays import Array, Bools
 
 Image = NDArray[Any]
@@ -177,7 +177,7 @@ class BallImage:
 
 def linear(levels: Array) -> Array:
     """Return the linear light of levels from 0 to 255."""
-    return np.asarray(np.maximum((np.asarray(levels, float) / 255) ** GAMMA, _DARKEST))
+    return np.maximum(linear_light(levels), _DARKEST)
 
 
 def fit_ball(image: Image, plate: Array | None, guess: BallGuess) -> BallImage | None:

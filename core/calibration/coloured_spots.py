@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture.colours import GAMMA
+from ..capture.linear_light import LINEAR_LIGHT
 from ..numerics.arrays import Array
 from ..numerics.robust_kernels import NORMAL_MAD
 from .small_balls import SmallBalls, measure_small_ball
@@ -59,7 +59,7 @@ def coloured_spots(image: Image, light: Array, coloured: Image, pure: Array, *, 
 
 def _share_of(image: Image, pure: Array) -> Image:
     """Return how much of the light of every pixel is of a colour and not grey: 1 where it is pure, shape (h, w)."""
-    linear = ((np.arange(256) / 255) ** GAMMA).astype(np.float32)[image]
+    linear = LINEAR_LIGHT.astype(np.float32)[image]
     way = pure / pure.sum() - 1 / 3
     return np.asarray(linear @ (way / (way @ way)).astype(np.float32) / (linear.sum(axis=2) + np.float32(_DARK)))
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import CalibrationError
 from ..numerics.arrays import Array
-from .ball_detection import Balls
+from .balls import Balls
 
 FOCALS = (0.6, 0.8, 1.0, 1.3, 1.7, 2.3)
 """Focal lengths that are tried if none is known, relative to the picture's longer side."""

@@ -17,7 +17,8 @@ from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress
 from ..shot.footage import pictures, probe
 from .ball_centres import centres_of
-from .ball_detection import Balls, Picture, find_balls, find_spots, without_rods
+from .ball_detection import Picture, find_balls, find_spots, without_rods
+from .balls import Balls
 from .lframe_detection import FOCALS, LFrameModel, LFrameUnseenError, identified, standing
 
 ARMS = ((0, 1), (1, 2), (0, 3))

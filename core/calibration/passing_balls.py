@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture.colours import GAMMA
+from ..capture.linear_light import GAMMA, LINEAR_LIGHT
 from ..numerics.arrays import Array
 from ..numerics.robust_kernels import NORMAL_MAD
 from .small_balls import SmallBalls
@@ -100,7 +100,7 @@ class Backdrop:
     def unmixed(self, ball: BallSample) -> Array:
         """Return the colour of a ball whose pixels blur mixes with the background's, linear light, shape (3,)."""
         u, v = np.round(ball.centre).astype(int)
-        own, behind = (ball.even[v, u] / 255) ** GAMMA, self.levels[v, u] ** GAMMA
+        own, behind = LINEAR_LIGHT[ball.even[v, u]], self.levels[v, u] ** GAMMA
         share = 1 - np.exp(-(ball.radius**2) / (2 * _BLUR**2))
         return np.asarray(np.maximum(behind + (own - behind) / share, 0.0))
 

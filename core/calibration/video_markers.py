@@ -16,7 +16,7 @@ from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress, share
 from ..shot.footage import Footage, pictures, probe
 from .ball_centres import centres_of
-from .ball_detection import Balls
+from .balls import Balls
 from .calibration_result import CalibrationResult
 from .lframe_markers import SeenBalls, SeenLFrame, expected_lframe, find_lframe, spread_out, usual_matrix
 from .wand_detection import Pairs, WandLooks, find_pairs, swapped_ends, wand_path

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from ..capture.colours import Colour
 from ..numerics.arrays import Array
-from .ball_detection import Balls, Picture, background_of, find_balls, without_rods
+from .ball_detection import Picture, background_of, find_balls, without_rods
+from .balls import Balls
 from .interlacing import is_interlaced
 from .passing_balls import Backdrop, BallSample, PassingBalls, PassingFrame
 from .small_balls import LARGEST_SMALL

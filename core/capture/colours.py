@@ -17,8 +17,6 @@ Image = NDArray[Any]
 Range = tuple[float, float]
 
 _HUES = {"red": 0, "orange": 25, "yellow": 55, "green": 120, "cyan": 185, "blue": 225, "purple": 275, "magenta": 310}
-GAMMA = 2.2
-"""Approximate gamma of pictures: levels, 0 to 1, are light to the power of 1 / GAMMA."""
 _NAMED_WIDTH = 25.0  # half the range of hues of a named colour, degrees
 _NAMED_SATURATION = (0.5, 1.0)
 _PICKED_WIDTH = 18.0  # half the range of hues of a picked colour, degrees
@@ -26,8 +24,6 @@ _STEPS = 255.0
 _WHOLE_HUE = (0.0, 360.0)
 _ANY_HUE = 180.0
 """Width of a range of hues from which on it has no middle to speak of, degrees."""
-
-
 PALER = 0.5
 """Least saturation of small things, relative to that of the colour itself."""
 

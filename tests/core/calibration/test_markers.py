@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.calibration.ball_centres import centres_of
-from kfmocap.core.calibration.ball_detection import Balls, Picture, background_of, find_balls, without_rods
+from kfmocap.core.calibration.ball_detection import Picture, background_of, find_balls, without_rods
+from kfmocap.core.calibration.balls import Balls
 from kfmocap.core.calibration.lframe_detection import FOCALS, LFrameModel, identified, standing
 from kfmocap.core.calibration.wand_detection import Pairs, swapped_ends, wand_path
 from kfmocap.core.capture.colours import parsed
