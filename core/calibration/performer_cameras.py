@@ -21,7 +21,8 @@ from ..shot.shot_spec import ShotSpec, ViewSpec
 from .assumed_lens import Lens
 from .camera_rig import Rig
 from .first_cameras import FEWEST_SHARED, Cancel, find_links, first_rig
-from .limb_bundle import JOINTS, LIMBS, STICKS, JointScene, JointSightings, adjust_joints, cost_of_joints, usual_lengths
+from .limb_bundle import STICKS, adjust_joints, cost_of_joints
+from .limb_residuals import JOINTS, LIMBS, JointScene, JointSightings, usual_lengths
 from .performer_views import USUAL_CORRELATION, PerformerView, joint_sightings
 from .performer_world import in_performers_world
 from .single_camera import SingleViewCalibration, camera_by_performer

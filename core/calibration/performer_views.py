@@ -12,7 +12,7 @@ from ..keypoints.observations import image_rays
 from ..keypoints.seen_landmarks import LEAST_CONFIDENCE
 from ..numerics.arrays import Array
 from ..shot.detections import Detections
-from .limb_bundle import JOINTS, JointSightings
+from .limb_residuals import JOINTS, JointSightings
 
 MOST_FRAMES = 150
 """Largest number of frames that are used, evenly over the shot; neighbouring frames have the same errors."""

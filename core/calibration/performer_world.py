@@ -7,7 +7,7 @@ import numpy as np
 from ..numerics.arrays import Array
 from ..numerics.robust_kernels import Cauchy
 from .camera_rig import Rig
-from .limb_bundle import JOINTS, JointScene
+from .limb_residuals import JOINTS, JointScene
 
 LEVEL_SIGMA = np.radians(2.0)
 """How far a camera on a tripod usually leans to its side, radians."""

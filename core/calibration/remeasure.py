@@ -6,43 +6,35 @@ on which its balls were too faint to be found without a prediction.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from ..capture.capture import LFRAME_BALLS, Markers
-from ..numerics.arrays import Array, Bools
+from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress, share
 from ..shot.footage import pictures
 from .ball_images import BallGuess, BallImage, BallLooks, fit_ball
 from .calibration_result import CalibrationResult
-from .camera_rig import Rig
+from .expected_balls import FEWEST, ExpectedBalls, ball_diameter, wand_path
 from .lframe_markers import ARMS, SeenBalls, still_picture
 from .video_markers import SeenView, VideoMarkers
-from .wand_motion import Wand
-from .wand_triangulation import projected
 
 Image = NDArray[Any]
 
-_BRIDGED = 15
-"""Longest gap over which the wand's path is interpolated, frames."""
-_LARGEST = 5.0
-"""Largest radius of a ball that is measured by a model of its image, pixels; for larger ones the outline is as good."""
 _ASIDE = 4.0
 """Largest distance of a ball from its expected position, pixels."""
 _EXPLAINED = 0.75
 """Least fraction of a window's difference from the background that a ball must explain."""
 _LIGHT_RATIO = 3.0
 """Largest factor between a ball's colour and its usual colour in that video, in linear light."""
+_PLATE_FRAMES, _SAMPLES = 15, 12  # frames: for the background; for the balls' colours
 _EXPOSURE = 0.5
 """Exposure as a fraction of the time between frames, before it is known."""
 _EXPOSURE_SIGMA = 0.08  # standard deviation of a known exposure, relative
 _FAST = 3.0  # pixels per frame from which motion blur shows the exposure
-_PLATE_FRAMES, _SAMPLES, _FEWEST = 15, 12, 4  # frames: for the background; for the balls' colours, and least of these
 _SAME_LEVELS = 10.0
 """Difference of levels below which the L-frame is still in the background picture."""
 _UNMEASURED = 0.1  # standard deviation of radii if no diameter is given, relative
@@ -98,110 +90,26 @@ def with_lframes_remeasured(found: VideoMarkers, solution: CalibrationResult) ->
 
 
 @dataclass(frozen=True, eq=False)
-class _Expected:
-    """Balls as a solution predicts them in a camera's video.
-
-    Attributes
-    ----------
-    centres : ndarray, shape (n, m, 2)
-        Pixels; NaN where no ball is predicted.
-    velocities : ndarray, shape (n, m, 2)
-        Pixels per frame.
-    radii : ndarray, shape (n, m)
-        Pixels.
-    places_cam : ndarray, shape (n, m, 3)
-        Metres, in the camera's frame.
-    """
-
-    centres: Array
-    velocities: Array
-    radii: Array
-    places_cam: Array
-
-    @classmethod
-    def of(cls, rig: Rig, c: int, places_world: Array, diameter: float) -> _Expected:
-        """Project points (n, m, 3) of every frame into a camera's video."""
-        centres = projected(rig, c, places_world)
-        places_cam = places_world @ rig.R_cam_world[c].T + rig.t_cam_world[c]
-        depth = places_cam[..., 2]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            radii = np.where(depth > diameter, rig.focal[c].mean() * diameter / 2 / depth, np.nan)
-        steps = np.full((len(centres) + 1, *centres.shape[1:]), np.nan)
-        steps[1:-1] = np.diff(centres, axis=0)
-        around = np.stack([steps[:-1], steps[1:]])
-        velocities = np.nan_to_num(around).sum(axis=0) / np.maximum(np.isfinite(around).sum(axis=0), 1)
-        return cls(centres, velocities, radii, places_cam)
-
-    @property
-    def small(self) -> Bools:
-        """Which balls are small, shape (n, m)."""
-        return np.asarray(self.radii < _LARGEST) & np.isfinite(self.centres).all(axis=-1)
-
-    def rods(self, row: int, ball: int, others: Sequence[int]) -> tuple[Array, Array]:
-        """Return the rods from a ball to others, see `BallGuess.rods` and `BallGuess.starts`."""
-        ways, starts = [], []
-        place = self.places_cam[row, ball]
-        for other in others:
-            across = self.centres[row, other] - self.centres[row, ball]
-            along = self.places_cam[row, other] - place
-            nearer = -float(along @ place) / float(np.linalg.norm(along) * np.linalg.norm(place))
-            apart = float(np.linalg.norm(across))
-            if apart > 2 * self.radii[row, ball]:
-                ways.append(across / apart)
-                starts.append(np.sqrt(1 - nearer**2) if nearer > 0 else 1.0)
-        return np.array(ways).reshape(-1, 2), np.array(starts)
-
-
-def _wand_path(wand: Wand, times: Array) -> Array:
-    """Return the wand's ends at some times, shape (n, 2, 3); NaN in longer gaps."""
-    ends = np.full((len(times), 2, 3), np.nan)
-    if len(wand) < _FEWEST:
-        return ends
-    after = np.clip(np.searchsorted(wand.frames, times), 1, len(wand) - 1)
-    known = (times >= wand.frames[0]) & (times <= wand.frames[-1])
-    known &= wand.frames[after] - wand.frames[after - 1] <= _BRIDGED
-    middle, direction = (CubicSpline(wand.frames, x)(times[known]) for x in (wand.middle, wand.direction))
-    half = wand.length / 2 * direction / np.linalg.norm(direction, axis=1, keepdims=True)
-    ends[known] = np.stack([middle + half, middle - half], axis=1)
-    return ends
-
-
-def _diameter(found: VideoMarkers, solution: CalibrationResult, given: float | None, *, wand: bool) -> float:
-    """Return the balls' diameter in metres, as given or else estimated from their size in the pictures."""
-    if given is not None:
-        return given
-    shares = []
-    for c, view in enumerate(found.views):
-        balls = view.wand if wand else view.lframe
-        times = solution.rig.times(np.full(len(balls.markers), c), balls.markers.frames.astype(float))
-        places = _wand_path(solution.wand, times) if wand else solution.lframe_world[None]
-        expected = _Expected.of(solution.rig, c, np.broadcast_to(places, (len(times), *places.shape[1:])), 1.0)
-        shares.append((balls.radii / expected.radii).ravel())
-    sizes = np.concatenate(shares)
-    return float(np.nanmedian(sizes)) if np.isfinite(sizes).any() else np.nan
-
-
-@dataclass(frozen=True, eq=False)
 class _View:
     """One camera's videos, with the balls that were found and those that are predicted."""
 
     seen: SeenView
-    lframe: _Expected
-    wand: _Expected
+    lframe: ExpectedBalls
+    wand: ExpectedBalls
     radius_sigma: tuple[float, float]
 
     @classmethod
     def create(cls, found: VideoMarkers, solution: CalibrationResult, c: int) -> _View:
         videos, view, rig = found.videos, found.views[c], solution.rig
         given = videos.lframe_diameter, videos.wand_diameter
-        sizes = [_diameter(found, solution, size, wand=bool(k)) for k, size in enumerate(given)]
+        sizes = [ball_diameter(found, solution, size, wand=bool(k)) for k, size in enumerate(given)]
         last = view.wand.markers.frames[-1] + 1 if len(view.wand.markers) else 0
         frames = np.arange(max(view.footage.count, int(last)))
-        ends = _wand_path(solution.wand, rig.times(np.full(len(frames), c), frames.astype(float)))
+        ends = wand_path(solution.wand, rig.times(np.full(len(frames), c), frames.astype(float)))
         return cls(
             view,
-            _Expected.of(rig, c, solution.lframe_world[None], sizes[0]),
-            _Expected.of(rig, c, ends, sizes[1]),
+            ExpectedBalls.of(rig, c, solution.lframe_world[None], sizes[0]),
+            ExpectedBalls.of(rig, c, ends, sizes[1]),
             (_sigma(given[0]), _sigma(given[1])),
         )
 
@@ -249,8 +157,8 @@ class _View:
                 speed = float(np.linalg.norm(self.wand.velocities[f, end]))
                 if speed > _FAST:
                     shares.append(float(np.linalg.norm(ball.path)) / speed)
-        usual = [np.exp(np.median(own, axis=0)) if len(own) >= _FEWEST else None for own in lights]
-        if len(shares) < _FEWEST:
+        usual = [np.exp(np.median(own, axis=0)) if len(own) >= FEWEST else None for own in lights]
+        if len(shares) < FEWEST:
             return plate, _Looks((usual[0], usual[1]))
         return plate, _Looks((usual[0], usual[1]), min(float(np.median(shares)), 1.0), _EXPOSURE_SIGMA)
 

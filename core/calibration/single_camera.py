@@ -19,16 +19,8 @@ from ..cameras.camera import Camera
 from ..errors import CaptureError
 from ..numerics.arrays import Array
 from ..numerics.robust_kernels import Cauchy
-from .limb_bundle import (
-    FOCAL_SPREAD,
-    JOINTS,
-    LIMBS,
-    PROPORTION_SIGMA,
-    STICKS,
-    USUAL_FOCAL,
-    JointSightings,
-    usual_lengths,
-)
+from .limb_bundle import STICKS
+from .limb_residuals import FOCAL_SPREAD, JOINTS, LIMBS, PROPORTION_SIGMA, USUAL_FOCAL, JointSightings, usual_lengths
 from .performer_views import USUAL_CORRELATION, PerformerView, joint_sightings
 from .performer_world import ANKLE_SHARE, LEVEL_SIGMA
 

@@ -19,46 +19,12 @@ from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
 from ..cameras.camera import Camera
-from ..numerics.arrays import Array, Bools, Ints
+from ..numerics.arrays import Array, Ints
 from .part_geometry import TOUCHING, Geometry
+from .part_outlines import FRACTION_BITS, Outlines
 
 NEAR = 0.05
 """Parts with a vertex nearer to the camera plane than this, metres, are not drawn."""
-_SHIFT = 4  # fractional bits of the outlines given to OpenCV
-_FARTHEST = 1 << 20
-_APART = 8  # between groups whose elements are sorted by angles
-
-
-@dataclass(frozen=True, eq=False)
-class Outlines:
-    """The convex outlines of the P parts in n frames, where they are drawn.
-
-    Attributes
-    ----------
-    uv : ndarray, shape (K, 2)
-        Corners of the outlines in the image, pixels; each outline runs clockwise as the image is seen.
-    depth : ndarray, shape (K,)
-        Depth z of the corners, metres.
-    ends : ndarray of int, shape (n P + 1,)
-        Corners ends[k] to ends[k + 1] are those of part k % P in frame k // P.
-    """
-
-    uv: Array
-    depth: Array
-    ends: NDArray[np.intp]
-
-    @property
-    def group(self) -> NDArray[np.intp]:
-        """The k that each corner belongs to, shape (K,)."""
-        return np.repeat(np.arange(len(self.ends) - 1), np.diff(self.ends))
-
-    @property
-    def following(self) -> NDArray[np.intp]:
-        """Which of the K corners comes after each on its outline, shape (K,)."""
-        after = np.arange(1, len(self.uv) + 1)
-        there = np.diff(self.ends) > 0
-        after[self.ends[1:][there] - 1] = self.ends[:-1][there]
-        return after
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +107,7 @@ class LabelImages:
         M = int(self.performer.max()) + 1
         if M == 1:
             return np.stack([shown, shown])
-        corners, bounds = _subpixels(self.outlines.uv), self.outlines.ends.tolist()
+        corners, bounds = self.outlines.fixed_point, self.outlines.ends.tolist()
         alone = shown.copy()
         for m in range(M):
             own = self.performer == m
@@ -151,7 +117,7 @@ class LabelImages:
                 for i in self.far_to_near[f, own[self.far_to_near[f]]].tolist():
                     a, b = bounds[f * P + i], bounds[f * P + i + 1]
                     if a < b:
-                        cv2.fillConvexPoly(image, corners[a:b], int(number[i]), shift=_SHIFT)
+                        cv2.fillConvexPoly(image, corners[a:b], int(number[i]), shift=FRACTION_BITS)
                 alone[own, f] = np.bincount(image.ravel(), minlength=number[-1] + 1)[1:]
         return np.stack([shown, alone])
 
@@ -215,7 +181,7 @@ class StillParts:
 
     @cached_property
     def _filled(self) -> Array:
-        return _filled(self.labels.outlines)
+        return self.labels.outlines.areas
 
     def among(self, moving: LabelImages, parts: Ints) -> LabelImages:
         """Merge these parts with label images of moving parts, whose indices (ascending) are `parts`."""
@@ -241,7 +207,7 @@ class StillParts:
         left = (np.diff(self.labels.ends) - lost).reshape(n, -1)
         share = np.zeros((n, P))
         share[:, self.parts] = np.minimum(left / self._filled.reshape(left.shape), 1.0)
-        share[:, parts] = np.minimum(count[:, parts] / _filled(moving.outlines).reshape(n, -1), 1.0)
+        share[:, parts] = np.minimum(count[:, parts] / moving.outlines.areas.reshape(n, -1), 1.0)
         farthest = np.zeros((n, P), np.float32)
         farthest[:, parts] = moving.faces.farthest.reshape(n, -1)
 
@@ -359,8 +325,8 @@ def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: A
     facing = distance > TOUCHING
     starts = [span.start for span in geometry.spans]
     nearest, farthest = (f.reduceat(points[:, 2], starts, axis=1) for f in (np.minimum, np.maximum))
-    outlines = _outlines(geometry, camera, points, facing, nearest >= NEAR)
-    corners = _subpixels(outlines.uv)
+    outlines = Outlines.of(geometry, camera, points, facing, nearest >= NEAR)
+    corners = outlines.fixed_point
 
     label = np.full((n, camera.size[1], camera.size[0]), -1, dtype=np.int16)
     middle = np.add.reduceat(points[:, 2], starts, axis=1) / geometry.counts
@@ -370,7 +336,7 @@ def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: A
         for i in order:
             a, b = bounds[j * P + i], bounds[j * P + i + 1]
             if a < b:
-                cv2.fillConvexPoly(image, corners[a:b], i, shift=_SHIFT)
+                cv2.fillConvexPoly(image, corners[a:b], i, shift=FRACTION_BITS)
 
     flat = label.ravel()
     index = np.flatnonzero(flat >= 0)
@@ -384,13 +350,8 @@ def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: A
         np.searchsorted(frame * P + geometry.face_owner[face], np.arange(len(ends))),
         (1 / np.maximum(farthest, NEAR)).astype(np.float32).ravel(),
     )
-    share = np.minimum(np.diff(ends) / _filled(outlines), 1.0).reshape(n, P)
+    share = np.minimum(np.diff(ends) / outlines.areas, 1.0).reshape(n, P)
     return LabelImages(label, index, ends, share, outlines, faces, geometry.performer, middle)
-
-
-def _subpixels(uv: Array) -> NDArray[np.int32]:
-    """Convert corners of outlines to the fixed-point numbers that OpenCV fills."""
-    return np.clip(np.round(uv * (1 << _SHIFT)), -_FARTHEST, _FARTHEST).astype(np.int32)
 
 
 def _turned(vectors: Array, owner: Ints, R: Array) -> Array:
@@ -399,31 +360,3 @@ def _turned(vectors: Array, owner: Ints, R: Array) -> Array:
     ends = np.searchsorted(owner, np.arange(P + 1))
     parts = (R[:, i].reshape(-1, 3) @ vectors[ends[i] : ends[i + 1]].T for i in range(P))
     return np.concatenate([part.reshape(n, 3, -1) for part in parts], axis=2)
-
-
-def _outlines(geometry: Geometry, camera: Camera, points: Array, facing: Bools, drawn: Bools) -> Outlines:
-    """Compute the outlines of the parts that are drawn, (n, P), from vertices in camera axes, (n, 3, V), and which
-    faces are front faces, (n, N).
-    """
-    n, P = drawn.shape
-    looking = (geometry.meeting @ facing.T.astype(np.int64)).T
-    edge = (looking > 0) & (looking < geometry.meeting.sum(axis=1)) & drawn[:, geometry.owner]
-    frame, vertex = np.nonzero(edge)
-    x, y, z = points[frame, :, vertex].T
-    uv = np.stack([x / z, y / z], axis=1) @ camera.matrix[:2, :2].T + camera.matrix[:2, 2]
-    group = frame * P + geometry.owner[vertex]
-    count = np.bincount(group, minlength=n * P)
-    middle = np.stack([np.bincount(group, a, minlength=n * P) for a in uv.T], axis=1) / np.maximum(count, 1)[:, None]
-    u, v = (uv - middle[group]).T
-    # The groups are in order, and an angle is no wider than 2 pi: sorting by both at once is many times as fast.
-    order = np.argsort(_APART * group + np.arctan2(v, u), kind="stable")
-    return Outlines(uv[order], z[order], np.concatenate([[0], np.cumsum(count)]))
-
-
-def _filled(outlines: Outlines) -> Array:
-    """Number of pixels that each filled outline covers if nothing hides it, at least 1, shape (n P,)."""
-    (u, v), after = outlines.uv.T, outlines.following
-    twice = np.bincount(outlines.group, u * v[after] - u[after] * v, minlength=len(outlines.ends) - 1)
-    length = np.hypot(u[after] - u, v[after] - v)
-    # A filled outline also covers the pixels that it runs through: half its length more than its area.
-    return np.maximum((twice + np.bincount(outlines.group, length, minlength=len(twice))) / 2, 1.0)

@@ -28,7 +28,9 @@ from ..evidence.held_outlines import HeldOutlines
 from ..evidence.part_geometry import Geometry
 from ..evidence.part_shapes import SHIFT, STRETCH
 from ..formats.keypoint_files import read_shot_keypoints
-from ..keypoints.keypoint_factor import USUAL_DEVIATION, Keypoints, Places, robust_weights
+from ..keypoints.keypoint_noise import USUAL_DEVIATION, robust_weights
+from ..keypoints.keypoint_places import Places
+from ..keypoints.keypoint_rays import Keypoints
 from ..keypoints.left_right import correct_sides
 from ..keypoints.observations import performer_keypoints
 from ..numerics.arrays import Array, slices_of
@@ -58,7 +60,7 @@ SETTLED = 0.001
 """A stage ends when no joint moves by more than this, metres."""
 OFFSET, LIMB_OFFSET = 0.03, 0.01
 """Standard deviations of the offsets of keypoints from their landmarks, and along limbs, metres. Along limbs they are
-smaller than for a motion (`core.keypoints.keypoint_factor`): a few frames cannot tell an offset from a limb's
+smaller than for a motion (`core.keypoints.keypoint_places`): a few frames cannot tell an offset from a limb's
 length."""
 _PART = 6  # unknowns of a part: stretch and shift along its axes
 _ROWS = 9  # of an outline's row: wrench in camera axes, and by the part's stretches

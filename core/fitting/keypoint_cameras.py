@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..cameras.camera import Camera
-from ..keypoints.keypoint_factor import Keypoints
+from ..keypoints.keypoint_rays import Keypoints
 from ..keypoints.triangulation import triangulate
 from ..numerics import rotations
 from ..numerics.arrays import Array, Bools, Ints

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..errors import CalibrationError
 from ..formats.keypoint_files import read_shot_keypoints
-from ..keypoints.keypoint_factor import Keypoints
+from ..keypoints.keypoint_rays import Keypoints
 from ..keypoints.observations import correlated_frames, performer_keypoints
 from ..keypoints.view_agreement import without_midpoints
 from ..runtime.decoder_log import DecoderLog

@@ -17,7 +17,7 @@ import scipy  # its parts are loaded when they are used
 
 from ..errors import KeypointError
 from ..numerics.arrays import Array
-from .keypoint_factor import Keypoints
+from .keypoint_rays import Keypoints
 from .left_right import swap_sides
 from .people import NEAR, Person, detections_of, distance_to, find_people, prominence
 from .tracks import Track, ViewDetections, detection_tracks, without_sides

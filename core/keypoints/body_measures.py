@@ -12,7 +12,9 @@ from ..body.human import SHIFTS
 from ..body.motion import Motion
 from ..numerics.arrays import Array
 from ..numerics.repeatable import on_grid
-from .keypoint_factor import Keypoints, KeypointSystem, Places
+from .keypoint_factor import KeypointSystem
+from .keypoint_places import Places
+from .keypoint_rays import Keypoints
 
 PROPORTION_DEVIATION = 0.08
 """Standard deviation of a measure from that of an average person of the same height, as a share of it. It includes what

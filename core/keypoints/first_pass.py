@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body import Body, human
-from ..body.inverse_kinematics import estimate_height
+from ..body.measures_from_landmarks import estimate_height
 from ..errors import KeypointError
 from ..numerics.arrays import Array
 from ..shot.keypose_spline import spline
 from ..shot.shot import KeyPoses
 from .body_measures import BodyMeasures
 from .first_pose import posed_start, posing_frames
-from .keypoint_factor import Keypoints
 from .keypoint_fit import CONTINUED, FitProblem, KeypointFit, fit_motion
+from .keypoint_rays import Keypoints
 from .lifting import likely_height, lone_view
 from .limb_safeguard import repose_lost_limbs
 from .seen_landmarks import resting_degrees, with_resting

@@ -12,7 +12,7 @@ from ..numerics.arrays import Array
 from ..shot.keypose_spline import spline
 from ..shot.shot import KeyPoses
 from .closed_form import closed_form_pose
-from .keypoint_factor import Keypoints
+from .keypoint_rays import Keypoints
 from .view_agreement import averaged
 
 POSED_EVERY = 0.2

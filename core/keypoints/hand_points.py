@@ -15,7 +15,7 @@ from ..numerics.arrays import Array
 from ..shot.detections import Detections
 from ..shot.frame_numbers import footage_delay
 from ..shot.shot import Shot
-from .keypoint_factor import Keypoints
+from .keypoint_rays import Keypoints
 from .observations import on_shot_frames, on_time
 from .tracks import ViewDetections
 from .triangulation import triangulate

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..formats.keypoint_layouts import is_sided, mirrored_name
 from ..numerics.arrays import Array
-from .keypoint_factor import Keypoints
+from .keypoint_rays import Keypoints
 
 GROUPS = (("Hip", "Knee", "Ankle", "BigToe", "Heel"), ("Shoulder", "Elbow", "Wrist", "Hand"), ("Eye", "Ear"))
 """Landmarks that are exchanged together."""

@@ -10,7 +10,9 @@ from ..body import Body, part_poses
 from ..body.motion import Motion
 from ..numerics.arrays import Array
 from .closed_form import LIMBS, closed_form_limb
-from .keypoint_factor import GROSS, Keypoints, Places
+from .keypoint_noise import GROSS
+from .keypoint_places import Places
+from .keypoint_rays import Keypoints
 
 WORSE = 2.0
 """A limb is lost if its squared error in the views exceeds that of the triangulated points by this, in units of the

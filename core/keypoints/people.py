@@ -16,7 +16,7 @@ import numpy as np
 import scipy  # its parts are loaded when they are used
 
 from ..numerics.arrays import Array, Bools, Ints
-from .keypoint_factor import Keypoints
+from .keypoint_rays import Keypoints
 from .tracks import GAP, Track, ViewDetections, without_sides
 from .triangulation import triangulate
 

@@ -11,7 +11,8 @@ from ..body.motion import Motion
 from ..body.unknown_parts import resting_parts, unknown_parts
 from ..numerics import rotations
 from ..numerics.arrays import Array, Bools
-from .keypoint_factor import Keypoints, Places
+from .keypoint_places import Places
+from .keypoint_rays import Keypoints
 
 LEAST_CONFIDENCE = 0.3
 """A keypoint counts as seen from this confidence on; below, most detectors' own programs do not draw it."""

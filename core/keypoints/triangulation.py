@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numerics.arrays import Array, Ints
-from .keypoint_factor import Keypoints
+from .keypoint_rays import Keypoints
 
 ACCEPTED = 0.06
 """A view agrees with a point if its ray passes the point within this distance, metres."""

@@ -22,7 +22,9 @@ from ..body.motion import Motion
 from ..body.smoothness import limited
 from ..cameras.camera import Camera
 from ..errors import KeypointError
-from ..keypoints.keypoint_factor import Keypoints, Places, has_keypoint, keypoint_system
+from ..keypoints.keypoint_factor import keypoint_system
+from ..keypoints.keypoint_places import Places, has_keypoint
+from ..keypoints.keypoint_rays import Keypoints
 from ..keypoints.triangulation import triangulate
 from ..numerics import rotations
 from ..numerics.arrays import Array

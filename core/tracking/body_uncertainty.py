@@ -7,7 +7,7 @@ import numpy as np
 from ..body import part_poses
 from ..body.motion import Motion
 from ..body.tip_landmarks import tip_landmarks
-from ..keypoints.keypoint_factor import OFFSET_DEVIATION, THINNESS, keypoint_on_body, offset_deviation
+from ..keypoints.keypoint_places import OFFSET_DEVIATION, THINNESS, keypoint_on_body, offset_deviation
 from ..keypoints.observations import PerformerKeypoints
 from ..numerics.arrays import Array
 from ..shot.shot import KeyPoses, Performer

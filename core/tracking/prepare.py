@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body import Body
-from ..body.inverse_kinematics import fit_body, fit_poses
+from ..body.inverse_kinematics import fit_poses
+from ..body.measures_from_landmarks import fit_body
 from ..body.prop import body_of_prop
 from ..body.skeleton_motion import SkeletonMotion
 from ..body.tip_landmarks import tip_misfits

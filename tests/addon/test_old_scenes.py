@@ -11,7 +11,7 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender  # noqa: E402, F401
 from conftest import ROOT  # noqa: E402
-from kfmocap.core.body import human, inverse_kinematics, landmark_positions  # noqa: E402
+from kfmocap.core.body import human, landmark_positions, measures_from_landmarks  # noqa: E402
 from kfmocap.core.body.body import AT_EASE  # noqa: E402
 from kfmocap.core.formats import read_trc  # noqa: E402
 from kfmocap.core.tracking.prepare import load_shot  # noqa: E402
@@ -45,7 +45,7 @@ def human_of_then(*arguments, **options):
 
 
 def test_the_saved_shot_is_that_of_the_shot_file(opened, monkeypatch) -> None:
-    monkeypatch.setattr(inverse_kinematics, "human", human_of_then)
+    monkeypatch.setattr(measures_from_landmarks, "human", human_of_then)
     read, original = scene.shot_from_scene(opened), load_shot(WALK / "shot.toml")
     assert (read.name, read.fps, read.frames) == (original.name, original.fps, original.frames)
     usual = {"joint_acceleration": 30.0, "root_acceleration": 2.0}

@@ -11,7 +11,8 @@ from kfmocap.core.body import Body, human, landmark_positions, part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.formats.keypoint_layouts import BODY_25
-from kfmocap.core.keypoints.keypoint_factor import Keypoints, Places
+from kfmocap.core.keypoints.keypoint_places import Places
+from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.numerics import rotations
 from synthetic import look_at
 

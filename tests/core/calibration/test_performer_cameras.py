@@ -13,7 +13,7 @@ from kfmocap.__main__ import main
 from kfmocap.core.body import human
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.calibration.camera_rig import CAMERA_DOF, rig_of
-from kfmocap.core.calibration.limb_bundle import JointScene, JointSightings, joint_equations, usual_lengths
+from kfmocap.core.calibration.limb_residuals import JointScene, JointSightings, joint_equations, usual_lengths
 from kfmocap.core.calibration.performer_cameras import PerformerCalibration, cameras_by_performer
 from kfmocap.core.calibration.performer_views import PerformerView, joint_sightings
 from kfmocap.core.cameras.camera import Camera

@@ -20,7 +20,7 @@ from kfmocap.core.fitting.shot_cameras import (
     fit_by_keypoints,
     refine_shot_cameras,
 )
-from kfmocap.core.keypoints.keypoint_factor import Keypoints
+from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.shot.footage import frames_at
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
 from synthetic import figure, film, look_at, shot_of, swing

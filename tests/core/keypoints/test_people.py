@@ -10,7 +10,7 @@ from keypoint_shots import NAMES, cameras, keypoints_of, seen_places, strolling
 from kfmocap.core.body import human
 from kfmocap.core.errors import KeypointError
 from kfmocap.core.keypoints.assignment import Identity, PerformerClues, assign_detections
-from kfmocap.core.keypoints.keypoint_factor import Keypoints
+from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.keypoints.left_right import swap_sides
 from kfmocap.core.keypoints.tracks import ViewDetections, detection_tracks
 

@@ -10,7 +10,8 @@ from keypoint_shots import NAMES, cameras, keypoints_of, seen_places, strolling
 from kfmocap.core.body import human
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.sampling import Sampling
-from kfmocap.core.keypoints.keypoint_factor import KeypointFactor, Places
+from kfmocap.core.keypoints.keypoint_factor import KeypointFactor
+from kfmocap.core.keypoints.keypoint_places import Places
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.solvers.measurement import Workspace, keypoint_agreement
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
