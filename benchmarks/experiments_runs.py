@@ -15,10 +15,11 @@ import numpy as np
 
 from ..core.body import landmark_positions
 from ..core.body.motion import Motion, stacked
+from ..core.choices import SOLVERS
 from ..core.formats import Landmarks, read_trc
 from ..core.review.scoring import Score, joint_error, motion_error
 from ..core.shot.keypose_spline import spline
-from ..core.shot.shot import SOLVERS, KeyPoses, Shot
+from ..core.shot.shot import KeyPoses, Shot
 from ..core.tracking.prepare import load_shot
 from ..core.tracking.selection import selected
 from ..core.tracking.tracker import track

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ..core.shot.shot import SOLVERS
+from ..core.choices import BEST_SOLVER, SOLVERS
 
 BEAM = ("cam01", "cam02", "cam03", "cam04")
 WALK = ("cam01", "cam02", "cam03")
@@ -34,7 +34,7 @@ class Row:
     @property
     def solvers(self) -> tuple[str, ...]:
         """Solvers that can use everything in the row."""
-        return SOLVERS[:1] if self.keypoints else SOLVERS
+        return (BEST_SOLVER,) if self.keypoints else tuple(SOLVERS)
 
 
 CONVERGENCE = Row("beam", BEAM, (0, 33, 66, 99), quick=True)

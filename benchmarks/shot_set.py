@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
+from ..core.choices import BEST_SOLVER
 from ..core.errors import FootageError, KFMocapError
 from ..core.formats.shot_toml import read_shot_spec
-from ..core.shot.shot import SOLVERS
 from .footage_renderer import ROOT, render
 from .rows import Case, Row
 
@@ -74,7 +74,7 @@ class JudgedShot:
             rows.append(Row(self.name, cameras, (keys[0], keys[-1]), keypoints=True))
         if not quick and len(cameras) > 1:
             rows.append(Row(self.name, cameras, (), keypoints=True))
-        return [Case(row, SOLVERS[0]) for row in rows]
+        return [Case(row, BEST_SOLVER) for row in rows]
 
 
 def judged_shots(shot: str | None = None, data: Path | None = None) -> list[JudgedShot]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from ..core.choices import FEET, ROOT_MOTIONS, SOLVERS, either
+
 
 def parser() -> argparse.ArgumentParser:
     """Build the parser; the name of the command is parsed into `command`."""
@@ -89,8 +91,8 @@ def _add_retarget(command: argparse.ArgumentParser) -> None:
     command.add_argument("--bone-map", type=_path, metavar="FILE.json", help="bone map of the character")
     command.add_argument("--source-map", type=_path, metavar="FILE.json", help="bone map of the motion files")
     command.add_argument("--save-map", type=_path, metavar="FILE.json", help="also write the bone map that was used")
-    command.add_argument("--root", default="world", metavar="NAME", help="world, in-place or root-bone")
-    command.add_argument("--feet", default="keep", metavar="NAME", help="keep, clean or off")
+    command.add_argument("--root", default="world", metavar="NAME", help=either(ROOT_MOTIONS))
+    command.add_argument("--feet", default="keep", metavar="NAME", help=either(FEET))
     command.add_argument("--hands", action="store_true", help="keep hands where they stand still")
     command.add_argument("--scale", type=float, metavar="X", help="size of the motion (default: by the legs)")
     command.add_argument("--layer", action="store_true", help="keep the present action below, as a strip of the NLA")
@@ -123,7 +125,7 @@ def _add_bench(command: argparse.ArgumentParser) -> None:
 
 
 def _add_tracking(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--solver", metavar="NAME", help="gauss-newton or relaxation")
+    command.add_argument("--solver", metavar="NAME", help=either(SOLVERS))
     command.add_argument("--no-blender", action="store_true", help="leave out the files that need Blender")
 
 

@@ -57,7 +57,7 @@ def _shown(camera: Camera) -> tuple[Array, Array]:
     xy = (np.stack([u, v], axis=-1).reshape(-1, 2) - K[:2, 2]) / K[[0, 1], [0, 1]]
     R, t = camera.pose(0)
     pixels = camera.project((np.column_stack([xy, np.ones(len(xy))]) - t) @ R)
-    inside = ((pixels > -1) & (pixels < np.array(camera.size))).all(axis=1)
+    inside = camera.shows(pixels)
     return xy[inside], (pixels[inside] - K[:2, 2]) / K[[0, 1], [0, 1]]
 
 

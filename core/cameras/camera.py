@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import CalibrationError
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, Bools
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +129,11 @@ class Camera:
         """Return the optical centre in the world frame, metres, shape (3,)."""
         R, t = self.pose(frame)
         return -R.T @ t
+
+    def shows(self, pixels: Array) -> Bools:
+        """Return which pixels (..., 2) are in the picture, up to the edges of its outermost pixels; NaN is not."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(((pixels >= -0.5) & (pixels < np.array(self.size) - 0.5)).all(axis=-1))
 
     def project(self, points_world: ArrayLike, frame: int = 0) -> Array:
         """Project points (..., 3), world frame, metres, to distorted pixels (..., 2); NaN for points behind the

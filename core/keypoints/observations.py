@@ -191,8 +191,7 @@ def on_shot_frames(view: View, detections: Detections, names: Sequence[str], sho
     used = [i for i, column in enumerate(columns) if column >= 0]
     kept = [columns[i] for i in used]
     pixels = detections.points[rows][:, used]
-    with np.errstate(invalid="ignore"):
-        inside = ((pixels >= -0.5) & (pixels < np.array(view.camera.size) - 0.5)).all(axis=-1)
+    inside = view.camera.shows(pixels)
     # Some detectors guess the rest of a person beyond the edge of the picture, where they see nothing.
     rays[:, kept] = image_rays(view.camera, np.where(inside[..., None], pixels, np.nan))
     confidence[:, kept] = np.where(inside, detections.confidence[rows][:, used], 0.0)

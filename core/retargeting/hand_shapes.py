@@ -21,7 +21,7 @@ def _shape(thumb: _Bends, index: _Bends, others: _Bends) -> Mapping[str, _Bends]
     return MappingProxyType({"thumb": thumb, "index": index, **dict.fromkeys(("middle", "ring", "pinky"), others)})
 
 
-HAND_SHAPES: Mapping[str, Mapping[str, _Bends]] = MappingProxyType(
+BENDS: Mapping[str, Mapping[str, _Bends]] = MappingProxyType(
     {
         "flat": _shape((0, 0, 0), (0, 0, 0), (0, 0, 0)),
         "relaxed": _shape((5, 10, 10), (15, 25, 15), (20, 30, 20)),
@@ -43,7 +43,7 @@ def finger_turns(rest: RestSkeleton, bones: BoneMap, side: str, shape: str, amou
     side : str
         "L" or "R".
     shape : str
-        One of `HAND_SHAPES`.
+        One of `core.choices.HAND_SHAPES`.
     amount : float
         Strength of the shape: 0 is the rest pose, 1 the full shape.
 
@@ -70,6 +70,6 @@ def finger_turns(rest: RestSkeleton, bones: BoneMap, side: str, shape: str, amou
             axis = np.cross(along, inward - across if finger == "thumb" else inward)
             length = np.linalg.norm(axis)
             if np.isfinite(length) and length > 0:
-                angle = amount * np.radians(HAND_SHAPES[shape][finger][k])
+                angle = amount * np.radians(BENDS[shape][finger][k])
                 found[rest.names[j]] = rotations.exp(angle * axis / length)
     return found

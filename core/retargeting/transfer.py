@@ -7,15 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..body.skeleton_motion import RestSkeleton, SkeletonMotion
+from ..choices import FEET, ROOT_MOTIONS
 from ..errors import BodyError
 from ..numerics import rotations
 from ..numerics.arrays import Array
 from .control_rig import ControlRig, RigPoses, carried
 from .rest_alignment import alignments
 from .roles import SIDES, BoneMap, parent_role
-
-ROOT_MOTIONS = ("world", "in-place", "root-bone")
-FEET = ("keep", "clean", "off")
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,12 @@ from ..body import Body, human
 from ..body.motion import Motion, stacked
 from ..body.unknown_parts import resting_parts
 from ..cameras.camera import Camera
+from ..choices import BEST_SOLVER, SOLVERS, either
 from ..errors import ShotError, shortened
 from .holds import Hold, holds_between
 
 FIELD_ORDERS = ("progressive", "top-first", "bottom-first")
-SOLVERS = ("gauss-newton", "relaxation")
-ESTIMATING_SOLVERS = ("gauss-newton",)
+ESTIMATING_SOLVERS = (BEST_SOLVER,)
 """Solvers that can estimate how smooth a motion is."""
 BROKEN_KEYPOINTS = ("refuse", "skip")
 MOST_THREADS = 256
@@ -229,7 +229,7 @@ class Settings:
         Number of threads. None uses every core (`core.runtime.threads.worker_count`).
     """
 
-    solver: str = "gauss-newton"
+    solver: str = BEST_SOLVER
     sweeps: int = _positive(500)
     working_size: int = _positive(480)
     correlation_length: float | None = _positive(None)
@@ -249,11 +249,9 @@ class Settings:
 
     def __post_init__(self) -> None:
         if self.solver not in SOLVERS:
-            raise ShotError(
-                f"unknown solver '{self.solver}'", where="[track] solver", todo=f"use {' or '.join(SOLVERS)}"
-            )
+            raise ShotError(f"unknown solver '{self.solver}'", where="[track] solver", todo=f"use {either(SOLVERS)}")
         if self.broken_keypoints not in BROKEN_KEYPOINTS:
-            what, todo = f"unknown value '{self.broken_keypoints}'", f"use {' or '.join(BROKEN_KEYPOINTS)}"
+            what, todo = f"unknown value '{self.broken_keypoints}'", f"use {either(BROKEN_KEYPOINTS)}"
             raise ShotError(what, where="[track] broken_keypoints", todo=todo)
         offset = self.footage_offset
         if offset is not None and not abs(offset) <= 0.5:

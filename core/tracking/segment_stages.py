@@ -265,7 +265,7 @@ def refine_segment(
     """Refine a solved segment once the motion on both sides is known; parameters as in `solve_segment`."""
     problem = segment_problem(shot, data, state)
     problem = problem.with_smoothness(solved.variances)
-    refined = solver.refine(problem, _on(data.segment, state.motions), workspace)
+    refined = (solver.refine or solver.solve)(problem, _on(data.segment, state.motions), workspace)
     return SegmentState(data, problem, refined, (solved,))
 
 

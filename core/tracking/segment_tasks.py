@@ -141,7 +141,7 @@ def solve_task(
     state = state.with_solution(segment, solved.solution.motions)
     with seconds.measure("appearance"):
         offset = measured_offset(shot, data, state)
-    if not solver.refines:
+    if solver.refine is None:
         return _without_refinement(solved, offset, seconds, task.threads)
     slim = replace(solved.solution, evidence=None)
     return SolvedSegment(replace(data, views=()), slim, offset, dict(seconds))

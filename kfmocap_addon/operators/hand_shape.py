@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import bpy
 
+from ...core.choices import HAND_SHAPES
+from ..properties.choice_items import choice_items
 from ..scene_io import active_performer
 from .conditions import Conditional, has_footage, has_keypoints, has_performer, has_shot
 from .reporting import reported
@@ -23,15 +25,7 @@ class HandShape(Conditional, bpy.types.Operator):
     conditions = (has_hands,)
 
     shape: bpy.props.EnumProperty(
-        items=[
-            ("relaxed", "Relaxed", "Slightly bent, as of a hand that does nothing"),
-            ("flat", "Flat", "As in the rest pose"),
-            ("grip", "Grip", "Around a handle"),
-            ("fist", "Fist", "Closed"),
-            ("point", "Point", "The index finger stretched, the others closed"),
-        ],
-        name="Shape",
-        description="Shape that the hand takes",
+        items=choice_items(HAND_SHAPES), name="Shape", description="Shape that the hand takes"
     )
     side: bpy.props.EnumProperty(
         items=[("LR", "Both", ""), ("L", "Left", ""), ("R", "Right", "")], name="Hand", description="Which hand"

@@ -2,7 +2,9 @@
 
 import bpy
 
+from ...core.choices import FEET, ROOT_MOTIONS
 from ...core.retargeting.bone_presets import PRESETS
+from .choice_items import choice_items
 from .pointer_polls import is_armature
 from .tolerance_fields import shift_tolerance, turn_tolerance
 
@@ -52,22 +54,12 @@ class KFMocapRetarget(bpy.types.PropertyGroup):
     active_bone: bpy.props.IntProperty(name="Active Bone", description="The role shown in the list of bones")
     errors: bpy.props.CollectionProperty(type=KFMocapLimbError)
     root: bpy.props.EnumProperty(
-        items=[
-            ("world", "On the Hips", "The character moves through the world"),
-            ("root-bone", "On the Root Bone", "The way over the ground goes on the rig's root bone"),
-            ("in-place", "In Place", "The character stays over its first place"),
-        ],
+        items=choice_items(ROOT_MOTIONS),
         name="Root Motion",
         description="Which bone carries the motion through the world",
     )
     feet: bpy.props.EnumProperty(
-        items=[
-            ("keep", "Keep", "Planted feet move as the performer's do, whatever the length of the legs"),
-            ("clean", "Clean", "Planted feet stand quite still, flat on the floor"),
-            ("off", "Off", "Joint angles alone"),
-        ],
-        name="Feet",
-        description="How feet are kept where they stood",
+        items=choice_items(FEET), name="Feet", description="How feet are kept where they stood"
     )
     hands: bpy.props.BoolProperty(name="Keep Hands", description="Hands that stand still in the world stay there")
     live: bpy.props.BoolProperty(

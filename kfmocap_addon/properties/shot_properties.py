@@ -2,6 +2,8 @@
 
 import bpy
 
+from ...core.choices import SOLVERS
+from .choice_items import choice_items
 from .export_properties import KFMocapExport
 from .performer_properties import KFMocapPerformer
 from .pointer_polls import is_performer
@@ -181,12 +183,7 @@ class KFMocapScene(bpy.types.PropertyGroup):
     )
     copied: bpy.props.StringProperty(name="Copied Pose", description="Values of the bones by their names, as JSON")
     solver: bpy.props.EnumProperty(
-        items=[
-            ("gauss-newton", "Gauss-Newton", "All frames between two key poses at once: the best results"),
-            ("relaxation", "Relaxation", "Frame by frame in sweeps, as first published: for comparison"),
-        ],
-        name="Solver",
-        description="How the frames between the key poses are found",
+        items=choice_items(SOLVERS), name="Solver", description="How the frames between the key poses are found"
     )
     contact: bpy.props.BoolProperty(
         name="Contact", description="Performers do not pass through each other", default=True

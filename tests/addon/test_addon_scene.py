@@ -14,7 +14,9 @@ from addon_shots import blender, joint_error, keys_of, motion, shot, tracker  # 
 from kfmocap import kfmocap_addon  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.body.body import AT_EASE  # noqa: E402
+from kfmocap.core.choices import FEET, HAND_SHAPES, ROOT_MOTIONS, SOLVERS  # noqa: E402
 from kfmocap.core.errors import CancelledError, FootageError, ShotError  # noqa: E402
+from kfmocap.core.retargeting.hand_shapes import BENDS  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses, Settings, View  # noqa: E402
 from kfmocap.kfmocap_addon import registration  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import body_armature, camera_poses, scene  # noqa: E402
@@ -308,6 +310,16 @@ def test_registering_again_works_and_unregistering_leaves_nothing():
         kfmocap_addon.unregister()
         assert not registration.is_registered() and set(dir(bpy.types)) == before
         assert not traces()[0] and not traces()[1]
+
+
+def test_menus_offer_what_the_core_knows(blender):  # noqa: F811
+    shot, retarget = bpy.context.scene.kfmocap, bpy.context.scene.kfmocap.retarget
+    hands = bpy.ops.kfmocap.hand_shape.get_rna_type()
+    menus = {(shot, "solver"): SOLVERS, (retarget, "root"): ROOT_MOTIONS, (retarget, "feet"): FEET}
+    for (owner, name), choices in menus.items():
+        assert [item.identifier for item in owner.bl_rna.properties[name].enum_items] == list(choices)
+    assert [item.identifier for item in hands.properties["shape"].enum_items] == list(HAND_SHAPES)
+    assert set(BENDS) == set(HAND_SHAPES)
 
 
 def test_every_tool_and_property_explains_itself(blender):  # noqa: F811

@@ -16,8 +16,9 @@ from kfmocap.benchmarks.case import Watch
 from kfmocap.benchmarks.rows import CONVERGENCE, ROWS, SWEEPS, Case, Row, cases
 from kfmocap.core.body import human
 from kfmocap.core.body.motion import Motion
+from kfmocap.core.choices import SOLVERS
 from kfmocap.core.errors import FootageError
-from kfmocap.core.shot.shot import SOLVERS, KeyPoses, Performer, Settings
+from kfmocap.core.shot.shot import KeyPoses, Performer, Settings
 from short_walk import short_walk
 
 WALK = ROOT / "examples" / "walk"

@@ -11,6 +11,7 @@ from conftest import ROOT, parsed
 
 LAYERS = (
     "core.errors",
+    "core.choices",
     "core.runtime",
     "core.numerics",
     "core.cameras",

@@ -301,8 +301,7 @@ def _in_picture(camera: Camera, points: Array, first: int) -> bool:
         uv = np.stack([camera.project(own, first + f) for f, own in enumerate(points)])
     else:
         uv = camera.project(points)
-    with np.errstate(invalid="ignore"):
-        return bool(((uv >= 0) & (uv < camera.size)).all(axis=-1).any())
+    return bool(camera.shows(uv).any())
 
 
 def view_subset(problem: SegmentProblem, least: int, turn: int) -> SegmentProblem:

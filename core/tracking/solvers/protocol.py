@@ -83,8 +83,9 @@ class Solver:
     ----------
     solve : callable
         See `Solve`.
-    refine : callable
-        Like `solve`, but starts from a solution, once the motion on both sides of the segment is known.
+    refine : callable, optional
+        Like `solve`, but starts from a solution, once the motion on both sides of the segment is known. None: solutions
+        stay as they are.
     resume : callable, optional
         See `Resume`. None: segments are always solved anew.
     settle : callable, optional
@@ -95,15 +96,12 @@ class Solver:
         Foreground images are part of the evidence. They are computed only for solvers that use them.
     uses_holds : bool
         Props are kept in the hands that hold them.
-    refines : bool
-        Whether `refine` can improve a solution.
     """
 
     solve: Solve
-    refine: Solve
+    refine: Solve | None
     resume: Resume | None
     settle: Settle | None
     uses_keypoints: bool
     uses_foreground: bool
     uses_holds: bool
-    refines: bool

@@ -1,4 +1,4 @@
-"""All solvers, by the names that the settings of a shot use (`core.shot.shot.SOLVERS`)."""
+"""All solvers, by the names that the settings of a shot use (`core.choices.SOLVERS`)."""
 
 from __future__ import annotations
 
@@ -10,24 +10,22 @@ from .protocol import Solver
 
 GAUSS_NEWTON = Solver(
     leaping_limbs.solved,
-    regained_limbs.refined,
-    multi_start.resumed,
-    standing_feet.with_standing_feet,
+    refine=regained_limbs.refined,
+    resume=multi_start.resumed,
+    settle=standing_feet.with_standing_feet,
     uses_keypoints=True,
     uses_foreground=True,
     uses_holds=True,
-    refines=True,
 )
 """Gauss-Newton over all poses of a segment at once; where the images cast doubt on the result, from several starts."""
 RELAXATION = Solver(
     relaxation.relaxed,
-    relaxation.relaxed,
-    None,
-    None,
+    refine=None,
+    resume=None,
+    settle=None,
     uses_keypoints=False,
     uses_foreground=False,
     uses_holds=False,
-    refines=False,
 )
 """The relaxation of paper 1, which uses image gradients between neighbouring frames alone.
 
@@ -39,5 +37,5 @@ REGISTRY: Mapping[str, Solver] = MappingProxyType({"gauss-newton": GAUSS_NEWTON,
 
 
 def solver_named(name: str) -> Solver:
-    """Return the solver with a name of `core.shot.shot.SOLVERS`."""
+    """Return the solver with a name of `core.choices.SOLVERS`."""
     return REGISTRY[name]

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from kfmocap.core.body.skeleton_motion import RestSkeleton
+from kfmocap.core.choices import HAND_SHAPES
 from kfmocap.core.errors import BodyError
-from kfmocap.core.retargeting.hand_shapes import HAND_SHAPES, finger_turns
+from kfmocap.core.retargeting.hand_shapes import finger_turns
 from kfmocap.core.retargeting.roles import FINGERS, BoneMap
 
 ACROSS = {"thumb": -0.035, "index": -0.03, "middle": -0.01, "ring": 0.01, "pinky": 0.03}
