@@ -1,6 +1,6 @@
 """What the add-on adds to Blender: classes, the scene's properties, menu entries, drawing handlers.
 
-What is imported here is loaded when Blender starts: it needs neither NumPy nor the core beyond its errors. Operators
+What is imported here is loaded when Blender starts: it needs neither NumPy nor more of the core than errors, choices and
 import the rest when they are used.
 """
 

@@ -28,7 +28,7 @@ from ..evidence.held_outlines import HeldOutlines
 from ..evidence.part_geometry import Geometry
 from ..evidence.part_shapes import SHIFT, STRETCH
 from ..formats.keypoint_files import read_shot_keypoints
-from ..keypoints.keypoint_noise import USUAL_DEVIATION, robust_weights
+from ..keypoints.keypoint_deviations import USUAL_DEVIATION, robust_weights
 from ..keypoints.keypoint_places import Places
 from ..keypoints.keypoint_rays import Keypoints
 from ..keypoints.left_right import correct_sides

@@ -18,7 +18,7 @@ from ..body.joint_limits import habitual_prior
 from ..body.kinematics import Poses, motion_of_poses
 from ..numerics.arrays import Array
 from ..numerics.banded_blocks import BandedBlocks
-from .keypoint_noise import GROSS, LIFTED_DEVIATION, USUAL_DEVIATION, deviations, robust_weights, trusted_weights
+from .keypoint_deviations import GROSS, LIFTED_DEVIATION, USUAL_DEVIATION, deviations, robust_weights, trusted_weights
 from .keypoint_places import Places, offset_precision
 from .keypoint_rays import Keypoints
 

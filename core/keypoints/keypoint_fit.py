@@ -19,8 +19,8 @@ from ..numerics.banded import BandedFactor, bordered_solution
 from ..numerics.banded_blocks import BandedBlocks
 from ..numerics.repeatable import on_grid
 from .body_measures import BodyMeasures, with_measures
+from .keypoint_deviations import USUAL_DEVIATION, deviations, robust_energy, robust_weights, trusted_weights
 from .keypoint_factor import keypoint_system
-from .keypoint_noise import USUAL_DEVIATION, deviations, robust_energy, robust_weights, trusted_weights
 from .keypoint_places import Places
 from .keypoint_rays import Keypoints
 from .left_right import correct_sides

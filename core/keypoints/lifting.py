@@ -21,7 +21,7 @@ from ..body.motion import Motion
 from ..numerics import rotations
 from ..numerics.arrays import Array, Ints
 from .closed_form import LIMBS, POSED_PARTS, TRUNK, along_and_across, limb_orientations
-from .keypoint_noise import LIFTED_DEVIATION, USUAL_DEVIATION
+from .keypoint_deviations import LIFTED_DEVIATION, USUAL_DEVIATION
 from .keypoint_rays import Keypoints
 from .view_agreement import ViewAgreement, interpolated, without_midpoints
 

@@ -10,7 +10,7 @@ from ..body import Body, part_poses
 from ..body.motion import Motion
 from ..numerics.arrays import Array
 from .closed_form import LIMBS, closed_form_limb
-from .keypoint_noise import GROSS
+from .keypoint_deviations import GROSS
 from .keypoint_places import Places
 from .keypoint_rays import Keypoints
 

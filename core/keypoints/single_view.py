@@ -14,8 +14,8 @@ from ..numerics.arrays import Array, Bools
 from ..shot.carried_motion import bent
 from ..shot.shot import KeyPoses
 from .first_pose import posed_start
+from .keypoint_deviations import USUAL_DEVIATION
 from .keypoint_fit import FitProblem, KeypointFit, fit_motion
-from .keypoint_noise import USUAL_DEVIATION
 from .keypoint_places import Places
 from .keypoint_rays import Keypoints
 from .lifting import lifted_points, with_imagined_view

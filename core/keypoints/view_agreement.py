@@ -14,7 +14,7 @@ import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
 
 from ..numerics.arrays import Array
-from .keypoint_noise import deviations_of_lengths
+from .keypoint_deviations import deviations_of_lengths
 from .keypoint_rays import Keypoints
 from .left_right import correct_sides
 from .triangulation import LEAP, triangulate

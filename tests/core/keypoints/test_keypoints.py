@@ -13,9 +13,9 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.keypoints import keypoint_factor as evidence
 from kfmocap.core.keypoints.closed_form import closed_form_pose
 from kfmocap.core.keypoints.first_pass import first_pass, scaled_first_pass
+from kfmocap.core.keypoints.keypoint_deviations import deviations, robust_weights
 from kfmocap.core.keypoints.keypoint_factor import KeypointFactor, keypoint_system
 from kfmocap.core.keypoints.keypoint_fit import FitProblem, KeypointFit, fit_motion
-from kfmocap.core.keypoints.keypoint_noise import deviations, robust_weights
 from kfmocap.core.keypoints.keypoint_places import Places
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.keypoints.left_right import correct_sides, swap_sides
