@@ -1,7 +1,7 @@
 """What the add-on adds to Blender: classes, the scene's properties, menu entries, drawing handlers.
 
-What is imported here is loaded when Blender starts: it needs neither NumPy nor more of the core than errors, choices and
-import the rest when they are used.
+What is imported here is loaded when Blender starts: it needs neither NumPy nor more of the core than errors, choices
+and names of rigs. Operators import the rest when they are used.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # n
 from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves  # noqa: E402
 from mathutils import Matrix  # noqa: E402
-from odd_characters import BODY, CONTROL, add_bones, bind, layered_human, points_of, skinned_human  # noqa: E402
+from odd_characters import BODY, CONTROL, add_bones, bind, bone_names, layered_human, points_of, skinned_human  # noqa: E402
 from synthetic import swing  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -196,24 +196,11 @@ def test_a_character_in_edit_mode_is_refused_by_name():
     bpy.ops.object.mode_set(mode="OBJECT")
 
 
-GAME = {
-    "pelvis": "C_pelvis_SHJnt",
-    "spine": "C_spine01_SHJnt",
-    "chest": "C_spine02_SHJnt",
-    "head": "C_head_SHJnt",
-    **{
-        f"{part}.{side}": f"{side}_{word}_SHJnt"
-        for side in "LR"
-        for part, word in (
-            ("upper_arm", "arm_upper"),
-            ("forearm", "arm_lower"),
-            ("hand", "hand"),
-            ("thigh", "leg_upper"),
-            ("shin", "leg_lower"),
-            ("foot", "foot"),
-        )
-    },
-}
+GAME = bone_names(
+    "C_pelvis_SHJnt C_spine01_SHJnt C_spine02_SHJnt C_head_SHJnt",
+    "arm_upper arm_lower hand leg_upper leg_lower foot",
+    lambda word, side: f"{side}_{word}_SHJnt",
+)
 
 
 def test_leaf_bones_of_a_bought_character_play_no_role():

@@ -249,63 +249,38 @@ def _copy(armature: bpy.types.Object, owner: str, followed: str, kind: str) -> b
     return held
 
 
-MIXAMO = {
-    "pelvis": "Hips",
-    "spine": "Spine",
-    "chest": "Spine1",
-    "head": "Head",
-    **{
-        f"{part}.{side}": f"{word}{name}"
-        for side, word in (("L", "Left"), ("R", "Right"))
-        for part, name in (
-            ("upper_arm", "Arm"),
-            ("forearm", "ForeArm"),
-            ("hand", "Hand"),
-            ("thigh", "UpLeg"),
-            ("shin", "Leg"),
-            ("foot", "Foot"),
-        )
-    },
-}
-UNREAL = {
-    "pelvis": "pelvis",
-    "spine": "spine_01",
-    "chest": "spine_02",
-    "head": "head",
-    **{
-        f"{part}.{side}": f"{name}_{side.lower()}"
-        for side in "LR"
-        for part, name in (
-            ("upper_arm", "upperarm"),
-            ("forearm", "lowerarm"),
-            ("hand", "hand"),
-            ("thigh", "thigh"),
-            ("shin", "calf"),
-            ("foot", "foot"),
-        )
-    },
-}
-JAPANESE = {
-    name: f"{word}{number}"
-    for name, word, number in (
-        ("pelvis", "腰", ""),
-        ("spine", "上半身", ""),
-        ("chest", "胸", ""),
-        ("head", "頭", ""),
-        *(
-            (f"{part}.{side}", word, number)
-            for side, number in (("L", "1"), ("R", "2"))
-            for part, word in (
-                ("upper_arm", "腕"),
-                ("forearm", "ひじ"),
-                ("hand", "手首"),
-                ("thigh", "足"),
-                ("shin", "ひざ"),
-                ("foot", "足首"),
-            )
-        ),
-    )
-}
+def bone_names(trunk: str, limbs: str, on_side: Callable[[str, str], str]) -> dict[str, str]:
+    """Return the names of a character's bones by the parts of `BODY`.
+
+    Parameters
+    ----------
+    trunk : str
+        Pelvis, spine, chest and head.
+    limbs : str
+        Words for upper arm, forearm, hand, thigh, shin and foot.
+    on_side : callable
+        Makes a name of such a word and a side, "L" or "R".
+    """
+    parts = ("upper_arm", "forearm", "hand", "thigh", "shin", "foot")
+    names = dict(zip(("pelvis", "spine", "chest", "head"), trunk.split(), strict=True))
+    for side in "LR":
+        names |= {f"{part}.{side}": on_side(word, side) for part, word in zip(parts, limbs.split(), strict=True)}
+    return names
+
+
+MIXAMO = bone_names(
+    "Hips Spine Spine1 Head",
+    "Arm ForeArm Hand UpLeg Leg Foot",
+    lambda word, side: {"L": "Left", "R": "Right"}[side] + word,
+)
+UNREAL = bone_names(
+    "pelvis spine_01 spine_02 head",
+    "upperarm lowerarm hand thigh calf foot",
+    lambda word, side: f"{word}_{side.lower()}",
+)
+JAPANESE = bone_names(
+    "腰 上半身 胸 頭", "腕 ひじ 手首 足 ひざ 足首", lambda word, side: word + {"L": "1", "R": "2"}[side]
+)
 
 
 def as_imported(armature: bpy.types.Object) -> None:

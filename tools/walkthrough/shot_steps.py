@@ -17,7 +17,7 @@ import tool_steps as tools  # noqa: E402
 import tutorial_steps as tutorial  # noqa: E402
 from blender_screen import Waits, click, find, until  # noqa: E402
 from tool_steps import expect, key_frames  # noqa: E402
-from tutorial_steps import PICTURES, WORK, idle, picture, scene, sidebar  # noqa: E402
+from tutorial_steps import WORK, carry_out, idle, picture, scene, sidebar  # noqa: E402
 
 EXAMPLE = sys.argv[-1]
 AT_MOST = 12
@@ -81,6 +81,4 @@ def shot() -> Waits:
 
 
 if __name__ == "__main__":
-    PICTURES.mkdir(exist_ok=True)
-    tutorial.set_up()
-    screen.run(shot(), PICTURES / "failed.png")
+    carry_out(shot())

@@ -21,7 +21,7 @@ sys.path.insert(0, str(HERE))
 import blender_screen as screen  # noqa: E402
 import tutorial_steps as tutorial  # noqa: E402
 from blender_screen import Place, Waits, click, click_at, press, until  # noqa: E402
-from tutorial_steps import PICTURES, WORK, idle, in_view, only, picture, scene, sidebar, window  # noqa: E402
+from tutorial_steps import WORK, idle, in_view, only, picture, scene, sidebar, window  # noqa: E402
 
 
 def expect(held: object, claim: str) -> None:
@@ -338,6 +338,4 @@ def steps() -> Waits:
 
 
 if __name__ == "__main__":
-    PICTURES.mkdir(exist_ok=True)
-    tutorial.set_up()
-    screen.run(steps(), PICTURES / "failed.png")
+    tutorial.carry_out(steps())

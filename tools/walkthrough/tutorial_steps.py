@@ -306,6 +306,13 @@ def set_up() -> None:
     view.filebrowser_display_type = view.preferences_display_type = "SCREEN"
 
 
+def carry_out(given: Waits) -> None:
+    """Carry out some steps in a Blender that is set up for it, with a picture of where they fail."""
+    PICTURES.mkdir(exist_ok=True)
+    set_up()
+    screen.run(given, PICTURES / "failed.png")
+
+
 def steps() -> Waits:
     """All steps of the tutorial in their order."""
     bpy.context.preferences.system.use_region_overlap = False
@@ -322,6 +329,4 @@ def steps() -> Waits:
 
 
 if __name__ == "__main__":
-    PICTURES.mkdir(exist_ok=True)
-    set_up()
-    screen.run(steps(), PICTURES / "failed.png")
+    carry_out(steps())

@@ -12,14 +12,21 @@ from kfmocap.core.body import human, landmark_positions
 from kfmocap.core.errors import BodyError, KFMocapError, ShotError
 from kfmocap.core.formats.bvh import body_of_bvh, poses_of_bvh, read_bvh
 
+BODY = human()
+TEXT = bvh_text(BODY, wild(BODY))
+
+
+def saved(folder: Path, text: str) -> Path:
+    path = folder / "poses.bvh"
+    path.write_text(text)
+    return path
+
 
 @pytest.mark.parametrize("order", ["XYZ", "ZXY", "YXZ"])
 def test_poses_and_body_are_those_written(tmp_path: Path, order: str) -> None:
     body = human(1.82, {"thigh": 0.48, "upper_arm.L": 0.27, "torso": 0.55, "hip_width": 0.24})
     motion = wild(body)
-    path = tmp_path / "poses.bvh"
-    path.write_text(bvh_text(body, motion, order))
-    skeleton = read_bvh(path)
+    skeleton = read_bvh(saved(tmp_path, bvh_text(body, motion, order)))
     found = body_of_bvh(skeleton, 1.82)
     np.testing.assert_allclose(found.offsets, body.offsets, atol=1e-6)
     back = poses_of_bvh(skeleton, found, np.array([3, 1]))
@@ -30,9 +37,7 @@ def test_poses_and_body_are_those_written(tmp_path: Path, order: str) -> None:
 def test_the_body_of_a_bvh_has_collar_bones_where_the_file_has_them(tmp_path: Path, collar_bones: bool) -> None:
     body = human(1.7, {"shoulder_width": 0.42, "neck_rise": 0.05}, collar_bones=collar_bones)
     motion = wild(body)
-    path = tmp_path / "poses.bvh"
-    path.write_text(bvh_text(body, motion))
-    skeleton = read_bvh(path)
+    skeleton = read_bvh(saved(tmp_path, bvh_text(body, motion)))
     found = body_of_bvh(skeleton, 1.7)
     assert found.names == body.names
     np.testing.assert_allclose(found.offsets, body.offsets, atol=1e-6)
@@ -40,67 +45,54 @@ def test_the_body_of_a_bvh_has_collar_bones_where_the_file_has_them(tmp_path: Pa
 
 
 def test_one_collar_bone_alone_is_refused_by_name(tmp_path: Path) -> None:
-    body = human()
-    path = tmp_path / "poses.bvh"
-    path.write_text(bvh_text(body, wild(body)).replace("shoulder.R", "clavicle_r"))
+    path = saved(tmp_path, TEXT.replace("shoulder.R", "clavicle_r"))
     with pytest.raises(BodyError, match=r"clavicle_r.*shoulder\.R"):
         body_of_bvh(read_bvh(path))
 
 
 def test_the_height_is_judged_from_the_bones(tmp_path: Path) -> None:
-    path = tmp_path / "poses.bvh"
-    path.write_text(bvh_text(human(1.64), wild(human(1.64))))
+    path = saved(tmp_path, bvh_text(human(1.64), wild(human(1.64))))
     body = body_of_bvh(read_bvh(path))
     vertices = [np.concatenate([p.vertices for p in b.parts]) for b in (body, human(1.64))]
     np.testing.assert_allclose(*vertices, atol=1e-4)
 
 
 def test_other_skeletons_are_refused_by_name(tmp_path: Path) -> None:
-    body = human()
-    path = tmp_path / "poses.bvh"
-    path.write_text(bvh_text(body, wild(body)).replace("shin.L", "LeftLeg"))
+    path = saved(tmp_path, TEXT.replace("shin.L", "LeftLeg"))
     with pytest.raises(BodyError, match="LeftLeg"):
         body_of_bvh(read_bvh(path))
-    parts = list(body.parts)
-    k = body.index("shin.R")
+    parts = list(BODY.parts)
+    k = BODY.index("shin.R")
     parts[k] = replace(parts[k], head_world=parts[k].head_world + [0.1, 0, 0])
-    path.write_text(bvh_text(replace(body, parts=tuple(parts)), wild(body)))
+    path.write_text(bvh_text(replace(BODY, parts=tuple(parts)), wild(BODY)))
     with pytest.raises(BodyError, match=r"shin\.R|foot\.R"):
         body_of_bvh(read_bvh(path))
 
 
 @pytest.mark.parametrize("cut", ["HIERARCHY", "MOTION", "Frames:", "0.04\n"])
 def test_a_file_that_is_not_a_bvh_is_refused(tmp_path: Path, cut: str) -> None:
-    body = human()
-    path = tmp_path / "poses.bvh"
-    path.write_text(bvh_text(body, wild(body)).replace(cut, ""))
+    path = saved(tmp_path, TEXT.replace(cut, ""))
     with pytest.raises(ShotError, match=r"poses\.bvh: is not a BVH file"):
         read_bvh(path)
 
 
 def test_one_frame_more_than_announced_is_left_out(tmp_path: Path) -> None:
-    body = human()
-    path = tmp_path / "poses.bvh"
-    text = bvh_text(body, wild(body))
-    path.write_text(text)
+    path = saved(tmp_path, TEXT)
     whole = read_bvh(path)
-    path.write_text(text.replace("Frames: 4", "Frames: 3"))
+    path.write_text(TEXT.replace("Frames: 4", "Frames: 3"))
     short = read_bvh(path)
     np.testing.assert_array_equal(short.turns, whole.turns[:3])
-    path.write_text(text.rsplit(" ", 1)[0])
+    path.write_text(TEXT.rsplit(" ", 1)[0])
     with pytest.raises(ShotError, match=r"poses\.bvh: is not a BVH file, or not whole"):
         read_bvh(path)
 
 
 def test_names_may_have_spaces_and_words_may_be_in_small_letters(tmp_path: Path) -> None:
-    body = human()
-    path = tmp_path / "poses.bvh"
-    text = bvh_text(body, wild(body))
+    text = TEXT
     for word in ("HIERARCHY", "ROOT", "JOINT", "End", "MOTION"):
         text = text.replace(word, word.lower())
-    path.write_text(text.replace("thigh.L", "Bip01 L Thigh"))
-    names = read_bvh(path).rest.names
-    assert set(names) == {"Bip01 L Thigh", *body.names} - {"thigh.L"}
+    names = read_bvh(saved(tmp_path, text.replace("thigh.L", "Bip01 L Thigh"))).rest.names
+    assert set(names) == {"Bip01 L Thigh", *BODY.names} - {"thigh.L"}
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
