@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..core.calibration.camera_rig import rig_of
-from ..core.calibration.performer_cameras import PerformerCalibration, cameras_by_performer
-from ..core.calibration.performer_views import PerformerView
+from ..core.calibration.performer.performer_cameras import PerformerCalibration, cameras_by_performer
+from ..core.calibration.performer.performer_views import PerformerView
+from ..core.calibration.solving.camera_rig import rig_of
 from ..core.cameras.camera import Camera
 from ..core.formats.keypoint_files import read_shot_keypoints
 from ..core.tracking.prepare import load_shot

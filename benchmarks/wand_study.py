@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.calibration.bundle import covariance
-from ..core.calibration.bundle_residuals import BallObservations, BundleEvidence, Scene, unknowns
 from ..core.calibration.calibration_result import CalibrationResult
-from ..core.calibration.camera_rig import CAMERA_DOF, FOCAL, K1, OFFSET, SHIFT, TURN, rig_of
-from ..core.calibration.lframe import resting
+from ..core.calibration.lframe.lframe_pose import resting
+from ..core.calibration.solving.bundle import covariance
+from ..core.calibration.solving.bundle_residuals import BallObservations, BundleEvidence, Scene, unknowns
+from ..core.calibration.solving.camera_rig import CAMERA_DOF, FOCAL, K1, OFFSET, SHIFT, TURN, rig_of
+from ..core.calibration.solving.wand_motion import Wand
 from ..core.calibration.wand_calibration import solve_capture
 from ..core.calibration.wand_matching import matched
-from ..core.calibration.wand_motion import Wand
 from ..core.cameras.camera import Camera
 from ..core.capture.capture import Capture
 from ..core.errors import KFMocapError

@@ -9,8 +9,8 @@ from pathlib import Path
 from ..core.calibration.api import calibrate
 from ..core.calibration.calibration_report import REPORT_FILES, write_report
 from ..core.calibration.calibration_result import CalibrationResult
-from ..core.calibration.performer_cameras import PerformerCalibration, cameras_of_shot
-from ..core.calibration.single_camera import SingleViewCalibration
+from ..core.calibration.performer.performer_cameras import PerformerCalibration, cameras_of_shot
+from ..core.calibration.performer.single_camera import SingleViewCalibration
 from ..core.errors import KFMocapError
 from ..core.fitting.camera_refinement import Refinement
 from ..core.fitting.shot_cameras import refine_shot_cameras

@@ -316,14 +316,14 @@ TERMS = (
     ),
     Term(
         "paper 2, (1)",
-        "core/calibration/wand_motion.py",
+        "core/calibration/solving/wand_motion.py",
         "half = self.length / 2 * self.direction",
         "half = self.length * self.direction",
         "tests/core/calibration/test_bundle.py::test_the_wand_keeps_its_length_exactly",
     ),
     Term(
         "paper 2, section 3.1, Levenberg-Marquardt",
-        "core/calibration/bundle_residuals.py",
+        "core/calibration/solving/bundle_residuals.py",
         "(uv - seen.uv) * np.broadcast_to(reached",
         "(seen.uv - uv) * np.broadcast_to(reached",
         "tests/core/calibration/test_bundle.py::test_derivatives_agree_with_finite_differences",
@@ -421,7 +421,7 @@ TERMS = (
     ),
     Term(
         "paper 2, figures 1 and 2: L-frame, wand, body model",
-        "core/calibration/lframe.py",
+        "core/calibration/lframe/lframe_pose.py",
         "shift = measures[known].mean(axis=0) - R @",
         "shift = measures[known].mean(axis=0) + R @",
         "tests/core/calibration/test_wand_solution.py::test_two_cameras_are_enough",

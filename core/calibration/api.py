@@ -15,10 +15,10 @@ from ..runtime.progress import Progress, share
 from ..shot.footage import probe
 from ..shot.footage_times import video_rate
 from .calibration_result import CalibrationResult
-from .clocks import Clocks
 from .findings import LFRAME_NOT_SEEN, Finding, interlaced, lframe_missed, rate_varies
 from .remeasure import remeasured, with_lframes_remeasured
 from .resync import known_camera, synchronise
+from .solving.clocks import Clocks
 from .video_markers import VideoMarkers, find_all, find_wand
 from .wand_calibration import solve_capture
 

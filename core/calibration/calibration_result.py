@@ -9,11 +9,11 @@ import numpy as np
 from ..cameras.camera import Camera
 from ..capture.capture import Capture
 from ..numerics.arrays import Array, Bools
-from .bundle_residuals import BallObservations, Scene
-from .camera_rig import CAMERA_DOF, Rig
-from .clocks import Clocks
 from .findings import Finding
-from .wand_motion import Wand
+from .solving.bundle_residuals import BallObservations, Scene
+from .solving.camera_rig import CAMERA_DOF, Rig
+from .solving.clocks import Clocks
+from .solving.wand_motion import Wand
 
 
 @dataclass(frozen=True, eq=False)

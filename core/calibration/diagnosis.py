@@ -11,12 +11,12 @@ from ..capture.capture import LFRAME_BALLS, Capture
 from ..errors import CaptureError
 from ..numerics.arrays import Array
 from . import findings
-from .camera_rig import FOCAL, OFFSET
 from .findings import Finding
-from .first_cameras import FEWEST_SHARED, FLAT, Link
 from .quality import coverage, depths, path_error, seen_points, thickness
-from .wand_motion import Wand
-from .wand_tracks import Tracks
+from .solving.camera_rig import FOCAL, OFFSET
+from .solving.first_cameras import FEWEST_SHARED, FLAT, Link
+from .solving.wand_motion import Wand
+from .solving.wand_tracks import Tracks
 
 if TYPE_CHECKING:
     from .calibration_result import CalibrationResult

@@ -10,10 +10,10 @@ from scipy.interpolate import CubicSpline
 
 from ..numerics.arrays import Array, Bools
 from .calibration_result import CalibrationResult
-from .camera_rig import Rig
+from .solving.camera_rig import Rig
+from .solving.wand_motion import Wand
+from .solving.wand_triangulation import projected
 from .video_markers import VideoMarkers
-from .wand_motion import Wand
-from .wand_triangulation import projected
 
 _BRIDGED = 15
 """Longest gap over which the wand's path is interpolated, frames."""

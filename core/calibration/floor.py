@@ -14,9 +14,9 @@ import numpy as np
 from ..capture.capture import LFRAME_BALLS, WAND_BALLS, Capture, Markers
 from ..numerics.arrays import Array
 from . import findings
-from .camera_rig import Rig
-from .lframe import resting
-from .wand_triangulation import rays, triangulated
+from .lframe.lframe_pose import resting
+from .solving.camera_rig import Rig
+from .solving.wand_triangulation import rays, triangulated
 
 _MOVED = 4.0
 """Largest apparent movement of a ball at rest, standard deviations."""

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from ..capture.capture import Markers
 from ..numerics.arrays import Array
-from .bundle_residuals import BallObservations
-from .camera_rig import CENTRE, DRIFT, FOCAL, K1, K2, OFFSET, SHIFT, Rig
+from .solving.bundle_residuals import BallObservations
+from .solving.camera_rig import CENTRE, DRIFT, FOCAL, K1, K2, OFFSET, SHIFT, Rig
+from .solving.wand_tracks import picked, sampled
+from .solving.wand_triangulation import rays, triangulated
 from .wand_matching import matched
-from .wand_tracks import picked, sampled
-from .wand_triangulation import rays, triangulated
 
 if TYPE_CHECKING:
     from .calibration_result import CalibrationResult

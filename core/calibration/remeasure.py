@@ -16,10 +16,10 @@ from ..capture.capture import LFRAME_BALLS, Markers
 from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress, share
 from ..shot.footage import pictures
-from .ball_images import BallGuess, BallImage, BallLooks, fit_ball
+from .balls.ball_images import BallGuess, BallImage, BallLooks, fit_ball
 from .calibration_result import CalibrationResult
 from .expected_balls import FEWEST, ExpectedBalls, ball_diameter, wand_path
-from .lframe_markers import ARMS, SeenBalls, still_picture
+from .lframe.lframe_markers import ARMS, SeenBalls, still_picture
 from .video_markers import SeenView, VideoMarkers
 
 Image = NDArray[Any]

@@ -12,14 +12,14 @@ from ..capture.capture import Capture
 from ..errors import CalibrationError
 from ..runtime.progress import Progress, report_progress
 from . import findings
-from .bundle import adjust, covariance
-from .bundle_residuals import BundleEvidence, Scene
-from .camera_rig import CAMERA_DOF, DRIFT, OFFSET, rig_of
-from .clocks import Clocks
-from .first_cameras import FEWEST_SHARED
-from .synchrony import synchrony, with_capture_clock
+from .solving.bundle import adjust, covariance
+from .solving.bundle_residuals import BundleEvidence, Scene
+from .solving.camera_rig import CAMERA_DOF, DRIFT, OFFSET, rig_of
+from .solving.clocks import Clocks
+from .solving.first_cameras import FEWEST_SHARED
+from .solving.synchrony import synchrony, with_capture_clock
+from .solving.wand_triangulation import sight
 from .wand_matching import labelled
-from .wand_triangulation import sight
 
 _LOOSE = 10.0  # standard deviations, while the clocks are still inexact
 _ROUNDS = 4  # of selecting the wand's balls and estimating the clocks

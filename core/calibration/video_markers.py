@@ -15,12 +15,12 @@ from ..errors import CalibrationError
 from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress, share
 from ..shot.footage import Footage, pictures, probe
-from .ball_centres import centres_of
-from .balls import Balls
+from .balls.ball_centres import centres_of
+from .balls.found_balls import Balls
 from .calibration_result import CalibrationResult
-from .lframe_markers import SeenBalls, SeenLFrame, expected_lframe, find_lframe, spread_out, usual_matrix
+from .lframe.lframe_markers import SeenBalls, SeenLFrame, expected_lframe, find_lframe, spread_out, usual_matrix
+from .solving.wand_triangulation import projected
 from .wand_detection import Pairs, WandLooks, find_pairs, swapped_ends, wand_path
-from .wand_triangulation import projected
 
 FEWEST_LFRAMES = 2
 """Least number of views in which the L-frame must be found."""

@@ -10,23 +10,25 @@ import numpy as np
 from ..capture.capture import Capture, CaptureView
 from ..numerics.arrays import Array, Bools
 from ..runtime.progress import Progress, report_progress
-from . import diagnosis, lens_selection, lframe
-from .assumed_lens import Lens
-from .bundle import adjust, covariance, variance_inflation
-from .bundle_residuals import BallObservations, BundleEvidence, Scene
+from . import diagnosis
 from .calibration_result import CalibrationResult
-from .camera_rig import DRIFT, OFFSET, Rig
 from .findings import Finding
-from .first_cameras import FEWEST_SHARED, crossed_views, find_links, first_rig, unknown_lens
 from .floor import with_wand_on_floor
-from .lframe_matching import lframe_by_all_views
-from .pairwise import FOCAL_GRID
-from .performer_floor import on_performers_floor
+from .lframe.lframe_matching import lframe_by_all_views
+from .lframe.lframe_pose import LFramePose, check_lframe, moved_since, place_lframe, resting
+from .performer.performer_floor import on_performers_floor
 from .quality import measured_lengths
-from .synchrony import Synchrony, synchrony, with_capture_clock
+from .solving import lens_selection
+from .solving.assumed_lens import Lens
+from .solving.bundle import adjust, covariance, variance_inflation
+from .solving.bundle_residuals import BallObservations, BundleEvidence, Scene
+from .solving.camera_rig import DRIFT, OFFSET, Rig
+from .solving.first_cameras import FEWEST_SHARED, crossed_views, find_links, first_rig, unknown_lens
+from .solving.pairwise import FOCAL_GRID
+from .solving.synchrony import Synchrony, synchrony, with_capture_clock
+from .solving.wand_motion import Wand
+from .solving.wand_triangulation import sight
 from .wand_matching import labelled
-from .wand_motion import Wand
-from .wand_triangulation import sight
 
 FOCAL_SIGMA = 0.1
 """Standard deviation of a given focal length, relative."""
@@ -212,19 +214,19 @@ class _World:
 
     scene: Scene
     resting: BallObservations
-    placement: lframe.LFramePose
+    placement: LFramePose
     moved: dict[int, float]
 
     @classmethod
     def of(cls, floor: _FloorCapture) -> _World:
         capture, draft = floor.capture, floor.draft
-        resting = lframe.resting([view.lframe for view in capture.views])
-        moved = {} if capture.performer is not None else lframe.moved_since(draft.scene.rig, resting, draft.noise)
-        resting = resting.take(~np.isin(resting.camera, list(moved)))
-        placement = lframe.place_lframe(draft.scene.rig, resting, capture.lframe_points, draft.noise)
+        still = resting([view.lframe for view in capture.views])
+        moved = {} if capture.performer is not None else moved_since(draft.scene.rig, still, draft.noise)
+        still = still.take(~np.isin(still.camera, list(moved)))
+        placement = place_lframe(draft.scene.rig, still, capture.lframe_points, draft.noise)
         scene = draft.scene.in_world(placement.R, placement.t)
-        lframe.check(placement, scene.rig, capture.lframe_points, capture.wand_length)
-        return cls(replace(scene, lframe_world=capture.lframe_points.copy()), resting, placement, moved)
+        check_lframe(placement, scene.rig, capture.lframe_points, capture.wand_length)
+        return cls(replace(scene, lframe_world=capture.lframe_points.copy()), still, placement, moved)
 
 
 def _finished(

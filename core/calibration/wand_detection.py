@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from ..capture.colours import Colour
 from ..numerics.arrays import Array
-from .ball_detection import Picture, background_of, find_balls, without_rods
-from .balls import Balls
+from .balls.ball_detection import Picture, background_of, find_balls, without_rods
+from .balls.found_balls import Balls
+from .balls.passing_balls import Backdrop, BallSample, PassingBalls, PassingFrame
+from .balls.small_balls import LARGEST_SMALL
 from .interlacing import is_interlaced
-from .passing_balls import Backdrop, BallSample, PassingBalls, PassingFrame
-from .small_balls import LARGEST_SMALL
 
 Image = NDArray[Any]
 

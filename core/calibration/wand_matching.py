@@ -9,8 +9,8 @@ import numpy as np
 
 from ..capture.capture import CaptureView, Markers
 from ..numerics.arrays import Array, Ints
-from .bundle_residuals import BallObservations, Scene, predicted
-from .wand_triangulation import GATE
+from .solving.bundle_residuals import BallObservations, Scene, predicted
+from .solving.wand_triangulation import GATE
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,8 @@ from .conditions import Conditional, has_footage, has_views
 from .job_operator import JobOperator
 
 if TYPE_CHECKING:
-    from ...core.calibration.performer_cameras import PerformerCalibration
-    from ...core.calibration.single_camera import SingleViewCalibration
+    from ...core.calibration.performer.performer_cameras import PerformerCalibration
+    from ...core.calibration.performer.single_camera import SingleViewCalibration
 
 
 def _views_have_keypoints(context: bpy.types.Context) -> str:
@@ -40,7 +40,7 @@ class CalibrateFromPerformer(Conditional, JobOperator, bpy.types.Operator):
     conditions = (has_views, has_footage, _views_have_keypoints)
 
     def prepare(self, context: bpy.types.Context) -> Work:
-        from ...core.calibration.performer_cameras import cameras_of_views
+        from ...core.calibration.performer.performer_cameras import cameras_of_views
         from ...core.keypoints.observations import correlated_frames
         from ..scene_io import camera_poses, view_cameras
         from ..scene_io.scene import frame_rate, read_settings

@@ -100,7 +100,7 @@ class PickColour(Conditional, bpy.types.Operator):
 
     def _show_found(self) -> int:
         """Show the frame with circles around the balls found; returns their number."""
-        from ...core.calibration.ball_detection import Picture, find_balls, marked
+        from ...core.calibration.balls.ball_detection import Picture, find_balls, marked
         from ..scene_io import solved_cameras
 
         shown, count = self._picture, 0

@@ -109,7 +109,7 @@ def test_what_is_cancelled_changes_nothing(filmed: bpy.types.Scene, monkeypatch:
 
     stand_in = ModuleType("performer_cameras")
     stand_in.cameras_of_views = cancelled
-    monkeypatch.setitem(sys.modules, "kfmocap.core.calibration.performer_cameras", stand_in)
+    monkeypatch.setitem(sys.modules, "kfmocap.core.calibration.performer.performer_cameras", stand_in)
     before = distances(filmed)
     assert bpy.ops.kfmocap.calibrate_from_performer() == {"CANCELLED"}
     np.testing.assert_array_equal(distances(filmed), before)

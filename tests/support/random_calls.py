@@ -14,7 +14,8 @@ import bpy
 import numpy as np
 import pytest
 from addon_shots import blender, camera, shot, tracker  # noqa: F401
-from kfmocap.core.calibration import api, calibration_report, performer_cameras
+from kfmocap.core.calibration import api, calibration_report
+from kfmocap.core.calibration.performer import performer_cameras
 from kfmocap.core.fitting import body_fit, shot_cameras
 from kfmocap.core.tracking import prepare
 from kfmocap.kfmocap_addon import registration

@@ -7,8 +7,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from kfmocap.core.calibration import ball_images
-from kfmocap.core.calibration.ball_images import BallGuess, BallLooks, fit_ball
+from kfmocap.core.calibration.balls import ball_images
+from kfmocap.core.calibration.balls.ball_images import BallGuess, BallLooks, fit_ball
 from render.drawing import Canvas
 from render.waving import HARDSHIPS, drawn_take, lframe_pictures
 

@@ -7,13 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kfmocap.benchmarks.wand_captures import LFRAME, Faults, capture, ring, scattered, waved
-from kfmocap.core.calibration.bundle import adjust, covariance, variance_inflation
-from kfmocap.core.calibration.bundle_residuals import BallObservations, BundleEvidence, Scene, linearise, unknowns
-from kfmocap.core.calibration.camera_rig import CAMERA_DOF, DRIFT, FOCAL, K1, OFFSET, SHIFT, TURN, Rig, rig_of
-from kfmocap.core.calibration.frame_stencil import Stencil
-from kfmocap.core.calibration.lframe import resting
+from kfmocap.core.calibration.lframe.lframe_pose import resting
+from kfmocap.core.calibration.solving.bundle import adjust, covariance, variance_inflation
+from kfmocap.core.calibration.solving.bundle_residuals import (
+    BallObservations,
+    BundleEvidence,
+    Scene,
+    linearise,
+    unknowns,
+)
+from kfmocap.core.calibration.solving.camera_rig import CAMERA_DOF, DRIFT, FOCAL, K1, OFFSET, SHIFT, TURN, Rig, rig_of
+from kfmocap.core.calibration.solving.frame_stencil import Stencil
+from kfmocap.core.calibration.solving.wand_motion import Wand
 from kfmocap.core.calibration.wand_matching import matched
-from kfmocap.core.calibration.wand_motion import Wand
 from scipy.optimize import least_squares
 from synthetic import numeric_jacobian
 

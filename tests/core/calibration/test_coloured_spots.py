@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kfmocap.core.calibration.ball_detection import Picture, find_spots
-from kfmocap.core.calibration.camera_rig import rig_of
-from kfmocap.core.calibration.lframe_markers import find_lframe
-from kfmocap.core.calibration.lframe_matching import identified_together
+from kfmocap.core.calibration.balls.ball_detection import Picture, find_spots
+from kfmocap.core.calibration.lframe.lframe_markers import find_lframe
+from kfmocap.core.calibration.lframe.lframe_matching import identified_together
+from kfmocap.core.calibration.solving.camera_rig import rig_of
 from kfmocap.core.capture.capture_videos import CaptureVideos, CaptureVideoView
 from kfmocap.core.capture.colours import Colour, parsed
 from render.waving import HARDSHIPS, WandTake, drawn_take, lframe_pictures

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kfmocap.benchmarks.wand_captures import WAND_LENGTH, Faults, capture, ends, ring, scattered
-from kfmocap.core.calibration.camera_rig import rig_of
 from kfmocap.core.calibration.floor import with_wand_on_floor
+from kfmocap.core.calibration.solving.camera_rig import rig_of
 from kfmocap.core.calibration.wand_calibration import solve_capture
 from kfmocap.core.capture.capture import Capture
 from kfmocap.core.errors import CalibrationError, CaptureError

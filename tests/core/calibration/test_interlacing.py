@@ -7,7 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from kfmocap.core.calibration.ball_detection import background_of
+from kfmocap.core.calibration.balls.ball_detection import background_of
 from kfmocap.core.calibration.interlacing import is_interlaced
 from render.drawing import Canvas
 from render.waving import HARDSHIPS, SensorNoise, drawn_take

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kfmocap.core.calibration.camera_rig import rig_of
-from kfmocap.core.calibration.lframe_matching import identified_together, lframe_by_all_views
+from kfmocap.core.calibration.lframe.lframe_matching import identified_together, lframe_by_all_views
+from kfmocap.core.calibration.solving.camera_rig import rig_of
 from kfmocap.core.capture.capture import Capture, CaptureView, Markers
 from kfmocap.core.numerics import rotations
 from render.waving import VGA_CAMERAS

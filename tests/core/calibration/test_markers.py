@@ -8,10 +8,10 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from kfmocap.core.calibration.ball_centres import centres_of
-from kfmocap.core.calibration.ball_detection import Picture, background_of, find_balls, without_rods
-from kfmocap.core.calibration.balls import Balls
-from kfmocap.core.calibration.lframe_detection import FOCALS, LFrameModel, identified, standing
+from kfmocap.core.calibration.balls.ball_centres import centres_of
+from kfmocap.core.calibration.balls.ball_detection import Picture, background_of, find_balls, without_rods
+from kfmocap.core.calibration.balls.found_balls import Balls
+from kfmocap.core.calibration.lframe.lframe_detection import FOCALS, LFrameModel, identified, standing
 from kfmocap.core.calibration.wand_detection import Pairs, swapped_ends, wand_path
 from kfmocap.core.capture.colours import parsed
 from kfmocap.core.errors import CalibrationError

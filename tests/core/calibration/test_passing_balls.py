@@ -7,8 +7,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from kfmocap.core.calibration.ball_detection import Picture, background_of, find_balls
-from kfmocap.core.calibration.passing_balls import Backdrop, BallSample, PassingBalls, PassingFrame
+from kfmocap.core.calibration.balls.ball_detection import Picture, background_of, find_balls
+from kfmocap.core.calibration.balls.passing_balls import Backdrop, BallSample, PassingBalls, PassingFrame
 from kfmocap.core.calibration.wand_detection import WandLooks, find_pairs
 from kfmocap.core.capture.colours import parsed
 from render.drawing import Ball, Canvas, Rod

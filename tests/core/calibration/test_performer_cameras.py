@@ -12,10 +12,10 @@ from keypoint_shots import NAMES, SIZE, cameras, seen_places, strolling, write_o
 from kfmocap.__main__ import main
 from kfmocap.core.body import human
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.calibration.camera_rig import CAMERA_DOF, rig_of
-from kfmocap.core.calibration.limb_residuals import JointScene, JointSightings, joint_equations, usual_lengths
-from kfmocap.core.calibration.performer_cameras import PerformerCalibration, cameras_by_performer
-from kfmocap.core.calibration.performer_views import PerformerView, joint_sightings
+from kfmocap.core.calibration.performer.limb_residuals import JointScene, JointSightings, joint_equations, usual_lengths
+from kfmocap.core.calibration.performer.performer_cameras import PerformerCalibration, cameras_by_performer
+from kfmocap.core.calibration.performer.performer_views import PerformerView, joint_sightings
+from kfmocap.core.calibration.solving.camera_rig import CAMERA_DOF, rig_of
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import CaptureError
 from kfmocap.core.formats.calibration_files import load_cameras, save_cameras

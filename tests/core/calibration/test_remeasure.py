@@ -7,10 +7,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from kfmocap.core.calibration.camera_rig import rig_of
 from kfmocap.core.calibration.remeasure import remeasured, with_lframes_remeasured
+from kfmocap.core.calibration.solving.camera_rig import rig_of
+from kfmocap.core.calibration.solving.wand_motion import Wand
 from kfmocap.core.calibration.video_markers import SeenBalls, SeenView, VideoMarkers
-from kfmocap.core.calibration.wand_motion import Wand
 from kfmocap.core.capture.capture import Markers
 from kfmocap.core.formats.wand_toml import load_wand
 from kfmocap.core.shot.footage import probe

@@ -9,8 +9,8 @@ import pytest
 from keypoint_shots import NAMES, SIZE, seen_places, strolling
 from kfmocap.core.body import human
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.calibration.performer_views import PerformerView
-from kfmocap.core.calibration.single_camera import SingleViewCalibration, camera_by_performer
+from kfmocap.core.calibration.performer.performer_views import PerformerView
+from kfmocap.core.calibration.performer.single_camera import SingleViewCalibration, camera_by_performer
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import CaptureError
 from kfmocap.core.shot.detections import Detections

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from kfmocap.core.calibration import api, video_markers
-from kfmocap.core.calibration.lframe_detection import LFrameUnseenError
-from kfmocap.core.calibration.lframe_markers import SeenBalls, SeenLFrame, find_lframe
+from kfmocap.core.calibration.lframe.lframe_detection import LFrameUnseenError
+from kfmocap.core.calibration.lframe.lframe_markers import SeenBalls, SeenLFrame, find_lframe
 from kfmocap.core.calibration.quality import quality_numbers
 from kfmocap.core.calibration.video_markers import VideoMarkers, find_all
 from kfmocap.core.calibration.wand_calibration import solve_capture

@@ -9,8 +9,8 @@ import pytest
 from kfmocap.benchmarks import wand_study
 from kfmocap.benchmarks.wand_captures import FPS, HARD, Faults, capture, ring, scattered, waved
 from kfmocap.core.calibration.calibration_result import CalibrationResult
-from kfmocap.core.calibration.camera_rig import CENTRE, FOCAL, K2
 from kfmocap.core.calibration.quality import quality_numbers
+from kfmocap.core.calibration.solving.camera_rig import CENTRE, FOCAL, K2
 from kfmocap.core.calibration.wand_calibration import solve_capture
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.capture.capture import Capture

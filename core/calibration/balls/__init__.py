@@ -1,0 +1,1 @@
+"""Coloured balls in pictures: found, measured, told from what they are not."""

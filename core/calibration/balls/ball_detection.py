@@ -1,0 +1,208 @@
+"""Coloured balls in one picture, to a fraction of a pixel.
+
+A colour filter finds blobs, and their outlines are fitted in `core.calibration.balls.ball_outlines`; those that are not
+ellipses are rejected. Balls that are too small for that are measured in `core.calibration.balls.small_balls`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...capture.colours import Colour, to_hsv
+from ...capture.linear_light import GAMMA, LINEAR_LIGHT
+from ...numerics.arrays import Array
+from ...numerics.robust_kernels import NORMAL_MAD
+from .ball_outlines import (
+    CIRCLE,
+    CIRCLE_TERMS,
+    ELLIPSE_TERMS,
+    LIGHT,
+    MEASURED,
+    RAYS,
+    SEARCHED,
+    refined_outlines,
+)
+from .coloured_spots import coloured_spots
+from .found_balls import Balls
+from .small_balls import LARGEST_SMALL, find_small_balls, without_rod
+
+Image = NDArray[Any]
+
+_EVEN = 1.0  # deviation of the blur, pixels
+_SPECKS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+_LEAST_AREA = 12  # pixels
+_LARGEST_SHARE = 0.4  # of the picture's height
+_LEAST_SOLIDITY = 0.6  # area over that of the convex hull: less is no disc, even half covered
+_MOST_BLOBS = 60  # the largest that are looked at: more are the room
+_HOLD = np.cos(np.radians(42))
+_MIXED = 3.0  # how many times the share that a ball may have in a pixel is contained in the whole
+_LEAST_CHANGE, _SURE_CHANGE = 8.0, 5.0  # of what passes from the background: levels, and deviations of the noise
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A picture to look for balls in.
+
+    Attributes
+    ----------
+    even : ndarray of uint8, shape (h, w, 3)
+        Blue, green, red, about as sharp in brightness as in colour: video keeps a colour for every other pixel alone,
+        and an edge that is sharp in the one and soft in the other would seem to lie elsewhere than it does.
+    hsv : ndarray of uint8, shape (h, w, 3)
+        By `to_hsv`, as sharp as it is.
+    passing : ndarray of uint8, shape (h, w, 3), optional
+        By `to_hsv`: what passes before a background that is known, brought out of it; black elsewhere.
+    """
+
+    even: Image
+    hsv: Image
+    passing: Image | None = None
+
+    @classmethod
+    def of(cls, image: Image, background: Image | None = None) -> Picture:
+        """Return the picture of an image in blue, green and red, uint8, shape (h, w, 3).
+
+        `background` is that of a stationary camera, by `background_of`.
+        """
+        even = cv2.GaussianBlur(image, (0, 0), _EVEN)
+        return cls(even, to_hsv(image), None if background is None else to_hsv(_brought_out(even, background)))
+
+
+def background_of(images: Sequence[Image]) -> Image:
+    """Return the background of a stationary camera, the median of some of its pictures, as `Picture.of` takes it."""
+    return cv2.GaussianBlur(np.median(images, axis=0).astype(np.uint8), (0, 0), _EVEN)
+
+
+def _brought_out(even: Image, background: Image) -> Image:
+    """Return what passes before a background, as it would look if the exposure had seen it alone.
+
+    A small ball that moves, or a soft lens, leaves a mixture of the ball's colour and the background's in each pixel,
+    too pale for the ball's. Its difference from the background goes the ball's way, and is taken several times.
+    """
+    differs = np.abs(even.astype(np.int16) - background).max(axis=2)
+    noise = NORMAL_MAD * float(np.median(differs))
+    passes = differs > max(_LEAST_CHANGE, _SURE_CHANGE * noise)
+    out = np.zeros_like(even)
+    behind = LINEAR_LIGHT[background[passes]]
+    light = behind + _MIXED * (LINEAR_LIGHT[even[passes]] - behind)
+    out[passes] = (255 * np.clip(light, 0, 1) ** (1 / GAMMA)).round()
+    return out
+
+
+def find_balls(picture: Picture, colour: Colour) -> Balls:
+    """Return all balls of a colour in a picture, the largest first."""
+    image, coloured = picture.even, colour.mask(picture.hsv)
+    mask = cv2.morphologyEx(coloured, cv2.MORPH_OPEN, _SPECKS)
+    outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    blobs = sorted(filter(_is_compact, outlines), key=len, reverse=True)[:_MOST_BLOBS]
+    balls = Balls.joined([_ellipse_of(cv2.convexHull(blob)) for blob in blobs])
+    balls = balls[2 * balls.semi_axes[:, 0] < _LARGEST_SHARE * image.shape[0]]
+    balls, good = refined_outlines(image, balls, np.zeros((len(balls), RAYS), bool), SEARCHED)
+    balls = balls[good & ~_is_small(balls)]
+    masks = [coloured, colour.paler().mask(picture.hsv)]
+    if picture.passing is not None:
+        masks.append(colour.mask(picture.passing))
+    small = find_small_balls(image, LIGHT, masks)
+    tiny = Balls(small.centres, small.shapes, small.sigma)
+    return Balls.joined([balls, tiny[_is_small(tiny) & ~_within_others(tiny, balls)]])
+
+
+def find_spots(picture: Picture, colour: Colour, most: int) -> Balls:
+    """Return at most `most` small balls of a colour, the most conspicuous first, even in a room with that colour."""
+    pure = colour.pure()
+    if pure is None:
+        return Balls.joined([])
+    spots = coloured_spots(picture.even, LIGHT, colour.paler().mask(picture.hsv), pure, most=most)
+    return Balls(spots.centres, spots.shapes, spots.sigma)
+
+
+def _is_small(balls: Balls) -> NDArray[np.bool_]:
+    """Return which balls are measured by their colour's centroid: they are too small for an outline."""
+    return np.asarray(balls.semi_axes[:, 1] < LARGEST_SMALL)
+
+
+def _within_others(balls: Balls, others: Balls) -> NDArray[np.bool_]:
+    """Return which balls are parts of others."""
+    apart = np.linalg.norm(balls.centres[:, None] - others.centres, axis=-1)
+    return np.asarray((apart < others.semi_axes[:, 0] + 1).any(axis=1))
+
+
+def without_rods(
+    picture: Picture, balls: Balls, ends: Array, *, still: bool = False
+) -> tuple[Balls, NDArray[np.bool_]]:
+    """Measure balls again without the parts of their outlines that rods hide.
+
+    Parameters
+    ----------
+    balls : Balls
+        n of them.
+    ends : ndarray, shape (n, m, 2)
+        Where the rods lead to from the middle of each, pixels; NaN for none.
+    still : bool
+        The balls do not move: their outlines are as long and wide, one to the other, as they are given.
+
+    Returns
+    -------
+    balls : Balls
+    good : ndarray of bool, shape (n,)
+        Which of them are still accepted as balls.
+    """
+    ways = ends - balls.centres[:, None]
+    ways = ways / np.maximum(np.linalg.norm(ways, axis=-1, keepdims=True), 1e-9)
+    small = _is_small(balls)
+    balls = _small_without_rods(picture, balls, small, ways, still=still)
+    if small.all():
+        return balls, small
+    spokes = CIRCLE @ balls.shapes
+    spokes /= np.linalg.norm(spokes, axis=-1, keepdims=True)
+    hidden = (spokes @ np.swapaxes(ways, 1, 2) > _HOLD).any(axis=-1)
+    measured, good = refined_outlines(picture.even, balls, hidden, MEASURED, CIRCLE_TERMS if still else ELLIPSE_TERMS)
+    return balls.where(small, measured), small | good
+
+
+def _small_without_rods(picture: Picture, balls: Balls, small: NDArray[np.bool_], ways: Array, *, still: bool) -> Balls:
+    """Return the small balls measured without what rods hide, where enough is left of them."""
+    if not small.any():
+        return balls
+    columns = [balls.centres.copy(), balls.shapes.copy(), balls.sigma.copy()]
+    for k in np.flatnonzero(small):
+        own = balls.centres[k], balls.shapes[k]
+        measured = without_rod(picture.even, LIGHT, own, ways[k], still=still)
+        if measured is not None:
+            for column, value in zip(columns, measured, strict=True):
+                column[k] = value
+    return Balls(*columns)
+
+
+def _is_compact(outline: Image) -> bool:
+    if len(outline) < 6:
+        return False
+    hull = cv2.contourArea(cv2.convexHull(outline))
+    # A contour goes through the outermost pixels' centres: the area of n of them is half a pixel less all round.
+    edge = len(outline) / 2
+    return cv2.contourArea(outline) + edge >= max(_LEAST_AREA, _LEAST_SOLIDITY * (hull + edge))
+
+
+def _ellipse_of(outline: Image) -> Balls:
+    """Return the ellipse with the moments of what a contour encloses."""
+    m = cv2.moments(outline)
+    area = max(m["m00"], 1e-9)
+    values, vectors = np.linalg.eigh(np.array([[m["mu20"], m["mu11"]], [m["mu11"], m["mu02"]]]) / area)
+    half = 2 * np.sqrt(np.maximum(values, 0)) + 0.5
+    return Balls(np.array([[m["m10"], m["m01"]]]) / area, ((vectors * half) @ vectors.T)[None], np.zeros(1))
+
+
+def marked(image: Image, balls: Balls) -> Image:
+    """Return a copy of a picture with a white and black ellipse round every ball."""
+    shown = image.copy()
+    for centre, shape in zip(balls.centres, balls.shapes, strict=True):
+        for grow, colour in ((3.0, (0, 0, 0)), (2.0, (255, 255, 255))):
+            ring = centre + CIRCLE @ (shape + grow * np.eye(2))
+            cv2.polylines(shown, [(16 * ring).round().astype(np.int32)], True, colour, 1, cv2.LINE_AA, 4)
+    return shown

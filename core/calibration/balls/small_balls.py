@@ -1,0 +1,293 @@
+"""Balls too small in a picture for an outline, measured by the centroid of their colour.
+
+Every pixel around a blob is a mixture of the ball's colour and the background's. The share of the ball's, free of how
+the ball is shaded, is what the centroid weights: a ball of four pixels has no edge to look at, but as much colour on
+one side of its middle as on the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from ...numerics.arrays import Array, Bools
+
+Image = NDArray[Any]
+
+LARGEST_SMALL = 3.0
+"""Radius from which a ball's outline is measured instead, pixels."""
+BLUR_SHARE = 0.35
+"""Standard deviation of a moving ball's centre, as a share of the difference of its image's semi-axes."""
+LONGEST = 3.0
+"""Length over width of a ball that moves: a blur of twice the diameter."""
+_FEWEST, _MOST_PIXELS = 3, 80  # of a blob
+_LONGEST_SIDE = 22  # of a blob's box, pixels: a small ball that moves
+_MARGIN = 5  # pixels of background around a blob
+_HALF_WINDOW, _AWAY_FROM_EDGE = 10, 2  # pixels: of a window around a spot; of a spot from the picture's edge
+_HEART, _BALL = 1.5, 4.0  # pixels from a spot's middle that are the ball's colour alone; that may have some of it
+_CORE = 0.25  # share of a blob's pixels that are the ball's colour alone
+_DARK = 0.25  # light of a pixel, as a share of ball or background, below which its colour is too uncertain
+_NOISE_SHARE = 0.1  # share of the ball's colour that background has by chance
+_RIM = 2.0  # how far blur carries the ball's colour beyond the pixels that are more the ball's than not
+_BLUR = 1.3  # standard deviation of lens, sensor, colour subsampling and smoothing together, pixels
+_AWAY = 1.5  # how far a rod may have pulled the centroid aside, and stretched the ball, pixels
+_ROUGH = 0.25  # relative error of the radius before
+_HIDDEN = 0.5  # cosine of the angle from a rod within which a ball may be hidden by it
+_FEWEST_PIXELS = 8  # of a ball that no rod hides, for its disc to be fitted
+_SHARE_NOISE = 0.06  # of a pixel's share of the ball's colour
+_FIT_ROUNDS = 6
+_MOST_BLOBS = 400  # beyond, it is the colour of the room
+_SAME = 2.0  # pixels within which two blobs are one
+_SPECKS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+_ROUNDS = 4
+_FLOOR = 0.12  # standard deviation of a still ball's centroid, pixels
+_LEAST_CONTRAST = 0.04  # squared sine of the angle between the colours of ball and background
+_LEAST_RADIUS = 1.0  # pixels
+_CROWDED = 0.35  # share of a blob's colour that may lie around it
+
+
+@dataclass(frozen=True, eq=False)
+class SmallBalls:
+    """Small balls, as measured.
+
+    Attributes
+    ----------
+    centres : ndarray, shape (n, 2)
+        Pixels.
+    shapes : ndarray, shape (n, 2, 2)
+        See `Balls.shapes`.
+    sigma : ndarray, shape (n,)
+        Standard deviations of the centres' coordinates, pixels.
+    """
+
+    centres: Array
+    shapes: Array
+    sigma: Array
+
+    @classmethod
+    def of(cls, found: Sequence[tuple[Array, Array, float]]) -> SmallBalls:
+        """Return the balls of a centre, a shape and a standard deviation each."""
+        if not found:
+            return cls(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0))
+        return cls(*(np.array(column, float) for column in zip(*found, strict=True)))
+
+
+def find_small_balls(image: Image, light: Array, masks: Sequence[Image]) -> SmallBalls:
+    """Measure the small blobs of a colour.
+
+    Parameters
+    ----------
+    image : ndarray of uint8, shape (h, w, 3)
+    light : ndarray, shape (256,)
+        Linear light of its levels.
+    masks : sequence of ndarray of uint8, shape (h, w)
+        Where the picture has the colour, by one or several ranges.
+    """
+    found: list[tuple[Array, Array, float]] = []
+    # Opened, the mask lets go of specks of its colour that touch a ball.
+    candidates = [
+        (m, mask, blobs)
+        for m, mask in enumerate(masks)
+        for blobs in (mask, cv2.morphologyEx(mask, cv2.MORPH_OPEN, _SPECKS))
+    ]
+    measured_blobs: set[tuple[int, ...]] = set()
+    for m, mask, blobs in candidates:
+        count, labels, stats, _ = cv2.connectedComponentsWithStats(blobs, connectivity=8)
+        if count > _MOST_BLOBS:  # the colour of the room rather than the ball's
+            continue
+        for k in range(1, count):
+            left, top, width, height, area = stats[k]
+            if not (_FEWEST <= area <= _MOST_PIXELS and max(width, height) <= _LONGEST_SIDE):
+                continue
+            window = _window(mask.shape, (left, top, width, height))
+            blob = (m, *stats[k].tolist())
+            if window is None or blob in measured_blobs:  # nothing was taken from it when the mask was opened
+                continue
+            measured_blobs.add(blob)
+            measured = _measured(light[image[window]], labels[window] == k, mask[window] > 0)
+            if measured is None:
+                continue
+            centre = measured[0] + [window[1].start, window[0].start]
+            if all(np.linalg.norm(centre - other) > _SAME for other, _, _ in found):
+                found.append((centre, *measured[1:]))
+    return SmallBalls.of(found)
+
+
+def measure_small_ball(image: Image, light: Array, place: Array) -> tuple[Array, Array, float] | None:
+    """Return the centre, shape and standard deviation of a small ball near a place (2,), pixels; None if there is none.
+
+    As `find_small_balls`, but without a range of colours: the pixels some distance away are the background.
+    """
+    size = image.shape[1::-1]
+    corner = np.round(place).astype(int) - _HALF_WINDOW
+    if (place < _AWAY_FROM_EDGE).any() or (place > np.array(size) - 1 - _AWAY_FROM_EDGE).any():
+        return None
+    window = tuple(
+        slice(max(a, 0), min(a + 2 * _HALF_WINDOW + 1, n)) for a, n in ((corner[1], size[1]), (corner[0], size[0]))
+    )
+    start = np.array([window[1].start, window[0].start])
+    v, u = np.indices(image[window].shape[:2])
+    away = np.hypot(u + start[0] - place[0], v + start[1] - place[1])
+    measured = _measured(light[image[window]], away < _HEART, away < _BALL)
+    return None if measured is None else (measured[0] + start, *measured[1:])
+
+
+def _window(size: tuple[int, ...], box: Sequence[int]) -> tuple[slice, slice] | None:
+    """Return the blob with its background; None at the picture's edge, where a part of it may be missing."""
+    left, top, width, height = (int(n) for n in box)
+    x0, y0, x1, y1 = left - _MARGIN, top - _MARGIN, left + width + _MARGIN, top + height + _MARGIN
+    if left < 2 or top < 2 or left + width > size[1] - 2 or top + height > size[0] - 2:
+        return None
+    return slice(max(y0, 0), min(y1, size[0])), slice(max(x0, 0), min(x1, size[1]))
+
+
+def _measured(light: Array, blob: Bools, coloured: Bools) -> tuple[Array, Array, float] | None:
+    """Return the centre, shape and standard deviation of one blob in its window; None if it is not a ball."""
+    share = _share_of_ball(light, blob, coloured)
+    if share is None:
+        return None
+    v, u = np.indices(blob.shape)
+    places = np.stack([u, v], axis=-1).astype(float)
+    core = _core(share, blob)
+    if core[[0, -1]].any() or core[:, [0, -1]].any():
+        return None  # a part of something larger
+    centre = places[core].mean(axis=0)
+    reach = np.linalg.norm(places[core] - centre, axis=1).max() + _RIM
+    near = core
+    for _ in range(_ROUNDS):
+        near = np.linalg.norm(places - centre, axis=-1) <= reach
+        weights = share * near
+        total = float(weights.sum())
+        if total < 1:
+            return None
+        centre = np.einsum("vu,vuk->k", weights, places) / total
+    around = np.linalg.norm(places - centre, axis=-1) <= reach + 2
+    if float(share[around & ~near].sum()) > _CROWDED * total:
+        return None
+    off = places - centre
+    spread = np.einsum("vu,vui,vuj->ij", weights, off, off) / total
+    values, vectors = np.linalg.eigh(spread)
+    path = float(np.sqrt(12 * max(values[1] - values[0], 0.0)))
+    radius = float((np.sqrt(path**2 + np.pi * total) - path) / np.pi)  # the area is pi r^2 + 2 r path
+    if not radius >= _LEAST_RADIUS or radius + path / 2 > LONGEST * radius:
+        return None
+    shape = (vectors * [radius, radius + path / 2]) @ vectors.T
+    noise = float(np.std(share[~around])) if (~around).any() else _NOISE_SHARE
+    scatter = noise * float(np.sqrt((off[near] ** 2).sum() / 2)) / total
+    return centre, shape, float(np.sqrt(_FLOOR**2 + scatter**2 + (BLUR_SHARE * path / 2) ** 2))
+
+
+def _core(share: Array, blob: Bools) -> Bools:
+    """Return the pixels around the one that is most the ball's which are more the ball's than not."""
+    _, labels = cv2.connectedComponents((share >= 0.5).astype(np.uint8), connectivity=4)
+    v, u = np.unravel_index(np.argmax(np.where(blob, share, -1)), share.shape)
+    return np.asarray((labels == labels[v, u]) & (share >= 0.5)) if labels[v, u] else blob
+
+
+def _share_of_ball(light: Array, blob: Bools, coloured: Bools) -> Array | None:
+    """Return how much of every pixel is the ball's colour, 0 to 1; None where ball and background are too alike.
+
+    A colour c is x f + y g, with f of the ball and g of the background. Shading scales x, light and dark spots scale y:
+    x / (x + y) is nearly free of both, and where there is little light at all it is no ball.
+    """
+    beyond = cv2.distanceTransform((~coloured).astype(np.uint8), cv2.DIST_L2, 3) > 2.5
+    if beyond.sum() < 8:
+        return None
+    g = np.median(light[beyond], axis=0)
+    own = light[blob]
+    across = np.sum(own**2, axis=1) * (g @ g) - (own @ g) ** 2
+    away = across / np.maximum(np.sum(own**2, axis=1) * (g @ g), 1e-12)
+    best = np.argsort(-away)[: max(3, int(_CORE * len(own)))]
+    f = own[best].mean(axis=0)
+    ff, gg, fg = f @ f, g @ g, f @ g
+    if ff * gg - fg**2 <= _LEAST_CONTRAST * ff * gg:
+        return None
+    cf, cg = light @ f, light @ g
+    x = np.maximum(gg * cf - fg * cg, 0) / (ff * gg - fg**2)
+    y = np.maximum(ff * cg - fg * cf, 0) / (ff * gg - fg**2)
+    share = x / np.maximum(x + y, _DARK)
+    least = max(_NOISE_SHARE, float(np.quantile(share[beyond], 0.9)))
+    return np.asarray(np.clip((share - least) / max(1 - least, 1e-6), 0, 1))
+
+
+def without_rod(
+    image: Image, light: Array, ball: tuple[Array, Array], ways: Array, *, still: bool
+) -> tuple[Array, Array, float] | None:
+    """Measure a small ball again by the part of it that rods cannot hide.
+
+    A disc that is swept along the ball's path and blurred is fitted to the shares of its colour, in all pixels that do
+    not lie where a rod leaves the ball.
+
+    Parameters
+    ----------
+    image : ndarray of uint8, shape (h, w, 3)
+    light : ndarray, shape (256,)
+        Linear light of its levels.
+    ball : tuple of ndarray, shapes (2,) and (2, 2)
+        Centre and shape before, see `SmallBalls`.
+    ways : ndarray, shape (m, 2)
+        Unit vectors from its middle along the rods; NaN for none.
+    still : bool
+        The ball does not move.
+
+    Returns
+    -------
+    tuple of ndarray, shapes (2,) and (2, 2), and float, or None
+        Centre, shape and standard deviation; None where too little is left of the ball.
+    """
+    centre, shape = ball
+    values, vectors = np.linalg.eigh(shape)
+    radius, path = float(values[0]), 0.0 if still else 2 * float(values[1] - values[0])
+    half = int(np.ceil(values[1] + _RIM)) + _MARGIN
+    u0, v0 = (round(float(x)) - half for x in centre)
+    if u0 < 0 or v0 < 0 or u0 + 2 * half >= image.shape[1] or v0 + 2 * half >= image.shape[0]:
+        return None
+    window = light[image[v0 : v0 + 2 * half + 1, u0 : u0 + 2 * half + 1]]
+    v, u = np.indices(window.shape[:2])
+    places = np.stack([u + u0, v + v0], axis=-1).astype(float)
+    blob = np.linalg.norm(places - centre, axis=-1) < max(radius, 1.5)
+    share = _share_of_ball(window, blob, np.linalg.norm(places - centre, axis=-1) < values[1] + 1)
+    if share is None:
+        return None
+    start = np.array([*centre, radius, *(path * vectors[:, 1])])
+    free = np.array([True, True, True, not still, not still])
+    deviation = np.array([_AWAY, _AWAY, _ROUGH * radius, _AWAY, _AWAY])
+    x = start.copy()
+    for _ in range(_FIT_ROUNDS):
+        off = places - x[:2]
+        distance = np.linalg.norm(off, axis=-1)
+        along = np.einsum("vuk,mk->vum", off / np.maximum(distance, 1e-9)[..., None], np.nan_to_num(ways))
+        used = (distance < x[2] + np.hypot(*x[3:]) / 2 + 2 * _BLUR) & ~(
+            (along > _HIDDEN).any(axis=-1) & (distance > 0.3 * x[2])
+        )
+        if used.sum() < _FEWEST_PIXELS:
+            return None
+        p, target = places[used], share[used]
+        now = _swept_disc(p, x)
+        steps = 0.05 * np.eye(5)[free]
+        J = np.stack([(_swept_disc(p, x + step) - now) / 0.05 for step in steps], axis=1)
+        H = J.T @ J / _SHARE_NOISE**2 + np.diag(1 / deviation[free] ** 2)
+        g = J.T @ (target - now) / _SHARE_NOISE**2 - ((x - start) / deviation**2)[free]
+        x[free] += np.clip(np.linalg.solve(H, g), -0.5, 0.5)
+        x[2] = max(x[2], 0.5)
+    noise = max(float(np.sqrt(np.mean((share[used] - _swept_disc(places[used], x)) ** 2))) / _SHARE_NOISE, 1.0)
+    sigma = noise * float(np.sqrt(np.trace(np.linalg.inv(H)[:2, :2]) / 2))
+    length = float(np.hypot(*x[3:]))
+    way = x[3:] / length if length > 1e-9 else np.array([1.0, 0.0])
+    grown = x[2] * np.eye(2) + length / 2 * np.outer(way, way)
+    return x[:2], grown, float(np.sqrt(_FLOOR**2 + sigma**2 + (BLUR_SHARE * length / 2) ** 2))
+
+
+def _swept_disc(places: Array, x: Array) -> Array:
+    """Return the share of a blurred disc of radius x[2] around x[:2], swept along x[3:], at places (n, 2)."""
+    off, path = places - x[:2], x[3:]
+    squared = float(path @ path)
+    along = np.clip(off @ path / squared, -0.5, 0.5) if squared > 1e-12 else np.zeros(len(off))
+    distance = np.linalg.norm(off - along[:, None] * path, axis=1)
+    return np.asarray(ndtr((x[2] - distance) / _BLUR))

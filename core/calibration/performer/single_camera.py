@@ -1,0 +1,264 @@
+"""A single camera from the 2D keypoints of a performer who stands or walks on the floor.
+
+The apparent size of the limbs gives the distance of the performer; from that, the positions of the feet in the picture
+give the height and the tilt of the camera. Compare F. Lv, T. Zhao, R. Nevatia, Camera calibration from video of a
+walking human, IEEE PAMI 28 (2006). One view hardly shows the focal length, and shows the tilt only if the performer
+walks towards the camera or away from it. Priors about how people usually film decide what remains open.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import median_abs_deviation
+
+from ...body.human import FRACTIONS
+from ...cameras.camera import Camera
+from ...errors import CaptureError
+from ...numerics.arrays import Array
+from ...numerics.robust_kernels import Cauchy
+from .limb_bundle import STICKS
+from .limb_residuals import FOCAL_SPREAD, JOINTS, LIMBS, PROPORTION_SIGMA, USUAL_FOCAL, JointSightings, usual_lengths
+from .performer_views import USUAL_CORRELATION, PerformerView, joint_sightings
+from .performer_world import ANKLE_SHARE, LEVEL_SIGMA
+
+TILT_SIGMA = np.radians(10.0)
+"""Standard deviation of the tilt of a camera from the horizontal, radians."""
+USUAL_HEIGHT, HEIGHT_SPREAD = 1.3, 0.5
+"""Usual height of a camera above the floor, metres, and the standard deviation of its logarithm."""
+SWAY_SIGMA = np.radians(5.0)
+"""Standard deviation of a performer's lean to one side of the picture, radians, in the median over a shot."""
+TURNED = np.radians(15.0)
+"""Roll of a camera about its line of sight beyond which the user is told that it is unusual, radians."""
+TRUE_LENGTH = 0.8
+"""Quantile of the limbs' apparent lengths, relative to their true ones, that gives the scale: most limbs look too
+short, because they point towards the camera or away from it."""
+_ROBUST, _LEANING = 3.0, 2.0  # scales of the kernels, in standard deviations
+_NEAREST = 0.05  # metres
+
+
+@dataclass(frozen=True, eq=False)
+class SingleViewCalibration:
+    """A camera that was found from one view, and how certain it is.
+
+    Attributes
+    ----------
+    camera : Camera
+        Metres, z up from the floor, the origin below the performer's hips on the first frame, x to the right of the
+        picture.
+    tilt : float
+        By how much the camera looks down, radians.
+    tilt_deviation : float
+        Standard deviation of the tilt, radians.
+    focal_deviation : float
+        Standard deviation of the focal length, as a share of it; 0 if the lens is known.
+    standing : int
+        Number of frames on which a foot is seen.
+    """
+
+    camera: Camera
+    tilt: float
+    tilt_deviation: float
+    focal_deviation: float
+    standing: int
+
+    @property
+    def _roll(self) -> float:
+        """Angle between the rows of the picture and the horizon, radians."""
+        return float(np.arcsin(-self.camera.pose(0)[0][0, 2]))
+
+    @property
+    def cameras(self) -> dict[str, Camera]:
+        """The camera by its name."""
+        return {self.camera.name: self.camera}
+
+    @property
+    def summary_lines(self) -> list[str]:
+        """Return the lines that tell the user about the result."""
+        R, t = self.camera.pose(0)
+        lens = f"focal length {self.camera.matrix[0, 0]:.0f} px"
+        if self.focal_deviation:
+            lens += f" within {100 * self.focal_deviation:.0f} %"
+        rows = [
+            f"{self.camera.name}: {lens}, {-R[:, 2] @ t:.1f} m above the floor, looks down by "
+            f"{np.degrees(self.tilt):.0f} degrees within {np.degrees(self.tilt_deviation):.0f}",
+            "scale from the performer's height; with one camera, what the performer does not show is a guess",
+        ]
+        if self.focal_deviation:
+            rows.append("the lens is not known, and with it how far away the performer is: give the lens if you can")
+        if abs(roll := self._roll) > TURNED:
+            rows.append(
+                f"it is taken to be turned by {np.degrees(roll):.0f} degrees about its line of sight: if it stood "
+                "level, the performer is not upright for long enough"
+            )
+        if not self.standing:
+            rows.append("no foot is seen: how high the camera is above the floor is a guess")
+        return rows
+
+
+def camera_by_performer(
+    view: PerformerView, height: float, frames: tuple[int, int], *, correlated: float = USUAL_CORRELATION
+) -> SingleViewCalibration:
+    """Solve for a stationary camera from the keypoints of one performer.
+
+    Parameters
+    ----------
+    view : PerformerView
+    height : float
+        Height of the performer, metres, which gives the scale.
+    frames : tuple of int
+        First and last frame of the shot, in the shot's count.
+    correlated : float
+        How many neighbouring frames have the same error of the detector, and therefore count as one.
+
+    Raises
+    ------
+    CaptureError
+        No frame shows a limb.
+    """
+    standing = _Standing.of(joint_sightings([view], frames, correlated), height)
+    if not len(standing.scale):
+        todo = "let the whole performer be seen, and check that the keypoints belong to this footage"
+        raise CaptureError("no frame shows a limb", where=f"keypoints of camera '{view.camera}'", todo=todo)
+    knows_lens = view.lens is not None
+
+    def setting(x: Array) -> _Setting:
+        usual = USUAL_FOCAL * max(view.size)
+        matrix = view.matrix(usual if knows_lens else usual * np.exp(FOCAL_SPREAD * x[3]))
+        return _Setting(TILT_SIGMA * x[0], LEVEL_SIGMA * x[1], USUAL_HEIGHT * np.exp(HEIGHT_SPREAD * x[2]), matrix)
+
+    def residuals(x: Array) -> Array:
+        """All residuals in standard deviations, as are the unknowns themselves, relative to their usual values."""
+        level = _robust(x[1:2], _LEANING)
+        return np.concatenate([standing.residuals(setting(x)), x[:1], level, x[2:]])
+
+    found = least_squares(residuals, np.zeros(3 if knows_lens else 4))
+    best = setting(found.x)
+    deviation = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
+    return SingleViewCalibration(
+        _camera(view, best, standing.first_hips(best)),
+        float(best.tilt),
+        float(TILT_SIGMA * deviation[0]),
+        0.0 if knows_lens else float(FOCAL_SPREAD * deviation[3]),
+        int(np.isfinite(standing.ankles).all(axis=2).any(axis=1).sum()),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Setting:
+    """The unknowns of the camera: angles in radians, height above the floor in metres, focal length in pixels."""
+
+    tilt: float
+    roll: float
+    height: float
+    matrix: Array
+
+    @property
+    def down(self) -> Array:
+        """Unit vector towards the floor in the camera's frame."""
+        return np.array(
+            [np.sin(self.roll), np.cos(self.roll) * np.cos(self.tilt), np.cos(self.roll) * np.sin(self.tilt)]
+        )
+
+    def rays(self, points: Array) -> Array:
+        """Return the points at unit depth in camera axes, (..., 3), for pixels (..., 2)."""
+        matrix = self.matrix
+        plane = (points - matrix[:2, 2]) / matrix[[0, 1], [0, 1]]
+        return np.concatenate([plane, np.ones((*plane.shape[:-1], 1))], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Standing:
+    """The performer in the picture, on the F frames on which a limb is seen; in pixels, NaN where unseen.
+
+    Attributes
+    ----------
+    scale : ndarray, shape (F,)
+        Pixels per metre at the performer's distance.
+    ankles : ndarray, shape (F, 2, 2)
+        Positions of both ankles.
+    hips, shoulders : ndarray, shape (F, 2)
+        Positions of their middles.
+    ankle_height, tall : float
+        Height of a standing foot's ankle above the floor, and of the shoulders above the ankles when upright, metres.
+    correlated : float
+        How many frames count as one.
+    """
+
+    scale: Array
+    ankles: Array
+    hips: Array
+    shoulders: Array
+    ankle_height: float
+    tall: float
+    correlated: float
+
+    @classmethod
+    def of(cls, seen: JointSightings, height: float) -> _Standing:
+        joint = dict(zip(JOINTS, np.moveaxis(seen.points[0], 1, 0), strict=True))
+        hips, shoulders = (joint[f"R{name}"] / 2 + joint[f"L{name}"] / 2 for name in ("Hip", "Shoulder"))
+        lengths = dict(zip(LIMBS, usual_lengths(height), strict=True))
+        looks = [np.linalg.norm(joint[a] - joint[b], axis=1) / lengths[limb] for limb in STICKS for a, b in LIMBS[limb]]
+        looks.append(np.linalg.norm(shoulders - hips, axis=1) / (FRACTIONS["torso"] * height))
+        some = np.flatnonzero(np.isfinite(looks).any(axis=0))
+        return cls(
+            np.nanquantile(np.array(looks)[:, some], TRUE_LENGTH, axis=0) if len(some) else np.zeros(0),
+            np.stack([joint["RAnkle"], joint["LAnkle"]], axis=1)[some],
+            hips[some],
+            shoulders[some],
+            float(ANKLE_SHARE * lengths["shin"]),
+            float(lengths["shin"] + lengths["thigh"] + FRACTIONS["torso"] * height),
+            seen.correlated,
+        )
+
+    def residuals(self, setting: _Setting) -> Array:
+        """Distances of the lower ankle from the floor, by frame, and the performer's median lean."""
+        focal, down = setting.matrix[1, 1], setting.down
+        depth = focal / self.scale
+        below = (setting.rays(self.ankles) @ down) * depth[:, None]
+        below = below[np.isfinite(below).any(axis=1)]
+        lower = np.maximum(np.nanmax(below, axis=1), _NEAREST) if len(below) else np.zeros(0)
+        # A performer of other proportions seems farther away or nearer, so errors of heights are relative.
+        off = np.log(lower / max(setting.height - self.ankle_height, _NEAREST)) / PROPORTION_SIGMA
+        return np.concatenate([_robust(off, _ROBUST, self.correlated), self._leaning(setting, depth)])
+
+    def _leaning(self, setting: _Setting, depth: Array) -> Array:
+        """Return the median angle in the picture between the performer and the vertical there; empty if it is not
+        seen.
+        """
+        feet = self.ankles.mean(axis=1)
+        body = self.shoulders - feet
+        seen = np.isfinite(body).all(axis=1)
+        if not seen.any():
+            return np.zeros(0)
+        head = setting.rays(feet[seen]) * depth[seen, None] - self.tall * setting.down
+        vertical = head[:, :2] / np.maximum(head[:, 2:], _NEAREST) * setting.matrix[[0, 1], [0, 1]]
+        vertical += setting.matrix[:2, 2] - feet[seen]
+        across = vertical[:, 0] * body[seen, 1] - vertical[:, 1] * body[seen, 0]
+        angle = np.arctan2(across, (vertical * body[seen]).sum(axis=1))
+        spread = median_abs_deviation(angle, scale="normal")  # bending at times makes it less certain
+        return np.array([np.median(angle) / np.hypot(SWAY_SIGMA, spread)])
+
+    def first_hips(self, setting: _Setting) -> Array:
+        """Position of the hips on the first frame on which they are seen, in camera axes, metres."""
+        frame = int(np.argmax(np.isfinite(self.hips).all(axis=1)))
+        point = np.where(np.isfinite(self.hips[frame]), self.hips[frame], setting.matrix[:2, 2])
+        return np.asarray(setting.rays(point) * setting.matrix[1, 1] / self.scale[frame])
+
+
+def _robust(residuals: Array, scale: float, correlated: float = 1.0) -> Array:
+    """Residuals whose squares are the robust costs of the given ones, of which `correlated` count as one."""
+    return np.asarray(np.sign(residuals) * np.sqrt(Cauchy(scale).cost(residuals**2) / correlated))
+
+
+def _camera(view: PerformerView, setting: _Setting, hips: Array) -> Camera:
+    """Return the camera in the performer's world."""
+    up = -setting.down
+    right = np.array([1.0, 0.0, 0.0]) - up[0] * up
+    right /= np.linalg.norm(right)
+    R = np.stack([right, np.cross(up, right), up], axis=1)
+    centre = -hips @ R  # beside the hips, and above the floor
+    t = -R @ np.array([centre[0], centre[1], setting.height])
+    return view.camera_at(setting.matrix, R, t)

@@ -1,0 +1,1 @@
+"""Cameras, clocks and the wand solved from what the views show of it."""
