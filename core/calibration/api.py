@@ -109,11 +109,8 @@ def synchronise_take(
     ----------
     source : CaptureVideos or Capture
         The take's videos of the wand, or the markers found in them.
-    cameras : mapping of str to Camera
-        The solved cameras by name.
-    progress : callable, optional
-    drift : bool
-        Whether clocks may also run at different speeds.
+    cameras, progress, drift
+        As of `synchronise`.
 
     Raises
     ------

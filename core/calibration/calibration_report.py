@@ -34,12 +34,7 @@ _SPACE_HEIGHT = 420
 
 
 def write_report(folder: Path, solution: CalibrationResult) -> list[Path]:
-    """Write report.json (the numbers), report.png (the pictures) and report.html (both) into a folder.
-
-    Returns
-    -------
-    list of Path
-        The files written.
+    """Write report.json (the numbers), report.png (the pictures) and report.html (both) into a folder, and name them.
 
     Raises
     ------

@@ -15,6 +15,7 @@ from ..body import Body, landmark_positions, part_poses
 from ..body.motion import Motion
 from ..numerics import rotations
 from ..numerics.arrays import Array
+from ..numerics.resampling import interpolated
 
 TRUNK = ("LHip", "RHip", "LShoulder", "RShoulder")
 LIMBS = (
@@ -54,7 +55,7 @@ def closed_form_pose(body: Body, names: Sequence[str], points_world: Array, fps:
     Motion or None
         None if the body lacks one of `POSED_PARTS`, or if too few points of the trunk are ever known.
     """
-    known = {name: _filled(points_world[:, i]) for i, name in enumerate(names)}
+    known = {name: interpolated(points_world[:, i]) for i, name in enumerate(names)}
     known = {name: points for name, points in known.items() if np.isfinite(points).all()}
     if not set(body.names) >= POSED_PARTS:
         return None
@@ -114,7 +115,7 @@ def closed_form_limb(
     """
     (R, T), Q = part_poses(body, motion), motion.rotations.copy()
     upper, lower = parts
-    middle, end = (_filled(points_world[:, k]) for k in range(2))
+    middle, end = (interpolated(points_world[:, k]) for k in range(2))
     rest = R[:, body.parents[upper]] @ body.R_parent_rest[upper]
     first, second = limb_orientations(rest, middle - T[:, upper], end - middle, sign=sign, farthest=farthest, fps=fps)
     Q[:, upper] = np.swapaxes(rest, -1, -2) @ first
@@ -151,15 +152,6 @@ def _with_trunk(body: Body, known: dict[str, Array]) -> dict[str, Array]:
 def _joint(body: Body, name: str) -> Array:
     """Return the origin of a landmark's part in the frame of its parent, metres: of a hip, in the pelvis's frame."""
     return np.asarray(body.offsets[body.landmarks[name][0]])
-
-
-def _filled(points: Array) -> Array:
-    """Return the points over time (F, 3), in which missing ones are interpolated linearly."""
-    known = np.isfinite(points).all(axis=-1)
-    if not known.any():
-        return points
-    frames = np.arange(len(points))
-    return np.stack([np.interp(frames, frames[known], points[known, k]) for k in range(3)], axis=-1)
 
 
 def along_and_across(along: Array, across: Array) -> Array:

@@ -20,10 +20,11 @@ from ..body import Body, human, landmark_positions
 from ..body.motion import Motion
 from ..numerics import rotations
 from ..numerics.arrays import Array, Ints
+from ..numerics.resampling import interpolated
 from .closed_form import LIMBS, POSED_PARTS, TRUNK, along_and_across, limb_orientations
 from .keypoint_deviations import LIFTED_DEVIATION, USUAL_DEVIATION
 from .keypoint_rays import Keypoints
-from .view_agreement import ViewAgreement, interpolated, without_midpoints
+from .view_agreement import ViewAgreement, without_midpoints
 
 LEANING = 0.5
 """Standard deviation of the angle between the trunk and the vertical, radians."""

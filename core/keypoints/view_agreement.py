@@ -14,6 +14,7 @@ import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
 
 from ..numerics.arrays import Array
+from ..numerics.resampling import interpolated
 from .keypoint_deviations import deviations_of_lengths
 from .keypoint_rays import Keypoints
 from .left_right import correct_sides
@@ -158,12 +159,3 @@ def averaged(points_world: Array, fps: float) -> Array:
     carrier = points_world[:, lasting].mean(axis=1) if lasting.any() else np.zeros((len(points_world), 3))
     filled = np.stack([interpolated(points - carrier) + carrier for points in np.moveaxis(points_world, 1, 0)], axis=1)
     return np.asarray(scipy.ndimage.gaussian_filter1d(filled, AVERAGED_OVER * fps / 2, axis=0, mode="nearest"))
-
-
-def interpolated(points: Array) -> Array:
-    """Return points over time (F, 3), in which missing ones are interpolated linearly; NaN if none is known."""
-    known = np.isfinite(points).all(axis=-1)
-    if not known.any():
-        return points
-    frames = np.arange(len(points))
-    return np.stack([np.interp(frames, frames[known], points[known, k]) for k in range(3)], axis=-1)

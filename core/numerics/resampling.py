@@ -25,6 +25,15 @@ def sample_times(first: int, last: int, rate: float, wanted: float) -> Array:
     return np.minimum(first + np.arange(count) * (rate / wanted), float(last))
 
 
+def interpolated(points: Array) -> Array:
+    """Return points over time (F, 3), in which missing ones are interpolated linearly; NaN if none is known."""
+    known = np.isfinite(points).all(axis=-1)
+    if not known.any():
+        return points
+    frames = np.arange(len(points))
+    return np.stack([np.interp(frames, frames[known], points[known, k]) for k in range(3)], axis=-1)
+
+
 def slerped(wxyz: Array, frames: Array, times: Array) -> Array:
     """Unit quaternions (w, x, y, z) at times (K,), by slerp between those (F, 4) of frames (F,): shape (K, 4)."""
     if len(frames) == 1:

@@ -19,9 +19,8 @@ class Bake(Conditional, bpy.types.Operator):
         from ..scene_io import motion_curves
 
         with reported(self) as outcome:
-            frames = 0
-            for armature in active_performer.posed_armatures(context):
-                frames = max(frames, motion_curves.bake(armature, active_performer.chosen_bones(context, armature)))
+            posed = active_performer.posed_bones(context)
+            frames = max(motion_curves.bake(armature, bones) for armature, bones in posed)
             if not frames:
                 self.report({"WARNING"}, "There are no tracked keys to bake: track first")
                 return {"CANCELLED"}

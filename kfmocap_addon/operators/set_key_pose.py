@@ -20,8 +20,7 @@ class SetKeyPose(Conditional, bpy.types.Operator):
 
         with reported(self) as outcome:
             frame = context.scene.frame_current
-            for armature in active_performer.posed_armatures(context):
-                bones = active_performer.chosen_bones(context, armature)
+            for armature, bones in active_performer.posed_bones(context):
                 key_pose_curves.key_current_pose(armature, frame, bones)
                 self.report({"INFO"}, f"Key pose of {_bones_text(bones)} on frame {frame}")
         return outcome.value
@@ -40,8 +39,7 @@ class RemoveKeyPose(Conditional, bpy.types.Operator):
 
         with reported(self) as outcome:
             frame, removed = context.scene.frame_current, 0
-            for armature in active_performer.posed_armatures(context):
-                bones = active_performer.chosen_bones(context, armature)
+            for armature, bones in active_performer.posed_bones(context):
                 removed += key_pose_curves.remove_key_pose(armature, frame, bones)
             if not removed:
                 self.report({"WARNING"}, f"There is no key pose on frame {frame}")

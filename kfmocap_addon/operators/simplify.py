@@ -24,8 +24,7 @@ class Simplify(Conditional, bpy.types.Operator):
 
         with reported(self) as outcome:
             before = after = 0
-            for armature in active_performer.posed_armatures(context):
-                bones = active_performer.chosen_bones(context, armature)
+            for armature, bones in active_performer.posed_bones(context):
                 counts = simplification.simplify(armature, self.angle, self.distance / 1000, bones)
                 before, after = before + counts[0], after + counts[1]
             if not before:

@@ -36,9 +36,11 @@ def chosen_bones(context: bpy.types.Context, armature: bpy.types.Object) -> set[
     return {bone.name for bone in context.selected_pose_bones or [] if bone.id_data == armature} or None
 
 
-def posed_armatures(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """Return the armatures of performers that are selected or in pose mode, or else the chosen performer's."""
+def posed_bones(context: bpy.types.Context) -> list[tuple[bpy.types.Object, set[str] | None]]:
+    """Return the armatures of performers that are selected or in pose mode, or else the chosen performer's, each with
+    its `chosen_bones`.
+    """
     armatures = [slot.armature for slot in context.scene.kfmocap.performers if slot.armature is not None]
     names = {o.name for o in context.view_layer.objects if o.select_get()}
     found = [a for a in armatures if a.name in context.scene.objects and (a.name in names or a.mode == "POSE")]
-    return found or [chosen(context).armature]
+    return [(armature, chosen_bones(context, armature)) for armature in found or [chosen(context).armature]]

@@ -114,15 +114,7 @@ def _bridged(
 
 
 def leaps(problem: SegmentProblem, performer: int, motion: Motion) -> list[Leap]:
-    """Find the leaps of a performer's limbs, between frames on which key poses fix them.
-
-    Parameters
-    ----------
-    problem : SegmentProblem
-    performer : int
-    motion : Motion
-        F poses.
-    """
+    """Find the leaps of a performer's limbs in a motion of F poses, between frames on which key poses fix them."""
     body, F = problem.bodies[performer], len(motion)
     if F < 4:
         return []

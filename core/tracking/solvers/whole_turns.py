@@ -26,15 +26,7 @@ def with_whole_turn(
 ) -> tuple[Sequence[Motion], SegmentSolution]:
     """Solve from the turned start that covers most, if the images contradict a solution between two whole key poses.
 
-    Parameters
-    ----------
-    problem : SegmentProblem
-        Of one performer, see `SegmentProblem.alone`.
-    start : sequence of Motion
-        F poses per performer.
-    first : SegmentSolution
-        The solution from that start.
-    workspace : Workspace
+    Parameters are those of `multi_start.best_of_own_starts`.
 
     Returns
     -------
