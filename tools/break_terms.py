@@ -225,7 +225,7 @@ TERMS = (
     ),
     Term(
         "units of the weights",
-        "core/evidence/accumulate.py",
+        "core/evidence/segment_evidence.py",
         "return np.asarray(count * self.sampling.stride**2 / (density * correlation_length**2))",
         "return np.asarray(count / (density * correlation_length**2))",
         f"{SWEEPS}::test_weights_mean_the_same_at_every_resolution_and_stride",
@@ -274,7 +274,7 @@ TERMS = (
     ),
     Term(
         "(38)",
-        "core/evidence/accumulate.py",
+        "core/evidence/segment_evidence.py",
         "~hidden, ~(hidden[:-1] | hidden[1:])",
         "~hidden, ~(hidden[:-1] & ~hidden[1:])",
         f"{SWEEPS}::test_pixels_of_hidden_parts_do_not_count_in_the_sweeps",

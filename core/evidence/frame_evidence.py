@@ -62,7 +62,7 @@ class FrameEvidence:
     areas : ndarray of int, shape (2, P, n)
         Pixels that show each part, and those that would without the other performers.
     share, agreeing : ndarray, shape (n, P)
-        See `core.evidence.accumulate.SegmentEvidence`.
+        See `core.evidence.segment_evidence.SegmentEvidence`.
     seconds : dict
         Time spent, by stage.
     """

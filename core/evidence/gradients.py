@@ -63,8 +63,8 @@ class GradientSums:
         Mean of Huber's loss of these pixels with a given noise, (grey level 0 to 1)^2.
     gain : ndarray, shape (m,)
         How much likelier these pixels are than if what they show stood still in the picture, in natural units, under
-        the noise of their pair of frames. Where one of several performers is solved, `core.evidence.accumulate` adds
-        that of the others, whom it may hide.
+        the noise of their pair of frames. Where one of several performers is solved, that of the others, whom it may
+        hide, is added (`core.evidence.segment_evidence`).
     """
 
     H: Array

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from ...body.kinematics import Poses, scene_poses
 from ...body.motion import Motion
 from ...body.time_shift import Delayed, delayed
-from ...evidence.accumulate import SegmentEvidence, accumulate_evidence
 from ...evidence.occlusion import unseen
 from ...evidence.sampling import Sampling
+from ...evidence.segment_evidence import SegmentEvidence, accumulate_evidence
 from ...evidence.still_evidence import StillPartsCache
 from ...evidence.view_frames import KEPT_BYTES, GradientImageCache
 from ...numerics.arrays import Array

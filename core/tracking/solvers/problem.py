@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ...body import Body
 from ...body.motion import Motion
 from ...body.smoothness_estimate import AccelerationVariances, axis_mobility, precision_of
-from ...evidence.accumulate import SegmentEvidence
 from ...evidence.part_geometry import Geometry
+from ...evidence.segment_evidence import SegmentEvidence
 from ...evidence.view_frames import ViewFrames
 from ...keypoints.keypoint_factor import KeypointFactor
 from ...numerics.arrays import Array, slices_of

@@ -40,10 +40,10 @@ from scipy.linalg import block_diag
 from ...body.joint_blocks import joint_blocks
 from ...body.kinematics import scene_poses
 from ...body.motion import Motion, stacked
-from ...evidence.accumulate import SegmentEvidence
 from ...evidence.label_images import render_labels
 from ...evidence.occlusion import intervals
 from ...evidence.sampling import Sampling
+from ...evidence.segment_evidence import SegmentEvidence
 from ...numerics import rotations
 from ...numerics.arrays import Array
 from ...numerics.banded_blocks import BandedBlocks

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ...body.joint_blocks import joint_blocks
 from ...body.motion import Motion
 from ...body.smoothness import acceleration
-from ...evidence.accumulate import SegmentEvidence
+from ...evidence.segment_evidence import SegmentEvidence
 from ...numerics.arrays import Array
 from ...numerics.banded_blocks import BandedBlocks
 from ...shot.shot import Settings

@@ -13,8 +13,7 @@ from kfmocap.core.body import landmark_positions, part_poses
 from kfmocap.core.body.joint_blocks import joint_blocks
 from kfmocap.core.body.motion import Motion, stacked
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.evidence import accumulate
-from kfmocap.core.evidence.accumulate import SegmentEvidence, accumulate_evidence
+from kfmocap.core.evidence import segment_evidence
 from kfmocap.core.evidence.gradients import (
     HUBER,
     GradientSums,
@@ -28,6 +27,7 @@ from kfmocap.core.evidence.gradients import (
 from kfmocap.core.evidence.label_images import LabelImages, render_labels
 from kfmocap.core.evidence.part_geometry import Geometry
 from kfmocap.core.evidence.sampling import Sampling
+from kfmocap.core.evidence.segment_evidence import SegmentEvidence, accumulate_evidence
 from kfmocap.core.evidence.view_frames import GradientImageCache, GradientImages, ViewFrames
 from kfmocap.core.numerics import rotations
 from synthetic import (
@@ -307,7 +307,7 @@ def test_evidence_in_runs_is_the_evidence_at_once(monkeypatch: pytest.MonkeyPatc
     moving = moving_camera(*((0.8 + 0.02 * f, -2.2, 1.6) for f in range(5)))
     views = [replace(view, grey=view.grey[[0, 1, 1, 0, 1]], camera=moving) for view in views]
     whole = evidence_of(views, motion)
-    monkeypatch.setattr(accumulate, "RUN", 3)
+    monkeypatch.setattr(segment_evidence, "RUN", 3)
     parts = evidence_of(views, motion)
     for name in ("gradients.H", "gradients.g", "gradients.energy", "gradients.weight", "gradients.noise", "share"):
         a, b = attrgetter(name)(parts), attrgetter(name)(whole)

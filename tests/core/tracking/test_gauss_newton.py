@@ -11,8 +11,8 @@ from kfmocap.core.body import landmark_positions
 from kfmocap.core.body.motion import Motion, stacked
 from kfmocap.core.body.smoothness import LONGEST_STEP, acceleration, limited, smoothness
 from kfmocap.core.body.smoothness_estimate import LEAST_MOBILITY
-from kfmocap.core.evidence.accumulate import OWN_SHARE, SegmentEvidence
 from kfmocap.core.evidence.sampling import Sampling
+from kfmocap.core.evidence.segment_evidence import OWN_SHARE, SegmentEvidence
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded import BandedFactor
