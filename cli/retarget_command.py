@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core.errors import OutputError, ShotError
+from ..core.retargeting.roles import named_together
 from ..core.runtime.files import check_writable, write_json
 from .printed import print_outcome
 from .services import RetargetRequest, Services
@@ -86,4 +87,6 @@ def summary_lines(report: Mapping[str, Any]) -> list[str]:
         lines.append(
             f"remaining error at most {error['worst_degrees']:.2f} degrees, {error['worst_mm']:.1f} mm ({worst[0]})"
         )
+    if report["not_in_target"]:
+        lines.append(f"{target['armature']} has no {named_together(report['not_in_target'])}: that motion is left out")
     return lines + [f"warning: {text}" for text in report["warnings"]]

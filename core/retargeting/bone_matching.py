@@ -10,7 +10,7 @@ from .bone_names import roles_by_name
 from .bone_places import roles_by_place
 from .bone_presets import PRESETS, BonePreset
 from .bone_words import NAMESPACE, read_name
-from .roles import PARENTS, SIDES, BoneMap
+from .roles import SIDES, BoneMap, parent_role
 from .skeleton_tree import SkeletonTree
 
 
@@ -61,10 +61,12 @@ def _carries_legs(bones: BoneMap, rest: RestSkeleton) -> bool:
 
 
 def _with_named(places: BoneMap, names: BoneMap, rest: RestSkeleton) -> BoneMap:
-    """Return roles found by position, together with those of bones below them that only names show, such as fingers."""
+    """Return roles found by position, together with those of bones below them that only names show: fingers, or the
+    head of a bird, which is not above its body.
+    """
     tree, bones = SkeletonTree(rest), dict(places.bones)
     for role, named in names.bones.items():
-        above = bones.get(PARENTS[role], ())
+        above = bones.get(parent_role(role, bones), ())
         free = not set(named) & {name for played in bones.values() for name in played}
         if role not in bones and above and free:
             top, *_ = rest.indices(named)

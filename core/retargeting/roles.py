@@ -115,6 +115,16 @@ class BoneMap:
         return self
 
 
+def named_together(roles: Sequence[str]) -> str:
+    """Return roles in words, fingers and both sides of a limb as one."""
+    found: dict[str, None] = {}
+    for role in roles:
+        base, _, side = role.partition(".")
+        both = all(f"{base}.{each}" in roles for each in SIDES)
+        found["fingers" if base in FINGERS else base.replace("_", " ") if both or not side else role] = None
+    return ", ".join(found)
+
+
 def parent_role(role: str, there: Mapping[str, object]) -> str:
     """Return the nearest role above one, among those in `there`; empty if there is none."""
     above = PARENTS[role]

@@ -85,10 +85,14 @@ def _free_place(scene: bpy.types.Scene) -> Vector:
 
 
 def _candidate(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Return the armature that is active or deforms the active mesh, else that mesh, else None."""
+    """Return the armature that is active, deforms the active mesh or is in the active instance of a linked collection,
+    else that mesh, else None.
+    """
     active = context.active_object
     if active is None or active.type == "ARMATURE":
         return active
+    if active.type == "EMPTY" and active.instance_collection is not None and active.instance_collection.library:
+        return _leading_armature(active.instance_collection)
     if active.type != "MESH" or active.parent_type == "BONE":
         return None
     return next(
@@ -96,10 +100,20 @@ def _candidate(context: bpy.types.Context) -> bpy.types.Object | None:
     )
 
 
+def _leading_armature(collection: bpy.types.Collection) -> bpy.types.Object | None:
+    """Return the only armature of a collection, or the only one that does not follow another."""
+    found = [o for o in collection.all_objects if o.type == "ARMATURE"]
+    if len(found) > 1:
+        from ..scene_io.followed_bones import leader_of  # loads NumPy, which must not slow down Blender's start
+
+        found = [armature for armature in found if leader_of(armature) not in found]
+    return found[0] if len(found) == 1 else None
+
+
 def _can_be_body(context: bpy.types.Context) -> str:
     candidate = _candidate(context)
     if candidate is None:
-        return "Make an armature active first, or the mesh of a prop"
+        return "Make an armature active first, or the mesh of a prop, or a linked character"
     return in_object_mode(context) if candidate.type == "MESH" else ""
 
 

@@ -51,6 +51,7 @@ class SendToRig(Conditional, bpy.types.Operator):
     conditions = (has_source, has_target)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
+        from ...core.retargeting.roles import named_together
         from ..retargeting import send, sole_plants, source_motion
         from ..retargeting.live import LiveSource
         from ..retargeting.overrides import editable
@@ -74,6 +75,9 @@ class SendToRig(Conditional, bpy.types.Operator):
             report = send.send_to_rig(scene, motion, target, first, options)
             settings.target = target
             _show(self, settings, report["error"])
+            if report["not_in_target"]:
+                lacking = named_together(report["not_in_target"])
+                self.report({"INFO"}, f"{target.name} has no {lacking}: that motion is left out")
             for text in report["warnings"]:
                 self.report({"WARNING"}, text)
         return outcome.value

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
+from mathutils import Matrix
 
 from ...core.errors import BodyError
 
@@ -25,8 +26,10 @@ def editable(armature: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Ob
     layer = scene.view_layers[0]
     collection = _linked_collection(armature)
     if collection is not None:
-        instance: Any = next((o for o in scene.objects if o.instance_collection == collection), None)
-        collection.override_hierarchy_create(scene, layer, reference=instance, do_fully_editable=True)
+        instance: Any = _instance_of(collection, scene)
+        made_of: Any = collection.override_hierarchy_create(scene, layer, reference=instance, do_fully_editable=True)
+        if instance is not None and made_of is not None:
+            _take_place(instance, made_of)
     else:
         armature.override_hierarchy_create(scene, layer, do_fully_editable=True)
     made = _override_of(armature)
@@ -37,6 +40,22 @@ def editable(armature: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Ob
             todo="make a library override of the character, or append it",
         )
     return made
+
+
+def _instance_of(collection: bpy.types.Collection, scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """Return the object that shows an instance of a collection: the active one, if it does."""
+    active = scene.view_layers[0].objects.active
+    candidates = [active, *scene.objects] if active is not None else list(scene.objects)
+    return next((o for o in candidates if o.instance_collection == collection and o.instance_type != "NONE"), None)
+
+
+def _take_place(instance: bpy.types.Object, made: bpy.types.Collection) -> None:
+    """Put the objects of an override where an instance has shown them, and follow it; it shows them no longer."""
+    for thing in made.all_objects:
+        if thing.parent is None:
+            thing.parent = instance
+            thing.matrix_parent_inverse = Matrix.Translation(-made.instance_offset)
+    instance.instance_type = "NONE"
 
 
 def _override_of(armature: bpy.types.Object) -> bpy.types.Object | None:

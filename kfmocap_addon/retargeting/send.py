@@ -20,6 +20,7 @@ from ...core.retargeting.retarget import Retargeted, limb_changes, plant_interva
 from ...core.retargeting.roles import SIDES, BoneMap
 from ...core.retargeting.transfer import RetargetOptions
 from ..scene_io import fcurves
+from ..scene_io.followed_bones import skeletons_following
 from .fk_controls import FkControls, through_controls
 from .ik_controls import ik_channels, ik_roles
 from .live import LiveSource, follow, refuse_inverse_kinematics, remember, stop_following
@@ -88,7 +89,8 @@ def find_target(name: str | None, preset: str | None = None) -> bpy.types.Object
         return found
     if not armatures:
         raise BodyError("the file has no armature", where="--to", todo="give a file with a character")
-    able = [o for o in armatures if _fits(o, preset)] if len(armatures) > 1 else armatures
+    following = {o for other in armatures for o in skeletons_following(other)} if len(armatures) > 1 else set()
+    able = [o for o in armatures if o not in following and (len(armatures) == 1 or _fits(o, preset))]
     generated = [o for o in able if "rig_id" in o.data]  # a metarig may stand beside the rig that was made of it
     able = generated if len(generated) == 1 else able
     if len(able) != 1:
@@ -163,10 +165,6 @@ def send_to_rig(
         frames=frames,
         sample=np.unique(np.linspace(0, len(frames) - 1, _SAMPLE).astype(int)),
     )
-    where_held = "now" if options.live is not None else "in the new action"
-    without_influence = (
-        f"bone {name}: its constraint '{hold}' has no influence {where_held}" for name, hold in sent.holds
-    )
     return {
         **_report(upright, of_source, armature, bones=sent.bones, rig=sent.rig, result=sent.result),
         "error": errors,
@@ -176,7 +174,7 @@ def send_to_rig(
             *shown_at_rest,
             *_standing_wrongly(armature, sent.rig),
             *_scaled_unevenly(armature, sent.rig),
-            *without_influence,
+            *_freed(armature, sent.holds, "now" if options.live is not None else "in the new action"),
             *_warnings(sent.unsteady, errors),
         ],
         "seconds": round(time.perf_counter() - started, 3),
@@ -347,6 +345,23 @@ def _standing_wrongly(armature: bpy.types.Object, rig: ControlRig) -> list[str]:
             "Find Bones, or in a bone map"
         )
     return found
+
+
+def _freed(armature: bpy.types.Object, holds: Mapping[tuple[str, str], float], when: str) -> list[str]:
+    """Return what to tell of constraints that no longer hold a rig: by bone, or by the armature that all of it
+    followed.
+    """
+    found: dict[str, None] = {}
+    for name, hold in holds:
+        other = getattr(armature.pose.bones[name].constraints[hold], "target", None)
+        if other is None or other == armature or other.type != "ARMATURE":
+            found[f"bone {name}: its constraint '{hold}' has no influence {when}"] = None
+        else:
+            found[
+                f"armature {armature.name}: its bones do not follow {other.name} {when}: to move it through the "
+                f"controls of {other.name}, send the motion to that"
+            ] = None
+    return list(found)
 
 
 def _scaled_unevenly(armature: bpy.types.Object, rig: ControlRig) -> list[str]:

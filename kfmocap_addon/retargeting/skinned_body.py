@@ -10,7 +10,7 @@ from ...core.numerics import rotations
 from ...core.retargeting.bone_matching import preset_of
 from ...core.retargeting.roles import BoneMap
 from ..scene_io import body_armature, fcurves, part_meshes, performers, scene, skinned_parts
-from ..scene_io.followed_bones import following
+from ..scene_io.followed_bones import following, leader_of
 from . import fk_controls
 from .fk_controls import FkControls
 from .overrides import editable
@@ -246,7 +246,9 @@ def _refuse_following(armature: bpy.types.Object, parts: tuple[str, ...], follow
             raise BodyError(
                 f"the bone is moved by {followed[name]}: it cannot be tracked",
                 where=f"armature {armature.name}, bone {name}",
-                todo="mute it, or use the armature that it follows",
+                todo="mute it, so that the bone is posed itself"
+                if (leader := leader_of(armature)) is None
+                else f"make {leader.name} active instead, which it follows",
             )
 
 

@@ -15,6 +15,7 @@ from .camera_poses import coming_back
 _HARMLESS = ("LIMIT_ROTATION", "LIMIT_LOCATION", "LIMIT_SCALE")
 _CHAINS = ("IK", "SPLINE_IK")
 """Constraints that move the bones above as well."""
+_TAKING_ALONG = ("COPY_TRANSFORMS", "COPY_ROTATION", "CHILD_OF", "ARMATURE")
 _MOVING = (".location", ".rotation_quaternion", ".rotation_euler", ".rotation_axis_angle", ".scale")
 
 
@@ -37,6 +38,33 @@ def following(armature: bpy.types.Object) -> dict[str, str]:
                 above = bone.parent_recursive[: holds.chain_count - 1 if holds.chain_count else None]
                 found |= {each.name: f"the constraint '{holds.name}' of {bone.name}" for each in above}
     return own | {name: what for name, what in found.items() if name not in own}
+
+
+def skeletons_following(armature: bpy.types.Object) -> dict[bpy.types.Object, dict[str, str]]:
+    """Return the other armatures whose bones follow an armature's: the bone that each follows, by its name.
+
+    The skeleton that goes into a game engine, with the character's skin, hangs on a rig of controls like that.
+    """
+    found = {other: _followed_of(other, armature) for other in bpy.data.objects if other.type == "ARMATURE"}
+    return {other: bones for other, bones in found.items() if bones and other != armature}
+
+
+def leader_of(armature: bpy.types.Object) -> bpy.types.Object | None:
+    """Return the armature whose bones an armature's follow, None where they follow none."""
+    others = [other for other in bpy.data.objects if other.type == "ARMATURE" and other != armature]
+    return next((other for other in others if _followed_of(armature, other)), None)
+
+
+def _followed_of(follower: bpy.types.Object, armature: bpy.types.Object) -> dict[str, str]:
+    """Return the bone of an armature that each bone of another one copies or hangs on, by its name."""
+    found = {}
+    for bone in follower.pose.bones:
+        for held in list[Any](bone.constraints):
+            if held.type in _TAKING_ALONG and not held.mute and held.influence > 0:
+                first = next(iter(held.targets), None) if held.type == "ARMATURE" else held
+                if first is not None and first.target == armature and first.subtarget:
+                    found[bone.name] = first.subtarget
+    return found
 
 
 def read_followed(

@@ -17,6 +17,7 @@ from ...core.body import Part
 from ...core.errors import BodyError
 from ...core.numerics.arrays import Array
 from . import part_meshes
+from .followed_bones import skeletons_following
 
 _CORNERS = 24
 """Directions in which a part's solid touches the skin: few faces, drawn many times."""
@@ -137,35 +138,42 @@ def leading_bones(armature: bpy.types.Object) -> list[str]:
 
 
 def read_skin(armature: bpy.types.Object) -> Skin:
-    """Read the skin at rest: modifiers before and beside the armature's are respected."""
-    names = [bone.name for bone in armature.data.bones if bone.use_deform]
+    """Read the skin at rest: modifiers before and beside the armature's are respected. That of a skeleton whose bones
+    follow the armature's is led by the bones that they follow.
+    """
+    own = [bone.name for bone in armature.data.bones if bone.use_deform]
+    skeletons = {armature: dict(zip(own, own, strict=True)), **skeletons_following(armature)}
+    bound = [(mesh, bones) for skeleton, bones in skeletons.items() for mesh in skinned_meshes(skeleton)]
+    names = list(dict.fromkeys(name for bones in skeletons.values() for name in bones.values()))
     numbers = {name: i for i, name in enumerate(names)}
     points, leaders = [np.empty((0, 3))], [np.empty(0, np.int64)]
     to_armature = np.linalg.inv(np.array(armature.matrix_world))
-    with _at_rest(armature):
+    with _at_rest(skeletons):
         graph = bpy.context.evaluated_depsgraph_get()
-        for bound in skinned_meshes(armature):
-            shown = bound.evaluated_get(graph)
+        for skin, bones in bound:
+            shown = skin.evaluated_get(graph)
             mesh = shown.to_mesh()
-            matrix = to_armature @ np.array(bound.matrix_world)
+            matrix = to_armature @ np.array(skin.matrix_world)
             co = np.empty(3 * len(mesh.vertices), np.float32)
             mesh.vertices.foreach_get("co", co)
             points.append(co.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3])
-            groups = [numbers.get(group.name, -1) for group in bound.vertex_groups]
+            groups = [numbers.get(bones.get(group.name, ""), -1) for group in skin.vertex_groups]
             leaders.append(np.array([_leader(vertex, groups) for vertex in mesh.vertices], np.int64))
             shown.to_mesh_clear()
     return Skin(np.concatenate(points), np.concatenate(leaders), names)
 
 
 @contextmanager
-def _at_rest(armature: bpy.types.Object) -> Iterator[None]:
-    before = armature.data.pose_position
-    armature.data.pose_position = "REST"
+def _at_rest(armatures: Collection[bpy.types.Object]) -> Iterator[None]:
+    before = {armature: armature.data.pose_position for armature in armatures}
+    for armature in armatures:
+        armature.data.pose_position = "REST"
     bpy.context.view_layer.update()
     try:
         yield
     finally:
-        armature.data.pose_position = before
+        for armature, position in before.items():
+            armature.data.pose_position = position
         bpy.context.view_layer.update()
 
 

@@ -17,7 +17,7 @@ from kfmocap.core.retargeting.bone_places import roles_by_place
 from kfmocap.core.retargeting.bone_presets import PRESETS
 from kfmocap.core.retargeting.bone_words import read_name
 from kfmocap.core.retargeting.rest_alignment import feet_point_back
-from kfmocap.core.retargeting.roles import CHAINS, FINGERS, BoneMap
+from kfmocap.core.retargeting.roles import CHAINS, FINGERS, BoneMap, named_together
 from made_rigs import made_rig
 
 BODY = human(1.75)
@@ -159,6 +159,54 @@ def test_a_bone_that_marks_the_end_of_the_head_is_not_the_head_where_places_deci
         np.vstack([rig.rest.tails, top + [0, 0, 0.05]]),
     )
     assert roles_by_place(rest)["head"] == (names[head],)
+
+
+BIRD = {
+    "Body": ("", (0.0, 0.1, 0.5)),
+    "Neck1": ("Body", (0.0, -0.12, 0.57)),
+    "Neck2": ("Neck1", (0.0, -0.2, 0.7)),
+    "Head": ("Neck2", (0.0, -0.24, 0.82)),
+    "Beak": ("Head", (0.0, -0.36, 0.81)),
+    "Tail": ("Body", (0.0, 0.3, 0.48)),
+    **{
+        f"{name}.{side}": (f"{above}.{side}" if above != "Body" else above, (x * at[0], *at[1:]))
+        for side, x in (("L", 1.0), ("R", -1.0))
+        for name, above, at in (
+            ("WingUpper", "Body", (0.08, -0.05, 0.58)),
+            ("WingLower", "WingUpper", (0.3, 0.0, 0.6)),
+            ("WingTip", "WingLower", (0.55, -0.05, 0.6)),
+            ("Thigh", "Body", (0.07, 0.05, 0.45)),
+            ("Shank", "Thigh", (0.08, -0.02, 0.32)),
+            ("Tarsus", "Shank", (0.08, 0.08, 0.16)),
+            ("Claw", "Tarsus", (0.08, 0.03, 0.03)),
+        )
+    },
+}
+
+
+def test_a_birds_head_and_neck_are_found_by_their_names_where_its_limbs_are_by_places():
+    """They do not stand above a body that lies."""
+    names = list(BIRD)
+    heads = np.array([head for _, head in BIRD.values()])
+    parents = [names.index(above) if above else -1 for above, _ in BIRD.values()]
+    tails = np.array([heads[parents.index(j)] if j in parents else heads[j] + [0, -0.1, 0] for j in range(len(names))])
+    found = match_bones(RestSkeleton(tuple(names), tuple(parents), heads, tails))
+    assert found.found_by == "places"
+    assert (found.bones["head"], found.bones["neck"]) == (("Head",), ("Neck1", "Neck2"))
+    assert found.bones["thigh.L"] == ("Thigh.L",)
+    assert found.bones["foot.R"] == ("Tarsus.R",)
+
+
+@pytest.mark.parametrize(
+    ("roles", "said"),
+    [
+        (["head", "hand.L", "hand.R"], "head, hand"),
+        (["toe.L", "upper_arm.R"], "toe.L, upper_arm.R"),
+        ([f"{finger}.{side}" for finger in FINGERS for side in "LR"], "fingers"),
+    ],
+)
+def test_roles_are_said_in_few_words(roles, said):
+    assert named_together(roles) == said
 
 
 @pytest.mark.parametrize(
