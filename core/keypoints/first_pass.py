@@ -17,8 +17,9 @@ from .body_measures import BodyMeasures
 from .first_pose import posed_start, posing_frames
 from .keypoint_fit import CONTINUED, FitProblem, KeypointFit, fit_motion
 from .keypoint_rays import Keypoints
-from .lifting import likely_height, lone_view
+from .lifting import lone_view
 from .limb_safeguard import repose_lost_limbs
+from .person_depth import likely_height
 from .seen_landmarks import resting_degrees, with_resting
 from .single_view import corrected_fit, lifted_fit, lifted_start
 from .view_agreement import ViewAgreement

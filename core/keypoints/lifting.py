@@ -14,16 +14,14 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-import scipy  # its parts are loaded when they are used
 
-from ..body import Body, human, landmark_positions
-from ..body.motion import Motion
+from ..body import Body
 from ..numerics import rotations
 from ..numerics.arrays import Array, Ints
-from ..numerics.resampling import interpolated
 from .closed_form import LIMBS, POSED_PARTS, TRUNK, along_and_across, limb_orientations
 from .keypoint_deviations import LIFTED_DEVIATION, USUAL_DEVIATION
 from .keypoint_rays import Keypoints
+from .person_depth import Rays, floor_ratio, rest_places, root_depth, torso_length
 from .view_agreement import ViewAgreement, without_midpoints
 
 LEANING = 0.5
@@ -43,10 +41,6 @@ ROUGH = 0.06
 depth much."""
 LEAP = 16.0
 """Upper bound of the cost of a change between two frames, in units of the variance."""
-DEPTH_TIME = 0.3
-"""Window of the running median of the person's distance, seconds."""
-FORESHORTENED = 0.2
-"""When the person's distance is estimated, this share of the bones may come out longer than they are."""
 FLOOR_DEVIATION = 0.05
 """Standard deviation of feet below the floor, metres."""
 FLOOR_AGREES = 0.15
@@ -54,86 +48,8 @@ FLOOR_AGREES = 0.15
 lengths of the bones by less than this share."""
 LEAST_DEPTH = 0.1
 """Points that are nearer to the imagined camera than this are left out, metres."""
-AVERAGE_HEIGHT = 1.7
-"""Height of a person of whom nothing is known, metres."""
-HEIGHTS = (1.4, 2.05)
-"""Range of plausible heights, metres; if a height outside follows from the floor, the floor is probably not at z =
-0."""
-LENGTH_DEVIATION = 0.08
-"""Standard deviation of a bone's length as seen from that of the body, as a share: proportions differ, and detectors
-err.
-"""
-TURNED_AWAY = 0.25
-"""Standard deviation of a bone's extent in depth, as a share of its length."""
 _NEVER = 1e6
-_DEPTHS = 65  # nodes of an integral
 _ASIDE = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-SOLE = 0.08
-"""Height of an ankle above the floor, metres."""
-_BONES = (
-    *((side + a, side + b) for a, b in (("Shoulder", "Elbow"), ("Elbow", "Wrist")) for side in "LR"),
-    *((side + a, side + b) for a, b in (("Hip", "Knee"), ("Knee", "Ankle")) for side in "LR"),
-)
-
-
-@dataclass(frozen=True, eq=False)
-class Rays:
-    """Rays of one view to the keypoints on F frames; missing ones are interpolated.
-
-    Attributes
-    ----------
-    centre : ndarray, shape (F, 3)
-        Centre of the camera, metres, world.
-    directions : mapping of str to ndarray, shape (F, 3)
-        By keypoint, in the world, scaled to a depth of one: a point is at centre + depth * direction.
-    """
-
-    centre: Array
-    directions: Mapping[str, Array]
-
-    @classmethod
-    def of(cls, keypoints: Keypoints) -> Rays:
-        """Return the rays of the first view's keypoints, interpolated linearly between the frames on which they are
-        found.
-        """
-        R, t = keypoints.R_cam_world[0], keypoints.t_cam_world[0]
-        directions = {}
-        for i, name in enumerate(keypoints.names):
-            found = np.where(keypoints.confidence[0, :, i, None] > 0, keypoints.rays[0, :, i], np.nan)
-            if np.isfinite(found).any():
-                ray = interpolated(np.column_stack([found, np.ones(len(found))]))
-                directions[name] = np.einsum("fba,fb->fa", R, ray)
-        return cls(-np.einsum("fba,fb->fa", R, t), directions)
-
-    def at(self, name: str, depth: Array) -> Array:
-        """Return the points at depths (..., F), shape (..., F, 3)."""
-        return self.centre + depth[..., None] * self.directions[name]
-
-    def depths_from(self, start: Array, name: str, length: float) -> Array:
-        """Return the nearer and the farther depth of a keypoint at a distance of `length` from points (..., F, 3).
-
-        Both have the shape (2, ..., F), metres. The extent in depth is the expected one, see `expected_depth`.
-        """
-        d = self.directions[name]
-        square = np.sum(d * d, axis=-1)
-        nearest = np.sum(d * (start - self.centre), axis=-1) / square
-        aside = np.linalg.norm(start - self.centre - nearest[..., None] * d, axis=-1)
-        beyond = length * expected_depth(aside / length) / np.sqrt(square)
-        return np.stack([nearest - beyond, nearest + beyond])
-
-
-def expected_depth(seen: Array) -> Array:
-    """Share of a bone's length along the ray, from the share that is seen across it; the shape is the same.
-
-    If 95 % of a bone's length are seen, it is more likely to be 5 % shorter than assumed than to be turned away by 18
-    degrees. The result is therefore the mean over the distributions of turns (`TURNED_AWAY`) and of lengths
-    (`LENGTH_DEVIATION`).
-    """
-    depths = np.linspace(0.0, 1.0, _DEPTHS)
-    off = (np.sqrt(1 - depths**2) - np.minimum(seen, 1.0)[..., None]) / LENGTH_DEVIATION
-    cost = 0.5 * (off**2 + (depths / TURNED_AWAY) ** 2)
-    weight = np.exp(cost.min(axis=-1, keepdims=True) - cost)
-    return np.asarray((weight * depths).sum(axis=-1) / weight.sum(axis=-1))
 
 
 def lone_view(body: Body, keypoints: Keypoints) -> int | None:
@@ -163,9 +79,9 @@ def lifted_points(body: Body, keypoints: Keypoints, fps: float, *, mirrored: boo
         Cost of the paths, in units of the variance.
     """
     rays = Rays.of(keypoints)
-    places = _rest_places(body)
-    root = _root_depth(rays, places, fps)
-    ratio = _floor_ratio(rays, root)
+    places = rest_places(body)
+    root = root_depth(rays, places, fps)
+    ratio = floor_ratio(rays, root)
     standing = abs(np.log(ratio)) < FLOOR_AGREES
     root = root * (ratio if standing else 1.0)
     points, total = _trunk_points(rays, places, root, fps, mirrored=mirrored)
@@ -185,49 +101,8 @@ def lifted_points(body: Body, keypoints: Keypoints, fps: float, *, mirrored: boo
     return out, total
 
 
-def _rest_places(body: Body) -> dict[str, Array]:
-    """Return the landmarks of a body at rest, by name."""
-    rest, names = Motion(np.zeros((1, 3)), np.tile(np.eye(3), (1, len(body), 1, 1))), list(body.landmarks)
-    return dict(zip(names, landmark_positions(body, rest, names)[0], strict=True))
-
-
 def _limb_joints() -> list[tuple[str, str, str, str, str]]:
     return [(upper, lower, a, b, c) for upper, lower, a, b, c, _, _ in LIMBS]
-
-
-def _root_depth(rays: Rays, places: Mapping[str, Array], fps: float) -> Array:
-    """Depth of the middle of the hips, (F,): no bone may come out too long, and some are seen at their full length."""
-    bones = [bone for bone in _BONES if set(bone) <= set(rays.directions)]
-    seen = [np.linalg.norm(rays.directions[a] - rays.directions[b], axis=-1) for a, b in bones]
-    lengths = [float(np.linalg.norm(places[a] - places[b])) for a, b in bones]
-    hips, shoulders = (
-        0.5 * (rays.directions["L" + joint] + rays.directions["R" + joint]) for joint in ("Hip", "Shoulder")
-    )
-    seen.append(np.linalg.norm(hips - shoulders, axis=-1))
-    lengths.append(_torso_length(places))
-    farthest = np.array(lengths)[:, None] / np.maximum(seen, 1e-6)
-    depth = np.quantile(farthest, FORESHORTENED, axis=0)
-    depth = scipy.ndimage.median_filter(depth, max(1, round(DEPTH_TIME * fps)), mode="nearest")
-    return depth
-
-
-def _torso_length(places: Mapping[str, Array]) -> float:
-    hips, shoulders = (0.5 * (places["L" + joint] + places["R" + joint]) for joint in ("Hip", "Shoulder"))
-    return float(np.linalg.norm(hips - shoulders))
-
-
-def _floor_ratio(rays: Rays, depth: Array) -> float:
-    """Distance of feet that stand on the floor, as a multiple of depths (F,)."""
-    standing = np.full(depth.shape, np.inf)
-    for name in ("LAnkle", "RAnkle"):
-        if name in rays.directions:
-            falling = -rays.directions[name][:, 2]
-            with np.errstate(divide="ignore", invalid="ignore"):
-                reached = np.where(falling > 1e-3, (rays.centre[:, 2] - SOLE) / falling, np.inf)
-            standing = np.where(reached > 0, np.minimum(standing, reached), standing)  # a raised foot is nearer
-    if not np.isfinite(standing).any():
-        return np.inf
-    return float(np.median(standing[np.isfinite(standing)] / depth[np.isfinite(standing)]))
 
 
 def _trunk_points(
@@ -239,7 +114,7 @@ def _trunk_points(
         for joint in ("Hip", "Shoulder")
     }
     hips = middles["Hip"].at("Hip", root)
-    tops = middles["Shoulder"].at("Shoulder", middles["Shoulder"].depths_from(hips, "Shoulder", _torso_length(places)))
+    tops = middles["Shoulder"].at("Shoulder", middles["Shoulder"].depths_from(hips, "Shoulder", torso_length(places)))
     states = list(product(range(2), repeat=3))  # the lean, the sides of the hips and of the shoulders
     found: dict[str, list[Array]] = {name: [] for name in TRUNK}
     for lean, turned, twisted in states:
@@ -365,16 +240,6 @@ def _cheapest_path(cost: Array, moving: Array, fps: float) -> tuple[Ints, float]
     for f in range(cost.shape[1] - 1, 0, -1):
         path[f - 1] = before[path[f], f]
     return path, float(total.min())
-
-
-def likely_height(keypoints: Keypoints, fps: float) -> float:
-    """Return the height of a person who stands on the floor, z = 0, in metres; an average one if this is
-    implausible.
-    """
-    body = human(AVERAGE_HEIGHT)
-    rays, places = Rays.of(keypoints), _rest_places(body)
-    height = AVERAGE_HEIGHT * _floor_ratio(rays, _root_depth(rays, places, fps))
-    return height if HEIGHTS[0] < height < HEIGHTS[1] else AVERAGE_HEIGHT
 
 
 def with_imagined_view(keypoints: Keypoints, points_world: Array, fps: float) -> ViewAgreement:

@@ -13,7 +13,8 @@ from kfmocap.core.errors import KeypointError
 from kfmocap.core.keypoints.first_pass import first_pass, scaled_first_pass
 from kfmocap.core.keypoints.keypoint_factor import KeypointFactor
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
-from kfmocap.core.keypoints.lifting import Rays, expected_depth, likely_height, lone_view, with_imagined_view
+from kfmocap.core.keypoints.lifting import lone_view, with_imagined_view
+from kfmocap.core.keypoints.person_depth import Rays, expected_depth, likely_height
 from kfmocap.core.shot.acceleration_prior import acceleration_precision
 from kfmocap.core.shot.shot import KeyPoses, Settings
 
