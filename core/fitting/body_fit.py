@@ -9,8 +9,8 @@ and parts that are not seen grow with the rest. All unknowns are solved for by G
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +19,13 @@ from ..body import Body, part_poses, point_jacobian, twist_jacobian
 from ..body.joint_limits import posture_prior
 from ..body.kinematics import Poses, scene_poses
 from ..body.motion import Motion
-from ..body.shaping import joint_jacobian, mirrored_parts, shaped
+from ..body.shaping import joint_jacobian
 from ..body.time_shift import poses_after
 from ..cameras.camera import Camera
 from ..errors import BodyError
 from ..evidence.gradients import camera_twist
 from ..evidence.held_outlines import HeldOutlines
 from ..evidence.part_geometry import Geometry
-from ..evidence.part_shapes import SHIFT, STRETCH
 from ..formats.keypoint_files import read_shot_keypoints
 from ..keypoints.keypoint_deviations import USUAL_DEVIATION, robust_weights
 from ..keypoints.keypoint_places import Places
@@ -39,16 +38,10 @@ from ..runtime.progress import Progress
 from ..runtime.threads import one_library_thread
 from ..shot.keypose_spline import spline
 from ..shot.shot import Shot
+from .body_estimate import PART_DOF, BodyEstimate
 from .key_frame_views import KeyFrameView, posed_key_frames, read_key_frames
 from .outline_fit import OutlineProblem, RefinementStage, coarse_to_fine, key_outlines, outline_products
 
-GROWTH = 0.08
-"""Standard deviation of a performer's size, relative to the body's."""
-LENGTH = 0.08
-"""Standard deviation of a part's length, relative to what the size suggests; for widths see
-`core.evidence.part_shapes.STRETCH`."""
-SIDES_STRETCH, SIDES_SHIFT = 0.02, 0.004
-"""Standard deviation of the difference between left and right parts: relative for lengths, in metres for shifts."""
 POSED_ROOT, POSED_JOINT = 0.03, 0.08
 """Standard deviation of a key pose that was set with a body of other proportions, metres and radians."""
 STAGES = (
@@ -58,11 +51,6 @@ STAGES = (
 )
 SETTLED = 0.001
 """A stage ends when no joint moves by more than this, metres."""
-OFFSET, LIMB_OFFSET = 0.03, 0.01
-"""Standard deviations of the offsets of keypoints from their landmarks, and along limbs, metres. Along limbs they are
-smaller than for a motion (`core.keypoints.keypoint_places`): a few frames cannot tell an offset from a limb's
-length."""
-_PART = 6  # unknowns of a part: stretch and shift along its axes
 _ROWS = 9  # of an outline's row: wrench in camera axes, and by the part's stretches
 
 
@@ -120,75 +108,6 @@ def fit_bodies(shot: Shot, progress: Progress | None = None) -> BodyFit:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class BodyEstimate:
-    """An estimate of one performer.
-
-    Attributes
-    ----------
-    body : Body
-        P parts.
-    motions : mapping of float to Motion
-        The K key poses, by the delay of the views that show them.
-    keypoints : Keypoints
-        On the K frames; L of them, none where there are none.
-    places : Places
-        Of the keypoints on the body.
-    shape : ndarray, shape (1 + 6 P + 3 L,)
-        Changes since the start: growth, stretch (beyond the growth) and shift of every part, the keypoints' offsets.
-    posed : ndarray, shape (K, D)
-        Changes of the key poses since the start.
-    """
-
-    body: Body
-    motions: Mapping[float, Motion]
-    keypoints: Keypoints
-    places: Places
-    shape: Array
-    posed: Array
-
-    def joints(self) -> Array:
-        """Return the joints in the world, metres, shape (K, P, 3)."""
-        return part_poses(self.body, self.motions[0.0])[1]
-
-    def keypoint_places(self) -> Array:
-        """Return the keypoints' places in the world, metres, shape (K, L, 3)."""
-        return self.places.world(part_poses(self.body, self.motions[0.0]))
-
-    def part_changes(self, step: Array) -> Array:
-        """Return how far a step of the shape stretches and shifts each part, shape (P, 6)."""
-        P = len(self.body)
-        each = step[1 : 1 + _PART * P].reshape(P, _PART)
-        return np.concatenate([np.clip(step[0] + each[:, :3], -0.15, 0.15), each[:, 3:]], axis=1)
-
-    def moved(self, step: Array) -> BodyEstimate:
-        """Return the estimate after increments of the shape and then the poses."""
-        n, P, names = len(self.shape), len(self.body), self.keypoints.names
-        changes = self.part_changes(step)
-        body = shaped(self.body, changes[:, :3], changes[:, 3:])
-        offsets = self.places.offsets + step[1 + _PART * P : n].reshape(-1, 3)
-        places = replace(Places.on(body, names), offsets=offsets)
-        poses = step[n:].reshape(self.posed.shape)
-        motions = {delay: motion.moved(poses) for delay, motion in self.motions.items()}
-        return BodyEstimate(body, motions, self.keypoints, places, self.shape + step[:n], self.posed + poses)
-
-    def prior(self) -> Array:
-        """Return the inverse covariance of the shape, shape (n, n)."""
-        P = len(self.body)
-        deviation = np.full(len(self.shape), GROWTH)
-        deviation[1 : 1 + _PART * P] = np.tile([STRETCH, LENGTH, STRETCH, SHIFT, SHIFT, SHIFT], P)
-        names = self.keypoints.names
-        limbs = [name.endswith(("Elbow", "Wrist", "Knee", "Ankle")) for name in names]
-        deviation[1 + _PART * P :] = np.repeat(np.where(limbs, LIMB_OFFSET, OFFSET), 3)
-        H = np.diag(1 / deviation**2)
-        for left, right in mirrored_parts(self.body):
-            for k, sign in enumerate((1, 1, 1, -1, 1, 1)):  # a bone's frame is mirrored along its x axis
-                row = np.zeros(len(H))
-                row[1 + _PART * left + k], row[1 + _PART * right + k] = 1, -sign
-                H += np.outer(row, row) / (SIDES_STRETCH if k < 3 else SIDES_SHIFT) ** 2
-        return H
-
-
 Estimates = tuple[BodyEstimate, ...]
 
 
@@ -201,7 +120,7 @@ def _start(shot: Shot, views: Sequence[KeyFrameView], frames: NDArray[np.int64])
     for i, (performer, keypoints) in enumerate(zip(shot.performers, found, strict=True)):
         body, names = performer.body, keypoints.names
         places = Places.on(body, names)
-        shape = np.zeros(1 + _PART * len(body) + 3 * len(names))
+        shape = np.zeros(1 + PART_DOF * len(body) + 3 * len(names))
         posed = np.zeros((len(frames), body.dof))
         own = {delay: performers[i] for delay, performers in motions.items()}
         estimates.append(BodyEstimate(body, own, keypoints[frames], places, shape, posed))
@@ -313,12 +232,12 @@ def _outline_rows(estimate: BodyEstimate, camera: Camera, poses: Poses) -> Array
     n = len(estimate.shape)
     B = np.zeros((K, P, _ROWS, n + body.dof))
     joints = np.einsum("kab,kpbqc->kpaqc", Rc, joint_jacobian(body, R))
-    each = B[..., 1 : 1 + _PART * P].reshape(K, P, _ROWS, P, _PART)
+    each = B[..., 1 : 1 + PART_DOF * P].reshape(K, P, _ROWS, P, PART_DOF)
     each[..., :3, :, :3] = joints
     for p in range(P):
         each[:, p, 6:9, p, :3] = np.eye(3)
         each[:, p, :3, p, 3:] = Rc @ R[:, p]
-    B[..., 1 : 1 + _PART * P] = each.reshape(K, P, _ROWS, -1)
+    B[..., 1 : 1 + PART_DOF * P] = each.reshape(K, P, _ROWS, -1)
     B[..., 0] = each[..., :3].sum(axis=(-1, -2))
     B[..., :6, n:] = camera_twist(Rc, tc)[:, None] @ twist_jacobian(body, R, T)
     return B
@@ -356,15 +275,15 @@ class _HeldKeypoints:
         points = places.world((R, T))
         K, L, P, n = len(R), len(places.parts), len(body), len(estimate.shape)
         A = np.zeros((K, L, 3, n + body.dof))
-        each = np.zeros((K, L, 3, P, _PART))
+        each = np.zeros((K, L, 3, P, PART_DOF))
         each[..., :3] = joint_jacobian(body, R)[:, places.parts]
         offsets = np.zeros((K, L, 3, L, 3))
         for i, part in enumerate(places.parts):
             each[:, i, :, part, :3] += R[:, part] * places.local[i]
             offsets[:, i, :, i] = R[:, part]
         A[..., 0] = each[..., :3].sum(axis=(-1, -2))
-        A[..., 1 : 1 + _PART * P] = each.reshape(K, L, 3, _PART * P)
-        A[..., 1 + _PART * P : n] = offsets.reshape(K, L, 3, 3 * L)
+        A[..., 1 : 1 + PART_DOF * P] = each.reshape(K, L, 3, PART_DOF * P)
+        A[..., 1 + PART_DOF * P : n] = offsets.reshape(K, L, 3, 3 * L)
         A[..., n:] = point_jacobian(body, R, T, places.parts, points)
         root = np.sqrt(self.weights)[..., None]
         rows = np.einsum("vklra,klan->vklrn", self.keypoints.across(), A) * root[..., None]
