@@ -16,7 +16,6 @@ from .texts import draw_text
 class BodyPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_body"
     bl_label = "Body"
-    section = "body"
 
     def draw_content(self, context: bpy.types.Context) -> None:
         layout, performers = self.layout, context.scene.kfmocap.performers
@@ -65,16 +64,10 @@ def _draw_performer(
     row.operator(RemovePerformer.bl_idname, text="", icon="REMOVE").performer = index
 
 
-class _BodyPart(PerformerPart):
-    """A part of the section "Body"."""
-
-    bl_parent_id = BodyPanel.bl_idname
-    section = BodyPanel.section
-
-
-class ProportionsPanel(_BodyPart, bpy.types.Panel):
+class ProportionsPanel(PerformerPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_proportions"
     bl_label = "Proportions"
+    bl_parent_id = BodyPanel.bl_idname
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -89,9 +82,10 @@ class ProportionsPanel(_BodyPart, bpy.types.Panel):
             column.prop(slot, name)
 
 
-class HoldsPanel(_BodyPart, bpy.types.Panel):
+class HoldsPanel(PerformerPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_holds"
     bl_label = "Props in Hands"
+    bl_parent_id = BodyPanel.bl_idname
 
     @classmethod
     def is_needed(cls, context: bpy.types.Context) -> bool:

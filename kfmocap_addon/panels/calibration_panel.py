@@ -41,7 +41,6 @@ class CaptureViewList(bpy.types.UIList):
 class CalibrationPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_calibration"
     bl_label = "Calibration"
-    section = "calibration"
 
     def draw_content(self, context: bpy.types.Context) -> None:
         missing = captures.missing(context.scene.kfmocap_capture)
@@ -57,16 +56,10 @@ class CalibrationPanel(Section, bpy.types.Panel):
         row.operator(ExportCameras.bl_idname, text="Export", icon="EXPORT")
 
 
-class _CalibrationPart(SectionPart):
-    """A part of the section "Calibration"."""
-
-    bl_parent_id = CalibrationPanel.bl_idname
-    section = CalibrationPanel.section
-
-
-class CapturePanel(_CalibrationPart, bpy.types.Panel):
+class CapturePanel(SectionPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_capture"
     bl_label = "Videos"
+    bl_parent_id = CalibrationPanel.bl_idname
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, capture = self.layout, context.scene.kfmocap_capture
@@ -82,9 +75,10 @@ class CapturePanel(_CalibrationPart, bpy.types.Panel):
         layout.prop(capture, "report")
 
 
-class BallsPanel(_CalibrationPart, bpy.types.Panel):
+class BallsPanel(SectionPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_balls"
     bl_label = "L-Frame and Wand"
+    bl_parent_id = CalibrationPanel.bl_idname
 
     @classmethod
     def is_needed(cls, context: bpy.types.Context) -> bool:
@@ -112,9 +106,10 @@ class BallsPanel(_CalibrationPart, bpy.types.Panel):
             _draw_colour(box, capture, slot)
 
 
-class PerformerCalibrationPanel(_CalibrationPart, bpy.types.Panel):
+class PerformerCalibrationPanel(SectionPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_performer_calibration"
     bl_label = "Without a Wand"
+    bl_parent_id = CalibrationPanel.bl_idname
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:

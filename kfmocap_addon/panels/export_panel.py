@@ -14,7 +14,6 @@ from .texts import draw_text
 class ExportPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_export"
     bl_label = "Export"
-    section = "export"
 
     def draw_content(self, context: bpy.types.Context) -> None:
         layout, properties = self.layout, context.scene.kfmocap

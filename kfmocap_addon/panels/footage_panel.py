@@ -15,7 +15,6 @@ from .texts import draw_text
 class FootagePanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_footage"
     bl_label = "Footage and Cameras"
-    section = "footage"
 
     def draw_content(self, context: bpy.types.Context) -> None:
         layout, shot = self.layout, context.scene.kfmocap
@@ -67,7 +66,6 @@ def _draw_lost_cameras(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> No
 class LookPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_look"
     bl_label = "Look Through"
-    section = "look"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -94,7 +92,6 @@ class ViewPanel(SectionPart, bpy.types.Panel):
     bl_label = "View"
     bl_parent_id = LookPanel.bl_idname
     bl_options = {"DEFAULT_CLOSED"}
-    section = "look"
 
     @classmethod
     def is_needed(cls, context: bpy.types.Context) -> bool:

@@ -26,7 +26,6 @@ _COLUMNS, _PICTURE_COLUMNS, _PICTURE_SCALE = 6, 2, 6.0
 class KeyPosesPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_key_poses"
     bl_label = "Key Poses"
-    section = "key_poses"
 
     def draw_content(self, context: bpy.types.Context) -> None:
         layout, properties = self.layout, context.scene.kfmocap
@@ -51,16 +50,10 @@ class KeyPosesPanel(Section, bpy.types.Panel):
             _draw_rows(layout, context.scene.frame_current, rows, accepts=each == slot)
 
 
-class _KeyPosesPart(PerformerPart):
-    """A part of the section "Key Poses"."""
-
-    bl_parent_id = KeyPosesPanel.bl_idname
-    section = KeyPosesPanel.section
-
-
-class KeyPicturesPanel(_KeyPosesPart, bpy.types.Panel):
+class KeyPicturesPanel(PerformerPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_key_pictures"
     bl_label = "Pictures"
+    bl_parent_id = KeyPosesPanel.bl_idname
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -84,9 +77,10 @@ def _draw_picture(column: bpy.types.UILayout, frame: int, row: key_list.KeyPoseE
         buttons.operator(RefuseProposal.bl_idname, text="", icon="X").frame = row.frame
 
 
-class PoseToolsPanel(_KeyPosesPart, bpy.types.Panel):
+class PoseToolsPanel(PerformerPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_pose_tools"
     bl_label = "From Other Poses"
+    bl_parent_id = KeyPosesPanel.bl_idname
 
     def draw(self, context: bpy.types.Context) -> None:
         slot = active_performer.chosen(context)
@@ -117,9 +111,10 @@ def _part(row: bpy.types.UILayout, enabled: bool) -> bpy.types.UILayout:
     return part
 
 
-class PoseFilesPanel(_KeyPosesPart, bpy.types.Panel):
+class PoseFilesPanel(PerformerPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_pose_files"
     bl_label = "From Keypoints and Landmarks"
+    bl_parent_id = KeyPosesPanel.bl_idname
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:

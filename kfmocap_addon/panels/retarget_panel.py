@@ -33,7 +33,6 @@ class KFMOCAP_UL_bones(bpy.types.UIList):  # noqa: N801  Blender's own way of na
 class RetargetPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_retarget"
     bl_label = "Send to Rig"
-    section = "retarget"
 
     def draw_content(self, context: bpy.types.Context) -> None:
         layout, settings = self.layout, context.scene.kfmocap.retarget

@@ -14,7 +14,6 @@ from .texts import draw_text
 class ReviewPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_review"
     bl_label = "Review"
-    section = "review"
 
     def draw_content(self, context: bpy.types.Context) -> None:
         layout, properties = self.layout, context.scene.kfmocap

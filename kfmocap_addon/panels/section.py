@@ -16,6 +16,10 @@ from . import guide
 PanelMixin = bpy.types.Panel if TYPE_CHECKING else object
 
 
+_PREFIX = "KFMOCAP_PT_"
+"""What Blender's name of a section's panel has before the section's name in `properties.section_properties`."""
+
+
 class _OnTab(PanelMixin):
     """Where our panels are."""
 
@@ -39,26 +43,26 @@ class Section(_OnTab):
 
     Blender's own titles cannot be folded by a program, so it draws its own. Panels without one of Blender's would put
     the tab before Blender's own tabs: all sections are in a panel that has one.
-
-    Attributes
-    ----------
-    section : str
-        Name in `properties.section_properties.SECTIONS`.
     """
 
     bl_options = {"HIDE_HEADER"}
     bl_parent_id = SectionsPanel.bl_idname
-    section = ""
+
+    @classmethod
+    def section_name(cls) -> str:
+        """Return the section's name in `properties.section_properties.SECTIONS`."""
+        return cls.bl_idname.removeprefix(_PREFIX)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the title, and what the section holds."""
-        is_open = guide.is_open(context, self.section)
+        name = self.section_name()
+        is_open = guide.is_open(context, name)
         row = self.layout.row()
         left = row.row()
         left.alignment = "LEFT"
         icon = "DOWNARROW_HLT" if is_open else "RIGHTARROW"
-        left.operator(OpenSection.bl_idname, text=self.bl_label, icon=icon, emboss=False).section = self.section
-        if guide.is_done(context, self.section):
+        left.operator(OpenSection.bl_idname, text=self.bl_label, icon=icon, emboss=False).section = name
+        if guide.is_done(context, name):
             right = row.row()
             right.alignment = "RIGHT"
             right.label(text="", icon="CHECKMARK")
@@ -76,20 +80,12 @@ def draw_as_form(layout: bpy.types.UILayout) -> None:
 
 
 class SectionPart(_OnTab):
-    """A part of a section with a title of its own, which is there while the section is open.
-
-    Attributes
-    ----------
-    section : str
-        Name in `properties.section_properties.SECTIONS`.
-    """
-
-    section = ""
+    """A part of a section with a title of its own, which is there while the section, its parent, is open."""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """See whether the section is open, and the part is needed."""
-        return guide.is_open(context, cls.section) and cls.is_needed(context)
+        return guide.is_open(context, cls.bl_parent_id.removeprefix(_PREFIX)) and cls.is_needed(context)
 
     @classmethod
     def is_needed(cls, _context: bpy.types.Context) -> bool:

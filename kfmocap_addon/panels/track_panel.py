@@ -20,7 +20,6 @@ from .texts import draw_text
 class TrackPanel(Section, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_track"
     bl_label = "Track"
-    section = "track"
 
     def draw_content(self, context: bpy.types.Context) -> None:
         layout, job = self.layout, running_job(context.window)
@@ -63,7 +62,6 @@ class SolverPanel(SectionPart, bpy.types.Panel):
     bl_label = "Advanced"
     bl_parent_id = TrackPanel.bl_idname
     bl_options = {"DEFAULT_CLOSED"}
-    section = "track"
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout

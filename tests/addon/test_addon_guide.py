@@ -37,7 +37,7 @@ def shown():
 
 def test_every_section_has_a_panel_with_its_title():
     classes = [cls for module in panels.SECTIONS for cls in module.CLASSES if issubclass(cls, Section)]
-    assert sorted((cls.section, cls.bl_label) for cls in classes) == sorted(
+    assert sorted((cls.section_name(), cls.bl_label) for cls in classes) == sorted(
         (name, title) for name, title, _ in SECTIONS
     )
 
