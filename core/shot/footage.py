@@ -27,7 +27,7 @@ _LINE_BLUR = np.array([1, 2, 1]) / 4
 _ROTATIONS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
 
 
-_CONVERT = "convert it to H.264, as with: ffmpeg -i FOOTAGE -c:v libx264 -crf 14 -vsync passthrough CONVERTED.mp4"
+_CONVERT = "convert it to H.264, as with: ffmpeg -i FOOTAGE -c:v libx264 -crf 14 -fps_mode passthrough CONVERTED.mp4"
 
 
 @dataclass(frozen=True)

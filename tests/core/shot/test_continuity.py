@@ -75,3 +75,9 @@ def test_a_repeated_frame_has_no_weight() -> None:
 
 def test_missing_frames_are_torn() -> None:
     assert np.flatnonzero(torn(film(3.0, moved=25))).tolist() == [FRAMES // 2 - 1]
+
+
+@pytest.mark.parametrize("speed", [1, 2, 3])
+def test_a_single_missing_frame_is_torn_where_motion_is_even(speed: float) -> None:
+    """Everything moves once as far as in two frames."""
+    assert np.flatnonzero(torn(film(speed, moved=1))).tolist() == [FRAMES // 2 - 1]
