@@ -39,6 +39,7 @@ from odd_characters import (  # noqa: E402
     linked,
     loose_arms,
     quadruped,
+    shown_heads,
     switched_human,
     unreal_like,
 )
@@ -225,16 +226,6 @@ def test_legs_with_inverse_kinematics_and_limits_are_freed_with_a_word():
     assert max(limb["worst_degrees"] for limb in report["error"].values()) < 0.1
 
 
-def shown_heads(armature, names):
-    """Heads of bones in the world on the frames of the shot as Blender shows them, (F, B, 3)."""
-    found = []
-    for frame in range(1, FRAMES + 1):
-        bpy.context.scene.frame_set(frame)
-        posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
-        found.append([posed.matrix_world @ posed.pose.bones[name].head for name in names])
-    return np.array(found)
-
-
 @pytest.mark.parametrize("made", [unreal_like, controlled_human, switched_human, hung_on_controls])
 def test_files_have_what_blender_shows_of_bones_below_a_root_and_of_those_that_follow_controls(made, tmp_path):
     scene = bpy.context.scene
@@ -244,14 +235,14 @@ def test_files_have_what_blender_shows_of_bones_below_a_root_and_of_those_that_f
     armature.location = (0.3, -0.4, 0.0)
     options = ExportOptions(frames=(1, FRAMES))
     names = [bone.name for bone in armature.data.bones if bone.name in body.names or bone.use_deform]
-    wanted = shown_heads(armature, names)
+    wanted = shown_heads(armature, FRAMES, names)
     exporters.export_bvh(tmp_path / "motion.bvh", armature, scene, options)
     moved = read_bvh(tmp_path / "motion.bvh")
     assert np.abs(moved.positions[:, moved.rest.indices(names)] - wanted).max() < 1e-4
     exporters.export_fbx(tmp_path / "motion.fbx", armature, scene, options)
     bpy.ops.import_scene.fbx(filepath=str(tmp_path / "motion.fbx"), anim_offset=0.0)
-    assert np.abs(shown_heads(bpy.context.object, names) - wanted).max() < 1e-3
-    assert np.abs(shown_heads(armature, names) - wanted).max() < 1e-5, "the rig itself is as it was"
+    assert np.abs(shown_heads(bpy.context.object, FRAMES, names) - wanted).max() < 1e-3
+    assert np.abs(shown_heads(armature, FRAMES, names) - wanted).max() < 1e-5, "the rig itself is as it was"
 
 
 def test_a_rigify_rig_takes_1000_frames_in_20_seconds_and_is_a_body_with_all_limbs():
@@ -278,7 +269,7 @@ def test_from_a_tracked_shot_a_rigify_character_moves_after_four_clicks(tmp_path
     bpy.ops.kfmocap.open_section(section="retarget")
     assert bpy.context.scene.kfmocap.retarget.target is None
     bpy.context.scene.kfmocap.retarget.target = rig  # two clicks: the field, and the rig in its list
-    before = shown_heads(rig, ["DEF-forearm.L"])
+    before = shown_heads(rig, FRAMES, ["DEF-forearm.L"])
     assert bpy.ops.kfmocap.send_to_rig() == {"FINISHED"}
-    after = shown_heads(rig, ["DEF-forearm.L"])
+    after = shown_heads(rig, FRAMES, ["DEF-forearm.L"])
     assert np.ptp(before, axis=0).max() == 0 and np.ptp(after, axis=0).max() > 0.01

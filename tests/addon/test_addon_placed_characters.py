@@ -17,7 +17,7 @@ from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves, part_meshes  # noqa: E402
-from odd_characters import BODY, CONTROL, controlled_human, skinned_human, switched_human, unreal_like  # noqa: E402
+from odd_characters import BODY, CONTROL, controlled_human, shown_heads, skinned_human, switched_human, unreal_like  # noqa: E402
 from synthetic import swing  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -85,16 +85,6 @@ def test_a_body_below_a_scaled_control_takes_other_lengths():
     )
 
 
-def heads(armature, names):
-    """Heads of bones in the world on all frames as Blender shows them, (F, B, 3)."""
-    found = []
-    for frame in range(1, FRAMES + 1):
-        bpy.context.scene.frame_set(frame)
-        posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
-        found.append([posed.matrix_world @ posed.pose.bones[name].head for name in names])
-    return np.array(found)
-
-
 @pytest.mark.parametrize("scale", [1.0, HALF])
 @pytest.mark.parametrize("made", MADE)
 def test_files_have_a_placed_character_where_blender_shows_it(made, scale, tmp_path):
@@ -102,7 +92,7 @@ def test_files_have_a_placed_character_where_blender_shows_it(made, scale, tmp_p
     armature, _ = use_as_body(scene, placed(made(), scale))
     body = body_armature.body_from_armature(armature)
     motion_curves.write_motion(armature, swing(body, FRAMES, 0.3), 1)
-    wanted = heads(armature, body.names)
+    wanted = shown_heads(armature, FRAMES, body.names)
     options = ExportOptions(frames=(1, FRAMES))
     if scale == 1.0:
         exporters.export_bvh(tmp_path / "motion.bvh", armature, scene, options)
@@ -114,7 +104,7 @@ def test_files_have_a_placed_character_where_blender_shows_it(made, scale, tmp_p
         assert not (tmp_path / "motion.bvh").exists()
     exporters.export_fbx(tmp_path / "motion.fbx", armature, scene, options)
     bpy.ops.import_scene.fbx(filepath=str(tmp_path / "motion.fbx"), anim_offset=0.0)
-    assert np.abs(heads(bpy.context.object, body.names) - wanted).max() < 1e-3
+    assert np.abs(shown_heads(bpy.context.object, FRAMES, body.names) - wanted).max() < 1e-3
 
 
 @pytest.mark.parametrize("root", ["world", "root-bone", "in-place"])

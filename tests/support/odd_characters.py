@@ -418,3 +418,13 @@ def awkward() -> bpy.types.Object:
         skin.parent = armature
     bpy.context.view_layer.update()
     return armature
+
+
+def shown_heads(armature: bpy.types.Object, frames: int, names: Sequence[str]) -> np.ndarray:
+    """Return the heads of bones in the world on frames 1 to `frames` as Blender shows them, shape (F, B, 3)."""
+    found = []
+    for frame in range(1, frames + 1):
+        bpy.context.scene.frame_set(frame)
+        posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        found.append([posed.matrix_world @ posed.pose.bones[name].head for name in names])
+    return np.array(found)
