@@ -52,7 +52,7 @@ def resting_parts(body: Body, unknown: Collection[str]) -> list[int]:
     """Return the parts that keep their rest orientation relative to their parents.
 
     These are the unknown parts except the root. If the root is unknown, the first known part is one of them too,
-    because its own rotation cannot be told from the root's.
+    because its own rotation cannot be distinguished from the root's.
     """
     hidden = [name in unknown for name in body.names]
     return [p for p, parent in enumerate(body.parents) if parent >= 0 and (hidden[p] or hidden[parent])]

@@ -20,7 +20,7 @@ _BRIDGED = 15
 _LARGEST = 5.0
 """Largest radius of a ball that is measured by a model of its image, pixels; for larger ones the outline is as good."""
 FEWEST = 4
-"""Least number of frames with the wand from which its path, or the colours of its balls, are told."""
+"""Least number of frames with the wand from which its path, or the colours of its balls, are determined."""
 
 
 @dataclass(frozen=True, eq=False)

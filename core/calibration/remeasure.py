@@ -222,7 +222,7 @@ class _View:
         empty = None if self._stays(image, plate) else plate
         fitted = self._lframe_balls(image, empty, m.points[0])
         if len(fitted) > 1:
-            # Where a rod hides what would tell the light's side from the ball's place, the other balls tell it.
+            # A rod may hide whether the light comes from one side or the ball lies elsewhere: other balls show it.
             looks = BallLooks.common([ball.looks for ball in fitted.values()])
             fitted |= self._lframe_balls(image, empty, m.points[0], looks)
         usual = np.median([np.log(ball.light) for ball in fitted.values()], axis=0) if fitted else np.zeros(3)

@@ -35,7 +35,7 @@ _UNUSUAL = 0.05
 _STEPS = 64
 """Of a factor, per unit."""
 _DARKEST = 8
-"""Darker colours, grey levels of 255, do not tell what dimmed them."""
+"""Darker colours, grey levels of 255, do not show what dimmed them."""
 _LOGARITHMS = np.log(np.maximum(np.arange(256), 1)).astype(np.float32)
 
 
@@ -87,8 +87,8 @@ class ShadowModel:
         ShadowModel or None
             None if fewer samples, or less than half of them, are dimmed alike: then the cause is no shadow.
         """
-        told = (np.minimum(samples, lit) >= _DARKEST).all(axis=1)
-        samples, lit = samples[told], lit[told].astype(float)
+        known = (np.minimum(samples, lit) >= _DARKEST).all(axis=1)
+        samples, lit = samples[known], lit[known].astype(float)
         if not len(samples):
             return None
         factor = samples.mean(axis=1) / lit.mean(axis=1)

@@ -2,7 +2,7 @@
 
 Names are those of the body's landmarks (as in Pose2Sim), and a few more of the face; an empty name marks a keypoint
 that is not used. An order is recognised by its number of keypoints. If several have the same number, the one that the
-detectors' own programs write is used; OpenPose's two orders of 25 are told apart by the positions of the keypoints.
+detectors' own programs write is used; OpenPose's two orders of 25 are distinguished by the positions of the keypoints.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ def lifted_fit(
 
     There are two hypotheses: the cheapest path of the trunk, and one with the trunk turned to the other side of the
     image plane. The one with the lower cost of trunk and limbs together is fitted. Collar bones rest: in one view,
-    their rotation cannot be told from one of the trunk.
+    their rotation cannot be distinguished from one of the trunk.
 
     Parameters
     ----------

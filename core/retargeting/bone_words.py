@@ -23,7 +23,7 @@ _KINDS = {
     "org": "org",
 }
 _CERTAIN = frozenset(["fk", "helper"])
-"""Kinds that count whatever else the name tells."""
+"""Kinds that count whatever else the name says."""
 _CENTRE = "C"
 """Begins the names of bones in the middle where those of the sides begin with L and R."""
 _HELPERS = re.compile(
@@ -124,7 +124,7 @@ def read_name(name: str) -> BoneName:
 
 
 def _kind_of(word: str) -> str:
-    """Return the kind of bone that a word in a name tells, see `BoneName`; nothing where it tells none."""
+    """Return the kind of bone that a word in a name stands for, see `BoneName`; nothing where it stands for none."""
     return "helper" if _HELPERS.match(word) else _KINDS.get(word, "")
 
 

@@ -132,7 +132,7 @@ def evaluated(armature: bpy.types.Object) -> Iterator[None]:
 
 
 def leave_rest_position(armature: bpy.types.Object) -> tuple[str, ...]:
-    """Have an armature show its poses; returns what to tell where it has shown its rest position."""
+    """Have an armature show its poses; returns what to report where it has shown its rest position."""
     if armature.data.pose_position == "POSE":
         return ()
     armature.data.pose_position = "POSE"
@@ -267,7 +267,7 @@ def moved_matrices(armature: bpy.types.Object, name: str, names: Sequence[str], 
 
 
 def _nearest(above: Bools, follows: Bools) -> int:
-    """Of the controls that a bone follows (B,) the one that follows most of the others (B, B); -1 where there is none.
+    """Return, of the controls that a bone follows, the one that follows most of the others; -1 where there is none.
 
     Only these others count: a control that does not inherit rotation goes with controls that do not turn it.
     """

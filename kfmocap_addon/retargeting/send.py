@@ -348,7 +348,7 @@ def _standing_wrongly(armature: bpy.types.Object, rig: ControlRig) -> list[str]:
 
 
 def _freed(armature: bpy.types.Object, holds: Mapping[tuple[str, str], float], when: str) -> list[str]:
-    """Return what to tell of constraints that no longer hold a rig: by bone, or by the armature that all of it
+    """Return what to report of constraints that no longer hold a rig: by bone, or by the armature that all of it
     followed.
     """
     found: dict[str, None] = {}

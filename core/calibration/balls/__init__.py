@@ -1,1 +1,1 @@
-"""Coloured balls in pictures: found, measured, told from what they are not."""
+"""Coloured balls in pictures: finding and measuring them, and rejecting what only looks like one."""

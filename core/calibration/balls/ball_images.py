@@ -121,7 +121,7 @@ class BallGuess:
     light : ndarray, shape (3,), optional
         Its colour in linear light, if it is known.
     looks : BallLooks, optional
-        How it and its rods look, if other balls of the same view have told.
+        How it and its rods look, if that is known from other balls of the same view.
     """
 
     centre: Array

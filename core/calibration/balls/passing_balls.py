@@ -45,7 +45,7 @@ _BLUR = 1.3  # deviation of lens, sensor and smoothing together, pixels
 _BROAD = 2.5  # how many times as broad as a ball's own a trace may be, squared
 _FLOOR, _PATH_SHARE = 0.15, 0.12  # deviation of a centroid, pixels, and as a share of half the path
 _LOPSIDED = 0.18  # of the radius: what light from one side, a rod or a hand shift the centroid
-_SPARSE, _LIT, _BURNT, _FEWEST_LIT = 8, 0.05, 0.98, 50  # of the pixels by which a frame's exposure is told: levels
+_SPARSE, _LIT, _BURNT, _FEWEST_LIT = 8, 0.05, 0.98, 50  # of the pixels by which a frame's exposure is estimated: levels
 _LEAST_NOISE = 0.5 / 255  # levels from 0 to 1
 _DARKEST = 0.02  # levels from 0 to 1
 

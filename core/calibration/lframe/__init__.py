@@ -1,1 +1,1 @@
-"""The L-frame: found in the videos, its balls told apart, and the world that it defines."""
+"""The L-frame: found in the videos, its balls identified, and the world that it defines."""

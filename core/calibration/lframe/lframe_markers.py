@@ -25,11 +25,11 @@ ARMS = ((0, 1), (1, 2), (0, 3))
 _PICTURES, _MOST_PICTURES = 15, 200
 """Frames on which balls are looked for, and of which the mean is taken."""
 _MOST_CANDIDATES, _MOST_ALONE = 40, 12
-"""Things of the balls' colour of which all views together, and one view alone, tell the L-frame."""
+"""How many things of the balls' colour are considered at most: by all views together, and by one view alone."""
 _EXPECTED = 0.006
-"""Of the picture's longer side: how far a ball may be from where it is expected."""
+"""How far a ball may be from where it is expected, as a share of the picture's longer side."""
 _USUAL_FOCAL = 1.0
-"""Of the longer side."""
+"""Focal length assumed at first, as a share of the longer side."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +64,11 @@ class SeenLFrame:
     Attributes
     ----------
     balls : SeenBalls
-        Those of the L-frame as this view alone tells them, one row; none where it cannot.
+        Those identified as the L-frame's by this view alone, one row; none where it cannot.
     candidates : Balls
         All that stands still and may be one of them.
     unidentified : CalibrationError, optional
-        Why the view alone does not tell; names the video.
+        Why the view alone cannot identify them; names the video.
     """
 
     balls: SeenBalls

@@ -187,7 +187,7 @@ def out_of_sight(pair: SegmentProblem, motions: Sequence[Motion]) -> list[NDArra
     """Return, per performer, the parts whose motion from one frame to the next no view shows, shape (P,).
 
     A view does not show a part that is occluded in its present or predicted pose (section 5.3), unless it shows a part
-    further out on the same chain, whose motion tells that of this one: arms in front of the trunk do not hide it.
+    further out on the same chain, whose motion determines that of this one: arms in front of the trunk do not hide it.
 
     Parameters
     ----------

@@ -116,8 +116,8 @@ class _Evidence:
     def plants_that_fit(
         self, performer: int, seeming: PlantFactor, before: Motion, ratios: Array
     ) -> tuple[PlantFactor, PlantFactor]:
-        """Of the apparent plants of a member, return those between key poses on neighbouring frames, which nothing
-        moves, and those that pass the test.
+        """Return the apparent plants of a member that are held: those between key poses on neighbouring frames, which
+        nothing moves, and those that pass the test.
         """
         problem = self.problem
         body, held = problem.bodies[performer], problem.fixed[performer].all(axis=1)
