@@ -25,7 +25,7 @@ from render.takes import PLANS, Take, is_written, make_take, write_shot
 Image = NDArray[np.uint8]
 
 PAINTED_VOXEL = 0.012
-"""Of a painted figure's mesh, metres."""
+"""Voxel size of a painted figure's mesh, metres."""
 
 
 def render_take(take: Take, frames: list[int], folder: Path, marks: bool = False) -> None:

@@ -22,7 +22,8 @@ SETTLED = 1e-9
 """Relative change at which a pose has converged. Smaller changes depend on rounding, which differs between
 processors."""
 ROUGH = 1e-4
-"""The same of poses that are fitted again afterwards: those between which measures are fitted, and random starts."""
+"""Relative change at which a pose has converged if it is fitted again afterwards: between fits of measures, and from
+random starts."""
 EVALUATIONS = 200
 """Upper bound of the evaluations for a pose: landmarks that no pose fits would take thousands."""
 ACCEPTED_MISFIT = 0.03

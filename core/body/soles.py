@@ -15,7 +15,7 @@ from .kinematics import Poses
 SOLE_POINTS = tuple(f"{point}.{side}" for side in "LR" for point in ("heel", "ball"))
 """Names of the points, in order."""
 _BALL = 0.7
-"""Of the way from the heel to the tip of the big toe."""
+"""Place of the ball of the foot, as a share of the way from the heel to the tip of the big toe."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,7 @@ AGREEMENT = 3.0
 _UNUSUAL = 0.05
 """Share of shadows that may dim by any factor."""
 _STEPS = 64
-"""Of a factor, per unit."""
+"""Steps of a factor per unit."""
 _DARKEST = 8
 """Darker colours, grey levels of 255, do not show what dimmed them."""
 _LOGARITHMS = np.log(np.maximum(np.arange(256), 1)).astype(np.float32)

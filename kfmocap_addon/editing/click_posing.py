@@ -28,7 +28,7 @@ ASKED = [
 ASKED += ["Head", "Nose", "Neck", "LBigToe", "RBigToe", "LHeel", "RHeel", "LHand", "RHand"]
 """Landmarks in the order in which they are asked for; others of the body follow."""
 DRAGGING_STEPS = 4
-"""Of the fit, while a joint is dragged."""
+"""Largest number of steps of the fit while a joint is dragged."""
 
 _State = tuple[joint_marks.Snapshot, ClickFit]
 

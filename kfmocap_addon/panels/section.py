@@ -17,7 +17,7 @@ PanelMixin = bpy.types.Panel if TYPE_CHECKING else object
 
 
 _PREFIX = "KFMOCAP_PT_"
-"""What Blender's name of a section's panel has before the section's name in `properties.section_properties`."""
+"""Prefix of the `bl_idname` of a section's panel; the section's name in `properties.section_properties` follows."""
 
 
 class _OnTab(PanelMixin):

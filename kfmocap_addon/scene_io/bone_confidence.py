@@ -22,9 +22,9 @@ _DESCRIPTION = "How far the tip of this bone may be from its true place on this 
 _RAMP = ("min(1, 2 * e / {limit})", "min(1, 2 - 2 * e / {limit})", "0.1")
 """Red, green and blue by the error e: green where it is sure, over yellow to red at the limit."""
 _HIDDEN = (0.35, 0.45, 1.0)
-"""Of a bone that no camera sees."""
+"""Colour of a bone that no camera sees."""
 _UNKNOWN = (0.4, 0.4, 0.4)
-"""Of a bone that nothing has shown."""
+"""Colour of a bone that nothing has shown."""
 _MILLIMETRES = 1000.0
 
 

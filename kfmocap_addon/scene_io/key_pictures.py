@@ -56,4 +56,4 @@ class KeyPictures:
 
 
 PICTURES = KeyPictures()
-"""Those of the session: panels are given no state of ours."""
+"""The key pictures of the session; Blender gives panels no place to keep them."""

@@ -22,7 +22,7 @@ from .followed_bones import skeletons_following
 _CORNERS = 24
 """Directions in which a part's solid touches the skin: few faces, drawn many times."""
 _SMALL = 0.045
-"""Of the skin's height: smaller parts (fingers, eyes) belong to the part above."""
+"""Size of parts, as a share of the skin's height, below which they (fingers, eyes) belong to the part above."""
 _LEAST = 8
 _LED = 0.5
 """Share of a vertex's weight from which on a bone leads it."""

@@ -16,7 +16,7 @@ from ctypes.util import find_library
 from pathlib import Path
 
 VERSION, PATIENCE = 5, 10.0
-"""Of the protocol; seconds to wait for an answer."""
+"""Version of the protocol, and seconds to wait for an answer."""
 _SELECTION_REQUEST, _SELECTION_NOTIFY, _CLIENT_MESSAGE = 30, 31, 33
 _ATOM, _CURRENT_TIME, _REPLACE, _ANY = 4, 0, 0, 0
 

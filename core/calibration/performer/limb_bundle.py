@@ -20,7 +20,7 @@ from ..solving.camera_rig import CAMERA_DOF, FOCAL, SHIFT, TURN
 from .limb_residuals import JOINTS, Columns, JointScene, JointSightings, joint_equations, pictured
 
 STICKS = ("shin", "thigh", "forearm", "upper_arm")
-"""Those limbs that are single bones, which take many directions; between the other pairs, the trunk may bend."""
+"""The limbs that are single bones, which take many directions; between the other pairs, the trunk may bend."""
 USUAL_NOISE = 0.01
 """Usual standard deviation of a detector's keypoints, as a share of the performer's size in the picture."""
 _LEAST_NOISE = 0.3  # pixels
