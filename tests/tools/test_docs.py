@@ -107,9 +107,8 @@ def test_every_page_is_linked_from_the_readme() -> None:
 def test_the_page_on_the_architecture_has_every_room() -> None:
     page = text_of(ROOT / "docs" / "architecture.md")
     shown = re.findall(r"^\| `([\w/]+)` \|", page, re.MULTILINE)
-    packages = [
-        f"{top}/{path.parent.name}" for top in ("core", "kfmocap_addon") for path in (ROOT / top).glob("*/__init__.py")
-    ]
+    found = [path.parent for top in ("core", "kfmocap_addon") for path in (ROOT / top).rglob("*/__init__.py")]
+    packages = [path.relative_to(ROOT).as_posix() for path in found]
     assert sorted(shown) == sorted([*packages, "cli", "benchmarks", "tools", "tests"])
 
 
