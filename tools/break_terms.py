@@ -373,8 +373,8 @@ TERMS = (
     Term(
         "paper 2, section 3.2: several performers",
         "core/evidence/label_images.py",
-        "np.minimum(np.diff(ends) / _filled(outlines), 1.0)",
-        "np.maximum(np.diff(ends) / _filled(outlines), 1.0)",
+        "np.minimum(np.diff(ends) / outlines.areas, 1.0)",
+        "np.maximum(np.diff(ends) / outlines.areas, 1.0)",
         f"{HIDDEN}::test_another_performer_hides_a_part",
     ),
     Term(
