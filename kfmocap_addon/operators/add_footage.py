@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
+from ...core.errors import ShotError
 from ..viewports import screens
 from .conditions import Conditional, has_views
 from .mixin import BesideFootage
@@ -85,14 +86,12 @@ class ImportCalibration(Conditional, bpy.types.Operator, BesideFootage):
         options={"SKIP_SAVE"},
     )
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ...core.formats import load_cameras
         from ..scene_io import added_views
 
-        with reported(self) as outcome:
-            cameras = load_cameras(bpy.path.abspath(self.filepath))
-            _report_calibrated(self, added_views.calibrate_views(context.scene, cameras, resized=self.resized))
-        return outcome.value
+        cameras = load_cameras(bpy.path.abspath(self.filepath))
+        _report_calibrated(self, added_views.calibrate_views(context.scene, cameras, resized=self.resized))
 
 
 def _has_other_cameras(context: bpy.types.Context) -> str:
@@ -110,12 +109,10 @@ class UseSceneCameras(Conditional, bpy.types.Operator):
     bl_label = "Use Scene Cameras"
     conditions = (_has_other_cameras,)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..scene_io import added_views
 
-        with reported(self) as outcome:
-            _report_calibrated(self, added_views.use_scene_cameras(context.scene))
-        return outcome.value
+        _report_calibrated(self, added_views.use_scene_cameras(context.scene))
 
 
 class RemoveView(Conditional, bpy.types.Operator):
@@ -129,16 +126,14 @@ class RemoveView(Conditional, bpy.types.Operator):
         default=-1, min=-1, name="View", description="Number of the view, from 0; -1: the one that is looked through"
     )
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..scene_io import added_views
 
         shot = context.scene.kfmocap
         index = self.view if self.view >= 0 else shot.shown_view
         if not 0 <= index < len(shot.views):
-            self.report({"ERROR"}, "Look through the view first" if self.view < 0 else f"There is no view {index}")
-            return {"CANCELLED"}
+            raise ShotError("Look through the view first" if self.view < 0 else f"There is no view {index}")
         added_views.remove_view(context.scene, index)
-        return {"FINISHED"}
 
 
 def _report_calibrated(operator: bpy.types.Operator, calibrated: Calibrated) -> None:

@@ -4,7 +4,7 @@ import bpy
 
 from ..scene_io import active_performer
 from .conditions import Conditional, has_performer, has_tracked
-from .reporting import reported
+from .reporting import NothingToDoError
 
 
 class Bake(Conditional, bpy.types.Operator):
@@ -15,17 +15,14 @@ class Bake(Conditional, bpy.types.Operator):
     bl_label = "Bake"
     conditions = (has_performer, has_tracked)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..scene_io import motion_curves
 
-        with reported(self) as outcome:
-            posed = active_performer.posed_bones(context)
-            frames = max(motion_curves.bake(armature, bones) for armature, bones in posed)
-            if not frames:
-                self.report({"WARNING"}, "There are no tracked keys to bake: track first")
-                return {"CANCELLED"}
-            self.report({"INFO"}, f"Baked {frames} frames")
-        return outcome.value
+        posed = active_performer.posed_bones(context)
+        frames = max(motion_curves.bake(armature, bones) for armature, bones in posed)
+        if not frames:
+            raise NothingToDoError("There are no tracked keys to bake: track first")
+        self.report({"INFO"}, f"Baked {frames} frames")
 
 
 CLASSES = (Bake,)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
+from ...core.errors import OutputError
 from ...core.runtime.worker_process import Work
 from ..scene_io import capture_scene as captures
 from .conditions import Conditional
@@ -67,13 +68,11 @@ class ShowReport(Conditional, bpy.types.Operator):
     bl_options = {"REGISTER"}
     conditions = (_has_report,)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         area = image_area(context)
         if area is None:
-            self.report({"ERROR"}, "There is no window to show it in")
-            return {"CANCELLED"}
+            raise OutputError("There is no window to show it in")
         area.spaces.active.image = bpy.data.images[REPORT]
-        return {"FINISHED"}
 
 
 def image_area(context: bpy.types.Context) -> bpy.types.Area | None:

@@ -7,7 +7,6 @@ import bpy
 from .add_footage import CALIBRATIONS, globbed
 from .conditions import Conditional
 from .mixin import FileReader
-from .reporting import reported
 
 
 class ImportCameras(FileReader, bpy.types.Operator):
@@ -60,19 +59,17 @@ class ExportCameras(Conditional, bpy.types.Operator):
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ...core.formats.calibration_files import export_cameras
         from ..scene_io import scene_cameras, solved_cameras
 
         scene = context.scene
-        with reported(self) as outcome:
-            owners = solved_cameras.camera_objects(scene, context.selected_objects)
-            length = scene.frame_end - scene.frame_start + 1
-            cameras = scene_cameras.read_cameras(scene, owners, scene.frame_start, length)
-            path = Path(bpy.path.abspath(self.filepath))
-            export_cameras(path, cameras)
-            self.report({"INFO"}, f"Wrote {len(cameras)} cameras to {path}")
-        return outcome.value
+        owners = solved_cameras.camera_objects(scene, context.selected_objects)
+        length = scene.frame_end - scene.frame_start + 1
+        cameras = scene_cameras.read_cameras(scene, owners, scene.frame_start, length)
+        path = Path(bpy.path.abspath(self.filepath))
+        export_cameras(path, cameras)
+        self.report({"INFO"}, f"Wrote {len(cameras)} cameras to {path}")
 
 
 CLASSES = (ImportCameras, ExportCameras)

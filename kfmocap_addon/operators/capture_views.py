@@ -54,11 +54,10 @@ class RemoveVideos(Conditional, bpy.types.Operator):
     bl_label = "Remove"
     conditions = (has_videos,)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         capture = context.scene.kfmocap_capture
         capture.views.remove(capture.active)
         capture.active = max(0, min(capture.active, len(capture.views) - 1))
-        return {"FINISHED"}
 
 
 class LoadCapture(FileReader, bpy.types.Operator):

@@ -7,7 +7,6 @@ from ..scene_io import active_performer
 from .conditions import Conditional
 from .edit_body import select_only
 from .mixin import OfPerformer
-from .reporting import reported
 
 
 def _has_body(context: bpy.types.Context) -> str:
@@ -23,19 +22,17 @@ class ChoosePerformer(Conditional, OfPerformer, bpy.types.Operator):
     bl_label = "Choose Performer"
     conditions = (_has_body,)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        with reported(self) as outcome:
-            slot = self.slot(context)
-            if not active_performer.is_present(context.scene, slot):
-                raise BodyError(f"The body of {slot.name} is gone from the scene: bring it back under Body")
-            context.scene.kfmocap.performer = slot.name
-            mode = context.mode
-            if mode != "OBJECT":
-                bpy.ops.object.mode_set(mode="OBJECT")
-            select_only(context, slot.armature)
-            if mode == "POSE" and slot.armature.visible_get():
-                bpy.ops.object.mode_set(mode="POSE")
-        return outcome.value
+    def act(self, context: bpy.types.Context) -> None:
+        slot = self.slot(context)
+        if not active_performer.is_present(context.scene, slot):
+            raise BodyError(f"The body of {slot.name} is gone from the scene: bring it back under Body")
+        context.scene.kfmocap.performer = slot.name
+        mode = context.mode
+        if mode != "OBJECT":
+            bpy.ops.object.mode_set(mode="OBJECT")
+        select_only(context, slot.armature)
+        if mode == "POSE" and slot.armature.visible_get():
+            bpy.ops.object.mode_set(mode="POSE")
 
 
 CLASSES = (ChoosePerformer,)

@@ -8,13 +8,13 @@ from typing import Any
 import bpy
 
 from ..scene_io import active_performer
-from .mixin import OperatorMixin
+from .mixin import ReportingOperator
 
 Condition = Callable[[bpy.types.Context], str]
 """Returns what is missing, as a sentence for the user, or an empty string if the condition holds."""
 
 
-class Conditional(OperatorMixin):
+class Conditional(ReportingOperator):
     """An operator that can be used if all of its conditions hold. Unless it says otherwise, it can be undone.
 
     Attributes

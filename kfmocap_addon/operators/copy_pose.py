@@ -9,7 +9,6 @@ import bpy
 from ..scene_io import active_performer
 from .conditions import Conditional, has_performer
 from .posing_operator import PosingOperator
-from .reporting import reported
 
 if TYPE_CHECKING:
     from ...core.body.motion import Motion
@@ -28,13 +27,11 @@ class CopyPose(Conditional, bpy.types.Operator):
     bl_label = "Copy Pose"
     conditions = (has_performer,)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..editing import pose_editing
 
-        with reported(self) as outcome:
-            context.scene.kfmocap.copied = pose_editing.copied(active_performer.chosen(context).armature)
-            self.report({"INFO"}, f"Copied the pose of frame {context.scene.frame_current}")
-        return outcome.value
+        context.scene.kfmocap.copied = pose_editing.copied(active_performer.chosen(context).armature)
+        self.report({"INFO"}, f"Copied the pose of frame {context.scene.frame_current}")
 
 
 def _has_copied_pose(context: bpy.types.Context) -> str:

@@ -5,10 +5,10 @@ from typing import Any
 import bpy
 from mathutils import Vector
 
+from ...core.errors import BodyError
 from ..properties.body_fields import MEASURES, USUAL_HEIGHT, height_field, length_field
 from .conditions import Conditional, in_object_mode
-from .mixin import OfPerformer
-from .reporting import reported
+from .mixin import OfPerformer, ReportingOperator
 
 _FOOT = ("Foot", "From the ankle forward to the big toe")
 LENGTHS = (*(name for name in MEASURES if name != "foot"), "foot_forward")
@@ -45,17 +45,15 @@ class AddBody(Conditional, bpy.types.Operator):
     shin: _length("shin")
     foot_forward: _length("foot_forward")
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ...core.body import human
         from ..scene_io import performers
 
         lengths = {name: getattr(self, name) for name in LENGTHS if self.measured and getattr(self, name) > 0}
-        with reported(self) as outcome:
-            body = human(round(self.height, 6), {name: round(value, 6) for name, value in lengths.items()})
-            context.view_layer.update()  # of what a script has just moved
-            place = _free_place(context.scene)[:]
-            select_only(context, performers.add_performer(context.scene, body, self.performer or "Performer", place))
-        return outcome.value
+        body = human(round(self.height, 6), {name: round(value, 6) for name, value in lengths.items()})
+        context.view_layer.update()  # of what a script has just moved
+        place = _free_place(context.scene)[:]
+        select_only(context, performers.add_performer(context.scene, body, self.performer or "Performer", place))
 
     def draw(self, _context: bpy.types.Context) -> None:
         layout = self.layout
@@ -132,22 +130,20 @@ class UseArmature(Conditional, bpy.types.Operator):
     bl_label = "Use Active Object"
     conditions = (_can_be_body, _armature_is_new)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..retargeting.prop_body import use_as_prop
         from ..retargeting.skinned_body import use_as_body
 
-        with reported(self) as outcome:
-            candidate = _candidate(context)
-            if candidate.type == "MESH":
-                select_only(context, use_as_prop(context.scene, candidate))
-                return outcome.value
-            _, remarks = use_as_body(context.scene, candidate)
-            for text in remarks:
-                self.report({"WARNING"}, text)
-        return outcome.value
+        candidate = _candidate(context)
+        if candidate.type == "MESH":
+            select_only(context, use_as_prop(context.scene, candidate))
+            return
+        _, remarks = use_as_body(context.scene, candidate)
+        for text in remarks:
+            self.report({"WARNING"}, text)
 
 
-class RemovePerformer(OfPerformer, bpy.types.Operator):
+class RemovePerformer(OfPerformer, ReportingOperator, bpy.types.Operator):
     """Remove this performer from the shot. The armature and its keys stay in the scene; if the armature was deleted,
     the parts that it left behind are removed, too"""
 
@@ -155,13 +151,11 @@ class RemovePerformer(OfPerformer, bpy.types.Operator):
     bl_label = "Remove Performer"
     bl_options = {"REGISTER", "UNDO"}
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..scene_io import performers
 
-        with reported(self) as outcome:
-            self.slot(context)
-            performers.remove(context.scene, self.performer)
-        return outcome.value
+        self.slot(context)
+        performers.remove(context.scene, self.performer)
 
 
 def _bone_is_active(context: bpy.types.Context) -> str:
@@ -177,24 +171,21 @@ class EditPart(Conditional, bpy.types.Operator):
     bl_label = "Edit Part"
     conditions = (_bone_is_active,)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..scene_io import part_meshes
 
         armature, bone = context.active_object, context.active_pose_bone.name
         part = next(iter(part_meshes.meshes_on(armature, bone)), None)
         if part is None:
-            self.report({"ERROR"}, f"No mesh is parented to the bone {bone}")
-            return {"CANCELLED"}
+            raise BodyError(f"No mesh is parented to the bone {bone}")
         bpy.ops.object.mode_set(mode="OBJECT")
         part.hide_select = part.hide_viewport = False
         context.view_layer.update()
         if not part.visible_get():
             part.hide_select = True
-            self.report({"ERROR"}, f"{part.name} is hidden: show it and its collection first")
-            return {"CANCELLED"}
+            raise BodyError(f"{part.name} is hidden: show it and its collection first")
         select_only(context, part)
         bpy.ops.object.mode_set(mode="EDIT")
-        return {"FINISHED"}
 
 
 def _part_is_edited(context: bpy.types.Context) -> str:
@@ -212,22 +203,20 @@ class FinishPart(Conditional, bpy.types.Operator):
         default=True, name="Both Sides", description="Give the same part of the other side the mirrored shape"
     )
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..scene_io import part_meshes
 
         part = edited_part(context)
         if context.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")
-        with reported(self) as outcome:
-            part_meshes.check_part(part)
-            if self.mirror:
-                part_meshes.mirror_part(part)
-            part.hide_select = True
-            part_meshes.show_parts(context.scene)
-            select_only(context, part.parent)
-            if part.parent.visible_get():
-                bpy.ops.object.mode_set(mode="POSE")
-        return outcome.value
+        part_meshes.check_part(part)
+        if self.mirror:
+            part_meshes.mirror_part(part)
+        part.hide_select = True
+        part_meshes.show_parts(context.scene)
+        select_only(context, part.parent)
+        if part.parent.visible_get():
+            bpy.ops.object.mode_set(mode="POSE")
 
 
 def edited_part(context: bpy.types.Context) -> bpy.types.Object | None:

@@ -2,6 +2,7 @@
 
 import bpy
 
+from ...core.errors import ShotError
 from ..scene_io import active_performer
 from .conditions import Conditional, has_performer
 
@@ -20,19 +21,17 @@ class ExchangePeople(Conditional, bpy.types.Operator):
 
     other: bpy.props.StringProperty(name="With", description="The other performer; by default the next one")
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..scene_io import identities
 
         slots = context.scene.kfmocap.performers
         number = slots.find(active_performer.chosen(context).name)
         other = slots.find(self.other) if self.other else (number + 1) % len(slots)
         if other in (-1, number):
-            self.report({"ERROR"}, f"'{self.other}' is no other performer")
-            return {"CANCELLED"}
+            raise ShotError(f"'{self.other}' is no other performer")
         identities.exchange_people(context.scene, slots[number], slots[other])
         changed = ", ".join(f"{slots[i].name} is person {slots[i].person}" for i in (number, other))
         self.report({"INFO"}, f"{changed}: pose or track them anew")
-        return {"FINISHED"}
 
 
 CLASSES = (ExchangePeople,)

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import bpy
 
-from ...core.errors import ShotError
+from ...core.errors import OutputError, ShotError
 from .conditions import Conditional, has_shot
-from .reporting import reported
 
 
 def _has_file_kind(context: bpy.types.Context) -> str:
@@ -54,29 +53,27 @@ class Export(Conditional, bpy.types.Operator):
             exists = path.exists()
             column.label(text=f"Replaces {path.name}" if exists else path.name, icon="ERROR" if exists else "FILE")
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..export.export_options import ExportOptions
         from ..export.exporters import export_performers
 
-        with reported(self) as outcome:
-            settings = context.scene.kfmocap.export
-            options = ExportOptions(
-                settings.preset,
-                settings.bvh,
-                settings.fbx,
-                (settings.first, settings.last) if settings.use_range else None,
-                settings.fps if settings.use_rate else None,
-                settings.root_motion,
-                settings.glb,
-                settings.leave_out_unknown,
-                vrma=settings.vrma,
-                usd=settings.usdc,
-            )
-            written = export_performers(context.scene, self._folder(), options, self.filename)
-            settings.path = str(self._folder() / (self.filename or context.scene.kfmocap.shot))
-            settings.written = "\n".join(map(str, written))
-            self.report({"INFO"}, f"Wrote {', '.join(path.name for path in written)} to {self._folder()}")
-        return outcome.value
+        settings = context.scene.kfmocap.export
+        options = ExportOptions(
+            settings.preset,
+            settings.bvh,
+            settings.fbx,
+            (settings.first, settings.last) if settings.use_range else None,
+            settings.fps if settings.use_rate else None,
+            settings.root_motion,
+            settings.glb,
+            settings.leave_out_unknown,
+            vrma=settings.vrma,
+            usd=settings.usdc,
+        )
+        written = export_performers(context.scene, self._folder(), options, self.filename)
+        settings.path = str(self._folder() / (self.filename or context.scene.kfmocap.shot))
+        settings.written = "\n".join(map(str, written))
+        self.report({"INFO"}, f"Wrote {', '.join(path.name for path in written)} to {self._folder()}")
 
     def _folder(self) -> Path:
         return Path(bpy.path.abspath(self.directory))
@@ -94,16 +91,13 @@ class OpenExportFolder(Conditional, bpy.types.Operator):
     bl_options = {"INTERNAL"}
     conditions = (_was_exported,)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         folder = Path(context.scene.kfmocap.export.written.splitlines()[0]).parent
         if not folder.is_dir():
-            self.report({"ERROR"}, f"{folder} is gone: export again")
-            return {"CANCELLED"}
+            raise OutputError(f"{folder} is gone: export again")
         if sys.platform.startswith("linux") and shutil.which("xdg-open") is None:
-            self.report({"ERROR"}, f"This system has no xdg-open to show a folder with: the files are in {folder}")
-            return {"CANCELLED"}
+            raise OutputError(f"This system has no xdg-open to show a folder with: the files are in {folder}")
         bpy.ops.wm.path_open(filepath=str(folder))
-        return {"FINISHED"}
 
 
 def add_to_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:

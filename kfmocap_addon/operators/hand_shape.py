@@ -8,7 +8,6 @@ from ...core.choices import HAND_SHAPES
 from ..properties.choice_items import choice_items
 from ..scene_io import active_performer
 from .conditions import Conditional, has_footage, has_keypoints, has_performer, has_shot
-from .reporting import reported
 
 
 def has_hands(context: bpy.types.Context) -> str:
@@ -34,18 +33,16 @@ class HandShape(Conditional, bpy.types.Operator):
         default=1.0, min=0.0, max=1.5, subtype="FACTOR", name="Amount", description="How much of the shape"
     )
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..retargeting import finger_posing, finger_tracking
 
-        with reported(self) as outcome:
-            armature = _character(context)
-            frame, slot = context.scene.frame_current, active_performer.chosen(context)
-            if slot is not None and armature == slot.armature:
-                finger_tracking.with_fingers(armature)
-            finger_posing.key_shape(armature, self.side, self.shape, self.amount, frame)
-            hands = {"LR": "both hands", "L": "left hand", "R": "right hand"}[self.side]
-            self.report({"INFO"}, f"{armature.name}: {hands} keyed on frame {frame}")
-        return outcome.value
+        armature = _character(context)
+        frame, slot = context.scene.frame_current, active_performer.chosen(context)
+        if slot is not None and armature == slot.armature:
+            finger_tracking.with_fingers(armature)
+        finger_posing.key_shape(armature, self.side, self.shape, self.amount, frame)
+        hands = {"LR": "both hands", "L": "left hand", "R": "right hand"}[self.side]
+        self.report({"INFO"}, f"{armature.name}: {hands} keyed on frame {frame}")
 
 
 def _character(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -65,18 +62,16 @@ class FingersFromKeypoints(Conditional, bpy.types.Operator):
     bl_label = "Fingers from Keypoints"
     conditions = (has_shot, has_footage, has_performer, has_keypoints)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..retargeting import finger_tracking
 
-        with reported(self) as outcome:
-            slot = active_performer.chosen(context)
-            active = context.view_layer.objects.active
-            hands = finger_tracking.seen_hands(context.scene, slot)
-            others = (active, context.scene.kfmocap.retarget.target)
-            armature, bones = finger_tracking.with_fingers(slot.armature, others)
-            count = finger_tracking.write_fingers(context.scene, armature, bones, hands)
-            self.report({"INFO"} if count else {"WARNING"}, f"{count} finger bones of {armature.name} move")
-        return outcome.value
+        slot = active_performer.chosen(context)
+        active = context.view_layer.objects.active
+        hands = finger_tracking.seen_hands(context.scene, slot)
+        others = (active, context.scene.kfmocap.retarget.target)
+        armature, bones = finger_tracking.with_fingers(slot.armature, others)
+        count = finger_tracking.write_fingers(context.scene, armature, bones, hands)
+        self.report({"INFO"} if count else {"WARNING"}, f"{count} finger bones of {armature.name} move")
 
 
 CLASSES = (HandShape, FingersFromKeypoints)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import bpy
 
+from ...core.errors import ShotError
 from ..scene_io import active_performer
 from .conditions import Conditional, has_performer
-from .reporting import reported
 
 
 def _has_two(context: bpy.types.Context) -> str:
@@ -27,20 +27,18 @@ class HoldProp(Conditional, bpy.types.Operator):
     bl_label = "Hold Prop"
     conditions = (has_performer, _has_two)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..scene_io import prop_holds
 
         scene = context.scene
-        with reported(self) as outcome:
-            prop, holder = _prop_and_holder(context)
-            bone = prop_holds.bone_at(prop, holder)
-            last = scene.kfmocap.frame_start + scene.kfmocap.length - 1
-            frames = (min(scene.frame_current, last), last)
-            if scene.use_preview_range:
-                frames = (scene.frame_preview_start, scene.frame_preview_end)
-            prop_holds.add_hold(scene, prop, holder, bone, frames)
-            self.report({"INFO"}, f"{holder.name} holds {prop.name} with {bone} on frames {frames[0]} to {frames[1]}")
-        return outcome.value
+        prop, holder = _prop_and_holder(context)
+        bone = prop_holds.bone_at(prop, holder)
+        last = scene.kfmocap.frame_start + scene.kfmocap.length - 1
+        frames = (min(scene.frame_current, last), last)
+        if scene.use_preview_range:
+            frames = (scene.frame_preview_start, scene.frame_preview_end)
+        prop_holds.add_hold(scene, prop, holder, bone, frames)
+        self.report({"INFO"}, f"{holder.name} holds {prop.name} with {bone} on frames {frames[0]} to {frames[1]}")
 
 
 def _prop_and_holder(context: bpy.types.Context) -> tuple[bpy.types.PropertyGroup, bpy.types.PropertyGroup]:
@@ -61,13 +59,11 @@ class RemoveHold(Conditional, bpy.types.Operator):
 
     number: bpy.props.IntProperty(min=0, name="Number", description="Which of the list, from 0")
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         holds = context.scene.kfmocap.holds
         if self.number >= len(holds):
-            self.report({"ERROR"}, f"there are {len(holds)} in the list")
-            return {"CANCELLED"}
+            raise ShotError(f"there are {len(holds)} in the list")
         holds.remove(self.number)
-        return {"FINISHED"}
 
 
 CLASSES = (HoldProp, RemoveHold)

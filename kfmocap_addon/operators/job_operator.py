@@ -10,7 +10,7 @@ import bpy
 from ...core.runtime.job import Job
 from ...core.runtime.worker_process import Work, WorkerProcess
 from ..viewports import viewport
-from .mixin import OperatorMixin
+from .mixin import ReportingOperator
 from .reporting import progress_shown, reported
 
 _INTERVAL = 0.1  # seconds between two checks of the job
@@ -25,7 +25,7 @@ _PASSIVE = {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "WINDOW_DEACTIVATE"}
 _waiting: list[WorkerProcess] = []
 
 
-class JobOperator(OperatorMixin):
+class JobOperator(ReportingOperator):
     """An operator whose work is a job.
 
     `prepare` reads the scene and `finish` writes into it; both run in Blender's thread. With a window, the operator

@@ -1,4 +1,4 @@
-"""Mixin classes for operators: on which performer they work, and how they get their file."""
+"""Mixin classes for operators: how they report, on which performer they work, and how they get their file."""
 
 from __future__ import annotations
 
@@ -13,6 +13,28 @@ from .reporting import reported
 
 # For mypy it is an operator; Blender must not see operators that are never registered.
 OperatorMixin = bpy.types.Operator if TYPE_CHECKING else object
+
+
+class ReportingOperator(OperatorMixin):
+    """An operator that reports its errors in Blender's interface."""
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Carry it out; an error cancels it."""
+        with reported(self) as outcome:
+            self.act(context)
+        return outcome.value
+
+    def act(self, context: bpy.types.Context) -> None:
+        """Do what the operator is for.
+
+        Raises
+        ------
+        NothingToDoError, CancelledError
+            Reported as warnings.
+        KFMocapError
+            Reported as an error.
+        """
+        raise NotImplementedError
 
 
 class OfPerformer(OperatorMixin):
@@ -34,18 +56,16 @@ class OfPerformer(OperatorMixin):
         return performers[self.performer]
 
 
-class FileReader(ImportHelper, OperatorMixin):
+class FileReader(ImportHelper, ReportingOperator):
     """An operator that reads a file of the user's choice, and can be undone."""
 
     bl_options: set[Any] = {"REGISTER", "UNDO"}
 
     filepath: bpy.props.StringProperty(subtype="FILE_PATH")
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Read the file, and report what is wrong with it."""
-        with reported(self) as outcome:
-            self.read(context, Path(bpy.path.abspath(self.filepath)))
-        return outcome.value
+    def act(self, context: bpy.types.Context) -> None:
+        """Read the file."""
+        self.read(context, Path(bpy.path.abspath(self.filepath)))
 
     def read(self, context: bpy.types.Context, path: Path) -> None:
         """Read the file."""

@@ -29,11 +29,9 @@ class PickColour(Conditional, bpy.types.Operator):
         description="Where on the picture to click, pixels from its upper left corner",
     )
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        with reported(self) as outcome:
-            self._open(context)
-            self._learn(tuple(self.point))
-        return outcome.value
+    def act(self, context: bpy.types.Context) -> None:
+        self._open(context)
+        self._learn(tuple(self.point))
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if bpy.app.background or context.area is None:

@@ -10,7 +10,7 @@ from ..scene_io.sides import colour_of
 from ..viewports import viewport
 from .conditions import Conditional, has_performer
 from .look_through import show_view
-from .reporting import reported
+from .reporting import NothingToDoError, reported
 
 _NEAR, _CLICK = 14, 4  # pixels: distance at which a handle is picked, and largest movement of a click
 _VIEW = ("MIDDLEMOUSE", "WHEEL", "NUMPAD_", "TRACKPAD", "MOUSEPAN", "MOUSEZOOM", "HOME", "NDOF", "TIMER", "WINDOW")
@@ -38,16 +38,14 @@ class PlacingTool(Conditional):
 
     conditions = (has_performer, _has_calibrated_camera)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         """Pose the body on the present marks of this frame, for scripts."""
-        with reported(self) as outcome:
-            self._begin(context)
-            try:
-                self._placing.key()
-            except Exception:
-                self._placing.restore()
-                raise
-        return outcome.value
+        self._begin(context)
+        try:
+            self._placing.key()
+        except Exception:
+            self._placing.restore()
+            raise
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if bpy.app.background or context.window is None:
@@ -366,14 +364,12 @@ class ClearMarks(Conditional, bpy.types.Operator):
     bl_label = "Clear Marks"
     conditions = (has_performer, _has_marks)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         slot, frame = active_performer.chosen(context), context.scene.frame_current
         if not joint_marks.on_frame(slot, frame):
-            self.report({"WARNING"}, f"No joint is marked on frame {frame}")
-            return {"CANCELLED"}
+            raise NothingToDoError(f"No joint is marked on frame {frame}")
         joint_marks.put(slot, frame, {})
         viewport.redraw(context)
-        return {"FINISHED"}
 
 
 def _spoken(landmark: str) -> str:

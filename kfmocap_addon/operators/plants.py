@@ -7,7 +7,6 @@ import bpy
 from ..scene_io import active_performer
 from ..viewports import viewport
 from .conditions import Conditional, has_performer
-from .reporting import reported
 
 
 class PlantOperator(Conditional):
@@ -15,14 +14,12 @@ class PlantOperator(Conditional):
 
     conditions = (has_performer,)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         """Make the change, and report its result."""
-        with reported(self) as outcome:
-            slot = active_performer.chosen(context)
-            if said := self.change(context.scene, slot):
-                self.report({"INFO"}, f"{slot.name}: {said}")
-            viewport.redraw(context)  # after a dialog Blender does not
-        return outcome.value
+        slot = active_performer.chosen(context)
+        if said := self.change(context.scene, slot):
+            self.report({"INFO"}, f"{slot.name}: {said}")
+        viewport.redraw(context)  # after a dialog Blender does not
 
     def change(self, scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> str:
         """Make the change; returns a message for the user."""

@@ -33,16 +33,14 @@ class ImportKeypoints(Conditional, bpy.types.Operator, BesideFootage):
     files: bpy.props.CollectionProperty(type=bpy.types.OperatorFileListElement, options={"SKIP_SAVE"})
     filter_glob: bpy.props.StringProperty(default="*.json", options={"HIDDEN"})
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..editing import keyframing
 
         folder = Path(bpy.path.abspath(self.directory or str(Path(self.filepath).parent)))
         names = [file.name for file in self.files if file.name]
         paths = [folder / name for name in names] or [Path(bpy.path.abspath(self.filepath or self.directory))]
-        with reported(self) as outcome:
-            people = keyframing.attach_keypoints(context.scene, paths)
-            self.report({"INFO"}, ", ".join(f"{view}: {count} poses" for view, count in people.items()))
-        return outcome.value
+        people = keyframing.attach_keypoints(context.scene, paths)
+        self.report({"INFO"}, ", ".join(f"{view}: {count} poses" for view, count in people.items()))
 
 
 class _FromKeypoints(Conditional):
@@ -58,15 +56,13 @@ class MarkKeypoints(_FromKeypoints, bpy.types.Operator):
     bl_idname = "kfmocap.mark_keypoints"
     bl_label = "Mark Keypoints"
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..editing import keyframing
         from ..viewports import viewport
 
-        with reported(self) as outcome:
-            count = keyframing.mark_keypoints(context.scene, active_performer.chosen(context))
-            self.report({"INFO"}, f"{count} joints are marked: pose the body on them with Place Joints")
-            viewport.redraw(context)
-        return outcome.value
+        count = keyframing.mark_keypoints(context.scene, active_performer.chosen(context))
+        self.report({"INFO"}, f"{count} joints are marked: pose the body on them with Place Joints")
+        viewport.redraw(context)
 
 
 class PoseFromKeypoints(_FromKeypoints, JobOperator, bpy.types.Operator):

@@ -8,7 +8,6 @@ import bpy
 
 from ..scene_io import active_performer
 from .conditions import Condition, Conditional, has_performer
-from .reporting import reported
 
 if TYPE_CHECKING:
     from ...core.body.motion import Motion
@@ -24,11 +23,9 @@ class PosingOperator(Conditional):
         """Return the new pose."""
         raise NotImplementedError
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..editing import pose_editing
 
-        with reported(self) as outcome:
-            armature = active_performer.chosen(context).armature
-            bones = active_performer.chosen_bones(context, armature)
-            pose_editing.set_pose(armature, self.pose(context, armature), context.scene.frame_current, bones)
-        return outcome.value
+        armature = active_performer.chosen(context).armature
+        bones = active_performer.chosen_bones(context, armature)
+        pose_editing.set_pose(armature, self.pose(context, armature), context.scene.frame_current, bones)

@@ -11,7 +11,6 @@ from ..scene_io import active_performer
 from .add_footage import IMAGES, VIDEOS, globbed
 from .conditions import Conditional
 from .mixin import FileReader, OfPerformer
-from .reporting import reported
 
 
 def _misses_footage(context: bpy.types.Context) -> str:
@@ -60,15 +59,13 @@ class RestoreBody(Conditional, OfPerformer, bpy.types.Operator):
     bl_label = "Bring Back"
     conditions = (_has_lost_body,)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..scene_io import performers
 
-        with reported(self) as outcome:
-            slot = self.slot(context)
-            if slot.armature is None:
-                raise BodyError(f"Performer {self.performer} has no armature that could be brought back")
-            performers.restore(context.scene, slot)
-        return outcome.value
+        slot = self.slot(context)
+        if slot.armature is None:
+            raise BodyError(f"Performer {self.performer} has no armature that could be brought back")
+        performers.restore(context.scene, slot)
 
 
 CLASSES = (RelinkFootage, RestoreBody)

@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from ...core.runtime.progress import Progress
 
 
+class NothingToDoError(Exception):
+    """An operator has nothing to do, which its user may not expect: the message says why, as a warning."""
+
+
 class Outcome:
     """The result of an operator, in the form that Blender expects."""
 
@@ -23,11 +27,11 @@ class Outcome:
 
 @contextmanager
 def reported(operator: bpy.types.Operator) -> Iterator[Outcome]:
-    """Run an operator's body; a KFMocapError is reported and makes the outcome CANCELLED."""
+    """Run an operator's body; a KFMocapError or a NothingToDoError is reported and makes the outcome CANCELLED."""
     outcome = Outcome()
     try:
         yield outcome
-    except CancelledError as error:
+    except (CancelledError, NothingToDoError) as error:
         operator.report({"WARNING"}, str(error))
         outcome.value = {"CANCELLED"}
     except KFMocapError as error:

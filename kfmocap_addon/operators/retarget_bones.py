@@ -9,7 +9,6 @@ from bpy_extras.io_utils import ExportHelper
 
 from .conditions import Conditional
 from .mixin import FileReader
-from .reporting import reported
 
 
 def has_character(context: bpy.types.Context) -> str:
@@ -30,17 +29,15 @@ class FindBones(Conditional, bpy.types.Operator):
     bl_label = "Find Bones"
     conditions = (has_character,)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..retargeting import listed_bones, send
 
-        with reported(self) as outcome:
-            settings = context.scene.kfmocap.retarget
-            preset = None if settings.preset == "auto" else settings.preset
-            bones = send.target_bones(settings.target, preset)
-            listed_bones.list_bones(settings, bones)
-            how = f"preset {bones.preset}" if bones.preset else f"their {bones.found_by}"
-            self.report({"INFO"}, f"{len(bones.names())} bones by {how}")
-        return outcome.value
+        settings = context.scene.kfmocap.retarget
+        preset = None if settings.preset == "auto" else settings.preset
+        bones = send.target_bones(settings.target, preset)
+        listed_bones.list_bones(settings, bones)
+        how = f"preset {bones.preset}" if bones.preset else f"their {bones.found_by}"
+        self.report({"INFO"}, f"{len(bones.names())} bones by {how}")
 
 
 class ForgetBones(Conditional, bpy.types.Operator):
@@ -50,9 +47,8 @@ class ForgetBones(Conditional, bpy.types.Operator):
     bl_label = "Forget Bones"
     conditions = (has_list,)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         context.scene.kfmocap.retarget.bones.clear()
-        return {"FINISHED"}
 
 
 class SaveBoneMap(Conditional, bpy.types.Operator, ExportHelper):
@@ -67,14 +63,12 @@ class SaveBoneMap(Conditional, bpy.types.Operator, ExportHelper):
     filepath: bpy.props.StringProperty(subtype="FILE_PATH", name="Bone Map", description="The file to write (.json)")
     filter_glob: bpy.props.StringProperty(default="*.json", options={"HIDDEN"})
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ...core.formats.bone_map_files import write_bone_map
         from ..retargeting.listed_bones import listed_map
 
-        with reported(self) as outcome:
-            bones = listed_map(context.scene.kfmocap.retarget)
-            write_bone_map(Path(bpy.path.abspath(self.filepath)), bones.bones, bones.preset)
-        return outcome.value
+        bones = listed_map(context.scene.kfmocap.retarget)
+        write_bone_map(Path(bpy.path.abspath(self.filepath)), bones.bones, bones.preset)
 
 
 class LoadBoneMap(FileReader, bpy.types.Operator):

@@ -9,7 +9,6 @@ import bpy
 
 from ..scene_io import active_performer
 from .conditions import Conditional, has_performer
-from .reporting import reported
 
 if TYPE_CHECKING:
     from ..retargeting.send import SendOptions
@@ -50,37 +49,35 @@ class SendToRig(Conditional, bpy.types.Operator):
     bl_label = "Send to Rig"
     conditions = (has_source, has_target)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ...core.retargeting.roles import named_together
         from ..retargeting import send, sole_plants, source_motion
         from ..retargeting.live import LiveSource
         from ..retargeting.overrides import editable
 
-        with reported(self) as outcome:
-            slot, scene = active_performer.chosen(context), context.scene
-            settings, first = scene.kfmocap.retarget, scene.kfmocap.frame_start
-            options = _options(settings)
-            if settings.source is None:
-                motion = source_motion.motion_of_performer(scene, slot)
-                live = LiveSource(slot.armature, {})
-                options = replace(options, planted=sole_plants.on_ground(scene, slot))
-            else:
-                first = scene.frame_start
-                motion, bones = source_motion.motion_of_armature(scene, settings.source, (first, scene.frame_end))
-                options = replace(options, source_bones=bones)
-                live = LiveSource(settings.source, source_motion.shown_bones(settings.source, bones))
-            if settings.live:
-                options = replace(options, live=live)
-            target = editable(settings.target, scene)
-            report = send.send_to_rig(scene, motion, target, first, options)
-            settings.target = target
-            _show(self, settings, report["error"])
-            if report["not_in_target"]:
-                lacking = named_together(report["not_in_target"])
-                self.report({"INFO"}, f"{target.name} has no {lacking}: that motion is left out")
-            for text in report["warnings"]:
-                self.report({"WARNING"}, text)
-        return outcome.value
+        slot, scene = active_performer.chosen(context), context.scene
+        settings, first = scene.kfmocap.retarget, scene.kfmocap.frame_start
+        options = _options(settings)
+        if settings.source is None:
+            motion = source_motion.motion_of_performer(scene, slot)
+            live = LiveSource(slot.armature, {})
+            options = replace(options, planted=sole_plants.on_ground(scene, slot))
+        else:
+            first = scene.frame_start
+            motion, bones = source_motion.motion_of_armature(scene, settings.source, (first, scene.frame_end))
+            options = replace(options, source_bones=bones)
+            live = LiveSource(settings.source, source_motion.shown_bones(settings.source, bones))
+        if settings.live:
+            options = replace(options, live=live)
+        target = editable(settings.target, scene)
+        report = send.send_to_rig(scene, motion, target, first, options)
+        settings.target = target
+        _show(self, settings, report["error"])
+        if report["not_in_target"]:
+            lacking = named_together(report["not_in_target"])
+            self.report({"INFO"}, f"{target.name} has no {lacking}: that motion is left out")
+        for text in report["warnings"]:
+            self.report({"WARNING"}, text)
 
 
 class StopFollowing(Conditional, bpy.types.Operator):
@@ -90,12 +87,10 @@ class StopFollowing(Conditional, bpy.types.Operator):
     bl_label = "Stop Following"
     conditions = (is_followed_live,)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..retargeting import live
 
-        with reported(self) as outcome:
-            live.stop_following(context.scene.kfmocap.retarget.target)
-        return outcome.value
+        live.stop_following(context.scene.kfmocap.retarget.target)
 
 
 def _options(settings: bpy.types.PropertyGroup) -> SendOptions:

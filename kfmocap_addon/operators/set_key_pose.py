@@ -4,7 +4,7 @@ import bpy
 
 from ..scene_io import active_performer
 from .conditions import Conditional, has_performer
-from .reporting import reported
+from .reporting import NothingToDoError, reported
 
 
 class SetKeyPose(Conditional, bpy.types.Operator):
@@ -15,15 +15,13 @@ class SetKeyPose(Conditional, bpy.types.Operator):
     bl_label = "Set Key Pose"
     conditions = (has_performer,)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..scene_io import key_pose_curves
 
-        with reported(self) as outcome:
-            frame = context.scene.frame_current
-            for armature, bones in active_performer.posed_bones(context):
-                key_pose_curves.key_current_pose(armature, frame, bones)
-                self.report({"INFO"}, f"Key pose of {_bones_text(bones)} on frame {frame}")
-        return outcome.value
+        frame = context.scene.frame_current
+        for armature, bones in active_performer.posed_bones(context):
+            key_pose_curves.key_current_pose(armature, frame, bones)
+            self.report({"INFO"}, f"Key pose of {_bones_text(bones)} on frame {frame}")
 
 
 class RemoveKeyPose(Conditional, bpy.types.Operator):
@@ -34,17 +32,14 @@ class RemoveKeyPose(Conditional, bpy.types.Operator):
     bl_label = "Remove Key Pose"
     conditions = (has_performer,)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..scene_io import key_pose_curves
 
-        with reported(self) as outcome:
-            frame, removed = context.scene.frame_current, 0
-            for armature, bones in active_performer.posed_bones(context):
-                removed += key_pose_curves.remove_key_pose(armature, frame, bones)
-            if not removed:
-                self.report({"WARNING"}, f"There is no key pose on frame {frame}")
-                return {"CANCELLED"}
-        return outcome.value
+        frame, removed = context.scene.frame_current, 0
+        for armature, bones in active_performer.posed_bones(context):
+            removed += key_pose_curves.remove_key_pose(armature, frame, bones)
+        if not removed:
+            raise NothingToDoError(f"There is no key pose on frame {frame}")
 
 
 class _Proposals(Conditional):

@@ -3,7 +3,6 @@
 import bpy
 
 from .conditions import Conditional, has_footage, has_shot, looks_through_view
-from .reporting import reported
 
 
 class ShowResidual(Conditional, bpy.types.Operator):
@@ -15,21 +14,19 @@ class ShowResidual(Conditional, bpy.types.Operator):
     bl_label = "Show Residual"
     conditions = (has_shot, has_footage, looks_through_view)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..overlays import misfit_backgrounds
 
-        with reported(self) as outcome:
-            slot = context.scene.kfmocap.views[context.scene.kfmocap.shown_view]
-            found = misfit_backgrounds.show(context.scene, slot, context.scene.frame_current)
-            for area in context.screen.areas if context.screen is not None else ():
-                if area.type == "IMAGE_EDITOR":
-                    area.spaces.active.image = slot.residual
-            self.report(
-                {"INFO"},
-                f"{slot.name}, frame {context.scene.frame_current}: of the model's area, {found.uncovered:.0%} lies "
-                f"uncovered beside it, and {found.beyond:.0%} of it covers background",
-            )
-        return outcome.value
+        slot = context.scene.kfmocap.views[context.scene.kfmocap.shown_view]
+        found = misfit_backgrounds.show(context.scene, slot, context.scene.frame_current)
+        for area in context.screen.areas if context.screen is not None else ():
+            if area.type == "IMAGE_EDITOR":
+                area.spaces.active.image = slot.residual
+        self.report(
+            {"INFO"},
+            f"{slot.name}, frame {context.scene.frame_current}: of the model's area, {found.uncovered:.0%} lies "
+            f"uncovered beside it, and {found.beyond:.0%} of it covers background",
+        )
 
 
 def _shows_residual(context: bpy.types.Context) -> str:
@@ -44,12 +41,10 @@ class HideResidual(Conditional, bpy.types.Operator):
     bl_label = "Hide Residual"
     conditions = (_shows_residual,)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..overlays import misfit_backgrounds
 
-        with reported(self) as outcome:
-            misfit_backgrounds.hide(context.scene)
-        return outcome.value
+        misfit_backgrounds.hide(context.scene)
 
 
 CLASSES = (ShowResidual, HideResidual)

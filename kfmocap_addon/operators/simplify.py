@@ -5,7 +5,7 @@ import bpy
 from ..properties.tolerance_fields import shift_tolerance, turn_tolerance
 from ..scene_io import active_performer
 from .conditions import Conditional, has_performer, has_tracked
-from .reporting import reported
+from .reporting import NothingToDoError
 
 
 class Simplify(Conditional, bpy.types.Operator):
@@ -19,19 +19,16 @@ class Simplify(Conditional, bpy.types.Operator):
     angle: turn_tolerance(1.0, "How far a bone may turn away from what it was, on any frame")
     distance: shift_tolerance(2.0, "How far the root may move away from where it was, on any frame, mm")
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..editing import simplification
 
-        with reported(self) as outcome:
-            before = after = 0
-            for armature, bones in active_performer.posed_bones(context):
-                counts = simplification.simplify(armature, self.angle, self.distance / 1000, bones)
-                before, after = before + counts[0], after + counts[1]
-            if not before:
-                self.report({"WARNING"}, "There are no tracked keys to simplify: track first")
-                return {"CANCELLED"}
-            self.report({"INFO"}, f"{after} of {before} keys are left")
-        return outcome.value
+        before = after = 0
+        for armature, bones in active_performer.posed_bones(context):
+            counts = simplification.simplify(armature, self.angle, self.distance / 1000, bones)
+            before, after = before + counts[0], after + counts[1]
+        if not before:
+            raise NothingToDoError("There are no tracked keys to simplify: track first")
+        self.report({"INFO"}, f"{after} of {before} keys are left")
 
 
 CLASSES = (Simplify,)

@@ -11,7 +11,6 @@ from ...core.runtime.worker_process import Work
 from ..scene_io import active_performer, unfinished_tracking
 from .conditions import Condition, Conditional, has_footage, has_shot, has_tracked
 from .job_operator import JobOperator
-from .reporting import reported
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -246,18 +245,16 @@ class ClearBetween(Conditional, bpy.types.Operator):
         place = cls.bl_rna.properties["where"].enum_items[properties.where].description
         return f"{cls.__doc__}. {place}"
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ...core.errors import ShotError
         from ..scene_io import scene as scenes
         from ..scene_io import tracked_segments
 
-        with reported(self) as outcome:
-            shot = scenes.shot_from_scene(context.scene, footage=False)
-            cleared = tracked_segments.clear(context.scene, shot, _segments_on_side(context.scene, shot, self.where))
-            if not cleared:
-                raise ShotError("there are no tracked keys to remove", where=self.bl_label)
-            self.report({"INFO"}, f"Removed tracked keys of {cleared} frames")
-        return outcome.value
+        shot = scenes.shot_from_scene(context.scene, footage=False)
+        cleared = tracked_segments.clear(context.scene, shot, _segments_on_side(context.scene, shot, self.where))
+        if not cleared:
+            raise ShotError("there are no tracked keys to remove", where=self.bl_label)
+        self.report({"INFO"}, f"Removed tracked keys of {cleared} frames")
 
 
 def _is_animated(armature: bpy.types.Object | None) -> bool:
