@@ -21,6 +21,7 @@ _ROUNDS = 12
 _SPEED_PLANTED, _SPEED_SWINGING = (0.015, 0.2), (0.6, 4.0)
 _HEIGHT_PLANTED, _HEIGHT_SWINGING = (0.008, 0.04), 0.12
 _MEDIAN = 1.5382  # of the length of a vector of three normal components; slow parts of steps do not shift it much
+_STILL = 3.0  # times the typical speed of planted points: the largest speed of points that stand still
 _HIGH = 4.0  # at most this much does height speak against a plant: steps and stairs are above the floor
 
 
@@ -64,6 +65,7 @@ def find_plants(
     Returns
     -------
     Plants
+        Without some of the first and last frames of plants, see `with_ends`.
     """
     if len(points) < 3:
         return Plants(np.zeros(points.shape[:2], bool), float(points[..., 2].min(initial=0.0)), 0.0)
@@ -84,6 +86,23 @@ def find_plants(
     shortest = round(_SHORTEST * fps)
     planted = np.stack([_without_short(_without_short(c, shortest, False), shortest, True) for c in planted.T], axis=1)
     return Plants(planted, sizes.floor * leg, sizes.planted * leg)
+
+
+def with_ends(planted: Bools, points: Array, speed: float, fps: float) -> Bools:
+    """Return plants (F, C) together with the frames before and after, if the points (F, C, 3) hardly move to them.
+
+    Speeds are found across two frames: those of the first and the last frame of a plant are partly of the swing.
+
+    Parameters
+    ----------
+    speed : float
+        Typical speed of a planted point, in the unit of the points per second.
+    """
+    found = planted.copy()
+    near = np.linalg.norm(np.diff(points, axis=0), axis=2) < _STILL * speed / fps
+    found[:-1] |= planted[1:] & near
+    found[1:] |= planted[:-1] & near
+    return found
 
 
 def _beyond_usual(deviation: Array) -> Array:

@@ -27,6 +27,8 @@ class IkLimb:
         Roles of the limb's bones.
     control, pole : str
         Names of the IK control of the limb's end, and of the pole target.
+    twist : str
+        Name of the control that turns what follows the lower bone about its length, which inverse kinematics does not.
     """
 
     upper: str
@@ -34,6 +36,7 @@ class IkLimb:
     end: str
     control: str
     pole: str
+    twist: str
 
 
 @dataclass(frozen=True)
@@ -138,6 +141,8 @@ _RIGIFY_FOLLOWS = {
 }
 
 
+_RIGIFY_TWISTED = {f"{role}_fk.{side}": f"DEF-{role}.{side}" for role in ("forearm", "shin") for side in "LR"}
+"""With IK, deforming bones alone show the twist of forearms and shins."""
 _POLES = {"pole_vector": 1.0, "IK_Stretch": 0.0, "IK_parent": 1.0, "pole_parent": 1.0}
 """Limbs bend towards their pole targets, which have the root as parent, like the controls of hands and feet."""
 
@@ -156,7 +161,14 @@ def _rigify_settings(fk: float) -> dict[str, dict[str, float]]:
 
 
 _RIGIFY_IK = tuple(
-    IkLimb(f"{upper}.{side}", f"{lower}.{side}", f"{end}.{side}", control=f"{control}.{side}", pole=f"{pole}.{side}")
+    IkLimb(
+        f"{upper}.{side}",
+        f"{lower}.{side}",
+        f"{end}.{side}",
+        control=f"{control}.{side}",
+        pole=f"{pole}.{side}",
+        twist=f"{lower}_tweak.{side}",
+    )
     for upper, lower, end, control, pole in (
         ("upper_arm", "forearm", "hand", "hand_ik", "upper_arm_ik_target"),
         ("thigh", "shin", "foot", "foot_ik", "thigh_ik_target"),
@@ -260,7 +272,8 @@ PRESETS: Mapping[str, BonePreset] = {
         "A generated rig, arms and legs through their IK controls",
         _RIGIFY,
         _rigify_settings(0.0),
-        _RIGIFY_FOLLOWS,
+        _RIGIFY_FOLLOWS
+        | {f"{lower}_fk.{side}": f"DEF-{lower}.{side}" for lower in ("forearm", "shin") for side in "LR"},
         ik=_RIGIFY_IK,
     ),
     "rigify-metarig": BonePreset("Rigify Metarig", "The metarig that a rig is generated from", _METARIG),

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..body.foot_plants import find_plants, runs
+from ..body.foot_plants import find_plants, runs, with_ends
 from ..body.skeleton_motion import RestSkeleton, SkeletonMotion
 from ..numerics.arrays import Array, Bools
 from .control_rig import ControlRig, RigPoses
@@ -28,7 +28,6 @@ _FOOT = 0.17  # of the leg length: from the ankle to the ball, if it is unknown
 _SAME_FOOT = 0.03  # relative: foot lengths this close to proportional to the legs are taken to be exactly so
 _FADE = 0.25  # seconds over which a correction fades
 _BRIDGE = 1.0  # seconds: over shorter swings a correction is interpolated to the next plant's
-_STILL = 3.0  # times the typical speed of planted points: the largest speed of points that stand still
 _SNAP = 0.06  # of the leg length: plants within this height stand on the floor
 
 
@@ -87,21 +86,9 @@ def foot_paths(
         points = source.positions[:, None, ankle] + np.einsum("fij,cj->fci", source.turns[:, ankle], offsets)
         doubt = None if deviation is None else np.repeat(deviation[:, ankle, None], 2, axis=1)
         plants = find_plants(points, source.fps, leg, doubt)
-        seen = _with_ends(plants.planted, points, _STILL * plants.speed / source.fps)
+        seen = with_ends(plants.planted, points, plants.speed, source.fps)
         columns = [given.get(f"{point}.{side}", seen[:, c]) for c, point in enumerate(("heel", "ball"))]
         found.append(FootPath(side, points, offsets, np.stack(columns, axis=1), plants.floor))
-    return found
-
-
-def _with_ends(planted: Bools, points: Array, still: float) -> Bools:
-    """Plants (F, C) with the frames beside them to which a point (F, C, 3) takes a step shorter than `still`.
-
-    Speeds are found across two frames: those of the first and the last frame of a plant are partly of the swing.
-    """
-    found = planted.copy()
-    near = np.linalg.norm(np.diff(points, axis=0), axis=2) < still
-    found[:-1] |= planted[1:] & near
-    found[1:] |= planted[:-1] & near
     return found
 
 

@@ -22,7 +22,7 @@ from ...core.retargeting.transfer import RetargetOptions
 from ..scene_io import fcurves
 from ..scene_io.followed_bones import skeletons_following
 from .fk_controls import FkControls, through_controls
-from .ik_controls import ik_channels, ik_roles
+from .ik_controls import forget_twists, ik_bones, ik_channels, ik_roles
 from .live import LiveSource, follow, refuse_inverse_kinematics, remember, stop_following
 from .rig_curves import ControlChannel, CurveOptions, rotation_channel, write_channels
 from .rig_error import measured_errors, world_matrices
@@ -153,6 +153,7 @@ def send_to_rig(
         remember(armature, sent.holds, sent.settings)
         keys = 0
     else:
+        forget_twists(armature)
         channels = [*sent.channels, *(_hold_channel(*hold) for hold in sent.holds)]
         keys = write_channels(armature, channels, frames, f"{armature.name} {upright.name}", options.curves)
     errors = measured_errors(
@@ -231,7 +232,7 @@ def _on_controls(
     follows = {**preset.follows, **{control: bone for bone, control in controls.by_bone.items()}}
     used = _used(bones, of_source, asked)
     names = used.names()
-    ik = [name for limb in preset.ik for name in (limb.control, limb.pole) if name in armature.pose.bones]
+    ik = [name for name in ik_bones(preset) if name in armature.pose.bones]
     held = () if preset.settings else names  # the limbs of a rig with settings are switched by these
     with (
         at_rest(armature, [*names, *ik]),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kfmocap.core.body.foot_plants import find_plants, runs
+from kfmocap.core.body.foot_plants import find_plants, runs, with_ends
 from scipy.ndimage import gaussian_filter1d
 
 LEG = 0.9
@@ -36,6 +36,20 @@ def test_frames_are_classified_correctly_except_next_to_a_change(fps, noise):
     sure = np.abs((np.arange(len(stands)) / fps) % 0.5 - 0.25) < 0.19
     assert (found.planted == stands[:, None])[sure].mean() > 0.99
     assert abs(found.floor) < 0.005 + noise
+
+
+@pytest.mark.parametrize("fps", [24.0, 30.0, 60.0])
+def test_with_their_ends_plants_have_every_frame_on_which_a_foot_stands(fps):
+    """A foot that leaves at once, at 1.5 m/s: speeds across two frames tell the swing from its last frame on."""
+    frames = np.arange(round(3 * fps))
+    swings = (frames // round(0.5 * fps)) % 2 == 1
+    ahead = np.cumsum(swings) * 1.5 / fps
+    points = np.stack([ahead, 0 * ahead, 0.05 * swings], axis=1)[:, None]
+    stands = np.r_[True, ~swings[1:]]
+    found = find_plants(points, fps, LEG)
+    whole = with_ends(found.planted, points, found.speed, fps)
+    assert not np.array_equal(found.planted[:, 0], stands)
+    assert np.array_equal(whole[:, 0], stands)
 
 
 def test_a_foot_that_only_stands_is_planted_on_every_frame():
