@@ -66,7 +66,7 @@ def _unstretched(armature: bpy.types.Object, rig: ControlRig, limb: IkLimb) -> l
     solved = [
         link
         for bone in armature.pose.bones
-        for held in bone.constraints
+        for held in list[Any](bone.constraints)
         if held.type == "IK" and held.use_stretch
         for link in [bone, *bone.parent_recursive][: held.chain_count or None]
         if link.ik_stretch > 0
