@@ -365,13 +365,13 @@ def _residuals_of_parts(
     noise = np.repeat(np.maximum(of_pairs, _LEAST_NOISE)[:, None], 1 + parts, axis=1)
     change = np.zeros((len(of_pairs), parts))
     if by_part:
-        for i, (a, b) in enumerate(pairwise(ends.tolist())):
-            own = residual[a:b][seen[a:b]]
-            if len(own):
-                at, share = divmod(i, parts), len(own) / (len(own) + PART_PIXELS)
-                change[at] = share * np.median(own)
-                squared = _robust_deviation(own - np.float32(change[at])) ** 2
-                noise[at[0], 1 + at[1]] = np.sqrt(share * squared + (1 - share) * noise[at[0], 0] ** 2)
+        own, count = residual[seen], np.diff(np.concatenate([[0], np.cumsum(seen)])[ends])
+        share = count / (count + PART_PIXELS)
+        brighter = share * _medians(own, count)
+        apart = _medians(np.abs(own - np.repeat(brighter.astype(np.float32), count)), count)
+        own_noise = np.sqrt(share * (NORMAL_MAD * apart) ** 2 + (1 - share) * np.repeat(noise[:, 0], parts) ** 2)
+        change = brighter.reshape(change.shape)
+        noise[:, 1:] = np.where(count > 0, own_noise, noise[:, 1:].ravel()).reshape(change.shape)
     return change, np.maximum(noise, _LEAST_NOISE)
 
 
@@ -404,6 +404,22 @@ def _robust_deviation(residual: Image) -> float:
     lower = middle - 1 + len(residual) % 2
     ordered = np.partition(np.abs(residual), (lower, middle))  # as np.median, in a fraction of its time
     return NORMAL_MAD * float((ordered[lower] + ordered[middle]) * ordered.dtype.type(0.5))
+
+
+def _medians(values: Image, counts: NDArray[np.intp]) -> Array:
+    """Return the medians of consecutive groups of values with these counts, (n,); 0 for empty groups.
+
+    All groups are sorted at once: by the group, then by the bits of the value, whose order is that of the numbers once
+    those of negative ones are inverted. As with `np.median`, the mean of two values is of single precision.
+    """
+    bits = np.ascontiguousarray(values, np.float32).view(np.int32)
+    group = np.repeat(np.arange(len(counts)), counts)
+    ordered = np.sort((group << 32) + (bits ^ ((bits >> 31) & 0x7FFFFFFF))).astype(np.int32)
+    ordered ^= (ordered >> 31) & 0x7FFFFFFF
+    sorted_values = np.append(ordered.view(np.float32), np.float32(0))
+    start = np.cumsum(counts) - counts
+    lower, upper = sorted_values[start + np.maximum(counts - 1, 0) // 2], sorted_values[start + counts // 2]
+    return np.where(counts > 0, (lower + upper) * np.float32(0.5), np.float32(0)).astype(float)
 
 
 def wrenches(points: Image, slope: Image, focal: Image) -> Image:
