@@ -3,7 +3,7 @@ BIN := .venv/bin
 INSTALLED := .venv/.installed
 WHEELS := .venv/.wheels
 
-# Tests start many processes: without compiled modules on disk each would compile all of the package anew.
+# Without compiled modules on disk, each process would compile all of the package anew: 0.2 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: install demo test test-nightly test-versions versions lint format extension bench clean
@@ -16,6 +16,7 @@ $(INSTALLED): pyproject.toml setup.py
 	@$(call make_venv,.venv)
 	$(BIN)/python -m pip install --quiet --editable '.[blender,dev]'
 	@$(BIN)/python tools/check_libraries.py --import-bpy
+	@$(BIN)/python -m compileall -q cli core kfmocap_addon benchmarks *.py
 	@touch $@
 
 # Debian's Python has no ensurepip before python3-venv is installed, but it may have a pip to lend.

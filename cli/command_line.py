@@ -16,8 +16,12 @@ from importlib import import_module
 from ..core.errors import KFMocapError
 from ..core.runtime.decoder_log import DecoderLog
 from ..core.runtime.interrupts import Interruptions, interrupted_text, results_seen
+from ..core.runtime.worker_memory import WorkerMemory
 from .arguments import parser
 from .services import Services
+
+WORKING = ("core.tracking.segment_tasks", "core.fitting.shot_cameras")
+"""Modules that workers import in advance: those that solve segments, and check cameras."""
 
 
 def main(argv: Sequence[str] | None = None, services: Services | None = None) -> int:
@@ -45,7 +49,7 @@ def main(argv: Sequence[str] | None = None, services: Services | None = None) ->
             return interrupted_text(error, written=results_seen(getattr(args, "out", None)) != before)
 
         try:
-            with _blender_ahead(args, services or Services()) as ready:
+            with _blender_ahead(args, services or Services()) as beside, _workers_ahead(args, beside) as ready:
                 command = import_module(f".{args.command}_command", __package__)
                 exit_code: int = command.run(args, ready)
         except KFMocapError as error:
@@ -74,6 +78,23 @@ def _blender_ahead(args: argparse.Namespace, services: Services) -> Iterator[Ser
         return
     with closing(process):
         yield replace(services, start_blender=lambda: process)
+
+
+@contextmanager
+def _workers_ahead(args: argparse.Namespace, services: Services) -> Iterator[Services]:
+    """Start a worker while the command's own libraries are loaded, if it may need one.
+
+    Only the shot file tells how many are needed, and reading it takes these libraries. If they are loaded already,
+    there is nothing to gain.
+    """
+    loaded = "numpy" in sys.modules
+    if args.command != "track" or args.shot is None or args.threads == 1 or (os.cpu_count() or 1) == 1 or loaded:
+        yield services
+        return
+    with closing(WorkerMemory(limit=0)) as workers:
+        package = __package__.rpartition(".")[0]
+        workers.expect(2, tuple(f"{package}.{module}" for module in WORKING))
+        yield replace(services, workers=workers)
 
 
 def _quiet_libraries() -> None:

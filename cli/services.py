@@ -12,6 +12,7 @@ from ..core.errors import OutputError
 
 if TYPE_CHECKING:
     from ..core.numerics.arrays import Array
+    from ..core.runtime.worker_memory import WorkerMemory
     from ..core.shot.shot import Shot
     from ..core.tracking.track_result import TrackResult
 
@@ -207,12 +208,15 @@ class Services:
     run_benchmark : callable, optional
         Called with a `BenchmarkRequest`; prints tables and returns the exit code. None if the benchmark is not
         installed.
+    workers : WorkerMemory, optional
+        Processes for tracking that were started before the command's own libraries were loaded.
     """
 
     load_blender: Callable[[], BlenderSession] = no_blender
     start_blender: Callable[[], BlenderProcess] | None = None
     in_blender: bool = False
     run_benchmark: Callable[[BenchmarkRequest], int] | None = None
+    workers: WorkerMemory | None = None
 
     def blender(self) -> BlenderSession:
         """Load Blender.

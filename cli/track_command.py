@@ -38,6 +38,7 @@ from ..core.runtime.decoder_log import DecoderLog
 from ..core.runtime.files import check_writable, staged, write_json
 from ..core.runtime.interrupts import REPORT, results_are_written
 from ..core.runtime.progress import Progress, share
+from ..core.runtime.threads import worker_count
 from ..core.runtime.timing import Seconds
 from ..core.runtime.worker_memory import WorkerMemory
 from ..core.runtime.worker_pool import WorkerPool
@@ -65,11 +66,13 @@ OVERLAY = "overlay.png"
 def run(args: argparse.Namespace, services: Services) -> int:
     """Run the command; returns the exit code."""
     check_writable(args.out)
-    with closing(WorkerMemory(limit=0)) as memory:
+    with closing(services.workers or WorkerMemory(limit=0)) as memory:
         if args.shot is not None:
             spec = _spec(args)
             check_inputs_kept(spec, args.out)
-            # Other processes load their modules while this one loads its own.
+            if worker_count(spec.settings.threads if args.threads is None else args.threads) == 1:
+                memory.close()
+            # Other processes load their modules while this one fits the key poses.
             memory.expect(workers_for(spec, args.threads), (*SOLVING, camera_fits.__module__))
         with nullcontext() if args.no_blender else services.blender_beside() as blender:
             return _run(args, services, memory, blender)

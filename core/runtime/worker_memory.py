@@ -83,10 +83,10 @@ class WorkerMemory:
             yield WorkerPool(1)
             return
         pool, self._pool = self._pool, None
-        if pool is not None and pool.workers < workers:
-            pool.__exit__(None)
-            pool = None
-        pool = WorkerPool(workers, imports) if pool is None else pool
+        if pool is None:
+            pool = WorkerPool(workers, imports)
+        elif pool.workers < workers:
+            pool.grow(workers, imports)
         try:
             yield pool
         except BaseException as error:

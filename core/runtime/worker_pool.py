@@ -30,15 +30,24 @@ class WorkerPool:
     """
 
     def __init__(self, workers: int, imports: Sequence[str] = ()) -> None:
-        self.workers = workers
         self._ended = Event()
         self._failure: WorkerEndedError | None = None
-        self._processes = [WorkerProcess(yields=False, tidies=False, imports=imports) for _ in range(workers - 1)]
+        self._processes: list[WorkerProcess] = []
+        self._threads: ThreadPoolExecutor | None = None
+        self.grow(workers, imports)
+
+    def grow(self, workers: int, imports: Sequence[str] = ()) -> None:
+        """Start processes until there are so many workers; only while no task is in work. `imports` as above."""
+        for _ in range(workers - 1 - len(self._processes)):
+            self._processes.append(WorkerProcess(yields=False, tidies=False, imports=imports))
+        self.workers = 1 + len(self._processes)
         # This process is used last: it also decodes footage and draws meanwhile, under the same interpreter lock.
         self._idle: queue.PriorityQueue[int] = queue.PriorityQueue()
-        for place in range(workers):
+        for place in range(self.workers):
             self._idle.put(place)
-        self._threads = ThreadPoolExecutor(workers) if workers > 1 else None
+        if self._threads is not None:
+            self._threads.shutdown()
+        self._threads = ThreadPoolExecutor(self.workers) if self.workers > 1 else None
 
     def __enter__(self) -> WorkerPool:
         return self

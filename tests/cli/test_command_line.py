@@ -509,6 +509,29 @@ finally:
     subprocess.run([sys.executable, "-c", code, *arguments], check=True)
 
 
+def test_a_worker_is_started_before_the_libraries_are_loaded_unless_one_thread_is_asked_for(folder: Path) -> None:
+    code = """
+import sys
+from kfmocap.cli import command_line
+from kfmocap.core.runtime.worker_memory import WorkerMemory
+
+started, closed = [], []
+WorkerMemory.expect = lambda memory, workers, imports: started.append((workers, imports, "numpy" in sys.modules))
+WorkerMemory.close = lambda memory: closed.append(True)
+command_line.os.cpu_count = lambda: 2
+assert command_line.main(["track", "none.toml", "--out", sys.argv[1], "--threads", sys.argv[2]]) == 1
+if sys.argv[2] == "1":
+    assert not started
+else:
+    [(workers, imports, late)] = started
+    assert (workers, late) == (2, False) and closed
+    for module in imports:
+        __import__(module)
+"""
+    for threads in ("1", "2"):
+        subprocess.run([sys.executable, "-c", code, str(folder / "out"), threads], check=True)
+
+
 @pytest.mark.skipif(find_spec("bpy") is None, reason="needs Blender's module")
 def test_files_with_which_blender_crashes_are_named(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

@@ -57,4 +57,8 @@ def test_processes_that_are_expected_are_those_of_the_pool() -> None:
         memory.expect(2)
         with memory.pool(2) as pool:
             assert pool is started
+        with memory.pool(3) as pool:
+            assert pool is started and pool.workers == 3
+            found = [pool.submit(job_functions.process_id, lambda _: None) for _ in range(12)]
+            assert 1 < len({future.result() for future in found}) <= 3
     assert memory.workers == 1 and not any(process.alive for process in started._processes)
