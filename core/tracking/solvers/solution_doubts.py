@@ -11,8 +11,10 @@ from ...body.motion import Motion
 from ...evidence.misfit import beyond_known, measured_misfit
 from ...evidence.occlusion import LONG, intervals
 from ...evidence.view_frames import views_with_foreground
-from ...numerics.arrays import Array
+from ...numerics.arrays import Array, Bools
 from .limb_images import shown_areas
+from .limb_likelihood import support_of_limbs
+from .limb_search import LEAST_GAIN
 from .measurement import hidden_parts, keypoint_agreement, poses_by_delay, view_instants
 from .problem import SegmentProblem, SegmentSolution
 
@@ -171,20 +173,35 @@ def concealed(problem: SegmentProblem, solution: SegmentSolution) -> bool:
     """Whether no view sees part of a limb for `LONG` frames, longer than prediction bridges, between whole key poses.
 
     When it comes into sight again, it may be elsewhere than in the solution, which only a search in foreground images
-    can correct; with keypoints it is not needed. The last part of a limb of three or more does not count: the hand is
-    where the forearm ends, and the search does not turn it.
+    can correct; with keypoints it is not needed. Nor is it where the images show the limb clearly, just before and just
+    after, where the solution has it. The last part of a limb of three or more does not count: the hand is where the
+    forearm ends, and the search does not turn it.
     """
     if not views_with_foreground(problem.views) or problem.keypoints:
         return False
     hidden = hidden_parts(problem, solution.share)
-    return any(
-        last + 1 - first >= LONG
+    gaps = {
+        (i, tuple(chain)): found
         for i in problem.sought
         if len(problem.whole_keys(i)) > 1
         for chain in limbs(problem.bodies[i])
-        for part in without_end(chain)
-        for first, last in intervals(hidden[i][:, part])
-    )
+        if (found := [gap for part in without_end(chain) for gap in _long_gaps(hidden[i][:, part])])
+    }
+    support = support_of_limbs(problem, solution.motions) if gaps else ()
+    shown = {(i, tuple(chain)): of_limb for i, chain, _, of_limb in support if (i, tuple(chain)) in gaps}
+    return any(limb not in shown or not _seen_beside(found, shown[limb]()) for limb, found in gaps.items())
+
+
+def _long_gaps(hidden: Bools) -> list[list[int]]:
+    return [gap for gap in intervals(hidden) if gap[1] + 1 - gap[0] >= LONG]
+
+
+def _seen_beside(gaps: Sequence[Sequence[int]], support: Array) -> bool:
+    """Whether a limb is clearly seen before and after each of the gaps, by the log likelihood ratio (F,) of the images
+    with it against without it: on average at a rate at which `LONG` frames would have it moved (`LEAST_GAIN`).
+    """
+    sides = [side for a, b in gaps for side in (support[max(a - LONG, 0) : a], support[b + 1 : b + 1 + LONG])]
+    return all(len(side) > 0 and LONG * side.mean() > LEAST_GAIN for side in sides)
 
 
 def speaks_against(problem: SegmentProblem, solution: SegmentSolution) -> bool:

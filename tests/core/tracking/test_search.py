@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kfmocap.core.body import human
-from kfmocap.core.body.limbs import limb_pairs
+from kfmocap.core.body.limbs import limb_pairs, limbs
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.occlusion import LONG
 from kfmocap.core.evidence.sampling import Sampling
@@ -22,6 +22,7 @@ from kfmocap.core.tracking.solvers import (
     solution_ranking,
 )
 from kfmocap.core.tracking.solvers.like_limbs import exchanges
+from kfmocap.core.tracking.solvers.limb_search import LEAST_GAIN
 from kfmocap.core.tracking.solvers.measurement import Workspace
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
 from made_evidence import Landscape
@@ -180,9 +181,10 @@ def test_a_limb_that_no_view_sees_for_longer_than_prediction_bridges_is_conceale
     hand = np.ones((2, frames, len(HUMAN)))
     hand[..., 1 : 1 + hidden, HUMAN.index("hand.L")] = 0
     whole = replace(problem, bodies=(HUMAN,), fixed=(ends_held(HUMAN, frames),))
-    assert not solution_doubts.concealed(whole, covering(1, hand)), "it is where the forearm ends"
+    posed = replace(covering(1, hand), motions=(at_rest(HUMAN, frames),))
+    assert not solution_doubts.concealed(whole, posed), "it is where the forearm ends"
     hand[..., 1 : 1 + hidden, HUMAN.index("forearm.L")] = 0
-    assert solution_doubts.concealed(whole, covering(1, hand)) == expected
+    assert solution_doubts.concealed(whole, posed) == expected
     trunk = np.ones_like(share)
     trunk[..., 0] = 0
     assert not solution_doubts.concealed(problem, covering(1, trunk))
@@ -190,6 +192,25 @@ def test_a_limb_that_no_view_sees_for_longer_than_prediction_bridges_is_conceale
     assert not solution_doubts.concealed(keyed, covering(1, share))
     blind = replace(problem, views=dark(CAMERAS[0], frames))
     assert not solution_doubts.concealed(blind, covering(1, share))
+
+
+@pytest.mark.parametrize(("before", "after", "expected"), [(1, 1, False), (0, 1, True), (1, 0, True), (-1, 1, True)])
+def test_a_limb_that_is_clearly_seen_before_and_after_is_not_concealed(
+    before: float, after: float, expected: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames, arm = 3 * LONG, BODY.index("forearm.L")
+    [chain] = [chain for chain in limbs(BODY) if arm in chain]
+    problem = SegmentProblem(
+        coloured(BODY, at_rest(BODY, frames), CAMERAS[:1]), (BODY,), 0, FPS, (ends_held(BODY, frames),)
+    )
+    clear = 2 * LEAST_GAIN / LONG
+    support = np.repeat([before * clear, 0.0, after * clear], LONG)
+    monkeypatch.setattr(solution_doubts, "support_of_limbs", lambda *_: [(0, chain, support, lambda: support)])
+    share = np.ones((1, frames, len(BODY)))
+    share[0, LONG : 2 * LONG, arm] = 0
+    assert solution_doubts.concealed(problem, covering(1, share)) == expected
+    share[0, : 2 * LONG, arm] = 0
+    assert solution_doubts.concealed(problem, covering(1, share)) == expected, "the key frame is enough"
 
 
 def test_solutions_are_equals_of_the_best_within_what_is_chance() -> None:
