@@ -43,11 +43,11 @@ from ..core.runtime.timing import Seconds
 from ..core.runtime.worker_memory import WorkerMemory
 from ..core.runtime.worker_pool import WorkerPool
 from ..core.shot.footage_damage import shot_damage
-from ..core.shot.footage_times import footage_rate
 from ..core.shot.shot import Shot
 from ..core.shot.shot_spec import ShotSpec, result_names
 from ..core.tracking.journal import Journal, journal_beside
 from ..core.tracking.prepare import prepare_shot
+from ..core.tracking.reader import kept_rate
 from ..core.tracking.run_context import RunContext, SolvedShot
 from ..core.tracking.selection import selected
 from ..core.tracking.track_result import TrackResult
@@ -91,7 +91,7 @@ def _run(
     if blender is not None:
         blender.check()
     for view in shot.views:
-        rate = footage_rate(shot, view)
+        rate = kept_rate(shot, view, memory)
         if rate is not None and rate.varies:  # it may not be worth the time then
             print(f"kfmocap: {view.camera.name}: {rate.text}", file=sys.stderr)
     refined = None
