@@ -30,7 +30,7 @@ class StepKeyPose(Conditional, bpy.types.Operator):
     """Jump to the next key pose of the chosen performer, or to the one before; proposals count"""
 
     bl_idname = "kfmocap.step_key_pose"
-    bl_label = "Next Key Pose"
+    bl_label = "Previous or Next Key Pose"
     bl_options = {"INTERNAL"}
     conditions = (has_performer,)
     while_placing = True

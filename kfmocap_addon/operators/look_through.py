@@ -35,7 +35,7 @@ class StepView(Conditional, bpy.types.Operator):
     """Look through the next view's camera, or the one before"""
 
     bl_idname = "kfmocap.step_view"
-    bl_label = "Next View"
+    bl_label = "Previous or Next View"
     conditions = (has_views, _has_other_view)
     while_placing = True
 

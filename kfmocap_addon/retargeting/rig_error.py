@@ -34,7 +34,8 @@ def measured_errors(
     frames: Ints,
     sample: Ints,
 ) -> dict[str, dict[str, float]]:
-    """Errors by limb on some frames: mean and worst, degrees and millimetres.
+    """Errors by limb on some frames: mean and worst, degrees and millimetres. The motion of the armature object itself
+    does not count.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ def measured_errors(
     sample : ndarray of int
         Indices of the frames that are compared.
     """
-    now = scene.frame_current
+    now, standing = scene.frame_current, np.array(armature.matrix_world, float)
     R_rest, heads = at_rest
     angles = np.empty((len(sample), len(shown)))
     apart = np.empty_like(angles)
@@ -55,6 +56,9 @@ def measured_errors(
         for i, f in enumerate(sample):
             scene.frame_set(int(frames[f]))
             R, T = world_matrices(armature, shown)
+            back = np.linalg.inv(np.array(armature.matrix_world))
+            moved = np.asarray(standing @ back, float)  # by a parent, such as a vehicle
+            R, T = rotations.orthonormal(moved[:3, :3]) @ R, T @ moved[:3, :3].T + moved[:3, 3]
             wanted = poses.turns[f] @ R_rest
             places = poses.places[f] + np.einsum("bij,bj->bi", poses.turns[f], heads - rig.rest.heads)
             angles[i] = np.degrees(np.linalg.norm(rotations.log(np.swapaxes(R, -1, -2) @ wanted), axis=-1))

@@ -21,6 +21,7 @@ from ...core.retargeting.roles import SIDES, BoneMap
 from ...core.retargeting.transfer import RetargetOptions
 from ..scene_io import fcurves
 from ..scene_io.followed_bones import skeletons_following
+from ..scene_io.object_motion import what_moves
 from .fk_controls import FkControls, through_controls
 from .ik_controls import forget_twists, ik_bones, ik_channels, ik_roles
 from .live import LiveSource, follow, refuse_inverse_kinematics, remember, stop_following
@@ -173,6 +174,7 @@ def send_to_rig(
         "frames": [int(frames[0]), int(frames[-1])],
         "warnings": [
             *shown_at_rest,
+            *_moving_as_a_whole(scene, armature, (int(frames[0]), int(frames[-1]))),
             *_standing_wrongly(armature, sent.rig),
             *_scaled_unevenly(armature, sent.rig),
             *_freed(armature, sent.holds, "now" if options.live is not None else "in the new action"),
@@ -346,6 +348,17 @@ def _standing_wrongly(armature: bpy.types.Object, rig: ControlRig) -> list[str]:
             "Find Bones, or in a bone map"
         )
     return found
+
+
+def _moving_as_a_whole(scene: bpy.types.Scene, armature: bpy.types.Object, frames: tuple[int, int]) -> list[str]:
+    """Return a warning where something moves the armature object besides the motion of its bones."""
+    moving = what_moves(scene, armature, frames)
+    if moving is None:
+        return []
+    return [
+        f"armature {armature.name}: {moving} moves it as a whole, and the motion is added to that: free it, if the "
+        "motion is that in the world"
+    ]
 
 
 def _freed(armature: bpy.types.Object, holds: Mapping[tuple[str, str], float], when: str) -> list[str]:

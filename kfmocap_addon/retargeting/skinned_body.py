@@ -11,6 +11,7 @@ from ...core.retargeting.bone_matching import preset_of
 from ...core.retargeting.roles import BoneMap
 from ..scene_io import body_armature, fcurves, part_meshes, performers, scene, skinned_parts
 from ..scene_io.followed_bones import following, leader_of
+from ..scene_io.object_motion import what_moves
 from . import fk_controls
 from .fk_controls import FkControls
 from .overrides import editable
@@ -42,7 +43,7 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
         It cannot be a body; names the bone.
     """
     armature = editable(armature, current)
-    _refuse_moving_object(armature)
+    _refuse_moving_object(current, armature)
     taken, remarks = _taken(current, armature)
     if taken.animation_data is not None:
         fcurves.show_action(taken)
@@ -202,17 +203,25 @@ def _moves(armature: bpy.types.Object, bone: str, attribute: str, still: float =
     )
 
 
-def _refuse_moving_object(armature: bpy.types.Object) -> None:
-    """Raise a BodyError where keys move the armature as a whole."""
+def _refuse_moving_object(current: bpy.types.Scene, armature: bpy.types.Object) -> None:
+    """Raise a BodyError where something moves the armature as a whole."""
+    where = f"armature {armature.name}"
     bag = fcurves.find_channelbag(armature)
     for curve in bag.fcurves if bag else ():
         whole = curve.data_path.startswith(("location", "rotation", "scale", "delta_"))
         if whole and np.ptp(fcurves.get_keys(curve)["co"][:, 1]) > _STILL:
             raise BodyError(
                 f"keys of {curve.data_path} move the armature object itself, and only bones are tracked",
-                where=f"armature {armature.name}",
+                where=where,
                 todo="delete them, and key the topmost bone of the body instead",
             )
+    moving = what_moves(current, armature, (current.frame_start, current.frame_end))
+    if moving is not None:
+        raise BodyError(
+            f"{moving} moves the armature object itself, and only bones are tracked",
+            where=where,
+            todo="free it: clear the parent (Alt P), or mute the constraint",
+        )
 
 
 def _limb_bones(armature: bpy.types.Object) -> BoneMap:

@@ -187,6 +187,45 @@ def test_a_character_that_lies_at_rest_is_named():
     assert said.startswith("armature hero: it does not stand upright at rest")
 
 
+def car():
+    """An empty that moves by a metre."""
+    vehicle = bpy.data.objects.new("car", None)
+    bpy.context.scene.collection.objects.link(vehicle)
+    for frame, place in ((1, 0.0), (FRAMES, 1.0)):
+        vehicle.location.x = place
+        vehicle.keyframe_insert("location", frame=frame)
+    return vehicle
+
+
+def on_parent(armature):
+    armature.parent = car()
+
+
+def on_constraint(armature):
+    armature.constraints.new("COPY_LOCATION").target = car()
+
+
+@pytest.mark.parametrize(("hold", "said"), [(on_parent, "its parent car"), (on_constraint, "its constraint 'Copy Loc")])
+def test_a_character_that_rides_is_sent_motion_with_a_word_and_not_tracked(hold, said):
+    armature = skinned_human()
+    hold(armature)
+    bpy.context.scene.frame_set(1)
+    report = sent(armature)
+    [warning] = report["warnings"]
+    assert warning.startswith(f"armature hero: {said}") and "moves it as a whole" in warning
+    assert max(limb["worst_mm"] for limb in report["error"].values()) < 0.1, "in the vehicle"
+    with pytest.raises(BodyError, match=f"armature hero: {said}.* moves the armature object itself"):
+        use_as_body(bpy.context.scene, armature)
+
+
+def test_a_character_below_a_parent_that_stays_is_tracked_without_a_word():
+    armature = skinned_human()
+    armature.parent = car()
+    bpy.data.objects["car"].animation_data_clear()
+    assert not sent(armature)["warnings"]
+    assert not use_as_body(bpy.context.scene, armature)[1]
+
+
 def test_a_character_in_edit_mode_is_refused_by_name():
     armature = skinned_human()
     bpy.context.view_layer.objects.active = armature
