@@ -22,7 +22,6 @@ RELAXATION = "core/tracking/solvers/relaxation.py"
 STEPS = "core/tracking/solvers/motion_steps.py"
 PREDICTION = "core/tracking/prediction.py"
 KINEMATICS = "core/body/kinematics.py"
-GRADIENTS = "core/evidence/gradients.py"
 SWEEPS = "tests/core/tracking/test_relaxation.py"
 SERIES = "tests/core/tracking/test_prediction.py"
 BODY = "tests/core/body/test_body.py"
@@ -64,7 +63,7 @@ TERMS = (
     ),
     Term(
         "(2), (9)",
-        GRADIENTS,
+        "core/evidence/image_wrenches.py",
         "mz = -(mx * x + my * y) / z",
         "mz = (mx * x + my * y) / z",
         f"{IMAGES}::test_standing_still_before_a_flash_the_sums_are_the_derivatives",
@@ -99,7 +98,7 @@ TERMS = (
     ),
     Term(
         "(8)",
-        GRADIENTS,
+        "core/evidence/compared_pixels.py",
         "there, there[0] - here[0], seen)",
         "there, here[0] - there[0], seen)",
         f"{IMAGES}::test_standing_still_before_a_flash_the_sums_are_the_derivatives",

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..cameras.camera import Camera
 from ..numerics.arrays import Array, Bools
 from .foreground import log_ratio
-from .gradients import camera_twist, wrenches
+from .image_wrenches import camera_twist, wrenches
 from .label_images import LabelImages, pixels_at
 from .part_colours import ColouredFrames
 from .view_frames import interpolated, stacked_places

@@ -15,27 +15,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.kinematics import Poses
-from ..cameras.camera import Camera
-from ..numerics import rotations
 from ..numerics.arrays import Array
 from ..numerics.robust_kernels import NORMAL_MAD
-from .foreground import log_ratio
-from .label_images import LabelImages
-from .view_frames import GradientImages, Image
+from .compared_pixels import LabelledFrames, compare
+from .image_wrenches import camera_twist, wrenches
+from .pixel_gains import LEAST_NOISE, gains
+from .view_frames import Image
 
 HUBER = 1.345
 """Limit of Huber's loss between its quadratic and linear parts, standard deviations (95 % efficiency for normal
 noise)."""
-BACKGROUND_BELOW = -0.5
-"""Log likelihood ratio below which a pixel within the model's outline counts as background."""
-OUTLIERS = 0.05
-"""Fraction of pixels whose brightness changes arbitrarily, because of occlusion or shading."""
 PART_PIXELS = 20.0
 """A part's own noise is drawn toward that of its pair of frames, and its change of brightness toward none, as by so
 many pixels."""
-_LEAST_NOISE = 2e-4
-_LEAST_DEVIATION = 1e-3  # of the residuals of a frame whose pixels show next to nothing
 _AT_A_TIME = 16  # groups of pixels, few enough to stay in the processor's cache
 
 
@@ -78,76 +70,6 @@ class GradientSums:
     gain: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Pixels:
-    """The pixels of n label images that show a part.
-
-    Attributes
-    ----------
-    frame, part : ndarray of int, shape (N,)
-    ends : ndarray of int
-        See `LabelImages`.
-    uv : ndarray of int, shape (N, 2)
-        Their positions in the view's frames, pixels.
-    points_cam : ndarray of float32, shape (N, 3)
-        The points that they show, in camera axes, metres.
-    """
-
-    frame: NDArray[np.intp]
-    part: NDArray[np.intp]
-    ends: NDArray[np.intp]
-    uv: NDArray[np.intp]
-    points_cam: Image
-
-    @classmethod
-    def of(cls, labels: LabelImages, camera: Camera, stride: int, frames: int) -> Pixels:
-        """Return the pixels of the first `frames` label images, which have every stride-th pixel of the camera's
-        frames.
-        """
-        P = labels.share.shape[1]
-        ends = labels.ends[: frames * P + 1]
-        frame, u, v = (a[: ends[-1]] for a in labels.places)
-        part = np.repeat(np.tile(np.arange(P), frames), np.diff(ends))
-        uv = stride * np.stack([u, v])
-        K = camera.matrix.astype(np.float32)
-        points = np.empty((3, ends[-1]), np.float32)
-        points[2] = 1 / labels.inverse_depth[: ends[-1]]
-        points[:2] = (uv.astype(np.float32) - K[:2, 2:]) / K[[0, 1], [0, 1]][:, None] * points[2]
-        return cls(frame, part, ends, uv.T, points.T)
-
-
-@dataclass(frozen=True, eq=False)
-class LabelledFrames:
-    """n consecutive frames of one view, with the label images of some poses.
-
-    Attributes
-    ----------
-    camera : Camera
-        The view's camera, for its reduced and rectified frames.
-    images : GradientImages
-        Brightness and derivatives of the frames.
-    labels : LabelImages
-        Label images of the frames, with every stride-th pixel.
-    poses : tuple
-        World poses (R, T) of all parts, (n, P, 3, 3) and (n, P, 3).
-    first : int
-        Shot frame of the first of them.
-    stride : int
-        Step between the pixels of the label images, in both directions.
-    foreground : ndarray of uint8, shape (M, n, h, w), optional
-        Foreground images of each performer, by which pixels that show something else are left out; see
-        `core.evidence.foreground`.
-    """
-
-    camera: Camera
-    images: GradientImages
-    labels: LabelImages
-    poses: Poses
-    first: int
-    stride: int
-    foreground: NDArray[np.uint8] | None = None
-
-
 def brightness_constancy(
     frames: LabelledFrames, tolerance: float, given_noise: Array | None = None, *, by_part: bool = False
 ) -> GradientSums:
@@ -174,7 +96,7 @@ def brightness_constancy(
     camera, labels = frames.camera, frames.labels
     m, P = len(frames.poses[0]) - 1, labels.share.shape[1]
     to_camera = camera.poses(frames.first, m + 1)
-    compared = _compared(frames)
+    compared = compare(frames)
     pixels, residual, seen = compared.pixels, compared.residual, compared.seen
     x_a, x_b = pixels.points_cam, compared.points_there
     focal = camera.matrix[[0, 1], [0, 1]].astype(np.float32)
@@ -190,7 +112,7 @@ def brightness_constancy(
     count = np.bincount(pixels.frame, seen, minlength=m).astype(float)
     error_sum = np.bincount(pixels.frame, error * seen, minlength=m).astype(float)
     error_sum += PART_PIXELS * ((given[:, :1] / given[:, 1:]) ** 2 * changes**2).sum(axis=1)
-    gain = _gains(compared, frames.images, (tolerance * given[pixels.frame, 0]).astype(np.float32))
+    gain = gains(compared, frames.images, (tolerance * given[pixels.frame, 0]).astype(np.float32))
 
     rows = np.empty((13, len(residual)), np.float32)
     rows[:6], rows[6:12], rows[12] = -wrenches(x_a, slope, focal).T, wrenches(x_b, slope, focal).T, residual
@@ -214,127 +136,6 @@ def brightness_constancy(
         error_sum / np.maximum(count, 1),
         np.bincount(pixels.frame, gain, minlength=m).astype(float),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class PixelGains:
-    """Contributions to `GradientSums.gain` of the pixels of parts that stay in place, while others move in front of
-    them.
-
-    Attributes
-    ----------
-    here, there : ndarray of int, shape (N,)
-        Indices of the pixels, and of their points one frame later, among all pixels of the n label images.
-    frame, part : ndarray of int, shape (N,)
-    gain : ndarray, shape (N,)
-    """
-
-    here: NDArray[np.intp]
-    there: NDArray[np.intp]
-    frame: NDArray[np.intp]
-    part: NDArray[np.intp]
-    gain: NDArray[np.floating[Any]]
-
-    @classmethod
-    def of(
-        cls,
-        frames: LabelledFrames,
-        tolerance: float,
-        noise: Array,
-    ) -> PixelGains:
-        """Return the gains of the parts in label images; parameters as in `brightness_constancy`."""
-        compared, labels = _compared(frames), frames.labels
-        pixels, deviation = compared.pixels, tolerance * np.maximum(noise, _LEAST_NOISE)
-        gain = _gains(compared, frames.images, deviation[pixels.frame, 0])
-        kept = np.flatnonzero(compared.seen)
-        _, height, width = labels.part.shape
-        u, v = np.rint(compared.uv_there[kept].T / frames.stride).astype(np.intp)
-        frame = pixels.frame[kept]
-        there = ((frame + 1) * height + v) * width + u
-        return cls(labels.index[: len(gain)][kept], there, frame, pixels.part[kept], gain[kept])
-
-    def visible(self, part: NDArray[np.int16], numbers: NDArray[np.intp], pairs: int) -> Array:
-        """Return the sums (m,) over the pixels that are visible on both frames in label images of all parts (n, h, w);
-        `numbers` are the indices of these parts among all.
-        """
-        own, shown = numbers.astype(np.int16).take(self.part), part.ravel()
-        hidden = shown.take(self.here) != own
-        hidden |= shown.take(self.there) != own
-        lost = np.flatnonzero(hidden)
-        return self._sums(slice(None), pairs) - self._sums(lost, pairs)
-
-    def _sums(self, of: slice | NDArray[np.intp], pairs: int) -> Array:
-        return np.bincount(self.frame[of], self.gain[of], minlength=pairs).astype(float)
-
-
-@dataclass(frozen=True, eq=False)
-class _Compared:
-    """Pixels that show parts, and their points on the next frame, in camera axes (N, 3) and in the picture (N, 2), with
-    brightness and its derivatives (3, N) on both frames, the difference of brightness, and which pixels are used.
-    """
-
-    pixels: Pixels
-    points_there: Image
-    uv_there: Image
-    here: Image
-    there: Image
-    residual: Image
-    seen: NDArray[np.bool_]
-
-
-def _compared(frames: LabelledFrames) -> _Compared:
-    camera, images, labels, poses = frames.camera, frames.images, frames.labels, frames.poses
-    m = len(poses[0]) - 1
-    pixels = Pixels.of(labels, camera, frames.stride, m)
-    x_b = _carried(pixels, camera.poses(frames.first, m + 1), poses)
-    focal, centre = (a.astype(np.float32) for a in (camera.matrix[[0, 1], [0, 1]], camera.matrix[:2, 2]))
-    uv_b = (x_b.T[:2] / x_b[:, 2] * focal[:, None] + centre[:, None]).T
-    here, there = images.at(pixels.frame, pixels.uv), images.sample(pixels.frame + 1, uv_b)
-    seen = labels.part_at(pixels.frame + 1, *(uv_b.T / frames.stride)) == pixels.part
-    if frames.foreground is not None:
-        whose = labels.performer[pixels.part]
-        seen &= log_ratio(frames.foreground[whose, pixels.frame, pixels.uv[:, 1], pixels.uv[:, 0]]) > BACKGROUND_BELOW
-    return _Compared(pixels, x_b, uv_b, here, there, there[0] - here[0], seen)
-
-
-def _gains(compared: _Compared, images: GradientImages, deviation: NDArray[np.floating[Any]]) -> Array:
-    """Return how much likelier each pixel is than if its point stood still, natural units, (N,); 0 for unused ones."""
-    pixels, deviation = compared.pixels, np.maximum(deviation, _LEAST_DEVIATION)
-    still = images.at(pixels.frame + 1, pixels.uv)[0] - compared.here[0]
-    moved, stood = (log_likelihoods(residual, deviation) for residual in (compared.residual, still))
-    return np.asarray((moved - stood) * compared.seen)
-
-
-def log_likelihoods(residual: NDArray[np.floating[Any]], deviation: NDArray[np.floating[Any]]) -> Array:
-    """Return the log likelihoods of residuals, up to a constant: normal, or with probability `OUTLIERS` uniform.
-
-    No single pixel can then cost more than an outlier. With Huber's loss, a pixel on an edge counts as much as eighty
-    that are off by one standard deviation, and a few such pixels outweigh all else.
-    """
-    outliers = OUTLIERS / (1 - OUTLIERS) * np.sqrt(2 * np.pi) * deviation.astype(float)
-    return np.asarray(np.log(np.exp(-0.5 * (residual.astype(float) / deviation) ** 2) + outliers))
-
-
-def _carried(pixels: Pixels, to_camera: Poses, poses: Poses) -> Image:
-    """Return the pixels' points moved with their parts to the next frame, in its camera's axes, shape (N, 3)."""
-    (Rc, tc), (R, T) = to_camera, poses
-    R_cam, T_cam = Rc[:, None] @ R, T @ np.swapaxes(Rc, 1, 2) + tc[:, None]
-    turn = R_cam[1:] @ np.swapaxes(R_cam[:-1], -1, -2)
-    shift = T_cam[1:] - (turn @ T_cam[:-1, :, :, None])[..., 0]
-    # In double precision: the last bit of a single-precision product depends on the alignment of arrays.
-    rows = np.concatenate([turn, shift[..., None]], axis=-1).reshape(-1, 12).T
-    move = np.repeat(np.ascontiguousarray(rows), np.diff(pixels.ends), axis=1)
-    x, y, z = pixels.points_cam.T.astype(float)
-    out = np.empty((3, len(x)), np.float32)
-    for row, (a, b, c, d) in zip(out, move.reshape(3, 4, -1), strict=True):
-        a *= x
-        b *= y
-        c *= z
-        a += b
-        a += c
-        a += d
-        row[:] = a
-    return out.T
 
 
 def summed_products(
@@ -362,7 +163,7 @@ def _residuals_of_parts(
     gets brighter, and all parts have the noise of their pair of frames.
     """
     of_pairs = [_robust_deviation(residual[a:b][seen[a:b]]) for a, b in pairwise(ends[::parts])]
-    noise = np.repeat(np.maximum(of_pairs, _LEAST_NOISE)[:, None], 1 + parts, axis=1)
+    noise = np.repeat(np.maximum(of_pairs, LEAST_NOISE)[:, None], 1 + parts, axis=1)
     change = np.zeros((len(of_pairs), parts))
     if by_part:
         own, count = residual[seen], np.diff(np.concatenate([[0], np.cumsum(seen)])[ends])
@@ -372,7 +173,7 @@ def _residuals_of_parts(
         own_noise = np.sqrt(share * (NORMAL_MAD * apart) ** 2 + (1 - share) * np.repeat(noise[:, 0], parts) ** 2)
         change = brighter.reshape(change.shape)
         noise[:, 1:] = np.where(count > 0, own_noise, noise[:, 1:].ravel()).reshape(change.shape)
-    return change, np.maximum(noise, _LEAST_NOISE)
+    return change, np.maximum(noise, LEAST_NOISE)
 
 
 def _deviations(noise: Array, tolerance: float, ends: NDArray[np.intp]) -> tuple[Image, Image]:
@@ -422,17 +223,6 @@ def _medians(values: Image, counts: NDArray[np.intp]) -> Array:
     return np.where(counts > 0, (lower + upper) * np.float32(0.5), np.float32(0)).astype(float)
 
 
-def wrenches(points: Image, slope: Image, focal: Image) -> Image:
-    """Return the rows (m, x cross m) for brightness derivatives (2, N) at points in camera axes, shape (N, 6)."""
-    x, y, z = points.T
-    out = np.empty((6, len(points)), np.float32)
-    mx, my = slope[0] * focal[0] / z, slope[1] * focal[1] / z
-    mz = -(mx * x + my * y) / z
-    out[:3] = mx, my, mz
-    out[3:] = y * mz - z * my, z * mx - x * mz, x * my - y * mx
-    return out.T
-
-
 def huber_weights(residual: Image, deviation: Image) -> Image:
     """Return the weights of Huber's loss: 1 up to `HUBER` deviations, then falling as 1/|r|."""
     return np.asarray(
@@ -452,14 +242,4 @@ def _pair_twists(Rc: Array, tc: Array) -> Array:
     twist = camera_twist(Rc, tc)
     A = np.zeros((len(Rc) - 1, 12, 12))
     A[:, :6, :6], A[:, 6:, 6:] = twist[:-1], twist[1:]
-    return A
-
-
-def camera_twist(R_cam_world: Array, t_cam_world: Array) -> Array:
-    """Return matrices (..., 6, 6) that take twists (v, omega) about the world's origin to the camera's axes and
-    centre.
-    """
-    A = np.zeros((*t_cam_world.shape[:-1], 6, 6))
-    A[..., :3, :3] = A[..., 3:, 3:] = R_cam_world
-    A[..., :3, 3:] = rotations.skew(t_cam_world) @ R_cam_world
     return A

@@ -13,8 +13,8 @@ from ..numerics.arrays import Array, Bools
 from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
 from ..numerics.normal_equations import DenseEquations
 from .contours import Lines, outline_lines
-from .gradients import camera_twist
 from .held_outlines import HeldOutlines
+from .image_wrenches import camera_twist
 from .label_images import render_labels
 from .part_geometry import Geometry
 from .view_frames import ViewFrames

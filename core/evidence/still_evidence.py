@@ -9,10 +9,11 @@ import numpy as np
 
 from ..body.kinematics import Poses
 from ..numerics.arrays import Array, Ints
+from .compared_pixels import LabelledFrames
 from .explained import explained_by_part
-from .gradients import LabelledFrames, PixelGains
 from .label_images import StillParts
 from .part_geometry import Geometry
+from .pixel_gains import PixelGains
 from .sampling import Sampling
 from .view_frames import KEPT_BYTES, ViewFrames
 

@@ -23,8 +23,8 @@ from ..body.shaping import joint_jacobian
 from ..body.time_shift import poses_after
 from ..cameras.camera import Camera
 from ..errors import BodyError
-from ..evidence.gradients import camera_twist
 from ..evidence.held_outlines import HeldOutlines
+from ..evidence.image_wrenches import camera_twist
 from ..evidence.part_geometry import Geometry
 from ..formats.keypoint_files import read_shot_keypoints
 from ..keypoints.keypoint_deviations import USUAL_DEVIATION, robust_weights

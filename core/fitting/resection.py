@@ -21,8 +21,8 @@ from ..body.kinematics import Poses, scene_poses
 from ..body.motion import Motion
 from ..cameras.camera import Camera
 from ..evidence.contours import EDGE_DEVIATION, MODEL_DEVIATION, Lines
-from ..evidence.gradients import camera_twist
 from ..evidence.held_outlines import HeldOutlines
+from ..evidence.image_wrenches import camera_twist
 from ..evidence.part_geometry import Geometry
 from ..evidence.part_shapes import SHIFT, STRETCH, stretched
 from ..numerics import rotations

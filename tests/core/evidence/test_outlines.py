@@ -20,7 +20,7 @@ from kfmocap.core.evidence.contours import (
     outline_lines,
     outline_sums,
 )
-from kfmocap.core.evidence.gradients import camera_twist
+from kfmocap.core.evidence.image_wrenches import camera_twist
 from kfmocap.core.evidence.label_images import LabelImages, render_labels
 from kfmocap.core.evidence.part_geometry import Geometry
 from kfmocap.core.numerics import rotations
