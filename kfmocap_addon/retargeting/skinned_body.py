@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 import numpy as np
 
@@ -167,6 +169,7 @@ def _remarks(armature: bpy.types.Object) -> tuple[str, ...]:
     parts = body_armature.body_bones(armature)
     names = {bone.name for bone in parts}
     carrying = {above.name for bone in parts for above in bone.parent_recursive} - names
+    carrying |= {followed for name in carrying for followed in _followed(armature, name)} - names
     said = [f"bone {n}: it is no part, and counts as it stands now: key the bones below it" for n in carrying]
     said = [text for text, name in zip(said, carrying, strict=True) if _moves(armature, name, "")]
     top = parts[0].name
@@ -191,6 +194,13 @@ def _remarks(armature: bpy.types.Object) -> tuple[str, ...]:
         if np.abs(np.array(bone.scale) - 1).max() > _SCALED or _moves(armature, bone.name, "scale", _SCALED):
             said.append(f"bone {bone.name}: it is scaled, and the body is not: clear its scale (Alt S) and its keys")
     return tuple(sorted(said))
+
+
+def _followed(armature: bpy.types.Object, name: str) -> list[str]:
+    """Return the bones of an armature that constraints of one of them follow."""
+    bone: Any = armature.pose.bones[name]
+    ends = [end for held in bone.constraints for end in (held, *getattr(held, "targets", ()))]
+    return [end.subtarget for end in ends if getattr(end, "target", None) == armature and end.subtarget]
 
 
 def _moves(armature: bpy.types.Object, bone: str, attribute: str, still: float = _STILL) -> bool:
