@@ -52,13 +52,15 @@ def main(argv: Sequence[str] | None = None, services: Services | None = None) ->
             with _blender_ahead(args, services or Services()) as beside, _workers_ahead(args, beside) as ready:
                 command = import_module(f".{args.command}_command", __package__)
                 exit_code: int = command.run(args, ready)
-        except KFMocapError as error:
-            if interruptions.received is None:
-                print(f"kfmocap: error: {' '.join(str(error).split())}", file=sys.stderr)
-                return 1
-            # Blender turns an interrupt into errors of its own.
-            print(f"kfmocap: {said(error)}", file=sys.stderr)
-            return interruptions.exit_code
+        except Exception as error:
+            if interruptions.received is not None:
+                # Blender, and NumPy where it compares, turn an interrupt into errors of their own.
+                print(f"kfmocap: {said(error)}", file=sys.stderr)
+                return interruptions.exit_code
+            if not isinstance(error, KFMocapError):
+                raise
+            print(f"kfmocap: error: {' '.join(str(error).split())}", file=sys.stderr)
+            return 1
         except KeyboardInterrupt as interrupt:
             print(f"kfmocap: {said(interrupt)}", file=sys.stderr)
             return interruptions.exit_code

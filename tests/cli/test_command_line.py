@@ -396,6 +396,25 @@ def test_signals_end_a_run_and_leave_nothing(
     assert not list(folder.glob(".kfmocap-*"))
 
 
+def test_an_interrupt_that_a_library_turns_into_an_error_of_its_own_remains_one(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """NumPy says that arrays cannot be compared where a signal comes while it compares records."""
+
+    def compared(*_: object, **__: object) -> None:
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        except KeyboardInterrupt as interrupt:
+            raise TypeError("Cannot compare structured arrays") from interrupt
+
+    monkeypatch.setattr(track_command, "track", compared)
+    assert track(folder) == 143
+    assert capsys.readouterr().err == "kfmocap: interrupted, nothing was written\n"
+    monkeypatch.setattr(track_command, "track", broken(TypeError("a fault of ours")))
+    with pytest.raises(TypeError, match="a fault of ours"):
+        track(folder)
+
+
 def test_an_interrupt_after_the_results_says_so(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
