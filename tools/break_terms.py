@@ -318,14 +318,14 @@ TERMS = (
         "core/calibration/solving/wand_motion.py",
         "half = self.length / 2 * self.direction",
         "half = self.length * self.direction",
-        "tests/core/calibration/test_bundle.py::test_the_wand_keeps_its_length_exactly",
+        "tests/core/calibration/solving/test_bundle.py::test_the_wand_keeps_its_length_exactly",
     ),
     Term(
         "paper 2, section 3.1, Levenberg-Marquardt",
         "core/calibration/solving/bundle_residuals.py",
         "(uv - seen.uv) * np.broadcast_to(reached",
         "(seen.uv - uv) * np.broadcast_to(reached",
-        "tests/core/calibration/test_bundle.py::test_derivatives_agree_with_finite_differences",
+        "tests/core/calibration/solving/test_bundle.py::test_derivatives_agree_with_finite_differences",
     ),
     Term(
         "paper 2, section 3.1, colours",
