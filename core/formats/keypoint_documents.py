@@ -102,9 +102,13 @@ def _of_list(document: list[Any]) -> list[DetectedPerson] | None:
 
 
 def picture_number(name: Any) -> int:
-    """Return the number of a picture: the last number in its name."""
+    """Return the number of a picture: the last number in its name, or the number that stands for one."""
     if isinstance(name, int):
         return name
+    if isinstance(name, float):  # as a name, 1e16 would be picture 16
+        if not name.is_integer():
+            raise ValueError(f"picture {name} has no whole number")
+        return int(name)
     numbers = re.findall(r"\d+", re.sub(r"\.\w*$", "", str(name)))
     if not numbers:
         raise ValueError(f"picture '{name}' has no number")
