@@ -117,6 +117,8 @@ def _draw_plants(column: bpy.types.UILayout, context: bpy.types.Context) -> None
         for planted, icon in ((True, "ADD"), (False, "REMOVE")):
             button = row.operator(SetPlant.bl_idname, text="", icon=icon)
             button.point, button.planted = name, planted
+    if slot.plants_found and not slot.plants:
+        column.label(text="The feet creep: none is held still", icon="INFO")
     if slot.plants:
         column.operator(CleanFeet.bl_idname, icon="CON_FLOOR")
 
