@@ -138,7 +138,9 @@ class UseArmature(Conditional, bpy.types.Operator):
         if candidate.type == "MESH":
             select_only(context, use_as_prop(context.scene, candidate))
             return
-        _, remarks = use_as_body(context.scene, candidate)
+        taken, remarks = use_as_body(context.scene, candidate)
+        if context.mode == "OBJECT":
+            select_only(context, taken)  # its mesh was active, or an instance of it
         for text in remarks:
             self.report({"WARNING"}, text)
 

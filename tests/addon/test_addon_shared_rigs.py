@@ -109,6 +109,7 @@ def test_an_instance_of_a_linked_character_becomes_a_performer_where_it_stands(t
         scene.collection.objects.link(instance)
     bpy.context.view_layer.objects.active = instance
     assert bpy.ops.kfmocap.use_armature() == {"FINISHED"}
+    assert bpy.context.active_object == bpy.context.scene.kfmocap.performers[0].armature, "to be posed"
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
     [slot] = bpy.context.scene.kfmocap.performers
