@@ -11,9 +11,9 @@ from scipy.stats import spearmanr
 
 from ..cli.example_footage import example_folder
 from ..core.body import landmark_positions
+from ..core.body.limbs import MAIN_JOINTS
 from ..core.formats import Landmarks, read_trc
 from ..core.numerics.arrays import Array
-from ..core.review.scoring import JOINTS
 from ..core.review.suggestions import suggest_keys_by_error
 from ..core.shot.shot import Shot
 from ..core.tracking.prepare import load_shot
@@ -87,7 +87,7 @@ def _tracked(row: Row, keyframes: Sequence[int]) -> tuple[Shot, TrackResult, Arr
 def real_errors(shot: Shot, result: TrackResult, reference: Path, performer: int = 0) -> Array:
     """Return the mean error of a performer's joints on every frame, millimetres, shape (F,)."""
     body, truth = shot.performers[performer].body, read_trc(reference)
-    names = [n for n in truth.names if n in body.landmarks and n != "Hip" and n.endswith(JOINTS)]
+    names = [n for n in truth.names if n in body.landmarks and n != "Hip" and n.endswith(MAIN_JOINTS)]
     found = Landmarks(tuple(names), landmark_positions(body, result.motions[performer], names), shot.fps).points_world
     true = truth.points_world[: len(found)][:, [truth.names.index(n) for n in names]]
     return 1000 * np.nanmean(np.linalg.norm(found - true, axis=2), axis=1)

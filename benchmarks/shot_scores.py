@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from ..core.body import Body, landmark_positions
+from ..core.body.limbs import MAIN_JOINTS
 from ..core.body.motion import Motion
 from ..core.formats import Landmarks
 from ..core.formats.keypoint_files import read_shot_keypoints
 from ..core.keypoints.observations import performer_keypoints
 from ..core.keypoints.triangulation import triangulate
-from ..core.review.scoring import JOINTS, Score, joint_error
+from ..core.review.scoring import Score, joint_error
 from ..core.shot.shot import Shot
 
 Array = NDArray[np.float64]
@@ -33,7 +34,7 @@ def triangulated_error(shot: Shot, truth: Landmarks) -> Score | None:
         return None
     keypoints = performer_keypoints(shot, read_shot_keypoints(shot))[0]
     points, _ = triangulate(keypoints)
-    names = [name for name in keypoints.names if name.endswith(JOINTS) and name != "Hip"]
+    names = [name for name in keypoints.names if name.endswith(MAIN_JOINTS) and name != "Hip"]
     columns = points[:, [keypoints.names.index(name) for name in names]]
     return joint_error(Landmarks(tuple(names), low_passed(columns, shot.fps), shot.fps), truth, ())
 

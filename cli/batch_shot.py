@@ -24,6 +24,7 @@ from .services import BlenderSession
 from .track_command import check_inputs_kept, run_track
 
 DONE, REFUSED, FAILED = "done", "bad input", "failed"
+"""States of a shot of a batch."""
 STATUS = "status"
 """The folder, beside those of the results, that contains the outcome of every shot."""
 

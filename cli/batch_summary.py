@@ -19,6 +19,7 @@ from .batch_shot import DONE, ShotOutcome
 
 COLUMNS = ("shot", "state", "expected_error_mm", "seconds", "warnings", "message", "file")
 SUMMARY = ("summary.csv", "summary.html")
+"""Files of the summary, in the folder of the results."""
 _THUMBNAIL = 320
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from ..core.errors import FootageError
 
 PACKAGE = "pose2sim==0.10.49"
+"""The package that contains the footage of the example beam."""
 _VIDEOS = "Pose2Sim/Demo_SinglePerson/videos/"
 _EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 

@@ -18,6 +18,7 @@ SOLVERS: Choices = MappingProxyType(
     }
 )
 BEST_SOLVER = "gauss-newton"
+"""The default, and the only one that uses all evidence."""
 ROOT_MOTIONS: Choices = MappingProxyType(
     {
         "world": ("On the Hips", "The character moves through the world"),

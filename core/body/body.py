@@ -19,6 +19,7 @@ from ..errors import BodyError
 from ..numerics.arrays import Array
 
 UNLIMITED = ((-np.pi, np.pi),) * 3
+"""Limits of a joint that turns as it likes, radians: lowest and highest about each axis."""
 AT_EASE = 2.0
 """Standard deviation of a free joint's rotation from its rest orientation, radians."""
 

@@ -40,6 +40,7 @@ FRACTIONS: dict[str, float] = {
 the shoulders, of the shoulders before the spine, and of the hip joints above the root."""
 
 SHIFTS = ("neck_rise", "shoulders_forward", "hips_rise")
+"""Measures that shift a joint, and are no lengths."""
 _CENTRAL = {"hip_width", "shoulder_width", "torso", "head", "nose_up", "nose_forward", *SHIFTS}
 
 _DEG = np.pi / 180

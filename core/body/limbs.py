@@ -8,6 +8,9 @@ import numpy as np
 
 from .body import Body
 
+MAIN_JOINTS = ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle")
+"""The joints of arms and legs, which nearly every detector finds: names of landmarks without "L" or "R"."""
+
 
 def limbs(body: Body) -> list[list[int]]:
     """Chains of at least two parts from the last branching of the tree to its tips, as indices, the tip last.

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..capture.capture import LFRAME_ARMS
 from ..errors import OutputError
 from ..formats.html_page import html_page
 from ..numerics.arrays import Array
@@ -24,10 +25,10 @@ if TYPE_CHECKING:
 
 
 REPORT_FILES = ("report.json", "report.png", "report.html")
+"""Names of the report's files."""
 _WIDTH = 1200
 _WORST = 1.0
 """Residual that has the last colour of the scale, pixels."""
-_ARMS = ((0, 1), (1, 2), (0, 3))
 _AXES = ((40, 40, 220), (40, 160, 40), (200, 90, 30))
 _FRUSTUM = 0.35
 _SPACE_HEIGHT = 420
@@ -205,7 +206,7 @@ def _space(solution: CalibrationResult, view: Callable[[Array], Array], width: i
     for axis, colour in zip(0.5 * np.eye(3), _AXES, strict=True):
         start, end = at(np.stack([np.zeros(3), axis]))
         cv2.arrowedLine(picture, start, end, colour, 2, cv2.LINE_AA, tipLength=0.15)
-    for start, end in at(solution.lframe_world[np.array(_ARMS)]):
+    for start, end in at(solution.lframe_world[np.array(LFRAME_ARMS)]):
         cv2.line(picture, start, end, INK, 1, cv2.LINE_AA)
     for name, corners in frusta.items():
         tip, *rest = at(corners)

@@ -8,6 +8,7 @@ from ..errors import CaptureError
 from ..shot.footage_times import FootageRate
 
 LFRAME_NOT_SEEN = "lframe-not-seen"
+"""Name of the finding that no view sees the L-frame."""
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture.capture import LFRAME_BALLS, Markers
+from ..capture.capture import LFRAME_ARMS, LFRAME_BALLS, Markers
 from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress, share
 from ..shot.footage import pictures
 from .balls.ball_images import BallGuess, BallImage, BallLooks, fit_ball
 from .calibration_result import CalibrationResult
 from .expected_balls import FEWEST, ExpectedBalls, ball_diameter, wand_path
-from .lframe.lframe_markers import ARMS, SeenBalls, still_picture
+from .lframe.lframe_markers import SeenBalls, still_picture
 from .video_markers import SeenView, VideoMarkers
 
 Image = NDArray[Any]
@@ -240,7 +240,7 @@ class _View:
         """Those of the L-frame's small balls that are seen, from where they were found (4, 2) before, or not: NaN."""
         fitted: dict[int, BallImage] = {}
         for k in np.flatnonzero(self.lframe.small[0]).tolist():
-            rods, starts = self.lframe.rods(0, k, [b if a == k else a for a, b in ARMS if k in (a, b)])
+            rods, starts = self.lframe.rods(0, k, [b if a == k else a for a, b in LFRAME_ARMS if k in (a, b)])
             missed = bool(np.isnan(found[k]).any())
             expected, radius = self.lframe.centres[0, k], float(self.lframe.radii[0, k])
             guess = BallGuess(expected if missed else found[k], radius, self.radius_sigma[0], looks=looks)

@@ -28,7 +28,9 @@ REACH = 0.12
 PRIOR = np.diag([1 / STRETCH**2] * 3 + [1 / SHIFT**2] * 3)
 """Precision of every step, not of their sum: parts that are hardly seen stay as they are, others may change by more."""
 ITERATIONS = 4
+"""Number of iterations of the fit."""
 TOLERANCE = 2.0
+"""Robust limit of the outlines, in units of their usual one."""
 _STRIDE = 2
 
 

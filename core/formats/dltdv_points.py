@@ -21,6 +21,7 @@ from .reading import BEYOND, read_text, reading
 DIGITISED_SIGMA = 0.7
 """Standard deviation of a digitised coordinate, pixels."""
 ORIGINS = ("top-left", "bottom-left")
+"""Corners of the picture from which a file may count."""
 _COLUMN = re.compile(r"pt(\d+)_cam(\d+)_([XY])", re.IGNORECASE)
 
 

@@ -18,6 +18,7 @@ from ..runtime.files import replacing
 from .reading import BEYOND, first_repeated, read_text, reading
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+"""Metres per unit of a file."""
 WORLD_OF_Y_UP = [2, 0, 1]
 _TRC_OF_WORLD = [1, 2, 0]
 _HEADER_LINES = 5

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ..body import Body, landmark_positions
 from ..body.inverse_kinematics import fit_poses
+from ..body.limbs import MAIN_JOINTS
 from ..body.motion import Motion, stacked
 from ..numerics.arrays import Array
 from ..shot.keypose_spline import spline
@@ -18,7 +19,6 @@ from .view_agreement import averaged
 POSED_EVERY = 0.2
 """Interval at which a body other than the default is posed by inverse kinematics, seconds; a curve joins these
 poses."""
-MAIN = ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle")
 ENOUGH = 2 / 3
 """To pose the body on a frame, this share of those main joints must be known there that are known on any frame."""
 LEAST = 3
@@ -29,7 +29,7 @@ LOST = 0.25
 
 def posing_frames(keypoints: Keypoints, points_world: Array, fps: float) -> NDArray[np.intp]:
     """Return the frames to pose the body on: in each interval `POSED_EVERY`, the one on which most joints are known."""
-    main = [i for i, name in enumerate(keypoints.names) if name.endswith(MAIN) and name not in MAIN]
+    main = [i for i, name in enumerate(keypoints.names) if name.endswith(MAIN_JOINTS) and name not in MAIN_JOINTS]
     finite = np.isfinite(points_world[:, main]).all(axis=-1)
     known, enough = finite.sum(axis=1), max(LEAST, ENOUGH * finite.any(axis=0).sum())
     count = max(1, round(len(known) / (POSED_EVERY * fps)))

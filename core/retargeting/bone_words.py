@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 
 NAMESPACE = re.compile(r"^.*[:|]")
+"""What comes before a bone's name in files of other programs, as in mixamorig:Hips."""
 _TOKEN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\W\d_a-zA-Z]+")
 _SIDES = {
     **dict.fromkeys(("l", "left", "lf", "lft", "lt", "左"), "L"),

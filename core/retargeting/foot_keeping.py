@@ -23,6 +23,7 @@ from .roles import SIDES, BoneMap
 from .transfer import Placement, leg_length
 
 HEEL, BALL = 0, 1
+"""Indices of a sole's points."""
 _HEEL_BACK = 0.3  # of the horizontal distance from ankle to ball: from the ankle back to the heel, if it is unknown
 _FOOT = 0.17  # of the leg length: from the ankle to the ball, if it is unknown
 _SAME_FOOT = 0.03  # relative: foot lengths this close to proportional to the legs are taken to be exactly so

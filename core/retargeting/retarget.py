@@ -20,6 +20,7 @@ from .roles import LIMBS, SIDES, BoneMap
 from .transfer import Placement, RetargetOptions, leg_length, place, transfer
 
 DEFAULTS = RetargetOptions()
+"""The options where none are given."""
 _STANDING = (0.01, 0.22)
 """Range of the ankles' height above the origin, in leg lengths, for which the origin is the ground at rest."""
 _SOLES = (-0.02, 0.08)

@@ -32,7 +32,9 @@ from ..shot.shot import Shot, View
 Image = NDArray[Any]
 
 SHEET_WIDTH = 2400
+"""Width of the contact sheet, pixels."""
 COLUMNS = 7
+"""Number of pictures side by side."""
 _CELL_HEIGHT = 460
 _GAP = 4
 _MARGIN = 1.2

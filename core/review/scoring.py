@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..body import Body, landmark_positions
+from ..body.limbs import MAIN_JOINTS
 from ..body.motion import Motion
 from ..errors import LandmarkError
 from ..formats.trc import Landmarks
-
-JOINTS = ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle")
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ def joint_error(result: Landmarks, reference: Landmarks, keys: Sequence[int]) ->
     LandmarkError
         Nothing is left to compare.
     """
-    names = [n for n in reference.names if n in result.names and n != "Hip" and n.endswith(JOINTS)]
+    names = [n for n in reference.names if n in result.names and n != "Hip" and n.endswith(MAIN_JOINTS)]
     rows = np.setdiff1d(np.arange(min(len(result), len(reference))), keys)
     if not names or not len(rows):
         raise LandmarkError("the two motions share no joint outside the key frames")

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ..tracking.uncertainty import JointErrors
 
 WORST_FRAMES = 10
+"""Number of frames that are listed as the worst."""
 _RATE_TOLERANCE = 5e-4  # 29.97 and 30 frames per second differ by twice as much
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..body import Body
 from ..body.inverse_kinematics import fit_poses
+from ..body.limbs import MAIN_JOINTS
 from ..body.measures_from_landmarks import fit_body
 from ..body.prop import body_of_prop
 from ..body.skeleton_motion import SkeletonMotion
@@ -38,9 +39,8 @@ from ..shot.shot import KeyPoses, Performer, PerformerRequest, Shot, View
 from ..shot.shot_spec import PerformerSpec, ShotSpec, ViewSpec
 from .solvers.registry import REGISTRY, solver_named
 
-MAIN_LANDMARKS = tuple(
-    side + joint for joint in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle") for side in "LR"
-)
+MAIN_LANDMARKS = tuple(side + joint for joint in MAIN_JOINTS for side in "LR")
+"""The main joints of both sides."""
 LEAST_LANDMARKS = 4
 """Fewest main joints that a key pose needs; for people who are not wholly in the picture some are unknown."""
 

@@ -39,6 +39,7 @@ class Calibrate(Conditional, JobOperator, bpy.types.Operator):
 
     def finish(self, context: bpy.types.Context, result: CalibrationResult) -> None:
         from ...core.calibration.calibration_report import sheet, write_report
+        from ...core.capture.capture import LFRAME_ARMS
         from ..scene_io import solved_cameras
 
         scene, capture = context.scene, context.scene.kfmocap_capture
@@ -47,7 +48,7 @@ class Calibrate(Conditional, JobOperator, bpy.types.Operator):
         solved_cameras.show_cameras(scene, result.cameras, footage, offsets)
         ends = result.wand.ends_world
         solved_cameras.show_points(scene, "Wand", ends.reshape(-1, 3), [(2 * k, 2 * k + 1) for k in range(len(ends))])
-        solved_cameras.show_points(scene, "L-Frame", result.lframe_world, solved_cameras.LFRAME_ARMS)
+        solved_cameras.show_points(scene, "L-Frame", result.lframe_world, LFRAME_ARMS)
         solved_cameras.show_picture(REPORT, sheet(result))
         if capture.report:
             write_report(Path(bpy.path.abspath(capture.report)), result)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ...core.capture.colours import Colour
 
 LEAST_VIEWS = 2
+"""Fewest cameras that can be calibrated."""
 SLOTS = ("lframe", "first", "second")
 """The colours that can be picked: of the L-frame's balls, the wand's first and its second."""
 _LABELS = {"lframe": "L-frame", "first": "Wand, first ball", "second": "Wand, second ball"}

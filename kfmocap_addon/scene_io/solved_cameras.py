@@ -15,7 +15,6 @@ from . import footage_background, scene_cameras
 from . import scene as scenes
 
 COLLECTION = "Calibration"
-LFRAME_ARMS = ((0, 1), (1, 2), (0, 3))
 
 
 def show_cameras(

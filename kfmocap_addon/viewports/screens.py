@@ -15,6 +15,7 @@ import bpy
 Box = tuple[int, int, int, int]
 """Left, bottom, right and top, pixels of the window."""
 MOST = 4
+"""Largest number of views shown at once."""
 SIDEBAR_TAB = "KF Mocap"
 """Name of the tab of the sidebar that holds all panels."""
 _NEXT_DRAW = 0.05  # seconds

@@ -27,6 +27,7 @@ RAYS = 40
 """Rays from the middle of a blob across its edge."""
 _ANGLES = 2 * np.pi * np.arange(RAYS) / RAYS
 CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+"""Points of the unit circle, in which the rays end."""
 _BASIS = np.column_stack([np.ones(RAYS), CIRCLE, np.cos(2 * _ANGLES), np.sin(2 * _ANGLES)])
 CIRCLE_TERMS, ELLIPSE_TERMS = 3, 5
 """Terms of `_BASIS` that shift and scale an outline, and that also change its form."""
@@ -56,7 +57,9 @@ class Tolerance:
 
 
 SEARCHED = Tolerance(0.4, 0.45, 0.1)
+"""When balls are searched for."""
 MEASURED = Tolerance(0.4, 0.3, 0.06)
+"""When a ball that was found is measured again without the rods that hide it."""
 
 
 def refined_outlines(

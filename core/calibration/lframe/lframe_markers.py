@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...capture.capture import LFRAME_BALLS, Markers
+from ...capture.capture import LFRAME_ARMS, LFRAME_BALLS, Markers
 from ...capture.capture_videos import CaptureVideos, CaptureVideoView
 from ...errors import CalibrationError
 from ...numerics.arrays import Array
@@ -21,7 +21,6 @@ from ..balls.ball_detection import Picture, find_balls, find_spots, without_rods
 from ..balls.found_balls import Balls
 from .lframe_detection import FOCALS, LFrameModel, LFrameUnseenError, identified, standing
 
-ARMS = ((0, 1), (1, 2), (0, 3))
 _PICTURES, _MOST_PICTURES = 15, 200
 """Frames on which balls are looked for, and of which the mean is taken."""
 _MOST_CANDIDATES, _MOST_ALONE = 40, 12
@@ -162,7 +161,7 @@ def _without_arms(images: Sequence[Picture], balls: Balls, which: list[int]) -> 
     """Balls measured without the parts of their outlines that the arms may hide, where that can be."""
     ends = np.full((len(balls), 2, 2), np.nan)
     for row, ball in enumerate(which):
-        held = [b if a == ball else a for a, b in ARMS if ball in (a, b)]
+        held = [b if a == ball else a for a, b in LFRAME_ARMS if ball in (a, b)]
         there = [which.index(other) for other in held if other in which]
         ends[row, : len(there)] = balls.centres[there]
     seen = [without_rods(picture, balls, ends, still=True) for picture in images]

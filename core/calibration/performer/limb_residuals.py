@@ -10,13 +10,14 @@ import numpy as np
 from scipy import sparse
 
 from ...body.human import FRACTIONS
+from ...body.limbs import MAIN_JOINTS
 from ...numerics.arrays import Array, Bools, Ints
 from ...numerics.normal_equations import SparseEquations
 from ...numerics.robust_kernels import Cauchy
 from ...numerics.rotations import skew
 from ..solving.camera_rig import CAMERA_DOF, FOCAL, SHIFT, TURN, Rig
 
-JOINTS = tuple(f"{side}{joint}" for joint in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle") for side in "RL")
+JOINTS = tuple(f"{side}{joint}" for joint in MAIN_JOINTS for side in "RL")
 """The joints that are used."""
 LIMBS: Mapping[str, tuple[tuple[str, str], ...]] = MappingProxyType(
     {
