@@ -197,9 +197,10 @@ def predicted_accelerations(
 def pixel_precision(evidence: SegmentEvidence, settings: Settings) -> Array:
     """Inverse variance of a pixel's residual, less the correlation of neighbouring pixels, shape (V, F - 1).
 
-    The noise is that of the view, or where parts have a noise of their own, that of each pair of frames.
+    The noise is that of each pair of frames. Far from the solution it is the median of the view: there the residuals of
+    a pair are large where its poses are wrong, which must not make it count less.
     """
     noise = evidence.gradients.noise[..., 0]
-    if not evidence.sampling.by_part:
+    if evidence.sampling.tolerance > 1:
         noise = np.broadcast_to(np.median(noise, axis=1, keepdims=True), noise.shape)
     return np.asarray(evidence.pixel_share(settings.lengths[0])[:, None] / np.maximum(noise, 1e-3) ** 2)

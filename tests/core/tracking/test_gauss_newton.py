@@ -418,21 +418,23 @@ def test_costs_under_one_noise_are_those_of_the_same_problem() -> None:
     assert under_one[1] / under_one[0] > 1.5 * under_own[1] / under_own[0]
 
 
-@pytest.mark.parametrize("by_part", [False, True])
-def test_frames_with_more_noise_count_less_where_each_part_has_its_own(by_part: bool) -> None:
-    """A part's noise is that of its own frames: a fast one is blurred. Elsewhere a view has one noise."""
+@pytest.mark.parametrize(("tolerance", "by_part"), [(4.0, False), (1.0, False), (1.0, True)])
+def test_frames_with_more_noise_count_less_near_the_solution(tolerance: float, by_part: bool) -> None:
+    """A fast frame is blurred. Far from the solution its residuals are large because its pose is wrong: there all
+    frames of a view count the same.
+    """
     made = no_evidence(2, 6, len(BODY))
     noise = np.full((2, 5, 1 + len(BODY)), 0.01)
     noise[1, 3] = 0.04
     gradients = replace(made.gradients, noise=noise, density=np.full((2, 5), 1e4))
-    evidence = replace(made, gradients=gradients, sampling=replace(made.sampling, by_part=by_part))
-    precision = segment_equations.pixel_precision(evidence, SETTINGS)
+    sampling = replace(made.sampling, tolerance=tolerance, by_part=by_part)
+    precision = segment_equations.pixel_precision(replace(made, gradients=gradients, sampling=sampling), SETTINGS)
     others = np.delete(precision.ravel(), 8)
-    whole = replace(evidence, sampling=replace(made.sampling, by_part=False))
+    whole = replace(made, gradients=gradients, sampling=replace(sampling, by_part=False))
     alone = segment_equations.pixel_precision(whole, SETTINGS)[0, 0]
     assert others[0] == pytest.approx((OWN_SHARE if by_part else 1) * alone)
     np.testing.assert_allclose(others, others[0])
-    assert precision[1, 3] == pytest.approx(others[0] / (16 if by_part else 1))
+    assert precision[1, 3] == pytest.approx(others[0] / (1 if tolerance > 1 else 16))
 
 
 def test_gradients_favour_following_a_moving_limb_and_are_neutral_about_one_that_stands_still() -> None:
