@@ -67,12 +67,7 @@ def find_controls(armature: bpy.types.Object, bones: Sequence[str], held: Collec
     """
     candidates = [name for name in _upstream(armature, bones) if _may_be_turned(armature, name, bones, held)]
     with at_rest(armature, [bone.name for bone in armature.data.bones]):
-        moved = _moved(armature, bones, candidates)
-        switched = _switched(armature, bones, moved)
-        if switched:
-            before = set_settings(armature, switched)
-            moved = _moved(armature, bones, candidates)
-            restore_settings(armature, before)
+        switched, moved = _switched(armature, bones, _moved(armature, bones, candidates))
     chosen = _chosen(armature, bones, moved)
     return FkControls(chosen, switched, _carried(armature, bones, moved, set(chosen.values())))
 
@@ -218,10 +213,11 @@ def _moved(armature: bpy.types.Object, bones: Sequence[str], candidates: Sequenc
     """Return the bones that move rigidly with each candidate."""
     rest, standing = rest_matrices(armature, bones), rest_matrices(armature, candidates)
     size = float(np.ptp(rest[:, :3, 3], axis=0).max()) or 1.0
+    back = np.linalg.inv(rest)
     found = {}
     for name, own in zip(candidates, standing, strict=True):
         matrices = moved_matrices(armature, name, [name, *bones])
-        change = matrices[1:] @ np.linalg.inv(rest)
+        change = matrices[1:] @ back
         turned = matrices[0] @ np.linalg.inv(own)
         found[name] = {bone for bone, one in zip(bones, _alike(change, turned, rest, size), strict=True) if one}
     update()
@@ -241,24 +237,34 @@ def _alike(changes: Array, change: Array, rest: Array, size: float) -> Array:
     return np.asarray(turned & still & (np.linalg.norm(places - goals, axis=-1) < _RIGID * size))
 
 
-def _switched(armature: bpy.types.Object, bones: Sequence[str], moved: Mapping[str, set[str]]) -> Settings:
-    """Return the values of properties that switch constraints with which controls move more bones than they do now."""
+def _switched(
+    armature: bpy.types.Object, bones: Sequence[str], moved: Mapping[str, set[str]]
+) -> tuple[Settings, dict[str, set[str]]]:
+    """Return the values of properties that switch constraints with which controls move more bones than they do now, and
+    the bones that each candidate moves then.
+
+    Parameters
+    ----------
+    moved : mapping of str to set of str
+        The bones that each candidate moves now.
+    """
     found: Settings = {}
+    known = dict(moved)
     first: dict[tuple[str, str], Any] = {}
     for (name, key), owners in _switches(armature).items():
         bone: Any = armature.pose.bones[name]
         before = first[name, key] = bone[key]
         concerned = [other for other in _upstream(armature, owners) if other in moved]
-        best = sum(map(len, _moved(armature, bones, concerned).values()))
         for value in sorted({*_ends(bone, key)} - {float(before)}):
             set_settings(armature, {name: {key: value}})
-            count = sum(map(len, _moved(armature, bones, concerned).values()))
-            if count > best:
-                best, found[name] = count, {**found.get(name, {}), key: value}
+            tried = _moved(armature, bones, concerned)
+            if sum(map(len, tried.values())) > sum(len(known[other]) for other in concerned):
+                found[name] = {**found.get(name, {}), key: value}
+                known |= tried
         set_settings(armature, {name: {key: found.get(name, {}).get(key, before)}})
     restore_settings(armature, first)
     update()
-    return found
+    return found, known
 
 
 def _ends(bone: Any, key: str) -> tuple[float, float]:
