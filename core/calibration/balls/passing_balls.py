@@ -68,6 +68,13 @@ class BallSample:
     centre: Array
     radius: float
 
+    @property
+    def pixel(self) -> tuple[int, int]:
+        """Row and column of the pixel nearest to its centre, which may lie outside where the picture's edge cuts it."""
+        u, v = np.round(self.centre).astype(int)
+        height, width = self.even.shape[:2]
+        return min(max(int(v), 0), height - 1), min(max(int(u), 0), width - 1)
+
 
 @dataclass(frozen=True, eq=False)
 class Backdrop:
@@ -94,13 +101,13 @@ class Backdrop:
 
     def passes(self, ball: BallSample) -> bool:
         """Return whether a ball differs from the background, so that it is not a part of it."""
-        u, v = np.round(ball.centre).astype(int)
-        return bool(np.abs(ball.even[v, u] / 255 - self.levels[v, u]).max() > _LEAST * self.noise.max())
+        at = ball.pixel
+        return bool(np.abs(ball.even[at] / 255 - self.levels[at]).max() > _LEAST * self.noise.max())
 
     def unmixed(self, ball: BallSample) -> Array:
         """Return the colour of a ball whose pixels blur mixes with the background's, linear light, shape (3,)."""
-        u, v = np.round(ball.centre).astype(int)
-        own, behind = LINEAR_LIGHT[ball.even[v, u]], self.levels[v, u] ** GAMMA
+        at = ball.pixel
+        own, behind = LINEAR_LIGHT[ball.even[at]], self.levels[at] ** GAMMA
         share = 1 - np.exp(-(ball.radius**2) / (2 * _BLUR**2))
         return np.asarray(np.maximum(behind + (own - behind) / share, 0.0))
 

@@ -112,3 +112,15 @@ def test_too_few_samples_or_large_ones_teach_nothing(canvas):
     sample = BallSample(images[0], np.array([100.0, 80.0]), 2.0)
     assert PassingBalls.learned(backdrop, [sample] * 3) is None
     assert PassingBalls.learned(backdrop, [replace(sample, radius=12.0)] * 9) is None
+
+
+@pytest.mark.parametrize("centre", [(-0.8, 2.0), (39.9, 2.0), (3.0, -0.8), (3.0, 29.8)])
+def test_a_ball_that_the_pictures_edge_cuts_may_have_its_centre_outside(centre: tuple[float, float]) -> None:
+    even = np.zeros((30, 40, 3), np.uint8)
+    backdrop = Backdrop(np.zeros((30, 40, 3), np.float32), np.full(3, 0.01, np.float32))
+    row, column = min(max(round(centre[1]), 0), 29), min(max(round(centre[0]), 0), 39)
+    sample = BallSample(even, np.array(centre), 2.0)
+    assert not backdrop.passes(sample)
+    even[row, column] = (0, 0, 250)
+    assert backdrop.passes(sample)
+    assert backdrop.unmixed(sample)[2] > 0.9
