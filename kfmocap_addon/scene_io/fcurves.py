@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from types import MappingProxyType
 
@@ -33,6 +34,7 @@ KEY_TYPE = np.dtype(
 )
 
 
+_BONE = re.compile(r'pose\.bones\["((?:[^"\\]|\\.)*)"\]')
 _ENDS = np.cumsum([KEY_TYPE[name].itemsize for name in KEY_TYPE.names or ()]).tolist()
 _BYTES = MappingProxyType(
     {name: slice(end - KEY_TYPE[name].itemsize, end) for name, end in zip(KEY_TYPE.names or (), _ENDS, strict=True)}
@@ -55,6 +57,12 @@ def bone_path(bone: str, attribute: str = "") -> str:
     """
     dot = "" if attribute.startswith("[") else "."
     return f'pose.bones["{bpy.utils.escape_identifier(bone)}"]{dot}{attribute}'
+
+
+def bone_of(path: str) -> str:
+    """Return the name of the bone whose attribute a data path leads to, empty if it leads elsewhere."""
+    found = _BONE.match(path)
+    return bpy.utils.unescape_identifier(found.group(1)) if found else ""
 
 
 def property_key(name: str) -> str:

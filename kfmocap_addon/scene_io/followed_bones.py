@@ -11,6 +11,7 @@ import numpy as np
 from ...core.numerics import rotations
 from ...core.numerics.arrays import Array
 from .camera_poses import coming_back
+from .fcurves import bone_of
 
 _HARMLESS = ("LIMIT_ROTATION", "LIMIT_LOCATION", "LIMIT_SCALE")
 _CHAINS = ("IK", "SPLINE_IK")
@@ -23,9 +24,7 @@ def following(armature: bpy.types.Object) -> dict[str, str]:
     """Return what else than its own pose moves a bone, by the bone; those with a constraint of their own first."""
     data = armature.animation_data
     paths = [driver.data_path for driver in data.drivers] if data else []
-    own = {
-        path.split('"')[1]: "a driver" for path in paths if path.startswith("pose.bones[") and path.endswith(_MOVING)
-    }
+    own = {bone_of(path): "a driver" for path in paths if bone_of(path) and path.endswith(_MOVING)}
     found: dict[str, str] = {}
     for bone in armature.pose.bones:
         constraints = list[Any](bone.constraints)

@@ -281,6 +281,13 @@ def with_tail(held_by):
     return armature
 
 
+def test_a_driver_is_noticed_whatever_the_bone_is_called():
+    armature = with_tail("driver")
+    armature.data.bones["tuft"].name = 'the "tuft" \\ 1'
+    _, remarks = use_as_body(bpy.context.scene, armature)
+    assert [text.split(",")[0] for text in remarks] == ['bone the "tuft" \\ 1: it is moved by a driver']
+
+
 @pytest.mark.parametrize(
     ("held_by", "left"),
     [("", set()), ("DAMPED_TRACK", {"tuft"}), ("driver", {"tuft"}), ("IK", {"tuft", "tail"})],
