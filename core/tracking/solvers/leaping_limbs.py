@@ -19,10 +19,11 @@ from ...numerics import rotations
 from ...numerics.arrays import Bools
 from ...runtime.timing import Seconds
 from .descent_stages import SETTLED, SETTLING
+from .faded_limbs import with_faded_limbs_found
 from .gauss_newton import continued, descend
 from .limb_search import pictures_find_limbs
 from .measurement import Workspace
-from .multi_start import best_of_starts
+from .multi_start import IN_SIGHT, best_of_starts
 from .problem import SegmentProblem, SegmentSolution
 from .solution_ranking import likeliest, noise_of
 
@@ -58,13 +59,16 @@ class Leap:
 
 
 def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
-    """Solve from several starts (`best_of_starts`) and then bridge leaps of limbs; the `solve` of Gauss-Newton.
+    """Solve from several starts (`best_of_starts`), search for limbs that fade where some performers hide others, and
+    bridge leaps of limbs; the `solve` of Gauss-Newton.
 
     Parameters as in `gauss_newton.descend`.
     """
-    solution = best_of_starts(problem, start, workspace.part(0.0, 0.9))
+    solution = best_of_starts(problem, start, workspace.part(0.0, 0.8))
     if not pictures_find_limbs(problem):
         return solution
+    if solution.unhidden.min() <= IN_SIGHT:
+        solution = with_faded_limbs_found(problem, solution, workspace.part(0.8, 0.9))
     return with_leaps_bridged(problem, solution, workspace.part(0.9, 1.0))
 
 

@@ -34,7 +34,8 @@ from .whole_turns import with_whole_turn
 
 IN_SIGHT = 0.9
 """Share of a performer that must be unhidden by others on every frame for its motion to be followed frame by frame: a
-window of a few frames shows too little of somebody whom others pass in front of."""
+window of a few frames shows too little of somebody whom others pass in front of. Where less of any performer is
+unhidden, limbs of all may have been led astray, see `faded_limbs`."""
 LOOKS = 5
 """Most rounds of the search for limbs."""
 VAIN_LOOKS = 2
