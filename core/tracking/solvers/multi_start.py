@@ -24,6 +24,7 @@ from .like_limbs import untangled_limbs
 from .limb_exchange import recombined, with_limbs_exchanged
 from .limb_search import found_limbs
 from .measurement import Workspace
+from .mirrored_limbs import with_limbs_mirrored
 from .problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .segment_equations import SegmentNoise
 from .sequential_start import blended, excerpt, follow
@@ -84,6 +85,9 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
         # For all performers: one who stands in front of a doubted performer may have taken over its limbs.
         with seconds.measure("initial solution"):
             best = with_limbs_exchanged(problem, best, workspace.part(0.9, 1.0))
+    if problem.keypoints:
+        with seconds.measure("initial solution"):
+            best = with_limbs_mirrored(problem, best, workspace.silent())
     return replace(best, seconds=seconds)
 
 
