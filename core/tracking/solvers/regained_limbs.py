@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 
@@ -34,8 +33,6 @@ from .solution_ranking import RESTING, likeliest_at_rest, likelihood, noise_of
 BENT = 3.0
 """Ratio of a limb's acceleration at a key pose to its root mean square between key poses, from which on the motion
 counts as bent there."""
-SUPPORTED = 0.5
-"""Share of the evidence for a limb on key poses from which on its sides alone do not refute it."""
 KEY_ERROR = 0.01
 """Possible error of a key pose, metres: it changes the velocity by twice as much per frame."""
 
@@ -68,11 +65,9 @@ def _with_limbs_regained(problem: SegmentProblem, start: Sequence[Motion], works
 def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[tuple[int, list[int]]]:
     """Find the limbs without which the images would be likelier on some run of frames.
 
-    This holds if the log likelihood ratio of the brightness across a limb's sides is below -`LEAST_GAIN` in sum, while
-    sides and pixels together support the limb less than on the key poses (`SUPPORTED`). Sides alone do not refute it:
-    how they look was learned on the few key poses, so that over a long time between them small errors add up to any
-    sum. It also holds if both this ratio and that of sides and pixels together are negative over `LONG` frames, longer
-    than prediction bridges. A limb that is hidden in all views is not refuted.
+    This holds if the log likelihood ratio of the brightness across a limb's sides is below -`LEAST_GAIN` in sum, or if
+    both this ratio and that of sides and pixels together are negative over `LONG` frames, longer than prediction
+    bridges. A limb that is hidden in all views is not refuted.
 
     Parameters
     ----------
@@ -87,20 +82,11 @@ def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[tu
     """
     found = []
     for i, chain, sides, shown in support_of_limbs(problem, motions):
-        shown, (first, end) = cache(shown), _worst_run(sides)
-        refuted = sides[first:end].sum() < -LEAST_GAIN and (
-            shown()[first:end].mean() < SUPPORTED * shown()[problem.whole_keys(i)].mean()
-        )
+        upto = np.cumsum([0.0, *sides])
+        refuted = (np.maximum.accumulate(upto) - upto).max() > LEAST_GAIN
         if refuted or (_against_for_long(sides) and _against_for_long(shown())):
             found.append((i, chain))
     return found
-
-
-def _worst_run(ratios: Array) -> tuple[int, int]:
-    """Return the frames, first and after the last, between which log likelihood ratios (F,) have the least sum."""
-    upto = np.cumsum([0.0, *ratios])
-    end = int(np.argmax(np.maximum.accumulate(upto) - upto))
-    return int(np.argmax(upto[: end + 1])), end
 
 
 def _against_for_long(shown: Array) -> bool:

@@ -13,18 +13,10 @@ from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
-from kfmocap.core.tracking.solvers import regained_limbs
-from kfmocap.core.tracking.solvers.limb_search import LEAST_GAIN
 from kfmocap.core.tracking.solvers.measurement import Workspace
 from kfmocap.core.tracking.solvers.multi_start import VAIN_LOOKS
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.regained_limbs import (
-    bend_of,
-    bent_limbs,
-    refined,
-    refuted_limbs,
-    with_limb_regained,
-)
+from kfmocap.core.tracking.solvers.regained_limbs import bend_of, bent_limbs, refined, with_limb_regained
 from synthetic import at_rest, ends_held, look_at, poses_of, silhouette
 
 BODY, FRAMES, FPS = human(1.75), 12, 30.0
@@ -110,18 +102,6 @@ def without_descent(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr("kfmocap.core.tracking.solvers.gauss_newton.refine", measured)
     monkeypatch.setattr("kfmocap.core.tracking.solvers.regained_limbs.descend", measured)
-
-
-@pytest.mark.parametrize(("against", "support", "expected"), [(2, 10, False), (2, 1, True), (0.5, 1, False)])
-def test_sides_refute_a_limb_that_its_pixels_do_not_show_as_on_the_key_poses(
-    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch, against: float, support: float, expected: bool
-) -> None:
-    """How sides look is learned on few key poses: over many frames the error of that adds up."""
-    between = np.arange(FRAMES) % (FRAMES - 1) > 0
-    sides = np.where(between, -against * LEAST_GAIN / between.sum(), 1.0)
-    shown = np.where(between, support, 10.0)
-    monkeypatch.setattr(regained_limbs, "support_of_limbs", lambda *_: [(0, ARM, sides, lambda: shown)])
-    assert bool(refuted_limbs(problem, [TRUTH])) == expected
 
 
 @pytest.mark.usefixtures("without_descent")
