@@ -100,11 +100,16 @@ def bridged(body: Body, motion: Motion, length: int, end: str) -> Iterator[list[
         yield [1000 * float(np.linalg.norm((there - true)[begin : gap.stop], axis=-1).mean()) for there in found]
 
 
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    made = argparse.ArgumentParser(prog="python -m kfmocap.benchmarks.prediction_study", description=__doc__)
+    made.add_argument("shot", type=Path, help="a shot file with landmarks on all frames")
+    return made
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Bridge gaps in the motion of a shot's landmarks and print a table; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m kfmocap.benchmarks.prediction_study", description=__doc__)
-    parser.add_argument("shot", type=Path, help="a shot file with landmarks on all frames")
-    args = parser.parse_args(argv)
+    args = parser().parse_args(argv)
     first, last = load_shot(args.shot).frames
     performer = load_shot(args.shot, keyframes=range(first, last + 1)).performers[0]
     motion = spline(performer.key_poses, last + 1 - first)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import render_footage
 from conftest import ROOT
-from kfmocap.benchmarks import experiments, experiments_runs, footage_renderer
+from kfmocap.benchmarks import experiments, experiments_runs, footage_renderer, prediction_study
 from kfmocap.benchmarks.experiments import EXPERIMENTS
 from kfmocap.benchmarks.experiments_pictures import Panels, part_of, stacked_rows, write_jpeg
 from kfmocap.benchmarks.experiments_runs import (
@@ -301,6 +301,11 @@ def test_a_picture_is_written_small(tmp_path: Path) -> None:
     assert cv2.imread(str(tmp_path / "noise.jpg")).shape == image.shape
 
 
+PARSERS = {
+    "kfmocap.benchmarks.experiments": experiments.parser,
+    "kfmocap.benchmarks.prediction_study": prediction_study.parser,
+    "tools/render_footage.py": render_footage.arguments,
+}
 COMMANDS = re.findall(r"^ {4}\.venv/bin/python (.+)$", DOCUMENT, re.MULTILINE)
 
 
@@ -311,13 +316,8 @@ def test_the_page_names_every_experiment() -> None:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_commands_of_the_page_are_understood(command: str) -> None:
-    script, *arguments = shlex.split(command, comments=True)
-    if script == "-m":
-        assert arguments.pop(0) == "kfmocap.benchmarks.experiments"
-        experiments.parser().parse_args(arguments)
-    else:
-        assert script == "tools/render_footage.py"
-        render_footage.arguments().parse_args(arguments)
+    script, *arguments = shlex.split(command.removeprefix("-m "), comments=True)
+    PARSERS[script]().parse_args(arguments)
 
 
 def test_the_pages_pictures_are_there_and_small() -> None:
