@@ -144,8 +144,7 @@ def with_limb_regained(
 ) -> SegmentSolution:
     """Search for one limb of a solution and return the likeliest result, which may be the solution itself.
 
-    A limb that moves fast is not reached in one round: each round of the search starts where the one before ended. The
-    search ends after `VAIN_LOOKS` rounds in a row that lead to nothing better.
+    A limb that moves fast is not reached in one round: each round of the search starts where the one before ended.
 
     Parameters
     ----------
@@ -169,7 +168,7 @@ def with_limb_regained(
         reached = likelihood(alone, noise, settled[-1])
         elsewhere = farthest_joint(alone, motions, settled[-1].motions) > UNDER_WAY
         most, vain = max(most, reached), 0 if elsewhere and reached > most + RESTING else vain + 1
-        if vain == VAIN_LOOKS:
+        if vain == VAIN_LOOKS and len(problem.bodies) > 1:  # where people pass, much is out of sight for good
             break
     for each in settled:
         seconds.add(each.seconds)

@@ -14,7 +14,7 @@ from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers.measurement import Workspace
-from kfmocap.core.tracking.solvers.multi_start import VAIN_LOOKS
+from kfmocap.core.tracking.solvers.multi_start import LOOKS, VAIN_LOOKS
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.regained_limbs import bend_of, bent_limbs, refined, with_limb_regained
 from synthetic import at_rest, ends_held, look_at, poses_of, silhouette
@@ -125,9 +125,9 @@ def test_a_bent_limb_stays_where_it_covers_more_than_anything_that_is_found(prob
 
 
 @pytest.mark.usefixtures("without_descent")
-@pytest.mark.parametrize("performers", [1, 2])
-def test_the_search_ends_after_rounds_without_success(
-    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch, performers: int
+@pytest.mark.parametrize(("performers", "looks"), [(1, LOOKS), (2, VAIN_LOOKS)])
+def test_with_several_performers_the_search_ends_after_rounds_without_success(
+    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch, performers: int, looks: int
 ) -> None:
     asked: list[int] = []
 
@@ -142,7 +142,7 @@ def test_the_search_ends_after_rounds_without_success(
     several = replace(several, before=None, after=None)
     solution = refined(several, apart, Workspace())
     with_limb_regained(several, solution, (0, ARM), Workspace())
-    assert asked == list(range(VAIN_LOOKS))
+    assert asked == list(range(looks))
 
 
 @pytest.mark.parametrize("views", [1, 2])
