@@ -150,14 +150,18 @@ def forked_workers() -> AbstractContextManager[object]:
 
 
 def left(session: int) -> int:
-    """Return how many processes of a session are still there after `PATIENCE`, or sooner when there are none."""
+    """Return how many processes of a session are still there after `PATIENCE`, or sooner when there are none.
+
+    A process whose first thread has ended is a zombie already, but holds its files until the last one has.
+    """
     until, count = time.monotonic() + PATIENCE, 1
     while count and time.monotonic() < until:
         count = 0
         for stat in Path("/proc").glob("[0-9]*/stat"):
             with suppress(OSError):  # it ended meanwhile
-                state, _, _, its_session = stat.read_text().rpartition(")")[2].split()[:4]
-                count += int(its_session) == session and state != "Z"
+                fields = stat.read_text().rpartition(")")[2].split()
+                state, its_session, threads = fields[0], int(fields[3]), int(fields[17])
+                count += its_session == session and (state != "Z" or threads > 1)
         time.sleep(0.02 if count else 0)
     return count
 

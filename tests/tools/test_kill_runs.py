@@ -63,6 +63,26 @@ def test_a_batch_leaves_all_or_nothing_of_every_shot(tmp_path: Path) -> None:
     killed("--apart", "batch", *map(str, shots), "--out", "OUT", "--no-blender")
 
 
+OUTLIVED = """
+import ctypes, threading, time
+threading.Thread(target=time.sleep, args=(60,)).start()
+print(flush=True)
+ctypes.CDLL(None).pthread_exit(None)
+"""
+"""A program whose first thread ends before another."""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are counted in /proc")
+def test_a_process_counts_until_its_last_thread_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kill_runs, "PATIENCE", 0.5)
+    with subprocess.Popen([sys.executable, "-c", OUTLIVED], stdout=subprocess.PIPE, start_new_session=True) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        there = kill_runs.left(process.pid)
+        process.kill()
+    assert (there, kill_runs.left(process.pid)) == (1, 0)
+
+
 def test_a_command_that_signals_do_not_end_is_a_failure(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
