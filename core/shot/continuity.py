@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numerics.arrays import Array, Bools, Ints
+from ..numerics.robust_kernels import NORMAL_MAD
 
 AROUND = 4
 """Number of pairs of frames before and after a pair with which it is compared."""
@@ -105,7 +106,7 @@ def _skipping(changes: Array) -> Bools:
     before, here, after = most[1:-3], most[2:-2], most[3:-1]
     expected = np.max([before, after, 2 * before - most[:-4], 2 * after - most[4:]], axis=0)
     bends = np.log(most[1:-1] / np.sqrt(most[:-2] * most[2:]))
-    deviation = float(np.median(np.abs(bends))) / 0.6745
+    deviation = NORMAL_MAD * float(np.median(np.abs(bends)))
     moving = most > 2 * np.median(blocks, axis=1)
     skipping[2:-2] = np.log(here / expected) > max(_SKIPPED, _DEVIATIONS * deviation)
     return skipping & moving

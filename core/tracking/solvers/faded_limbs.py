@@ -29,7 +29,7 @@ FADED = 0.5
 """Ratio of the support of a limb on a frame to its median over the segment, below which it has faded."""
 BRIEF = 0.1
 """Shorter intervals do not count, seconds."""
-LOOKS = 2
+SEARCHES = 2
 """Most searches for one limb."""
 
 
@@ -81,10 +81,10 @@ def with_faded_limbs_found(problem: SegmentProblem, solution: SegmentSolution, w
     workspace : Workspace
     """
     motions, seconds = solution.motions, Seconds(solution.seconds)
-    for look in range(LOOKS):
+    for look in range(SEARCHES):
         places, before = faded_limbs(problem, motions), motions
         for k, place in enumerate(places):
-            share = (look + k / len(places)) / LOOKS, (look + (k + 1) / len(places)) / LOOKS
+            share = (look + k / len(places)) / SEARCHES, (look + (k + 1) / len(places)) / SEARCHES
             with seconds.measure("initial solution"):
                 own = replace(solution, motions=motions)
                 motions = _with_limb_found(problem, own, place, look, workspace.part(*share))

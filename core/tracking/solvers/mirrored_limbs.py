@@ -34,7 +34,7 @@ toward the camera is mostly where it seems to be, and trying all of them takes h
 BEYOND = 2.0
 """Largest excess of the mirrored joints over their limits, radians, which is cut off; a knee or an elbow that is bent
 by more the wrong way is no other reading of the picture."""
-LEAST_GAIN = 100.0
+MIRRORED_GAIN = 100.0
 """Smallest gain in log likelihood, in natural units, for which a limb is mirrored: kicking legs that were on the wrong
 side gained 146 to 196, mirror images of limbs that were not (or that were lost altogether) up to 66."""
 ONSET = 0.1
@@ -45,7 +45,7 @@ def with_limbs_mirrored(problem: SegmentProblem, solution: SegmentSolution, work
     """Mirror limbs in depth where that makes the images likelier; only with a single view, which stands still.
 
     Of all mirror images of a performer's limbs, the one that is likeliest after a few steps is solved. It is taken if
-    it is likelier than the solution by `LEAST_GAIN`; this is then repeated from there, at most once for every limb.
+    it is likelier than the solution by `MIRRORED_GAIN`; this is then repeated from there, at most once for every limb.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def _with_own_mirrored(
         near = [_nearly_solved(alone, performer, best, way, noise=noise, workspace=workspace) for way in ways]
         begin = max(near, key=lambda one: likelihood(alone, noise, one), default=best)
         found = descend(alone, begin.motions, workspace.silent(), SETTLED, noise)
-        if likelihood(alone, noise, found) < likelihood(alone, noise, best) + LEAST_GAIN:
+        if likelihood(alone, noise, found) < likelihood(alone, noise, best) + MIRRORED_GAIN:
             break
         best = found
         ways = list(mirror_images(problem, performer, best.motions[performer]))
