@@ -1,0 +1,15 @@
+"""Files that several terms are in, and their tests."""
+
+from __future__ import annotations
+
+RELAXATION = "core/tracking/solvers/relaxation.py"
+STEPS = "core/tracking/solvers/motion_steps.py"
+PREDICTION = "core/tracking/prediction.py"
+KINEMATICS = "core/body/kinematics.py"
+SWEEPS = "tests/core/tracking/test_relaxation.py"
+SERIES = "tests/core/tracking/test_prediction.py"
+BODY = "tests/core/body/test_body.py"
+IMAGES = "tests/core/evidence/test_gradients.py"
+HIDDEN = "tests/core/evidence/test_occlusion.py"
+EXPERIMENTS = "benchmarks/experiments_runs.py"
+RUNS = "tests/benchmarks/test_experiments.py"
