@@ -18,7 +18,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 from kfmocap.core.formats import save_cameras
-from render.waving import HARDSHIPS, WandTake, drawn_take, lframe_pictures, vga_take, wand_pictures
+from render.drawn_takes import HARDSHIPS, drawn_take, vga_take
+from render.waving import WandTake, lframe_pictures, wand_pictures
 
 
 def write_take(take: WandTake, out: Path) -> Path:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import fields, replace
 
 import numpy as np
-from render.waving import HARDSHIPS, drawn_take, lframe_pictures, vga_take
+from render.drawn_takes import HARDSHIPS, drawn_take, vga_take
+from render.waving import lframe_pictures
 
 
 def grey(take: object, camera: int) -> np.ndarray:

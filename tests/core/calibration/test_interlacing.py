@@ -10,7 +10,8 @@ import pytest
 from kfmocap.core.calibration.balls.ball_detection import background_of
 from kfmocap.core.calibration.interlacing import is_interlaced
 from render.drawing import Canvas
-from render.waving import HARDSHIPS, SensorNoise, drawn_take
+from render.drawn_takes import HARDSHIPS, drawn_take
+from render.waving import SensorNoise
 
 TAKE = replace(drawn_take(3, HARDSHIPS["usual"]), distractors=True)
 CAMERA = TAKE.cameras[0]

@@ -15,7 +15,8 @@ from kfmocap.core.capture.capture import Markers
 from kfmocap.core.formats.wand_toml import load_wand
 from kfmocap.core.shot.footage import probe
 from render.drawing import Canvas, Rod
-from render.waving import PAINT, VGA_CAMERAS, SensorNoise, vga_take
+from render.drawn_takes import VGA_CAMERAS, vga_take
+from render.waving import PAINT, SensorNoise
 from render_wand import write_take, write_video
 
 FRAMES = 20

@@ -10,7 +10,8 @@ import pytest
 from kfmocap.core.calibration.balls import ball_images
 from kfmocap.core.calibration.balls.ball_images import BallGuess, BallLooks, fit_ball
 from render.drawing import Canvas
-from render.waving import HARDSHIPS, drawn_take, lframe_pictures
+from render.drawn_takes import HARDSHIPS, drawn_take
+from render.waving import lframe_pictures
 
 SIZE = 31
 FINE = 12  # rays across each pixel

@@ -13,7 +13,8 @@ from kfmocap.core.calibration.lframe.lframe_matching import identified_together
 from kfmocap.core.calibration.solving.camera_rig import rig_of
 from kfmocap.core.capture.capture_videos import CaptureVideos, CaptureVideoView
 from kfmocap.core.capture.colours import Colour, parsed
-from render.waving import HARDSHIPS, WandTake, drawn_take, lframe_pictures
+from render.drawn_takes import HARDSHIPS, drawn_take
+from render.waving import WandTake, lframe_pictures
 from render_wand import write_video
 
 RED = parsed("red", "lframe colour")

@@ -10,7 +10,7 @@ from kfmocap.core.calibration.lframe.lframe_matching import identified_together,
 from kfmocap.core.calibration.solving.camera_rig import rig_of
 from kfmocap.core.capture.capture import Capture, CaptureView, Markers
 from kfmocap.core.numerics import rotations
-from render.waving import VGA_CAMERAS
+from render.drawn_takes import VGA_CAMERAS
 
 MEASURES = np.array([[0, 0, 0], [0.3, 0, 0], [0.6, 0, 0], [0, 0.2, 0]])
 RIG = rig_of(list(VGA_CAMERAS))
