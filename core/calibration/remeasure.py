@@ -16,7 +16,8 @@ from ..capture.capture import LFRAME_ARMS, LFRAME_BALLS, Markers
 from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress, share
 from ..shot.footage import pictures
-from .balls.ball_images import BallGuess, BallImage, BallLooks, fit_ball
+from .balls.ball_images import fit_ball
+from .balls.ball_looks import BallGuess, BallImage, BallLooks
 from .calibration_result import CalibrationResult
 from .expected_balls import FEWEST, ExpectedBalls, ball_diameter, wand_path
 from .lframe.lframe_markers import SeenBalls, still_picture

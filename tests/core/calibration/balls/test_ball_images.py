@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.calibration.balls import ball_images
-from kfmocap.core.calibration.balls.ball_images import BallGuess, BallLooks, fit_ball
+from kfmocap.core.calibration.balls.ball_images import fit_ball
+from kfmocap.core.calibration.balls.ball_looks import BallGuess, BallLooks
 from render.drawing import Canvas
 from render.drawn_takes import HARDSHIPS, drawn_take
 from render.waving import lframe_pictures
