@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from ..core.calibration.calibration_result import CalibrationResult
 from ..core.calibration.lframe.lframe_pose import resting
+from ..core.calibration.solving.ball_observations import BallObservations
 from ..core.calibration.solving.bundle import covariance
-from ..core.calibration.solving.bundle_residuals import BallObservations, BundleEvidence, Scene, unknowns
+from ..core.calibration.solving.bundle_scene import BundleEvidence, Scene, unknowns
 from ..core.calibration.solving.camera_rig import CAMERA_DOF, FOCAL, K1, OFFSET, SHIFT, TURN, rig_of
 from ..core.calibration.solving.wand_motion import Wand
 from ..core.calibration.wand_calibration import solve_capture

@@ -10,7 +10,8 @@ from ..cameras.camera import Camera
 from ..capture.capture import Capture
 from ..numerics.arrays import Array, Bools
 from .findings import Finding
-from .solving.bundle_residuals import BallObservations, Scene
+from .solving.ball_observations import BallObservations
+from .solving.bundle_scene import Scene
 from .solving.camera_rig import CAMERA_DOF, Rig
 from .solving.clocks import Clocks
 from .solving.wand_motion import Wand

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..capture.capture import Markers
 from ..numerics.arrays import Array
-from .solving.bundle_residuals import BallObservations
+from .solving.ball_observations import BallObservations
 from .solving.camera_rig import CENTRE, DRIFT, FOCAL, K1, K2, OFFSET, SHIFT, Rig
 from .solving.wand_tracks import picked, sampled
 from .solving.wand_triangulation import rays, triangulated

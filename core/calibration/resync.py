@@ -13,7 +13,7 @@ from ..errors import CalibrationError
 from ..runtime.progress import Progress, report_progress
 from . import findings
 from .solving.bundle import adjust, covariance
-from .solving.bundle_residuals import BundleEvidence, Scene
+from .solving.bundle_scene import BundleEvidence, Scene
 from .solving.camera_rig import CAMERA_DOF, DRIFT, OFFSET, rig_of
 from .solving.clocks import Clocks
 from .solving.first_cameras import FEWEST_SHARED

@@ -20,8 +20,9 @@ from .performer.performer_floor import on_performers_floor
 from .quality import measured_lengths
 from .solving import lens_selection
 from .solving.assumed_lens import Lens
+from .solving.ball_observations import BallObservations
 from .solving.bundle import adjust, covariance, variance_inflation
-from .solving.bundle_residuals import BallObservations, BundleEvidence, Scene
+from .solving.bundle_scene import BundleEvidence, Scene
 from .solving.camera_rig import DRIFT, OFFSET, Rig
 from .solving.first_cameras import FEWEST_SHARED, crossed_views, find_links, first_rig, unknown_lens
 from .solving.pairwise import FOCAL_GRID

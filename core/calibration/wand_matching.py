@@ -9,7 +9,9 @@ import numpy as np
 
 from ..capture.capture import CaptureView, Markers
 from ..numerics.arrays import Array, Ints
-from .solving.bundle_residuals import BallObservations, Scene, predicted
+from .solving.ball_observations import BallObservations
+from .solving.bundle_residuals import predicted
+from .solving.bundle_scene import Scene
 from .solving.wand_triangulation import GATE
 
 

@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from ...capture.capture import LFRAME_BALLS, Markers
 from ...numerics.arrays import Array
 from .. import findings
-from ..solving.bundle_residuals import LFRAME_SIGMA, BallObservations
+from ..solving.ball_observations import BallObservations
+from ..solving.bundle_scene import LFRAME_SIGMA
 from ..solving.camera_rig import Rig
 from ..solving.wand_triangulation import projected, rays, triangulated
 

@@ -18,16 +18,9 @@ from ...numerics.arrays import Array, Bools
 from ...numerics.least_squares import StoppingRule, minimise, moving_only
 from ...numerics.normal_equations import SparseEquations, SparseFactor
 from ...numerics.robust_kernels import RAYLEIGH_MEDIAN, Cauchy, Quadratic, RobustKernel
-from .bundle_residuals import (
-    BallObservations,
-    BundleEvidence,
-    BundleResiduals,
-    Scene,
-    first_camera,
-    linearise,
-    residuals,
-    unknowns,
-)
+from .ball_observations import BallObservations
+from .bundle_residuals import BundleResiduals, linearise, residuals
+from .bundle_scene import BundleEvidence, Scene, first_camera, unknowns
 from .camera_rig import CAMERA_DOF
 
 _LEAST_LEFT = 0.1  # least degrees of freedom that are assumed, as a share of the observations

@@ -6,24 +6,21 @@ between frames sees an interpolated one, which couples neighbouring frames.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from ...numerics.arrays import Array, Bools, Ints
+from .ball_observations import BallObservations
+from .bundle_scene import BundleEvidence, Scene, first_camera, first_lframe, unknowns
 from .camera_rig import CAMERA_DOF, CENTRE, DRIFT, FOCAL, K1, K2, OFFSET, SHIFT, TURN, Rig
 from .frame_stencil import Stencil
 from .wand_motion import WAND_DOF, Wand, tangents
 
 Rows = tuple[Array, sparse.csr_array]
 
-LFRAME_SIGMA = 1e-3
-"""Standard deviation of an L-frame's measures, metres."""
 BEND_SIGMA = 0.02
 """Standard deviation of the fourth differences of a waved wand's ends, metres per frame^4: that of waving at about 2
 Hz.
@@ -31,125 +28,6 @@ Hz.
 _FOURTH_DIFFERENCE = np.array([1.0, -4, 6, -4, 1])
 _NEAREST = 1e-3
 """Least depth in front of a camera, metres; points behind it are moved there."""
-
-
-@dataclass(frozen=True, eq=False)
-class BallObservations:
-    """Balls seen by cameras.
-
-    Attributes
-    ----------
-    camera : ndarray of int, shape (n,)
-    ball : ndarray of int, shape (n,)
-        0 or 1 of the wand; 0 to 3 of the L-frame.
-    frame : ndarray, shape (n,)
-        Frame of the camera's video; unused for the L-frame.
-    uv : ndarray, shape (n, 2)
-        Pixels, distorted.
-    sigma : ndarray, shape (n,)
-        Pixels.
-    elongation : ndarray, shape (n, 2), optional
-        See `Markers.elongation`.
-    """
-
-    camera: Ints
-    ball: Ints
-    frame: Array
-    uv: Array
-    sigma: Array
-    elongation: Array | None = None
-
-    def __len__(self) -> int:
-        return len(self.camera)
-
-    @classmethod
-    def joined(cls, parts: Sequence[BallObservations]) -> BallObservations:
-        """Return the observations of several sets."""
-        longer = [np.zeros_like(part.uv) if part.elongation is None else part.elongation for part in parts]
-        columns = zip(*((part.camera, part.ball, part.frame, part.uv, part.sigma) for part in parts), strict=True)
-        camera, ball, frame, uv, sigma = (np.concatenate(column) for column in columns)
-        return cls(camera, ball, frame, uv, sigma, np.concatenate(longer))
-
-    def take(self, chosen: NDArray[Any]) -> BallObservations:
-        """Return some of the observations."""
-        longer = None if self.elongation is None else self.elongation[chosen]
-        camera, ball, frame, uv, sigma = (x[chosen] for x in (self.camera, self.ball, self.frame, self.uv, self.sigma))
-        return BallObservations(camera, ball, frame, uv, sigma, longer)
-
-    def whitened(self, values: Array) -> Array:
-        """Convert pixels (n, 2, ...) to standard deviations, with the square root of the inverse covariance."""
-        return self._scaled(values, -0.5)
-
-    def in_pixels(self, values: Array) -> Array:
-        """Convert standard deviations (n, 2, ...) to pixels."""
-        return self._scaled(values, 0.5)
-
-    def _scaled(self, values: Array, power: float) -> Array:
-        column = (slice(None), *(None,) * (values.ndim - 1))
-        scaled = values * (self.sigma ** (2 * power))[column]
-        if self.elongation is None or not self.elongation.any():
-            return np.asarray(scaled)
-        e = np.linalg.norm(self.elongation, axis=1)
-        way = self.elongation / np.maximum(e, 1e-12)[:, None]
-        along = np.einsum("ni,nj,nj...->ni...", way, way, scaled)
-        across, longer = ((1 - e) ** power)[column], ((1 + e) ** power)[column]
-        return np.asarray(across * scaled + (longer - across) * along)
-
-
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """The unknowns: cameras, the wand, and the L-frame's balls (4, 3), if they take part."""
-
-    rig: Rig
-    wand: Wand
-    lframe_world: Array | None = None
-
-    def moved(self, step: Array) -> Scene:
-        """Return the scene after a step, which lists the unknowns of the wand, of the L-frame, and of the cameras."""
-        wand, lframe, cameras = np.split(step, [_first_lframe(self), first_camera(self)])
-        balls = None if self.lframe_world is None else self.lframe_world + lframe.reshape(-1, 3)
-        rig = self.rig.moved(cameras.reshape(-1, CAMERA_DOF))
-        return Scene(rig, self.wand.moved(wand.reshape(-1, WAND_DOF)), balls)
-
-    def in_world(self, R: Array, t: Array) -> Scene:
-        """Return the same scene in a world whose points are R x + t."""
-        lframe = None if self.lframe_world is None else self.lframe_world @ R.T + t
-        return Scene(self.rig.in_world(R, t), self.wand.in_world(R, t), lframe)
-
-    def scaled(self, scale: float) -> Scene:
-        """Return the same scene enlarged by a factor."""
-        lframe = None if self.lframe_world is None else scale * self.lframe_world
-        return Scene(self.rig.scaled(scale), self.wand.scaled(scale), lframe)
-
-
-@dataclass(frozen=True, eq=False)
-class BundleEvidence:
-    """The observations and priors of a bundle adjustment.
-
-    Attributes
-    ----------
-    wand : BallObservations
-    lframe : BallObservations, optional
-        The L-frame's balls; without measures they are unknown points.
-    lframe_measures : ndarray, shape (4, 3), optional
-        Positions of the L-frame's balls in the world frame, metres.
-    lframe_sigma : float
-        Their standard deviation, metres.
-    focal : ndarray, shape (C,), optional
-        Given focal lengths, pixels; NaN where there is none.
-    focal_sigma : float
-        Their standard deviation, relative.
-    smooth : bool
-        Whether the wand is waved, and cameras see it between its frames.
-    """
-
-    wand: BallObservations
-    lframe: BallObservations | None = None
-    lframe_measures: Array | None = None
-    lframe_sigma: float = LFRAME_SIGMA
-    focal: Array | None = None
-    focal_sigma: float = 0.1
-    smooth: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,20 +82,6 @@ def _known_rows(scene: Scene, evidence: BundleEvidence) -> list[Rows]:
 def _weighted(uv: Array, seen: BallObservations, reached: Bools | bool = True) -> Array:
     """Return predicted minus observed balls, in standard deviations; zero if no frame of the wand is near."""
     return seen.whitened((uv - seen.uv) * np.broadcast_to(reached, len(uv))[:, None])
-
-
-def _first_lframe(scene: Scene) -> int:
-    return len(scene.wand) * WAND_DOF
-
-
-def first_camera(scene: Scene) -> int:
-    """Return the index of the first camera's unknowns in a step."""
-    return _first_lframe(scene) + (0 if scene.lframe_world is None else scene.lframe_world.size)
-
-
-def unknowns(scene: Scene) -> int:
-    """Return the number of unknowns in a step."""
-    return first_camera(scene) + len(scene.rig) * CAMERA_DOF
 
 
 def _projected(rig: Rig, camera: Ints, points_world: Array) -> tuple[Array, Array, Array]:
@@ -283,7 +147,7 @@ def _wand_rows(scene: Scene, seen: BallObservations) -> Rows:
 def _lframe_rows(scene: Scene, seen: BallObservations) -> Rows:
     assert scene.lframe_world is not None
     uv, by_point, by_camera = _projected(scene.rig, seen.camera, scene.lframe_world[seen.ball])
-    columns = _first_lframe(scene) + seen.ball[:, None] * 3 + np.arange(3)
+    columns = first_lframe(scene) + seen.ball[:, None] * 3 + np.arange(3)
     return _weighted(uv, seen), _rows(scene, seen, by_camera, columns, by_point)
 
 
@@ -303,7 +167,7 @@ def _measure_rows(scene: Scene, evidence: BundleEvidence) -> Rows | None:
     """Return the rows that tie the L-frame's balls to its measures."""
     if evidence.lframe_measures is None or scene.lframe_world is None:
         return None
-    n, first, weight = scene.lframe_world.size, _first_lframe(scene), 1 / evidence.lframe_sigma
+    n, first, weight = scene.lframe_world.size, first_lframe(scene), 1 / evidence.lframe_sigma
     J = sparse.csr_array((np.full(n, weight), (np.arange(n), first + np.arange(n))), (n, unknowns(scene)))
     return ((scene.lframe_world - evidence.lframe_measures) * weight).ravel(), J
 

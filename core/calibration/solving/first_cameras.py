@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from ...numerics import rotations
 from ...numerics.arrays import Array, Bools
 from .assumed_lens import Lens
+from .ball_observations import BallObservations
 from .bundle import BundleFit, adjust
-from .bundle_residuals import BallObservations, BundleEvidence, Scene
+from .bundle_scene import BundleEvidence, Scene
 from .camera_rig import CAMERA_DOF, COEFFICIENTS, FOCAL, K1, SHIFT, TURN, Rig
 from .pairwise import Epipolar, Start, epipolar, starts
 from .wand_tracks import Tracks

@@ -10,7 +10,7 @@ from scipy.special import chdtri
 from ...numerics.arrays import Bools
 from .assumed_lens import Lens
 from .bundle import adjust, covariance, variance_inflation
-from .bundle_residuals import BundleEvidence, Scene
+from .bundle_scene import BundleEvidence, Scene
 from .camera_rig import CAMERA_DOF, CENTRE, K2
 
 CENTRE_SIGMA = 0.01

@@ -8,14 +8,10 @@ import numpy as np
 import pytest
 from kfmocap.benchmarks.wand_captures import LFRAME, Faults, capture, ring, scattered, waved
 from kfmocap.core.calibration.lframe.lframe_pose import resting
+from kfmocap.core.calibration.solving.ball_observations import BallObservations
 from kfmocap.core.calibration.solving.bundle import adjust, covariance, variance_inflation
-from kfmocap.core.calibration.solving.bundle_residuals import (
-    BallObservations,
-    BundleEvidence,
-    Scene,
-    linearise,
-    unknowns,
-)
+from kfmocap.core.calibration.solving.bundle_residuals import linearise
+from kfmocap.core.calibration.solving.bundle_scene import BundleEvidence, Scene, unknowns
 from kfmocap.core.calibration.solving.camera_rig import CAMERA_DOF, DRIFT, FOCAL, K1, OFFSET, SHIFT, TURN, Rig, rig_of
 from kfmocap.core.calibration.solving.frame_stencil import Stencil
 from kfmocap.core.calibration.solving.wand_motion import Wand
