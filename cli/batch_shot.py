@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..core.formats.shot_toml import read_shot_spec
-from ..core.review.track_report import report_lines
+from ..core.review.report_text import report_lines
 from ..core.runtime.files import write_json
 from ..core.runtime.progress import Progress
 from ..core.runtime.timing import Seconds

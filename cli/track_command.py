@@ -32,7 +32,8 @@ from ..core.formats.trc import write_trc
 from ..core.keypoints.hand_points import tracked_hands
 from ..core.numerics.arrays import Array
 from ..core.review.overlay import contact_sheet, sheet_frames, write_contact_sheet
-from ..core.review.track_report import report, report_lines
+from ..core.review.report_text import report_lines
+from ..core.review.track_report import report
 from ..core.runtime import files as result_files
 from ..core.runtime.decoder_log import DecoderLog
 from ..core.runtime.files import check_writable, staged, write_json

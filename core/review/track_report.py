@@ -14,7 +14,6 @@ import scipy
 from numpy.typing import NDArray
 
 from ..body.soles import Soles
-from ..errors import listed
 from ..evidence.occlusion import OCCLUDED_BELOW, intervals, occluded, unseen
 from ..numerics.arrays import Bools
 from ..shot.footage import container_rate
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
 
 WORST_FRAMES = 10
 """Number of frames that are listed as the worst."""
-_RATE_TOLERANCE = 5e-4  # 29.97 and 30 frames per second differ by twice as much
 
 
 def report(
@@ -254,90 +252,6 @@ def _spans(names: list[str], hidden: NDArray[np.bool_], first: int) -> dict[str,
     """Return by part the intervals in which it is hidden (F, P), as shot frames; the first row is frame `first`."""
     spans = {name: intervals(hidden[:, p], first) for p, name in enumerate(names)}
     return {name: found for name, found in spans.items() if found}
-
-
-def report_lines(values: Mapping[str, Any]) -> list[str]:
-    """Return a report as lines of text: problems of the footage, hidden parts, and suggested key poses."""
-    lines = [f"left out, {file}" for view in values["views"] for file in view["skipped"]]
-    offset = values["footage_offset"]
-    if offset and values["settings"]["footage_offset"] is None:
-        when = f"{abs(offset):.2f} frames {'later' if offset > 0 else 'earlier'}"
-        lines.append(f"the footage shows the key poses {when} than on their frames; the motion allows for it")
-    for view in values["views"]:
-        if view["refined"]:
-            lines.append(f"{view['camera']}: refined, its picture moved by {view['refined']['shift']:.1f} px")
-    off = [fit["summary"] for view in values["views"] for fit in view["fits"] if fit["off"]]
-    if off:
-        lines += [*off, "refine the cameras: kfmocap track --refine, or Refine Cameras in Blender"]
-    lines += _footage_lines(values)
-    for performer in values["performers"]:
-        lines += [f"{performer['name']}: {line}" for line in _performer_lines(performer)]
-    return lines
-
-
-def _performer_lines(performer: Mapping[str, Any]) -> list[str]:
-    """Return the report's lines on a performer."""
-    lines = []
-    if identity := performer.get("identity", {}).get("text"):
-        lines.append(identity)
-    if performer["lifted"]:
-        lines.append(
-            "one camera alone shows it: depths are judged by the lengths of the bones, and may be decimetres off; key "
-            "poses correct them"
-        )
-    if unknown := ", ".join(performer["unknown"]):
-        lines.append(f"unknown, as no key pose, keypoint or camera shows them: {unknown}")
-    counts = [f"{part} {sum(b + 1 - a for a, b in spans)}" for part, spans in performer["unseen"].items()]
-    if counts:
-        lines.append(f"frames on which no camera sees a part: {', '.join(counts)}")
-    if found := performer.get("accelerations"):
-        slow, *_, fast = sorted(found["joints"].items(), key=lambda item: item[1])
-        lines.append(
-            f"typical accelerations found: root {found['root']:.1f} m/s^2, joints {slow[1]:.0f} ({slow[0]}) to "
-            f"{fast[1]:.0f} rad/s^2 ({fast[0]})"
-        )
-    lost = [f"{part} {', '.join(f'{a}-{b}' for a, b in spans)}" for part, spans in performer["may_be_lost"].items()]
-    if lost:
-        lines.append(f"may be lost, as the footage shows background where they are: {'; '.join(lost)}")
-    helpful = [
-        f"{key['frame']} ({' '.join(key['parts'])} some {key['expected_error']:.0f} mm)"
-        for key in performer["helpful_keyframes"]
-    ]
-    if helpful:
-        lines.append(f"where one more key pose would help most: {', '.join(helpful)}")
-    suggested = [
-        f"{s['frame']} ({' '.join(s['parts'])} hidden {s['hidden'][0]}-{s['hidden'][1]})"
-        for s in performer["suggested_keyframes"]
-    ]
-    if suggested:
-        lines.append(f"key poses would help at {', '.join(suggested)}")
-    return lines
-
-
-def _footage_lines(values: Mapping[str, Any]) -> list[str]:
-    """Return lines on problems of the views' footage."""
-    lines = []
-    for view in values["views"]:
-        rate = view["footage_fps"]
-        found = FootageRate(**view["rate"]) if view.get("rate") else None
-        if found is not None and found.varies:
-            lines.append(f"{view['camera']}: {found.text}")
-        elif rate and abs(rate - values["fps"]) > _RATE_TOLERANCE * rate:
-            lines.append(f"{view['camera']}: its footage has {rate:g} frames per second, the shot {values['fps']:g}")
-        if view.get("damage"):
-            lines.append(f"{view['camera']}: {FootageDamage(**view['damage']).text}")
-        if view["torn"]:
-            lines.append(f"{view['camera']}: {torn_text(view['torn'])}")
-    return lines
-
-
-def torn_text(frames: Sequence[int]) -> str:
-    """Return a text that names the frames of a view which do not continue the one before."""
-    shown = listed(frames, WORST_FRAMES)
-    return (
-        "pictures that do not continue from the one before (damaged, repeated or missing, or the light changed) were "
-        f"given no weight: on or before frames {shown}"
-    )
 
 
 def _versions() -> dict[str, str]:

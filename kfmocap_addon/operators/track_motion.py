@@ -108,7 +108,7 @@ class Tracking(Conditional, JobOperator):
     def finish(self, _context: bpy.types.Context, tracked: CheckedTrack) -> None:
         """Write the tracked motion into the scene, and report cameras that do not fit."""
         from ...core.errors import ShotError
-        from ...core.review.track_report import torn_text
+        from ...core.review.report_text import torn_text
         from ..retargeting import sole_plants
         from ..scene_io import tracked_segments, view_cameras
 

@@ -14,8 +14,9 @@ from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import LandmarkError
 from kfmocap.core.formats import Landmarks
 from kfmocap.core.keypoints.observations import ShotKeypoints
+from kfmocap.core.review.report_text import report_lines
 from kfmocap.core.review.scoring import joint_error
-from kfmocap.core.review.track_report import report, report_lines
+from kfmocap.core.review.track_report import report
 from kfmocap.core.runtime.files import write_json
 from kfmocap.core.shot.footage_damage import FootageDamage
 from kfmocap.core.shot.footage_times import FootageRate

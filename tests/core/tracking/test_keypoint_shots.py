@@ -18,7 +18,8 @@ from kfmocap.core.keypoints.assignment import PerformerClues, assign_detections
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.keypoints.observations import fit_keypoints, image_rays, performer_keypoints
 from kfmocap.core.keypoints.tracks import ViewDetections, detection_tracks
-from kfmocap.core.review.track_report import report, report_lines
+from kfmocap.core.review.report_text import report_lines
+from kfmocap.core.review.track_report import report
 from kfmocap.core.shot.keypose_spline import spline
 from kfmocap.core.shot.shot import KeyPoses, Performer, PerformerRequest, Settings, Shot, View, fixed_degrees
 from kfmocap.core.tracking.prepare import load_shot
