@@ -427,8 +427,8 @@ def test_an_interrupt_after_the_results_says_so(
 def test_an_interrupt_while_the_report_is_still_temporary_says_that_nothing_was_written(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    put = files._put_file
-    monkeypatch.setattr(files, "_put_file", lambda *args: (signal.raise_signal(signal.SIGTERM), put(*args))[1])
+    put = files.put_file
+    monkeypatch.setattr(files, "put_file", lambda *args: (signal.raise_signal(signal.SIGTERM), put(*args))[1])
     assert track(folder) == 143
     assert "interrupted, nothing was written" in capsys.readouterr().err
     assert not (folder / "out" / "report.json").exists()
