@@ -11,14 +11,14 @@ from functools import partial
 from pathlib import Path
 
 from ..core.errors import InputError, KFMocapError, ShotError, WorkerEndedError
-from ..core.formats.file_kind import file_kind
-from ..core.formats.shot_toml import read_shot_spec
 from ..core.runtime.files import check_writable
 from ..core.runtime.job import Job
 from ..core.runtime.threads import worker_count
 from .batch_display import BatchDisplay
-from .batch_shot import DONE, FAILED, REFUSED, STATUS, BatchOptions, ShotOutcome, outcomes, shot_digest, track_shot
-from .batch_summary import SUMMARY, write_summary
+from .batch_outcome import ShotOutcome, ShotState, outcomes
+from .batch_selection import BatchShot, chosen_shots
+from .batch_shot import BatchOptions, shot_digest, track_shot
+from .batch_summary import write_summary
 from .printed import print_outcome
 from .services import Services
 
@@ -27,31 +27,6 @@ BAD_INPUT, FAULT = 2, 1
 ATTEMPTS = 2
 """Number of times that a shot is tried if its process is ended from outside."""
 _POLL = 0.1
-
-
-@dataclass(frozen=True)
-class BatchShot:
-    """A shot of the batch.
-
-    Attributes
-    ----------
-    name : str
-    file : Path
-    error : KFMocapError, optional
-        The error raised when its file was read.
-    """
-
-    name: str
-    file: Path
-    error: KFMocapError | None = None
-
-    @classmethod
-    def of(cls, file: Path) -> BatchShot:
-        """Return the shot of a file; its name is the one stated in the file or else the file's own."""
-        try:
-            return cls(read_shot_spec(file).name, file)
-        except KFMocapError as error:
-            return cls(file.stem, file, error)
 
 
 def run(args: argparse.Namespace, services: Services) -> int:
@@ -67,59 +42,7 @@ def run(args: argparse.Namespace, services: Services) -> int:
     files = write_summary(args.out, outcomes(args.out))
     states = {outcome.state for outcome in found}
     print_outcome(files)
-    return FAULT if FAILED in states else BAD_INPUT if REFUSED in states else 0
-
-
-def chosen_shots(patterns: Sequence[str], task: int | None = None) -> list[BatchShot]:
-    """Return the shots among files, and among the files that match patterns such as shots/*.toml.
-
-    Parameters
-    ----------
-    patterns : sequence of str
-    task : int, optional
-        Index of the only shot to return, from 0.
-
-    Raises
-    ------
-    ShotError
-        There is none, two have the same name, or one has the name of a file of the batch.
-    """
-    files: dict[Path, None] = {}
-    for pattern in patterns:
-        path = Path(pattern)
-        if path.exists() or not any(sign in pattern for sign in "*?["):
-            files[path] = None
-        else:
-            base = Path(path.anchor)
-            files |= dict.fromkeys(sorted(base.glob(str(path.relative_to(base)))))
-    shots = [BatchShot.of(file) for file in files if not _is_something_else(file)]
-    if not shots:
-        raise ShotError("there is no shot among the files", where="kfmocap batch", todo="name shot files")
-    named: dict[str, Path] = {}
-    for shot in shots:
-        if shot.name.casefold() in (STATUS, *SUMMARY):
-            what, todo = f"a batch writes something else to '{shot.name}'", "give the shot another name"
-            raise ShotError(what, where=str(shot.file), todo=todo)
-        other = named.setdefault(shot.name, shot.file)
-        if other != shot.file:
-            what, todo = f"'{shot.name}' is the name of two shots", "give each its own [shot] name"
-            raise ShotError(what, where=f"{other} and {shot.file}", todo=todo)
-    if task is None:
-        return shots
-    if not 0 <= task < len(shots):
-        raise ShotError(f"there is no shot {task}", where="--task", todo=f"give 0 to {len(shots) - 1}")
-    return [shots[task]]
-
-
-def _is_something_else(file: Path) -> bool:
-    """Whether a file is not a shot file: *.toml may also match a calibration in the same folder."""
-    try:
-        kind = file_kind(file)
-    except KFMocapError:
-        return False
-    if kind != "shot":
-        print(f"kfmocap: {file} is no shot file, but a {kind}: left out", file=sys.stderr)
-    return kind != "shot"
+    return FAULT if ShotState.FAILED in states else BAD_INPUT if ShotState.REFUSED in states else 0
 
 
 def _options(args: argparse.Namespace, services: Services) -> BatchOptions:
@@ -206,10 +129,10 @@ class _Batch:
                 raise shot.error
             digest = shot_digest(shot.file, self.options)
         except KFMocapError as error:
-            self._close(ShotOutcome(shot.name, str(shot.file), REFUSED, message=_one_line(error)))
+            self._close(ShotOutcome(shot.name, str(shot.file), ShotState.REFUSED, message=_one_line(error)))
             return
         known = self.before.get(shot.name)
-        if known is not None and (known.state, known.digest) == (DONE, digest) and self._has_results(shot):
+        if known is not None and (known.state, known.digest) == (ShotState.DONE, digest) and self._has_results(shot):
             self.found.append(known)
             self.display.skipped(known)
         else:
@@ -247,14 +170,14 @@ def _outcome(each: _Running) -> ShotOutcome | None:
     """Return a shot's outcome; None if its process was ended from outside and it is to be tried again."""
     kept = each.shot.name, str(each.shot.file)
     try:
-        return ShotOutcome(*kept, DONE, each.digest, **each.job.result())
+        return ShotOutcome(*kept, ShotState.DONE, each.digest, **each.job.result())
     except WorkerEndedError as error:
-        return ShotOutcome(*kept, FAILED, message=_one_line(error)) if each.attempt >= ATTEMPTS else None
+        return ShotOutcome(*kept, ShotState.FAILED, message=_one_line(error)) if each.attempt >= ATTEMPTS else None
     except InputError as error:
-        return ShotOutcome(*kept, REFUSED, message=_one_line(error))
+        return ShotOutcome(*kept, ShotState.REFUSED, message=_one_line(error))
     except Exception as error:
         text = _one_line(error) if isinstance(error, KFMocapError) else f"{type(error).__name__}: {_one_line(error)}"
-        return ShotOutcome(*kept, FAILED, message=text)
+        return ShotOutcome(*kept, ShotState.FAILED, message=text)
 
 
 def _one_line(error: Exception) -> str:

@@ -10,7 +10,7 @@ import time
 from collections.abc import Mapping
 from types import TracebackType
 
-from .batch_shot import DONE, ShotOutcome
+from .batch_outcome import ShotOutcome, ShotState
 
 _REDRAW_SECONDS = 0.2
 _STEP = 0.1
@@ -55,7 +55,7 @@ class BatchDisplay:
         """Show that a shot is done, or has failed."""
         self._finished += 1
         said = outcome.message
-        if outcome.state == DONE:
+        if outcome.state == ShotState.DONE:
             error = "" if outcome.expected_error is None else f", expected error {outcome.expected_error:.0f} mm"
             said = f"{outcome.seconds or 0:.0f} s{error}"
         self.said(f"[{self._finished}/{self._total}] {outcome.name}: {outcome.state}, {said}")

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-import numpy as np
-
 from ..core.formats.shot_toml import read_shot_spec
 from ..core.review.report_text import report_lines
-from ..core.runtime.files import write_json
 from ..core.runtime.progress import Progress
 from ..core.runtime.timing import Seconds
 from ..core.shot.fingerprint import checksum, file_bytes
@@ -22,50 +19,6 @@ from ..core.tracking.journal import journal_beside
 from ..core.tracking.prepare import load_shot
 from .services import BlenderSession
 from .track_command import check_inputs_kept, run_track
-
-DONE, REFUSED, FAILED = "done", "bad input", "failed"
-"""States of a shot of a batch."""
-STATUS = "status"
-"""The folder, beside those of the results, that contains the outcome of every shot."""
-
-
-@dataclass(frozen=True)
-class ShotOutcome:
-    """The outcome of a shot.
-
-    Attributes
-    ----------
-    name : str
-        Name of the shot, and of the folder with its results.
-    file : str
-        The shot file.
-    state : str
-        `DONE`, `REFUSED` (the input cannot be used) or `FAILED`.
-    digest : str
-        Checksum of everything that the results depend on; see `shot_digest`.
-    expected_error : float or None
-        Mean of the joints' expected errors on all frames, millimetres.
-    seconds : float or None
-        Computing time.
-    warnings : tuple of str
-        Warnings in the report.
-    message : str
-        Why there are no results.
-    """
-
-    name: str
-    file: str
-    state: str
-    digest: str = ""
-    expected_error: float | None = None
-    seconds: float | None = None
-    warnings: tuple[str, ...] = field(default=())
-    message: str = ""
-
-    def write(self, out: Path) -> None:
-        """Write the outcome into the folder of the batch."""
-        (out / STATUS).mkdir(parents=True, exist_ok=True)
-        write_json(out / STATUS / f"{self.name}.json", asdict(self))
 
 
 @dataclass(frozen=True)
@@ -85,33 +38,6 @@ class BatchOptions:
     solver: str | None
     load_blender: Callable[[], BlenderSession] | None
     threads: int
-
-
-def outcomes(out: Path) -> list[ShotOutcome]:
-    """Read the outcomes in the folder of a batch, sorted by name; those that cannot be read are left out."""
-    found = []
-    for file in sorted((out / STATUS).glob("*.json")):
-        try:
-            found.append(_outcome_of(json.loads(file.read_text(encoding="utf-8"))))
-        except (OSError, ValueError, TypeError, KeyError, RecursionError):
-            continue
-    return found
-
-
-def _outcome_of(values: dict[str, Any]) -> ShotOutcome:
-    """Return an outcome from the values written.
-
-    Raises
-    ------
-    ValueError, TypeError, KeyError
-        They are not those of an outcome.
-    """
-    outcome = ShotOutcome(**values | {"warnings": tuple(values["warnings"])})
-    texts = (outcome.name, outcome.file, outcome.state, outcome.digest, outcome.message, *outcome.warnings)
-    numbers = [number for number in (outcome.expected_error, outcome.seconds) if number is not None]
-    if not all(isinstance(text, str) for text in texts) or not np.isfinite(np.array(numbers, float)).all():
-        raise ValueError("a field is not what it should be")
-    return outcome
 
 
 def track_shot(path: Path, out: Path, options: BatchOptions, progress: Progress) -> dict[str, Any]:

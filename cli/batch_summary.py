@@ -15,7 +15,7 @@ import numpy as np
 
 from ..core.formats.html_page import html_page
 from ..core.runtime.files import together
-from .batch_shot import DONE, ShotOutcome
+from .batch_outcome import ShotOutcome, ShotState
 
 COLUMNS = ("shot", "state", "expected_error_mm", "seconds", "warnings", "message", "file")
 SUMMARY = ("summary.csv", "summary.html")
@@ -46,7 +46,7 @@ def write_summary(out: Path, outcomes: Sequence[ShotOutcome]) -> list[Path]:
 
 
 def _page(out: Path, outcomes: Sequence[ShotOutcome]) -> str:
-    done = [outcome for outcome in outcomes if outcome.state == DONE]
+    done = [outcome for outcome in outcomes if outcome.state == ShotState.DONE]
     head = "".join(f"<th>{name}</th>" for name in ("", "shot", "state", "expected error, mm", "seconds", "remarks"))
     rows = "".join(_row(out, outcome) for outcome in outcomes)
     return html_page(f"{len(done)} of {len(outcomes)} shots", f'<table class="shots"><tr>{head}</tr>{rows}</table>')
@@ -66,7 +66,7 @@ def _row(out: Path, outcome: ShotOutcome) -> str:
 def _thumbnail(out: Path, outcome: ShotOutcome) -> str:
     """Return a shot's overlay as a thumbnail that links to the full picture."""
     picture = cv2.imdecode(_bytes(out / outcome.name / "overlay.png"), cv2.IMREAD_COLOR)
-    if outcome.state != DONE or picture is None:
+    if outcome.state != ShotState.DONE or picture is None:
         return ""
     height = max(1, round(picture.shape[0] * _THUMBNAIL / picture.shape[1]))
     small = cv2.resize(picture, (_THUMBNAIL, height), interpolation=cv2.INTER_AREA)

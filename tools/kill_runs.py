@@ -35,7 +35,7 @@ from unittest import mock
 
 from kfmocap.__main__ import main as run_command
 from kfmocap.cli import batch_command, calibrate_command, track_command  # noqa: F401  loaded once, for all runs
-from kfmocap.cli.batch_shot import STATUS
+from kfmocap.cli.batch_outcome import STATUS
 from kfmocap.core.runtime import worker, worker_process
 from kfmocap.core.runtime.files import check_writable
 from kfmocap.core.runtime.interrupts import WRITTEN

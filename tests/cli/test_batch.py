@@ -14,9 +14,11 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.cli import batch_command
-from kfmocap.cli.batch_command import BatchShot, chosen_shots, run_batch
+from kfmocap.cli.batch_command import run_batch
 from kfmocap.cli.batch_display import BatchDisplay
-from kfmocap.cli.batch_shot import DONE, FAILED, REFUSED, BatchOptions, ShotOutcome, outcomes, shot_digest
+from kfmocap.cli.batch_outcome import ShotOutcome, ShotState, outcomes
+from kfmocap.cli.batch_selection import BatchShot, chosen_shots
+from kfmocap.cli.batch_shot import BatchOptions, shot_digest
 from kfmocap.cli.batch_summary import write_summary
 from kfmocap.cli.command_line import main
 from kfmocap.core.errors import FootageError, OutputError, ShotError, WorkerEndedError
@@ -81,7 +83,7 @@ def with_results(out: Path, found: list[ShotOutcome]) -> None:
 def test_a_shot_that_fails_harms_no_other(shots: list[BatchShot], tmp_path: Path) -> None:
     StandInJob.results |= {"a": [ZeroDivisionError("a bug")], "b": [FootageError("it breaks off", where="b.mp4")]}
     found = run_batch(shots, tmp_path / "results", OPTIONS, jobs=2)
-    assert states(found) == {"a": FAILED, "b": REFUSED, "c": DONE}
+    assert states(found) == {"a": ShotState.FAILED, "b": ShotState.REFUSED, "c": ShotState.DONE}
     messages = {outcome.name: outcome.message for outcome in found}
     assert messages == {"a": "ZeroDivisionError: a bug", "b": "b.mp4: it breaks off", "c": ""}
     assert sorted(outcomes(tmp_path / "results"), key=lambda o: o.name) == sorted(found, key=lambda o: o.name)
@@ -113,7 +115,7 @@ def test_what_is_done_is_not_done_again_unless_it_has_changed(shots: list[BatchS
     shots[0].file.write_text(shots[0].file.read_text().replace("keyframes = [0, 5]", "keyframes = [0, 3, 5]"))
     found = run_batch(shots, out, OPTIONS)
     assert StandInJob.started == ["a", "c"]
-    assert states(found) == dict.fromkeys("abc", DONE)
+    assert states(found) == dict.fromkeys("abc", ShotState.DONE)
     shutil.rmtree(out / "b")
     StandInJob.started = []
     StandInJob.results["b"] = [RESULT]
@@ -162,7 +164,9 @@ def test_no_shot_has_the_name_of_what_a_batch_writes(folder: Path, name: str) ->
 
 
 def test_an_undecodable_path_is_still_listed_in_the_table(tmp_path: Path) -> None:
-    write_summary(tmp_path, [ShotOutcome("a", "caf\udce9/shot.toml", REFUSED, message="caf\udce9: it breaks off")])
+    write_summary(
+        tmp_path, [ShotOutcome("a", "caf\udce9/shot.toml", ShotState.REFUSED, message="caf\udce9: it breaks off")]
+    )
     assert r"caf\udce9/shot.toml" in (tmp_path / "summary.csv").read_text(encoding="utf-8")
 
 
@@ -171,7 +175,7 @@ def test_a_shot_whose_process_is_killed_is_tried_once_more(
 ) -> None:
     StandInJob.results |= {"a": [WorkerEndedError(-9), RESULT], "b": [WorkerEndedError(-9), WorkerEndedError(-9)]}
     found = run_batch(shots, tmp_path / "results", OPTIONS)
-    assert states(found) == {"a": DONE, "b": FAILED, "c": DONE}
+    assert states(found) == {"a": ShotState.DONE, "b": ShotState.FAILED, "c": ShotState.DONE}
     assert sorted(StandInJob.started) == ["a", "a", "b", "b", "c"]
     assert "ended by signal 9" in capsys.readouterr().err
 
@@ -190,7 +194,7 @@ def test_an_interrupt_ends_the_processes_and_what_is_done_stays_done(
     files = [str(shot.file) for shot in shots]
     assert main(["batch", *files, "--out", str(tmp_path / "results"), "--no-blender", "--jobs", "3"]) == 130
     assert StandInJob.ended == ["b", "c"]
-    assert states(outcomes(tmp_path / "results")) == {"a": DONE}
+    assert states(outcomes(tmp_path / "results")) == {"a": ShotState.DONE}
     assert "1 of 3 shots are done" in capsys.readouterr().err
 
 
@@ -205,7 +209,11 @@ def test_the_table_shows_all_shots_of_the_folder_whichever_command_tracked_them(
     cv2.imwrite(str(out / "a" / "overlay.png"), np.full((30, 40, 3), 200, np.uint8))
     main(["batch", str(shots[1].file), "--out", str(out), "--no-blender"])
     rows = list(csv.DictReader((out / "summary.csv").open(newline="", encoding="utf-8")))
-    assert [(row["shot"], row["state"]) for row in rows] == [("a", DONE), ("b", REFUSED), ("c", DONE)]
+    assert [(row["shot"], row["state"]) for row in rows] == [
+        ("a", ShotState.DONE),
+        ("b", ShotState.REFUSED),
+        ("c", ShotState.DONE),
+    ]
     assert rows[0]["expected_error_mm"] == "12.0"
     assert rows[0]["warnings"] == RESULT["warnings"][0]
     page = (out / "summary.html").read_text(encoding="utf-8")
@@ -237,7 +245,7 @@ def test_a_terminal_shows_one_line_for_every_shot_and_takes_it_away(
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     with BatchDisplay(3) as display:
         display.update({"a": ("solve", 0.25), "b": ("footage", 0.0)})
-        display.finished(ShotOutcome("a", "a.toml", DONE, **RESULT))
+        display.finished(ShotOutcome("a", "a.toml", ShotState.DONE, **RESULT))
     shown = capsys.readouterr().err
     assert "0 of 3 shots" in shown
     assert "solve               25%" in shown
@@ -272,7 +280,7 @@ def test_results_are_whole_though_a_process_is_killed(
 
 @pytest.mark.parametrize("text", ["[" * 5000, "5", "{}", '{"name": 5}', '{"name": "a", "warnings": [1]}'])
 def test_what_came_of_a_shot_is_left_out_where_it_cannot_be_read(tmp_path: Path, text: str) -> None:
-    ShotOutcome("b", "b.toml", DONE, expected_error=1.0, seconds=2.0, warnings=("a",)).write(tmp_path)
+    ShotOutcome("b", "b.toml", ShotState.DONE, expected_error=1.0, seconds=2.0, warnings=("a",)).write(tmp_path)
     good = json.loads((tmp_path / "status" / "b.json").read_text())
     (tmp_path / "status" / "a.json").write_text(text)
     for field in good:
