@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -28,35 +27,32 @@ Panel = tuple[int, Motion | None, str]
 """A shot frame, the motion whose outlines are drawn, if any, and the words in the corner."""
 
 MARGIN = 1.2
+"""Size of a part, relative to the performer's."""
 GAP = 4
+"""Space between parts, pixels."""
 QUALITY = 82
+"""Of the JPEG file, up to 100."""
 _BACKGROUND = 24
 
 
 @dataclass(frozen=True, eq=False)
 class Panels:
-    """Parts of one view's frames around the performer, who is where the truth says; all of one size.
+    """Parts of one view's frames around the shot's only performer, who is where the truth says; all of one size.
 
-    Attributes
-    ----------
-    shot : Shot
-        Of one performer.
-    truth : Landmarks
-    camera : str, optional
-        Whose view; by default the first.
+    The view is the camera's; without a name it is the first.
     """
 
     shot: Shot
     truth: Landmarks
     camera: str | None = None
 
-    @cached_property
+    @property
     def view(self) -> View:
         """The view of the camera; the first one where none is named."""
         named = {view.camera.name: view for view in self.shot.views}
         return named[self.camera] if self.camera is not None else self.shot.views[0]
 
-    @cached_property
+    @property
     def boxes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Centres (F, 2) of the performer, and the size (2,) of a box that holds him everywhere, pixels."""
         uv = self.view.camera.rectified().project(self.truth.points_world)

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..cameras.camera import Camera
-from ..capture.capture import LFRAME_BALLS, Capture, CaptureView, Markers
+from ..capture.calibration_objects import LFRAME_BALLS
+from ..capture.capture import Capture, CaptureView, Markers
 from ..capture.capture_videos import CaptureVideos
 from ..errors import CaptureError
 from ..runtime.progress import Progress, share

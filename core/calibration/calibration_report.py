@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture.capture import LFRAME_ARMS
+from ..capture.calibration_objects import LFRAME_ARMS
 from ..errors import OutputError
 from ..formats.html_page import html_page
 from ..numerics.arrays import Array

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..capture.capture import LFRAME_BALLS, Capture
+from ..capture.calibration_objects import LFRAME_BALLS
+from ..capture.capture import Capture
 from ..errors import CaptureError
 from ..numerics.arrays import Array
 from . import findings

@@ -15,14 +15,7 @@ LFRAME_NOT_SEEN = "lframe-not-seen"
 class Finding:
     """A problem that the user should know before relying on the cameras.
 
-    Attributes
-    ----------
-    name : str
-        The kind of problem.
-    what : str
-    todo : str
-    where : str or None
-        The camera.
+    Its name says of what kind it is, `where` which camera has it, if it is one camera's.
     """
 
     name: str

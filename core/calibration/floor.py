@@ -11,7 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..capture.capture import LFRAME_BALLS, WAND_BALLS, Capture, Markers
+from ..capture.calibration_objects import LFRAME_BALLS, WAND_BALLS
+from ..capture.capture import Capture, Markers
 from ..numerics.arrays import Array
 from . import findings
 from .lframe.lframe_pose import resting

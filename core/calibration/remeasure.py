@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture.capture import LFRAME_ARMS, LFRAME_BALLS, Markers
+from ..capture.calibration_objects import LFRAME_ARMS, LFRAME_BALLS
+from ..capture.capture import Markers
 from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress, share
 from ..shot.footage import pictures

@@ -10,17 +10,6 @@ from numpy.typing import NDArray
 
 from ..numerics.arrays import Array
 
-LFRAME_BALLS = 4
-"""Balls of an L-frame: corner, middle and end of the long arm, end of the short arm."""
-LFRAME_ARMS = ((0, 1), (1, 2), (0, 3))
-"""Pairs of these that a rod connects."""
-WAND_BALLS = 2
-"""Balls of a wand, one at each end."""
-PERFORMER_POINTS = 3
-"""Points of a standing performer in place of an L-frame: left foot, right foot, top of the head."""
-USUAL_WAND_LENGTH = 0.5
-"""Length assumed for a wand of unknown length until the scale is known, metres."""
-
 
 @dataclass(frozen=True, eq=False)
 class Markers:

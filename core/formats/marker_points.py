@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..capture.capture import LFRAME_BALLS, PERFORMER_POINTS, WAND_BALLS, Capture, Markers
+from ..capture.calibration_objects import LFRAME_BALLS, PERFORMER_POINTS, WAND_BALLS
+from ..capture.capture import Capture, Markers
 from ..errors import CalibrationError
 from ..runtime.files import replacing
 from .reading import BEYOND, read_text, reading

@@ -9,15 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..capture.capture import (
-    LFRAME_BALLS,
-    USUAL_WAND_LENGTH,
-    WAND_BALLS,
-    Capture,
-    CaptureView,
-    Markers,
-    StandingPerformer,
-)
+from ..capture.calibration_objects import LFRAME_BALLS, USUAL_WAND_LENGTH, WAND_BALLS
+from ..capture.capture import Capture, CaptureView, Markers, StandingPerformer
 from ..capture.capture_videos import CaptureVideos, CaptureVideoView
 from ..capture.colours import Colour, parsed
 from ..errors import CalibrationError, ShotError

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body import Body, human
+from ..body.body_measures import BodyMeasures
 from ..body.measures_from_landmarks import estimate_height
 from ..errors import KeypointError
 from ..numerics.arrays import Array
 from ..shot.keypose_spline import spline
 from ..shot.shot import KeyPoses
-from .body_measures import BodyMeasures
 from .first_pose import posed_start, posing_frames
 from .keypoint_fit import CONTINUED, FitProblem, KeypointFit, fit_motion
 from .keypoint_rays import Keypoints

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body import Body, part_poses
+from ..body.body_measures import BodyMeasures
 from ..body.joint_limits import habitual_prior, posture_prior
 from ..body.motion import Motion
 from ..body.smoothness import LONGEST_STEP, limited, smoothness
@@ -18,12 +19,12 @@ from ..numerics.arrays import Array
 from ..numerics.banded import BandedFactor, bordered_solution
 from ..numerics.banded_blocks import BandedBlocks
 from ..numerics.repeatable import on_grid
-from .body_measures import BodyMeasures, with_measures
 from .keypoint_deviations import USUAL_DEVIATION, deviations, robust_energy, robust_weights, trusted_weights
 from .keypoint_factor import keypoint_system
 from .keypoint_places import Places
 from .keypoint_rays import Keypoints
 from .left_right import correct_sides
+from .measures_fit import with_measures
 from .seen_landmarks import habit_precision, usual_turns
 from .view_agreement import ViewAgreement
 

@@ -41,15 +41,7 @@ ALIKE = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Neighbour:
-    """A known pose at another time.
-
-    Attributes
-    ----------
-    pose : Motion
-        One pose.
-    seconds : float
-        Time between that pose and the present one.
-    """
+    """A known pose, and the time between it and the present one."""
 
     pose: Motion
     seconds: float

@@ -18,13 +18,7 @@ _ROWS = 16
 
 @dataclass(frozen=True)
 class SharedArray:
-    """An array of bytes in a file.
-
-    Attributes
-    ----------
-    path : Path
-    shape : tuple of int
-    """
+    """An array of bytes in a file: the file's path, and the array's shape."""
 
     path: Path
     shape: tuple[int, ...]

@@ -39,7 +39,7 @@ class Calibrate(Conditional, JobOperator, bpy.types.Operator):
 
     def finish(self, context: bpy.types.Context, result: CalibrationResult) -> None:
         from ...core.calibration.calibration_report import sheet, write_report
-        from ...core.capture.capture import LFRAME_ARMS
+        from ...core.capture.calibration_objects import LFRAME_ARMS
         from ..scene_io import solved_cameras
 
         scene, capture = context.scene, context.scene.kfmocap_capture

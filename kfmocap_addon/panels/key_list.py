@@ -18,17 +18,7 @@ _DELAY = 0.05
 
 @dataclass(frozen=True)
 class KeyPoseEntry:
-    """A frame with a key pose.
-
-    Attributes
-    ----------
-    frame : int
-        Scene frame.
-    bones : tuple of str
-        The bones that are keyed; empty for the whole body.
-    proposed : bool
-        Whether it is a proposal of the tracker.
-    """
+    """A scene frame with a key pose: the bones that are keyed, none for the whole body; or the tracker's proposal."""
 
     frame: int
     bones: tuple[str, ...] = ()

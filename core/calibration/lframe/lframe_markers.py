@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...capture.capture import LFRAME_ARMS, LFRAME_BALLS, Markers
+from ...capture.calibration_objects import LFRAME_ARMS, LFRAME_BALLS
+from ...capture.capture import Markers
 from ...capture.capture_videos import CaptureVideos, CaptureVideoView
 from ...errors import CalibrationError
 from ...numerics.arrays import Array

@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...capture.capture import LFRAME_BALLS, Capture, CaptureView, Markers
+from ...capture.calibration_objects import LFRAME_BALLS
+from ...capture.capture import Capture, CaptureView, Markers
 from ...numerics.arrays import Array, Ints
 from ..solving.camera_rig import Rig
 from ..solving.wand_triangulation import projected, rays, triangulated

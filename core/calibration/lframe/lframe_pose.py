@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...capture.capture import LFRAME_BALLS, Markers
+from ...capture.calibration_objects import LFRAME_BALLS
+from ...capture.capture import Markers
 from ...numerics.arrays import Array
 from .. import findings
 from ..solving.ball_observations import BallObservations

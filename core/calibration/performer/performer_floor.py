@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...capture.capture import LFRAME_BALLS, PERFORMER_POINTS, Capture, Markers, StandingPerformer
+from ...capture.calibration_objects import LFRAME_BALLS, PERFORMER_POINTS
+from ...capture.capture import Capture, Markers, StandingPerformer
 from ...numerics.arrays import Array
 from .. import findings
 from ..findings import Finding

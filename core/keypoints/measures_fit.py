@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from ..body import Body, default_measures, human, part_poses, point_jacobian
+from ..body import default_measures, part_poses, point_jacobian
+from ..body.body_measures import BodyMeasures
 from ..body.human import SHIFTS
 from ..body.motion import Motion
 from ..numerics.arrays import Array
-from ..numerics.repeatable import on_grid
 from .keypoint_factor import KeypointSystem
 from .keypoint_places import Places
 from .keypoint_rays import Keypoints
@@ -27,63 +26,23 @@ STATURE_DEVIATION = 0.07
 """Standard deviation of a person's height from the height at which the fit starts, as a share."""
 
 
-@dataclass(frozen=True)
-class BodyMeasures:
-    """Height and measures of a default body.
+def measures_prior(measures: BodyMeasures) -> tuple[Array, Array]:
+    """Return the prior of the height's logarithm and the M measures: inverse covariance and present deviations.
 
-    Attributes
-    ----------
-    stature : float
-        Metres.
-    values : mapping of str to float
-        See `core.body.human.default_measures`.
+    The inverse covariance has the shape (1 + M, 1 + M), the deviations from the mean (1 + M,). Measures of the left
+    and the right side are correlated. The deviation of the height is given as zero, so that the prior only limits
+    how far each step changes it.
     """
-
-    stature: float
-    values: Mapping[str, float]
-
-    @classmethod
-    def average(cls, stature: float) -> BodyMeasures:
-        """Return the measures of the average person of a height."""
-        return cls(stature, default_measures(stature))
-
-    def body(self, *, solid: bool = True) -> Body:
-        """Return the body with these measures. If not `solid`, its parts have no surfaces, which is faster."""
-        return human(self.stature, self.values, solid=solid)
-
-    def changed(self, change: Array) -> BodyMeasures:
-        """Return the measures after a step: all are scaled by exp(change[0]), then change[1:], in metres, is added."""
-        growth = float(np.exp(np.clip(change[0], -0.1, 0.1)))
-        before, after = default_measures(self.stature), default_measures(self.stature * growth)
-        grown = {
-            name: value + after[name] - before[name] + float(extra)
-            for (name, value), extra in zip(self.values.items(), change[1:], strict=True)
-        }
-        least = {name: value if name in SHIFTS else max(value, 0.2 * after[name]) for name, value in grown.items()}
-        return BodyMeasures(self.stature * growth, least)
-
-    def on_grid(self) -> BodyMeasures:
-        """Return the measures where they are the same on every processor."""
-        stature, *values = on_grid(np.array([self.stature, *self.values.values()])).tolist()
-        return BodyMeasures(stature, dict(zip(self.values, values, strict=True)))
-
-    def prior(self) -> tuple[Array, Array]:
-        """Return the prior of the height's logarithm and the M measures: inverse covariance and present deviations.
-
-        The inverse covariance has the shape (1 + M, 1 + M), the deviations from the mean (1 + M,). Measures of the left
-        and the right side are correlated. The deviation of the height is given as zero, so that the prior only limits
-        how far each step changes it.
-        """
-        average, names = default_measures(self.stature), list(self.values)
-        deviation = [SHIFT_DEVIATION if name in SHIFTS else PROPORTION_DEVIATION * average[name] for name in names]
-        covariance = np.diag(np.square([STATURE_DEVIATION, *deviation]))
-        for i, name in enumerate(names, 1):
-            if name.endswith(".L"):
-                j = names.index(f"{name[:-2]}.R") + 1
-                covariance[i, j] = covariance[j, i] = covariance[i, i]
-                covariance[[i, j], [i, j]] += (MEASURE_ASYMMETRY * average[name]) ** 2
-        departure = [0.0] + [value - average[name] for name, value in self.values.items()]
-        return np.linalg.inv(covariance), np.array(departure)
+    average, names = default_measures(measures.stature), list(measures.values)
+    deviation = [SHIFT_DEVIATION if name in SHIFTS else PROPORTION_DEVIATION * average[name] for name in names]
+    covariance = np.diag(np.square([STATURE_DEVIATION, *deviation]))
+    for i, name in enumerate(names, 1):
+        if name.endswith(".L"):
+            j = names.index(f"{name[:-2]}.R") + 1
+            covariance[i, j] = covariance[j, i] = covariance[i, i]
+            covariance[[i, j], [i, j]] += (MEASURE_ASYMMETRY * average[name]) ** 2
+    departure = [0.0] + [value - average[name] for name, value in measures.values.items()]
+    return np.linalg.inv(covariance), np.array(departure)
 
 
 def with_measures(
@@ -126,7 +85,7 @@ def with_measures(
     F, D = R.shape[0], body.dof
     border = np.swapaxes(moved.reshape(F, 3 * L, D), 1, 2) @ pulled.reshape(F, 3 * L, M)
     shifted = np.einsum("flba,flbm->lam", R[:, places.parts], pulled)
-    precision, departure = measures.prior()
+    precision, departure = measures_prior(measures)
     prior = prior_weight * precision
     whole = np.zeros((3 * L + M, 3 * L + M))
     whole[: 3 * L, : 3 * L] = system.corner
