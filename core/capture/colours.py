@@ -30,14 +30,9 @@ PALER = 0.5
 
 @dataclass(frozen=True)
 class Colour:
-    """A range of colours in terms of hue, saturation and value.
+    """A range of colours: first and last hue, degrees, and the smallest and largest saturation and value, 0 to 1.
 
-    Attributes
-    ----------
-    hue : tuple of float
-        First and last hue, degrees; (340, 20) goes through red.
-    saturation, value : tuple of float
-        Smallest and largest, 0 to 1.
+    A hue of (340, 20) goes through red.
     """
 
     hue: Range = _WHOLE_HUE

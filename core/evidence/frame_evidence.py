@@ -14,11 +14,11 @@ from ..body.kinematics import Poses
 from ..numerics.arrays import Array
 from ..shot.continuity import single_frames
 from .compared_pixels import LabelledFrames
-from .contours import OutlineSums, outline_sums
 from .explained import explained_by_part
 from .foreground import background_share, log_ratio
 from .gradients import GradientSums, brightness_constancy
 from .label_images import LabelImages, render_labels
+from .outline_sums import OutlineSums, outline_sums
 from .part_geometry import Geometry
 from .sampling import Sampling
 from .still_evidence import StillEvidence, StillPartsCache

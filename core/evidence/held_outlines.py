@@ -13,7 +13,7 @@ import numpy as np
 from ..body.kinematics import Poses
 from ..cameras.camera import Camera
 from ..numerics.arrays import Array
-from .contours import Lines
+from .outline_lines import Lines
 
 
 @dataclass(frozen=True, eq=False)

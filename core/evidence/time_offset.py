@@ -17,7 +17,7 @@ from ..body.kinematics import scene_poses
 from ..body.motion import Motion
 from ..numerics.arrays import Array, Bools
 from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
-from .contours import KEY_PIECE
+from .outline_lines import KEY_PIECE
 from .part_geometry import Geometry
 from .part_shapes import ShapeEquations, compose, shape_equations
 from .view_frames import ViewFrames

@@ -3,8 +3,8 @@
 On a key frame the pose is roughly known; how long and how wide the parts are is not. Every part is stretched along its
 axes, together with the parts that hang on it, and its solid is shifted. The key poses were set with a body of other
 proportions, so they are free to change a little, too. The evidence is the performers' outlines against the background
-(`core.evidence.contours`) and, where views have them, 2D keypoints. As priors, both sides of a body are nearly alike,
-and parts that are not seen grow with the rest. All unknowns are solved for by Gauss-Newton, coarse to fine.
+(`core.evidence.outline_lines`) and, where views have them, 2D keypoints. As priors, both sides of a body are nearly
+alike, and parts that are not seen grow with the rest. All unknowns are solved for by Gauss-Newton, coarse to fine.
 """
 
 from __future__ import annotations

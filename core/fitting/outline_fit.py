@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
 from ..cameras.camera import Camera
-from ..evidence.contours import KEY_PIECE, Lines, outline_lines
 from ..evidence.foreground import foreground_images
 from ..evidence.label_images import render_labels
+from ..evidence.outline_lines import KEY_PIECE, Lines, outline_lines
 from ..evidence.part_geometry import Geometry
 from ..evidence.part_shapes import shape_columns, stretched
 from ..evidence.view_frames import ViewFrames

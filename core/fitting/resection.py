@@ -20,9 +20,9 @@ from ..body import Body, twist_jacobian
 from ..body.kinematics import Poses, scene_poses
 from ..body.motion import Motion
 from ..cameras.camera import Camera
-from ..evidence.contours import EDGE_DEVIATION, MODEL_DEVIATION, Lines
 from ..evidence.held_outlines import HeldOutlines
 from ..evidence.image_wrenches import camera_twist
+from ..evidence.outline_lines import EDGE_DEVIATION, MODEL_DEVIATION, Lines
 from ..evidence.part_geometry import Geometry
 from ..evidence.part_shapes import SHIFT, STRETCH, stretched
 from ..numerics import rotations

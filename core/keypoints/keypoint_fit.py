@@ -39,13 +39,10 @@ class Counted(Enum):
 
 @dataclass(frozen=True)
 class FitStep:
-    """One iteration of a fit.
+    """One iteration of a fit: which keypoints count, and how far off they may be.
 
-    Attributes
-    ----------
-    tolerance : float
-        Factor of the standard deviations in the robust kernel; above 1 far from the solution, where errors are large.
-    counted : Counted
+    The tolerance is a factor of the standard deviations in the robust kernel; above 1 far from the solution, where
+    errors are large.
     """
 
     tolerance: float

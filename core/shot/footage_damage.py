@@ -17,14 +17,9 @@ _SHOWN = 5
 
 @dataclass(frozen=True)
 class FootageDamage:
-    """The damage that the decoder of a view's footage reported.
+    """The damage that the decoder of a view's footage reported: on which frames of the file, and its first message.
 
-    Attributes
-    ----------
-    frames : tuple of int
-        Frames of the file being read when it was reported: at the damage, or just before it if the decoder reads ahead.
-    said : str
-        The decoder's first message.
+    The frames are those being read at the time: at the damage, or just before it if the decoder reads ahead.
     """
 
     frames: tuple[int, ...]

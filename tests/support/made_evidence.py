@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from kfmocap.core.body.kinematics import scene_poses
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.evidence.contours import OutlineSums
 from kfmocap.core.evidence.gradients import GradientSums
+from kfmocap.core.evidence.outline_sums import OutlineSums
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.segment_evidence import SegmentEvidence
 from kfmocap.core.numerics import rotations

@@ -10,9 +10,9 @@ import pytest
 from kfmocap.core.body import Body, human, landmark_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.evidence.contours import Lines, outline_lines
 from kfmocap.core.evidence.foreground import STRONGEST
 from kfmocap.core.evidence.label_images import render_labels
+from kfmocap.core.evidence.outline_lines import Lines, outline_lines
 from kfmocap.core.evidence.part_colours import ColouredFrames, PartColours
 from kfmocap.core.evidence.part_geometry import Geometry
 from kfmocap.core.evidence.sampling import Sampling

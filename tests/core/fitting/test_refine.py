@@ -15,7 +15,7 @@ from kfmocap.core.body.kinematics import scene_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import CalibrationError, CancelledError, FootageError
-from kfmocap.core.evidence.contours import Lines
+from kfmocap.core.evidence.outline_lines import Lines
 from kfmocap.core.fitting import resection
 from kfmocap.core.fitting.camera_refinement import Refinement, refine_cameras
 from kfmocap.core.fitting.key_frame_views import KeyFrameView, on_frames
@@ -248,7 +248,7 @@ def test_rows_are_the_derivatives_of_the_pictures() -> None:
     world = np.einsum("nab,nb->na", R[frame, part], local) + T[frame, part]
     seen = world @ camera.R_cam_world[0].T + camera.t_cam_world[0]
     one = np.ones(2 * P)
-    lines = Lines(frame, part, camera.project(world), normal, seen, one, one, one, one)
+    lines = Lines(frame, part, camera.project(world), normal, one, seen, one, one, one)
     sums = outline_products(lines, camera, (R, T))
     B = resection._jacobian(BODY, camera, (R, T))
     rows = np.einsum("kpr,kprc->kpc", sums[..., :-1, -1], B)

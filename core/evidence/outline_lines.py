@@ -10,23 +10,20 @@ approach for the real world, IJCV 2022.)
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
-from ..numerics.arrays import Array, Bools
+from ..numerics.arrays import Array
 from .foreground import log_ratio
-from .image_wrenches import camera_twist, wrenches
+from .image_wrenches import wrenches
 from .label_images import LabelImages, pixels_at
+from .outline_pieces import OnOutlines, OutlinePieces, seen_pieces
 from .part_colours import ColouredFrames
 from .view_frames import interpolated, stacked_places
 
-Indices = NDArray[np.intp]
-
-SPACING = 1.5
-"""Distance between lines along an outline, in strides of pixels."""
 CONTRAST = 0.5
 """Factor on log likelihood ratios along a line, as neighbouring pixels are correlated."""
 MODEL_DEVIATION = 0.012
@@ -42,20 +39,13 @@ _FARTHEST = 0.75  # share of a line's half length: an edge found beyond is the l
 
 
 @dataclass(frozen=True, eq=False)
-class Lines:
-    """N lines across the outlines of the parts in n frames, sorted by frame and part.
+class Lines(OnOutlines):
+    """N lines across outlines; each stands for a length in metres.
 
     Attributes
     ----------
-    frame, part : ndarray of int, shape (N,)
-    uv : ndarray, shape (N, 2)
-        Positions on the model's outlines, pixels of the view's frames.
-    normal : ndarray, shape (N, 2)
-        Unit normals of the outlines, pointing outward.
     points_cam : ndarray, shape (N, 3)
         Points of the parts at these positions, in camera axes, metres.
-    length : ndarray, shape (N,)
-        Length of outline that each line stands for, metres.
     shift : ndarray, shape (N,)
         Measured distance of the body's outline along the normal, pixels.
     weight : ndarray, shape (N,)
@@ -64,19 +54,10 @@ class Lines:
         Robust error (Tukey) of the shift, in variances.
     """
 
-    frame: Indices
-    part: Indices
-    uv: Array
-    normal: Array
     points_cam: Array
-    length: Array
     shift: Array
     weight: Array
     error: Array
-
-    def where(self, kept: Bools) -> Lines:
-        """Return some of the lines."""
-        return Lines(**{item.name: getattr(self, item.name)[kept] for item in fields(self)})
 
     def wrenches(self, camera: Camera) -> Array:
         """Derivatives of the positions along the normals by twists in camera axes, shape (N, 6)."""
@@ -108,52 +89,6 @@ class Lines:
             sums[there[:, None], i, j] = np.add.reduceat(each, (np.cumsum(count) - count)[there], axis=1).T
             sums[there[:, None], j, i] = sums[there[:, None], i, j]
         return sums.reshape(n, P, k, k)
-
-
-@dataclass(frozen=True, eq=False)
-class OutlineSums:
-    """Normal equations of the twists of P parts in n frames.
-
-    Attributes
-    ----------
-    H : ndarray, shape (n, P, 6, 6)
-        Sums of products of wrenches about the world's origin per metre of outline.
-    g : ndarray, shape (n, P, 6)
-        Gradient of half the energy.
-    energy : ndarray, shape (n,)
-        Robust sum of the squared shifts (Tukey's error).
-    """
-
-    H: Array
-    g: Array
-    energy: Array
-
-
-def outline_sums(
-    camera: Camera,
-    foreground: NDArray[np.uint8],
-    labels: LabelImages,
-    *,
-    first: int,
-    stride: int,
-    reach: int,
-    tolerance: float,
-    halo: float = 0.0,
-    coloured: ColouredFrames | None = None,
-) -> OutlineSums:
-    """Sum the outline evidence of n frames of one view.
-
-    `first` is the shot frame of the first of them; the other parameters are those of `outline_lines`.
-    """
-    lines = outline_lines(
-        camera, foreground, labels, stride=stride, reach=reach, tolerance=tolerance, halo=halo, coloured=coloured
-    )
-    n, P = labels.share.shape
-    sums = lines.products(np.concatenate([lines.wrenches(camera), -lines.shift[:, None]], axis=1), n, P)
-    A = camera_twist(*camera.poses(first, n))[:, None]
-    A_t = np.swapaxes(A, -1, -2)
-    energy = np.bincount(lines.frame, lines.error * lines.length, minlength=n).astype(float)
-    return OutlineSums(A_t @ sums[..., :6, :6] @ A, (A_t @ sums[..., :6, 6:])[..., 0], energy)
 
 
 def outline_lines(
@@ -189,7 +124,7 @@ def outline_lines(
         Colours of the parts; with them, outlines of parts in front of other parts of the same performer are measured,
         too.
     """
-    pieces = _seen_pieces(labels, stride, None if coloured is None else coloured.colours.distinct)
+    pieces = seen_pieces(labels, stride, None if coloured is None else coloured.colours.distinct)
     places = np.arange(-reach, reach + 1)
     # In double precision, as exponentials in single precision differ between processors.
     ratio = np.zeros((len(pieces.uv), len(places)))
@@ -218,71 +153,18 @@ def outline_lines(
         pieces.part,
         pieces.uv,
         pieces.normal,
-        points,
         pieces.length * z / focal.mean(),
+        points,
         shift,
         weight=robust**2 * precision,
         error=farthest**2 / 3 * (1 - robust**3) * precision,
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Pieces:
-    """N visible pieces of the parts' outlines.
-
-    `uv` (N, 2) are their midpoints and `length` (N,) their lengths, pixels; `normal` (N, 2) points outward, and `depth`
-    (N,) is the distance along the camera's axis, metres. `behind` (N,) is the part that is seen just outside, or -1 for
-    the background.
-    """
-
-    frame: Indices
-    part: Indices
-    uv: Array
-    normal: Array
-    depth: Array
-    length: Array
-    behind: Indices
-
-    def where(self, kept: Bools) -> _Pieces:
-        """Some of the pieces."""
-        return _Pieces(**{item.name: getattr(self, item.name)[kept] for item in fields(self)})
-
-
-def _seen_pieces(labels: LabelImages, stride: int, distinct: Bools | None) -> _Pieces:
-    """Find the pieces of outline with their part on the inner side and, on the outer one, the background or a part
-    behind it that has distinct colours.
-    """
-    outlines, after = labels.outlines, labels.outlines.following
-    group = outlines.group
-    a, z_a = stride * outlines.uv, outlines.depth
-    step, z_b = a[after] - a, z_a[after]
-    length = np.hypot(*step.T)
-    spacing = SPACING * stride
-    pieces = np.where(length > 0.1 * spacing, np.ceil(length / spacing), 0).astype(np.intp)
-    edge = np.repeat(np.arange(len(a)), pieces)
-    t = (np.arange(len(edge)) - np.repeat(np.cumsum(pieces) - pieces, pieces) + 0.5) / pieces[edge]
-    along = step[edge]
-    uv, z = a[edge] + along * t[:, None], 1 / ((1 - t) / z_a[edge] + t / z_b[edge])
-    # Outlines go clockwise as the picture is seen: outward lies to the left.
-    normal = np.stack([along[:, 1], -along[:, 0]], axis=1) / length[edge, None]
-    frame, part = np.divmod(group[edge], labels.share.shape[1])
-    each = (length / np.maximum(pieces, 1))[edge]
-    kept = np.flatnonzero(labels.part_at(frame, *(uv - 0.75 * stride * normal).T / stride) == part)
-    frame, part, uv, normal, z, each = (values[kept] for values in (frame, part, uv, normal, z, each))
-    beyond = labels.part_at(frame, *(uv + stride * normal).T / stride).astype(np.intp)
-    seen = beyond == -1
-    if distinct is not None:
-        nearness = np.argsort(labels.far_to_near, axis=1)
-        others = np.flatnonzero(beyond >= 0)
-        f, own, other = frame[others], part[others], beyond[others]
-        seen[others] = distinct[own, other] & (nearness[f, own] > nearness[f, other])
-    return _Pieces(frame, part, uv, normal, z, each, beyond).where(seen)
-
-
 def _along_within(
     coloured: ColouredFrames,
     labels: LabelImages,
-    pieces: _Pieces,
+    pieces: OutlinePieces,
     places: NDArray[np.int_],
     stride: int,
 ) -> Array:
@@ -303,7 +185,7 @@ def _along_within(
 
 
 def _along(
-    foreground: NDArray[np.uint8], labels: LabelImages, pieces: _Pieces, places: NDArray[np.int_], stride: int
+    foreground: NDArray[np.uint8], labels: LabelImages, pieces: OutlinePieces, places: NDArray[np.int_], stride: int
 ) -> Array:
     """Log likelihood ratios along the lines, shape (N, len(places)).
 
