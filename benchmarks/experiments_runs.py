@@ -48,14 +48,7 @@ SWITCHES_AT_KEYS = ((0, 24, "cam03"), (24, 48, "cam02"), (48, 72, "cam03"), (72,
 
 @dataclass(frozen=True, eq=False)
 class RenderedShot:
-    """A rendered shot and its true landmarks.
-
-    Attributes
-    ----------
-    shot : Shot
-        With all cameras and key poses.
-    truth : Landmarks
-    """
+    """A rendered shot, with all cameras and key poses, and its true landmarks."""
 
     shot: Shot
     truth: Landmarks

@@ -18,6 +18,7 @@ from .explained import explained_by_part
 from .foreground import background_share, log_ratio
 from .gradients import GradientSums, brightness_constancy
 from .label_images import LabelImages, render_labels
+from .outline_lines import outline_lines
 from .outline_sums import OutlineSums, outline_sums
 from .part_geometry import Geometry
 from .sampling import Sampling
@@ -205,17 +206,18 @@ def _gradients(
 
 def _outlines(frames: FramesInView, labels: LabelImages, foreground: NDArray[np.uint8]) -> OutlineSums:
     view, first, sampling = frames.view, frames.first, frames.sampling
-    return outline_sums(
+    lines = outline_lines(
         view.camera,
         foreground,
         labels,
-        first=first,
         stride=sampling.stride,
         reach=max(4, round(sampling.reach * view.pixels_per_metre(frames.poses[1].mean(axis=(0, 1)), first))),
         tolerance=sampling.tolerance,
         halo=view.halo,
         coloured=view.part_colours(first, len(frames)),
     )
+    n, P = labels.share.shape
+    return outline_sums(lines, view.camera, first, (n, P))
 
 
 def _explained(frames: FramesInView, drawing: _Drawing, foreground: NDArray[np.uint8]) -> Array:

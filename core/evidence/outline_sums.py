@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
 from ..numerics.arrays import Array
 from .image_wrenches import camera_twist
-from .label_images import LabelImages
-from .outline_lines import outline_lines
-from .part_colours import ColouredFrames
+from .outline_lines import Lines
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,26 +31,12 @@ class OutlineSums:
     energy: Array
 
 
-def outline_sums(
-    camera: Camera,
-    foreground: NDArray[np.uint8],
-    labels: LabelImages,
-    *,
-    first: int,
-    stride: int,
-    reach: int,
-    tolerance: float,
-    halo: float = 0.0,
-    coloured: ColouredFrames | None = None,
-) -> OutlineSums:
-    """Sum the outline evidence of n frames of one view.
+def outline_sums(lines: Lines, camera: Camera, first: int, shape: tuple[int, int]) -> OutlineSums:
+    """Sum the lines across the outlines of P parts in n frames of one view, given as shape (n, P).
 
-    `first` is the shot frame of the first of them; the other parameters are those of `outline_lines`.
+    `first` is the shot frame of the first of them.
     """
-    lines = outline_lines(
-        camera, foreground, labels, stride=stride, reach=reach, tolerance=tolerance, halo=halo, coloured=coloured
-    )
-    n, P = labels.share.shape
+    n, P = shape
     sums = lines.products(np.concatenate([lines.wrenches(camera), -lines.shift[:, None]], axis=1), n, P)
     A = camera_twist(*camera.poses(first, n))[:, None]
     A_t = np.swapaxes(A, -1, -2)

@@ -19,24 +19,10 @@ _MODES = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angl
 
 
 @dataclass(frozen=True, eq=False)
-class ControlChannel:
-    """Values of one animated attribute of a pose bone.
+class ControlChannel(fcurves.BoneAttribute):
+    """An attribute of a pose bone with its values, shape (F, C): a column for each component."""
 
-    Attributes
-    ----------
-    bone, attribute : str
-    values : ndarray, shape (F, C)
-        Its components, one column each.
-    """
-
-    bone: str
-    attribute: str
     values: Array
-
-    @property
-    def path(self) -> str:
-        """The data path of the attribute in the armature object."""
-        return fcurves.bone_path(self.bone, self.attribute)
 
 
 @dataclass(frozen=True)

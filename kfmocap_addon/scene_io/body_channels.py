@@ -21,17 +21,10 @@ FrameNumbers = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Channel:
+class Channel(fcurves.BoneAttribute):
     """One animated component of an attribute of a pose bone: the root's location or a bone's quaternion."""
 
-    bone: str
-    attribute: str
     index: int
-
-    @property
-    def path(self) -> str:
-        """The data path of the attribute in the armature object."""
-        return fcurves.bone_path(self.bone, self.attribute)
 
     @property
     def key(self) -> str:

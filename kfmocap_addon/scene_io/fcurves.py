@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import bpy
@@ -49,6 +50,19 @@ _ENUMS = MappingProxyType(
         if item.type == "ENUM"
     }
 )
+
+
+@dataclass(frozen=True, eq=False)
+class BoneAttribute:
+    """An attribute of a pose bone that is animated, such as its location."""
+
+    bone: str
+    attribute: str
+
+    @property
+    def path(self) -> str:
+        """The data path of the attribute in the armature object."""
+        return bone_path(self.bone, self.attribute)
 
 
 def bone_path(bone: str, attribute: str = "") -> str:

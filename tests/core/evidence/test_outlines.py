@@ -53,7 +53,9 @@ def seen(body: Body, motion: Motion, camera: Camera, shift: Sequence[float] = (0
 
 def sums_of(given: Arguments) -> OutlineSums:
     """The sums over frames from the first on."""
-    return outline_sums(*given[0], first=0, **given[1])
+    camera, _, labels = given[0]
+    n, P = labels.share.shape
+    return outline_sums(lines_across(given), camera, 0, (n, P))
 
 
 def lines_across(given: Arguments) -> Lines:
