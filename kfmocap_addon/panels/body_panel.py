@@ -9,7 +9,7 @@ from ..operators.recover import RestoreBody
 from ..properties.body_fields import MEASURES
 from ..scene_io import active_performer, hold_checks
 from . import performer_rows
-from .section import PerformerPart, Section, draw_as_form
+from .section import FoldedPart, PerformerPart, Section, SectionPart, draw_as_form
 from .texts import draw_text
 
 
@@ -64,14 +64,13 @@ def _draw_performer(
     row.operator(RemovePerformer.bl_idname, text="", icon="REMOVE").performer = index
 
 
-class ProportionsPanel(PerformerPart, bpy.types.Panel):
+class ProportionsPanel(FoldedPart, PerformerPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_proportions"
     bl_label = "Proportions"
     bl_parent_id = BodyPanel.bl_idname
-    bl_options = {"DEFAULT_CLOSED"}
 
-    def draw(self, context: bpy.types.Context) -> None:
-        layout, slot = self.layout, active_performer.chosen(context)
+    def draw_performer(self, _context: bpy.types.Context, slot: bpy.types.PropertyGroup) -> None:
+        layout = self.layout
         draw_as_form(layout)
         known = [name for name in MEASURES if getattr(slot, name)]
         if not known:
@@ -82,7 +81,7 @@ class ProportionsPanel(PerformerPart, bpy.types.Panel):
             column.prop(slot, name)
 
 
-class HoldsPanel(PerformerPart, bpy.types.Panel):
+class HoldsPanel(SectionPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_holds"
     bl_label = "Props in Hands"
     bl_parent_id = BodyPanel.bl_idname

@@ -14,7 +14,7 @@ from ..operators.pose_from_files import ImportKeypoints
 from ..scene_io import active_performer
 from ..scene_io import capture_scene as captures
 from . import guide
-from .section import Section, SectionPart, draw_as_form
+from .section import FoldedPart, Section, SectionPart, draw_as_form
 from .texts import draw_text
 
 
@@ -106,11 +106,10 @@ class BallsPanel(SectionPart, bpy.types.Panel):
             _draw_colour(box, capture, slot)
 
 
-class PerformerCalibrationPanel(SectionPart, bpy.types.Panel):
+class PerformerCalibrationPanel(FoldedPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_performer_calibration"
     bl_label = "Without a Wand"
     bl_parent_id = CalibrationPanel.bl_idname
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout

@@ -8,7 +8,7 @@ from ..operators.look_through import LookThrough, QuadView, StepView
 from ..operators.open_section import OpenSection
 from ..operators.recover import RelinkFootage
 from ..operators.refine_cameras import RefineCameras
-from .section import Section, SectionPart, draw_as_form
+from .section import FoldedPart, Section, draw_as_form
 from .texts import draw_text
 
 
@@ -87,11 +87,10 @@ class LookPanel(Section, bpy.types.Panel):
         layout.prop(shot, "show_strip")
 
 
-class ViewPanel(SectionPart, bpy.types.Panel):
+class ViewPanel(FoldedPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_view"
     bl_label = "View"
     bl_parent_id = LookPanel.bl_idname
-    bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
     def is_needed(cls, context: bpy.types.Context) -> bool:

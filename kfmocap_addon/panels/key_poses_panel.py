@@ -17,7 +17,7 @@ from ..properties.section_properties import sections_of
 from ..scene_io import active_performer
 from ..scene_io.key_pictures import PICTURES
 from . import key_list, performer_rows
-from .section import PerformerPart, Section, draw_as_form
+from .section import FoldedPart, PerformerPart, Section, draw_as_form
 from .texts import draw_text
 
 _COLUMNS, _PICTURE_COLUMNS, _PICTURE_SCALE = 6, 2, 6.0
@@ -50,14 +50,13 @@ class KeyPosesPanel(Section, bpy.types.Panel):
             _draw_rows(layout, context.scene.frame_current, rows, accepts=each == slot)
 
 
-class KeyPicturesPanel(PerformerPart, bpy.types.Panel):
+class KeyPicturesPanel(FoldedPart, PerformerPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_key_pictures"
     bl_label = "Pictures"
     bl_parent_id = KeyPosesPanel.bl_idname
-    bl_options = {"DEFAULT_CLOSED"}
 
-    def draw(self, context: bpy.types.Context) -> None:
-        layout, slot = self.layout, active_performer.chosen(context)
+    def draw_performer(self, context: bpy.types.Context, slot: bpy.types.PropertyGroup) -> None:
+        layout = self.layout
         layout.operator(ShowKeyPictures.bl_idname, icon="IMAGE_DATA")
         icons = PICTURES.icons(slot.armature)
         grid = layout.grid_flow(row_major=True, columns=_PICTURE_COLUMNS, even_columns=True)
@@ -82,8 +81,7 @@ class PoseToolsPanel(PerformerPart, bpy.types.Panel):
     bl_label = "From Other Poses"
     bl_parent_id = KeyPosesPanel.bl_idname
 
-    def draw(self, context: bpy.types.Context) -> None:
-        slot = active_performer.chosen(context)
+    def draw_performer(self, context: bpy.types.Context, slot: bpy.types.PropertyGroup) -> None:
         before, after = _sides_with_key_poses(key_list.CACHE.entries(slot.armature), context.scene.frame_current)
         column = self.layout.column(align=True)
         row = column.row(align=True)
@@ -111,13 +109,12 @@ def _part(row: bpy.types.UILayout, enabled: bool) -> bpy.types.UILayout:
     return part
 
 
-class PoseFilesPanel(PerformerPart, bpy.types.Panel):
+class PoseFilesPanel(FoldedPart, PerformerPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_pose_files"
     bl_label = "From Keypoints and Landmarks"
     bl_parent_id = KeyPosesPanel.bl_idname
-    bl_options = {"DEFAULT_CLOSED"}
 
-    def draw(self, context: bpy.types.Context) -> None:
+    def draw_performer(self, context: bpy.types.Context, _slot: bpy.types.PropertyGroup) -> None:
         layout, properties = self.layout, context.scene.kfmocap
         known = [view.name for view in properties.views if view.keypoints]
         text = f"Keypoints of {', '.join(known)}" if known else "No view has keypoints yet"

@@ -93,6 +93,12 @@ class SectionPart(_OnTab):
         return True
 
 
+class FoldedPart(SectionPart):
+    """A part that is folded until somebody opens it."""
+
+    bl_options = {"DEFAULT_CLOSED"}
+
+
 class PerformerPart(SectionPart):
     """A part that is there while there is a performer to pose."""
 
@@ -100,6 +106,14 @@ class PerformerPart(SectionPart):
     def is_needed(cls, context: bpy.types.Context) -> bool:
         """See whether there is one."""
         return active_performer.chosen(context) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw what the part shows of the performer."""
+        self.draw_performer(context, active_performer.chosen(context))
+
+    def draw_performer(self, context: bpy.types.Context, slot: bpy.types.PropertyGroup) -> None:
+        """Draw what the part shows of the performer in one of the shot's slots."""
+        raise NotImplementedError
 
 
 CLASSES = (SectionsPanel,)

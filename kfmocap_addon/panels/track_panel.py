@@ -13,7 +13,7 @@ from ..operators.track_motion import (
     TrackHere,
 )
 from ..scene_io import active_performer, unfinished_tracking
-from .section import Section, SectionPart, draw_as_form
+from .section import FoldedPart, Section, draw_as_form
 from .texts import draw_text
 
 
@@ -57,11 +57,10 @@ class TrackPanel(Section, bpy.types.Panel):
             draw_text(layout, context, text, "TIME")
 
 
-class SolverPanel(SectionPart, bpy.types.Panel):
+class SolverPanel(FoldedPart, bpy.types.Panel):
     bl_idname = "KFMOCAP_PT_solver"
     bl_label = "Advanced"
     bl_parent_id = TrackPanel.bl_idname
-    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
