@@ -19,7 +19,7 @@ from ...numerics.arrays import Array
 from ...runtime.timing import Seconds
 from .descent_stages import SETTLED, SETTLING
 from .gauss_newton import continued, descend
-from .limb_likelihood import support_of_limbs
+from .limb_likelihood import LimbOfPerformer, support_of_limbs
 from .limb_search import freed_limb
 from .measurement import Workspace
 from .problem import SegmentProblem, SegmentSolution
@@ -33,7 +33,7 @@ SEARCHES = 2
 """Most searches for one limb."""
 
 
-def faded_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[tuple[int, list[int]]]:
+def faded_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[LimbOfPerformer]:
     """Find the limbs whose support, the log likelihood ratio of the images with the limb where it is against without
     it, is low for a moment: the one that falls lowest first.
 
@@ -42,11 +42,6 @@ def faded_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[tupl
     problem : SegmentProblem
     motions : sequence of Motion
         F poses per performer.
-
-    Returns
-    -------
-    list of tuple
-        Indices of performers, and limbs as chains of their parts.
     """
     found = []
     long = max(2, int(np.ceil(BRIEF * problem.fps)))
@@ -98,7 +93,7 @@ def with_faded_limbs_found(problem: SegmentProblem, solution: SegmentSolution, w
 
 
 def _with_limb_found(
-    problem: SegmentProblem, solution: SegmentSolution, place: tuple[int, list[int]], look: int, workspace: Workspace
+    problem: SegmentProblem, solution: SegmentSolution, place: LimbOfPerformer, look: int, workspace: Workspace
 ) -> tuple[Motion, ...]:
     """Search for one limb and return the likelier motions, with it or as they were."""
     i, _ = place

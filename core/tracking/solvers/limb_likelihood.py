@@ -22,6 +22,8 @@ from ...numerics.arrays import Array
 from .limb_images import NOBODY, PartPoses, UncoveredImages, ViewRatios, depth_steps, shown_areas
 from .problem import SegmentProblem
 
+LimbOfPerformer = tuple[int, list[int]]
+"""Index of a performer, and a limb of it as a chain of its parts."""
 PATCH = 0.06
 """Pixels within this distance of each other on the body count as one observation, metres."""
 LEAST_HELD = 0.02
@@ -76,7 +78,7 @@ class LimbModel:
 
 
 def limb_of(
-    problem: SegmentProblem, motions: Sequence[Motion], place: tuple[int, list[int]], rng: Generator
+    problem: SegmentProblem, motions: Sequence[Motion], place: LimbOfPerformer, rng: Generator
 ) -> tuple[LimbModel, list[int]]:
     """Return a limb as motions have it, with the least `held`, and the indices of its parts among all performers'."""
     i, chain = place

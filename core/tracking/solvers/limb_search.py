@@ -28,7 +28,7 @@ from ...numerics.likeliest_path import likeliest_path, place_probabilities
 from ...numerics.repeatable import on_grid
 from .like_limbs import untangled_limbs
 from .limb_images import ZERO, UncoveredImages, ViewRatios
-from .limb_likelihood import LEAST_HELD, LimbModel, covered, limb_of, sides_shown, with_sides_learned
+from .limb_likelihood import LEAST_HELD, LimbModel, LimbOfPerformer, covered, limb_of, sides_shown, with_sides_learned
 from .measurement import Workspace
 from .problem import SegmentProblem
 
@@ -86,7 +86,7 @@ def found_limbs(problem: SegmentProblem, motions: Sequence[Motion], seed: int, w
     return untangled_limbs(problem, found)
 
 
-def freed_limb(problem: SegmentProblem, motions: Sequence[Motion], place: tuple[int, list[int]], seed: int) -> Motion:
+def freed_limb(problem: SegmentProblem, motions: Sequence[Motion], place: LimbOfPerformer, seed: int) -> Motion:
     """Search for one limb of a performer regardless of how well it is seen where it is.
 
     A misplaced limb in front of the body seems right, as it covers foreground of similar colours.
@@ -96,8 +96,7 @@ def freed_limb(problem: SegmentProblem, motions: Sequence[Motion], place: tuple[
     problem : SegmentProblem
     motions : sequence of Motion
         F poses per performer; fixed degrees of freedom are kept.
-    place : tuple
-        Index of the performer, and the limb as a chain of its parts.
+    place : LimbOfPerformer
     seed : int
         Seed of the random poses, together with that of the settings.
 
@@ -115,7 +114,7 @@ def _with_limb_found(
     problem: SegmentProblem,
     looks: Sequence[ViewRatios],
     motions: Sequence[Motion],
-    place: tuple[int, list[int]],
+    place: LimbOfPerformer,
     rng: Generator,
     *,
     free: bool = False,

@@ -23,7 +23,7 @@ from ...runtime.timing import Seconds
 from . import gauss_newton
 from .descent_stages import POLISH, SETTLED
 from .gauss_newton import UNDER_WAY, descend, farthest_joint
-from .limb_likelihood import support_of_limbs
+from .limb_likelihood import LimbOfPerformer, support_of_limbs
 from .limb_search import LEAST_GAIN, freed_limb, pictures_find_limbs
 from .measurement import Workspace
 from .multi_start import LOOKS, VAIN_LOOKS
@@ -62,7 +62,7 @@ def _with_limbs_regained(problem: SegmentProblem, start: Sequence[Motion], works
     return solution
 
 
-def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[tuple[int, list[int]]]:
+def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[LimbOfPerformer]:
     """Find the limbs without which the images would be likelier on some run of frames.
 
     This holds if the log likelihood ratio of the brightness across a limb's sides is below -`LEAST_GAIN` in sum, or if
@@ -74,11 +74,6 @@ def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[tu
     problem : SegmentProblem
     motions : sequence of Motion
         F poses per performer.
-
-    Returns
-    -------
-    list of tuple
-        Indices of performers, and limbs as chains of their parts.
     """
     found = []
     for i, chain, sides, shown in support_of_limbs(problem, motions):
@@ -140,7 +135,7 @@ def _joint_changes(problem: SegmentProblem, performer: int, motion: Motion, chai
 
 
 def with_limb_regained(
-    problem: SegmentProblem, solution: SegmentSolution, place: tuple[int, list[int]], workspace: Workspace
+    problem: SegmentProblem, solution: SegmentSolution, place: LimbOfPerformer, workspace: Workspace
 ) -> SegmentSolution:
     """Search for one limb of a solution and return the likeliest result, which may be the solution itself.
 
@@ -150,8 +145,7 @@ def with_limb_regained(
     ----------
     problem : SegmentProblem
     solution : SegmentSolution
-    place : tuple
-        Index of the performer, and the limb as a chain of its parts.
+    place : LimbOfPerformer
     workspace : Workspace
     """
     i = place[0]
