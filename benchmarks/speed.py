@@ -6,44 +6,28 @@ beam example, at the tracker's working size, played forwards and backwards until
 
 from __future__ import annotations
 
-import os
-import re
-import subprocess
 import sys
 import tempfile
-import threading
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import median
-from typing import Any
 
 import cv2
-import numpy as np
-from numpy.typing import NDArray
 
 from ..core.calibration.charts import Chart, heat_colour, stacked_pictures, text
 from ..core.errors import KFMocapError, OutputError
-from ..core.formats import read_trc
-from ..core.formats.toml_cameras import save_cameras
-from ..core.formats.trc import write_trc
 from ..core.runtime.files import replacing
 from ..core.runtime.threads import worker_count
-from ..core.shot.footage import frames_at, working_factor
-from ..core.shot.shot import Shot
 from ..core.tracking.prepare import load_shot
+from .command_cost import Cost, command_cost
+from .long_shots import KEY_EVERY, write_shot
 from .tables import markdown
 
-KEY_EVERY = 33
-"""Largest number of frames between key poses."""
 LENGTHS = (34, 100, 400, 1000)
 LONG = 3000
 FAR_APART = 400
 """Number of frames of the shot with key poses only at its ends."""
 CORES_LENGTH = 400
-_SAMPLED = 0.1  # seconds between samples of the memory
 _CHART = (560, 280)
 
 
@@ -64,26 +48,6 @@ class SpeedRow:
     cameras: int
     threads: int
     ends: bool = False
-
-
-@dataclass(frozen=True)
-class Cost:
-    """The time and memory that a command took.
-
-    Attributes
-    ----------
-    seconds : float
-        From its start to its end.
-    processor : float
-        Processor time of all of its processes, seconds.
-    memory : int
-        Largest memory of all of its processes together, bytes, with shared memory counted once. 0 on systems that do
-        not report it.
-    """
-
-    seconds: float
-    processor: float
-    memory: int
 
 
 def speed_rows(cores: int, quick: bool) -> list[SpeedRow]:
@@ -127,14 +91,14 @@ def measure_speed(
         if against is not None:
             programs.append(_program(Path(place) / "other", against))
         shots = {n: write_shot(folder, Path(place) / f"frames{n}", n) for n in sorted({row.frames for row in rows})}
-        names = list(load_shot(folder / "shot.toml").views)
+        views = load_shot(folder / "shot.toml").views
         for row in rows:
-            cameras = [view.camera.name for view in names[: row.cameras]]
+            cameras = [view.camera.name for view in views[: row.cameras]]
             runs: list[list[Cost]] = [[] for _ in programs]
             for _ in range(repeat):
                 for program, costs in zip(programs, runs, strict=True):  # alternating, so that other load affects both
                     costs.append(command_cost(program, shots[row.frames], cameras, row.threads, ends=row.ends))
-            medians = [_median(costs) for costs in runs]
+            medians = [Cost.median(costs) for costs in runs]
             found.append((medians[0], medians[1] if against is not None else None))
             print(f"kfmocap bench: {row}: {medians[0].seconds:.1f} s", file=sys.stderr, flush=True)
     if out is not None:
@@ -191,160 +155,8 @@ def write_plot(path: Path, rows: Sequence[SpeedRow], costs: Sequence[Cost]) -> N
         temporary.write_bytes(data.tobytes())
 
 
-def write_shot(example: Path, folder: Path, frames: int) -> Path:
-    """Write a shot with a number of frames, from an example played forwards and backwards; returns its file.
-
-    Raises
-    ------
-    OutputError
-        The footage cannot be written.
-    """
-    folder.mkdir()
-    shot = load_shot(example / "shot.toml")
-    order = back_and_forth(shot.length, frames)
-    views = []
-    for view in shot.views:
-        factor = working_factor(view, shot.settings.working_size)
-        pictures = list(frames_at(view, range(shot.frames[0], shot.frames[1] + 1), factor, grey=False))
-        file = folder / f"{view.camera.name}.avi"
-        _write_video(file, [pictures[f] for f in order], shot.fps)
-        views.append(view.camera.reduced(factor).rectified())
-    save_cameras(folder / "cameras.toml", views)
-    truth = read_trc(example / "landmarks.trc")
-    write_trc(folder / "landmarks.trc", truth.names, truth.points_world[order], truth.fps)
-    file = folder / "shot.toml"
-    file.write_text(_shot_text(shot, frames), encoding="utf-8")
-    return file
-
-
-def back_and_forth(length: int, count: int) -> NDArray[np.int64]:
-    """Return `count` frame numbers that play a shot forwards and backwards, without showing any twice in a row."""
-    once = np.concatenate([np.arange(length), np.arange(length - 2, 0, -1)])
-    return np.asarray(np.resize(once, count))
-
-
-def _write_video(file: Path, pictures: Sequence[NDArray[Any]], fps: float) -> None:
-    height, width = pictures[0].shape[:2]
-    video = cv2.VideoWriter(str(file), cv2.VideoWriter_fourcc(*"MJPG"), fps, (width, height))
-    if not video.isOpened():
-        raise OutputError("OpenCV cannot write the footage", where=str(file))
-    for picture in pictures:
-        video.write(picture)
-    video.release()
-
-
-def _shot_text(shot: Shot, frames: int) -> str:
-    keys = sorted({*range(0, frames - KEY_EVERY // 2, KEY_EVERY), frames - 1})
-    views = "".join(f'[[view]]\ncamera = "{v.camera.name}"\nfootage = "{v.camera.name}.avi"\n\n' for v in shot.views)
-    return (
-        f'[shot]\nname = "speed"\nfps = {shot.fps}\nframes = [0, {frames - 1}]\n\n'
-        f'[calibration]\nfile = "cameras.toml"\n\n{views}'
-        f'[[performer]]\nname = "man"\nlandmarks = "landmarks.trc"\nkeyframes = {keys}\n'
-    )
-
-
 def _program(place: Path, checkout: Path) -> Path:
     """Return a folder from which Python imports a checkout as `kfmocap`."""
     place.mkdir()
     (place / "kfmocap").symlink_to(checkout.resolve(), target_is_directory=True)
     return place
-
-
-def command_cost(program: Path, shot: Path, cameras: Sequence[str], threads: int, *, ends: bool = False) -> Cost:
-    """Run `kfmocap track` of a program in its own process and measure its cost; `ends` as in `SpeedRow`.
-
-    Raises
-    ------
-    KFMocapError
-        The command fails.
-    """
-    limit = threads_text(shot, threads, ends=ends)
-    with tempfile.TemporaryDirectory() as out, _memory_watched() as watch:
-        command = [sys.executable, "-m", "kfmocap", "track", str(limit), "--out", out, "--no-blender"]
-        begin, before = time.perf_counter(), _children_seconds()
-        process = subprocess.Popen(
-            [*command, "--views", ",".join(cameras)],
-            env=os.environ | {"PYTHONPATH": str(program)},
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        watch.process = process.pid
-        _, errors = process.communicate()
-        seconds = time.perf_counter() - begin
-    if process.returncode:
-        raise KFMocapError((errors.strip().splitlines() or ["it ended without a message"])[-1], where=" ".join(command))
-    return Cost(seconds, _children_seconds() - before, watch.most)
-
-
-def threads_text(shot: Path, threads: int, *, ends: bool = False) -> Path:
-    """Write a copy of a shot file with a number of threads, which every version of the program reads; returns its
-    path.
-    """
-    file, text = shot.with_name(f"cores{threads}.toml"), shot.read_text(encoding="utf-8")
-    if ends:
-        text = re.sub(r"keyframes = \[(\d+),.* (\d+)\]", r"keyframes = [\1, \2]", text)
-    file.write_text(f"{text}\n[track]\nthreads = {threads}\n", encoding="utf-8")
-    return file
-
-
-def _children_seconds() -> float:
-    times = os.times()
-    return times.children_user + times.children_system
-
-
-class _MemoryWatch:
-    """The largest memory of a process and those that it started."""
-
-    def __init__(self) -> None:
-        self.process: int | None = None
-        self.most = 0
-        self.ended = threading.Event()
-
-    def run(self) -> None:
-        while not self.ended.wait(_SAMPLED):
-            if self.process is not None:
-                self.most = max(self.most, sum(_own_memory(p) for p in _family(self.process)))
-
-
-@contextmanager
-def _memory_watched() -> Iterator[_MemoryWatch]:
-    watch = _MemoryWatch()
-    thread = threading.Thread(target=watch.run, daemon=True)
-    thread.start()
-    try:
-        yield watch
-    finally:
-        watch.ended.set()
-        thread.join()
-
-
-def _family(process: int) -> list[int]:
-    """Return a process and all its descendants, on Linux."""
-    found = [process]
-    for one in found:
-        try:
-            for file in Path(f"/proc/{one}/task").glob("*/children"):
-                found += [int(number) for number in file.read_text().split()]
-        except OSError:
-            continue  # it ended meanwhile, or this is another system
-    return found
-
-
-def _own_memory(process: int) -> int:
-    """Return a process's proportional set size, bytes: shared memory is divided among the processes that share it."""
-    try:
-        for line in Path(f"/proc/{process}/smaps_rollup").read_text().splitlines():
-            if line.startswith("Pss:"):
-                return 1024 * int(line.split()[1])
-    except OSError:
-        pass
-    return 0
-
-
-def _median(costs: Sequence[Cost]) -> Cost:
-    return Cost(
-        median(cost.seconds for cost in costs),
-        median(cost.processor for cost in costs),
-        int(median(cost.memory for cost in costs)),
-    )

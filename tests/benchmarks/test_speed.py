@@ -6,8 +6,9 @@ from pathlib import Path
 
 import cv2
 import pytest
-from kfmocap.benchmarks import speed
-from kfmocap.benchmarks.speed import Cost, SpeedRow
+from kfmocap.benchmarks import long_shots, speed
+from kfmocap.benchmarks.command_cost import Cost, command_cost
+from kfmocap.benchmarks.speed import SpeedRow
 from kfmocap.core.errors import KFMocapError
 
 STAND_IN = """
@@ -29,25 +30,25 @@ def test_what_the_processes_of_a_command_take_counts(program: Path) -> None:
     folder = program / "good"
     folder.mkdir()
     (folder / "shot.toml").write_text("[shot]\n")
-    cost = speed.command_cost(program, folder / "shot.toml", ["cam01"], 3)
+    cost = command_cost(program, folder / "shot.toml", ["cam01"], 3)
     assert 0.05 < cost.processor < 30 and cost.seconds > 0.05
     assert "threads = 3" in (folder / "cores3.toml").read_text()
 
 
 def test_key_poses_at_the_ends_are_the_first_and_the_last(tmp_path: Path) -> None:
     (tmp_path / "shot.toml").write_text("keyframes = [0, 33, 66, 399]\n")
-    kept, alone = (speed.threads_text(tmp_path / "shot.toml", 1, ends=ends).read_text() for ends in (False, True))
+    kept, alone = (long_shots.threads_text(tmp_path / "shot.toml", 1, ends=ends).read_text() for ends in (False, True))
     assert "[0, 33, 66, 399]" in kept and "keyframes = [0, 399]\n" in alone
 
 
 def test_a_command_that_fails_is_not_measured(program: Path) -> None:
     (program / "shot.toml").write_text("[shot]\n")
     with pytest.raises(KFMocapError, match="it does not go"):
-        speed.command_cost(program, program / "shot.toml", ["cam01"], 1)
+        command_cost(program, program / "shot.toml", ["cam01"], 1)
 
 
 def test_footage_played_forwards_and_backwards_shows_no_frame_twice_in_a_row() -> None:
-    assert speed.back_and_forth(4, 9).tolist() == [0, 1, 2, 3, 2, 1, 0, 1, 2]
+    assert long_shots.back_and_forth(4, 9).tolist() == [0, 1, 2, 3, 2, 1, 0, 1, 2]
 
 
 def test_frames_cameras_and_cores_are_varied_one_at_a_time() -> None:

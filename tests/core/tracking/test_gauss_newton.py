@@ -25,6 +25,7 @@ from kfmocap.core.tracking.solvers.measurement import MeasuredMotion, Workspace,
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, frame_residual
 from kfmocap.core.tracking.solvers.smoothness_factor import SegmentSmoothness
 from made_evidence import AlteredWorkspace, Landscape, no_evidence, with_share
+from numpy.typing import NDArray
 from synthetic import (
     CAMERAS,
     at_rest,
@@ -453,12 +454,18 @@ def test_gradients_favour_following_a_moving_limb_and_are_neutral_about_one_that
     assert (followed.gain.sum(axis=1) > (followed.cost * followed.count).sum(axis=1)).all()
 
 
-def test_the_last_stage_continues_while_a_joint_still_moves() -> None:
-    truth = at_rest(BODY, 5)
-    landscape = Landscape(truth=truth, reach=np.pi)
-    problem = SegmentProblem((), (BODY,), 0, FPS, (ends_held(BODY, 5),))
-    turn = np.zeros((5, D))
+def arm_to_be_turned() -> tuple[Motion, NDArray[np.float64], SegmentProblem, Landscape]:
+    """A body at rest, a turn of its arm between the first and the last frame, and a problem whose energy is least at
+    rest.
+    """
+    truth, turn = at_rest(BODY, 5), np.zeros((5, D))
     turn[1:-1, 3 * BODY.index("upper_arm.L") + 3] = 1.0
+    problem = SegmentProblem((), (BODY,), 0, FPS, (ends_held(BODY, 5),))
+    return truth, turn, problem, Landscape(truth=truth, reach=np.pi)
+
+
+def test_the_last_stage_continues_while_a_joint_still_moves() -> None:
+    truth, turn, problem, landscape = arm_to_be_turned()
     once = (replace(CONVERGED[0], iterations=1),)
     for share, least in ((4.0 * LONGEST_STEP, 4), (0.001, 1)):
         found = gauss_newton.descend(problem, [truth.moved(share * turn)], landscape, once)
@@ -467,11 +474,7 @@ def test_the_last_stage_continues_while_a_joint_still_moves() -> None:
 
 
 def test_a_refinement_ends_once_a_step_leaves_all_joints_nearly_still() -> None:
-    truth = at_rest(BODY, 5)
-    landscape = Landscape(truth=truth, reach=np.pi)
-    problem = SegmentProblem((), (BODY,), 0, FPS, (ends_held(BODY, 5),))
-    turn = np.zeros((5, D))
-    turn[1:-1, 3 * BODY.index("upper_arm.L") + 3] = 1.0
+    truth, turn, problem, landscape = arm_to_be_turned()
     (stage,) = REFINEMENT
     on = (replace(stage, small=0.0, still=0.0),)
     for angle in (0.004, 0.2):
