@@ -18,7 +18,7 @@ from ...body.kinematics import tip_positions
 from ...body.limbs import limbs, without_end
 from ...body.motion import Motion
 from ...numerics import rotations
-from ...numerics.arrays import Array
+from ...numerics.arrays import Array, Bools
 from .descent_stages import SETTLED, SETTLING
 from .gauss_newton import approach, continued, descend
 from .measurement import Workspace
@@ -114,25 +114,40 @@ def mirror_images(problem: SegmentProblem, performer: int, motion: Motion) -> It
     body, held = problem.bodies[performer], problem.fixed[performer][:, 3:].reshape(len(motion), -1, 3).any(axis=2)
     R, t = problem.views[0].camera.poses(problem.first, len(motion))
     eye = -(np.swapaxes(R, 1, 2) @ t[..., None])[..., 0]
-    tips = tip_positions(body, part_poses(body, motion))
     for chain in limbs(body):
-        turns, keyed = rotations.log(motion.rotations[:, chain]), held[:, chain].any(axis=1)
-        low = np.minimum(body.limits[chain, :, 0], turns.min(axis=0))
-        high = np.maximum(body.limits[chain, :, 1], turns.max(axis=0))
-        images: list[tuple[float, Motion]] = []
-        long = without_end(chain)
-        for bones in _some_of(long):
-            other = mirrored(body, motion, (chain, bones), eye, _share(keyed, problem.fps))
-            turned = rotations.log(other.rotations[:, chain])
-            kept = np.where(keyed[:, None, None], turns, np.clip(turned, low, high))
-            other.rotations[:, chain] = np.where(
-                keyed[:, None, None, None], motion.rotations[:, chain], rotations.exp(kept)
-            )
-            moved = np.linalg.norm(tip_positions(body, part_poses(body, other)) - tips, axis=-1)[:, long].max()
-            if moved >= FAR and np.abs(turned - kept).max() <= BEYOND:
-                images.append((float(moved), other))
+        keyed = held[:, chain].any(axis=1)
+        images = list(_images_of_limb(body, motion, chain, eye=eye, keyed=keyed, share=_share(keyed, problem.fps)))
         if max((moved for moved, _ in images), default=0.0) >= STRETCHED:
             yield from (other for _, other in images)
+
+
+def _images_of_limb(
+    body: Body, motion: Motion, chain: Sequence[int], *, eye: Array, keyed: Bools, share: Array
+) -> Iterator[tuple[float, Motion]]:
+    """Generate the mirror images of a limb that differ enough and that its joints allow, and how far each moves it."""
+    long, tips = without_end(chain), tip_positions(body, part_poses(body, motion))
+    for bones in _some_of(long):
+        image = mirrored(body, motion, (chain, bones), eye, share)
+        other, beyond = _within_limits(body, motion, chain, image, keyed)
+        moved = np.linalg.norm(tip_positions(body, part_poses(body, other)) - tips, axis=-1)[:, long].max()
+        if moved >= FAR and beyond <= BEYOND:
+            yield float(moved), other
+
+
+def _within_limits(
+    body: Body, motion: Motion, chain: Sequence[int], image: Motion, keyed: Bools
+) -> tuple[Motion, float]:
+    """Cut off what joints of a mirrored limb are beyond their limits, or beyond how far they were bent before.
+
+    Returns the motion, with the limb as it was on the frames that are `keyed` (F,), and the largest excess, radians.
+    """
+    before, turns = (rotations.log(one.rotations[:, chain]) for one in (motion, image))
+    low = np.minimum(body.limits[chain, :, 0], before.min(axis=0))
+    high = np.maximum(body.limits[chain, :, 1], before.max(axis=0))
+    kept = np.where(keyed[:, None, None], before, np.clip(turns, low, high))
+    Q = image.rotations.copy()
+    Q[:, chain] = np.where(keyed[:, None, None, None], motion.rotations[:, chain], rotations.exp(kept))
+    return Motion(image.translations, Q), float(np.abs(turns - kept).max())
 
 
 def _some_of(bones: Sequence[int]) -> Iterator[tuple[int, ...]]:
@@ -141,7 +156,7 @@ def _some_of(bones: Sequence[int]) -> Iterator[tuple[int, ...]]:
         yield from combinations(bones, count)
 
 
-def _share(held: Array, fps: float) -> Array:
+def _share(held: Bools, fps: float) -> Array:
     """By how much a limb is mirrored on each frame, (F,): 0 where it is held, 1 from `ONSET` on."""
     frames, known = np.arange(len(held)), np.flatnonzero(held)
     away = np.abs(frames[:, None] - known).min(axis=1, initial=len(held))
