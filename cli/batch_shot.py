@@ -18,7 +18,7 @@ from ..core.shot.fingerprint import checksum, file_bytes
 from ..core.tracking.journal import journal_beside
 from ..core.tracking.prepare import load_shot
 from .services import BlenderSession
-from .track_command import check_inputs_kept, run_track
+from .track_command import check_shot_kept, run_track
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class BatchOptions:
 
 def track_shot(path: Path, out: Path, options: BatchOptions, progress: Progress) -> dict[str, Any]:
     """Track a shot into a folder; returns the report's values for the fields of `ShotOutcome`."""
-    check_inputs_kept(read_shot_spec(path), out)
+    check_shot_kept(read_shot_spec(path), out)
     seconds = Seconds()
     with seconds.measure("shot"):
         shot = load_shot(path, solver=options.solver)

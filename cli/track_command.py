@@ -34,9 +34,8 @@ from ..core.numerics.arrays import Array
 from ..core.review.overlay import contact_sheet, sheet_frames, write_contact_sheet
 from ..core.review.report_text import report_lines
 from ..core.review.track_report import report
-from ..core.runtime import files as result_files
 from ..core.runtime.decoder_log import DecoderLog
-from ..core.runtime.files import check_writable, staged, write_json
+from ..core.runtime.files import check_inputs_kept, check_writable, staged, write_json
 from ..core.runtime.interrupts import REPORT, results_are_written
 from ..core.runtime.progress import Progress, share
 from ..core.runtime.threads import worker_count
@@ -70,7 +69,7 @@ def run(args: argparse.Namespace, services: Services) -> int:
     with closing(services.workers or WorkerMemory(limit=0)) as memory:
         if args.shot is not None:
             spec = _spec(args)
-            check_inputs_kept(spec, args.out)
+            check_shot_kept(spec, args.out)
             if worker_count(spec.settings.threads if args.threads is None else args.threads) == 1:
                 memory.close()
             # Other processes load their modules while this one fits the key poses.
@@ -121,7 +120,7 @@ def _run(
     return 0
 
 
-def check_inputs_kept(spec: ShotSpec, out: Path) -> None:
+def check_shot_kept(spec: ShotSpec, out: Path) -> None:
     """Check that none of the possible results of a shot would overwrite one of its inputs.
 
     Raises
@@ -132,7 +131,7 @@ def check_inputs_kept(spec: ShotSpec, out: Path) -> None:
     motions = result_names(spec.name, [performer.name for performer in spec.performers])
     names = [f"{name}{ending}" for name in motions for ending in (".trc", ".bvh", ".fbx")]
     results = [out / name for name in (*names, SCENE, REFINED, OVERLAY, REPORT)]
-    result_files.check_inputs_kept(results, [spec.path, *spec.files()])
+    check_inputs_kept(results, [spec.path, *spec.files()])
 
 
 def run_track(

@@ -20,7 +20,7 @@ some.
 """
 
 
-def is_interlaced(images: Sequence[Image], background: Image) -> bool:
+def shows_two_fields(images: Sequence[Image], background: Image) -> bool:
     """Return whether a video is interlaced, from moving things on some of its frames.
 
     Parameters

@@ -20,7 +20,7 @@ from .balls.found_balls import Balls
 from .calibration_result import CalibrationResult
 from .lframe.lframe_markers import SeenBalls, SeenLFrame, expected_lframe, find_lframe, spread_out, usual_matrix
 from .solving.wand_triangulation import projected
-from .wand_detection import Pairs, WandLooks, find_pairs, swapped_ends, wand_path
+from .wand_detection import Pairs, WandLooks, find_pairs, likeliest_pairs, swapped_ends
 
 FEWEST_LFRAMES = 2
 """Least number of views in which the L-frame must be found."""
@@ -199,7 +199,7 @@ def find_wand(view: CaptureVideoView, videos: CaptureVideos, count: int, progres
     for k, image in enumerate(pictures(view.wand)):
         report_progress(progress, f"{view.camera}: wand", min(k / max(count, 1), 1.0))
         seen.append(find_pairs(image, videos.wand_colours, longest, looks))
-    path = wand_path(seen, longest)
+    path = likeliest_pairs(seen, longest)
     frames = np.flatnonzero(path >= 0)
     if len(frames) < max(3, _LEAST_SHARE * len(seen)):
         raise CalibrationError(

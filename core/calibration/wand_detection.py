@@ -21,7 +21,7 @@ from .balls.ball_detection import Picture, background_of, find_balls, without_ro
 from .balls.found_balls import Balls
 from .balls.passing_balls import Backdrop, BallSample, PassingBalls, PassingFrame
 from .balls.small_balls import LARGEST_SMALL
-from .interlacing import is_interlaced
+from .interlacing import shows_two_fields
 
 Image = NDArray[Any]
 
@@ -105,7 +105,7 @@ class WandLooks:
         backdrop = Backdrop.of([picture.even for picture in pictures], background)
         samples = [[ball for picture in pictures for ball in _samples(picture, colour)] for colour in colours]
         passing = (PassingBalls.learned(backdrop, [b for b in own if backdrop.passes(b)]) for own in samples)
-        return cls(background, backdrop, tuple(passing), is_interlaced(images, plate))
+        return cls(background, backdrop, tuple(passing), shows_two_fields(images, plate))
 
 
 def _samples(picture: Picture, colour: Colour) -> Iterator[BallSample]:
@@ -180,7 +180,7 @@ def _found(picture: Picture, colour: Colour, frame: PassingFrame | None, passing
     return _FoundBalls(Balls.joined([balls, others]), len(balls))
 
 
-def wand_path(seen: Sequence[Pairs], longest: float | None = None) -> NDArray[np.int64]:
+def likeliest_pairs(seen: Sequence[Pairs], longest: float | None = None) -> NDArray[np.int64]:
     """Return which pair of every frame is the wand, -1 where none is, shape (frames,); `longest` as of `find_pairs`."""
     fast = max(_FAST, _FAST_LENGTHS * (longest or 0.0))
     before, reached, back = _Reached.nowhere(), np.zeros(1), []

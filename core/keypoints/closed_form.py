@@ -15,7 +15,7 @@ from ..body import Body, landmark_positions, part_poses
 from ..body.motion import Motion
 from ..numerics import rotations
 from ..numerics.arrays import Array
-from ..numerics.resampling import interpolated
+from ..numerics.resampling import gaps_filled
 
 TRUNK = ("LHip", "RHip", "LShoulder", "RShoulder")
 LIMBS = (
@@ -55,7 +55,7 @@ def closed_form_pose(body: Body, names: Sequence[str], points_world: Array, fps:
     Motion or None
         None if the body lacks one of `POSED_PARTS`, or if too few points of the trunk are ever known.
     """
-    known = {name: interpolated(points_world[:, i]) for i, name in enumerate(names)}
+    known = {name: gaps_filled(points_world[:, i]) for i, name in enumerate(names)}
     known = {name: points for name, points in known.items() if np.isfinite(points).all()}
     if not set(body.names) >= POSED_PARTS:
         return None
@@ -115,7 +115,7 @@ def closed_form_limb(
     """
     (R, T), Q = part_poses(body, motion), motion.rotations.copy()
     upper, lower = parts
-    middle, end = (interpolated(points_world[:, k]) for k in range(2))
+    middle, end = (gaps_filled(points_world[:, k]) for k in range(2))
     rest = R[:, body.parents[upper]] @ body.R_parent_rest[upper]
     first, second = limb_orientations(rest, middle - T[:, upper], end - middle, sign=sign, farthest=farthest, fps=fps)
     Q[:, upper] = np.swapaxes(rest, -1, -2) @ first

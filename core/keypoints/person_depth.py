@@ -11,7 +11,7 @@ import scipy  # its parts are loaded when they are used
 from ..body import Body, human, landmark_positions
 from ..body.motion import Motion
 from ..numerics.arrays import Array
-from ..numerics.resampling import interpolated
+from ..numerics.resampling import gaps_filled
 from .keypoint_rays import Keypoints
 
 DEPTH_TIME = 0.3
@@ -63,7 +63,7 @@ class Rays:
         for i, name in enumerate(keypoints.names):
             found = np.where(keypoints.confidence[0, :, i, None] > 0, keypoints.rays[0, :, i], np.nan)
             if np.isfinite(found).any():
-                ray = interpolated(np.column_stack([found, np.ones(len(found))]))
+                ray = gaps_filled(np.column_stack([found, np.ones(len(found))]))
                 directions[name] = np.einsum("fba,fb->fa", R, ray)
         return cls(-np.einsum("fba,fb->fa", R, t), directions)
 

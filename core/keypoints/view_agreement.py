@@ -14,7 +14,7 @@ import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
 
 from ..numerics.arrays import Array
-from ..numerics.resampling import interpolated
+from ..numerics.resampling import gaps_filled
 from .keypoint_deviations import deviations_of_lengths
 from .keypoint_rays import Keypoints
 from .left_right import correct_sides
@@ -128,7 +128,7 @@ def _expected(points_world: Array, inliers: NDArray[np.bool_], fps: float) -> Ar
             continue
         after = np.clip(np.searchsorted(known, frames), 1, len(known) - 1)
         between = (frames > known[0]) & (frames < known[-1]) & (known[after] - known[after - 1] <= BRIDGED * fps)
-        expected[between, i] = interpolated(sure[:, i])[between]
+        expected[between, i] = gaps_filled(sure[:, i])[between]
     return expected
 
 
@@ -157,5 +157,5 @@ def averaged(points_world: Array, fps: float) -> Array:
     """
     lasting = np.isfinite(points_world).all(axis=(0, 2))
     carrier = points_world[:, lasting].mean(axis=1) if lasting.any() else np.zeros((len(points_world), 3))
-    filled = np.stack([interpolated(points - carrier) + carrier for points in np.moveaxis(points_world, 1, 0)], axis=1)
+    filled = np.stack([gaps_filled(points - carrier) + carrier for points in np.moveaxis(points_world, 1, 0)], axis=1)
     return np.asarray(scipy.ndimage.gaussian_filter1d(filled, AVERAGED_OVER * fps / 2, axis=0, mode="nearest"))

@@ -25,7 +25,7 @@ def sample_times(first: int, last: int, rate: float, wanted: float) -> Array:
     return np.minimum(first + np.arange(count) * (rate / wanted), float(last))
 
 
-def interpolated(points: Array) -> Array:
+def gaps_filled(points: Array) -> Array:
     """Return points over time (F, 3), in which missing ones are interpolated linearly; NaN if none is known."""
     known = np.isfinite(points).all(axis=-1)
     if not known.any():

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.calibration.balls.ball_detection import background_of
-from kfmocap.core.calibration.interlacing import is_interlaced
+from kfmocap.core.calibration.interlacing import shows_two_fields
 from render.drawing import Canvas
 from render.drawn_takes import HARDSHIPS, drawn_take
 from render.waving import SensorNoise
@@ -36,9 +36,9 @@ def pictures(fields: int, speed: float) -> list[np.ndarray]:
 def test_fields_that_are_woven_are_seen_where_something_moves(speed):
     for fields, interlaced in ((1, False), (2, True)):
         images = pictures(fields, speed)
-        assert is_interlaced(images, background_of(images)) == interlaced
+        assert shows_two_fields(images, background_of(images)) == interlaced
 
 
 def test_a_room_in_which_nothing_moves_says_nothing():
     images = [SensorNoise(CAMERA.size, seed).record(CANVAS.drawn([])) for seed in range(5)]
-    assert not is_interlaced(images, background_of(images))
+    assert not shows_two_fields(images, background_of(images))

@@ -12,7 +12,7 @@ from kfmocap.core.calibration.balls.ball_centres import centres_of
 from kfmocap.core.calibration.balls.ball_detection import Picture, background_of, find_balls, without_rods
 from kfmocap.core.calibration.balls.found_balls import Balls
 from kfmocap.core.calibration.lframe.lframe_detection import FOCALS, LFrameModel, identified, standing
-from kfmocap.core.calibration.wand_detection import Pairs, swapped_ends, wand_path
+from kfmocap.core.calibration.wand_detection import Pairs, likeliest_pairs, swapped_ends
 from kfmocap.core.capture.colours import parsed
 from kfmocap.core.errors import CalibrationError
 from render.drawing import GAMMA, Ball, Canvas, Rod, outline
@@ -267,14 +267,14 @@ def test_the_wand_is_followed_past_balls_that_lie_or_roll():
         order = np.array([3]) if 40 <= k < 46 else rng.permutation(4)
         seen.append(pairs_of(candidates[order], np.where(order == 2, 10.0, 6.0)))
         truth.append(-1 if 40 <= k < 46 else int(np.flatnonzero(order == 1)[0]))
-    path = wand_path(seen)
+    path = likeliest_pairs(seen)
     assert (path[:40] == truth[:40]).all() and (path[46:] == truth[46:]).all()
     assert (path[40:46] == -1).all()
 
 
 def test_no_pairs_at_all_give_no_wand():
-    assert list(wand_path([pairs_of(np.empty((0, 2, 2)))] * 3)) == [-1, -1, -1]
-    assert len(wand_path([])) == 0
+    assert list(likeliest_pairs([pairs_of(np.empty((0, 2, 2)))] * 3)) == [-1, -1, -1]
+    assert len(likeliest_pairs([])) == 0
 
 
 def test_ends_of_one_colour_keep_their_places_through_gaps_and_crossings():
