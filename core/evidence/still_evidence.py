@@ -11,10 +11,10 @@ from ..body.kinematics import Poses
 from ..numerics.arrays import Array, Ints
 from .compared_pixels import LabelledFrames
 from .explained import explained_by_part
-from .label_images import StillParts
 from .part_geometry import Geometry
 from .pixel_gains import PixelGains
 from .sampling import Sampling
+from .still_parts import StillParts
 from .view_frames import KEPT_BYTES, ViewFrames
 
 

@@ -15,10 +15,11 @@ from ...body.kinematics import scene_poses
 from ...body.motion import Motion
 from ...cameras.camera import Camera
 from ...evidence.foreground import SCALE, STRONGEST, log_ratio
-from ...evidence.label_images import NEAR, LabelImages, StillParts, render_labels
+from ...evidence.label_images import NEAR, LabelImages, render_labels
 from ...evidence.limb_sides import PartSides, SideRatios, SlopeImages
 from ...evidence.part_colours import ColouredFrames
 from ...evidence.part_geometry import Geometry
+from ...evidence.still_parts import StillParts
 from ...evidence.view_frames import ViewFrames
 from ...numerics.arrays import Array, Bools
 from ...numerics.repeatable import transformed
