@@ -19,7 +19,8 @@ from ..errors import KeypointError
 from ..numerics.arrays import Array
 from .keypoint_rays import Keypoints
 from .left_right import swap_sides
-from .people import NEAR, Person, distance_to, find_people, prominence
+from .people import NEAR, find_people
+from .person import Person, distance_to, prominence
 from .person_detections import detections_of
 from .tracks import Track, ViewDetections, detection_tracks, without_sides
 from .triangulation import triangulate

@@ -6,13 +6,14 @@ Detectors confuse left and right, so people are compared by points that have no 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from ..numerics.arrays import Array, Ints
+from ..numerics.arrays import Array
 from .detected_points import DetectedPoints, median_known
 from .keypoint_rays import Keypoints
+from .person import Person
 from .track_pairs import agreement, overlapping_tracks
 from .tracks import GAP, Track, ViewDetections
 from .triangulation import triangulate
@@ -23,30 +24,6 @@ LEAST = 0.2
 """A person counts if two views agree on it for at least this long, seconds."""
 SPEED = 2.0
 """Greatest speed of a person while it is not seen, m/s."""
-
-
-@dataclass(frozen=True, eq=False)
-class Person:
-    """Somebody who is seen by at least two views.
-
-    Attributes
-    ----------
-    tracks : tuple of Track
-    places : ndarray, shape (F, K, 3)
-        World positions of the points without sides, metres; NaN where no two views agree.
-    """
-
-    tracks: tuple[Track, ...]
-    places: Array
-
-    @property
-    def frames(self) -> Ints:
-        """Frames on which two views agree."""
-        return np.flatnonzero(np.isfinite(self.places).all(axis=-1).any(axis=1))
-
-    def doubled_by(self, track: Track) -> bool:
-        """Whether the person would be seen twice in one view on the same frame if the track were added to its own."""
-        return any(t.view == track.view and np.intersect1d(t.frames, track.frames).size for t in self.tracks)
 
 
 def find_people(
@@ -92,26 +69,6 @@ def find_people(
                 free -= own
     people = _joined(detected, people, fps)
     return sorted(people, key=lambda person: _appearance(detected, person, fps))
-
-
-def prominence(detections: Sequence[ViewDetections], person: Person) -> float:
-    """Return how much of the pictures a person takes up: the sum of its sizes over the frames, in the median view.
-
-    Sizes are in normalized image coordinates. By the median, somebody who is close to one camera only does not count
-    for much.
-    """
-    sizes = np.zeros(len(detections))
-    for track in person.tracks:
-        rays = _seen(detections[track.view].rays[track.rows])
-        sizes[track.view] += np.linalg.norm(np.nanmax(rays, axis=1) - np.nanmin(rays, axis=1), axis=1).sum()
-    return float(np.median(sizes))
-
-
-def distance_to(person: Person, places: Array) -> float:
-    """Median distance of a person from known positions (F, K, 3) of the points without sides, metres."""
-    each = np.linalg.norm(person.places - places, axis=-1)
-    known = each[np.isfinite(each)]
-    return float(np.median(known)) if len(known) else np.inf
 
 
 def _grown(detected: DetectedPoints, tracks: Sequence[Track], own: set[int], free: set[int]) -> tuple[Person, set[int]]:
@@ -179,8 +136,3 @@ def _appearance(detected: DetectedPoints, person: Person, fps: float) -> tuple[i
 
 def _middle(points: Array) -> Array:
     return np.asarray(np.nanmean(points, axis=0))
-
-
-def _seen(rays: Array) -> Array:
-    """Return which of n detections (n, L, 2) have any keypoint."""
-    return rays[np.isfinite(rays).any(axis=(1, 2))]

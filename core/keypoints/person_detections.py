@@ -11,7 +11,8 @@ import scipy  # its parts are loaded when they are used
 from ..numerics.arrays import Array
 from .detected_points import DetectedPoints
 from .keypoint_rays import Keypoints
-from .people import NEAR, Person
+from .people import NEAR
+from .person import Person
 from .tracks import GAP, Track, ViewDetections
 
 
