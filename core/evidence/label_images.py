@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -21,9 +21,6 @@ from ..cameras.camera import Camera
 from ..numerics.arrays import Array, Ints
 from .part_geometry import TOUCHING, Geometry
 from .part_outlines import FRACTION_BITS, Outlines
-
-if TYPE_CHECKING:
-    from .still_parts import StillParts
 
 NEAR = 0.05
 """Parts with a vertex nearer to the camera plane than this, metres, are not drawn."""
@@ -49,6 +46,15 @@ class Faces:
     farthest: NDArray[np.float32]
 
 
+class DrawnBefore(Protocol):
+    """Parts that are drawn once, while others move in front of and behind them."""
+
+    @property
+    def depth(self) -> NDArray[np.float32]:
+        """Their depth images."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class LabelImages:
     """What a camera sees of the posed parts in n frames.
@@ -70,7 +76,7 @@ class LabelImages:
         Whose part each is.
     distance : ndarray, shape (n, P)
         Depth of the centre of each part's vertices, metres; the farthest part is drawn first.
-    still : StillParts, optional
+    still : DrawnBefore, optional
         Parts that were drawn before; `index`, `outlines` and `faces` list only the other parts.
     """
 
@@ -82,7 +88,7 @@ class LabelImages:
     faces: Faces
     performer: Ints
     distance: Array
-    still: StillParts | None = None
+    still: DrawnBefore | None = None
 
     @cached_property
     def far_to_near(self) -> Ints:
