@@ -167,12 +167,12 @@ def _lower_twists(joints: Array, turns: Array, standing: Array, normals: tuple[A
 
 
 def _frames(ways: Array, normals: Array) -> Array:
-    """Return axes (..., 3, 3), as columns, that go along unit vectors (..., 3) with normals square to them (..., 3)."""
+    """Return axes (..., 3, 3), as columns: unit vectors (..., 3), and normals perpendicular to them (..., 3)."""
     return np.stack([ways, normals, np.cross(ways, normals)], axis=-1)
 
 
 def _across(v: Array, line: Array) -> Array:
-    """Return the part of vectors (..., 3) that is square to unit vectors (..., 3)."""
+    """Return the part of vectors (..., 3) that is perpendicular to unit vectors (..., 3)."""
     return np.asarray(v - line * np.sum(v * line, axis=-1, keepdims=True))
 
 
