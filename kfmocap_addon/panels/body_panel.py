@@ -69,8 +69,8 @@ class ProportionsPanel(FoldedPart, PerformerPart, bpy.types.Panel):
     bl_label = "Proportions"
     bl_parent_id = BodyPanel.bl_idname
 
-    def draw_performer(self, _context: bpy.types.Context, slot: bpy.types.PropertyGroup) -> None:
-        layout = self.layout
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, slot = self.layout, active_performer.chosen(context)
         draw_as_form(layout)
         known = [name for name in MEASURES if getattr(slot, name)]
         if not known:

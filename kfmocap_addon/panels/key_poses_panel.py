@@ -55,8 +55,8 @@ class KeyPicturesPanel(FoldedPart, PerformerPart, bpy.types.Panel):
     bl_label = "Pictures"
     bl_parent_id = KeyPosesPanel.bl_idname
 
-    def draw_performer(self, context: bpy.types.Context, slot: bpy.types.PropertyGroup) -> None:
-        layout = self.layout
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, slot = self.layout, active_performer.chosen(context)
         layout.operator(ShowKeyPictures.bl_idname, icon="IMAGE_DATA")
         icons = PICTURES.icons(slot.armature)
         grid = layout.grid_flow(row_major=True, columns=_PICTURE_COLUMNS, even_columns=True)
@@ -81,7 +81,8 @@ class PoseToolsPanel(PerformerPart, bpy.types.Panel):
     bl_label = "From Other Poses"
     bl_parent_id = KeyPosesPanel.bl_idname
 
-    def draw_performer(self, context: bpy.types.Context, slot: bpy.types.PropertyGroup) -> None:
+    def draw(self, context: bpy.types.Context) -> None:
+        slot = active_performer.chosen(context)
         before, after = _sides_with_key_poses(key_list.CACHE.entries(slot.armature), context.scene.frame_current)
         column = self.layout.column(align=True)
         row = column.row(align=True)
@@ -114,7 +115,7 @@ class PoseFilesPanel(FoldedPart, PerformerPart, bpy.types.Panel):
     bl_label = "From Keypoints and Landmarks"
     bl_parent_id = KeyPosesPanel.bl_idname
 
-    def draw_performer(self, context: bpy.types.Context, _slot: bpy.types.PropertyGroup) -> None:
+    def draw(self, context: bpy.types.Context) -> None:
         layout, properties = self.layout, context.scene.kfmocap
         known = [view.name for view in properties.views if view.keypoints]
         text = f"Keypoints of {', '.join(known)}" if known else "No view has keypoints yet"

@@ -107,13 +107,5 @@ class PerformerPart(SectionPart):
         """See whether there is one."""
         return active_performer.chosen(context) is not None
 
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw what the part shows of the performer."""
-        self.draw_performer(context, active_performer.chosen(context))
-
-    def draw_performer(self, context: bpy.types.Context, slot: bpy.types.PropertyGroup) -> None:
-        """Draw what the part shows of the performer in one of the shot's slots."""
-        raise NotImplementedError
-
 
 CLASSES = (SectionsPanel,)
