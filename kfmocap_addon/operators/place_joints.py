@@ -1,16 +1,16 @@
-"""Place Joints: posing the body by clicking its joints in the footage, and removing their marks."""
+"""Place Joints: posing the body by clicking its joints in the footage."""
 
 from __future__ import annotations
 
 import bpy
 
 from ...core.errors import KeypointError
-from ..scene_io import active_performer, joint_marks
+from ..scene_io import active_performer
 from ..scene_io.sides import colour_of
 from ..viewports import viewport
 from .conditions import Conditional, has_performer
 from .look_through import show_view
-from .reporting import NothingToDoError, reported
+from .reporting import reported
 
 _NEAR, _CLICK = 14, 4  # pixels: distance at which a handle is picked, and largest movement of a click
 _VIEW = ("MIDDLEMOUSE", "WHEEL", "NUMPAD_", "TRACKPAD", "MOUSEPAN", "MOUSEZOOM", "HOME", "NDOF", "TIMER", "WINDOW")
@@ -353,29 +353,10 @@ class PlaceJoints(PlacingTool, bpy.types.Operator):
     bl_options = {"UNDO"}
 
 
-def _has_marks(context: bpy.types.Context) -> str:
-    return "" if len(active_performer.chosen(context).marks) else "No joint is marked"
-
-
-class ClearMarks(Conditional, bpy.types.Operator):
-    """Remove all joints of the chosen performer that were clicked on this frame. Poses stay"""
-
-    bl_idname = "kfmocap.clear_marks"
-    bl_label = "Clear Marks"
-    conditions = (has_performer, _has_marks)
-
-    def act(self, context: bpy.types.Context) -> None:
-        slot, frame = active_performer.chosen(context), context.scene.frame_current
-        if not joint_marks.on_frame(slot, frame):
-            raise NothingToDoError(f"No joint is marked on frame {frame}")
-        joint_marks.put(slot, frame, {})
-        viewport.redraw(context)
-
-
 def _spoken(landmark: str) -> str:
     from ..editing.click_posing import spoken
 
     return spoken(landmark)
 
 
-CLASSES = (PlaceJoints, ClearMarks)
+CLASSES = (PlaceJoints,)

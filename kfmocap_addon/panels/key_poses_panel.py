@@ -4,12 +4,13 @@ from collections.abc import Sequence
 
 import bpy
 
+from ..operators.clear_marks import ClearMarks
 from ..operators.conditions import is_placing
 from ..operators.copy_pose import CopyPose, MirrorPose, PastePose
 from ..operators.exchange_people import ExchangePeople
 from ..operators.go_to_frame import GoToFrame
 from ..operators.nudge_pose import BreakdownPose, NudgeDepth, NudgePose
-from ..operators.place_joints import ClearMarks, PlaceJoints
+from ..operators.place_joints import PlaceJoints
 from ..operators.pose_from_files import ImportKeypoints, MarkKeypoints, PoseFromKeypoints, PoseFromLandmarks
 from ..operators.set_key_pose import AcceptProposals, RefuseProposal, RemoveKeyPose, SetKeyPose
 from ..operators.show_key_pictures import ShowKeyPictures
