@@ -47,6 +47,7 @@ from ...evidence.segment_evidence import SegmentEvidence
 from ...numerics import rotations
 from ...numerics.arrays import Array
 from ...numerics.banded_blocks import BandedBlocks
+from ...numerics.repeatable import on_grid
 from ...runtime.timing import Seconds
 from ...shot.acceleration_prior import USUAL_JOINT, USUAL_ROOT
 from ..prediction import PAST, autoregression, predict
@@ -92,7 +93,7 @@ def relaxed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
         motions = follow_gradients(problem, start, workspace.part(0.0, 0.2))
         workspace.report(0.2, motions)
         ends = zip(motions, start, problem.fixed, strict=True)
-        motions = [without_drift(motion, keyed, fixed) for motion, keyed, fixed in ends]
+        motions = [_rounded(motion, without_drift(motion, keyed, fixed)) for motion, keyed, fixed in ends]
     energies: list[float] = []
     for sweep in range(0, settings.sweeps, RELINEARISE):
         if sweep:
@@ -108,7 +109,7 @@ def relaxed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
             whole = sweep >= PRINTED * settings.sweeps
             rows = (rows_of_steps if whole else printed_rows)(problem, measured, evidence)
             motions = [
-                relax(motion, keyed, fixed, own, count, whole=whole)
+                _rounded(motion, relax(motion, keyed, fixed, own, count, whole=whole))
                 for motion, keyed, fixed, own in zip(motions, start, problem.fixed, rows, strict=True)
             ]
     held = tuple(_held(m, s, fixed) for m, s, fixed in zip(motions, start, problem.fixed, strict=True))
@@ -180,7 +181,7 @@ def predicted_step(motion: Motion, hidden: NDArray[np.bool_]) -> Array:
         models = [autoregression([run[:, d] for run in runs]) for d in range(own.stop - own.start)]
         seen = np.flatnonzero(~hidden[:, p]).max(initial=-1) + 1
         step[own] = predict(x[max(seen - PAST, 0) : seen, own], len(x) + 1 - seen, models)[0][-1]
-    return step
+    return on_grid(step)
 
 
 def out_of_sight(pair: SegmentProblem, motions: Sequence[Motion]) -> list[NDArray[np.bool_]]:
@@ -227,7 +228,7 @@ def _moved_by_gradients(
         for i, (body, blocks) in enumerate(zip(pair.bodies, systems, strict=True)):
             A = blocks.diagonal[1] + DAMPING * np.eye(body.dof)
             damped = DAMPING * _last_step(here[i]) * ~_degrees(gone[i])
-            here[i] = _advanced(here[i], -np.linalg.solve(A, blocks.gradient[1] + damped))
+            here[i] = _advanced(here[i], on_grid(-np.linalg.solve(A, blocks.gradient[1] + damped)))
     return here
 
 
@@ -362,6 +363,11 @@ def _products_after(Q: Array) -> Array:
     for j in range(len(Q) - 1, 0, -1):
         out[j - 1] = Q[j] @ out[j]
     return out
+
+
+def _rounded(motion: Motion, new: Motion) -> Motion:
+    """Return a new motion with its changes rounded, so that all processors give the same bits."""
+    return motion.moved(on_grid(motion.difference(new)))
 
 
 def _held(motion: Motion, keyed: Motion, fixed: NDArray[np.bool_]) -> Motion:
