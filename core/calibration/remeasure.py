@@ -64,7 +64,7 @@ def remeasured(found: VideoMarkers, solution: CalibrationResult, progress: Progr
     for c, view in enumerate(found.views):
         part = share(progress, c / count, (c + 1) / count)
         report_progress(part, f"{view.videos.camera}: small balls", 0.0)
-        seen = _View.create(found, solution, c)
+        seen = _RemeasuredView.create(found, solution, c)
         views.append(seen.measured(part) if seen.is_small else view)
     return VideoMarkers(found.videos, tuple(views))
 
@@ -84,7 +84,7 @@ def with_lframes_remeasured(found: VideoMarkers, solution: CalibrationResult) ->
     """
     views = []
     for c, view in enumerate(found.views):
-        seen = _View.create(found, solution, c)
+        seen = _RemeasuredView.create(found, solution, c)
         if view.background is not None and view.videos.lframe is not None and seen.lframe.small.any():
             view = replace(view, lframe=seen.lframe_again(view.background))
         views.append(view)
@@ -92,7 +92,7 @@ def with_lframes_remeasured(found: VideoMarkers, solution: CalibrationResult) ->
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
+class _RemeasuredView:
     """One camera's videos, with the balls that were found and those that are predicted."""
 
     seen: SeenView
@@ -101,7 +101,7 @@ class _View:
     radius_sigma: tuple[float, float]
 
     @classmethod
-    def create(cls, found: VideoMarkers, solution: CalibrationResult, c: int) -> _View:
+    def create(cls, found: VideoMarkers, solution: CalibrationResult, c: int) -> _RemeasuredView:
         videos, view, rig = found.videos, found.views[c], solution.rig
         given = videos.lframe_diameter, videos.wand_diameter
         sizes = [ball_diameter(found, solution, size, wand=bool(k)) for k, size in enumerate(given)]
@@ -127,10 +127,10 @@ class _View:
         wand = self._wand(plate, looks, progress)
         return replace(self.seen, lframe=lframe, wand=wand, background=plate.astype(np.float32))
 
-    def _found(self) -> _Rows:
+    def _found(self) -> _MeasuredBalls:
         """Return the wand's balls found before, with the ends in the predicted order."""
         m, shape = self.seen.wand.markers, self.wand.radii.shape
-        rows = _Rows(
+        rows = _MeasuredBalls(
             np.full((*shape, 2), np.nan), np.full(shape, np.nan), np.full(shape, np.nan), np.zeros((*shape, 2))
         )
         for frame, points, sigma, radii in zip(m.frames, m.points, m.sigma, self.seen.wand.radii, strict=True):
@@ -220,7 +220,7 @@ class _View:
         before = self._lframe_before()
         image = still_picture(path)
         m = before.markers
-        rows = _Rows(m.points.copy(), m.sigma.copy(), before.radii.copy(), np.zeros_like(m.points))
+        rows = _MeasuredBalls(m.points.copy(), m.sigma.copy(), before.radii.copy(), np.zeros_like(m.points))
         empty = None if self._stays(image, plate) else plate
         fitted = self._lframe_balls(image, empty, m.points[0])
         if len(fitted) > 1:
@@ -269,7 +269,7 @@ class _View:
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
+class _MeasuredBalls:
     """Balls on frames of a video as in `Markers`, with radii; NaN where they were not found."""
 
     points: Array

@@ -63,7 +63,7 @@ def solve_capture(capture: Capture, progress: Progress | None = None, *, drift: 
     CancelledError
         `progress` returned False.
     """
-    steps = _Steps(progress)
+    steps = _ReportedSteps(progress)
     diagnosis.check_capture(capture)
     steps.next("offsets", 0.0)
     together = synchrony(capture)
@@ -91,7 +91,7 @@ def solve_capture(capture: Capture, progress: Progress | None = None, *, drift: 
     return _finished(draft, capture, together, free, known=known, steps=steps)
 
 
-class _Steps:
+class _ReportedSteps:
     """Reports progress, and raises a CancelledError if the caller has cancelled."""
 
     def __init__(self, progress: Progress | None) -> None:
@@ -127,7 +127,7 @@ class _Draft:
     noise: float
 
 
-def _polished(rig: Rig, capture: Capture, together: Synchrony, free: Bools, steps: _Steps) -> _Draft | None:
+def _polished(rig: Rig, capture: Capture, together: Synchrony, free: Bools, steps: _ReportedSteps) -> _Draft | None:
     """Adjust cameras on all frames and select the wand's balls, in turn; None if no wand is seen."""
     noise = 3.0
     draft: _Draft | None = None
@@ -231,7 +231,7 @@ class _World:
 
 
 def _finished(
-    draft: _Draft, capture: Capture, together: Synchrony, free: Bools, *, known: Sequence[Lens], steps: _Steps
+    draft: _Draft, capture: Capture, together: Synchrony, free: Bools, *, known: Sequence[Lens], steps: _ReportedSteps
 ) -> CalibrationResult:
     """Define the world by the L-frame, select the lens parameters, and adjust once more to all observations."""
     floor = _FloorCapture.of(capture, draft)
@@ -277,7 +277,7 @@ def _unit_noise(residual: Array, scene: Scene, free: Bools) -> float:
     return float(np.sqrt((residual**2).sum() / max(left, 1)))
 
 
-def _held_out(scene: Scene, evidence: BundleEvidence, free: Bools, steps: _Steps) -> Array:
+def _held_out(scene: Scene, evidence: BundleEvidence, free: Bools, steps: _ReportedSteps) -> Array:
     """Return lengths of the wand, metres, on runs of frames that were held out of the solution that measures them."""
     wand = scene.wand
     left_out = (np.arange(len(wand)) // _HELD_OUT_RUN) % _HELD_OUT == _HELD_OUT // 2

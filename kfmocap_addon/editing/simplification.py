@@ -19,7 +19,7 @@ from ..scene_io import body_channels, fcurves, key_ownership
 
 
 @dataclass(frozen=True, eq=False)
-class _Track:
+class _KeyedAttribute:
     """The curves of one bone's rotation, or of the root's location, C of them, and their keys.
 
     Attributes
@@ -106,10 +106,10 @@ def thin_out_curves(curves: Sequence[bpy.types.FCurve], tolerance: float, *, tur
         They are the four components of quaternions.
     """
     keys = tuple(fcurves.get_keys(curve) for curve in curves)
-    _thin_out(_Track(turns, tuple(curves), tuple(k[:0] for k in keys), keys), tolerance)
+    _thin_out(_KeyedAttribute(turns, tuple(curves), tuple(k[:0] for k in keys), keys), tolerance)
 
 
-def _tracks(armature: bpy.types.Object, bones: Collection[str] | None) -> Iterator[_Track]:
+def _tracks(armature: bpy.types.Object, bones: Collection[str] | None) -> Iterator[_KeyedAttribute]:
     channels = body_channels.list_channels(armature)
     found = [
         row for row in key_ownership.channel_keys(armature, channels) if bones is None or channels[row[0]].bone in bones
@@ -117,7 +117,7 @@ def _tracks(armature: bpy.types.Object, bones: Collection[str] | None) -> Iterat
     for path, rows in groupby(found, key=lambda row: channels[row[0]].path):
         _, curves, keys, own = zip(*rows, strict=True)
         if any((~mask).any() for mask in own):
-            yield _Track(
+            yield _KeyedAttribute(
                 path.endswith("rotation_quaternion"),
                 curves,
                 tuple(k[mask] for k, mask in zip(keys, own, strict=True)),
@@ -130,7 +130,7 @@ def _frames(groups: Iterable[fcurves.Keys]) -> set[int]:
     return {frame for keys in groups for frame in fcurves.frames_of(keys).tolist()}
 
 
-def _thin_out(track: _Track, tolerance: float) -> None:
+def _thin_out(track: _KeyedAttribute, tolerance: float) -> None:
     """From the fewest keys on, keys come back where the curves stray most, until they stray too far nowhere."""
     frames = track.frames()
     target = track.values(frames)

@@ -116,7 +116,7 @@ def pictured(scene: JointScene, seen: JointSightings) -> tuple[Array, Array, Arr
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
+class _ResidualRows:
     """Residuals in standard deviations, multiplied by the square roots of their robust weights.
 
     Attributes
@@ -193,16 +193,16 @@ def joint_equations(
     rows = [_sighting_rows(scene, seen, noise, columns), *_limb_rows(scene, usual, seen.correlated, columns)]
     build = np.log(scene.lengths / usual) / PROPORTION_SIGMA
     own = columns.length + np.arange(len(usual))[:, None]
-    rows.append(_Rows(build, own, np.full(own.shape, 1 / PROPORTION_SIGMA), float((build**2).sum())))
+    rows.append(_ResidualRows(build, own, np.full(own.shape, 1 / PROPORTION_SIGMA), float((build**2).sum())))
     lens = np.log(scene.rig.focal.mean(axis=1) / (USUAL_FOCAL * seen.sizes.max(axis=1))) / FOCAL_SPREAD
     own = (columns.camera + CAMERA_DOF * np.arange(len(lens)) + FOCAL)[:, None]
-    rows.append(_Rows(lens, own, np.full(own.shape, 1 / FOCAL_SPREAD), float((lens**2).sum())))
+    rows.append(_ResidualRows(lens, own, np.full(own.shape, 1 / FOCAL_SPREAD), float((lens**2).sum())))
     J = sparse.vstack([block.matrix(columns.count) for block in rows]).tocsc()[:, np.flatnonzero(free)]
     residual = np.concatenate([block.residual for block in rows])
     return SparseEquations((J.T @ J).tocsc(), J.T @ residual, sum(block.cost for block in rows))
 
 
-def _sighting_rows(scene: JointScene, seen: JointSightings, noise: Array, columns: Columns) -> _Rows:
+def _sighting_rows(scene: JointScene, seen: JointSightings, noise: Array, columns: Columns) -> _ResidualRows:
     """Residuals of joints in the pictures."""
     kernel, rig = Cauchy(_ROBUST), scene.rig
     index, x, off = pictured(scene, seen)
@@ -221,7 +221,7 @@ def _sighting_rows(scene: JointScene, seen: JointSightings, noise: Array, column
     scaled = off / sigma
     squared = (scaled**2).sum(axis=1)
     root = np.sqrt(kernel.weight(squared))[:, None]
-    return _Rows(
+    return _ResidualRows(
         np.ravel(root * scaled),
         np.repeat(places, 2, axis=0),
         np.concatenate(list(root[..., None] * derivatives)) if len(v) else np.zeros((0, places.shape[1])),
@@ -229,7 +229,7 @@ def _sighting_rows(scene: JointScene, seen: JointSightings, noise: Array, column
     )
 
 
-def _limb_rows(scene: JointScene, usual: Array, correlated: float, columns: Columns) -> Iterator[_Rows]:
+def _limb_rows(scene: JointScene, usual: Array, correlated: float, columns: Columns) -> Iterator[_ResidualRows]:
     """Residuals of the limbs' lengths, relative to the lengths: in metres, a smaller scene would fit better."""
     kernel = Cauchy(_ROBUST)
     for k, pairs in enumerate(LIMBS.values()):
@@ -245,4 +245,4 @@ def _limb_rows(scene: JointScene, usual: Array, correlated: float, columns: Colu
             places = np.concatenate([columns.places(both, a), columns.places(both, b), own], axis=1)
             derivatives = np.concatenate([way, -way, np.full(own.shape, -1 / sigma)], axis=1)
             root = np.sqrt(kernel.weight(off**2))
-            yield _Rows(root * off, places, root[:, None] * derivatives, float(kernel.cost(off**2).sum()))
+            yield _ResidualRows(root * off, places, root[:, None] * derivatives, float(kernel.cost(off**2).sum()))
