@@ -107,7 +107,7 @@ class _BlenderProcess:
 def _loaded_blender(_: Progress) -> None:
     """Load Blender's module, and what writes results with it."""
     _load_blender()
-    from .kfmocap_addon.export import blender_outputs  # noqa: F401
+    from .kfmocap_addon.export import blender_outputs  # noqa: F401  it is loaded for later
 
 
 def _showing(shot: Shot, home: Path, _: Progress) -> None:

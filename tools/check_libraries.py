@@ -52,7 +52,7 @@ def missing_packages() -> list[str]:
 def bpy_error() -> str | None:
     """Return what keeps bpy from loading, or None."""
     try:
-        import bpy  # noqa: F401
+        import bpy  # noqa: F401  whether it loads is the question
     except ImportError as error:
         library = re.match(r"(\S+\.so\S*): cannot open shared object file", str(error))
         if library:

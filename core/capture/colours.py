@@ -139,7 +139,7 @@ def _from_table(table: Mapping[str, Any], where: str) -> Colour:
 
 def _range(pair: object, where: str, most: float) -> Range:
     try:
-        low, high = (float(x) for x in pair)  # type: ignore[attr-defined]
+        low, high = (float(x) for x in pair)  # type: ignore[attr-defined]  # other things end in a TypeError
     except (TypeError, ValueError) as error:
         raise CalibrationError(f"{pair!r} is not a pair of numbers", where=where) from error
     if not (0 <= low <= most and 0 <= high <= most) or (most == 1.0 and low >= high):

@@ -12,12 +12,12 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
-import blender_screen as screen  # noqa: E402
-import tool_steps as tools  # noqa: E402
-import tutorial_steps as tutorial  # noqa: E402
-from blender_screen import Waits, click, find, until  # noqa: E402
-from tool_steps import expect, key_frames  # noqa: E402
-from tutorial_steps import WORK, carry_out, idle, picture, scene, sidebar  # noqa: E402
+import blender_screen as screen
+import tool_steps as tools
+import tutorial_steps as tutorial
+from blender_screen import Waits, click, find, until
+from tool_steps import expect, key_frames
+from tutorial_steps import WORK, carry_out, idle, picture, scene, sidebar
 
 EXAMPLE = sys.argv[-1]
 AT_MOST = 12

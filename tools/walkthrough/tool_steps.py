@@ -18,10 +18,10 @@ import numpy as np
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
-import blender_screen as screen  # noqa: E402
-import tutorial_steps as tutorial  # noqa: E402
-from blender_screen import Place, Waits, click, click_at, press, until  # noqa: E402
-from tutorial_steps import WORK, idle, in_view, only, picture, scene, sidebar, window  # noqa: E402
+import blender_screen as screen
+import tutorial_steps as tutorial
+from blender_screen import Place, Waits, click, click_at, press, until
+from tutorial_steps import WORK, idle, in_view, only, picture, scene, sidebar, window
 
 
 def expect(held: object, claim: str) -> None:

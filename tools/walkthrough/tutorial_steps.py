@@ -17,8 +17,8 @@ from mathutils import Vector
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
-import blender_screen as screen  # noqa: E402
-from blender_screen import (  # noqa: E402
+import blender_screen as screen
+from blender_screen import (
     Place,
     Waits,
     choose_file,
