@@ -28,6 +28,8 @@ _FAMILIES: tuple[frozenset[str], ...] = tuple(
 )
 """Sets of kinds of bones among which a skeleton is searched for, in order. Bones moved by constraints come before
 controls, which are found later by moving them."""
+_ON_GROUND = 0.05
+"""Share of the hips' height below which a bone stands on the ground."""
 _MOST = {"spine": 9, "neck": 9, **dict.fromkeys(FINGERS, 3)}
 
 Named = Mapping[str, list[int]]
@@ -61,7 +63,21 @@ def _roles(
         limbs = _leg(parts[side], tree) | _arm(parts[side], tree) | _fingers(parts[side], names, tree)
         found |= {f"{role}.{side}": bones for role, bones in limbs.items()}
     found = tree.with_trunk(found)
+    root = _root(rest, parts[""].get("root", []), found.get("hips", []), tree)
+    found = {role: bones for role, bones in found.items() if role != "root"} | ({"root": root} if root else {})
     return {role: tuple(rest.names[j] for j in bones) for role, bones in found.items()}
+
+
+def _root(rest: RestSkeleton, named: Sequence[int], hips: Sequence[int], tree: SkeletonTree) -> list[int]:
+    """Return the bone that carries the whole rig: one that is called root, above the hips, or beside them as in rigs
+    whose bones follow controls; else the one next above that stands on the ground.
+    """
+    if not hips:
+        return list(named[:1])
+    above, heights = tree.above(hips[0]), rest.heads[:, 2] - rest.heads[:, 2].min()
+    on_ground = [j for j in above if heights[j] < _ON_GROUND * heights[hips[0]]]
+    beside = [j for j in named if not tree.is_above(hips[0], j)]
+    return [j for j in named if j in above][:1] or beside[:1] or on_ground[:1]
 
 
 def _leg(parts: Named, tree: SkeletonTree) -> dict[str, list[int]]:

@@ -20,16 +20,11 @@ from ...core.numerics.arrays import Array
 from ...core.retargeting.roles import BoneMap
 from ..scene_io import body_armature
 from ..scene_io.followed_bones import following
-from .rig_reading import at_rest, moved_matrices, rest_matrices, restore_settings, set_settings, update
+from .rig_reading import at_rest, moved_matrices, refuse_mirrored, rest_matrices, update
+from .rig_settings import Owner, Settings, owner_of, property_ends, restore_settings, set_settings, switches
 
 _RIGID = 1e-3
 """Tolerance within which two bones move rigidly together, radians, and relative to the rig's size."""
-_HUGE = 1e3
-"""Limits of a property's range beyond which it counts as unlimited."""
-_SWITCHES = 24
-"""Largest number of custom properties that are tried, those that drive most constraints first."""
-
-Settings = dict[str, dict[str, float]]
 
 
 @dataclass(frozen=True)
@@ -40,14 +35,14 @@ class FkControls:
     ----------
     by_bone : mapping of str to str
         By deforming bone, the control that rotates it about its head. Bones without such a control are absent.
-    settings : mapping of str to mapping of str to float
-        By bone, the values to which custom properties must be changed for that.
+    settings : mapping
+        By owner (see `rig_settings`), the values to which custom properties must be changed for that.
     carried : mapping of str to str
         By deforming bone, the lowest other control with which it moves, about any point.
     """
 
     by_bone: Mapping[str, str]
-    settings: Mapping[str, Mapping[str, float]]
+    settings: Settings
     carried: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -65,6 +60,7 @@ def find_controls(armature: bpy.types.Object, bones: Sequence[str], held: Collec
     held : collection of str
         Bones moved by something other than their own pose, see `scene_io.followed_bones`.
     """
+    refuse_mirrored(armature, bones)
     candidates = [name for name in _upstream(armature, bones) if _may_be_turned(armature, name, bones, held)]
     with at_rest(armature, [bone.name for bone in armature.data.bones]):
         switched, moved = _switched(armature, bones, _moved(armature, bones, candidates))
@@ -90,10 +86,11 @@ def with_halves_of_limbs(
         Bones that remain separate parts.
     """
     found = dict(controls.by_bone)
-    for name, control in controls.by_bone.items():
-        alone = control == name and name not in limbs
-        if alone and name in controls.carried and _is_led(armature, name, held, controls.by_bone):
-            found[name] = controls.carried[name]
+    for name, control in controls.carried.items():
+        locked = name not in held and all(armature.pose.bones[name].lock_rotation)
+        alone = controls.by_bone.get(name, name if locked else "") == name and name not in limbs
+        if alone and _is_led(armature, name, held, controls.by_bone):
+            found[name] = control
     return found
 
 
@@ -248,14 +245,14 @@ def _switched(
     moved : mapping of str to set of str
         The bones that each candidate moves now.
     """
-    found: Settings = {}
+    found: dict[Owner, dict[str, float]] = {}
     known = dict(moved)
-    first: dict[tuple[str, str], Any] = {}
-    for (name, key), owners in _switches(armature).items():
-        bone: Any = armature.pose.bones[name]
-        before = first[name, key] = bone[key]
+    first: dict[tuple[Owner, str], Any] = {}
+    for (name, key), owners in switches(armature).items():
+        owner = owner_of(armature, name)
+        before = first[name, key] = owner[key]
         concerned = [other for other in _upstream(armature, owners) if other in moved]
-        for value in sorted({*_ends(bone, key)} - {float(before)}):
+        for value in sorted({*property_ends(owner, key)} - {float(before)}):
             set_settings(armature, {name: {key: value}})
             tried = _moved(armature, bones, concerned)
             if sum(map(len, tried.values())) > sum(len(known[other]) for other in concerned):
@@ -265,32 +262,6 @@ def _switched(
     restore_settings(armature, first)
     update()
     return found, known
-
-
-def _ends(bone: Any, key: str) -> tuple[float, float]:
-    """Return the ends of a custom property's range; 0 and 1 where it has none."""
-    if isinstance(bone[key], bool):
-        return 0.0, 1.0
-    shown = bone.id_properties_ui(key).as_dict()
-    ends = float(shown.get("soft_min", 0.0)), float(shown.get("soft_max", 1.0))
-    return ends if max(map(abs, ends)) < _HUGE else (0.0, 1.0)
-
-
-def _switches(armature: bpy.types.Object) -> dict[tuple[str, str], list[str]]:
-    """Custom properties of bones that drive constraints, and the bones whose they drive; those of most bones first."""
-    found: dict[tuple[str, str], list[str]] = {}
-    data = armature.animation_data
-    for curve in data.drivers if data else ():
-        if ".constraints[" not in curve.data_path:
-            continue
-        for variable in curve.driver.variables:
-            path = variable.targets[0].data_path.split('"')
-            if variable.targets[0].id == armature and len(path) == 5 and path[0] == "pose.bones[":
-                name, key = path[1], path[3]
-                bone: Any = armature.pose.bones.get(name)
-                if bone is not None and isinstance(bone.get(key), (int, float)):
-                    found.setdefault((name, key), []).append(curve.data_path.split('"')[1])
-    return dict(sorted(found.items(), key=lambda item: -len(item[1]))[:_SWITCHES])
 
 
 def _carried(

@@ -24,7 +24,8 @@ from ...core.retargeting.rest_alignment import alignments
 from ...core.retargeting.roles import BoneMap
 from ...core.retargeting.transfer import Placement, hip_centre, hip_path, source_blends
 from ..scene_io import body_armature
-from .rig_reading import restore_holds, restore_settings
+from .rig_reading import restore_holds
+from .rig_settings import Owner, restore_settings
 
 NAME = "KF Mocap Live"
 _CHANGED = "kfmocap_changed"
@@ -104,7 +105,7 @@ def follow(
 
 
 def remember(
-    armature: bpy.types.Object, holds: Mapping[tuple[str, str], float], settings: Mapping[tuple[str, str], Any]
+    armature: bpy.types.Object, holds: Mapping[tuple[str, str], float], settings: Mapping[tuple[Owner, str], Any]
 ) -> None:
     """Store the rig's constraints and settings, for `stop_following`."""
     helper: Any = _helper_of(armature)
@@ -126,7 +127,8 @@ def stop_following(armature: bpy.types.Object) -> bool:
     if helper is not None:
         holds, settings = json.loads(helper.get(_CHANGED, "[[], []]"))
         restore_holds(armature, {(bone, name): value for bone, name, value in holds})
-        restore_settings(armature, {(bone, key): value for bone, key, value in settings})
+        owned = {(name if isinstance(name, str) else tuple(name), key): value for name, key, value in settings}
+        restore_settings(armature, owned)
         for child in list(helper.children):
             bpy.data.objects.remove(child)
         bpy.data.armatures.remove(helper.data)

@@ -20,7 +20,7 @@ _MODES = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angl
 
 @dataclass(frozen=True, eq=False)
 class ControlChannel(fcurves.BoneAttribute):
-    """An attribute of a pose bone with its values, shape (F, C): a column for each component."""
+    """An animated attribute with its values, shape (F, C): a column for each component."""
 
     values: Array
 

@@ -39,6 +39,8 @@ _HOLDS = (
     "LIMIT_LOCATION",
 )
 """Kinds of constraints that set the rotation of the bones that they act on, or clip their rotation or their way."""
+_FLAT = 1e-4
+"""Scale of a bone below which it counts as nothing."""
 _RIGID = 1e-3
 """Radians, and lengths of the rig, within which two bones move as one."""
 
@@ -115,18 +117,25 @@ def at_rest(armature: bpy.types.Object, controls: Sequence[str]) -> Iterator[Non
 @contextmanager
 def evaluated(armature: bpy.types.Object) -> Iterator[None]:
     """Have Blender evaluate an armature's poses while the block runs: it does not in excluded collections, nor when it
-    is hidden, or shown in its rest position.
+    is hidden, or shown in its rest position. Skins are hidden, so that they are not deformed for every pose that is
+    tried; of those that something depends on, Blender evaluates also hidden ones.
     """
+    skins = [o for o in bpy.context.view_layer.objects if o.type == "MESH" and o.modifiers and not o.hide_viewport]
+    skins = [skin for skin in skins if skin.library is None]
     hidden, position = armature.hide_viewport, armature.data.pose_position
     home = bpy.context.scene.collection.objects
     away = armature.name not in bpy.context.view_layer.objects
     if away:
         home.link(armature)
     armature.hide_viewport, armature.data.pose_position = False, "POSE"
+    for skin in skins:
+        skin.hide_viewport = True
     try:
         yield
     finally:
         armature.hide_viewport, armature.data.pose_position = hidden, position
+        for skin in skins:
+            skin.hide_viewport = False
         if away:
             home.unlink(armature)
 
@@ -175,6 +184,7 @@ def read_rig(armature: bpy.types.Object, bones: BoneMap, resting_toes: frozenset
     matrix, scale = world_frame(armature)
     rest = rest_matrices(armature, names)
     size = float(np.ptp(rest[:, :3, 3], axis=0).max()) or 1.0
+    refuse_mirrored(armature, names)
     moved = [moved_matrices(armature, name, names, 0.1 * size) for name in names]
     update()
     for k, name in enumerate(names):
@@ -217,6 +227,23 @@ def read_rig(armature: bpy.types.Object, bones: BoneMap, resting_toes: frozenset
         resting_toes,
     )
     return RigReading(rig, tuple(sorted(set(unsteady))))
+
+
+def refuse_mirrored(armature: bpy.types.Object, names: Sequence[str]) -> None:
+    """Raise a BodyError where a bone is scaled to nothing or mirrored, by its own scale or that of one above: no turn
+    of it can be read then.
+    """
+    for name in names:
+        bone: Any = armature.pose.bones[name]
+        if bone.matrix.determinant() > _FLAT**3:
+            continue
+        chain = [bone, *bone.parent_recursive]
+        own = next((each for each in reversed(chain) if np.prod(each.scale) <= _FLAT**3), bone)
+        raise BodyError(
+            f"it is {'mirrored' if bone.matrix.determinant() < -(_FLAT**3) else 'scaled to nothing'}",
+            where=f"armature {armature.name}, bone {own.name}",
+            todo="clear its scale (Alt S), and its keys",
+        )
 
 
 def _refuse_held(armature: bpy.types.Object, name: str, rest: Array, moved: Array) -> None:
@@ -320,42 +347,3 @@ def restore_holds(armature: bpy.types.Object, before: Mapping[tuple[str, str], f
         constraint = None if bone is None else bone.constraints.get(held_by)
         if constraint is not None:
             constraint.influence = influence
-
-
-@contextmanager
-def with_settings(
-    armature: bpy.types.Object, settings: Mapping[str, Mapping[str, float]]
-) -> Iterator[dict[tuple[str, str], Any]]:
-    """Set custom properties of bones, where there are such; after an error they are what they were.
-
-    Gives what they were, by bone and property.
-    """
-    before = set_settings(armature, settings)
-    try:
-        yield before
-    except BaseException:
-        restore_settings(armature, before)
-        raise
-
-
-def set_settings(armature: bpy.types.Object, settings: Mapping[str, Mapping[str, float]]) -> dict[tuple[str, str], Any]:
-    """Set custom properties of bones, where there are such; returns what they were, by bone and property."""
-    before: dict[tuple[str, str], Any] = {}
-    for name, values in settings.items():
-        bone: Any = armature.pose.bones.get(name)
-        for key, value in values.items() if bone is not None else ():
-            if key in bone:
-                before[name, key] = bone[key]
-                bone[key] = type(bone[key])(value)
-    armature.update_tag()
-    update()
-    return before
-
-
-def restore_settings(armature: bpy.types.Object, before: Mapping[tuple[str, str], Any]) -> None:
-    """Set custom properties to what they were, by bone and property."""
-    for (name, key), value in before.items():
-        bone: Any = armature.pose.bones.get(name)
-        if bone is not None:
-            bone[key] = value
-    armature.update_tag()

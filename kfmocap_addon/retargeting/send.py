@@ -15,22 +15,21 @@ from ...core.errors import BodyError
 from ...core.numerics.arrays import Array, Bools
 from ...core.retargeting.bone_matching import described, match_bones, preset_of
 from ...core.retargeting.control_rig import MOVED, ControlRig, RigPoses, local_places, local_turns
-from ...core.retargeting.rest_alignment import feet_point_back
-from ...core.retargeting.retarget import Retargeted, limb_changes, plant_intervals, prepared, retarget, upright_turn
+from ...core.retargeting.retarget import Retargeted, limb_changes, plant_intervals, prepared, retarget
 from ...core.retargeting.roles import SIDES, BoneMap
 from ...core.retargeting.transfer import RetargetOptions
 from ..scene_io import fcurves
 from ..scene_io.followed_bones import skeletons_following
-from ..scene_io.object_motion import what_moves
+from . import rig_warnings
 from .fk_controls import FkControls, through_controls
 from .ik_controls import forget_twists, ik_bones, ik_channels, ik_roles
 from .live import LiveSource, follow, refuse_inverse_kinematics, remember, stop_following
 from .rig_curves import ControlChannel, CurveOptions, rotation_channel, write_channels
 from .rig_error import measured_errors, world_matrices
-from .rig_reading import at_rest, leave_rest_position, read_rig, rest_skeleton, with_settings, without_holds
+from .rig_reading import at_rest, leave_rest_position, read_rig, rest_skeleton, without_holds
+from .rig_settings import Owner, setting_channel, with_settings
 
 _SAMPLE = 60  # frames on which the remaining error is measured
-_UNEVEN = 1e-3  # difference of a bone's scales from which it is said
 
 
 @dataclass(frozen=True)
@@ -174,11 +173,12 @@ def send_to_rig(
         "frames": [int(frames[0]), int(frames[-1])],
         "warnings": [
             *shown_at_rest,
-            *_moving_as_a_whole(scene, armature, (int(frames[0]), int(frames[-1]))),
-            *_standing_wrongly(armature, sent.rig),
-            *_scaled_unevenly(armature, sent.rig),
-            *_freed(armature, sent.holds, "now" if options.live is not None else "in the new action"),
-            *_warnings(sent.unsteady, errors),
+            *rig_warnings.moving_as_a_whole(scene, armature, (int(frames[0]), int(frames[-1]))),
+            *rig_warnings.standing_wrongly(armature, sent.rig),
+            *rig_warnings.scaled_unevenly(armature, sent.rig),
+            *rig_warnings.set_elsewhere(armature, sent.settings),
+            *rig_warnings.freed(armature, sent.holds, "now" if options.live is not None else "in the new action"),
+            *rig_warnings.not_as_asked(sent.unsteady, errors),
         ],
         "seconds": round(time.perf_counter() - started, 3),
     }
@@ -202,7 +202,7 @@ class _Sent:
     result : Retargeted
     channels : list of ControlChannel
     holds, settings : dict
-        The previous influence of constraints, and settings of the rig, by bone and name.
+        The previous influence of constraints, by bone and name, and of settings of the rig, by owner and name.
     """
 
     bones: BoneMap
@@ -213,7 +213,7 @@ class _Sent:
     result: Retargeted
     channels: list[ControlChannel]
     holds: dict[tuple[str, str], float]
-    settings: dict[tuple[str, str], Any]
+    settings: dict[tuple[Owner, str], Any]
 
 
 def _on_controls(
@@ -248,7 +248,8 @@ def _on_controls(
         result = retarget(source, of_source, rig, asked, planted)
         channels = control_channels(armature, rig, result.poses, ik_roles(rig, preset))
         channels += ik_channels(armature, rig, result.poses, preset)
-        channels += [_setting_channel(armature, *setting) for setting in settings]  # here: keys may set them otherwise
+        keyed = [setting_channel(armature, *setting) for setting in settings]  # here: keys may set them otherwise
+        channels += [channel for channel in keyed if channel is not None]
     return _Sent(bones, rig, reading.unsteady, shown, standing, result, channels, holds, settings)
 
 
@@ -297,12 +298,6 @@ def control_channels(
     return channels
 
 
-def _setting_channel(armature: bpy.types.Object, bone: str, key: str) -> ControlChannel:
-    """Return a channel with one key of a setting, so that the action includes it."""
-    value = np.array([[float(armature.pose.bones[bone][key])]])
-    return ControlChannel(bone, fcurves.property_key(key), value)
-
-
 def _hold_channel(bone: str, constraint: str) -> ControlChannel:
     """Return a channel with one key that removes a constraint's influence, so that the action includes it."""
     return ControlChannel(bone, f"constraints{fcurves.property_key(constraint)}.influence", np.zeros((1, 1)))
@@ -332,68 +327,3 @@ def _report(
         "plants": plant_intervals(result),
         "turned_to_keep_feet_and_hands": limb_changes(rig, result),
     }
-
-
-def _standing_wrongly(armature: bpy.types.Object, rig: ControlRig) -> list[str]:
-    """Return warnings about the rest pose of a rig: that it lies down, or that its sides are exchanged."""
-    found = []
-    if not np.array_equal(upright_turn(rig.rest, rig.bones), np.eye(3)):
-        found.append(
-            f"armature {armature.name}: it does not stand upright at rest, so its size and its feet are not exact: "
-            "turn it upright, and apply its rotation (Ctrl A)"
-        )
-    if feet_point_back(rig.rest, rig.bones):
-        found.append(
-            "the feet point backward: if left and right are named as seen from the front, exchange them in the list of "
-            "Find Bones, or in a bone map"
-        )
-    return found
-
-
-def _moving_as_a_whole(scene: bpy.types.Scene, armature: bpy.types.Object, frames: tuple[int, int]) -> list[str]:
-    """Return a warning where something moves the armature object besides the motion of its bones."""
-    moving = what_moves(scene, armature, frames)
-    if moving is None:
-        return []
-    return [
-        f"armature {armature.name}: {moving} moves it as a whole, and the motion is added to that: free it, if the "
-        "motion is that in the world"
-    ]
-
-
-def _freed(armature: bpy.types.Object, holds: Mapping[tuple[str, str], float], when: str) -> list[str]:
-    """Return what to report of constraints that no longer hold a rig: by bone, or by the armature that all of it
-    followed.
-    """
-    found: dict[str, None] = {}
-    for name, hold in holds:
-        other = getattr(armature.pose.bones[name].constraints[hold], "target", None)
-        if other is None or other == armature or other.type != "ARMATURE":
-            found[f"bone {name}: its constraint '{hold}' has no influence {when}"] = None
-        else:
-            found[
-                f"armature {armature.name}: its bones do not follow {other.name} {when}: to move it through the "
-                f"controls of {other.name}, send the motion to that"
-            ] = None
-    return list(found)
-
-
-def _scaled_unevenly(armature: bpy.types.Object, rig: ControlRig) -> list[str]:
-    """Return warnings about controls that are scaled by different amounts along their axes."""
-    scales = {name: np.array(armature.pose.bones[name].scale) for name in rig.rest.names}
-    return [
-        f"bone {name}: it is scaled by different amounts along its axes, so the bones below it are not exactly in "
-        "place: scale it evenly, or clear its scale (Alt S)"
-        for name, scale in scales.items()
-        if np.ptp(scale) > _UNEVEN and armature.data.bones[name].children
-    ]
-
-
-def _warnings(unsteady: tuple[str, ...], errors: Mapping[str, Mapping[str, float]]) -> list[str]:
-    found = [f"bone {name} follows another control only in part: its rotation differs" for name in unsteady]
-    for limb, error in errors.items():
-        if error["worst_degrees"] > 1.0:
-            found.append(
-                f"{limb}: the rig is up to {error['worst_degrees']:.1f} degrees off what its controls were given"
-            )
-    return found

@@ -10,21 +10,31 @@ import numpy as np
 from ...core.errors import BodyError
 from ...core.numerics import rotations
 from ...core.retargeting.bone_matching import preset_of
-from ...core.retargeting.roles import BoneMap
+from ...core.retargeting.roles import SIDES, BoneMap
 from ..scene_io import body_armature, fcurves, part_meshes, performers, scene, skinned_parts
 from ..scene_io.followed_bones import following, leader_of
+from ..scene_io.merged_clouds import says_twist
 from ..scene_io.object_motion import what_moves
 from . import fk_controls
 from .fk_controls import FkControls
 from .overrides import editable
-from .rig_reading import at_rest, leave_rest_position, moved_matrices, rest_matrices, with_settings
+from .rig_reading import at_rest, leave_rest_position, moved_matrices, rest_matrices
+from .rig_settings import has_keys, setting_name, with_settings
 from .send import target_bones
 
 _PART_ROLES = ("hips", "spine", "neck", "head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")
 _LIMB_ROLES = ("head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")
 """Roles of bones that are separate parts even if small, as on figures with large heads and short limbs."""
+_ENDS = ("head", "hand", "foot")
+"""Roles of bones on which hair, fingers and toes hang."""
+_HALVED = (("upper_arm", "forearm"), ("forearm", "hand"), ("thigh", "shin"), ("shin", "foot"))
+"""Limbs of two bones each in some characters, such as those of Daz and MakeHuman, by their roles and the next one."""
+_STRAIGHT = np.radians(15)
+"""Largest angle at which a bone goes on from the one above as the half of a limb."""
 _FOLLOWS = 0.5
 """Least fraction of a control's rotation with which a deforming bone follows it."""
+_NEAR = 1e-3
+"""Share of a limb's length within which a bone begins where the limb does."""
 _APART = 0.5
 """Fraction of deforming bones without a deforming parent from which they are taken to be parented to controls."""
 _STILL = 1e-5
@@ -65,7 +75,14 @@ def _taken(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.ty
         followed = following(armature)
         limbs = _limb_bones(armature)
         loose = {name: what for name, what in followed.items() if name not in limbs.names()}
-        made = skinned_parts.add_parts(armature, collection, following=loose, limbs=_limbs(limbs))
+        made = skinned_parts.add_parts(
+            armature,
+            collection,
+            following=loose,
+            limbs=_limbs(limbs),
+            taken_in=_taken_in(armature, limbs),
+            head=next(iter(limbs.bones.get("head", ())), ""),
+        )
         _refuse_following(armature, made.parts, followed)
     else:
         controls = [name for role, _, name in mechanism.items() if role.partition(".")[0] in _PART_ROLES]
@@ -111,8 +128,10 @@ def _use_controls(
                 "or mute what moves it",
             )
         carriers[name] = carriers[above]
-        if name in held and not skinned_parts.says_twist(name):
+        if name in held and not says_twist(name):
             remarks.append(f"bone {name}: it is moved by {held[name]}, so it is left out, and follows the body")
+    halves = _taken_in(armature, roles)
+    carriers |= {name: carriers[above] for name, above in halves.items() if name in carriers and above in carriers}
     with with_settings(armature, controls.settings):
         made = skinned_parts.add_parts(
             armature, collection, carriers, limbs=[carriers.get(n, n) for n in _limbs(roles)]
@@ -124,11 +143,11 @@ def _use_controls(
         except BodyError:
             _remove(armature, made.parts)
             raise
-    for name, values in controls.settings.items():
+    for owner, values in controls.settings.items():
         for key, value in values.items():
-            keyed = _moves(armature, name, fcurves.property_key(key), -1.0)
+            keyed = has_keys(armature, owner, key)
             what = f"has keys: delete them, and leave it at {value:g}" if keyed else f"is {value:g} now"
-            remarks.append(f"bone {name}: its property '{key}' {what}: the limb is turned by FK controls")
+            remarks.append(f"{setting_name(owner)}: its property '{key}' {what}: the limb is turned by FK controls")
     return taken, tuple(remarks)
 
 
@@ -241,6 +260,26 @@ def _limb_bones(armature: bpy.types.Object) -> BoneMap:
     except BodyError:
         return BoneMap({})
     return BoneMap({role: names for role, names in bones.items() if role.partition(".")[0] in _PART_ROLES})
+
+
+def _taken_in(armature: bpy.types.Object, bones: BoneMap) -> dict[str, str]:
+    """Return the bones whose skin belongs to a part of a human though they may turn by themselves, and its bone: what
+    hangs on head, hands and feet, and bones that halve limbs.
+    """
+    found, rest = dict[str, str](), armature.data.bones
+    for end in (name for role, _, name in bones.items() if role.partition(".")[0] in _ENDS):
+        found |= {bone.name: end for bone in rest[end].children_recursive}
+    for upper, lower in ((f"{a}.{side}", f"{b}.{side}") for a, b in _HALVED for side in SIDES):
+        if upper in bones.bones and lower in bones.bones:
+            [first], [last] = bones.bones[upper], bones.bones[lower]
+            line = rest[last].head_local - rest[first].head_local
+            for bone in rest[last].parent_recursive:
+                way = bone.head_local - rest[first].head_local
+                if bone.name == first or rest[first] not in bone.parent_recursive:
+                    break
+                if way.length < _NEAR * line.length or way.angle(line) < _STRAIGHT:
+                    found[bone.name] = first
+    return found
 
 
 def _limbs(bones: BoneMap) -> list[str]:

@@ -36,6 +36,7 @@ KEY_TYPE = np.dtype(
 
 
 _BONE = re.compile(r'pose\.bones\["((?:[^"\\]|\\.)*)"\]')
+_PROPERTY = re.compile(rf'(?:{_BONE.pattern})?\["((?:[^"\\]|\\.)*)"\]')
 _ENDS = np.cumsum([KEY_TYPE[name].itemsize for name in KEY_TYPE.names or ()]).tolist()
 _BYTES = MappingProxyType(
     {name: slice(end - KEY_TYPE[name].itemsize, end) for name, end in zip(KEY_TYPE.names or (), _ENDS, strict=True)}
@@ -54,7 +55,7 @@ _ENUMS = MappingProxyType(
 
 @dataclass(frozen=True, eq=False)
 class BoneAttribute:
-    """An attribute of a pose bone that is animated, such as its location."""
+    """An attribute of a pose bone that is animated, such as its location; without a bone, of the armature object."""
 
     bone: str
     attribute: str
@@ -62,7 +63,7 @@ class BoneAttribute:
     @property
     def path(self) -> str:
         """The data path of the attribute in the armature object."""
-        return bone_path(self.bone, self.attribute)
+        return bone_path(self.bone, self.attribute) if self.bone else self.attribute
 
 
 def bone_path(bone: str, attribute: str = "") -> str:
@@ -77,6 +78,15 @@ def bone_of(path: str) -> str:
     """Return the name of the bone whose attribute a data path leads to, empty if it leads elsewhere."""
     found = _BONE.match(path)
     return bpy.utils.unescape_identifier(found.group(1)) if found else ""
+
+
+def custom_property_of(path: str) -> tuple[str, str]:
+    """Return the bone, empty where it is the data-block itself, and the name of the custom property that a data path
+    leads to; the name is empty where it leads elsewhere.
+    """
+    found = _PROPERTY.fullmatch(path)
+    bone, name = (bpy.utils.unescape_identifier(text or "") for text in found.groups()) if found else ("", "")
+    return bone, name
 
 
 def property_key(name: str) -> str:
@@ -146,11 +156,12 @@ def find_channelbag(owner: bpy.types.Object) -> bpy.types.ActionChannelbag | Non
 
 
 def ensure_fcurve(bag: bpy.types.ActionChannelbag, path: str, index: int, group: str) -> bpy.types.FCurve:
-    """Return the F-curve of a property's component, made in the named group where it is missing."""
+    """Return the F-curve of a property's component, made in the named group, if any, where it is missing."""
     curve = bag.fcurves.find(path, index=index)
     if curve is None:
         curve = bag.fcurves.new(path, index=index)
-        curve.group = bag.groups.get(group) or bag.groups.new(group)
+        if group:
+            curve.group = bag.groups.get(group) or bag.groups.new(group)
     return curve
 
 

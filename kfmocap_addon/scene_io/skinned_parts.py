@@ -18,6 +18,7 @@ from ...core.errors import BodyError
 from ...core.numerics.arrays import Array
 from . import part_meshes
 from .followed_bones import skeletons_following
+from .merged_clouds import merged_clouds, with_taken_in
 
 _CORNERS = 24
 """Directions in which a part's solid touches the skin: few faces, drawn many times."""
@@ -26,9 +27,6 @@ _SMALL = 0.045
 _LEAST = 8
 _LED = 0.5
 """Share of a vertex's weight from which on a bone leads it."""
-_TWIST = ("twist", "roll")
-"""Words in the names of bones that divide the twist of the one above; importers lose where bones point."""
-_STRAIGHT = np.cos(np.radians(15))
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +80,8 @@ def add_parts(
     following: Mapping[str, str] = MappingProxyType({}),
     *,
     limbs: Collection[str] = (),
+    taken_in: Mapping[str, str] = MappingProxyType({}),
+    head: str = "",
 ) -> SkinnedParts:
     """Add the parts of a body to the bones of a skinned character, as separate meshes.
 
@@ -98,6 +98,10 @@ def add_parts(
         hangs on it.
     limbs : collection of str
         Bones that are parts of their own, however small they are.
+    taken_in : mapping of str to str
+        The bone whose part has the skin of another one, however large that is.
+    head : str
+        The bone of the head, if there is one; it takes in no skin that is far off.
 
     Raises
     ------
@@ -115,9 +119,9 @@ def add_parts(
     if not len(skin.points):
         todo = "; ".join(remarks) or "parent meshes to its bones, or bind one to it by vertex groups"
         raise BodyError("no bone carries a mesh, and no skin is bound to it", where=where, todo=todo)
-    clouds = _clouds(armature, skin, carriers)
+    clouds = with_taken_in(_clouds(armature, skin, carriers), taken_in, head)
     height = float(np.ptp(skin.points, axis=0).max())
-    merged, left_out = _merged(armature, clouds, _SMALL * height, following, limbs)
+    merged, left_out = merged_clouds(armature, clouds, _SMALL * height, following, limbs)
     remarks += [f"bone {n}: it is moved by {following[n]}, so it is left out, and follows the body" for n in left_out]
     kept = {name: cloud for name, cloud in merged.items() if _is_solid(cloud)}
     if not kept:
@@ -217,51 +221,6 @@ def carries_its_parts(armature: bpy.types.Object) -> bool:
     skin = read_skin(armature)
     led = skin.leaders[skin.leaders >= 0]
     return not len(led) or float(np.isin(led, [i for i, name in enumerate(skin.names) if name in meshes]).mean()) > 0.5
-
-
-def _merged(
-    armature: bpy.types.Object,
-    clouds: Mapping[str, Array],
-    small: float,
-    following: Collection[str],
-    limbs: Collection[str],
-) -> tuple[dict[str, Array], list[str]]:
-    """Clouds of the bones that are worth a part; those of small and of twist bones are added to what they hang on, and
-    so are those of bones that something else moves and no part hangs on. These are named, if they are not small.
-    """
-    found, left_out = dict(clouds), list[str]()
-    for bone in sorted(armature.data.bones, key=lambda each: -len(each.parent_recursive)):
-        name = bone.name
-        if name not in found or bone.parent is None:
-            continue
-        last = not any(child.name in found for child in bone.children_recursive)
-        twist = last and name not in limbs and (says_twist(name) or _is_twist(bone, found))
-        follows = last and name in following
-        slight = name not in limbs and np.linalg.norm(np.ptp(found[name], axis=0)) < 2 * small
-        above = next((p.name for p in bone.parent_recursive if p.name in found), None)
-        if (twist and bone.parent.use_deform) or (follows and bone.parent.name in limbs):
-            above = bone.parent.name  # where twist bones lead all of a limb's skin, its own bone leads none
-        if above is not None and (slight or twist or follows):
-            cloud = found.pop(name)
-            found[above] = np.concatenate([found[above], cloud]) if above in found else cloud
-            left_out += [] if slight or twist else [name]
-    return found, sorted(left_out)
-
-
-def says_twist(name: str) -> bool:
-    """Whether a bone's name says that it divides the twist of the one above."""
-    return any(word in name.casefold() for word in _TWIST)
-
-
-def _is_twist(bone: bpy.types.Bone, found: Mapping[str, Array]) -> bool:
-    """A bone that lies within the one above, has nothing below, and so only divides its twist."""
-    parent = bone.parent
-    if parent is None or any(child.name in found for child in bone.children):
-        return False
-    along = (bone.tail_local - bone.head_local).normalized() @ (parent.tail_local - parent.head_local).normalized()
-    way = (bone.head_local - parent.head_local) @ (parent.tail_local - parent.head_local).normalized()
-    beside = [child for child in parent.children if child != bone and child.name in found]
-    return bool(beside) and along > _STRAIGHT and -0.05 * parent.length <= way < 0.9 * parent.length
 
 
 def _is_solid(cloud: Array) -> bool:

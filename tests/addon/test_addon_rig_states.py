@@ -153,7 +153,8 @@ def test_strips_of_the_nla_do_not_change_what_is_tracked(state):
     assert joint_error(armature, body_armature.body_from_armature(armature), truth) < 0.1
 
 
-def test_halves_of_a_limb_that_hang_on_a_copy_of_its_control_are_one_part():
+@pytest.mark.parametrize("locked", [False, True])
+def test_halves_of_a_limb_that_hang_on_a_copy_of_its_control_are_one_part(locked):
     armature = layered_human()
     whole = [f"{limb}.{side}" for limb in ("thigh", "upper_arm") for side in "LR"]
     for name in whole:
@@ -161,6 +162,7 @@ def test_halves_of_a_limb_that_hang_on_a_copy_of_its_control_are_one_part():
         middle, half = (part.head_world + part.tail_world) / 2, f"half.{name}"
         add_bones(armature, [(half, f"ORG-{name}", middle, part.tail_world)], deform=True)
         bind(armature, half, [(half, points_of(part))])
+        armature.pose.bones[half].lock_rotation = (locked,) * 3
     armature, remarks = use_as_body(bpy.context.scene, armature)
     body = body_armature.body_from_armature(armature)
     assert not remarks

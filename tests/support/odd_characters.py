@@ -103,12 +103,24 @@ def controlled_human(kind: str = "COPY_TRANSFORMS", prefix: str = "DEF-") -> bpy
     return armature
 
 
-def switched_human(influence: float = 1.0) -> bpy.types.Object:
-    """The home-made rig with a switch from FK to IK on each hand and foot control, which stands at IK."""
+def switched_human(influence: float = 1.0, where: str = "bone", expression: str = "") -> bpy.types.Object:
+    """The home-made rig with a switch from FK to IK for each hand and foot, which stands at IK.
+
+    Parameters
+    ----------
+    where : str
+        What has the switches: the control of the hand or foot ("bone"), the armature object ("object"), the armature
+        ("data"), an object that it hangs on ("parent"), or a bone's property that one of the object drives ("driven").
+    expression : str
+        What makes the influence of the switch `s`, by default `s` itself.
+    """
     armature = controlled_human()
+    if where == "parent":
+        armature.parent = bpy.data.objects.new("settings", None)
+        bpy.context.scene.collection.objects.link(armature.parent)
     for end, lower in (("hand", "forearm"), ("foot", "shin")):
         for side in "LR":
-            _add_ik(armature, f"{end}.{side}", f"{lower}.{side}", influence)
+            _add_ik(armature, f"{end}.{side}", f"{lower}.{side}", influence, (where, expression))
     bpy.context.view_layer.update()
     return armature
 
@@ -220,7 +232,9 @@ def _generated() -> bpy.types.Object:
     return rig
 
 
-def _add_ik(armature: bpy.types.Object, end: str, lower: str, influence: float) -> None:
+def _add_ik(
+    armature: bpy.types.Object, end: str, lower: str, influence: float, switch: tuple[str, str] = ("bone", "")
+) -> None:
     upper = BODY.parts[BODY.parents[BODY.index(lower)]].name
     with body_armature.edit_bones(armature) as bones:
         goal = bones.new(f"IK-{end}")
@@ -232,15 +246,30 @@ def _add_ik(armature: bpy.types.Object, end: str, lower: str, influence: float) 
             bone.head, bone.tail, bone.roll, bone.use_deform = copied.head, copied.tail, copied.roll, False
             bone.parent, last = last, bone
     goal = armature.pose.bones[f"IK-{end}"]
-    goal["ik_fk"] = influence
+    where, expression = switch
+    path = f'pose.bones["IK-{end}"]["ik_fk"]' if where in ("bone", "driven") else f'["ik_fk {end}"]'
+    owner = {"data": armature.data, "parent": armature.parent}.get(where, armature)
+    key = "ik_fk" if where == "bone" else f"ik_fk {end}"
+    (goal if where == "bone" else owner)[key] = influence
+    owner.update_tag()  # a driver that does not find the property stays invalid
+    if where == "driven":
+        goal["ik_fk"] = influence
+        _drive(goal.driver_add('["ik_fk"]').driver, armature, f'["ik_fk {end}"]')
     chain = armature.pose.bones[f"MCH-{lower}"].constraints.new("IK")
     chain.target, chain.subtarget, chain.chain_count = armature, f"IK-{end}", 2
     for name, followed in ((upper, f"MCH-{upper}"), (lower, f"MCH-{lower}"), (end, f"IK-{end}")):
         held = _copy(armature, f"DEF-{name}", followed, "COPY_TRANSFORMS" if name != end else "COPY_ROTATION")
-        driver = held.driver_add("influence").driver
-        variable = driver.variables.new()
-        variable.targets[0].id, variable.targets[0].data_path = armature, f'pose.bones["IK-{end}"]["ik_fk"]'
-        driver.type = "AVERAGE"
+        _drive(held.driver_add("influence").driver, owner, path, expression)
+
+
+def _drive(driver: bpy.types.Driver, owner: bpy.types.ID, path: str, expression: str = "") -> None:
+    variable = driver.variables.new()
+    variable.name = "s"
+    variable.targets[0].id_type = owner.id_type
+    variable.targets[0].id, variable.targets[0].data_path = owner, path
+    driver.type = "SCRIPTED" if expression else "AVERAGE"
+    if expression:
+        driver.expression = expression
 
 
 def _copy(armature: bpy.types.Object, owner: str, followed: str, kind: str) -> bpy.types.Constraint:

@@ -114,6 +114,25 @@ def test_bones_of_other_programs_are_found(kind):
     assert all(role.split(".")[0] in ("root", *FINGERS) for role in strays)
 
 
+@pytest.mark.parametrize(
+    ("above", "root"),
+    [(["c_pos", "c_traj"], "c_traj"), (["master", "c_traj"], "master"), ([], None)],
+    ids=["standing on the ground", "called so", "none"],
+)
+def test_the_root_carries_the_hips(above, root):
+    """Bones below the hips are called root in some rigs, and would take the legs away from the trunk."""
+    made = made_rig("mixamo", BODY).rest
+    named = dict(zip(made.names, made.names, strict=True)) | {"mixamorig:Hips": "c_root_master.x"}
+    shift, hips = len(above), made.names.index("mixamorig:Hips")
+    names = (*above, *(named[name] for name in made.names), "c_root.x")
+    parents = (*range(-1, shift - 1), *(p + shift if p >= 0 else shift - 1 for p in made.parents), hips + shift)
+    on_ground = np.zeros((shift, 3))
+    heads, tails = (np.concatenate([on_ground, a, a[[hips]]]) for a in (made.heads, made.tails))
+    found = roles_by_name(RestSkeleton(names, parents, heads, tails)).bones
+    assert found["hips"] == ("c_root_master.x",)
+    assert found.get("root") == (None if root is None else (root,))
+
+
 def test_limbs_below_the_legs_are_not_taken_for_arms():
     """A skeleton whose arms cannot be told from its legs is refused, not bent."""
     rest, roles = foreign_skeleton("finnish, hips and spine side by side")

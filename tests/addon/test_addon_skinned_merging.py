@@ -1,0 +1,103 @@
+"""Bones of bought characters that are no parts of a body: halves of limbs, fingers, hair, skirts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from addon_shots import blender, joint_error  # noqa: E402, F401
+from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves  # noqa: E402
+from odd_characters import BODY, add_bones, bind, controlled_human, skinned_human  # noqa: E402
+from synthetic import swing  # noqa: E402
+
+pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
+
+LOWER = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shin", "shin": "foot"}
+
+
+def cloud(head, tail, radius):
+    """Points (120, 3) round a line."""
+    dice = np.random.default_rng(5)
+    round_it = dice.normal(size=(120, 3))
+    along = dice.uniform(0, 1, (120, 1)) * (tail - head)
+    return head + along + radius * round_it / np.linalg.norm(round_it, axis=1, keepdims=True)
+
+
+def names_of(armature):
+    return sorted(body_armature.body_from_armature(armature).names)
+
+
+def with_chain(armature, name, parent, head, way, radius):
+    """Four bones, one on the other, each of which leads skin."""
+    ends = [head + k * way for k in range(5)]
+    chain = [(f"{name}_{k}", parent if k == 0 else f"{name}_{k - 1}", ends[k], ends[k + 1]) for k in range(4)]
+    add_bones(armature, chain, deform=True)
+    bind(armature, f"{name} skin", [(bone, cloud(a, b, radius)) for bone, _, a, b in chain])
+
+
+def test_the_halves_of_limbs_are_one_part():
+    armature = skinned_human()
+    halves = [(f"{upper}.{side}", f"{lower}.{side}") for upper, lower in LOWER.items() for side in "LR"]
+    with body_armature.edit_bones(armature) as bones:
+        for upper, lower in halves:
+            half = bones.new(f"{upper}Twist")
+            half.head, half.tail = bones[upper].head.lerp(bones[lower].head, 0.5), bones[lower].head
+            half.parent = bones[upper]
+            bones[lower].use_connect, bones[lower].parent = False, half
+    led = []
+    for upper, lower in halves:
+        head, tail = (np.array(armature.data.bones[name].head_local) for name in (upper, lower))
+        led.append((f"{upper}Twist", cloud(0.5 * (head + tail), tail, 0.04)))
+    bind(armature, "lower halves", led)
+    armature, remarks = use_as_body(bpy.context.scene, armature)
+    body = body_armature.body_from_armature(armature)
+    assert sorted(body.names) == sorted(BODY.names)
+    assert not remarks
+    truth = swing(body, 3)
+    motion_curves.write_motion(armature, truth, 1)
+    assert joint_error(armature, body, truth) < 0.1
+
+
+def test_fingers_toes_and_hair_belong_to_hands_feet_and_the_head_however_long_they_are():
+    armature = skinned_human()
+    hand, foot, head = (BODY.parts[BODY.index(name)] for name in ("hand.L", "foot.R", "head"))
+    along = (hand.tail_world - hand.head_world) / np.linalg.norm(hand.tail_world - hand.head_world)
+    with_chain(armature, "f_index", "hand.L", hand.tail_world, 0.06 * along, 0.01)
+    with_chain(armature, "big_toe", "foot.R", foot.tail_world, np.array([0.0, -0.06, 0.0]), 0.015)
+    with_chain(armature, "ponytail", "head", head.head_world + [0.0, 0.12, 0.1], np.array([0.0, 0.05, -0.25]), 0.03)
+    armature, _ = use_as_body(bpy.context.scene, armature)
+    assert names_of(armature) == sorted(BODY.names)
+    body = body_armature.body_from_armature(armature)
+    points = body.parts[body.index("hand.L")].vertices
+    assert np.ptp(points, axis=0).max() > 0.2  # the finger is there
+    points = body.parts[body.index("head")].vertices
+    assert np.ptp(points, axis=0).max() < 0.5  # the end of the hair, a metre below, is not
+
+
+@pytest.mark.parametrize("name", ["J_Sec_L_Skirt", "LeftBreast", "skirt_front"])
+def test_what_a_simulation_moves_belongs_to_the_part_above(name):
+    armature = skinned_human()
+    top = BODY.parts[BODY.index("pelvis")].head_world
+    with_chain(armature, name, "pelvis", top + [0.1, -0.1, 0.0], np.array([0.03, -0.02, -0.1]), 0.03)
+    armature, _ = use_as_body(bpy.context.scene, armature)
+    assert names_of(armature) == sorted(BODY.names)
+
+
+def test_an_animals_long_tail_has_parts_of_its_own():
+    armature = skinned_human({name: f"bone {k}" for k, name in enumerate(BODY.names)})
+    top = BODY.parts[BODY.index("pelvis")].head_world
+    with_chain(armature, "tail", "bone 0", top + [0.0, 0.1, 0.0], np.array([0.0, 0.1, -0.1]), 0.04)
+    armature, _ = use_as_body(bpy.context.scene, armature)
+    assert len(names_of(armature)) == len(BODY.names) + 4
+
+
+def test_fingers_of_a_control_rig_belong_to_the_hand():
+    armature = controlled_human()
+    hand = BODY.parts[BODY.index("hand.L")]
+    along = (hand.tail_world - hand.head_world) / np.linalg.norm(hand.tail_world - hand.head_world)
+    with_chain(armature, "f_index", "DEF-hand.L", hand.tail_world, 0.06 * along, 0.01)
+    armature, _ = use_as_body(bpy.context.scene, armature)
+    assert len(names_of(armature)) == len(BODY.names)

@@ -1,0 +1,124 @@
+"""Rigs whose limbs properties switch from FK to IK, wherever these are; bones whose turns cannot be read."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from addon_shots import blender, joint_error  # noqa: E402, F401
+from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
+from kfmocap.core.errors import BodyError  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting import live, rig_reading, send  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves, skinned_parts  # noqa: E402
+from odd_characters import BODY, CONTROL, skinned_human, switched_human  # noqa: E402
+from synthetic import swing  # noqa: E402
+
+pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
+
+FRAMES = 4
+ENDS = [f"{end}.{side}" for end in ("hand", "foot") for side in "LR"]
+SWITCHES = {
+    "object": partial(switched_human, where="object"),
+    "data": partial(switched_human, where="data"),
+    "parent": partial(switched_human, where="parent"),
+    "driven": partial(switched_human, where="driven"),
+    "scripted": partial(switched_human, expression="min(1.0, 2.0 * s)"),
+}
+NAMES = {"object": "object rig", "data": "armature rig", "parent": "object settings", "driven": "object rig"}
+
+
+def switched(where, armature):
+    """The values of the four switches."""
+    owner = {"data": armature.data, "parent": armature.parent}.get(where, armature)
+    return [owner[f"ik_fk {end}"] for end in ENDS]
+
+
+def limbs_apart(armature, rolls=("upper_arm", "forearm", "hand", "thigh", "shin", "foot")):
+    """How far the deforming bones of the limbs stand from their FK controls on frame 3, metres."""
+    bpy.context.scene.frame_set(3)
+    posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones
+    names = [f"{roll}.{side}" for roll in rolls for side in "LR"]
+    return max(np.abs(np.array(posed[f"DEF-{n}"].matrix) - np.array(posed[CONTROL + n].matrix)).max() for n in names)
+
+
+@pytest.mark.parametrize("where", SWITCHES)
+def test_limbs_are_switched_to_fk_wherever_their_switches_are(where):
+    armature, remarks = use_as_body(bpy.context.scene, SWITCHES[where]())
+    body = body_armature.body_from_armature(armature)
+    assert {name.removeprefix(CONTROL) for name in body.names} == set(BODY.names)
+    if where in NAMES:
+        assert switched(where, armature) == [0, 0, 0, 0]
+        assert sorted(remarks) == sorted(
+            f"{NAMES[where].replace('rig', armature.name)}: its property 'ik_fk {end}' is 0 now: the limb is turned by "
+            "FK controls"
+            for end in ENDS
+        )
+    motion_curves.write_motion(armature, swing(body, FRAMES), 1)
+    assert joint_error(armature, body, swing(body, FRAMES)) < 0.1
+    assert limbs_apart(armature) < 1e-4
+
+
+@pytest.mark.parametrize("where", SWITCHES)
+def test_motion_is_sent_through_fk_wherever_the_switches_are(where):
+    target = SWITCHES[where]()
+    report = send.send_to_rig(bpy.context.scene, motion_of_body(BODY, swing(BODY, FRAMES), "man", 30.0), target, 1)
+    assert max(error["worst_degrees"] for error in report["error"].values()) < 0.1
+    assert max(error["worst_mm"] for error in report["error"].values()) < 0.1
+    assert limbs_apart(target) < 1e-4
+    keyed = {curve.data_path for curve in target.animation_data.action.layers[0].strips[0].channelbags[0].fcurves}
+    if where in ("object", "driven"):
+        assert {f'["ik_fk {end}"]' for end in ENDS} <= keyed
+    said = [text for text in report["warnings"] if "its property 'ik_fk" in text]
+    assert len(said) == (len(ENDS) if where in ("data", "parent") else 0)
+
+
+def test_switches_of_the_object_come_back_when_a_character_stops_following():
+    target = switched_human(where="object")
+    source = skinned_human()
+    motion = motion_of_body(BODY, swing(BODY, FRAMES), "man", 30.0)
+    send.send_to_rig(bpy.context.scene, motion, target, 1, send.SendOptions(live=live.LiveSource(source, {})))
+    assert switched("object", target) == [0, 0, 0, 0]
+    assert live.stop_following(target)
+    assert switched("object", target) == [1, 1, 1, 1]
+
+
+def test_keys_of_a_switch_on_the_object_are_named():
+    armature = switched_human(where="object")
+    armature.keyframe_insert('["ik_fk hand.L"]', frame=1)
+    _, remarks = use_as_body(bpy.context.scene, armature)
+    [said] = [text for text in remarks if "has keys" in text]
+    assert said.startswith(f"object {armature.name}: its property 'ik_fk hand.L' has keys: delete them, and leave it")
+
+
+@pytest.mark.parametrize(
+    ("scale", "what"),
+    [((-1.0, -1.0, -1.0), "mirrored"), ((-1.0, 1.0, 1.0), "mirrored"), ((0.0, 0.0, 0.0), "scaled to nothing")],
+)
+def test_a_bone_whose_scale_hides_its_turns_is_named_with_what_to_do(scale, what):
+    target = skinned_human()
+    target.pose.bones["forearm.L"].scale = scale
+    with pytest.raises(BodyError, match=f"forearm.L: it is {what} .clear its scale"):
+        send.send_to_rig(bpy.context.scene, motion_of_body(BODY, swing(BODY, 2), "man", 30.0), target, 1)
+
+
+@pytest.mark.parametrize("hidden", [False, True])
+def test_skins_are_not_deformed_while_a_rig_is_read(hidden, monkeypatch):
+    target = skinned_human()
+    [skin] = skinned_parts.skinned_meshes(target)
+    skin.hide_viewport = hidden
+    seen, read = [], rig_reading.rest_matrices
+
+    def watched(*given):
+        seen.append(skin.hide_viewport)
+        return read(*given)
+
+    monkeypatch.setattr(rig_reading, "rest_matrices", watched)
+    send.send_to_rig(bpy.context.scene, motion_of_body(BODY, swing(BODY, 2), "man", 30.0), target, 1)
+    assert seen
+    assert all(seen)
+    assert skin.hide_viewport is hidden
