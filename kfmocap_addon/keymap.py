@@ -9,6 +9,9 @@ from typing import Any
 
 import bpy
 
+from .operators.go_to_frame import StepKeyPose
+from .operators.look_through import StepView
+
 KEYS: tuple[tuple[str, str, dict[str, object]], ...] = (
     ("J", "kfmocap.place_joints", {}),
     ("K", "kfmocap.set_key_pose", {}),
@@ -21,6 +24,8 @@ KEYS: tuple[tuple[str, str, dict[str, object]], ...] = (
     ("M", "wm.call_menu_pie", {"name": "KFMOCAP_MT_pie"}),
 )
 """Key, tool and its settings."""
+_NAMES = 0.2
+"""Share of a row that names what its key does."""
 _PACKAGE = __package__.rpartition(".kfmocap_addon")[0]
 _items: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
 """What was added to Blender's keymap, which Blender wants back when it is removed."""
@@ -60,7 +65,19 @@ class Preferences(bpy.types.AddonPreferences):
         ours = {(key, tool) for key, tool, _ in KEYS}
         for item in keymap.keymap_items if keymap is not None else ():
             if (item.type, item.idname) in ours or item.idname.startswith("kfmocap."):
-                rna_keymap_ui.draw_kmi([], keyconfig, keymap, item, self.layout, 0)
+                row = self.layout.split(factor=_NAMES)
+                row.label(text=name_of(item))
+                rna_keymap_ui.draw_kmi([], keyconfig, keymap, item, row.column(), 0)
+
+
+def name_of(item: bpy.types.KeyMapItem) -> str:
+    """Return what a key does; Blender names its tool alone, which goes forward or backward."""
+    properties: Any = item.properties
+    if item.idname == StepView.bl_idname:
+        return "Next View" if properties.step > 0 else "Previous View"
+    if item.idname == StepKeyPose.bl_idname:
+        return "Previous Key Pose" if properties.backward else "Next Key Pose"
+    return "Pie Menu" if item.idname == "wm.call_menu_pie" else str(item.name)
 
 
 CLASSES = (PieMenu, Preferences)

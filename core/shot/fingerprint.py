@@ -6,6 +6,7 @@ import hashlib
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
+from functools import cache
 from itertools import chain
 from pathlib import Path, PurePath
 from typing import Any
@@ -48,12 +49,17 @@ def _append_pieces(pieces: list[bytes], value: Any) -> None:
     elif isinstance(value, Mapping):
         _append_pieces(pieces, tuple(value.items()))
     elif is_dataclass(value) and not isinstance(value, type):
-        for item in fields(value):
-            if item.compare:
-                pieces.append(item.name.encode())
-                _append_pieces(pieces, getattr(value, item.name))
+        for name, encoded in _compared(type(value)):
+            pieces.append(encoded)
+            _append_pieces(pieces, getattr(value, name))
     else:
         pieces.append(repr(value.name if isinstance(value, PurePath) else value).encode())
+
+
+@cache
+def _compared(kind: type[Any]) -> tuple[tuple[str, bytes], ...]:
+    """Return the names of the fields that are compared of a dataclass, also as bytes."""
+    return tuple((item.name, item.name.encode()) for item in fields(kind) if item.compare)
 
 
 def file_bytes(path: Path) -> Iterator[bytes]:

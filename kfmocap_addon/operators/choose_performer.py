@@ -4,7 +4,7 @@ import bpy
 
 from ...core.errors import BodyError
 from ..scene_io import active_performer
-from .conditions import Conditional
+from .conditions import Conditional, no_performer
 from .edit_body import select_only
 from .mixin import OfPerformer
 
@@ -12,7 +12,7 @@ from .mixin import OfPerformer
 def _has_body(context: bpy.types.Context) -> str:
     slots = context.scene.kfmocap.performers
     there = any(active_performer.is_present(context.scene, slot) for slot in slots)
-    return "" if there else "This scene has no performer yet: use Load Shot, or add a body"
+    return "" if there else no_performer(context)
 
 
 class ChoosePerformer(Conditional, OfPerformer, bpy.types.Operator):

@@ -68,8 +68,12 @@ def has_shot(context: bpy.types.Context) -> str:
         return f"The camera of {unknown} is not calibrated: use Import Calibration, or Calibrate"
     if not shot.performers:
         return "There is nobody to track yet: use Add Body"
-    gone = next((slot.name for slot in shot.performers if not active_performer.is_present(context.scene, slot)), None)
-    return "" if gone is None else f"The body of {gone} is gone from the scene: bring it back under Body, or remove it"
+    gone = next((slot for slot in shot.performers if not active_performer.is_present(context.scene, slot)), None)
+    return "" if gone is None else _is_gone(gone)
+
+
+def _is_gone(slot: bpy.types.PropertyGroup) -> str:
+    return f"The body of {slot.name} is gone from the scene: bring it back under Body, or remove it"
 
 
 def has_footage(context: bpy.types.Context) -> str:
@@ -99,10 +103,16 @@ def has_performer(context: bpy.types.Context) -> str:
     """There is a performer that can be posed."""
     slot = active_performer.chosen(context)
     if slot is None:
-        return "This scene has no performer yet: use Load Shot, or add a body"
+        return no_performer(context)
     if slot.armature.mode == "EDIT":
         return "The body is being edited: leave edit mode first"
     return ""
+
+
+def no_performer(context: bpy.types.Context) -> str:
+    """Say why there is nobody in the scene."""
+    slots = context.scene.kfmocap.performers
+    return _is_gone(slots[0]) if slots else "This scene has no performer yet: use Load Shot, or add a body"
 
 
 def has_tracked(context: bpy.types.Context) -> str:

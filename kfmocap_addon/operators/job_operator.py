@@ -164,9 +164,9 @@ def _status_of(job: Job) -> Callable[[bpy.types.Header, bpy.types.Context], None
     """Return the function that draws the status bar while a job runs; Blender does not accept methods."""
 
     def draw(header: bpy.types.Header, _context: bpy.types.Context) -> None:
-        header.layout.operator(CancelJob.bl_idname, text="Cancel (Esc)", icon="CANCEL")
         header.layout.separator_spacer()
         draw_progress(header.layout, job).ui_units_x = _BAR
+        header.layout.operator(CancelJob.bl_idname, text="Cancel (Esc)", icon="CANCEL")
         header.layout.separator_spacer()
 
     return draw

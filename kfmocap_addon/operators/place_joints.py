@@ -7,7 +7,7 @@ import bpy
 from ...core.errors import KeypointError
 from ..scene_io import active_performer
 from ..scene_io.sides import colour_of
-from ..viewports import viewport
+from ..viewports import screens, viewport
 from .conditions import Conditional, has_performer
 from .look_through import show_view
 from .reporting import reported
@@ -300,10 +300,12 @@ class PlacingTool(Conditional):
         if 0 <= x < context.region.width and 0 <= y < context.region.height:
             name = self._dragged or (None if self._press else self._near(look, self._pointer))
             asked = self._asked_in(look.view.name)
-            if asked is not None:
-                overlay.label(_spoken(asked), (x + 14, y + 12), colour_of(asked))
+            labels = [(_spoken(asked), asked, y + 12)] if asked is not None else []
             if name is not None and name != asked:
-                overlay.label(f"drag: {_spoken(name)}", (x + 14, y - 22), colour_of(name))
+                labels.append((f"drag: {_spoken(name)}", name, y - 22))
+            right = screens.uncovered_part(context.area)[2] - context.region.x
+            for text, joint, height in labels:
+                overlay.label(text, (overlay.beside(x, overlay.width_of(text), right), height), colour_of(joint))
 
     def _draw_alternatives(self, look: viewport.Look) -> None:
         placing = self._placing

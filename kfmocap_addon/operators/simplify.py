@@ -16,7 +16,7 @@ class Simplify(Conditional, bpy.types.Operator):
     bl_label = "Simplify"
     conditions = (has_performer, has_tracked)
 
-    angle: turn_tolerance(1.0, "How far a bone may turn away from what it was, on any frame")
+    angle: turn_tolerance(1.0, "How far a bone may turn away from what it was, on any frame, degrees")
     distance: shift_tolerance(2.0, "How far the root may move away from where it was, on any frame, mm")
 
     def act(self, context: bpy.types.Context) -> None:

@@ -201,7 +201,7 @@ class TrackHere(Tracking, bpy.types.Operator):
     """Track from the key pose before this frame to the one after it; on a key pose, both sides of it. Esc cancels"""
 
     bl_idname = "kfmocap.track_here"
-    bl_label = "Track Here"
+    bl_label = "Track Around This Frame"
     conditions = (*Tracking.conditions, _frame_is_in_shot())
     side = "HERE"
 

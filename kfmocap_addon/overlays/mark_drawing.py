@@ -18,6 +18,8 @@ from ..viewports import viewport
 Position = Sequence[float] | Vector
 _RADIUS, _SIDES = 5.0, 16
 _DARK = (0.0, 0.0, 0.0, 0.75)
+_TEXT, _EDGE, _BESIDE = 13, 4, 14
+"""Height of letters, how much larger the plate behind them is, and how far from the pointer they are, pixels."""
 
 
 def draw_marks() -> None:
@@ -79,14 +81,25 @@ def lines(points: Sequence[Position], colour: Colour, width: float = 1.5) -> Non
 
 
 def label(text: str, at: Position, colour: Colour) -> None:
-    """A text whose lower left is at a position."""
-    blf.size(0, 13 * _scale())
-    blf.enable(0, blf.SHADOW)
-    blf.shadow(0, 5, 0.0, 0.0, 0.0, 0.9)
+    """A text whose lower left is at a position, on a dark plate: footage has any colours."""
+    width, edge = width_of(text), _EDGE * _scale()
+    bar((at[0] - edge, at[1] - edge), (at[0] + width + edge, at[1] + 0.75 * _TEXT * _scale() + edge), _DARK)
     blf.position(0, at[0], at[1], 0)
     blf.color(0, *colour)
     blf.draw(0, text)
-    blf.disable(0, blf.SHADOW)
+
+
+def width_of(text: str) -> float:
+    """Return the width of a label, pixels."""
+    blf.size(0, _TEXT * _scale())
+    return float(blf.dimensions(0, text)[0])
+
+
+def beside(pointer: float, width: float, right: float) -> float:
+    """Return where a label of a width begins beside the pointer: to its right, or if that is beyond the right end of
+    what is seen, to its left.
+    """
+    return pointer + _BESIDE if pointer + _BESIDE + width + _EDGE <= right else pointer - _BESIDE - width
 
 
 def _circle(at: Position, radius: float) -> list[tuple[float, float]]:

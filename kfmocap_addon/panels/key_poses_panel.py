@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import bpy
 
 from ..operators.clear_marks import ClearMarks
-from ..operators.conditions import is_placing
+from ..operators.conditions import is_placing, no_performer
 from ..operators.copy_pose import CopyPose, MirrorPose, PastePose
 from ..operators.exchange_people import ExchangePeople
 from ..operators.go_to_frame import GoToFrame
@@ -32,7 +32,7 @@ class KeyPosesPanel(Section, bpy.types.Panel):
         layout, properties = self.layout, context.scene.kfmocap
         slot = active_performer.chosen(context)
         if slot is None:
-            layout.label(text="No performer to pose yet", icon="INFO")
+            draw_text(layout, context, no_performer(context), "INFO")
         else:
             performer_rows.draw_title(layout, context, slot)
             _draw_advice(layout, context, slot, key_list.CACHE.entries(slot.armature))

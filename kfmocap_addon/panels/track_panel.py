@@ -42,7 +42,7 @@ class TrackPanel(Section, bpy.types.Panel):
             text = f"Continue ({count} segment{'s' if count > 1 else ''} finished)"
             column.operator(ContinueTracking.bl_idname, text=text, icon="RECOVER_LAST")
         column = layout.column(align=True)
-        column.operator(TrackHere.bl_idname, text="Track Around This Frame", icon="ARROW_LEFTRIGHT")
+        column.operator(TrackHere.bl_idname, icon="ARROW_LEFTRIGHT")
         row = column.row(align=True)
         row.operator(TrackBackward.bl_idname, text="To the Start", icon="TRACKING_BACKWARDS")
         row.operator(TrackForward.bl_idname, text="To the End", icon="TRACKING_FORWARDS")

@@ -23,7 +23,7 @@ def _point(index: int) -> object:
         precision=4,
         default=_POINTS[index],
         name=_NAMES[index],
-        description="Centre of this ball in the world: x along the long arm, y along the short one, z up",
+        description="Centre of this ball in the world: x along the long arm, y along the short one, z up, metres",
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from types import MappingProxyType
 
 import bpy
@@ -183,12 +184,19 @@ def new_keys(frames: ArrayLike, values: ArrayLike, type: str, interpolation: str
 def get_keys(curve: bpy.types.FCurve, fields: np.dtype[np.void] = KEY_TYPE) -> Keys:
     """All keys of an F-curve, with all of their properties or some."""
     points = curve.keyframe_points
-    keys = np.zeros(len(points), fields)
-    for field in (fields.names or ()) if len(points) else ():
-        column = np.empty((len(points), *fields[field].shape), fields[field].base)
+    count = len(points)
+    keys = np.zeros(count, fields)
+    for field, shape, kind in _columns(fields) if count else ():
+        column = np.empty((count, *shape), kind)
         points.foreach_get(field, column.ravel())
         keys[field] = column
     return keys
+
+
+@cache
+def _columns(fields: np.dtype[np.void]) -> tuple[tuple[str, tuple[int, ...], np.dtype[np.generic]], ...]:
+    """Name, shape and kind of each field: NumPy makes these anew each time that they are asked for."""
+    return tuple((name, fields[name].shape, fields[name].base) for name in fields.names or ())
 
 
 def frames_of(keys: Keys) -> NDArray[np.int64]:
@@ -223,7 +231,8 @@ def set_keys(curve: bpy.types.FCurve, groups: Sequence[Keys], *, before: Keys | 
         All keys that the curve has. Nothing is written where they are the same.
     """
     filled = [group for group in groups if len(group)] or list(groups[:1])
-    keys = np.concatenate(filled) if len(filled) > 1 else filled[0]
+    # As bytes: NumPy would look for a type that suits the fields of all groups.
+    keys = np.concatenate([_raw(group) for group in filled]).view(KEY_TYPE)[:, 0] if len(filled) > 1 else filled[0]
     if (np.diff(keys["co"][:, 0]) < 0).any():
         keys = keys[np.argsort(keys["co"][:, 0], kind="stable")]
     if before is not None and _are_alike(keys, before):

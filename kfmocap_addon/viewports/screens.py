@@ -98,7 +98,7 @@ def _aspect(scene: bpy.types.Scene) -> float:
 
 def show_keys(context: bpy.types.Context) -> None:
     """Let timelines and dope sheets, of all workspaces, show the keys of all performers; those of a context's window
-    show the whole shot.
+    show the whole shot, also where keys are on some of its frames only.
 
     By default they show those of bones that are selected in pose mode alone: none, after a shot is loaded.
     """
@@ -112,7 +112,8 @@ def show_keys(context: bpy.types.Context) -> None:
                     space.dopesheet.show_only_selected = False
     for area in context.screen.areas:
         if area.type == "DOPESHEET_EDITOR":
-            _fit(context.window, context.screen, area, bpy.ops.action.view_all)
+            for operator in (bpy.ops.action.view_all, bpy.ops.anim.scene_range_frame):
+                _fit(context.window, context.screen, area, operator)
 
 
 def view3d_of(context: bpy.types.Context) -> bpy.types.Area | None:

@@ -46,6 +46,15 @@ def test_every_key_calls_a_tool_that_there_is(blender):  # noqa: F811
     assert hasattr(bpy.types, "KFMOCAP_MT_pie")
 
 
+def test_the_preferences_tell_forward_from_backward():
+    def named(tool: str, name: str = "", **settings: object) -> str:
+        return keymap.name_of(SimpleNamespace(idname=tool, name=name, properties=SimpleNamespace(**settings)))
+
+    names = [named(tool, tool, **settings) for _, tool, settings in keymap.KEYS]
+    assert len(set(names)) == len(names)
+    assert {"Next View", "Previous View", "Next Key Pose", "Previous Key Pose", "Pie Menu"} < set(names)
+
+
 def test_one_steps_through_key_poses_and_suggestions(blender, tmp_path):  # noqa: F811
     built = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
     start, step = built.kfmocap.frame_start, bpy.ops.kfmocap.step_key_pose

@@ -9,6 +9,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender, shot, tracker  # noqa: E402, F401
+from kfmocap.kfmocap_addon.operators.place_joints import PlaceJoints  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import footage_background  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
 from scene_state import differences, state  # noqa: E402
@@ -99,6 +100,15 @@ def test_a_deleted_body_disables_what_cannot_work_and_is_brought_back_whole(two,
     assert not differences(state(), before)
     assert bpy.ops.kfmocap.track() == {"FINISHED"}
     assert not bpy.ops.kfmocap.restore_body.poll()
+
+
+def test_where_every_body_was_deleted_one_is_told_to_bring_it_back(two):
+    assert not PlaceJoints.missing(bpy.context)
+    for name in ("woman", "man"):
+        delete(two.kfmocap.performers[name].armature)
+    assert "bring it back under Body" in PlaceJoints.missing(bpy.context)
+    two.kfmocap.performers.clear()
+    assert "add a body" in PlaceJoints.missing(bpy.context)
 
 
 @pytest.mark.parametrize("how", ["by X", "by a script"])

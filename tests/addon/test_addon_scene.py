@@ -264,6 +264,21 @@ def test_dope_sheets_of_all_workspaces_show_the_keys_of_a_loaded_shot(blender, t
     assert not bpy.context.window.scene.show_keys_from_selected_only
 
 
+def test_the_timeline_shows_the_whole_shot_also_where_it_has_one_key_pose(blender, tmp_path, monkeypatch):  # noqa: F811
+    from kfmocap.core.tracking import prepare
+
+    given = shot(tmp_path)
+    [performer] = given.performers
+    first = replace(performer, key_poses=KeyPoses.whole([0], performer.key_poses.poses[[0]]))
+    monkeypatch.setattr(prepare, "load_shot", lambda path: replace(given, performers=(first,)))
+    bpy.ops.kfmocap.load_shot(filepath=str(tmp_path / "shot.toml"))
+    [timeline] = [area for area in bpy.context.screen.areas if area.type == "DOPESHEET_EDITOR"]
+    region = next(region for region in timeline.regions if region.type == "WINDOW")
+    left, right = (region.view2d.region_to_view(x, 0)[0] for x in (0, region.width))
+    first_frame, last_frame = bpy.context.scene.frame_start, bpy.context.scene.frame_end
+    assert left <= first_frame and last_frame <= right < 2 * last_frame
+
+
 def constrained(camera):
     camera.constraints.new("COPY_LOCATION").target = None
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import random
 from pathlib import Path
 
@@ -101,6 +102,8 @@ def test_random_sequences_of_tools_are_undone_and_redone_to_the_last_value(
 ):
     """Two performers, 60 frames. Each sequence begins with the scene that undoing the one before it has left."""
     quick.frames = LENGTH
+    gc.collect()
+    gc.freeze()  # what is loaded by now stays: it need not be gone through each time that the states are collected
     start = tracked_scene(tmp_path, "OBJECT", ("man", "woman"), LENGTH)
     usual = NIGHTLY_SEQUENCES if pytestconfig.getoption("nightly") else SEQUENCES
     for number in range(pytestconfig.getoption("undo_sequences") or usual):

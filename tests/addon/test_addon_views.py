@@ -254,3 +254,11 @@ def test_a_sidebar_that_is_opened_later_moves_what_it_covers_and_nothing_else():
         assert screens.moved_clear(region, free, aspect, (zoom + 5, offset)) is None, "the user zoomed"
         assert screens.moved_clear(region, free, aspect, (zoom, (offset[0] + 0.05, offset[1]))) is None, "and moved"
         assert screens.moved_clear(region, (free[0], free[0]), aspect, (zoom, offset)) is None
+
+
+def test_the_name_of_a_joint_is_not_cut_off_by_the_sidebar():
+    from kfmocap.kfmocap_addon.overlays.mark_drawing import beside
+
+    for pointer in (0.0, 300.0, 699.0):
+        left = beside(pointer, 90.0, 700.0)
+        assert left + 90 <= 700 and (left > pointer or left + 90 < pointer)

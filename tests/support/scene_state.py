@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
@@ -11,6 +12,9 @@ import numpy as np
 from kfmocap.kfmocap_addon.operators.edit_body import LENGTHS
 
 PROPERTIES = ("kfmocap", "kfmocap_capture")
+POSED = {"location": 3, "rotation_quaternion": 4, "scale": 3}
+RESTING = {"head_local": 3, "tail_local": 3}
+"""Attributes of bones in a pose and at rest, and how many numbers each has."""
 MEASURES = {"height", *LENGTHS}
 """Properties of performers that are measured on bones and meshes, which are compared themselves."""
 
@@ -54,18 +58,23 @@ def _scene(scene: bpy.types.Scene) -> tuple[Any, ...]:
 
 def _group(group: bpy.types.PropertyGroup) -> dict[str, Any]:
     found: dict[str, Any] = {}
-    for item in group.bl_rna.properties:
-        if item.identifier in MEASURES:
-            continue
-        value = getattr(group, item.identifier)
-        if item.type == "COLLECTION":
-            found[item.identifier] = tuple(_group(one) for one in value)
-        elif item.type == "POINTER" and item.identifier != "rna_type":
+    for name, kind, is_array in _items(type(group)):
+        value = getattr(group, name)
+        if kind == "COLLECTION":
+            found[name] = tuple(_group(one) for one in value)
+        elif kind == "POINTER":
             is_group = isinstance(value, bpy.types.PropertyGroup)
-            found[item.identifier] = _group(value) if is_group else value and value.name
-        elif item.identifier != "rna_type":
-            found[item.identifier] = tuple(value) if getattr(item, "is_array", False) else value
+            found[name] = _group(value) if is_group else value and value.name
+        else:
+            found[name] = tuple(value) if is_array else value
     return found
+
+
+@cache
+def _items(kind: type[bpy.types.PropertyGroup]) -> tuple[tuple[str, str, bool], ...]:
+    """Name and type of each property of a group that is compared, and whether it is an array."""
+    items = [item for item in kind.bl_rna.properties if item.identifier not in {"rna_type", *MEASURES}]
+    return tuple((item.identifier, item.type, getattr(item, "is_array", False)) for item in items)
 
 
 def _action(action: bpy.types.Action) -> dict[Any, Any]:
@@ -96,16 +105,7 @@ def _key_size() -> int:
 
 
 def _object(thing: bpy.types.Object) -> tuple[Any, ...]:
-    bones = {
-        bone.name: (
-            tuple(bone.location),
-            tuple(bone.rotation_quaternion),
-            tuple(bone.scale),
-            bone.rotation_mode,
-            _custom(bone),
-        )
-        for bone in (thing.pose.bones if thing.pose else ())
-    }
+    bones = {bone.name: (bone.rotation_mode, _custom(bone)) for bone in (thing.pose.bones if thing.pose else ())}
     drivers = thing.animation_data.drivers if thing.animation_data else ()
     return (
         tuple(map(tuple, thing.matrix_basis)),
@@ -114,6 +114,7 @@ def _object(thing: bpy.types.Object) -> tuple[Any, ...]:
         thing.animation_data and thing.animation_data.action and thing.animation_data.action.name,
         tuple((d.data_path, d.array_index, d.driver.expression) for d in drivers),
         bones,
+        _numbers(thing.pose.bones, POSED) if thing.pose else (),
         _custom(thing),
         _rest(thing),
     )
@@ -122,7 +123,20 @@ def _object(thing: bpy.types.Object) -> tuple[Any, ...]:
 def _rest(thing: bpy.types.Object) -> dict[str, Any]:
     if thing.type != "ARMATURE":
         return {}
-    return {bone.name: (tuple(bone.head_local), tuple(bone.tail_local), _custom(bone)) for bone in thing.data.bones}
+    return {
+        "places": _numbers(thing.data.bones, RESTING),
+        **{bone.name: _custom(bone) for bone in thing.data.bones},
+    }
+
+
+def _numbers(bones: bpy.types.bpy_prop_collection, sizes: Mapping[str, int]) -> tuple[bytes, ...]:
+    """Numbers of all bones, one behind the other, by attribute."""
+    found = []
+    for name, size in sizes.items():
+        numbers = np.empty(size * len(bones), np.float32)
+        bones.foreach_get(name, numbers)
+        found.append(numbers.tobytes())
+    return tuple(found)
 
 
 def _mesh(mesh: bpy.types.Mesh) -> tuple[Any, ...]:

@@ -188,6 +188,51 @@ def tracking() -> Waits:
     yield from until(lambda: idle() and tutorial.tracked_keys(), 600)
 
 
+def planting() -> Waits:
+    """When a foot stands on the ground is set beside its bar: on frames that a dialog asks for."""
+    yield from only("Review")
+    yield from to_plants()
+    yield from picture("plants")
+    slot, before = scene().kfmocap.performers[0], plants("heel.L")
+    frame = scene().frame_current
+    expect(frame in before, "the left heel stands on this frame")
+    _, y = screen.find("heel.L", within=sidebar())
+    yield from click_at((sidebar()[2] - _NOT_PLANTED, y))
+    yield from picture("plant_dialog")
+    yield from press("Return")
+    run = before - plants("heel.L")
+    expect(frame in run and not slot.plant_edits[0].planted, "its plant on this frame is offered, and taken away")
+    yield from picture("plant_removed")
+    yield from press("ctrl+z", in_view())
+    expect(plants("heel.L") == before, "one undo brings it back")
+    yield from press("ctrl+shift+z", in_view())
+    yield from to_plants()
+    _, y = screen.find("heel.L", within=sidebar())
+    yield from click_at((sidebar()[2] - _PLANTED, y))
+    yield from press("Return")
+    expect(plants("heel.L") == before - run | {frame}, "and the button beside it plants the frame that is shown")
+    yield from picture("plant_added")
+
+
+_PLANTED, _NOT_PLANTED = 76, 54
+"""Pixels from the right of the sidebar to the buttons beside the bar of a point of a foot."""
+
+
+def to_plants() -> Waits:
+    """Scroll to the bars of the feet."""
+    for _ in range(tutorial.SCROLLS):
+        if screen.is_shown("ball.R", within=sidebar()):
+            return
+        left, _, right, bottom = sidebar()
+        yield from click_at(((left + right) // 2, bottom - 40), button=5)
+
+
+def plants(point: str) -> set[int]:
+    """Scene frames on which a point of the performer's feet is planted."""
+    found = scene().kfmocap.performers[0].plants
+    return {f for plant in found if plant.name == point for f in range(plant.first, plant.last + 1)}
+
+
 def sheets() -> Waits:
     """The dope sheet of another workspace shows the keys, without a bone being selected."""
     width = screen.screenshot().shape[1]
@@ -197,6 +242,14 @@ def sheets() -> Waits:
     yield from picture("dope_sheet")
     yield from click("Layout", within=(0, 0, width, 30))
     yield 2.0
+
+
+def timeline() -> tuple[float, float]:
+    """First and last frame that the timeline shows."""
+    area = next(a for a in window().screen.areas if a.type == "DOPESHEET_EDITOR")
+    region = next(r for r in area.regions if r.type == "WINDOW")
+    left, right = (region.view2d.region_to_view(x, 0)[0] for x in (0, region.width))
+    return left, right
 
 
 def _dope_sheets() -> list[bpy.types.DopeSheet]:
@@ -262,6 +315,8 @@ def proposing() -> Waits:
     sparse.write_text(given.replace("keyframes = [0, 33, 66, 99]", "keyframes = [0]"))
     yield from drop(sparse)
     yield from until(lambda: scene().name.startswith("beam"), 60)
+    left, right = timeline()
+    expect(left <= 1 and 100 <= right < 110, "the timeline shows the whole shot, though it has one key pose only")
     yield from only("Key Poses")
     yield from click("From Other Poses", within=sidebar())  # folds, so that what is below is shown
     yield from click("From Keypoints and Landmarks", within=sidebar())
@@ -330,6 +385,7 @@ def steps() -> Waits:
     yield from placing()
     yield from keys()
     yield from tracking()
+    yield from planting()
     yield from sheets()
     yield from exporting()
     yield from recovering()

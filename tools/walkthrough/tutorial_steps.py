@@ -303,7 +303,9 @@ def set_up() -> None:
     """Have Blender show what a script can find: browsers that fill the window, no splash screen, no tooltips."""
     view = bpy.context.preferences.view
     view.show_splash = view.show_tooltips = False
-    view.filebrowser_display_type = view.preferences_display_type = "SCREEN"
+    view.filebrowser_display_type = "SCREEN"
+    if hasattr(view, "preferences_display_type"):  # from 5.0 on
+        view.preferences_display_type = "SCREEN"
 
 
 def carry_out(given: Waits) -> None:
