@@ -5,6 +5,10 @@ xdotool and ImageMagick. If they are installed in another root file system, `--r
 program there; it must see the work folder under the same path.
 
     python tools/tutorial.py --zip dist/kfmocap-0.1.0-linux_x64.zip
+
+For a version that is there as the bpy module only, tools/windowed_blender.py is the command that starts it:
+
+    python tools/tutorial.py --steps walk --zip ... --blender ".venv-4.5/bin/python tools/windowed_blender.py"
 """
 
 from __future__ import annotations
@@ -40,13 +44,13 @@ def prepare(work: Path, extension: Path) -> None:
     shutil.copy(extension, work / "kfmocap.zip")
 
 
-def run_blender(work: Path, steps: str, prefix: str, seconds: int) -> int:
-    """Carry out steps in Blender; returns its exit code."""
+def run_blender(work: Path, steps: str, prefix: str, blender: str, seconds: int) -> int:
+    """Carry out steps in Blender, which a command starts; returns its exit code."""
     width, height = SIZE
     command = [
         *shlex.split(prefix.format(work=work)),
         *("xvfb-run", "-a", "-s", f"-screen 0 {width}x{height}x24", "timeout", str(seconds)),
-        *("blender", "--gpu-backend", "opengl", "--window-geometry", "0", "0", str(width), str(height)),
+        *(*shlex.split(blender), "--gpu-backend", "opengl", "--window-geometry", "0", "0", str(width), str(height)),
         *("--python", str(work / "walkthrough" / f"{STEPS[steps]}_steps.py"), "--", str(work), steps),
     ]
     environment = os.environ | {"BLENDER_USER_RESOURCES": str(work / "user"), "KEEP": "BLENDER_USER_RESOURCES"}
@@ -66,12 +70,13 @@ def main() -> int:
         metavar="COMMAND",
         help="prefix that runs a command where Blender is installed; {work} is the work folder",
     )
+    parser.add_argument("--blender", default="blender", metavar="COMMAND", help="what starts Blender")
     parser.add_argument("--seconds", type=int, default=1800, help="time limit")
     arguments = parser.parse_args()
 
     work = arguments.work.resolve()
     prepare(work, arguments.zip)
-    code = run_blender(work, arguments.steps, arguments.run, arguments.seconds)
+    code = run_blender(work, arguments.steps, arguments.run, arguments.blender, arguments.seconds)
     if code:
         print(f"The walkthrough failed: see {work / 'pictures' / 'failed.png'}")
         return code

@@ -47,10 +47,8 @@ def test_every_key_calls_a_tool_that_there_is(blender):  # noqa: F811
 
 
 def test_the_preferences_tell_forward_from_backward():
-    def named(tool: str, name: str = "", **settings: object) -> str:
-        return keymap.name_of(SimpleNamespace(idname=tool, name=name, properties=SimpleNamespace(**settings)))
-
-    names = [named(tool, tool, **settings) for _, tool, settings in keymap.KEYS]
+    items = [SimpleNamespace(idname=tool, name=tool, properties=SimpleNamespace(**s)) for _, tool, s in keymap.KEYS]
+    names = [keymap.name_of(item) for item in items]
     assert len(set(names)) == len(names)
     assert {"Next View", "Previous View", "Next Key Pose", "Previous Key Pose", "Pie Menu"} < set(names)
 
