@@ -56,8 +56,8 @@ class FootageRate:
     def text(self) -> str:
         """Message that the frame rate varies, or which frames are missing, and what to do."""
         if self.missing:
-            gaps = [f"{count} before frame {frame}" for frame, count in self.missing]
-            what = f"frames are missing in it, by their times: {listed(gaps, _SHOWN)} of the file; what follows comes early"
+            gaps = listed([f"{count} before frame {frame}" for frame, count in self.missing], _SHOWN)
+            what = f"frames are missing in it, by their times: {gaps} of the file; what follows comes early"
         else:
             off = f"{self.astray:.1f} frames off a constant rate of {self.rate:.4g}"
             what = f"its frame rate varies: frame {self.frame} of the file is {off}"
