@@ -113,6 +113,42 @@ def measured_misfit(
     )
 
 
+def most_explained(
+    view: ViewFrames, geometry: Geometry, poses: Poses, performer: int, *, first: int, frames: Sequence[int]
+) -> Array:
+    """Return the most that a performer could explain of some of F frames of a view, however its limbs turn, shape (n,).
+
+    That is the sum of the positive log likelihood ratios of all pixels within `FAR` of the model, each with the
+    likeliest of the colours of the performer's parts.
+
+    Parameters
+    ----------
+    view : ViewFrames
+        With foreground images.
+    geometry : Geometry
+        The parts of all performers.
+    poses : tuple
+        World poses of all parts on the F frames.
+    performer : int
+    first : int
+        Shot frame of the first of them.
+    frames : sequence of int
+        n of them, counted from the first.
+    """
+    R, T = poses
+    camera, own, most = view.camera.subsampled(_STRIDE), geometry.performer == performer, np.zeros(len(frames))
+    for k, f in enumerate(frames):
+        labels = render_labels(geometry, camera, first + f, R[[f]], T[[f]])
+        ratio = log_ratio(view.foreground_at(first + f, 1, _STRIDE)[performer, 0])
+        coloured = view.part_colours(first + f, 1, _STRIDE)
+        if coloured is not None:
+            ratio = ratio + coloured.colours.ratio[own].max(axis=0)[coloured.palette[0]]
+        reach = FAR * view.pixels_per_metre(T[f].mean(axis=0), first + f) / _STRIDE
+        within = _distance(labels.part[0] >= 0) < reach
+        most[k] = _STRIDE**2 * np.maximum(ratio[within], 0).sum(dtype=float)
+    return most
+
+
 def _view_misfit(
     view: ViewFrames, geometry: Geometry, poses: Poses, first: int, spans: Sequence[slice]
 ) -> tuple[Array, Array, Array, Array]:

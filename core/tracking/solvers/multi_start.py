@@ -28,7 +28,7 @@ from .mirrored_limbs import with_limbs_mirrored
 from .problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .segment_equations import SegmentNoise
 from .sequential_start import blended, excerpt, follow
-from .solution_doubts import doubted_performers, doubtful, speaks_against, worst_first
+from .solution_doubts import doubted_performers, explains_little, speaks_against, worst_first
 from .solution_ranking import RESTING, alike, better, equals, likeliest_at_rest, likelihood, noise_of
 from .strayed_limbs import with_limbs_returned
 from .whole_turns import with_whole_turn
@@ -209,10 +209,9 @@ def searched(
     """Search for limbs around some solutions, and then around the best found, until two agree.
 
     1. The search begins around the solutions that cover as much as the best (`equals`), or around all of them if the
-       best is doubtful. They are first solved a little further; those that then have the same motion count once.
-    2. If the best is still doubtful, there is one search with the trunk held to its motion at the start, which
-    misplaced
-       limbs cannot have led astray.
+       best explains little. They are first solved a little further; those that then have the same motion count once.
+    2. If the best still explains little, there is one search with the trunk held to its motion at the start, which
+       misplaced limbs cannot have led astray.
     3. Further rounds search around the best so far. They end once the best has an equal, after `VAIN_LOOKS` rounds that
        did not improve on the given solutions, or after `LOOKS` rounds in all.
 
@@ -234,7 +233,8 @@ def searched(
     """
     held = replace(problem, fixed=tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed))
     first = better(problem, *solutions)
-    likely, noise = solutions if doubtful(problem, first) else equals(solutions), noise_of(problem, first, workspace)
+    likely = solutions if explains_little(problem, first) else equals(solutions)
+    noise = noise_of(problem, first, workspace)
     look = look or partial(look_for_limbs, noise=noise)
     looked = first_look if first_look is not None and first_look.begin is first else None
     settled = [
@@ -258,7 +258,7 @@ def searched(
         else:
             found.append(look(problem, around, motions, len(found), part))
         best = better(problem, *settled, *found)
-        if not begins and doubtful(problem, best) and around is not held:
+        if not begins and explains_little(problem, best) and around is not held:
             begins.append((start, held))
         elif not begins and not _met(problem, best, [*settled, *found]) and (best in found or len(found) < VAIN_LOOKS):
             begins.append((best.motions, problem))

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -33,6 +34,10 @@ from .solution_ranking import RESTING, likeliest_at_rest, likelihood, noise_of
 BENT = 3.0
 """Ratio of a limb's acceleration at a key pose to its root mean square between key poses, from which on the motion
 counts as bent there."""
+SUPPORTED = 0.8
+"""Share of the evidence of a limb's pixels on key poses from which on its sides alone do not refute it."""
+RETURNS = 2
+"""Rounds of the search in a row after which a limb is where it was, and the search ends: it is right there."""
 KEY_ERROR = 0.01
 """Possible error of a key pose, metres: it changes the velocity by twice as much per frame."""
 
@@ -65,7 +70,9 @@ def _with_limbs_regained(problem: SegmentProblem, start: Sequence[Motion], works
 def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[LimbOfPerformer]:
     """Find the limbs without which the images would be likelier on some run of frames.
 
-    This holds if the log likelihood ratio of the brightness across a limb's sides is below -`LEAST_GAIN` in sum, or if
+    This holds if the log likelihood ratio of the brightness across a limb's sides is below -`LEAST_GAIN` in sum, while
+    the limb's pixels show it less than on the key poses (`SUPPORTED`). Sides alone do not refute it: how they look was
+    learned on the few key poses, so that over a long time between them small errors add up to any sum. It also holds if
     both this ratio and that of sides and pixels together are negative over `LONG` frames, longer than prediction
     bridges. A limb that is hidden in all views is not refuted.
 
@@ -77,11 +84,20 @@ def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[Li
     """
     found = []
     for i, chain, sides, shown in support_of_limbs(problem, motions):
-        upto = np.cumsum([0.0, *sides])
-        refuted = (np.maximum.accumulate(upto) - upto).max() > LEAST_GAIN
+        shown, (first, end) = cache(shown), _worst_run(sides)
+        refuted = sides[first:end].sum() < -LEAST_GAIN and (
+            (pixels := shown() - sides)[first:end].mean() < SUPPORTED * pixels[problem.whole_keys(i)].mean()
+        )
         if refuted or (_against_for_long(sides) and _against_for_long(shown())):
             found.append((i, chain))
     return found
+
+
+def _worst_run(ratios: Array) -> tuple[int, int]:
+    """Return the frames, first and after the last, between which log likelihood ratios (F,) have the least sum."""
+    upto = np.cumsum([0.0, *ratios])
+    end = int(np.argmax(np.maximum.accumulate(upto) - upto))
+    return int(np.argmax(upto[: end + 1])), end
 
 
 def _against_for_long(shown: Array) -> bool:
@@ -152,17 +168,21 @@ def with_limb_regained(
     alone, seconds = problem.alone(i), Seconds(solution.seconds)
     noise = noise_of(alone, solution, workspace)
     settled = [descend(alone, solution.motions, workspace.silent(), SETTLED, noise)]
-    most, vain = likelihood(alone, noise, settled[0]), 0
+    most, vain, returned = likelihood(alone, noise, settled[0]), 0, 0
     for look in range(LOOKS):
         motions = settled[-1].motions
         with seconds.measure("initial solution"):
             found = freed_limb(alone, motions, place, look)
-        begin = (*motions[:i], found, *motions[i + 1 :])
-        settled.append(descend(alone, begin, workspace.part(look / LOOKS, (look + 1) / LOOKS), SETTLED, noise))
-        reached = likelihood(alone, noise, settled[-1])
-        elsewhere = farthest_joint(alone, motions, settled[-1].motions) > UNDER_WAY
+        elsewhere, reached = found is not motions[i], most
+        if elsewhere:
+            begin = (*motions[:i], found, *motions[i + 1 :])
+            settled.append(descend(alone, begin, workspace.part(look / LOOKS, (look + 1) / LOOKS), SETTLED, noise))
+            reached = likelihood(alone, noise, settled[-1])
+            elsewhere = farthest_joint(alone, motions, settled[-1].motions) > UNDER_WAY
+        returned = 0 if elsewhere else returned + 1
         most, vain = max(most, reached), 0 if elsewhere and reached > most + RESTING else vain + 1
-        if vain == VAIN_LOOKS and len(problem.bodies) > 1:  # where people pass, much is out of sight for good
+        # Where people pass, much is out of sight for good.
+        if returned == RETURNS or (vain == VAIN_LOOKS and len(problem.bodies) > 1):
             break
     for each in settled:
         seconds.add(each.seconds)

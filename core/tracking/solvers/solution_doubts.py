@@ -8,10 +8,10 @@ import numpy as np
 
 from ...body.limbs import limbs, without_end
 from ...body.motion import Motion
-from ...evidence.misfit import beyond_known, measured_misfit
+from ...evidence.misfit import beyond_known, measured_misfit, most_explained
 from ...evidence.occlusion import LONG, intervals
 from ...evidence.view_frames import views_with_foreground
-from ...numerics.arrays import Array, Bools
+from ...numerics.arrays import Array, Bools, Ints
 from .limb_images import shown_areas
 from .limb_likelihood import support_of_limbs
 from .limb_search import LEAST_GAIN
@@ -79,19 +79,45 @@ def confirmed(problem: SegmentProblem, start: Sequence[Motion], solution: Segmen
 
 
 def doubtful(problem: SegmentProblem, solution: SegmentSolution) -> bool:
+    """Whether some performer that is solved for explains too little of the images on some frame, though more is there.
+
+    Somebody who bends towards the camera shows less than on the key poses: no search would find more.
+    """
+    return any(_unexplained(problem, solution, i) for i in problem.sought)
+
+
+def explains_little(problem: SegmentProblem, solution: SegmentSolution) -> bool:
     """Whether some performer that is solved for explains too little of the images on some frame.
 
     On the key frames the body covers the foreground as well as its shape allows. On every other frame it should do so
     nearly as well, apart from what other performers hide.
     """
-    return any(_doubted(problem, solution, i) for i in problem.sought)
+    return any(len(_frames_explained_little(problem, solution, i)) > 0 for i in problem.sought)
 
 
-def _doubted(problem: SegmentProblem, solution: SegmentSolution, performer: int) -> bool:
+def _frames_explained_little(problem: SegmentProblem, solution: SegmentSolution, performer: int) -> Ints:
     keys = problem.whole_keys(performer)
-    if len(keys) < 2:
-        return len(keys) == 1  # with a single key pose the start stands still
-    return bool((explained_share(problem, solution, performer) < EXPLAINED).any())
+    if len(keys) < 2:  # with a single key pose the start stands still
+        return np.arange(problem.length if len(keys) else 0)
+    return np.flatnonzero(explained_share(problem, solution, performer) < EXPLAINED)
+
+
+def _unexplained(problem: SegmentProblem, solution: SegmentSolution, performer: int) -> bool:
+    """Whether a performer explains too little of what there is to be explained on some frame (`most_explained`)."""
+    keys, low = problem.whole_keys(performer), _frames_explained_little(problem, solution, performer)
+    views = views_with_foreground(problem.views)
+    # The foreground of others may look like a performer's.
+    if not len(low) or len(keys) < 2 or not views or len(problem.bodies) > 1:
+        return len(low) > 0
+    explained, frames = solution.explained[performer], [*keys.tolist(), *low.tolist()]
+    poses, geometry = poses_by_delay(problem, view_instants(problem, solution.motions)), problem.geometry()
+    each = [
+        most_explained(view, geometry, poses[view.delay], performer, first=problem.first, frames=frames)
+        for view in views
+    ]
+    most = np.sum(each, axis=0)
+    usual = (explained[keys] / np.maximum(most[: len(keys)], 1.0)).max()
+    return bool((explained[low] < EXPLAINED * usual * most[len(keys) :]).any())
 
 
 def explained_share(problem: SegmentProblem, solution: SegmentSolution, performer: int) -> Array:
@@ -208,4 +234,4 @@ def speaks_against(problem: SegmentProblem, solution: SegmentSolution) -> bool:
     """Whether anything but uncovered foreground contradicts a solution: it explains too little of a performer, or limbs
     lie on the background or are hidden from all views.
     """
-    return doubtful(problem, solution) or limb_astray(problem, solution) or concealed(problem, solution)
+    return explains_little(problem, solution) or limb_astray(problem, solution) or concealed(problem, solution)

@@ -79,6 +79,19 @@ def test_a_body_that_covers_background_is_doubted() -> None:
     assert solution_doubts.doubtful(problem, explained(problem, truth.moved(beside)))
 
 
+def test_a_body_that_shows_less_of_itself_than_on_the_key_frames_is_not_doubted_but_one_that_covers_less_is() -> None:
+    """A human turns sideways to the only camera: two thirds of the front are to be seen."""
+    truth = at_rest(HUMAN, 5)
+    truth.rotations[2, 0] = rotations.exp(np.array([0.0, np.pi / 2, 0.0]))
+    problem = SegmentProblem(coloured(HUMAN, truth, CAMERAS[:1]), (HUMAN,), 0, FPS, (ends_held(HUMAN, 5),))
+    found = explained(problem, truth)
+    assert solution_doubts.explained_share(problem, found, 0)[2] < 0.75
+    assert not solution_doubts.doubtful(problem, found)
+    beside = np.zeros((5, HUMAN.dof))
+    beside[2, 0] = 0.1
+    assert solution_doubts.doubtful(problem, explained(problem, truth.moved(beside)))
+
+
 @pytest.mark.parametrize(("wrong", "expected"), [(0, False), (LONG - 1, False), (LONG, True)])
 def test_a_view_that_shows_a_limb_where_the_solution_has_none_for_long_calls_for_a_search(
     wrong: int, expected: bool
@@ -376,12 +389,14 @@ def test_a_look_that_was_taken_around_the_best_is_not_taken_again(around: str, t
 
 
 @pytest.mark.parametrize("begin", ["worse", "best", "start"])
-def test_if_the_best_solution_is_doubtful_limbs_are_searched_for_around_all_solutions_and_the_start(begin: str) -> None:
+def test_if_the_best_solution_explains_little_limbs_are_searched_for_around_all_solutions_and_the_start(
+    begin: str,
+) -> None:
     """Whichever of them a look finds the limbs from, they are found."""
     landscape = Landscape(truth=TRUTH, reach=0.0)
     best, worse = (landscape.solution(PROBLEM, off(TRUTH, ARMS + LEGS, angle)) for angle in (1.8, 2.2))
     start = off(TRUTH, ARMS + LEGS, 2.6)
-    assert solution_doubts.doubtful(PROBLEM, best)
+    assert solution_doubts.explains_little(PROBLEM, best)
     begins = {"worse": worse.motions[0], "best": best.motions[0], "start": start}
     look = Finding(landscape, 1.0, begins[begin])
     assert error(multi_start.searched(PROBLEM, [start], [worse, best], landscape, look)) < 1e-6

@@ -13,10 +13,19 @@ from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
+from kfmocap.core.tracking.solvers import regained_limbs
+from kfmocap.core.tracking.solvers.limb_search import LEAST_GAIN
 from kfmocap.core.tracking.solvers.measurement import Workspace
 from kfmocap.core.tracking.solvers.multi_start import LOOKS, VAIN_LOOKS
 from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.regained_limbs import bend_of, bent_limbs, refined, with_limb_regained
+from kfmocap.core.tracking.solvers.regained_limbs import (
+    RETURNS,
+    bend_of,
+    bent_limbs,
+    refined,
+    refuted_limbs,
+    with_limb_regained,
+)
 from synthetic import at_rest, ends_held, look_at, poses_of, silhouette
 
 BODY, FRAMES, FPS = human(1.75), 12, 30.0
@@ -125,24 +134,40 @@ def test_a_bent_limb_stays_where_it_covers_more_than_anything_that_is_found(prob
 
 
 @pytest.mark.usefixtures("without_descent")
-@pytest.mark.parametrize(("performers", "looks"), [(1, LOOKS), (2, VAIN_LOOKS)])
-def test_with_several_performers_the_search_ends_after_rounds_without_success(
-    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch, performers: int, looks: int
+@pytest.mark.parametrize(("performers", "turn", "looks"), [(1, 0.0, RETURNS), (1, 0.3, LOOKS), (2, 0.3, VAIN_LOOKS)])
+def test_the_search_ends_once_the_limb_comes_to_rest_where_it_was_or_with_several_performers_without_success(
+    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch, performers: int, turn: float, looks: int
 ) -> None:
+    """The limb is led astray by a turn, farther with every round."""
     asked: list[int] = []
 
-    def nothing(_problem: SegmentProblem, motions: Sequence[Motion], place: tuple[int, list[int]], seed: int) -> Motion:
+    def turned(_problem: SegmentProblem, motions: Sequence[Motion], place: tuple[int, list[int]], seed: int) -> Motion:
         asked.append(seed)
-        return motions[place[0]]
+        found = Motion(motions[place[0]].translations, motions[place[0]].rotations.copy())
+        found.rotations[1:-1, ARM[0]] = found.rotations[1:-1, ARM[0]] @ rotations.exp(np.array([0.0, 0.0, -turn]))
+        return found
 
-    monkeypatch.setattr("kfmocap.core.tracking.solvers.regained_limbs.freed_limb", nothing)
+    monkeypatch.setattr("kfmocap.core.tracking.solvers.regained_limbs.freed_limb", turned)
     views = tuple(replace(v, foreground=np.repeat(v.foreground, performers, axis=0)) for v in problem.views)
     apart = [replace(TRUTH, translations=TRUTH.translations + [2.0 * i, 0, 0]) for i in range(performers)]
     several = replace(problem, views=views, bodies=(BODY,) * performers, fixed=problem.fixed * performers)
     several = replace(several, before=None, after=None)
     solution = refined(several, apart, Workspace())
+    asked.clear()
     with_limb_regained(several, solution, (0, ARM), Workspace())
     assert asked == list(range(looks))
+
+
+@pytest.mark.parametrize(("against", "pixels", "expected"), [(2, 90, False), (2, 70, True), (0.5, 70, False)])
+def test_sides_refute_a_limb_that_its_pixels_show_less_than_on_the_key_poses(
+    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch, against: float, pixels: float, expected: bool
+) -> None:
+    """How sides look is learned on few key poses: over many frames the error of that adds up."""
+    between = np.arange(FRAMES) % (FRAMES - 1) > 0
+    sides = np.where(between, -against * LEAST_GAIN / between.sum(), 1.0)
+    shown = sides + np.where(between, pixels, 100.0)
+    monkeypatch.setattr(regained_limbs, "support_of_limbs", lambda *_: [(0, ARM, sides, lambda: shown)])
+    assert bool(refuted_limbs(problem, [TRUTH])) == expected
 
 
 @pytest.mark.parametrize("views", [1, 2])
