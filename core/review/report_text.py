@@ -93,5 +93,6 @@ def torn_text(frames: Sequence[int]) -> str:
     shown = listed(frames, _MOST_LISTED)
     return (
         "pictures that do not continue from the one before (damaged, repeated or missing, or the light changed) were "
-        f"given no weight: on or before frames {shown}"
+        f"given no weight: on or before frames {shown}; where some are missing, what follows comes early in this view; "
+        "where motion is too fast or too slight missing ones cannot be told"
     )

@@ -4,7 +4,7 @@ They are damaged, repeated or missing, which decoders do not report, or lit diff
 a block of the picture over several frames, or few blocks at a time. If many blocks change between two frames several
 times as much as between the frames around them, one of the two was damaged or lit differently, or frames are missing
 between them. A single such frame makes two such pairs; a swinging limb makes more. If nothing changes in a picture that
-otherwise moves, a frame is repeated. If everything moves once as far as in two frames, one is missing.
+otherwise moves, a frame is repeated. Few missing frames are found by `core.shot.skipped_frames`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numerics.arrays import Array, Bools, Ints
-from ..numerics.robust_kernels import NORMAL_MAD
 
 AROUND = 4
 """Number of pairs of frames before and after a pair with which it is compared."""
@@ -28,13 +27,10 @@ a number of grey levels: factor, grey levels, share of the blocks."""
 _ALIKE, _SINGLE = 0.5, 2
 """Neighbouring pairs show the same change if they share this fraction of their changed blocks. One bad frame makes two
 such pairs; if there are more, or one of the two is not torn by itself, something starts to move."""
-_MOVING, _STILL = 2.0, 0.1
-"""Change, in grey levels, of the most changed twentieth of the blocks in a picture that moves, and the largest share of
-it in a repeated frame."""
-_SKIPPED, _DEVIATIONS, _FEWEST = 0.4, 5.0, 8
-"""A frame is missing within a pair whose change exceeds all that the pairs around it let expect: least excess, natural
-logarithm, and in standard deviations of this logarithm, which are measured on at least so many pairs. Twice the motion
-gives 0.3 to 0.6; at the take-off of a jump the excess was 0.38."""
+_MOVING, _STILL, _NOISE = 1.0, 0.1, 0.5
+"""Change, in grey levels, of the most changed twentieth of the blocks in a picture that moves; the change in a repeated
+frame compared with the stillest quarter around, and that of its median block, which shows noise, compared with the
+usual one: where a fist turns back it is nearly still, but noise goes on."""
 
 
 def small(picture: NDArray[np.uint8]) -> Array:
@@ -51,6 +47,12 @@ def block_change(before: Array, after: Array) -> Array:
     difference = np.abs(after - before)
     size = max(difference.shape[1] // 4, 1), max(difference.shape[0] // 4, 1)
     return np.asarray(cv2.resize(difference, size, interpolation=cv2.INTER_AREA))
+
+
+def most_changed(change: Array) -> float:
+    """Return the mean of the most changed twentieth of the blocks in a result of `block_change`."""
+    values = np.sort(change, axis=None)
+    return float(values[-max(values.size // 20, 1) :].mean())
 
 
 def single_frames(torn: Bools) -> Bools:
@@ -78,38 +80,20 @@ def torn_pairs(changes: Sequence[Array]) -> Bools:
     # Whatever moves into a block comes from a neighbouring one.
     usual = [cv2.dilate(m, np.ones((3, 3))) if j else m for m, j in zip(_medians(D, near), near, strict=True)]
     changed = np.array([(np.maximum(_TIMES * u, _LEVELS) < d).mean() for u, d in zip(usual, D, strict=True)])
-    moved = np.quantile(D.reshape(len(D), -1), 0.95, axis=1)
+    moved = np.array([most_changed(change) for change in D])
     changed_around, moved_around = _medians(changed, near), _medians(moved, near)
+    still = [np.quantile(moved[j], 0.25) if j else 0.0 for j in near]
+    noise = np.median(D.reshape(len(D), -1), axis=1)
+    noise_around = _medians(noise, near)
     torn = np.zeros(len(D), bool)
     # Something large and fast changes other blocks every time, but so it does before and after.
     most = _SHARE + _TIMES * changed_around
     for k in range(2, len(D) - 2):  # at the ends nothing shows whether a change lasts
         alike = _run(changed > _ALIKE * changed[k], k)
         torn[k] |= changed[k] > most[k] and len(alike) <= _SINGLE and bool((changed[alike] > most[alike]).all())
-        if moved_around[k] > _MOVING and moved[k] < _STILL * moved_around[k]:
+        if moved_around[k] > _MOVING and moved[k] < _STILL * still[k] and noise[k] <= _NOISE * noise_around[k]:
             torn[k : k + 2] = True
-    return torn | _skipping(D)
-
-
-def _skipping(changes: Array) -> Bools:
-    """Return which pairs, shape (n,), show twice the motion of a pair, as one frame between them is missing.
-
-    Changes grow with motion, though less than in proportion. The most that whole footage lets expect is the change of
-    the pairs before and after, or what it would be if it went on growing as it does up to there from either side. Where
-    most of the picture changes alike, it is noise or light, not motion.
-    """
-    skipping = np.zeros(len(changes), bool)
-    if len(changes) < _FEWEST:
-        return skipping
-    blocks = np.sort(changes.reshape(len(changes), -1), axis=1)
-    most = np.maximum(blocks[:, -max(blocks.shape[1] // 20, 1) :].mean(axis=1), 1e-3)
-    before, here, after = most[1:-3], most[2:-2], most[3:-1]
-    expected = np.max([before, after, 2 * before - most[:-4], 2 * after - most[4:]], axis=0)
-    bends = np.log(most[1:-1] / np.sqrt(most[:-2] * most[2:]))
-    deviation = NORMAL_MAD * float(np.median(np.abs(bends)))
-    moving = most > 2 * np.median(blocks, axis=1)
-    skipping[2:-2] = np.log(here / expected) > max(_SKIPPED, _DEVIATIONS * deviation)
-    return skipping & moving
+    return torn
 
 
 def _run(those: Bools, place: int) -> Ints:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from threading import Event
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,12 +17,13 @@ from ..errors import CancelledError, FootageError
 from ..numerics.arrays import Array, Bools
 from ..runtime.threads import worker_count
 from ..runtime.worker_memory import WorkerMemory
-from ..shot.continuity import AROUND, block_change, small, torn_pairs
+from ..shot.continuity import AROUND, block_change, most_changed, small, torn_pairs
 from ..shot.footage import Album, frames_at, working_factor
-from ..shot.footage_times import FootageRate, footage_rate
+from ..shot.footage_times import FootageRate, footage_rate, frames_missing
 from ..shot.frame_numbers import footage_delay
 from ..shot.image_sequences import image_files
 from ..shot.shot import Shot, View
+from ..shot.skipped_frames import PairChanges, PointsFollowed
 from .picture_store import COLOUR, PictureStore
 from .segments import Segment
 
@@ -44,6 +46,8 @@ class ColourFrames:
         How much later than the shot's frames these were taken, in frames.
     torn : ndarray of bool, shape (N - 1,), optional
         Pairs of frames that do not continue each other, see `core.shot.continuity`.
+    changes : PairChanges, optional
+        How much these pairs stand out, by which missing frames are found once all views are read.
     """
 
     camera: Camera
@@ -51,6 +55,7 @@ class ColourFrames:
     first: int
     delay: float
     torn: Bools | None = None
+    changes: PairChanges | None = None
 
 
 class SegmentReader:
@@ -79,10 +84,12 @@ class SegmentReader:
         self._stream = _frames(view, frames, factor, album, memory=memory, threads=threads)
         self._stopped = stopped
         self._length = shot.length
+        self._gaps = frames_missing(kept_rate(shot, view, memory), view, frames)
         self._ahead: list[Image] = []
         self._read = 0
         self._small: Array | None = None
         self._changes: list[NDArray[np.float16]] = []
+        self._points = PointsFollowed()
 
     def read(self, segment: Segment, store: PictureStore) -> ColourFrames:
         """Read the next segment, which begins on the last frame of the one before; its frames go to a store.
@@ -96,7 +103,7 @@ class SegmentReader:
         first, last = segment
         # As an iterator: the frames of a long segment should not be in memory twice.
         frames = store.kept(COLOUR, self._one_by_one(first, last), last + 1 - first)
-        return ColourFrames(self._camera, frames, first, self._delay, self._torn(first, last))
+        return ColourFrames(self._camera, frames, first, self._delay, *self._continuity(first, last))
 
     def _one_by_one(self, first: int, last: int) -> Iterator[Image]:
         """Generate the frames of a segment; the last one is also the first of the next segment."""
@@ -109,18 +116,23 @@ class SegmentReader:
 
     def _take(self, image: Image) -> None:
         """Take the next frame, and measure how much it differs from the one before."""
-        grey = small(image)
+        grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        blocks, change = small(grey), 0.0
         if self._small is not None:
-            self._changes.append(block_change(self._small, grey).astype(np.float16))
-        self._small = grey
+            self._changes.append(block_change(self._small, blocks).astype(np.float16))
+            change = most_changed(self._changes[-1].astype(float))
+        self._points.add(grey, change)
+        self._small = blocks
         self._ahead.append(image)
         self._read += 1
 
-    def _torn(self, first: int, last: int) -> Bools:
-        """Return which pairs of a segment's frames do not continue each other."""
+    def _continuity(self, first: int, last: int) -> tuple[Bools, PairChanges]:
+        """Return which pairs of a segment's frames do not continue each other, and how much they stand out."""
         start = max(first - AROUND, 0)
-        torn = torn_pairs([change.astype(float) for change in self._changes[start : last + AROUND]])
-        return torn[first - start : last - start]
+        changes = [change.astype(float) for change in self._changes[start : last + AROUND]]
+        torn = torn_pairs(changes)[first - start : last - start] | self._gaps[first:last]
+        followed = self._points.between(start, start + len(changes))
+        return torn, PairChanges.of(changes, followed, self._delay).cut(first - start, last - start)
 
 
 def _frames(

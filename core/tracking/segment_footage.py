@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Container, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
 from threading import Event
@@ -12,11 +13,13 @@ import numpy as np
 
 from ..body.motion import Motion
 from ..evidence.view_frames import ViewFrames
+from ..numerics.arrays import Bools
 from ..runtime.threads import worker_count
 from ..runtime.timing import Seconds
 from ..runtime.worker_memory import WorkerMemory
 from ..shot.footage import PICTURE_SIZE, Album, Image, working_factor
 from ..shot.shot import Shot
+from ..shot.skipped_frames import PairChanges, skipped_pairs
 from .appearance import frames_with_foreground, grey_frames
 from .picture_store import COLOUR, PictureStore, StoredView
 from .reader import SegmentReader
@@ -93,7 +96,7 @@ class SegmentFootage:
         chosen = segments(shot)
         with ThreadPoolExecutor(worker_count(shot.settings.threads)) as pool:
 
-            def submitted(segment: Segment) -> list[Future[ViewFrames | StoredView]]:
+            def submitted(segment: Segment) -> list[Future[tuple[ViewFrames | StoredView, PairChanges]]]:
                 with_foreground = self._solver.uses_foreground and segment not in known
                 return [
                     pool.submit(
@@ -106,7 +109,7 @@ class SegmentFootage:
             try:
                 for segment, following in zip_longest(chosen, chosen[1:]):
                     with seconds.measure("footage"):
-                        views = tuple(job.result() for job in coming)
+                        views = _without_skips([job.result() for job in coming])
                     if following is not None:
                         coming = submitted(following)
                     for frames, view in zip(self.torn, views, strict=True):
@@ -117,8 +120,10 @@ class SegmentFootage:
 
     def _read(
         self, reader: SegmentReader, segment: Segment, name: str, start: Sequence[Motion] | None
-    ) -> ViewFrames | StoredView:
-        """Read one view of a segment; with foreground images if motions are given."""
+    ) -> tuple[ViewFrames | StoredView, PairChanges]:
+        """Read one view of a segment, with foreground images if motions are given; also returns how much its pairs of
+        frames stand out.
+        """
         shot, store = self._shot, PictureStore(self._folder, name)
         frames = reader.read(segment, store)
         if start is None:
@@ -134,7 +139,25 @@ class SegmentFootage:
                 store=store,
             )
         store.remove(COLOUR)
-        return store.stored(view)
+        assert frames.changes is not None
+        return store.stored(view), frames.changes
+
+
+def _without_skips(read: Sequence[tuple[ViewFrames | StoredView, PairChanges]]) -> tuple[ViewFrames | StoredView, ...]:
+    """Return all views of a segment, whose pairs of frames between which others are missing count as torn."""
+    skipped = skipped_pairs([changes for _, changes in read])
+    return tuple(_torn_at(view, pairs) for (view, _), pairs in zip(read, skipped, strict=True))
+
+
+def _torn_at(view: ViewFrames | StoredView, pairs: Bools) -> ViewFrames | StoredView:
+    """Return a view with more pairs of frames that do not continue each other."""
+    if isinstance(view, StoredView):
+        return replace(view, frames=_frames_torn_at(view.frames, pairs))
+    return _frames_torn_at(view, pairs)
+
+
+def _frames_torn_at(frames: ViewFrames, pairs: Bools) -> ViewFrames:
+    return replace(frames, torn=pairs if frames.torn is None else frames.torn | pairs)
 
 
 def _torn_frames(segment: Segment, view: ViewFrames | StoredView) -> list[int]:

@@ -216,12 +216,12 @@ def _moved(armature: bpy.types.Object, bones: Sequence[str], candidates: Sequenc
         matrices = moved_matrices(armature, name, [name, *bones])
         change = matrices[1:] @ back
         turned = matrices[0] @ np.linalg.inv(own)
-        found[name] = {bone for bone, one in zip(bones, _alike(change, turned, rest, size), strict=True) if one}
+        found[name] = {bone for bone, one in zip(bones, alike(change, turned, rest, size), strict=True) if one}
     update()
     return found
 
 
-def _alike(changes: Array, change: Array, rest: Array, size: float) -> Array:
+def alike(changes: Array, change: Array, rest: Array, size: float) -> Array:
     """Return which of some changes (B, 4, 4) of bones that stand at `rest` are one and the same change (4, 4), of any
     size.
     """

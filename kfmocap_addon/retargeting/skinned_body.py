@@ -20,6 +20,7 @@ from .fk_controls import FkControls
 from .overrides import editable
 from .rig_reading import at_rest, leave_rest_position, moved_matrices, rest_matrices
 from .rig_settings import has_keys, setting_name, with_settings
+from .rigify_animals import animal_controls, goes_on_four, is_generated
 from .send import target_bones
 
 _PART_ROLES = ("hips", "spine", "neck", "head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")
@@ -68,6 +69,8 @@ def _taken(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.ty
         return performers.take_armature(current, armature), _remarks(armature)
     collection = scene.ensure_collection(current, "Performers")
     mechanism = _mechanism(armature)
+    if is_generated(armature) and (mechanism is None or goes_on_four(armature, mechanism)):
+        return _use_animal(current, armature, collection)
     found = _controls(armature) if mechanism is None else None
     if found is not None:
         return _use_controls(current, armature, collection, found)
@@ -94,6 +97,23 @@ def _taken(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.ty
     except BodyError:
         _remove(armature, made.parts)
         raise
+
+
+def _use_animal(
+    current: bpy.types.Scene, armature: bpy.types.Object, collection: bpy.types.Collection
+) -> tuple[bpy.types.Object, tuple[str, ...]]:
+    """Make an animal's rig that Rigify has generated a performer through its FK controls; see `use_as_body`."""
+    controls = animal_controls(armature, skinned_parts.leading_bones(armature), set(following(armature)))
+    with with_settings(armature, controls.settings):
+        limbs = [name for name in controls.by_bone.values() if "_fk" in name]
+        made = skinned_parts.add_parts(armature, collection, controls.by_bone, limbs=limbs)
+        try:
+            fk_controls.refuse_otherwise_moved(armature, {})
+            taken = performers.take_armature(current, armature)
+            return taken, (*made.remarks, *_remarks(armature))
+        except BodyError:
+            _remove(armature, made.parts)
+            raise
 
 
 def _controls(armature: bpy.types.Object) -> FkControls | None:

@@ -215,15 +215,20 @@ def _library() -> Path:
     return folder
 
 
-def _generated() -> bpy.types.Object:
+def generated_animal(kind: str) -> bpy.types.Object:
+    """Rigify's rig of an animal (wolf, bird, ...) as it is generated, with a skin around all its deforming bones."""
+    return _generated(kind, ("DEF-",))
+
+
+def _generated(kind: str = "human", skin: tuple[str, ...] = _RIGIFY_SKIN) -> bpy.types.Object:
     addon_utils.enable("rigify", default_set=True)
-    bpy.ops.object.armature_human_metarig_add()
+    getattr(bpy.ops.object, f"armature_{kind}_metarig_add")()
     bpy.ops.object.mode_set(mode="OBJECT")
     bpy.ops.pose.rigify_generate()
-    rig = bpy.data.objects["rig"]
+    rig = next(owner for owner in bpy.data.objects if owner.type == "ARMATURE" and "rig_id" in owner.data)
     dice, clouds = np.random.default_rng(1), []
     for bone in rig.data.bones:
-        if bone.name.startswith(_RIGIFY_SKIN):
+        if bone.name.startswith(skin):
             head, tail = np.array(bone.head_local), np.array(bone.tail_local)
             width = 0.6 * min(0.13, bone.length)
             around = dice.uniform(-1, 1, (40, 3)).clip(-0.6, 0.6) * width

@@ -6,12 +6,16 @@ import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
 
 import cv2
 import numpy as np
 import pytest
-from kfmocap.core.shot.footage_times import footage_rate, frame_times, video_rate
+from kfmocap.core.shot.footage import Album
+from kfmocap.core.shot.footage_times import footage_rate, frame_times, frames_missing, video_rate
 from kfmocap.core.shot.shot import Shot, View
+from kfmocap.core.tracking.picture_store import PictureStore
+from kfmocap.core.tracking.reader import SegmentReader
 from synthetic import figure, look_at, shot_of, swing
 
 FRAMES, FPS = 24, 30.0
@@ -111,9 +115,42 @@ def test_missing_frames_are_a_rate_that_varies(film: Path) -> None:
     assert rate.frame in (10, 11)
 
 
+@pytest.mark.parametrize("lost", [(10,), (1,), (8, 15, 16)])
+def test_single_missing_frames_are_told_by_the_times_of_the_others(film: Path, lost: tuple[int, ...]) -> None:
+    """A frame too late by half a frame either way is none too late for a constant rate."""
+    durations = 1 + 0.1 * (-1.0) ** np.arange(FRAMES)
+    durations[list(lost)] += 1.0
+    view = View(CAMERA, timed(film, f"lost{len(lost)}{lost[0]}.mp4", durations / durations.mean()))
+    rate = footage_rate(shot(view.footage), view)
+    assert rate is not None
+    assert rate.varies
+    assert rate.missing == tuple((k + 1, 1) for k in lost)
+    assert rate.rate == pytest.approx(FPS * durations.mean(), rel=5e-3)
+    assert f"1 before frame {lost[0] + 1}" in rate.text
+    assert np.flatnonzero(frames_missing(rate, view, range(5, FRAMES))).tolist() == [k - 5 for k in lost if k >= 5]
+
+
+def test_frames_that_last_longer_and_longer_are_not_missing(film: Path) -> None:
+    path = timed(film, "slower.mp4", np.linspace(0.4, 1.6, FRAMES))
+    rate = footage_rate(shot(path), View(CAMERA, path))
+    assert rate is not None
+    assert rate.varies and not rate.missing
+
+
 def test_nothing_is_said_where_nothing_is_known(film: Path, tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "0.png"), np.zeros((72, 96, 3), np.uint8))
     broken = tmp_path / "broken.mp4"
     broken.write_bytes(film.read_bytes()[:300])
     for path in (tmp_path / "%d.png", tmp_path / "0.png", tmp_path / "none.mp4", broken, tmp_path):
         assert footage_rate(shot(film), View(CAMERA, path)) is None
+
+
+def test_pairs_between_which_frames_are_missing_get_no_weight(film: Path) -> None:
+    durations = np.ones(FRAMES)
+    durations[9] = 2.0
+    made = shot(timed(film, "one.mp4", durations / durations.mean()))
+    [view] = made.views
+    reader = SegmentReader(made, view, Album(frozenset(), 1.0), Event())
+    read = reader.read((0, FRAMES - 1), PictureStore(None, "all"))
+    assert read.torn is not None
+    assert np.flatnonzero(read.torn).tolist() == [9]
