@@ -52,11 +52,15 @@ class AddFootage(bpy.types.Operator, ImportHelper):
 
         scene = context.scene
         with reported(self) as outcome:
+            begins = not scene.kfmocap.views
             names = added_views.add_footage(scene, self._chosen())
             known = added_views.calibrated_by_scene(scene, names)
+            hidden = added_views.hide_startup_cube(scene) if begins else ""
             screens.look(context)
             screens.show_keys(context)
-            self.report({"INFO"}, f"Added {', '.join(names)}" + (f"; calibrated {', '.join(known)}" if known else ""))
+            said = f"; calibrated {', '.join(known)}" if known else ""
+            said += f". {hidden} is hidden, it stood before the footage: Alt H shows it" if hidden else ""
+            self.report({"INFO"}, f"Added {', '.join(names)}{said}")
         return outcome.value
 
     def _chosen(self) -> list[Path]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import bpy
@@ -21,6 +22,9 @@ from . import camera_poses, footage_background, scene, scene_cameras, solved_cam
 _USUAL_FOCAL = 1.1
 """Focal length of a camera about which nothing is known, relative to the longer side of its picture."""
 _UNNAMED = "shot"
+_STARTUP_CUBE = "Cube"
+_CORNERS = set(product((-1.0, 1.0), repeat=3))
+"""Of the cube that Blender starts with, metres."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,32 @@ def add_footage(current: bpy.types.Scene, files: Sequence[Path]) -> list[str]:
         footage_background.look_through(current, current.kfmocap.views[0])
     footage_background.refresh(current)
     return names
+
+
+def hide_startup_cube(current: bpy.types.Scene) -> str:
+    """Hide the cube that Blender starts with, if it is as Blender made it: it would stand in front of the footage.
+
+    Returns
+    -------
+    str
+        Its name, empty where there is none.
+    """
+    cube: bpy.types.Object | None = current.objects.get(_STARTUP_CUBE)
+    if cube is None or not _is_startup_cube(cube):
+        return ""
+    layers = [layer for layer in current.view_layers if cube.name in layer.objects]
+    shown = [layer for layer in layers if not cube.hide_get(view_layer=layer)]
+    for layer in shown:
+        cube.hide_set(True, view_layer=layer)
+    return cube.name if shown else ""
+
+
+def _is_startup_cube(thing: bpy.types.Object) -> bool:
+    if thing.type != "MESH" or len(thing.data.vertices) != len(_CORNERS):
+        return False
+    changed = thing.parent or thing.animation_data or thing.modifiers or thing.children
+    corners = {tuple(vertex.co) for vertex in thing.data.vertices}
+    return not changed and corners == _CORNERS and bool(np.array_equal(np.array(thing.matrix_basis), np.eye(4)))
 
 
 def _begin_shot(current: bpy.types.Scene, probed: Sequence[Footage]) -> None:

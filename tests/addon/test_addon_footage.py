@@ -49,6 +49,23 @@ def test_footage_becomes_views_of_an_empty_scene(take):
     assert not bpy.ops.kfmocap.track.poll()
 
 
+@pytest.mark.parametrize("change", [None, "moved", "edited", "renamed"])
+def test_the_cube_that_blender_starts_with_is_hidden_unless_it_was_changed(take, change):
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    cube = bpy.data.objects["Cube"]
+    if change == "moved":
+        cube.matrix_basis[0][3] = 1.0
+    elif change == "edited":
+        cube.data.vertices[0].co.x = 2.0
+    elif change == "renamed":
+        cube.name = "Table"
+    add(take, "walk_cam01.mp4")
+    assert cube.hide_get() == (change is None)
+    cube.hide_set(False)
+    add(take, "walk_cam02.mp4")
+    assert not cube.hide_get()
+
+
 def test_images_of_a_camera_in_its_own_folder_become_a_shot_with_a_rate_that_is_given(tmp_path):
     """Images have no frame rate; the shot is not named for its first camera."""
     for name in ("cam01", "cam02"):

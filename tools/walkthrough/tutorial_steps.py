@@ -103,10 +103,7 @@ def install() -> Waits:
 
 
 def open_tab() -> Waits:
-    """Delete the default objects, press N and open the tab."""
-    yield from press("a", in_view())
-    yield from press("x", in_view())
-    yield from press("Return")
+    """Press N and open the tab."""
     yield from press("n", in_view())
     yield from click("KF Mocap", sideways=True)
     yield from picture("tab")
