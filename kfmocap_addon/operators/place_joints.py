@@ -162,7 +162,15 @@ class PlacingTool(Conditional):
         from ..overlays import alternative_boxes
 
         x, y = self._pointer[0] - look.region.x, self._pointer[1] - look.region.y
-        return alternative_boxes.box_at(alternative_boxes.boxes(len(self._placing.alternatives)), x, y)
+        return alternative_boxes.box_at(self._boxes(look), x, y)
+
+    def _boxes(self, look: viewport.Look) -> list[tuple[float, float, float, float]]:
+        """Return where in a view the boxes of the alternatives are."""
+        from ..overlays import alternative_boxes
+
+        at = [look.position_of(point) for point in self._placing.joints().values()]
+        upper = screens.uncovered_part(look.area)[3] - look.region.y
+        return alternative_boxes.row_beside([p for p in at if p is not None], len(self._placing.alternatives), upper)
 
     def _is_over_3d_view(self, context: bpy.types.Context) -> bool:
         """Whether the mouse is over the main region of a 3D view; elsewhere the user works as usual."""
@@ -314,7 +322,8 @@ class PlacingTool(Conditional):
 
             colours = [colour_of(part.name) for part in placing.body.parts]
             centre = placing.centre_of(look.view.name)
-            alternative_boxes.draw(placing.bones_of_alternatives(), colours, centre, placing.alternative)
+            row = self._boxes(look)
+            alternative_boxes.draw(row, placing.bones_of_alternatives(), colours, centre, placing.alternative)
 
     def _confirmed(self, context: bpy.types.Context) -> set[str]:
         if not self._placing.marks:

@@ -12,6 +12,7 @@ from ..scene_io.sides import Colour
 from . import mark_drawing
 
 _WIDTH, _HEIGHT, _GAP, _MARGIN = 84, 110, 6, 16  # pixels
+_CLEAR = 10  # pixels: a joint so near to a box is too near
 _BACK: Colour = (0.08, 0.08, 0.08, 0.8)
 _CHOSEN: Colour = (0.27, 0.45, 0.75, 0.9)
 _TEXT: Colour = (1.0, 1.0, 1.0, 1.0)
@@ -22,12 +23,34 @@ Box = tuple[float, float, float, float]
 """Left, bottom, right, top in the region."""
 
 
-def boxes(count: int, scale: float | None = None) -> list[Box]:
-    """Return where the boxes are, in a row from the lower left of the region; by default at the interface's scale."""
+def boxes(count: int, scale: float | None = None, *, upper: float | None = None) -> list[Box]:
+    """Return where the boxes are, in a row from the lower left of the region, or at the top below an upper edge; by
+    default at the interface's scale.
+    """
     scale = bpy.context.preferences.system.ui_scale if scale is None else scale
     step = _WIDTH + _GAP
     lefts = [(_MARGIN + i * step) * scale for i in range(count)]
-    return [(x, _MARGIN * scale, x + _WIDTH * scale, (_MARGIN + _HEIGHT) * scale) for x in lefts]
+    bottom = _MARGIN * scale if upper is None else upper - (_MARGIN + _HEIGHT) * scale
+    return [(x, bottom, x + _WIDTH * scale, bottom + _HEIGHT * scale) for x in lefts]
+
+
+def row_beside(joints: Sequence[Sequence[float]], count: int, upper: float, scale: float | None = None) -> list[Box]:
+    """Return where the boxes are so that joints can still be clicked: at the bottom, or if more joints lie there, at
+    the top.
+
+    Parameters
+    ----------
+    joints : sequence of (float, float)
+        Positions in the region.
+    upper : float
+        What is above it is covered by bars.
+    """
+
+    def covered(row: list[Box]) -> int:
+        left, bottom, right, top = row[0][0], row[0][1], row[-1][2], row[0][3]
+        return sum(left <= x <= right and bottom - _CLEAR <= y <= top + _CLEAR for x, y in joints)
+
+    return min(boxes(count, scale), boxes(count, scale, upper=upper), key=covered)
 
 
 def box_at(found: Sequence[Box], x: float, y: float) -> int | None:
@@ -46,11 +69,12 @@ def from_the_side(bones: Array, centre_world: Array) -> Array:
     return np.stack([bones @ away, bones[..., 2]], axis=-1)
 
 
-def draw(bones: Array, colours: Sequence[Colour], centre_world: Array, chosen: int) -> None:
+def draw(row: Sequence[Box], bones: Array, colours: Sequence[Colour], centre_world: Array, chosen: int) -> None:
     """Draw poses into their boxes.
 
     Parameters
     ----------
+    row : sequence of Box, length N
     bones : ndarray, shape (N, P, 2, 3)
         Ends of the bones of each pose in the world.
     colours : sequence of Colour, length P
@@ -60,7 +84,7 @@ def draw(bones: Array, colours: Sequence[Colour], centre_world: Array, chosen: i
     """
     flat = from_the_side(bones, centre_world)
     low, high = flat.min(axis=(0, 1, 2)), flat.max(axis=(0, 1, 2))
-    for i, (left, bottom, right, top) in enumerate(boxes(len(bones))):
+    for i, (left, bottom, right, top) in enumerate(row):
         mark_drawing.bar((left, bottom), (right, top), _CHOSEN if i == chosen else _BACK)
         size = 0.85 * min((right - left) / max(high[0] - low[0], 1e-6), (top - bottom) / max(high[1] - low[1], 1e-6))
         middle = np.array([left + right, bottom + top]) / 2

@@ -344,8 +344,14 @@ class Tool(PlacingTool):
 
     def _look(self, context):
         view = SimpleNamespace(name="cam01")
-        region = SimpleNamespace(x=0, y=0)
-        look = SimpleNamespace(view=view, region=region, place=lambda x, y: (0.002 * x, -0.002 * y))
+        region = SimpleNamespace(type="WINDOW", x=0, y=0, width=100, height=100)
+        look = SimpleNamespace(
+            view=view,
+            area=SimpleNamespace(regions=[region]),
+            region=region,
+            place=lambda x, y: (0.002 * x, -0.002 * y),
+            position_of=lambda point: None,
+        )
         look.position_of = look.position = lambda point: None
         return look if self._is_over_3d_view(context) else None
 
@@ -478,6 +484,17 @@ def test_every_alternative_has_a_box_to_click():
         assert alternative_boxes.box_at(row, (left + right) / 2, (bottom + top) / 2) == number
     assert alternative_boxes.box_at(row, right + 2, top) is None
     assert alternative_boxes.box_at(row[:3], right, top) is None
+
+
+def test_the_boxes_lie_where_they_cover_the_fewest_joints():
+    from kfmocap.kfmocap_addon.overlays import alternative_boxes
+
+    low, high = [(200.0, 60.0), (240.0, 70.0)], [(200.0, 560.0)]
+    at_the_bottom = alternative_boxes.boxes(4, 1.0)
+    assert alternative_boxes.row_beside([*low, *high], 4, 600.0, 1.0) == alternative_boxes.boxes(4, 1.0, upper=600.0)
+    assert alternative_boxes.row_beside(high, 4, 600.0, 1.0) == at_the_bottom
+    assert alternative_boxes.row_beside([(900.0, 60.0)], 4, 600.0, 1.0) == at_the_bottom, "it is beside the row"
+    assert alternative_boxes.boxes(4, 1.0, upper=600.0)[0][3] < 600.0
 
 
 def test_seen_from_the_side_what_is_farther_from_the_camera_is_to_the_right():
