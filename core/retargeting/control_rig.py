@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -31,8 +32,9 @@ class ControlRig:
     location_axes : ndarray, shape (B, 3, 3)
         How each unit of a control's location channels moves it in the world at rest, metres, as columns. Only those of
         controls that play a role of `MOVED` are used.
-    resting_toes : frozenset of str
-        Sides ("L", "R") whose feet have toe bones that are not among the controls and keep their rest rotation.
+    resting_toes : mapping of str to float
+        For the sides ("L", "R") whose feet have toe bones that are not among the controls and keep their rest rotation:
+        horizontal distance at rest from the ankle to the tips of the toes, metres; 0 where it is unknown.
     """
 
     rest: RestSkeleton
@@ -40,7 +42,7 @@ class ControlRig:
     turn_parents: tuple[int, ...]
     R_world_rest: Array
     location_axes: Array
-    resting_toes: frozenset[str] = frozenset()
+    resting_toes: Mapping[str, float] = field(default_factory=dict)
 
     def index(self, role: str, place: int = 0) -> int:
         """Return the index of the control that plays a role; `place` counts along a chain."""

@@ -157,14 +157,16 @@ def _target_offsets(
     """Return heel and ball relative to the target's ankle at rest, (2, 3): the source's, scaled to the target's foot.
 
     The foot of a source without toe bones rolls over the tips of the toes. So does the target's then, with straight
-    toes; its foot bone ends before them and does not show the length of the foot.
+    toes, which its foot bone ends before.
     """
     own = sole_offsets(rig.rest, rig.bones, path.side)
     ratio = placement.scale
     both = [f"toe.{path.side}" in bones.bones for bones in (source[1], rig.bones)]
-    if own is not None and both[0] == both[1] and (both[0] or path.side not in rig.resting_toes):
-        lengths = [float(np.linalg.norm(offsets[BALL, :2])) for offsets in (path.offsets, own)]
-        found = lengths[1] / lengths[0]
+    reach = 0.0 if own is None else float(np.linalg.norm(own[BALL, :2]))
+    if not both[0] and path.side in rig.resting_toes:
+        reach = rig.resting_toes[path.side]
+    if reach > 0 and both[0] == both[1]:
+        found = reach / float(np.linalg.norm(path.offsets[BALL, :2]))
         ratio = ratio if abs(found / ratio - 1) < _SAME_FOOT else found
     ankle = rig.rest.heads[rig.index(f"foot.{path.side}")]
     offsets = ratio * (path.offsets * [1.0, 1.0, 0.0]) @ A

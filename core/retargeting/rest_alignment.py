@@ -16,6 +16,8 @@ from .roles import FINGERS, PARENTS, SIDES, BoneMap, parent_role
 
 _UP = np.array([0.0, 0.0, 1.0])
 _NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shin", "shin": "foot", "foot": "toe"}
+_LEAST_TOES, _TOES = 0.2, 0.5
+"""Least length of toes that is not arbitrary, and usual length, in units of the distance from ankle to ball."""
 _STRAY = np.cos(np.radians(40))  # at a larger angle to the forearm, the tail of a hand's bone is arbitrary
 
 
@@ -204,6 +206,22 @@ def foot_way(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
     [shin] = rest.indices(bones.bones[f"shin.{side}"])
     shown = flat @ forward > 0.5 * np.linalg.norm(flat) and np.linalg.norm(flat) > 0.3 * length
     return np.asarray(flat) if shown and length < np.linalg.norm(rest.heads[shin] - rest.heads[j]) else None
+
+
+def toe_reach(rest: RestSkeleton, bones: BoneMap, side: str) -> float:
+    """Return the horizontal distance at rest from the ankle to the tips of a foot's toes; 0 if it is unknown.
+
+    It is estimated from the distance to the toes' joint where their tail is arbitrary, as importers leave it.
+    """
+    way = foot_way(rest, bones, side)
+    if way is None:
+        return 0.0
+    ball = float(np.linalg.norm(way))
+    [j] = rest.indices(bones.bones[f"toe.{side}"])
+    toes = rest.tails[j] - rest.heads[j]
+    ahead = float(toes @ way) / ball
+    shown = _LEAST_TOES * ball < ahead < ball and ahead > 0.5 * np.linalg.norm(toes)
+    return ball + (ahead if shown else _TOES * ball)
 
 
 def feet_point_back(rest: RestSkeleton, bones: BoneMap) -> bool:

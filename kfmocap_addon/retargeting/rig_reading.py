@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
+from types import MappingProxyType
 from typing import Any
 
 import bpy
@@ -164,7 +165,9 @@ def update() -> None:
     bpy.context.view_layer.update()
 
 
-def read_rig(armature: bpy.types.Object, bones: BoneMap, resting_toes: frozenset[str] = frozenset()) -> RigReading:
+def read_rig(
+    armature: bpy.types.Object, bones: BoneMap, resting_toes: Mapping[str, float] = MappingProxyType({})
+) -> RigReading:
     """Read how a rig's controls stand at rest and follow each other; it must stand at rest (`at_rest`).
 
     Parameters
@@ -172,7 +175,7 @@ def read_rig(armature: bpy.types.Object, bones: BoneMap, resting_toes: frozenset
     armature : bpy.types.Object
     bones : BoneMap
         Of the controls.
-    resting_toes : frozenset of str
+    resting_toes : mapping of str to float
         See `ControlRig`.
 
     Raises

@@ -15,6 +15,7 @@ from ...core.errors import BodyError
 from ...core.numerics.arrays import Array, Bools
 from ...core.retargeting.bone_matching import described, match_bones, preset_of
 from ...core.retargeting.control_rig import MOVED, ControlRig, RigPoses, local_places, local_turns
+from ...core.retargeting.rest_alignment import toe_reach
 from ...core.retargeting.retarget import Retargeted, limb_changes, plant_intervals, prepared, retarget
 from ...core.retargeting.roles import SIDES, BoneMap
 from ...core.retargeting.transfer import RetargetOptions
@@ -241,7 +242,7 @@ def _on_controls(
         with_settings(armature, preset.settings or controls.settings) as settings,
         without_holds(armature, held) as holds,
     ):
-        reading = read_rig(armature, used, _resting_toes(bones, used))
+        reading = read_rig(armature, used, _resting_toes(armature, bones, used))
         rig = reading.rig
         shown = [shown_bone(armature, follows, name) for name in rig.rest.names]
         standing = world_matrices(armature, shown)
@@ -271,9 +272,11 @@ def _used(bones: BoneMap, of_source: BoneMap, options: RetargetOptions) -> BoneM
     return BoneMap({role: names for role, names in bones.bones.items() if role in moving}, bones.preset, bones.found_by)
 
 
-def _resting_toes(bones: BoneMap, used: BoneMap) -> frozenset[str]:
-    """Return the sides whose feet have toes for which the source has no motion."""
-    return frozenset(side for side in SIDES if f"toe.{side}" in bones.bones and f"toe.{side}" not in used.bones)
+def _resting_toes(armature: bpy.types.Object, bones: BoneMap, used: BoneMap) -> dict[str, float]:
+    """Return how far feet reach to the tips of their toes, on sides for whose toes the source has no motion."""
+    resting = [side for side in SIDES if f"toe.{side}" in bones.bones and f"toe.{side}" not in used.bones]
+    rest = rest_skeleton(armature)
+    return {side: toe_reach(rest, bones, side) for side in resting}
 
 
 def shown_bone(armature: bpy.types.Object, follows: Mapping[str, str], name: str) -> str:

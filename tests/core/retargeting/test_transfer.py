@@ -8,11 +8,14 @@ from itertools import product
 import numpy as np
 import pytest
 from kfmocap.core.body import human
+from kfmocap.core.body.skeleton_motion import RestSkeleton
 from kfmocap.core.errors import BodyError
 from kfmocap.core.numerics import rotations
 from kfmocap.core.retargeting.bone_presets import PRESETS
 from kfmocap.core.retargeting.control_rig import local_places, local_turns
+from kfmocap.core.retargeting.rest_alignment import toe_reach
 from kfmocap.core.retargeting.retarget import grounded, prepared, retarget
+from kfmocap.core.retargeting.roles import BoneMap
 from kfmocap.core.retargeting.transfer import RetargetOptions, chain_blends
 from made_rigs import LONGER_LEGS, SHORTER_ARMS, made_rig, moved_body, moved_rig, wild_motion
 from render.motions import MOTIONS
@@ -128,7 +131,7 @@ def test_toes_that_stay_straight_stay_above_the_ground(walking):
     end = rig.rest.tails[foot] - rig.rest.heads[foot]
     tails = rig.rest.tails.copy()
     tails[foot] = rig.rest.heads[foot] + 0.7 * end
-    short = replace(rig, rest=replace(rig.rest, tails=tails), resting_toes=frozenset("LR"))
+    short = replace(rig, rest=replace(rig.rest, tails=tails), resting_toes=dict.fromkeys("LR", abs(end[1])))
     poses = retarget(*walking, short).poses
     own = walking[0].rest.indices(["foot.L"])[0]
     tips = [
@@ -139,6 +142,33 @@ def test_toes_that_stay_straight_stay_above_the_ground(walking):
         )
     ]
     assert np.abs(tips[0] - tips[1]).max() < 1e-3
+
+
+def test_toes_of_feet_that_are_long_for_their_legs_stay_above_the_ground(walking):
+    """As those of children and of comic figures."""
+    rig = made_rig("mixamo", BODY, 0.0)
+    foot, long = rig.index("foot.L"), 1.4
+    end = rig.rest.tails[foot] - rig.rest.heads[foot]
+    sole = np.array([long * end[0], long * end[1], -rig.rest.heads[foot][2]])
+    poses = retarget(*walking, replace(rig, resting_toes=dict.fromkeys("LR", long * abs(end[1])))).poses
+    tips = poses.places[:, foot, 2] + (poses.turns[:, foot] @ sole)[:, 2]
+    assert tips.min() > -0.005
+
+
+@pytest.mark.parametrize(
+    ("tail", "reach"), [((0.0, -0.08, 0.0), 0.21), ((0.0, 0.0, 0.08), 0.195), ((0.0, -0.3, 0.0), 0.195)]
+)
+def test_the_reach_of_toes_is_estimated_where_their_tails_are_arbitrary(tail, reach):
+    rig = made_rig("mixamo", BODY, 0.0)
+    foot, shin = rig.index("foot.L"), rig.index("shin.L")
+    heads, tails = (a.copy() for a in (rig.rest.heads, rig.rest.tails))
+    ball = heads[foot] + [0.0, -0.13, 0.0]
+    rest = RestSkeleton(
+        (*rig.rest.names, "toe"), (*rig.rest.parents, foot), np.vstack([heads, ball]), np.vstack([tails, ball + tail])
+    )
+    assert np.linalg.norm(heads[shin] - heads[foot]) > 0.13
+    bones = BoneMap({**rig.bones.bones, "toe.L": ("toe",)})
+    assert toe_reach(rest, bones, "L") == pytest.approx(reach, abs=1e-6)
 
 
 @pytest.mark.parametrize(("ankle", "toe"), [(0.07, 0.02), (0.3, 0.01)])
