@@ -14,7 +14,7 @@ _SIDES = {
 }
 _MADE = re.compile(
     r"^(bip|valve|biped|j|b|m|cc|base|bn|bone|joint|jnt|jt|sh|bind|skin|sk|x|character|valvebiped"
-    r"|mstr)$"
+    r"|mstr|main)$"
 )
 _NUMBERED = re.compile(r"^(bip|biped|character)$")
 _KINDS = {

@@ -7,7 +7,7 @@ bones that move rigidly with it follow it.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import bpy
@@ -17,12 +17,22 @@ from mathutils import Matrix
 from ...core.errors import BodyError
 from ...core.numerics import rotations
 from ...core.numerics.arrays import Array
-from ...core.retargeting.roles import BoneMap
+from ...core.retargeting.roles import SIDES, BoneMap
 from ..scene_io import body_armature
 from ..scene_io.followed_bones import following
 from .rig_reading import at_rest, moved_matrices, refuse_mirrored, rest_matrices, update
-from .rig_settings import Owner, Settings, owner_of, property_ends, restore_settings, set_settings, switches
+from .rig_settings import (
+    Owner,
+    Settings,
+    owner_of,
+    property_ends,
+    restore_settings,
+    set_settings,
+    switches,
+    trying_settings,
+)
 
+_ENDS = (("hand", "forearm"), ("foot", "shin"))
 _RIGID = 1e-3
 """Tolerance within which two bones move rigidly together, radians, and relative to the rig's size."""
 
@@ -104,12 +114,36 @@ def through_controls(armature: bpy.types.Object, bones: BoneMap) -> tuple[BoneMa
     if not led:
         return bones, FkControls({}, {})
     found = find_controls(armature, names, held)
+    found = _without_loose_ends(armature, bones, found)
     used = [found.by_bone.get(name, name) if name in led else name for name in names]
     by_bone = {
         name: control for name, control in zip(names, used, strict=True) if name != control and used.count(control) == 1
     }
     roles = {role: tuple(by_bone.get(name, name) for name in played) for role, played in bones.bones.items()}
     return BoneMap(roles, bones.preset, bones.found_by), FkControls(by_bone, found.settings if by_bone else {})
+
+
+def _without_loose_ends(armature: bpy.types.Object, bones: BoneMap, found: FkControls) -> FkControls:
+    """Leave out controls of hands and feet that do not move with the limb, as goals of inverse kinematics do not: where
+    the limb has no FK controls, its own bones are posed, freed of their constraints.
+    """
+    loose = set()
+    with (
+        at_rest(armature, [bone.name for bone in armature.data.bones]),
+        trying_settings(armature, found.settings),
+    ):
+        for end, above in ((f"{a}.{side}", f"{b}.{side}") for a, b in _ENDS for side in SIDES):
+            if end not in bones.bones or above not in bones.bones:
+                continue
+            [name], [limb] = bones.bones[end], bones.bones[above]
+            pair = [found.by_bone.get(limb, limb), found.by_bone.get(name, name)]
+            rest = rest_matrices(armature, pair)
+            size = float(armature.data.bones[limb].length) or 1.0
+            change = moved_matrices(armature, pair[0], pair) @ np.linalg.inv(rest)
+            update()
+            if name in found.by_bone and not alike(change, change[0], rest, size)[1]:
+                loose.add(name)
+    return replace(found, by_bone={name: control for name, control in found.by_bone.items() if name not in loose})
 
 
 def _is_led(armature: bpy.types.Object, name: str, held: Collection[str], roles: Collection[str]) -> bool:

@@ -39,6 +39,17 @@ def with_settings(
         raise
 
 
+@contextmanager
+def trying_settings(armature: bpy.types.Object, settings: Mapping[Any, Mapping[str, float]]) -> Iterator[None]:
+    """Set custom properties, where there are such, while the block runs."""
+    before = set_settings(armature, settings)
+    try:
+        yield
+    finally:
+        restore_settings(armature, before)
+        update()
+
+
 def set_settings(
     armature: bpy.types.Object, settings: Mapping[Any, Mapping[str, float]]
 ) -> dict[tuple[Owner, str], Any]:

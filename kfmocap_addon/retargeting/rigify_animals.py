@@ -20,7 +20,7 @@ from ...core.numerics.arrays import Array, Bools
 from ...core.retargeting.roles import BoneMap
 from .fk_controls import FkControls, alike
 from .rig_reading import at_rest, moved_matrices, rest_matrices, update
-from .rig_settings import with_settings
+from .rig_settings import trying_settings
 
 _NOT_FK = re.compile(r"tweak|(^|_)ik(_|\.|$)|master|gear|parent|heel|target|pivot|^root$|^hips$|^chest$")
 """Names of controls that do not turn one bone about its joint, as Rigify makes them."""
@@ -81,7 +81,7 @@ def animal_controls(armature: bpy.types.Object, bones: Sequence[str], held: Coll
     settings = {name: values for name, values in settings.items() if values}
     shaped = [bone.name for bone in pose if bone.custom_shape is not None and bone.name not in held]
     candidates = [name for name in shaped if not _NOT_FK.search(name)]
-    with at_rest(armature, [bone.name for bone in pose]), with_settings(armature, settings):
+    with at_rest(armature, [bone.name for bone in pose]), trying_settings(armature, settings):
         moves = _observed(armature, candidates, bones)
     kept = _in_one_tree(armature, moves, _without_partly_moved(moves))
     return FkControls(_carriers(moves, kept), settings)

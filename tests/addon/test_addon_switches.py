@@ -77,6 +77,20 @@ def test_motion_is_sent_through_fk_wherever_the_switches_are(where):
     assert len(said) == (len(ENDS) if where in ("data", "parent") else 0)
 
 
+def test_limbs_without_a_switch_are_moved_by_their_own_bones_up_to_hands_and_feet():
+    """The goals of inverse kinematics turn hands and feet, but do not move with the limbs."""
+    target = switched_human()
+    for curve in list(target.animation_data.drivers):
+        target.driver_remove(curve.data_path)
+    for bone in target.pose.bones:
+        for held in bone.constraints:
+            held.influence = 1.0
+    report = send.send_to_rig(bpy.context.scene, motion_of_body(BODY, swing(BODY, FRAMES), "man", 30.0), target, 1)
+    assert {f"DEF-{end}" for end in ENDS} <= {name for names in report["target"]["bones"].values() for name in names}
+    assert max(error["worst_degrees"] for error in report["error"].values()) < 0.1
+    assert max(error["worst_mm"] for error in report["error"].values()) < 0.1
+
+
 def test_switches_of_the_object_come_back_when_a_character_stops_following():
     target = switched_human(where="object")
     source = skinned_human()
