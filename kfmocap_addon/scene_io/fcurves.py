@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from types import MappingProxyType
 
 import bpy
@@ -36,6 +36,8 @@ KEY_TYPE = np.dtype(
 )
 
 
+_PATHS = 10_000
+"""Number of data paths that are remembered: those of the channels of several performers and rigs."""
 _BONE = re.compile(r'pose\.bones\["((?:[^"\\]|\\.)*)"\]')
 _PROPERTY = re.compile(rf'(?:{_BONE.pattern})?\["((?:[^"\\]|\\.)*)"\]')
 _ENDS = np.cumsum([KEY_TYPE[name].itemsize for name in KEY_TYPE.names or ()]).tolist()
@@ -67,6 +69,7 @@ class BoneAttribute:
         return bone_path(self.bone, self.attribute) if self.bone else self.attribute
 
 
+@lru_cache(maxsize=_PATHS)
 def bone_path(bone: str, attribute: str = "") -> str:
     """Return the data path of a pose bone's attribute, or of a custom property such as `["name"]`, in the armature
     object.
