@@ -61,7 +61,7 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
     if problem.search is not AccelerationSearch.JOINTS:
         problem = problem.with_smoothness(best.variances)
     doubted = doubted_performers(problem, start, best) if problem.settings.limb_search else []
-    motions = best.motions
+    motions = straight = best.motions
     for k, i in enumerate(worst_first(problem, best, doubted)):
         own_start = [start[j] if j == i else motion for j, motion in enumerate(motions)]
         part = workspace.part(0.2 + 0.7 * k / len(doubted), 0.2 + 0.7 * (k + 1) / len(doubted))
@@ -81,7 +81,8 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
         settled = descend(problem, motions, workspace.silent(), SETTLED)
         seconds.add(settled.seconds)
         best = continued(best, settled)
-    if doubted and not problem.keypoints:  # keypoints show where limbs are
+    dispelled = len(problem.bodies) == 1 and motions is straight  # all foreground beside it is something else
+    if doubted and not dispelled and not problem.keypoints:  # keypoints show where limbs are
         # For all performers: one who stands in front of a doubted performer may have taken over its limbs.
         with seconds.measure("initial solution"):
             best = with_limbs_exchanged(problem, best, workspace.part(0.9, 1.0))
@@ -113,9 +114,9 @@ def best_of_own_starts(
 
     The body may have turned the longer way round from one key pose to the next, which is tried first (`whole_turns`).
     The motion is followed frame by frame from the key poses, unless others hide the performer on the way; then limbs
-    are searched for around the solutions. If nothing but uncovered foreground contradicts the first solution, a single
-    round of the search decides first whether the performer's limbs can be there at all: the foreground may be a
-    bystander.
+    are searched for around the solutions. If nothing but uncovered foreground contradicts the first solution, and no
+    whole turn is added to it, a single round of the search decides first whether the performer's limbs can be there at
+    all: the foreground may be a bystander.
 
     Parameters
     ----------
@@ -137,9 +138,9 @@ def best_of_own_starts(
     looks = len(problem.whole_keys(performer)) > 1 and not problem.keypoints  # keypoints show where limbs are
     if looks:
         with seconds.measure("initial solution"):
-            start, first = with_whole_turn(problem, start, first, workspace.part(0.0, 0.05))
+            start, first = with_whole_turn(problem, start, straight := first, workspace.part(0.0, 0.05))
     solutions = [first]
-    if looks and not speaks_against(problem, first):
+    if looks and first is straight and not speaks_against(problem, first):
         with seconds.measure("initial solution"):
             first_look = FirstLook.around(problem, first, workspace.part(0.0, 0.1))
         if not first_look.explains(problem):

@@ -234,4 +234,4 @@ def speaks_against(problem: SegmentProblem, solution: SegmentSolution) -> bool:
     """Whether anything but uncovered foreground contradicts a solution: it explains too little of a performer, or limbs
     lie on the background or are hidden from all views.
     """
-    return explains_little(problem, solution) or limb_astray(problem, solution) or concealed(problem, solution)
+    return doubtful(problem, solution) or limb_astray(problem, solution) or concealed(problem, solution)

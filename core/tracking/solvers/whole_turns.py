@@ -17,7 +17,7 @@ from ...numerics.arrays import Array, Bools
 from .gauss_newton import descend
 from .measurement import Workspace
 from .problem import SegmentProblem, SegmentSolution
-from .solution_doubts import explains_little
+from .solution_doubts import doubtful
 from .solution_ranking import better, cover_at
 
 
@@ -35,7 +35,7 @@ def with_whole_turn(
         Those with the turn if they cover more, otherwise those that were given.
     """
     [performer] = problem.sought
-    if problem.whole_keys(performer).tolist() != [0, problem.length - 1] or not explains_little(problem, first):
+    if problem.whole_keys(performer).tolist() != [0, problem.length - 1] or not doubtful(problem, first):
         return start, first
     ways = [turned(start[performer], problem.fixed[performer], axis) for axis in (*np.eye(3), *-np.eye(3))]
     starts = [(*start[:performer], way, *start[performer + 1 :]) for way in ways]

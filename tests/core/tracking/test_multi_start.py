@@ -64,6 +64,21 @@ def test_without_the_search_a_doubted_solution_stands() -> None:
     assert "initial solution" not in without.seconds
 
 
+@pytest.mark.parametrize("found", [False, True])
+def test_limbs_are_exchanged_only_once_the_search_has_found_another_motion(
+    monkeypatch: pytest.MonkeyPatch, found: bool
+) -> None:
+    """A doubt that the search dispels is no reason for it."""
+    landscape, asked = Landscape(truth=TRUTH, reach=0.0), list[SegmentSolution]()
+    first, other = (landscape.solution(PROBLEM, motion) for motion in (TRUTH, off(TRUTH, ARMS, 0.3)))
+    monkeypatch.setattr(multi_start, "descend", lambda *_: first)
+    monkeypatch.setattr(multi_start, "doubted_performers", lambda *_: [0])
+    monkeypatch.setattr(multi_start, "best_of_own_starts", lambda *_: other if found else first)
+    monkeypatch.setattr(multi_start, "with_limbs_exchanged", lambda _problem, best, _: asked.append(best) or best)
+    multi_start.best_of_starts(PROBLEM, [TRUTH], Workspace())
+    assert asked == [other] * found
+
+
 def explained(problem: SegmentProblem, motion: Motion) -> SegmentSolution:
     """A motion as if it had been found."""
     evidence = Workspace().measure(problem, [motion], Sampling(1.0, 1.0, 2, 0.07)).evidence

@@ -469,11 +469,11 @@ def test_the_motion_of_a_performer_whom_others_hide_is_not_followed(
     assert followed == ([1] if in_sight > multi_start.IN_SIGHT else [])
 
 
-@pytest.mark.parametrize("gain", [0.0, 100.0])
+@pytest.mark.parametrize(("gain", "turned"), [(0.0, False), (100.0, False), (0.0, True)])
 def test_if_only_uncovered_foreground_is_left_one_round_of_search_must_explain_it(
-    monkeypatch: pytest.MonkeyPatch, told: Told, gain: float
+    monkeypatch: pytest.MonkeyPatch, told: Told, gain: float, turned: bool
 ) -> None:
-    """It may be the bare arm of a bystander."""
+    """It may be the bare arm of a bystander. A motion to which a whole turn was added is searched all the same."""
     searches: list[int | None] = []
     alone = BOTH.alone(1)
     first = told.found(alone, WRONG)
@@ -485,10 +485,12 @@ def test_if_only_uncovered_foreground_is_left_one_round_of_search_must_explain_i
         searches.append(problem.only)
         return solutions[0]
 
+    with_turn = (WRONG, told.found(alone, WRONG))
+    monkeypatch.setattr(multi_start, "with_whole_turn", lambda *_: with_turn if turned else (WRONG, first))
     monkeypatch.setattr(multi_start, "speaks_against", lambda *_: False)
     monkeypatch.setattr(multi_start, "look_for_limbs", lambda *_, **__: told.found(alone, better))
     monkeypatch.setattr(multi_start, "likelihood", lambda _p, _n, found: gain * (found.motions[1] is better[1]))
     monkeypatch.setattr(multi_start, "followed", lambda _problem, start, *_: start)
     monkeypatch.setattr(multi_start, "searched", searched)
     multi_start.best_of_own_starts(alone, WRONG, first, Workspace())
-    assert searches == ([1] if gain else [])
+    assert searches == ([1] if gain or turned else [])

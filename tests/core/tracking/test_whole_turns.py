@@ -49,7 +49,7 @@ def test_a_solution_that_the_images_agree_with_stands_without_another_look() -> 
 
 
 def test_a_turn_that_covers_less_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(whole_turns, "explains_little", lambda *_: True)
+    monkeypatch.setattr(whole_turns, "doubtful", lambda *_: True)
     landscape = Landscape(truth=REST, reach=0.2)
     first = landscape.solution(PROBLEM, REST)
     given = [REST]
