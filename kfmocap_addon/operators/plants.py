@@ -110,7 +110,8 @@ class SetPlant(PlantOperator, bpy.types.Operator):
         what = f"{' and '.join(points)} {'stand' if self.planted else 'do not stand'}"
         if len(points) == 1:
             what = f"{points[0]} {'stands' if self.planted else 'does not stand'}"
-        return f"{what} on the ground on frames {self.first} to {self.last}"
+        frames = f"frame {self.first}" if self.first == self.last else f"frames {self.first} to {self.last}"
+        return f"{what} on the ground on {frames}"
 
 
 class ForgetPlantEdits(_FindingAnew, bpy.types.Operator):

@@ -23,7 +23,7 @@ class ReviewPanel(Section, bpy.types.Panel):
             return
         row = layout.row(align=True)
         row.prop(properties, "show_confidence", toggle=True, icon="COLOR")
-        row.prop(properties, "confidence_limit", text="mm")
+        row.prop(properties, "confidence_limit", text="Red at mm")
         row = layout.row(align=True)
         row.operator(ShowResidual.bl_idname, icon="IMAGE_BACKGROUND")
         row.operator(HideResidual.bl_idname, text="", icon="X")
