@@ -20,6 +20,7 @@ from ..body.motion import Motion
 from ..evidence.occlusion import intervals
 from ..numerics import rotations
 from ..numerics.arrays import Array
+from ..numerics.robust_kernels import NORMAL_MAD
 from .kalman import kalman_filter_class
 
 if TYPE_CHECKING:
@@ -104,7 +105,7 @@ def observation_noise(runs: Sequence[Array]) -> float:
     is 70 times that of a pose's error; that of a step is twice that of a pose. The median ignores sudden motion.
     """
     rough = np.concatenate([np.zeros(0)] + [np.diff(run, 3) for run in runs if len(run) > 3])
-    return float(2 / 70 * (np.median(np.abs(rough)) / 0.6745) ** 2) if len(rough) else 0.0
+    return float(2 / 70 * (NORMAL_MAD * np.median(np.abs(rough))) ** 2) if len(rough) else 0.0
 
 
 def autoregression(runs: Sequence[Array], order: int | None = None) -> AutoRegression:
