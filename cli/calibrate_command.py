@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from ..core.calibration.api import calibrate
@@ -11,6 +12,7 @@ from ..core.calibration.calibration_report import REPORT_FILES, write_report
 from ..core.calibration.calibration_result import CalibrationResult
 from ..core.calibration.performer.performer_cameras import PerformerCalibration, cameras_of_shot
 from ..core.calibration.performer.single_camera import SingleViewCalibration
+from ..core.cameras.camera import Camera
 from ..core.errors import KFMocapError
 from ..core.fitting.camera_refinement import Refinement
 from ..core.fitting.shot_cameras import refine_shot_cameras
@@ -27,20 +29,37 @@ from .progress_bar import progress_bar
 from .services import Services
 
 
+@dataclass(frozen=True)
+class CamerasFile:
+    """The calibration to write, and the name of its format; by default that of its ending, see `export_cameras`."""
+
+    path: Path
+    kind: str | None = None
+
+    def check(self) -> None:
+        """Check that the format is known.
+
+        Raises
+        ------
+        CalibrationError
+            It is not.
+        """
+        format_name(self.path, self.kind)
+
+    def write(self, temporary: Path, cameras: Mapping[str, Camera] | Sequence[Camera]) -> None:
+        """Write cameras under a temporary name."""
+        export_cameras(temporary, cameras, self.kind)
+
+
 def run(args: argparse.Namespace, _services: Services) -> int:
     """Run the command; returns the exit code."""
+    out = CamerasFile(args.out, args.format)
     if args.wand is not None:
         if args.lenses is not None:
             raise KFMocapError("--lenses applies to --performer only", where="kfmocap calibrate", todo="leave it out")
         with progress_bar() as progress:
             solution, files = run_calibrate(
-                args.wand,
-                args.out,
-                report=args.report,
-                points=args.points,
-                progress=progress,
-                kind=args.format,
-                drift=args.drift,
+                args.wand, out, report=args.report, points=args.points, progress=progress, drift=args.drift
             )
         lines: Sequence[object] = [*solution.clocks.lines, *solution.findings]
     else:
@@ -49,12 +68,10 @@ def run(args: argparse.Namespace, _services: Services) -> int:
             raise KFMocapError(what, where="kfmocap calibrate", todo="leave them out")
         with progress_bar() as progress:
             if args.performer is not None:
-                found = calibrate_by_performer(
-                    args.performer, args.out, lenses=args.lenses, progress=progress, kind=args.format
-                )
+                found = calibrate_by_performer(args.performer, out, lenses=args.lenses, progress=progress)
                 lines = found.summary_lines
             else:
-                refinement = refine_shot(args.refine, args.out, progress, kind=args.format)
+                refinement = refine_shot(args.refine, out, progress)
                 lines = [view.summary for view in refinement.views]
         files = [args.out]
     with results_are_written():
@@ -64,12 +81,11 @@ def run(args: argparse.Namespace, _services: Services) -> int:
 
 def run_calibrate(
     wand: Path,
-    out: Path,
+    out: CamerasFile,
     *,
     report: Path | None = None,
     points: Path | None = None,
     progress: Progress | None = None,
-    kind: str | None = None,
     drift: bool = False,
 ) -> tuple[CalibrationResult, list[Path]]:
     """Calibrate; write the cameras and, if asked for, the report and the detected marker positions.
@@ -78,15 +94,12 @@ def run_calibrate(
     ----------
     wand : Path
         The capture file.
-    out : Path
-        The calibration file to write.
+    out : CamerasFile
     report : Path, optional
         Folder for the report; created if it does not exist.
     points : Path, optional
         CSV file for the marker positions.
     progress : callable, optional
-    kind : str, optional
-        Format of the calibration file; by default the one of the ending of `out`. See `export_cameras`.
     drift : bool
         Whether the cameras' clocks may run at different speeds.
 
@@ -101,66 +114,58 @@ def run_calibrate(
     KFMocapError
         A file cannot be read or written, or the capture does not determine the cameras.
     """
-    format_name(out, kind)
+    out.check()
     with together() as outputs:
         stage = None if report is None else outputs.folder(report, REPORT_FILES)
         points_file = None if points is None else outputs.file(points, parents=True)
-        calibration = outputs.file(out, parents=True)
-        check_inputs_kept([file for file in (out, points) if file is not None], [wand])
+        calibration = outputs.file(out.path, parents=True)
+        check_inputs_kept([file for file in (out.path, points) if file is not None], [wand])
         solution = calibrate(load_wand(wand), progress, drift=drift)
-        files = [out]
+        files = [out.path]
         if report is not None and stage is not None:
             files += [report / file.name for file in write_report(stage, solution)]
         if points is not None and points_file is not None:
             write_marker_points(points_file, solution.capture)
             files.append(points)
-        export_cameras(calibration, solution.cameras, kind)
+        out.write(calibration, solution.cameras)
     return solution, files
 
 
 def calibrate_by_performer(
-    shot_path: Path,
-    out: Path,
-    *,
-    lenses: Path | None = None,
-    progress: Progress | None = None,
-    kind: str | None = None,
+    shot_path: Path, out: CamerasFile, *, lenses: Path | None = None, progress: Progress | None = None
 ) -> PerformerCalibration | SingleViewCalibration:
     """Find the cameras of a shot file's views from its performer's 2D keypoints and height, and write them.
 
     Parameters
     ----------
-    shot_path, out : Path
-        The shot file, and the calibration to write, which may be the shot's own: that is not read.
+    shot_path : Path
+    out : CamerasFile
+        It may be the shot's own calibration: that is not read.
     lenses : Path, optional
         A calibration of the same cameras, whose intrinsic parameters are kept.
     progress : callable, optional
-    kind : str, optional
-        See `run_calibrate`.
 
     Raises
     ------
     KFMocapError
         A file cannot be read or written, or the keypoints do not determine the cameras.
     """
-    format_name(out, kind)
-    with replacing(out) as calibration:
+    out.check()
+    with replacing(out.path) as calibration:
         spec = read_shot_spec(shot_path)
         found = cameras_of_shot(spec, {} if lenses is None else load_cameras(lenses), progress)
-        export_cameras(calibration, found.cameras, kind)
+        out.write(calibration, found.cameras)
     return found
 
 
-def refine_shot(shot_path: Path, out: Path, progress: Progress | None = None, *, kind: str | None = None) -> Refinement:
+def refine_shot(shot_path: Path, out: CamerasFile, progress: Progress | None = None) -> Refinement:
     """Refine the cameras of a shot file's views; write them with the other cameras of its calibration.
 
     Parameters
     ----------
-    shot_path, out : Path
-        The shot file, and the calibration file to write.
+    shot_path : Path
+    out : CamerasFile
     progress : callable, optional
-    kind : str, optional
-        See `run_calibrate`.
 
     Raises
     ------
@@ -169,11 +174,11 @@ def refine_shot(shot_path: Path, out: Path, progress: Progress | None = None, *,
     OutputError
         The calibration cannot be written; raised before the work begins if possible.
     """
-    format_name(out, kind)
-    with replacing(out) as calibration:
+    out.check()
+    with replacing(out.path) as calibration:
         spec = read_shot_spec(shot_path)
-        check_inputs_kept([out], [shot_path, *(view.footage for view in spec.views)])
+        check_inputs_kept([out.path], [shot_path, *(view.footage for view in spec.views)])
         cameras = read_shot_cameras(spec)
         refinement = refine_shot_cameras(prepare_shot(spec), progress)
-        export_cameras(calibration, cameras | refinement.cameras, kind)
+        out.write(calibration, cameras | refinement.cameras)
     return refinement

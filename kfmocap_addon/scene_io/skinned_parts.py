@@ -2,75 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
 import bpy
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from ...core.body import Part
 from ...core.errors import BodyError
 from ...core.numerics.arrays import Array
 from . import part_meshes
-from .followed_bones import skeletons_following
 from .merged_clouds import merged_clouds, with_taken_in
+from .skins import Skin, read_skin
 
 _CORNERS = 24
 """Directions in which a part's solid touches the skin: few faces, drawn many times."""
 _SMALL = 0.045
 """Size of parts, as a share of the skin's height, below which they (fingers, eyes) belong to the part above."""
 _LEAST = 8
-_LED = 0.5
-"""Share of a vertex's weight from which on a bone leads it."""
-
-
-@dataclass(frozen=True, eq=False)
-class Skin:
-    """The skin of a character at rest.
-
-    Attributes
-    ----------
-    points : ndarray, shape (V, 3)
-        Vertices in the armature's axes.
-    leaders : ndarray of int, shape (V,)
-        Number of the bone that leads each, -1 where none does.
-    names : list of str
-        Names of the bones by their number.
-    """
-
-    points: Array
-    leaders: NDArray[np.int64]
-    names: list[str]
 
 
 @dataclass(frozen=True)
 class SkinnedParts:
-    """The parts made from a skin.
-
-    Attributes
-    ----------
-    parts : tuple of str
-        Bones that carry a part now.
-    remarks : tuple of str
-        What could not be used, by the bone's or the mesh's name.
-    """
+    """The bones that carry a part made from a skin, and remarks on the bones and meshes that could not be used."""
 
     parts: tuple[str, ...]
     remarks: tuple[str, ...] = field(default_factory=tuple)
-
-
-def skinned_meshes(armature: bpy.types.Object) -> list[bpy.types.Object]:
-    """Return the meshes that an armature modifier binds to an armature's vertex groups."""
-    return [o for o in bpy.data.objects if o.type == "MESH" and any(_binds(m, armature) for m in o.modifiers)]
-
-
-def _binds(modifier: Any, armature: bpy.types.Object) -> bool:
-    return modifier.type == "ARMATURE" and modifier.object == armature and modifier.use_vertex_groups
 
 
 def add_parts(
@@ -139,55 +99,6 @@ def leading_bones(armature: bpy.types.Object) -> list[str]:
     """Bones that lead enough of the skin to be a solid, the others being of no use for a body."""
     skin = read_skin(armature)
     return [name for number, name in enumerate(skin.names) if int((skin.leaders == number).sum()) >= _LEAST]
-
-
-def read_skin(armature: bpy.types.Object) -> Skin:
-    """Read the skin at rest: modifiers before and beside the armature's are respected. That of a skeleton whose bones
-    follow the armature's is led by the bones that they follow.
-    """
-    own = [bone.name for bone in armature.data.bones if bone.use_deform]
-    skeletons = {armature: dict(zip(own, own, strict=True)), **skeletons_following(armature)}
-    bound = [(mesh, bones) for skeleton, bones in skeletons.items() for mesh in skinned_meshes(skeleton)]
-    names = list(dict.fromkeys(name for bones in skeletons.values() for name in bones.values()))
-    numbers = {name: i for i, name in enumerate(names)}
-    points, leaders = [np.empty((0, 3))], [np.empty(0, np.int64)]
-    to_armature = np.linalg.inv(np.array(armature.matrix_world))
-    with _at_rest(skeletons):
-        graph = bpy.context.evaluated_depsgraph_get()
-        for skin, bones in bound:
-            shown = skin.evaluated_get(graph)
-            mesh = shown.to_mesh()
-            matrix = to_armature @ np.array(skin.matrix_world)
-            co = np.empty(3 * len(mesh.vertices), np.float32)
-            mesh.vertices.foreach_get("co", co)
-            points.append(co.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3])
-            groups = [numbers.get(bones.get(group.name, ""), -1) for group in skin.vertex_groups]
-            leaders.append(np.array([_leader(vertex, groups) for vertex in mesh.vertices], np.int64))
-            shown.to_mesh_clear()
-    return Skin(np.concatenate(points), np.concatenate(leaders), names)
-
-
-@contextmanager
-def _at_rest(armatures: Collection[bpy.types.Object]) -> Iterator[None]:
-    before = {armature: armature.data.pose_position for armature in armatures}
-    for armature in armatures:
-        armature.data.pose_position = "REST"
-    bpy.context.view_layer.update()
-    try:
-        yield
-    finally:
-        for armature, position in before.items():
-            armature.data.pose_position = position
-        bpy.context.view_layer.update()
-
-
-def _leader(vertex: bpy.types.MeshVertex, groups: list[int]) -> int:
-    """Return the bone with most of a vertex's weight, -1 where none has half of it."""
-    weights = [(g.weight, groups[g.group]) for g in vertex.groups if g.group < len(groups) and groups[g.group] >= 0]
-    if not weights:
-        return -1
-    most, bone = max(weights)
-    return bone if most >= _LED * sum(weight for weight, _ in weights) else -1
 
 
 def _clouds(armature: bpy.types.Object, skin: Skin, carriers: Mapping[str, str] | None) -> dict[str, Array]:

@@ -12,7 +12,7 @@ from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import find_target, send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves, skinned_parts  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves, skins  # noqa: E402
 from mathutils import Euler, Matrix  # noqa: E402
 from odd_characters import BODY, UNREAL, generated_rig, limited_legs, linked, skinned_human, unreal_like  # noqa: E402
 from synthetic import swing  # noqa: E402
@@ -25,7 +25,7 @@ FRAMES, HALF = 8, 0.5
 def game_skeleton(kind="COPY_TRANSFORMS"):
     """A skeleton for a game engine, with the skin, whose bones follow those of a rig of controls; both."""
     controls = skinned_human()
-    for skin in skinned_parts.skinned_meshes(controls):
+    for skin in skins.skinned_meshes(controls):
         bpy.data.objects.remove(skin)
     controls.name = "controls"
     skeleton = skinned_human(UNREAL)
@@ -57,7 +57,7 @@ def test_controls_are_a_body_with_the_skin_of_the_skeleton_that_follows_them(kin
 
 def test_a_skeleton_of_rigifys_deforming_bones_is_tracked_through_rigifys_controls():
     rig = generated_rig()
-    for skin in skinned_parts.skinned_meshes(rig):
+    for skin in skins.skinned_meshes(rig):
         [modifier] = skin.modifiers
         skeleton = bpy.data.objects.new("game", rig.data.copy())
         modifier.object = skeleton

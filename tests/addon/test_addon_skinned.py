@@ -21,6 +21,7 @@ from kfmocap.kfmocap_addon.scene_io import (  # noqa: E402
     motion_curves,
     part_meshes,
     skinned_parts,
+    skins,
 )
 from odd_characters import as_imported, bind, foreign_armature, points_of  # noqa: E402
 from scipy.spatial import ConvexHull  # noqa: E402
@@ -311,7 +312,7 @@ def test_limbs_whose_skin_twist_bones_lead_are_parts(held):
             above = bones[name]
             bone = bones.new(name.replace(".", "_twist_01."))
             bone.head, bone.tail, bone.parent = above.head, above.head + above.z_axis * 0.05, above
-    for skin in skinned_parts.skinned_meshes(armature):
+    for skin in skins.skinned_meshes(armature):
         for name in limbs:
             if name in skin.vertex_groups:
                 skin.vertex_groups[name].name = name.replace(".", "_twist_01.")
@@ -395,7 +396,7 @@ def test_a_mesh_becomes_a_prop_that_stays_where_it_is_and_keeps_its_keys():
 
 def test_the_active_skin_of_a_character_stands_for_its_armature():
     armature = skinned()
-    bpy.context.view_layer.objects.active = skinned_parts.skinned_meshes(armature)[0]
+    bpy.context.view_layer.objects.active = skins.skinned_meshes(armature)[0]
     assert bpy.ops.kfmocap.use_armature() == {"FINISHED"}
     assert [slot.armature for slot in bpy.context.scene.kfmocap.performers] == [armature]
 

@@ -14,7 +14,7 @@ from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting import live, rig_reading, send  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves, skinned_parts  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves, skins  # noqa: E402
 from odd_characters import BODY, CONTROL, skinned_human, switched_human  # noqa: E402
 from synthetic import swing  # noqa: E402
 
@@ -123,7 +123,7 @@ def test_a_bone_whose_scale_hides_its_turns_is_named_with_what_to_do(scale, what
 @pytest.mark.parametrize("hidden", [False, True])
 def test_skins_are_not_deformed_while_a_rig_is_read(hidden, monkeypatch):
     target = skinned_human()
-    [skin] = skinned_parts.skinned_meshes(target)
+    [skin] = skins.skinned_meshes(target)
     skin.hide_viewport = hidden
     seen, read = [], rig_reading.rest_matrices
 

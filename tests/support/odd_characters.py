@@ -13,7 +13,7 @@ import addon_utils
 import bpy
 import numpy as np
 from kfmocap.core.body import Body, Part, human
-from kfmocap.kfmocap_addon.scene_io import body_armature, skinned_parts
+from kfmocap.kfmocap_addon.scene_io import body_armature, skins
 from mathutils import Matrix
 
 BODY = human(1.75)
@@ -177,7 +177,7 @@ def linked(made: Callable[[], bpy.types.Object], folder: Path) -> bpy.types.Obje
     """A character that is linked into an empty file, with its skin, from another one."""
     armature = made()
     collection = bpy.data.collections.new("character")
-    for owner in (armature, *skinned_parts.skinned_meshes(armature)):
+    for owner in (armature, *skins.skinned_meshes(armature)):
         collection.objects.link(owner)
     bpy.data.libraries.write(str(folder / "character.blend"), {collection})
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
@@ -200,7 +200,7 @@ def generated_rig() -> bpy.types.Object:
         return loaded.collections[0].objects["rig"]
     rig = _generated()
     collection = bpy.data.collections.new("generated")
-    for owner in (rig, *skinned_parts.skinned_meshes(rig)):
+    for owner in (rig, *skins.skinned_meshes(rig)):
         collection.objects.link(owner)
     bpy.data.libraries.write(str(file), {collection})
     bpy.data.collections.remove(collection)
@@ -321,7 +321,7 @@ def as_imported(armature: bpy.types.Object) -> None:
     """Leave a character as importers of FBX do: bones in centimetres, the object scaled and turned."""
     matrix = Matrix.Rotation(np.pi / 2, 4, "X") @ Matrix.Scale(0.01, 4)
     armature.data.transform(matrix.inverted())
-    for skin in skinned_parts.skinned_meshes(armature):
+    for skin in skins.skinned_meshes(armature):
         skin.parent = armature
         skin.data.transform(matrix.inverted())
     armature.matrix_world = matrix
@@ -448,7 +448,7 @@ def awkward() -> bpy.types.Object:
     bpy.context.scene.collection.objects.link(above)
     above.scale, above.rotation_euler, above.location = (0.5, 0.5, 0.5), (0, 0, 0.7), (0.3, -0.2, 0.0)
     armature.parent = above
-    for skin in skinned_parts.skinned_meshes(armature):
+    for skin in skins.skinned_meshes(armature):
         skin.parent = armature
     bpy.context.view_layer.update()
     return armature

@@ -71,16 +71,9 @@ class Clocks:
 
 @dataclass(frozen=True)
 class Lag:
-    """The lag between two videos: frame f of one is frame ratio f + lag of the other.
+    """The lag between two videos, in frames of the second: frame f of one is frame ratio f + lag of the other.
 
-    Attributes
-    ----------
-    lag : float
-        Frames of the second video.
-    distance : float
-        Median distance of the balls from their epipolar lines, pixels.
-    shared : int
-        Number of frames that both videos share.
+    With it, the balls are at a median `distance` from their epipolar lines, pixels, on the frames that both share.
     """
 
     lag: float
