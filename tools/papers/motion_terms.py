@@ -2,7 +2,20 @@
 
 from __future__ import annotations
 
-from .sources import BODY, EXPERIMENTS, HIDDEN, IMAGES, KINEMATICS, PREDICTION, RELAXATION, RUNS, SERIES, STEPS, SWEEPS
+from .sources import (
+    BODY,
+    EXPERIMENTS,
+    FOLLOWING,
+    HIDDEN,
+    IMAGES,
+    KINEMATICS,
+    PREDICTION,
+    RELAXATION,
+    RUNS,
+    SERIES,
+    STEPS,
+    SWEEPS,
+)
 from .term import Term
 
 MOTION_TERMS = (
@@ -64,14 +77,14 @@ MOTION_TERMS = (
     ),
     Term(
         "(12)",
-        RELAXATION,
+        FOLLOWING,
         "-np.linalg.solve(A, blocks.gradient[1] + damped)",
         "np.linalg.solve(A, blocks.gradient[1] + damped)",
         f"{SWEEPS}::test_gradients_alone_follow_an_arm_that_is_seen",
     ),
     Term(
         "(12), drift",
-        RELAXATION,
+        FOLLOWING,
         "s**2 * (3 - s) / 2 * np.where",
         "s * np.where",
         f"{SWEEPS}::test_an_initial_solution_ends_at_the_key_pose_and_has_lost_most_of_its_drift",
@@ -218,7 +231,7 @@ MOTION_TERMS = (
     ),
     Term(
         "section 5.4, figure 2",
-        RELAXATION,
+        FOLLOWING,
         "_moved_by_gradients(pair, here, gone, workspace, FIRST",
         "_moved_by_gradients(pair, here, [np.zeros_like(g) for g in gone], workspace, FIRST",
         f"{SWEEPS}::test_a_hidden_parts_pixels_move_nothing_in_the_initial_solution",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+FOLLOWING = "core/tracking/solvers/gradient_following.py"
 RELAXATION = "core/tracking/solvers/relaxation.py"
 STEPS = "core/tracking/solvers/motion_steps.py"
 PREDICTION = "core/tracking/prediction.py"

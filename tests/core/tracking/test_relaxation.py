@@ -13,7 +13,13 @@ from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.numerics.repeatable import GRID
 from kfmocap.core.shot.shot import Settings
-from kfmocap.core.tracking.solvers import relaxation
+from kfmocap.core.tracking.solvers import gradient_following
+from kfmocap.core.tracking.solvers.gradient_following import (
+    follow_gradients,
+    out_of_sight,
+    predicted_step,
+    without_drift,
+)
 from kfmocap.core.tracking.solvers.measurement import MeasuredMotion, Workspace
 from kfmocap.core.tracking.solvers.motion_steps import StepEquations, Steps
 from kfmocap.core.tracking.solvers.problem import SegmentProblem
@@ -23,14 +29,10 @@ from kfmocap.core.tracking.solvers.relaxation import (
     NU,
     SMOOTHNESS,
     axis_vector,
-    follow_gradients,
-    out_of_sight,
-    predicted_step,
     relax,
     relaxed,
-    rows_of_steps,
-    without_drift,
 )
+from kfmocap.core.tracking.solvers.step_rows import rows_of_steps
 from made_evidence import AlteredWorkspace, with_share
 from synthetic import at_rest, ends_held, figure, look_at, numeric_jacobian, picture, poses_of, random_motion, swing
 
@@ -506,7 +508,7 @@ def test_a_hidden_arm_moves_as_predicted_until_it_is_seen_again(
     passing: tuple[SegmentProblem, list[Motion]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     problem, start = passing
-    monkeypatch.setattr(relaxation, "out_of_sight", hide_the_arm)
+    monkeypatch.setattr(gradient_following, "out_of_sight", hide_the_arm)
     found, gradients = (follow_gradients(replace(problem, settings=s), start, Workspace())[0] for s in (WITH, WITHOUT))
     x, hidden = Steps.of(found).vectors(), np.zeros((len(found) - 1, PARTS), bool)
     hidden[HIDDEN_FROM:, ARM] = True
@@ -577,7 +579,7 @@ def test_a_hidden_parts_pixels_move_nothing_in_the_initial_solution(
     problem, start = passing
     problem = replace(problem, settings=WITH)
     for hidden in (False, True):
-        monkeypatch.setattr(relaxation, "out_of_sight", lambda *_, h=hidden: [h & (np.arange(PARTS) > 0)])
+        monkeypatch.setattr(gradient_following, "out_of_sight", lambda *_, h=hidden: [h & (np.arange(PARTS) > 0)])
         found = follow_gradients(problem, start, AlteredWorkspace(alter=limbs_alone))[0]
         moved = np.abs(found.difference(stacked([start[0][:1]] * len(found)))).max()
         assert moved < 1e-12 if hidden else moved > 1e-2
