@@ -24,7 +24,7 @@ from .rig_settings import trying_settings
 
 _NOT_FK = re.compile(r"tweak|(^|_)ik(_|\.|$)|master|gear|parent|heel|target|pivot|^root$|^hips$|^chest$")
 """Names of controls that do not turn one bone about its joint, as Rigify makes them."""
-_SETTINGS = {"IK_FK": 1.0, "neck_follow": 1.0, "head_follow": 1.0, "tail_follow": 1.0}
+_SETTINGS = {"IK_FK": 1.0, "FK_limb_follow": 0.0, "neck_follow": 1.0, "head_follow": 1.0, "tail_follow": 1.0}
 """Properties of Rigify's controls with which limbs, neck and tail turn with what they hang on."""
 _STILL = 2e-3
 """Radians, and lengths of the rig, within which a bone does not move."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 import bpy
@@ -88,15 +89,49 @@ def _taken(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.ty
         )
         _refuse_following(armature, made.parts, followed)
     else:
-        controls = [name for role, _, name in mechanism.items() if role.partition(".")[0] in _PART_ROLES]
         with with_settings(armature, preset_of(mechanism).settings):
-            made = skinned_parts.add_parts(armature, collection, _carriers(armature, controls), limbs=_limbs(mechanism))
+            made = _with_shoulders(armature, collection, mechanism) or _parts_of(armature, collection, mechanism)
     try:
         taken = performers.take_armature(current, armature)
         return taken, (*made.remarks, *(_remarks(armature) if mechanism is None else ()))
     except BodyError:
         _remove(armature, made.parts)
         raise
+
+
+def _with_shoulders(
+    armature: bpy.types.Object, collection: bpy.types.Collection, mechanism: BoneMap
+) -> skinned_parts.SkinnedParts | None:
+    """Add the parts of a rig of controls, shoulders included; None if its arms do not move with them, or its bones
+    cannot be told that they do.
+
+    Rigify's arms hang on the chest, and follow the shoulders by constraints.
+    """
+    hung = {f"upper_arm.{side}": f"shoulder.{side}" for side in SIDES}
+    there = {mechanism.bones[a][0]: mechanism.bones[s][0] for a, s in hung.items() if s in mechanism.bones}
+    if not there or armature.data.library is not None:
+        return None
+    made = _parts_of(armature, collection, mechanism, (*_PART_ROLES, "shoulder"))
+    for arm, shoulder in there.items():
+        if shoulder in made.parts:
+            armature.data.bones[arm][body_armature.ABOVE] = shoulder
+    try:
+        fk_controls.refuse_otherwise_moved(armature, {})
+    except BodyError:
+        _remove(armature, made.parts)
+        return None
+    return made
+
+
+def _parts_of(
+    armature: bpy.types.Object,
+    collection: bpy.types.Collection,
+    mechanism: BoneMap,
+    roles: Collection[str] = _PART_ROLES,
+) -> skinned_parts.SkinnedParts:
+    """Add the parts that hang on the controls of some roles."""
+    controls = [name for role, _, name in mechanism.items() if role.partition(".")[0] in roles]
+    return skinned_parts.add_parts(armature, collection, _carriers(armature, controls), limbs=_limbs(mechanism))
 
 
 def _use_animal(
@@ -331,7 +366,9 @@ def _refuse_following(armature: bpy.types.Object, parts: tuple[str, ...], follow
 
 
 def _remove(armature: bpy.types.Object, parts: tuple[str, ...]) -> None:
-    """Remove the meshes of parts."""
+    """Remove the meshes of parts, and what was stored on their bones."""
+    for name in parts:
+        armature.data.bones[name].pop(body_armature.ABOVE, None)
     for name, meshes in part_meshes.meshes_by_bone(armature).items():
         for child in meshes if name in parts else ():
             mesh = child.data

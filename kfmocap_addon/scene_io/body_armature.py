@@ -26,6 +26,8 @@ usually is from its rest orientation, radians.
 
 They sit on the bones and not in a table of names, so that renaming a bone loses nothing.
 """
+ABOVE = "kfmocap_above"
+"""Custom property of a bone: the bone that it moves with by constraints, as if it were its parent."""
 
 
 def build_armature(body: Body, name: str, collection: bpy.types.Collection) -> bpy.types.Object:
@@ -194,6 +196,9 @@ def body_bones(armature: bpy.types.Object) -> list[bpy.types.Bone]:
     bones = [bone for bone in armature.data.bones if bone.name in carried or PART in bone]
     if all(PART in bone for bone in bones):
         bones.sort(key=lambda bone: bone[PART])
+    elif any(ABOVE in bone for bone in bones):
+        names = {bone.name for bone in bones}
+        bones.sort(key=lambda bone: len(names & {above.name for above in bones_above(bone)}))
     if not bones:
         raise BodyError("no bone carries a mesh", where=f"armature {armature.name}", todo="parent meshes to bones")
     return bones
@@ -204,7 +209,13 @@ def parents_of(bones: Sequence[bpy.types.Bone]) -> list[int]:
     one.
     """
     index = {bone.name: i for i, bone in enumerate(bones)}
-    return [next((index[above.name] for above in bone.parent_recursive if above.name in index), -1) for bone in bones]
+    return [next((index[above.name] for above in bones_above(bone) if above.name in index), -1) for bone in bones]
+
+
+def bones_above(bone: bpy.types.Bone) -> list[bpy.types.Bone]:
+    """Return the bones that a bone of a body hangs on, the nearest first."""
+    above = bone.id_data.bones.get(bone.get(ABOVE, ""))
+    return list(bone.parent_recursive) if above is None else [above, *bones_above(above)]
 
 
 def body_from_armature(armature: bpy.types.Object) -> Body:
@@ -279,8 +290,9 @@ def _carrying(armature: bpy.types.Object, bones: Sequence[bpy.types.Bone]) -> Ar
     found: dict[str, Array] = {}
     for bone in bones:
         carried = np.eye(4)
-        part = next((above.name for above in bone.parent_recursive if above.name in found), None)
-        for between in bone.parent_recursive:
+        above = bones_above(bone)
+        part = next((each.name for each in above if each.name in found), None)
+        for between in above:
             posed, rest = armature.pose.bones[between.name], np.array(between.matrix_local)
             if between.name == part:
                 carried = found[part] @ carried

@@ -16,7 +16,7 @@ from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.formats.bvh import read_bvh  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
-from kfmocap.kfmocap_addon.retargeting import send, source_motion  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting import fk_controls, send, source_motion  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import (  # noqa: E402
     added_views,
@@ -258,6 +258,31 @@ def test_a_rigify_rig_takes_1000_frames_in_20_seconds_and_is_a_body_with_all_lim
     names = body_armature.body_from_armature(rig).names
     limbs = ("upper_arm", "forearm", "hand", "thigh", "shin", "foot")
     assert {f"{limb}_fk.{side}" for limb in limbs for side in "LR"} < set(names)
+
+
+@pytest.mark.parametrize("follows", [True, False])
+def test_shoulders_of_a_rigify_rig_are_parts_if_its_arms_move_with_them(follows, monkeypatch):
+    """The arms hang on the chest, and follow the shoulders by constraints."""
+    rig = generated_rig()
+
+    def refuse(*_):
+        raise BodyError("they do not", where="arms")
+
+    if not follows:
+        monkeypatch.setattr(fk_controls, "refuse_otherwise_moved", refuse)
+    use_as_body(bpy.context.scene, rig)
+    body = body_armature.body_from_armature(rig)
+    above = {name: body.names[k] for name, k in zip(body.names, body.parents, strict=True) if k >= 0}
+    for side in "LR":
+        assert above[f"upper_arm_fk.{side}"] == (f"shoulder.{side}" if follows else "spine_fk.003")
+    truth = swing(body, 3)
+    motion_curves.write_motion(rig, truth, 1)
+    assert joint_error(rig, body, truth) < 0.1
+    bpy.context.scene.frame_set(2)
+    posed = rig.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones
+    for side in "LR":
+        place = np.array(rig.matrix_world @ posed[f"DEF-upper_arm.{side}"].head)
+        assert np.abs(place - np.array(rig.matrix_world @ posed[f"upper_arm_fk.{side}"].head)).max() < 1e-4
 
 
 def test_from_a_tracked_shot_a_rigify_character_moves_after_four_clicks(tmp_path):
