@@ -37,6 +37,9 @@ MOVEMENT, SPEED = 0.05, 0.7
 with time, metres/s."""
 ALIKE = 0.05
 """Poses count as the same if no joint of their limbs differs by more than this, metres."""
+CLEARLY = 10.0
+"""By how much a pose is clearly likelier than another, in squared standard deviations."""
+_SAME = 1e-6  # radians, metres: rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +64,19 @@ class Alternatives:
 
     poses: Motion
     energy: Array
+
+    def number_of(self, pose: Motion) -> int | None:
+        """Return which of them a pose is, None if it is none."""
+        turned = pose[[0] * len(self.poses)].difference(self.poses)
+        apart = np.abs(turned).max(axis=1)
+        nearest = int(np.argmin(apart))
+        return nearest if apart[nearest] < _SAME else None
+
+    def first_to_show(self, now: int | None) -> int:
+        """Return the number of the pose to show first: the present one, which fits the picture best, unless the
+        likeliest is so by more than `CLEARLY`.
+        """
+        return now if now is not None and self.energy[now] - self.energy[0] <= CLEARLY else 0
 
 
 def alternative_poses(

@@ -151,10 +151,16 @@ class Placing:
         self._fit(STEPS, search=False)
 
     def ask_alternatives(self, view: str) -> None:
-        """Find the poses that look alike from a view, and show the likeliest; `undo` takes it back."""
+        """Find the poses that look alike from a view, and show the likeliest if the present one is clearly less likely;
+        `undo` takes it back.
+        """
         found = alternative_poses(self.body, self.pose, self.centre_of(view), self._neighbours(), held=self._held)
         self.remember()
-        self.choose(0, [found.poses[[i]] for i in range(len(found.poses))])
+        poses, now = [found.poses[[i]] for i in range(len(found.poses))], found.number_of(self.pose)
+        if (first := found.first_to_show(now)) == now:
+            self.alternatives, self.alternative = poses, first
+        else:
+            self.choose(first, poses)
 
     def choose(self, number: int, alternatives: list[Motion] | None = None) -> None:
         """Pose the body as an alternative has it, fitted to the marks."""

@@ -6,7 +6,14 @@ import numpy as np
 from keypoint_shots import cameras, person, strolling
 from kfmocap.core.body import landmark_positions, part_poses
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.posing.alternatives import LIMBS, Neighbour, alternative_poses, implausibility
+from kfmocap.core.posing.alternatives import (
+    CLEARLY,
+    LIMBS,
+    Alternatives,
+    Neighbour,
+    alternative_poses,
+    implausibility,
+)
 from synthetic import at_rest
 
 BODY = person()
@@ -54,6 +61,17 @@ def test_with_a_known_pose_nearby_the_likeliest_alternative_is_nearly_the_true_p
             before.append(error(start, truth))
             after.append(error(found.poses[[0]], truth))
     assert np.mean(after) < 0.25 * np.mean(before)
+
+
+def test_the_present_pose_is_shown_first_unless_another_is_clearly_likelier():
+    """Of poses that were clicked, the likeliest is no nearer to the truth unless it is much likelier."""
+    found = alternative_poses(BODY, WALK[[20]], CENTRE)
+    now = found.number_of(found.poses[[2]])
+    assert now == 2 and found.number_of(WALK[[40]]) is None
+    for less_likely, first in ((CLEARLY - 1, 2), (CLEARLY + 1, 0)):
+        energy = np.linspace(0, less_likely, 3)
+        assert Alternatives(found.poses[[0, 1, 2]], energy).first_to_show(now) == first
+    assert found.first_to_show(None) == 0
 
 
 def test_without_a_neighbour_limits_and_balance_alone_bring_limbs_nearer_to_the_truth():
