@@ -130,6 +130,11 @@ class Camera:
         R, t = self.pose(frame)
         return -R.T @ t
 
+    def centres_world(self, first: int, count: int) -> Array:
+        """Return the optical centres on consecutive shot frames in the world frame, metres, shape (n, 3)."""
+        R, t = self.poses(first, count)
+        return np.asarray(-(np.swapaxes(R, 1, 2) @ t[..., None])[..., 0])
+
     def shows(self, pixels: Array) -> Bools:
         """Return which pixels (..., 2) are in the picture, up to the edges of its outermost pixels; NaN is not."""
         with np.errstate(invalid="ignore"):

@@ -47,9 +47,10 @@ def _joined(shot: Shot, state: TrackState, done: Sequence[FinishedSegment], obse
         frames = slice(one.result.first, one.result.last + 1)
         share[:, frames], residual[frames] = one.share, one.residual
     errors = []
+    eye = shot.views[0].camera.centres_world(0, shot.length) if len(shot.views) == 1 else None
     for i, (performer, motion) in enumerate(zip(performers, state.motions, strict=True)):
         own = observed.performers[i] if observed.performers else None
-        beside = body_covariances(performer, motion, shot.fps, own)
+        beside = body_covariances(performer, motion, shot.fps, own, eye)
         errors.append(joint_errors(performer.body, [one.uncertainties[i] for one in done], beside))
     return TrackResult(
         tuple(with_keys(m, p.key_poses) for m, p in zip(state.motions, performers, strict=True)),

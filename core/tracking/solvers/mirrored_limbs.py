@@ -112,8 +112,7 @@ def mirror_images(problem: SegmentProblem, performer: int, motion: Motion) -> It
         F poses; fixed degrees of freedom are kept.
     """
     body, held = problem.bodies[performer], problem.fixed[performer][:, 3:].reshape(len(motion), -1, 3).any(axis=2)
-    R, t = problem.views[0].camera.poses(problem.first, len(motion))
-    eye = -(np.swapaxes(R, 1, 2) @ t[..., None])[..., 0]
+    eye = problem.views[0].camera.centres_world(problem.first, len(motion))
     for chain in limbs(body):
         keyed = held[:, chain].any(axis=1)
         images = list(_images_of_limb(body, motion, chain, eye=eye, keyed=keyed, share=_share(keyed, problem.fps)))

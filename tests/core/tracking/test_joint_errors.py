@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
+from kfmocap.core.body import part_poses
+from kfmocap.core.body.kinematics import tip_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.misfit import Misfit, measured_misfit
 from kfmocap.core.evidence.part_geometry import Geometry
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics.rotations import exp
+from kfmocap.core.shot.shot import KeyPoses, Performer
+from kfmocap.core.tracking.body_uncertainty import body_covariances
 from kfmocap.core.tracking.held_out_keys import USUAL_RATIO, _miss, covariance_ratios
 from kfmocap.core.tracking.joint_covariances import STEADY, growth_by_speed, tip_jacobian
 from kfmocap.core.tracking.lost_limbs import limb_reach, lost_probabilities
@@ -54,6 +61,30 @@ def test_errors_larger_than_the_solver_expects_are_covered_as_key_poses_show_the
     rows = np.setdiff1d(np.arange(F), [0, F // 2 - 1, F // 2, F - 1])
     assert np.mean(errors[rows] <= found.interval[rows]) == pytest.approx(0.9, abs=0.025)
     assert not found.interval[[0, F - 1]].any() and not found.deviation[[0, F - 1]].any()
+
+
+@pytest.mark.parametrize(("keypoints", "lifted"), [(True, False), (True, True), (False, False)])
+def test_with_keypoints_in_one_view_depth_is_less_sure_the_farther_a_joint_is_from_its_key_poses(
+    keypoints: bool, lifted: bool
+) -> None:
+    """But not what stays where the key poses have it, nor anything across the line of sight."""
+    rest = at_rest(BODY, 7)
+    raised = rest.rotations.copy()
+    raised[:, ARM[0]] = exp(np.outer([0, 0.1, 0.2, 0.5, 0.3, 0.1, 0], [1.0, 0, 0]))
+    motion = Motion(rest.translations, raised)
+    performer = Performer("man", BODY, KeyPoses.whole([0, 6], motion[[0, 6]]))
+    eye = np.tile(CAMERAS[0].centre_world(), (7, 1))
+    observed: Any = SimpleNamespace(is_lifted=lifted) if keypoints else None
+    one, several = (body_covariances(performer, motion, 30.0, observed, of) for of in (eye, None))
+    more = one - several
+    if lifted or not keypoints:
+        assert not more.any()
+        return
+    sight = tip_positions(BODY, part_poses(BODY, motion))[:, ARM[1]] - eye
+    along = np.einsum("fa,fab,fb->f", sight, more[:, ARM[1]], sight) / (sight**2).sum(axis=1)
+    assert (np.diff(along[:4]) > 0).all() and (np.diff(along[3:]) < 0).all()
+    np.testing.assert_allclose(np.trace(more[:, ARM[1]], axis1=1, axis2=2), along, atol=1e-12)
+    np.testing.assert_allclose(more[:, 0], 0, atol=1e-12)
 
 
 def test_a_part_that_misses_key_poses_by_more_than_the_others_has_the_larger_ratio() -> None:
