@@ -14,7 +14,16 @@ from .like_limbs import exchanges
 from .measurement import Workspace
 from .problem import SegmentProblem, SegmentSolution
 from .segment_equations import SegmentNoise
-from .solution_ranking import RESTING, alike, cover_at, equals, likeliest_at_rest, likelihood, noise_of
+from .solution_ranking import (
+    RESTING,
+    alike,
+    cover_at,
+    equals,
+    likeliest_at_rest,
+    likelihood,
+    noise_of,
+    tells_likelihood,
+)
 
 LENDING = 0.03
 """Relative difference of cover up to which a solution may lend its limbs to the best one."""
@@ -119,10 +128,11 @@ def _exchange_counts(
 ) -> bool:
     """Whether a solution with exchanged limbs is better than the one without.
 
-    A single performer must cover more at a lower cost. Among several, the likelihood decides, which accounts for what a
-    performer hides of the others: a limb that is rightly hidden may cover less.
+    The likelihood decides: limbs that have only just been exchanged are still a few centimetres off and may cover less,
+    and so may a limb that is rightly hidden by another performer. Where a single moving camera leaves it open
+    (`tells_likelihood`), the exchange must cover more at a lower cost.
     """
-    if problem.only is None:
+    if not tells_likelihood(problem):
         return found.cover > best.cover and found.energy[-1] < best.energy[-1]
     return likelihood(problem, noise, found) > likelihood(problem, noise, best) + RESTING
 

@@ -90,13 +90,20 @@ def likelihood(problem: SegmentProblem, noise: SegmentNoise, solution: SegmentSo
     return float(shown + moved.sum() - 0.5 * outlines)
 
 
+def tells_likelihood(problem: SegmentProblem) -> bool:
+    """Whether the likelihood singles out the true motion: a single moving camera shows neither depth nor what stands
+    still.
+    """
+    return len(problem.views) != 1 or problem.views[0].camera.stands_still
+
+
 def likeliest(problem: SegmentProblem, noise: SegmentNoise, *solutions: SegmentSolution) -> SegmentSolution:
     """Return the solution with the largest likelihood, of several that were measured under the same noise.
 
-    A single moving camera shows neither depth nor what stands still, so its likelihood does not single out the true
-    motion: then the first solution is returned, unless another one covers clearly more.
+    Where the likelihood does not tell (`tells_likelihood`), the first solution is returned, unless another one covers
+    clearly more.
     """
-    if len(problem.views) == 1 and not problem.views[0].camera.stands_still:
+    if not tells_likelihood(problem):
         return solutions[0] if solutions[0] in equals(solutions) else better(problem, *solutions)
     return max(solutions, key=lambda solution: likelihood(problem, noise, solution))
 

@@ -482,6 +482,18 @@ def test_legs_that_were_taken_for_one_another_from_one_meeting_to_the_next_are_e
         assert np.abs(found.motions[0].difference(truth)).max() < 0.05
 
 
+def test_legs_are_exchanged_where_that_is_likelier_though_they_cover_less() -> None:
+    """Limbs that have only just been exchanged are still a little off."""
+    truth = striding(40)
+    problem = SegmentProblem((), (HUMAN,), 0, FPS, (ends_held(HUMAN, 40),))
+    landscape = Landscape(truth=truth, cover=-1.0)
+    (motion,) = next(exchanges(problem, [truth]))
+    wrong = landscape.solution(problem, motion)
+    found = limb_exchange.with_limbs_exchanged(problem, wrong, landscape)
+    assert found.cover < wrong.cover
+    assert np.abs(found.motions[0].difference(truth)).max() < 0.05
+
+
 def test_motions_are_alike_only_if_those_of_every_performer_are() -> None:
     motion = swing(HUMAN, 5)
     near, far = (off(motion, list(range(len(HUMAN))), angle * solution_ranking.ALIKE) for angle in (0.5, 1.5))
