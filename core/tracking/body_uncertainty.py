@@ -21,7 +21,7 @@ LIFTED_ERROR = 0.15
 """Usual error of joints whose depth follows from the lengths of bones in a single view, metres."""
 LIFTED_WITHIN = 0.5
 """Time from a key pose of the whole body within which that error is smaller, seconds."""
-DEPTH_DRIFT = 0.05
+DEPTH_DRIFT = 0.04
 """Variance of a joint's depth per distance from where a key pose has it, metres squared per metre: with keypoints in a
 single view, depth follows from how short a bone seems, and a detector's error there stays the same for long."""
 
