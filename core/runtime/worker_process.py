@@ -55,7 +55,7 @@ class WorkerProcess:
             raise KFMocapError(what, where=str(sys.executable), todo="install the program again") from error
         package, folder = __package__.rsplit(".", 2)[0], Path(__file__).parents[2]
         with contextlib.suppress(OSError):  # if it has ended already, the first task reports it
-            self._send((sys.path, package, str(folder), yields, tidies, tuple(imports)))
+            self._send((_search_path(), package, str(folder), yields, tidies, tuple(imports)))
 
     @property
     def alive(self) -> bool:
@@ -140,3 +140,15 @@ class WorkerProcess:
             with contextlib.suppress(OSError):
                 pipe.close()
         self._process.wait()
+
+
+def _search_path() -> list[str]:
+    """Return where a process finds modules: as this one, but for the folders that Blender's module has put first, in
+    which the process would find a part of Blender's module that cannot be loaded by itself.
+    """
+    blender = getattr(sys.modules.get("bpy"), "__file__", None)
+    parts = Path(blender).parts if blender else ()
+    if "bpy" not in parts[:-2]:  # in Blender itself they belong to its Python
+        return list(sys.path)
+    home = Path(*parts[: parts.index("bpy") + 1])
+    return [folder for folder in sys.path if not Path(folder).is_relative_to(home)]

@@ -7,6 +7,9 @@ import json
 import os
 import shutil
 import signal
+import subprocess
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -276,6 +279,18 @@ def test_results_are_whole_though_a_process_is_killed(
     assert sorted(file.name for file in (out / "tiny").iterdir()) == ["overlay.png", "report.json", "tiny.trc"]
     assert sorted(file.name for file in out.iterdir()) == ["status", "summary.csv", "summary.html", "tiny"]
     assert "ended from outside" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(find_spec("bpy") is None, reason="Blender's module is not installed")
+def test_a_batch_writes_the_files_of_blender(folder: Path) -> None:  # noqa: F811
+    """Blender's module is loaded by the command, and by each process that tracks a shot, whatever that changes in where
+    modules are found.
+    """
+    command = [sys.executable, "-m", "kfmocap", "batch", str(folder / "shot.toml"), "--out", str(folder / "results")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    written = {file.suffix for file in (folder / "results" / "tiny").iterdir()}
+    assert {".blend", ".bvh", ".fbx"} <= written
 
 
 @pytest.mark.parametrize("text", ["[" * 5000, "5", "{}", '{"name": 5}', '{"name": "a", "warnings": [1]}'])
