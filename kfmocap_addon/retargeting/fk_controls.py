@@ -19,7 +19,7 @@ from ...core.numerics import rotations
 from ...core.numerics.arrays import Array
 from ...core.retargeting.roles import SIDES, BoneMap
 from ..scene_io import body_armature
-from ..scene_io.followed_bones import following
+from ..scene_io.followed_bones import following, solved_bones
 from .rig_reading import at_rest, moved_matrices, refuse_mirrored, rest_matrices, update
 from .rig_settings import (
     Owner,
@@ -28,6 +28,7 @@ from .rig_settings import (
     property_ends,
     restore_settings,
     set_settings,
+    switched_bones,
     switches,
     trying_settings,
 )
@@ -71,7 +72,8 @@ def find_controls(armature: bpy.types.Object, bones: Sequence[str], held: Collec
         Bones moved by something other than their own pose, see `scene_io.followed_bones`.
     """
     refuse_mirrored(armature, bones)
-    candidates = [name for name in _upstream(armature, bones) if _may_be_turned(armature, name, bones, held)]
+    fixed = (set(held) | solved_bones(armature)) - switched_bones(armature)
+    candidates = [name for name in _upstream(armature, bones) if _may_be_turned(armature, name, bones, fixed)]
     with at_rest(armature, [bone.name for bone in armature.data.bones]):
         switched, moved = _switched(armature, bones, _moved(armature, bones, candidates))
     chosen = _chosen(armature, bones, moved)
@@ -120,7 +122,8 @@ def through_controls(armature: bpy.types.Object, bones: BoneMap) -> tuple[BoneMa
         name: control for name, control in zip(names, used, strict=True) if name != control and used.count(control) == 1
     }
     roles = {role: tuple(by_bone.get(name, name) for name in played) for role, played in bones.bones.items()}
-    return BoneMap(roles, bones.preset, bones.found_by), FkControls(by_bone, found.settings if by_bone else {})
+    needed = by_bone or any(found.by_bone.get(name) == name for name in led)  # these are posed once they are switched
+    return BoneMap(roles, bones.preset, bones.found_by), FkControls(by_bone, found.settings if needed else {})
 
 
 def _without_loose_ends(armature: bpy.types.Object, bones: BoneMap, found: FkControls) -> FkControls:

@@ -131,6 +131,18 @@ def switches(armature: bpy.types.Object) -> dict[tuple[Owner, str], list[str]]:
     return dict(sorted(found.items(), key=lambda item: -len(item[1]))[:_SWITCHES])
 
 
+def switched_bones(armature: bpy.types.Object) -> set[str]:
+    """Return the bones on which constraints act whose influence is driven, chains of inverse kinematics included."""
+    found = set()
+    for curve in _drivers(armature):
+        if ".constraints[" in curve.data_path:
+            bone = armature.pose.bones[fcurves.bone_of(curve.data_path)]
+            held: Any = armature.path_resolve(curve.data_path.rpartition(".")[0])
+            length = (held.chain_count or None) if held.type == "IK" else 1
+            found |= {each.name for each in [bone, *bone.parent_recursive][:length]}
+    return found
+
+
 def _drivers(block: Any) -> Sequence[Any]:
     data = getattr(block, "animation_data", None)
     return list(data.drivers) if data else []

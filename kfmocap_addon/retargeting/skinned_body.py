@@ -160,7 +160,8 @@ def _controls(armature: bpy.types.Object) -> FkControls | None:
         return None
     controls = fk_controls.find_controls(armature, led, held)
     concerned = held or loose  # deforming bones may hang each on a control of its own
-    return controls if any(controls.by_bone.get(name, name) != name for name in concerned) else None
+    others = any(controls.by_bone.get(name, name) != name for name in concerned)
+    return controls if others or controls.settings else None
 
 
 def _use_controls(

@@ -39,6 +39,16 @@ def following(armature: bpy.types.Object) -> dict[str, str]:
     return own | {name: what for name, what in found.items() if name not in own}
 
 
+def solved_bones(armature: bpy.types.Object) -> set[str]:
+    """Return the bones that inverse kinematics pose, at any influence."""
+    found = set()
+    for bone in armature.pose.bones:
+        for held in list[Any](bone.constraints):
+            if held.type in _CHAINS and not held.mute:
+                found |= {each.name for each in [bone, *bone.parent_recursive][: held.chain_count or None]}
+    return found
+
+
 def skeletons_following(armature: bpy.types.Object) -> dict[bpy.types.Object, dict[str, str]]:
     """Return the other armatures whose bones follow an armature's: the bone that each follows, by its name.
 

@@ -15,7 +15,7 @@ from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting import live, rig_reading, send  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves, skins  # noqa: E402
-from odd_characters import BODY, CONTROL, skinned_human, switched_human  # noqa: E402
+from odd_characters import BODY, CONTROL, one_chain_human, skinned_human, switched_human  # noqa: E402
 from synthetic import swing  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -75,6 +75,39 @@ def test_motion_is_sent_through_fk_wherever_the_switches_are(where):
         assert {f'["ik_fk {end}"]' for end in ENDS} <= keyed
     said = [text for text in report["warnings"] if "its property 'ik_fk" in text]
     assert len(said) == (len(ENDS) if where in ("data", "parent") else 0)
+
+
+@pytest.mark.parametrize(("where", "count"), [("bone", 4), ("object", 2)])
+def test_limbs_whose_own_bones_have_inverse_kinematics_are_switched(where, count):
+    armature, remarks = use_as_body(bpy.context.scene, one_chain_human(where))
+    body = body_armature.body_from_armature(armature)
+    assert set(body.names) == set(BODY.names)
+    assert len(remarks) == count
+    assert all("its property 'ik" in text and "is 0 now" in text for text in remarks)
+    truth = swing(body, FRAMES)
+    motion_curves.write_motion(armature, truth, 1)
+    assert joint_error(armature, body, truth) < 0.1
+
+
+@pytest.mark.parametrize("where", ["bone", "object"])
+def test_motion_is_sent_to_limbs_whose_own_bones_have_inverse_kinematics(where):
+    target = one_chain_human(where)
+    report = send.send_to_rig(bpy.context.scene, motion_of_body(BODY, swing(BODY, FRAMES), "man", 30.0), target, 1)
+    assert report["warnings"] == []
+    assert max(error["worst_degrees"] for error in report["error"].values()) < 0.1
+    assert max(error["worst_mm"] for error in report["error"].values()) < 0.1
+
+
+def test_a_limb_that_a_goal_alone_moves_is_refused_by_the_name_of_the_limbs_bone():
+    """And not by that of a bone of its mechanism."""
+    armature = switched_human()
+    for curve in list(armature.animation_data.drivers):
+        armature.driver_remove(curve.data_path)
+    for bone in armature.pose.bones:
+        for held in bone.constraints:
+            held.influence = 1.0
+    with pytest.raises(BodyError, match=r"bone DEF-.*forward kinematics"):
+        use_as_body(bpy.context.scene, armature)
 
 
 def test_limbs_without_a_switch_are_moved_by_their_own_bones_up_to_hands_and_feet():

@@ -125,6 +125,27 @@ def switched_human(influence: float = 1.0, where: str = "bone", expression: str 
     return armature
 
 
+def one_chain_human(where: str = "bone") -> bpy.types.Object:
+    """A skinned character whose limbs have inverse kinematics on their own bones, switched on by a property of the goal
+    ("bone") or of the armature object ("object").
+    """
+    armature = skinned_human()
+    for end, lower in (("hand", "forearm"), ("foot", "shin")):
+        for side in "LR":
+            part = BODY.parts[BODY.index(f"{end}.{side}")]
+            add_bones(armature, [(f"goal {end}.{side}", "", part.head_world, part.head_world + [0.0, -0.1, 0.0])])
+            owner, key = (
+                (armature.pose.bones[f"goal {end}.{side}"], "ik") if where == "bone" else (armature, f"ik {end}")
+            )
+            owner[key] = 1.0
+            armature.update_tag()
+            chain = armature.pose.bones[f"{lower}.{side}"].constraints.new("IK")
+            chain.target, chain.subtarget, chain.chain_count = armature, f"goal {end}.{side}", 2
+            path = f'pose.bones["goal {end}.{side}"]["ik"]' if where == "bone" else f'["ik {end}"]'
+            _drive(chain.driver_add("influence").driver, armature, path)
+    return armature
+
+
 def hung_on_controls() -> bpy.types.Object:
     """Deforming bones that hang each on a control of its own, without a constraint."""
     armature = controlled_human()
