@@ -101,6 +101,20 @@ def setting_channel(armature: bpy.types.Object, name: Owner, key: str) -> Contro
     return ControlChannel(bone, fcurves.property_key(key), np.array([[float(owner[key])]]))
 
 
+def keep_in_override(armature: bpy.types.Object, settings: Settings, frame: int) -> None:
+    """Key settings on a frame of an armature that overrides a linked one, as values of properties that are not made
+    overridable are lost when the file is saved.
+    """
+    if armature.override_library is None:
+        return
+    for name, values in settings.items():
+        for channel in (setting_channel(armature, name, key) for key in values):
+            if channel is not None:
+                bag = fcurves.ensure_channelbag(armature, armature.name)
+                curve = fcurves.ensure_fcurve(bag, channel.path, 0, channel.bone)
+                fcurves.set_keys(curve, [fcurves.new_keys([frame], channel.values[:, 0], "KEYFRAME", "CONSTANT")])
+
+
 def has_keys(armature: bpy.types.Object, name: Owner, key: str) -> bool:
     """Whether a property has keys."""
     block = owner_of(armature, name).id_data
@@ -135,9 +149,10 @@ def switched_bones(armature: bpy.types.Object) -> set[str]:
     """Return the bones on which constraints act whose influence is driven, chains of inverse kinematics included."""
     found = set()
     for curve in _drivers(armature):
-        if ".constraints[" in curve.data_path:
-            bone = armature.pose.bones[fcurves.bone_of(curve.data_path)]
-            held: Any = armature.path_resolve(curve.data_path.rpartition(".")[0])
+        bone: Any = armature.pose.bones.get(fcurves.bone_of(curve.data_path))
+        name = fcurves.constraint_of(curve.data_path)
+        held: Any = bone.constraints.get(name) if bone is not None else None
+        if held is not None:
             length = (held.chain_count or None) if held.type == "IK" else 1
             found |= {each.name for each in [bone, *bone.parent_recursive][:length]}
     return found

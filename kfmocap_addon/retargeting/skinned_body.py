@@ -20,7 +20,7 @@ from . import fk_controls
 from .fk_controls import FkControls
 from .overrides import editable
 from .rig_reading import at_rest, leave_rest_position, moved_matrices, rest_matrices
-from .rig_settings import has_keys, setting_name, with_settings
+from .rig_settings import has_keys, keep_in_override, setting_name, with_settings
 from .rigify_animals import animal_controls, goes_on_four, is_generated
 from .send import target_bones
 
@@ -109,7 +109,8 @@ def _with_shoulders(
     """
     hung = {f"upper_arm.{side}": f"shoulder.{side}" for side in SIDES}
     there = {mechanism.bones[a][0]: mechanism.bones[s][0] for a, s in hung.items() if s in mechanism.bones}
-    if not there or armature.data.library is not None:
+    stored = armature.data.library is None and armature.data.override_library is None
+    if not there or not stored:
         return None
     made = _parts_of(armature, collection, mechanism, (*_PART_ROLES, "shoulder"))
     for arm, shoulder in there.items():
@@ -204,6 +205,7 @@ def _use_controls(
             keyed = has_keys(armature, owner, key)
             what = f"has keys: delete them, and leave it at {value:g}" if keyed else f"is {value:g} now"
             remarks.append(f"{setting_name(owner)}: its property '{key}' {what}: the limb is turned by FK controls")
+    keep_in_override(taken, controls.settings, current.frame_start)
     return taken, tuple(remarks)
 
 

@@ -39,6 +39,7 @@ KEY_TYPE = np.dtype(
 _PATHS = 10_000
 """Number of data paths that are remembered: those of the channels of several performers and rigs."""
 _BONE = re.compile(r'pose\.bones\["((?:[^"\\]|\\.)*)"\]')
+_CONSTRAINT = re.compile(rf'{_BONE.pattern}\.constraints\["((?:[^"\\]|\\.)*)"\]')
 _PROPERTY = re.compile(rf'(?:{_BONE.pattern})?\["((?:[^"\\]|\\.)*)"\]')
 _ENDS = np.cumsum([KEY_TYPE[name].itemsize for name in KEY_TYPE.names or ()]).tolist()
 _BYTES = MappingProxyType(
@@ -82,6 +83,12 @@ def bone_of(path: str) -> str:
     """Return the name of the bone whose attribute a data path leads to, empty if it leads elsewhere."""
     found = _BONE.match(path)
     return bpy.utils.unescape_identifier(found.group(1)) if found else ""
+
+
+def constraint_of(path: str) -> str:
+    """Return the name of the bone's constraint that a data path leads to or into, empty if it leads elsewhere."""
+    found = _CONSTRAINT.match(path)
+    return bpy.utils.unescape_identifier(found.group(2)) if found else ""
 
 
 def custom_property_of(path: str) -> tuple[str, str]:

@@ -15,7 +15,15 @@ from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting import live, rig_reading, send  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves, skins  # noqa: E402
-from odd_characters import BODY, CONTROL, one_chain_human, skinned_human, switched_human  # noqa: E402
+from odd_characters import (  # noqa: E402
+    BODY,
+    CONTROL,
+    generated_rig,
+    linked,
+    one_chain_human,
+    skinned_human,
+    switched_human,
+)
 from synthetic import swing  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -87,6 +95,42 @@ def test_limbs_whose_own_bones_have_inverse_kinematics_are_switched(where, count
     truth = swing(body, FRAMES)
     motion_curves.write_motion(armature, truth, 1)
     assert joint_error(armature, body, truth) < 0.1
+
+
+def test_a_saved_file_keeps_the_switches_of_a_linked_character(tmp_path):
+    given = linked(partial(one_chain_human, "object"), tmp_path)  # opens another file
+    armature, remarks = use_as_body(bpy.context.scene, given)
+    body = body_armature.body_from_armature(armature)
+    assert all("is 0 now" in text for text in remarks)
+    truth = swing(body, FRAMES)
+    motion_curves.write_motion(armature, truth, 1)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
+    armature = bpy.context.scene.kfmocap.performers[0].armature
+    assert joint_error(armature, body_armature.body_from_armature(armature), truth) < 0.1
+
+
+def test_shoulders_of_a_linked_rigify_rig_are_no_parts_as_no_file_would_keep_them(tmp_path):
+    given = linked(generated_rig, tmp_path)
+    armature, _ = use_as_body(bpy.context.scene, given)
+    names = body_armature.body_from_armature(armature).names
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
+    assert body_armature.body_from_armature(bpy.context.scene.kfmocap.performers[0].armature).names == names
+
+
+def test_drivers_of_what_belongs_to_a_constraint_are_no_hindrance():
+    """Such as the weights of an Armature constraint's targets, which switch a control from one space to another."""
+    armature = one_chain_human()
+    held = armature.pose.bones["head"].constraints.new("ARMATURE")
+    target = held.targets.new()
+    target.target, target.subtarget = armature, "pelvis"
+    held.influence = 0.0
+    driver = target.driver_add("weight").driver
+    driver.type = "SCRIPTED"
+    driver.expression = "1.0"
+    report = send.send_to_rig(bpy.context.scene, motion_of_body(BODY, swing(BODY, FRAMES), "man", 30.0), armature, 1)
+    assert max(error["worst_mm"] for error in report["error"].values()) < 0.1
 
 
 @pytest.mark.parametrize("where", ["bone", "object"])
