@@ -7,9 +7,14 @@ instead (`ball_rendering`) and fitted to the pixels.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ...numerics.arrays import Array, Bools
+from ...numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
+from ...numerics.normal_equations import DenseEquations
+from ...numerics.robust_kernels import Cauchy
 from .ball_looks import BallGuess, BallImage, BallLooks
 from .ball_rendering import (
     CENTRE,
@@ -42,15 +47,21 @@ _COMPARED = np.array([_BRIGHTNESS, _COLOURS, _COLOURS])[:, None] * [
 ]
 """Brightness and differences of colour (ITU-R BT.601) of blue, green and red."""
 _PIXEL_SIGMA = 0.02  # of what the model leaves, levels from 0 to 1
-_ROBUST = 3.0  # scale of the kernel, in standard deviations
+_KERNEL = Cauchy(3.0)
 _SHARED = 2.0  # blurred pixels share what they show: so many count as one
 _ALIKE = 0.1  # standard deviation of how balls of one view look, about what they have in common
-_ITERATIONS = 10  # at most
-_SETTLED = 3e-3  # pixels
 _FLOOR = 0.03  # standard deviation that the best of images leaves, pixels
 _ROD_SIGMA = 0.1  # what the shape of a rod where it meets the ball adds along the rod, pixels
 _ROD_SHARE = 0.2  # and as a share of the path: a rod turns while the shutter is open
 _PATH_SHARE = 0.03  # of the path: its speed need not be even
+
+
+def _centre_step(x: Array, after: Array) -> float:
+    """Return by how much a step moves the centre, pixels."""
+    return float(np.abs(after - x)[CENTRE].max())
+
+
+_STOPPING = StoppingRule(iterations=10, small_step=1e-2, step_size=_centre_step, small_refused=True)
 
 
 def fit_ball(image: Image, plate: Array | None, guess: BallGuess) -> BallImage | None:
@@ -73,27 +84,11 @@ def fit_ball(image: Image, plate: Array | None, guess: BallGuess) -> BallImage |
     window = BallWindow.around(image, plate, guess)
     if window is None:
         return None
-    start, sigma, free = _start(window, guess)
-    inside = (np.linalg.norm(window.places - guess.centre, axis=-1) < guess.reach + _LIMB)[..., None]
-    x, step = start.copy(), np.diag(_STEPS)[free]
-    compared = np.eye(3) if guess.path.any() else _COMPARED.T
-    for _ in range(_ITERATIONS):
-        images = window.rendered(np.concatenate([x[None], x + step]), guess)
-        residual = (window.observed - images[0]) @ compared
-        weight = inside / (1 + (residual / (_ROBUST * _PIXEL_SIGMA)) ** 2) / _PIXEL_SIGMA**2 / _SHARED
-        J = ((images[1:] - images[0]) @ compared / _STEPS[free, None, None, None]).reshape(len(step), -1)
-        weighted = J * weight.reshape(-1)
-        H = weighted @ J.T + np.diag(1 / sigma[free] ** 2)
-        g = weighted @ residual.reshape(-1) - ((x - start) / sigma**2)[free]
-        change = np.clip(np.linalg.solve(H, g), -_FURTHEST[free], _FURTHEST[free])
-        x[free] += change
-        x[RADIUS], x[WIDTH] = max(x[RADIUS], 0.5), np.clip(x[WIDTH], 0.05, x[RADIUS])
-        if np.abs(change[:2]).max() < _SETTLED:
-            break
-    left = float((weight * residual**2).sum())
-    whole = float((weight * ((window.observed - window.empty(x, guess)) @ compared) ** 2).sum())
-    covariance = np.linalg.inv(H)[:2, :2] + _FLOOR**2 * np.eye(2) + _PATH_SHARE**2 * np.outer(x[PATH], x[PATH])
-    rod_sigma = np.hypot(_ROD_SIGMA, _ROD_SHARE * np.linalg.norm(x[PATH]))
+    fit = _BallFit.of(window, guess)
+    found = minimise(fit.start, fit.linearised, fit.moved, damping=GAUSS_NEWTON, stopping=_STOPPING)
+    x, rod_sigma = found.state, np.hypot(_ROD_SIGMA, _ROD_SHARE * np.linalg.norm(found.state[PATH]))
+    covariance = found.linearised().factor().covariance()[CENTRE, CENTRE]
+    covariance += _FLOOR**2 * np.eye(2) + _PATH_SHARE**2 * np.outer(x[PATH], x[PATH])
     covariance += rod_sigma**2 * guess.rods.T @ guess.rods
     (least, most), ways = np.linalg.eigh(covariance)
     return BallImage(
@@ -103,13 +98,78 @@ def fit_ball(image: Image, plate: Array | None, guess: BallGuess) -> BallImage |
         BallLooks(
             x[LIGHT],
             x[SHADE],
-            float(x[WIDTH] / x[RADIUS]) if free[WIDTH] else np.nan,
-            np.where(free[ROD_LIGHT], x[ROD_LIGHT], np.nan),
+            float(x[WIDTH] / x[RADIUS]) if fit.free[WIDTH] else np.nan,
+            np.where(fit.free[ROD_LIGHT], x[ROD_LIGHT], np.nan),
         ),
         float(np.sqrt((least + most) / 2)),
         (most - least) / (most + least) * ways[:, 1],
-        1 - left / max(whole, 1e-12),
+        fit.explained(x),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _BallFit:
+    """The fit of a ball's image as a least-squares problem.
+
+    Attributes
+    ----------
+    window : BallWindow
+    guess : BallGuess
+    start, sigma : ndarray, shape (16,)
+        The initial unknowns and their standard deviations.
+    free : ndarray of bool, shape (16,)
+        Which of them are solved for.
+    inside : ndarray of bool, shape (n, n)
+        Which pixels of the window are compared.
+    """
+
+    window: BallWindow
+    guess: BallGuess
+    start: Array
+    sigma: Array
+    free: Bools
+    inside: Bools
+
+    @classmethod
+    def of(cls, window: BallWindow, guess: BallGuess) -> _BallFit:
+        """Return the problem for the pixels around a ball."""
+        inside = np.linalg.norm(window.places - guess.centre, axis=-1) < guess.reach + _LIMB
+        return cls(window, guess, *_start(window, guess), inside)
+
+    def residuals(self, images: Array) -> Array:
+        """Return by how much images (k, n, n, 3) differ from the one that was observed, standard deviations, (k, m)."""
+        off = (images - self.window.observed)[:, self.inside] / _PIXEL_SIGMA
+        return off.reshape(len(off), -1) if self.guess.path.any() else (off @ _COMPARED.T).reshape(len(off), -1)
+
+    def linearised(self, x: Array) -> DenseEquations:
+        """Return the normal equations of the free unknowns at x."""
+        steps = np.diag(_STEPS)[self.free]
+        now, *ahead = self.residuals(self.window.rendered(np.concatenate([x[None], x + steps]), self.guess))
+        J = (np.stack(ahead) - now) / _STEPS[self.free, None]
+        weighted = J * (_KERNEL.weight(now**2) / _SHARED)
+        prior = ((x - self.start) / self.sigma)[self.free]
+        return DenseEquations(
+            weighted @ J.T + np.diag(1 / self.sigma[self.free] ** 2),
+            weighted @ now + prior / self.sigma[self.free],
+            float(_KERNEL.cost(now**2).sum()) / _SHARED + float(prior @ prior),
+        )
+
+    def moved(self, x: Array, step: Array) -> Array:
+        """Return the unknowns after a step, of which no more than `_FURTHEST` is made."""
+        after = x.copy()
+        after[self.free] += np.clip(step, -_FURTHEST[self.free], _FURTHEST[self.free])
+        after[RADIUS] = max(after[RADIUS], 0.5)
+        after[WIDTH] = np.clip(after[WIDTH], 0.05, after[RADIUS])
+        return after
+
+    def explained(self, x: Array) -> float:
+        """Return the share of the squared difference from the background that the ball explains."""
+        now, without = (
+            self.residuals(images)[0]
+            for images in (self.window.rendered(x[None], self.guess), self.window.empty(x, self.guess)[None])
+        )
+        weight = _KERNEL.weight(now**2)
+        return 1 - float(weight @ now**2) / max(float(weight @ without**2), 1e-12)
 
 
 def _start(window: BallWindow, guess: BallGuess) -> tuple[Array, Array, Bools]:
