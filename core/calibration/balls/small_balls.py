@@ -14,9 +14,10 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from ...numerics.arrays import Array, Bools
+from ...numerics.least_squares import GAUSS_NEWTON, minimise
+from .swept_disc import STOPPING, DiscFit
 
 Image = NDArray[Any]
 
@@ -35,13 +36,9 @@ _CORE = 0.25  # share of a blob's pixels that are the ball's colour alone
 _DARK = 0.25  # light of a pixel, as a share of ball or background, below which its colour is too uncertain
 _NOISE_SHARE = 0.1  # share of the ball's colour that background has by chance
 _RIM = 2.0  # how far blur carries the ball's colour beyond the pixels that are more the ball's than not
-_BLUR = 1.3  # standard deviation of lens, sensor, colour subsampling and smoothing together, pixels
 _AWAY = 1.5  # how far a rod may have pulled the centroid aside, and stretched the ball, pixels
 _ROUGH = 0.25  # relative error of the radius before
-_HIDDEN = 0.5  # cosine of the angle from a rod within which a ball may be hidden by it
 _FEWEST_PIXELS = 8  # of a ball that no rod hides, for its disc to be fitted
-_SHARE_NOISE = 0.06  # of a pixel's share of the ball's colour
-_FIT_ROUNDS = 6
 _MOST_BLOBS = 400  # beyond, it is the colour of the room
 _SAME = 2.0  # pixels within which two blobs are one
 _SPECKS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
@@ -255,39 +252,24 @@ def without_rod(
     share = _share_of_ball(window, blob, np.linalg.norm(places - centre, axis=-1) < values[1] + 1)
     if share is None:
         return None
-    start = np.array([*centre, radius, *(path * vectors[:, 1])])
-    free = np.array([True, True, True, not still, not still])
-    deviation = np.array([_AWAY, _AWAY, _ROUGH * radius, _AWAY, _AWAY])
-    x = start.copy()
-    for _ in range(_FIT_ROUNDS):
-        off = places - x[:2]
-        distance = np.linalg.norm(off, axis=-1)
-        along = np.einsum("vuk,mk->vum", off / np.maximum(distance, 1e-9)[..., None], np.nan_to_num(ways))
-        used = (distance < x[2] + np.hypot(*x[3:]) / 2 + 2 * _BLUR) & ~(
-            (along > _HIDDEN).any(axis=-1) & (distance > 0.3 * x[2])
-        )
-        if used.sum() < _FEWEST_PIXELS:
-            return None
-        p, target = places[used], share[used]
-        now = _swept_disc(p, x)
-        steps = 0.05 * np.eye(5)[free]
-        J = np.stack([(_swept_disc(p, x + step) - now) / 0.05 for step in steps], axis=1)
-        H = J.T @ J / _SHARE_NOISE**2 + np.diag(1 / deviation[free] ** 2)
-        g = J.T @ (target - now) / _SHARE_NOISE**2 - ((x - start) / deviation**2)[free]
-        x[free] += np.clip(np.linalg.solve(H, g), -0.5, 0.5)
-        x[2] = max(x[2], 0.5)
-    noise = max(float(np.sqrt(np.mean((share[used] - _swept_disc(places[used], x)) ** 2))) / _SHARE_NOISE, 1.0)
-    sigma = noise * float(np.sqrt(np.trace(np.linalg.inv(H)[:2, :2]) / 2))
+    fit = DiscFit(
+        places,
+        share,
+        np.nan_to_num(ways),
+        start=np.array([*centre, radius, *(path * vectors[:, 1])]),
+        deviation=np.array([_AWAY, _AWAY, _ROUGH * radius, _AWAY, _AWAY]),
+        free=np.array([True, True, True, not still, not still]),
+    )
+    found = minimise(
+        fit.start, fit.linearised, fit.moved, trial_cost=fit.trial_cost, damping=GAUSS_NEWTON, stopping=STOPPING
+    )
+    x, last = found.state, found.linearised()
+    if len(last.residuals) < _FEWEST_PIXELS:
+        return None
+    covariance = last.factor().covariance()[:2, :2]
+    noise = max(float(np.sqrt(np.mean(last.residuals**2))), 1.0)
+    sigma = noise * float(np.sqrt(np.trace(covariance) / 2))
     length = float(np.hypot(*x[3:]))
     way = x[3:] / length if length > 1e-9 else np.array([1.0, 0.0])
     grown = x[2] * np.eye(2) + length / 2 * np.outer(way, way)
     return x[:2], grown, float(np.sqrt(_FLOOR**2 + sigma**2 + (BLUR_SHARE * length / 2) ** 2))
-
-
-def _swept_disc(places: Array, x: Array) -> Array:
-    """Return the share of a blurred disc of radius x[2] around x[:2], swept along x[3:], at places (n, 2)."""
-    off, path = places - x[:2], x[3:]
-    squared = float(path @ path)
-    along = np.clip(off @ path / squared, -0.5, 0.5) if squared > 1e-12 else np.zeros(len(off))
-    distance = np.linalg.norm(off - along[:, None] * path, axis=1)
-    return np.asarray(ndtr((x[2] - distance) / _BLUR))
