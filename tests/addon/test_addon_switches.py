@@ -142,26 +142,27 @@ def test_motion_is_sent_to_limbs_whose_own_bones_have_inverse_kinematics(where):
     assert max(error["worst_mm"] for error in report["error"].values()) < 0.1
 
 
-def test_a_limb_that_a_goal_alone_moves_is_refused_by_the_name_of_the_limbs_bone():
-    """And not by that of a bone of its mechanism."""
+def moved_by_goals():
+    """A person whose limbs goals of inverse kinematics move at all times: there is no switch."""
     armature = switched_human()
     for curve in list(armature.animation_data.drivers):
         armature.driver_remove(curve.data_path)
     for bone in armature.pose.bones:
         for held in bone.constraints:
             held.influence = 1.0
+    return armature
+
+
+def test_a_limb_that_a_goal_alone_moves_is_refused_by_the_name_of_the_limbs_bone():
+    """And not by that of a bone of its mechanism."""
+    armature = moved_by_goals()
     with pytest.raises(BodyError, match=r"bone DEF-.*forward kinematics"):
         use_as_body(bpy.context.scene, armature)
 
 
 def test_limbs_without_a_switch_are_moved_by_their_own_bones_up_to_hands_and_feet():
     """The goals of inverse kinematics turn hands and feet, but do not move with the limbs."""
-    target = switched_human()
-    for curve in list(target.animation_data.drivers):
-        target.driver_remove(curve.data_path)
-    for bone in target.pose.bones:
-        for held in bone.constraints:
-            held.influence = 1.0
+    target = moved_by_goals()
     report = send.send_to_rig(bpy.context.scene, motion_of_body(BODY, swing(BODY, FRAMES), "man", 30.0), target, 1)
     assert {f"DEF-{end}" for end in ENDS} <= {name for names in report["target"]["bones"].values() for name in names}
     assert max(error["worst_degrees"] for error in report["error"].values()) < 0.1

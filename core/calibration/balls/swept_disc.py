@@ -25,6 +25,15 @@ class DiscEquations(DenseEquations):
     residuals: Array
 
 
+def _swept_discs(places: Array, x: Array) -> Array:
+    """Return the share of blurred discs of radii x[:, 2] around x[:, :2], swept along x[:, 3:], at places (n, 2)."""
+    off, path = places - x[:, None, :2], x[:, None, 3:]
+    squared = (path**2).sum(axis=-1)
+    along = np.where(squared > 1e-12, (off * path).sum(axis=-1) / np.maximum(squared, 1e-12), 0.0)
+    apart = off - np.clip(along, -0.5, 0.5)[..., None] * path
+    return np.asarray(ndtr((x[:, 2:3] - np.sqrt((apart**2).sum(axis=-1))) / _BLUR))
+
+
 @dataclass(frozen=True, eq=False)
 class DiscFit:
     """The fit of a swept disc to the shares of a ball's colour.
@@ -92,12 +101,3 @@ def centre_step(x: Array, after: Array) -> float:
 
 STOPPING = StoppingRule(iterations=8, small_step=2e-2, step_size=centre_step, small_refused=True)
 """The centre is known to a tenth of a pixel at best."""
-
-
-def _swept_discs(places: Array, x: Array) -> Array:
-    """Return the share of blurred discs of radii x[:, 2] around x[:, :2], swept along x[:, 3:], at places (n, 2)."""
-    off, path = places - x[:, None, :2], x[:, None, 3:]
-    squared = (path**2).sum(axis=-1)
-    along = np.where(squared > 1e-12, (off * path).sum(axis=-1) / np.maximum(squared, 1e-12), 0.0)
-    apart = off - np.clip(along, -0.5, 0.5)[..., None] * path
-    return np.asarray(ndtr((x[:, 2:3] - np.sqrt((apart**2).sum(axis=-1))) / _BLUR))
