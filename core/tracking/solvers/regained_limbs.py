@@ -22,7 +22,7 @@ from ...evidence.occlusion import LONG
 from ...numerics.arrays import Array
 from ...runtime.timing import Seconds
 from . import gauss_newton
-from .descent_stages import POLISH, REFINEMENT, SETTLED, STILL
+from .descent_stages import POLISH, SETTLED
 from .gauss_newton import UNDER_WAY, descend, farthest_joint
 from .limb_likelihood import LimbOfPerformer, support_of_limbs
 from .limb_search import LEAST_GAIN, freed_limb, pictures_find_limbs
@@ -56,10 +56,7 @@ def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
 
 def _with_limbs_regained(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
     """Refine a solution (`gauss_newton.refine`), then search again for limbs that are bent at its ends or refuted."""
-    # A polish follows, which takes the last steps; in one view alone limbs are then found elsewhere.
-    still = UNDER_WAY if problem.shows_depth else STILL
-    stages = [replace(stage, still=still) for stage in REFINEMENT]
-    solution = gauss_newton.refine(problem, start, workspace.part(0.0, 0.3), stages)
+    solution = gauss_newton.refine(problem, start, workspace.part(0.0, 0.3))
     if not pictures_find_limbs(problem):
         return solution
     lost = [(i, chain) for i in problem.sought for chain in bent_limbs(problem, i, solution.motions[i])]

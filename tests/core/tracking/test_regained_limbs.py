@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,9 +13,7 @@ from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
-from kfmocap.core.tracking.solvers import gauss_newton, regained_limbs
-from kfmocap.core.tracking.solvers.descent_stages import STILL
-from kfmocap.core.tracking.solvers.gauss_newton import UNDER_WAY
+from kfmocap.core.tracking.solvers import regained_limbs
 from kfmocap.core.tracking.solvers.limb_search import LEAST_GAIN
 from kfmocap.core.tracking.solvers.measurement import Workspace
 from kfmocap.core.tracking.solvers.multi_start import LOOKS, VAIN_LOOKS
@@ -181,20 +178,3 @@ def test_the_motion_of_one_performer_ends_with_noise_of_each_part_whatever_the_n
     assert len(pictured.views) == views
     evidence = refined(pictured, [TRUTH], Workspace()).evidence
     assert evidence is not None and evidence.sampling.by_part
-
-
-@pytest.mark.parametrize(("views", "still"), [(1, STILL), (2, UNDER_WAY)])
-def test_the_last_steps_before_the_polish_are_made_in_one_view_alone(
-    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch, views: int, still: float
-) -> None:
-    """The polish makes them; but in one view the search between them would begin elsewhere."""
-    made: list[float] = []
-    refine = gauss_newton.refine
-
-    def noted(*given: Any) -> SegmentSolution:
-        made.extend(stage.still for stage in given[3])
-        return refine(*given)
-
-    monkeypatch.setattr("kfmocap.core.tracking.solvers.gauss_newton.refine", noted)
-    refined(replace(problem, views=problem.views[:views], settings=Settings(limb_search=False)), [TRUTH], Workspace())
-    assert made == [still, STILL]
