@@ -19,11 +19,10 @@ import numpy as np
 from ...body.motion import Motion
 from ...runtime.timing import Seconds
 from .descent_stages import REACH, RESUMED, SETTLED, SETTLING, WINDOW
-from .faded_limbs import with_faded_limbs_found
 from .gauss_newton import approach, continued, descend, farthest_joint
 from .like_limbs import untangled_limbs
 from .limb_exchange import recombined, with_limbs_exchanged
-from .limb_search import found_limbs, pictures_find_limbs
+from .limb_search import found_limbs
 from .measurement import Workspace
 from .mirrored_limbs import with_limbs_mirrored
 from .problem import AccelerationSearch, SegmentProblem, SegmentSolution
@@ -49,11 +48,10 @@ LimbSearch = Callable[[SegmentProblem, SegmentProblem, Sequence[Motion], int, Wo
 def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
     """Solve for the motion of all performers between their key poses, from as many starts as the images call for.
 
-    All performers are solved together from the curve through the key poses. If the images contradict that solution for
-    a single performer, limbs that fade in it are searched for one by one (`faded_limbs`). Each performer for whom they
-    still do is then solved alone from other starts, with the motions of the others given (`best_of_own_starts`).
-    Finally all are solved together again, and left and right limbs are exchanged where that is better. Parameters as in
-    `gauss_newton.descend`.
+    All performers are solved together from the curve through the key poses. Each performer for whom the images
+    contradict that solution is then solved alone from other starts, with the motions of the others given
+    (`best_of_own_starts`). Finally all are solved together again, and left and right limbs are exchanged where that is
+    better. Parameters as in `gauss_newton.descend`.
     """
     best = descend(problem, start, workspace.part(0.0, 0.2))
     seconds = Seconds(best.seconds)
@@ -63,12 +61,6 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
     if problem.search is not AccelerationSearch.JOINTS:
         problem = problem.with_smoothness(best.variances)
     doubted = doubted_performers(problem, start, best) if problem.settings.limb_search else []
-    suspected = bool(doubted)
-    if suspected and len(problem.bodies) == 1 and pictures_find_limbs(problem):
-        found = with_faded_limbs_found(problem, replace(best, seconds=seconds), workspace.silent())
-        seconds = Seconds(found.seconds)
-        if found.motions is not best.motions:
-            best, doubted = found, doubted_performers(problem, start, found)
     motions = straight = best.motions
     for k, i in enumerate(worst_first(problem, best, doubted)):
         own_start = [start[j] if j == i else motion for j, motion in enumerate(motions)]
@@ -90,7 +82,7 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
         seconds.add(settled.seconds)
         best = continued(best, settled)
     dispelled = len(problem.bodies) == 1 and motions is straight  # all foreground beside it is something else
-    if suspected and not (doubted and dispelled) and not problem.keypoints:  # keypoints show where limbs are
+    if doubted and not dispelled and not problem.keypoints:  # keypoints show where limbs are
         # For all performers: one who stands in front of a doubted performer may have taken over its limbs.
         with seconds.measure("initial solution"):
             best = with_limbs_exchanged(problem, best, workspace.part(0.9, 1.0))

@@ -494,31 +494,6 @@ def test_legs_are_exchanged_where_that_is_likelier_though_they_cover_less() -> N
     assert np.abs(found.motions[0].difference(truth)).max() < 0.05
 
 
-@pytest.mark.parametrize("doubted", [True, False])
-def test_limbs_that_fade_in_a_doubted_solution_come_first_and_like_limbs_are_exchanged_all_the_same(
-    doubted: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """With them found nobody is doubted any more, though legs may still be taken for one another."""
-    landscape = Landscape(truth=TRUTH)
-    wrong, right = (landscape.solution(PROBLEM, motion) for motion in (off(TRUTH, ARMS, LOST), TRUTH))
-    steps: list[str] = []
-
-    def step(name: str, found: SegmentSolution) -> SegmentSolution:
-        steps.append(name)
-        return found
-
-    monkeypatch.setattr(multi_start, "pictures_find_limbs", lambda _problem: True)
-    monkeypatch.setattr(multi_start, "descend", lambda *_: wrong)
-    monkeypatch.setattr(
-        multi_start, "doubted_performers", lambda _p, _start, found: [0] * (doubted and found is not right)
-    )
-    monkeypatch.setattr(multi_start, "with_faded_limbs_found", lambda *_: step("faded", right))
-    monkeypatch.setattr(multi_start, "with_limbs_exchanged", lambda _p, best, _w: step("exchanged", best))
-    found = multi_start.best_of_starts(PROBLEM, wrong.motions, Workspace())
-    assert steps == (["faded", "exchanged"] if doubted else [])
-    assert found.motions is (right if doubted else wrong).motions
-
-
 def test_motions_are_alike_only_if_those_of_every_performer_are() -> None:
     motion = swing(HUMAN, 5)
     near, far = (off(motion, list(range(len(HUMAN))), angle * solution_ranking.ALIKE) for angle in (0.5, 1.5))
