@@ -20,16 +20,9 @@ _LED = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """The skin of a character at rest.
+    """The skin of a character at rest: vertices (V, 3) in the armature's axes, and the bones that lead them.
 
-    Attributes
-    ----------
-    points : ndarray, shape (V, 3)
-        Vertices in the armature's axes.
-    leaders : ndarray of int, shape (V,)
-        Number of the bone that leads each, -1 where none does.
-    names : list of str
-        Names of the bones by their number.
+    `leaders` (V,) are numbers of the bones in `names`, -1 where none leads a vertex.
     """
 
     points: Array

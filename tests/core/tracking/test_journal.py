@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from kfmocap.core.errors import CancelledError
-from kfmocap.core.shot.shot import Shot, View
+from kfmocap.core.shot.shot import Shot
 from kfmocap.core.tracking.journal import UNFINISHED, Journal, KeptSegments, journal_beside, run_key
 from kfmocap.core.tracking.run_context import RunContext
 from kfmocap.core.tracking.track_result import TrackResult
@@ -24,12 +24,8 @@ KEYS = (0, 4, 8, 12)
 
 
 @pytest.fixture(scope="module")
-def views(tmp_path_factory: pytest.TempPathFactory) -> list[View]:
-    return film(tmp_path_factory.mktemp("film"), [BODY], [TRUTH], CAMERAS)
-
-
-@pytest.fixture(scope="module")
-def shot(views: list[View]) -> Shot:
+def shot(tmp_path_factory: pytest.TempPathFactory) -> Shot:
+    views = film(tmp_path_factory.mktemp("film"), [BODY], [TRUTH], CAMERAS)
     return shot_of(views, [BODY], [TRUTH], KEYS)
 
 
