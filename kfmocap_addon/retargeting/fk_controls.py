@@ -34,6 +34,8 @@ from .rig_settings import (
 )
 
 _ENDS = (("hand", "forearm"), ("foot", "shin"))
+_FLAT = 1e-4
+"""Scale of a control below which no turn of it can be read."""
 _RIGID = 1e-3
 """Tolerance within which two bones move rigidly together, radians, and relative to the rig's size."""
 
@@ -71,6 +73,7 @@ def find_controls(armature: bpy.types.Object, bones: Sequence[str], held: Collec
     held : collection of str
         Bones moved by something other than their own pose, see `scene_io.followed_bones`.
     """
+    update()
     refuse_mirrored(armature, bones)
     fixed = (set(held) | solved_bones(armature)) - switched_bones(armature)
     candidates = [name for name in _upstream(armature, bones) if _may_be_turned(armature, name, bones, fixed)]
@@ -231,7 +234,7 @@ def _upstream(armature: bpy.types.Object, bones: Iterable[str]) -> list[str]:
             waiting.append(bone.parent.name)
         for constraint in list[Any](bone.constraints):
             targets = [constraint, *getattr(constraint, "targets", ())]
-            waiting += [t.subtarget for t in targets if getattr(t, "target", None) == armature]
+            waiting += [getattr(t, "subtarget", "") for t in targets if getattr(t, "target", None) == armature]
             if getattr(constraint, "pole_target", None) == armature:
                 waiting.append(constraint.pole_subtarget)
     return list(found)
@@ -240,7 +243,8 @@ def _upstream(armature: bpy.types.Object, bones: Iterable[str]) -> list[str]:
 def _may_be_turned(armature: bpy.types.Object, name: str, bones: Collection[str], held: Collection[str]) -> bool:
     bone = armature.pose.bones[name]
     hangs = any(above.name in held and above.name in bones for above in bone.parent_recursive)
-    return name not in held and not all(bone.lock_rotation) and not hangs
+    flat = abs(bone.matrix.determinant()) < _FLAT**3
+    return name not in held and not all(bone.lock_rotation) and not hangs and not flat
 
 
 def _moved(armature: bpy.types.Object, bones: Sequence[str], candidates: Sequence[str]) -> dict[str, set[str]]:

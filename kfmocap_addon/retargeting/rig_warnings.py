@@ -14,6 +14,7 @@ from ...core.retargeting.retarget import upright_turn
 from ..scene_io.object_motion import what_moves
 from .rig_settings import Owner, owner_of, setting_channel, setting_name
 
+_TURNED, _SHIFTED = 1.0, 10.0  # degrees, and millimetres on a character of the performer's size, from which it is said
 _UNEVEN = 1e-3  # difference of a bone's scales from which it is said
 
 
@@ -82,12 +83,13 @@ def scaled_unevenly(armature: bpy.types.Object, rig: ControlRig) -> list[str]:
     ]
 
 
-def not_as_asked(unsteady: tuple[str, ...], errors: Mapping[str, Mapping[str, float]]) -> list[str]:
+def not_as_asked(unsteady: tuple[str, ...], errors: Mapping[str, Mapping[str, float]], scale: float) -> list[str]:
     """Return warnings about controls that follow others, and about limbs that are not where their controls put them."""
     found = [f"bone {name} follows another control only in part: its rotation differs" for name in unsteady]
     for limb, error in errors.items():
-        if error["worst_degrees"] > 1.0:
-            found.append(
-                f"{limb}: the rig is up to {error['worst_degrees']:.1f} degrees off what its controls were given"
-            )
+        off = f"{error['worst_degrees']:.1f} degrees" if error["worst_degrees"] > _TURNED else ""
+        if not off and error["worst_mm"] > _SHIFTED * scale:
+            off = f"{error['worst_mm']:.0f} mm"
+        if off:
+            found.append(f"{limb}: the rig is up to {off} off what its controls were given")
     return found

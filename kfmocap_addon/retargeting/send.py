@@ -179,7 +179,7 @@ def send_to_rig(
             *rig_warnings.scaled_unevenly(armature, sent.rig),
             *rig_warnings.set_elsewhere(armature, sent.settings),
             *rig_warnings.freed(armature, sent.holds, "now" if options.live is not None else "in the new action"),
-            *rig_warnings.not_as_asked(sent.unsteady, errors),
+            *rig_warnings.not_as_asked(sent.unsteady, errors, sent.result.placement.scale),
         ],
         "seconds": round(time.perf_counter() - started, 3),
     }

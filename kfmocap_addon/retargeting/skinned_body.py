@@ -277,7 +277,8 @@ def _followed(armature: bpy.types.Object, name: str) -> list[str]:
     """Return the bones of an armature that constraints of one of them follow."""
     bone: Any = armature.pose.bones[name]
     ends = [end for held in bone.constraints for end in (held, *getattr(held, "targets", ()))]
-    return [end.subtarget for end in ends if getattr(end, "target", None) == armature and end.subtarget]
+    named = [getattr(end, "subtarget", "") for end in ends if getattr(end, "target", None) == armature]
+    return [name for name in named if name]
 
 
 def _moves(armature: bpy.types.Object, bone: str, attribute: str, still: float = _STILL) -> bool:
@@ -347,8 +348,9 @@ def _limbs(bones: BoneMap) -> list[str]:
 
 def _refuse_following(armature: bpy.types.Object, parts: tuple[str, ...], followed: dict[str, str]) -> None:
     """Raise a BodyError if something other than its pose moves a part's bone."""
-    held = [name for name in followed if name in parts]  # those with a constraint of their own come first
-    for name in (*held, *parts):
+    tied = {*parts, *_between(armature, parts)}
+    held = [name for name in followed if name in tied]  # those with a constraint of their own come first
+    for name in (*held, *sorted(tied)):
         bone = armature.pose.bones[name]
         if bone.parent is not None and not bone.bone.use_inherit_rotation:
             _remove(armature, parts)
@@ -366,6 +368,16 @@ def _refuse_following(armature: bpy.types.Object, parts: tuple[str, ...], follow
                 if (leader := leader_of(armature)) is None
                 else f"make {leader.name} active instead, which it follows",
             )
+
+
+def _between(armature: bpy.types.Object, parts: Collection[str]) -> set[str]:
+    """Return the bones that are no parts, between parts."""
+    found = set[str]()
+    for name in parts:
+        above = [bone.name for bone in armature.data.bones[name].parent_recursive]
+        hung = next((k for k, other in enumerate(above) if other in parts), 0)
+        found |= set(above[:hung])
+    return found
 
 
 def _remove(armature: bpy.types.Object, parts: tuple[str, ...]) -> None:

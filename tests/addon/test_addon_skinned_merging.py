@@ -8,6 +8,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender, joint_error  # noqa: E402, F401
+from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves  # noqa: E402
 from odd_characters import BODY, add_bones, bind, controlled_human, skinned_human  # noqa: E402
@@ -59,6 +60,21 @@ def test_the_halves_of_limbs_are_one_part():
     truth = swing(body, 3)
     motion_curves.write_motion(armature, truth, 1)
     assert joint_error(armature, body, truth) < 0.1
+
+
+@pytest.mark.parametrize("how", ["inherits no rotation", "follows"])
+def test_a_half_of_a_limb_that_does_not_move_with_it_is_named(how):
+    armature = skinned_human()
+    with body_armature.edit_bones(armature) as bones:
+        half = bones.new("forearmTwist")
+        half.head, half.tail = bones["forearm.L"].head.lerp(bones["hand.L"].head, 0.5), bones["hand.L"].head
+        half.parent, half.use_inherit_rotation = bones["forearm.L"], how == "follows"
+        bones["hand.L"].use_connect, bones["hand.L"].parent = False, half
+    if how == "follows":
+        held = armature.pose.bones["forearmTwist"].constraints.new("COPY_ROTATION")
+        held.target, held.subtarget = armature, "head"
+    with pytest.raises(BodyError, match="bone forearmTwist: "):
+        use_as_body(bpy.context.scene, armature)
 
 
 def test_fingers_toes_and_hair_belong_to_hands_feet_and_the_head_however_long_they_are():

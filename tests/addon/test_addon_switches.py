@@ -18,6 +18,8 @@ from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves, skins  
 from odd_characters import (  # noqa: E402
     BODY,
     CONTROL,
+    add_bones,
+    controlled_human,
     generated_rig,
     linked,
     one_chain_human,
@@ -131,6 +133,27 @@ def test_drivers_of_what_belongs_to_a_constraint_are_no_hindrance():
     driver.expression = "1.0"
     report = send.send_to_rig(bpy.context.scene, motion_of_body(BODY, swing(BODY, FRAMES), "man", 30.0), armature, 1)
     assert max(error["worst_mm"] for error in report["error"].values()) < 0.1
+
+
+def test_constraints_without_a_bone_and_flat_controls_are_no_hindrance():
+    armature = controlled_human()
+    for kind in ("SHRINKWRAP", "SPLINE_IK"):
+        held = armature.pose.bones["DEF-head"].constraints.new(kind)
+        held.target, held.influence = armature, 0.0
+    add_bones(armature, [("flat", "root", (0.0, 0.0, 1.0), (0.0, 0.0, 1.2))])
+    armature.pose.bones["flat"].scale = (0.0, 1.0, 0.5)
+    copied = armature.pose.bones["DEF-pelvis"].constraints.new("COPY_ROTATION")
+    copied.target, copied.subtarget, copied.influence = armature, "flat", 0.0
+    motion = motion_of_body(BODY, swing(BODY, FRAMES), "man", 30.0)
+    report = send.send_to_rig(bpy.context.scene, motion, armature, 1)
+    assert max(error["worst_mm"] for error in report["error"].values()) < 0.1
+
+
+def test_limbs_that_a_constraint_shifts_are_said():
+    armature = skinned_human()
+    armature.pose.bones["forearm.L"].constraints.new("PIVOT").offset = (0.3, 0.0, 0.0)
+    report = send.send_to_rig(bpy.context.scene, motion_of_body(BODY, swing(BODY, FRAMES), "man", 30.0), armature, 1)
+    assert [text for text in report["warnings"] if text.startswith("arm.L: the rig is up to") and " mm off" in text]
 
 
 @pytest.mark.parametrize("where", ["bone", "object"])
