@@ -20,7 +20,7 @@ from ...core.numerics.arrays import Array
 from ...core.retargeting.roles import SIDES, BoneMap
 from ..scene_io import body_armature
 from ..scene_io.followed_bones import following, solved_bones
-from .rig_reading import at_rest, moved_matrices, refuse_mirrored, rest_matrices, update
+from .rig_reading import FLAT, at_rest, moved_matrices, refuse_mirrored, rest_matrices, update
 from .rig_settings import (
     Owner,
     Settings,
@@ -34,8 +34,6 @@ from .rig_settings import (
 )
 
 _ENDS = (("hand", "forearm"), ("foot", "shin"))
-_FLAT = 1e-4
-"""Scale of a control below which no turn of it can be read."""
 _RIGID = 1e-3
 """Tolerance within which two bones move rigidly together, radians, and relative to the rig's size."""
 
@@ -243,7 +241,7 @@ def _upstream(armature: bpy.types.Object, bones: Iterable[str]) -> list[str]:
 def _may_be_turned(armature: bpy.types.Object, name: str, bones: Collection[str], held: Collection[str]) -> bool:
     bone = armature.pose.bones[name]
     hangs = any(above.name in held and above.name in bones for above in bone.parent_recursive)
-    flat = abs(bone.matrix.determinant()) < _FLAT**3
+    flat = abs(bone.matrix.determinant()) < FLAT**3
     return name not in held and not all(bone.lock_rotation) and not hangs and not flat
 
 

@@ -40,8 +40,7 @@ _HOLDS = (
     "LIMIT_LOCATION",
 )
 """Kinds of constraints that set the rotation of the bones that they act on, or clip their rotation or their way."""
-_FLAT = 1e-4
-"""Scale of a bone below which it counts as nothing."""
+FLAT = 1e-4  # scale of a bone below which it counts as nothing
 _RIGID = 1e-3
 """Radians, and lengths of the rig, within which two bones move as one."""
 
@@ -118,11 +117,11 @@ def at_rest(armature: bpy.types.Object, controls: Sequence[str]) -> Iterator[Non
 @contextmanager
 def evaluated(armature: bpy.types.Object) -> Iterator[None]:
     """Have Blender evaluate an armature's poses while the block runs: it does not in excluded collections, nor when it
-    is hidden, or shown in its rest position. Skins are hidden, so that they are not deformed for every pose that is
-    tried; of those that something depends on, Blender evaluates also hidden ones.
+    is hidden, or shown in its rest position. Skins are hidden, so that they are not deformed for every pose; those
+    that something depends on are evaluated all the same.
     """
-    skins = [o for o in bpy.context.view_layer.objects if o.type == "MESH" and o.modifiers and not o.hide_viewport]
-    skins = [skin for skin in skins if skin.library is None]
+    shown = (o for o in bpy.context.view_layer.objects if o.library is None and not o.hide_viewport)
+    skins = [o for o in shown if o.type == "MESH" and o.modifiers]
     hidden, position = armature.hide_viewport, armature.data.pose_position
     home = bpy.context.scene.collection.objects
     away = armature.name not in bpy.context.view_layer.objects
@@ -238,12 +237,11 @@ def refuse_mirrored(armature: bpy.types.Object, names: Sequence[str]) -> None:
     """
     for name in names:
         bone: Any = armature.pose.bones[name]
-        if bone.matrix.determinant() > _FLAT**3:
+        if bone.matrix.determinant() > FLAT**3:
             continue
-        chain = [bone, *bone.parent_recursive]
-        own = next((each for each in reversed(chain) if np.prod(each.scale) <= _FLAT**3), bone)
+        own = next((each for each in reversed([bone, *bone.parent_recursive]) if np.prod(each.scale) <= FLAT**3), bone)
         raise BodyError(
-            f"it is {'mirrored' if bone.matrix.determinant() < -(_FLAT**3) else 'scaled to nothing'}",
+            f"it is {'mirrored' if bone.matrix.determinant() < -(FLAT**3) else 'scaled to nothing'}",
             where=f"armature {armature.name}, bone {own.name}",
             todo="clear its scale (Alt S), and its keys",
         )

@@ -19,24 +19,14 @@ from ..scene_io.object_motion import what_moves
 from . import fk_controls
 from .fk_controls import FkControls
 from .overrides import editable
+from .part_roles import PART_ROLES, limb_bones, limbs_of, taken_in
 from .rig_reading import at_rest, leave_rest_position, moved_matrices, rest_matrices
 from .rig_settings import has_keys, keep_in_override, setting_name, with_settings
 from .rigify_animals import animal_controls, goes_on_four, is_generated
 from .send import target_bones
 
-_PART_ROLES = ("hips", "spine", "neck", "head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")
-_LIMB_ROLES = ("head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")
-"""Roles of bones that are separate parts even if small, as on figures with large heads and short limbs."""
-_ENDS = ("head", "hand", "foot")
-"""Roles of bones on which hair, fingers and toes hang."""
-_HALVED = (("upper_arm", "forearm"), ("forearm", "hand"), ("thigh", "shin"), ("shin", "foot"))
-"""Limbs of two bones each in some characters, such as those of Daz and MakeHuman, by their roles and the next one."""
-_STRAIGHT = np.radians(15)
-"""Largest angle at which a bone goes on from the one above as the half of a limb."""
 _FOLLOWS = 0.5
 """Least fraction of a control's rotation with which a deforming bone follows it."""
-_NEAR = 1e-3
-"""Share of a limb's length within which a bone begins where the limb does."""
 _APART = 0.5
 """Fraction of deforming bones without a deforming parent from which they are taken to be parented to controls."""
 _STILL = 1e-5
@@ -77,14 +67,14 @@ def _taken(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.ty
         return _use_controls(current, armature, collection, found)
     if mechanism is None:
         followed = following(armature)
-        limbs = _limb_bones(armature)
+        limbs = limb_bones(armature)
         loose = {name: what for name, what in followed.items() if name not in limbs.names()}
         made = skinned_parts.add_parts(
             armature,
             collection,
             following=loose,
-            limbs=_limbs(limbs),
-            taken_in=_taken_in(armature, limbs),
+            limbs=limbs_of(limbs),
+            taken_in=taken_in(armature, limbs),
             head=next(iter(limbs.bones.get("head", ())), ""),
         )
         _refuse_following(armature, made.parts, followed)
@@ -112,7 +102,7 @@ def _with_shoulders(
     stored = armature.data.library is None and armature.data.override_library is None
     if not there or not stored:
         return None
-    made = _parts_of(armature, collection, mechanism, (*_PART_ROLES, "shoulder"))
+    made = _parts_of(armature, collection, mechanism, (*PART_ROLES, "shoulder"))
     for arm, shoulder in there.items():
         if shoulder in made.parts:
             armature.data.bones[arm][body_armature.ABOVE] = shoulder
@@ -128,11 +118,11 @@ def _parts_of(
     armature: bpy.types.Object,
     collection: bpy.types.Collection,
     mechanism: BoneMap,
-    roles: Collection[str] = _PART_ROLES,
+    roles: Collection[str] = PART_ROLES,
 ) -> skinned_parts.SkinnedParts:
     """Add the parts that hang on the controls of some roles."""
     controls = [name for role, _, name in mechanism.items() if role.partition(".")[0] in roles]
-    return skinned_parts.add_parts(armature, collection, _carriers(armature, controls), limbs=_limbs(mechanism))
+    return skinned_parts.add_parts(armature, collection, _carriers(armature, controls), limbs=limbs_of(mechanism))
 
 
 def _use_animal(
@@ -170,7 +160,7 @@ def _use_controls(
 ) -> tuple[bpy.types.Object, tuple[str, ...]]:
     """Make a rig a performer through its controls; see `use_as_body`."""
     held = following(armature)
-    roles = _limb_bones(armature)
+    roles = limb_bones(armature)
     turned = fk_controls.with_halves_of_limbs(armature, controls, held, roles.names())
     carriers, remarks = dict(turned), list[str]()
     led = skinned_parts.leading_bones(armature)
@@ -187,11 +177,11 @@ def _use_controls(
         carriers[name] = carriers[above]
         if name in held and not says_twist(name):
             remarks.append(f"bone {name}: it is moved by {held[name]}, so it is left out, and follows the body")
-    halves = _taken_in(armature, roles)
+    halves = taken_in(armature, roles)
     carriers |= {name: carriers[above] for name, above in halves.items() if name in carriers and above in carriers}
     with with_settings(armature, controls.settings):
         made = skinned_parts.add_parts(
-            armature, collection, carriers, limbs=[carriers.get(n, n) for n in _limbs(roles)]
+            armature, collection, carriers, limbs=[carriers.get(n, n) for n in limbs_of(roles)]
         )
         try:
             fk_controls.refuse_otherwise_moved(armature, turned)
@@ -310,40 +300,6 @@ def _refuse_moving_object(current: bpy.types.Scene, armature: bpy.types.Object) 
             where=where,
             todo="free it: clear the parent (Alt P), or mute the constraint",
         )
-
-
-def _limb_bones(armature: bpy.types.Object) -> BoneMap:
-    """Return the bones that a human cannot do without; empty if the armature is not human."""
-    try:
-        bones = target_bones(armature).bones
-    except BodyError:
-        return BoneMap({})
-    return BoneMap({role: names for role, names in bones.items() if role.partition(".")[0] in _PART_ROLES})
-
-
-def _taken_in(armature: bpy.types.Object, bones: BoneMap) -> dict[str, str]:
-    """Return the bones whose skin belongs to a part of a human though they may turn by themselves, and its bone: what
-    hangs on head, hands and feet, and bones that halve limbs.
-    """
-    found, rest = dict[str, str](), armature.data.bones
-    for end in (name for role, _, name in bones.items() if role.partition(".")[0] in _ENDS):
-        found |= {bone.name: end for bone in rest[end].children_recursive}
-    for upper, lower in ((f"{a}.{side}", f"{b}.{side}") for a, b in _HALVED for side in SIDES):
-        if upper in bones.bones and lower in bones.bones:
-            [first], [last] = bones.bones[upper], bones.bones[lower]
-            line = rest[last].head_local - rest[first].head_local
-            for bone in rest[last].parent_recursive:
-                way = bone.head_local - rest[first].head_local
-                if bone.name == first or rest[first] not in bone.parent_recursive:
-                    break
-                if way.length < _NEAR * line.length or way.angle(line) < _STRAIGHT:
-                    found[bone.name] = first
-    return found
-
-
-def _limbs(bones: BoneMap) -> list[str]:
-    """Return the bones of a map that are separate parts even if small."""
-    return [name for role, _, name in bones.items() if role.partition(".")[0] in _LIMB_ROLES]
 
 
 def _refuse_following(armature: bpy.types.Object, parts: tuple[str, ...], followed: dict[str, str]) -> None:
