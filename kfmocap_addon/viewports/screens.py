@@ -12,6 +12,8 @@ from typing import Any, Literal
 
 import bpy
 
+from .performer_boxes import WHOLE, Part, part_with_performers
+
 Box = tuple[int, int, int, int]
 """Left, bottom, right and top, pixels of the window."""
 MOST = 4
@@ -21,6 +23,7 @@ SIDEBAR_TAB = "KF Mocap"
 _NEXT_DRAW = 0.05  # seconds
 _FILLING = 50 * (2 - math.sqrt(2))
 """Blender's zoom at which the picture fills the region, but for a thin border."""
+_CLOSEST = 4.0
 _SAME_SIZE, _SAME_PLACE = 0.03, 0.01
 """How far a view's size and offset may differ from those that `framing` gave it: shares of each, and of the region."""
 
@@ -144,7 +147,8 @@ def join(context: bpy.types.Context) -> None:
     areas = layout_of(context.window)
     kept = context.area if context.area in areas else areas[0]
     kept.spaces.active.use_local_camera = False
-    bpy.app.timers.register(partial(_close_others, context.window), first_interval=0.0)
+    others = {area.as_pointer() for area in areas if area != kept}
+    bpy.app.timers.register(partial(_close_others, context.window, others), first_interval=0.0)
 
 
 def _split_next(window: bpy.types.Window, cameras: Sequence[str]) -> float | None:
@@ -169,21 +173,30 @@ def _arrange(window: bpy.types.Window, cameras: Sequence[str]) -> None:
         space = area.spaces.active
         space.camera = bpy.data.objects.get(name)
         space.show_region_toolbar, space.show_region_ui = False, area == with_sidebar
-        _through_camera(window, window.screen, area)
+        part = part_with_performers(window.scene, space.camera) if space.camera is not None else WHOLE
+        _through_camera(window, window.screen, area, part)
 
 
-def _close_others(window: bpy.types.Window) -> float | None:
-    """Close one of the 3D views of a split; the time until the next, or None after the last."""
-    areas = layout_of(window)
-    if areas:
-        with bpy.context.temp_override(window=window, screen=window.screen, area=areas[-1], region=_region(areas[-1])):
-            bpy.ops.screen.area_close()
+def _close_others(window: bpy.types.Window, others: set[int]) -> float | None:
+    """Close one of the 3D views of a split that are left over, and no other, as the user may split anew meanwhile;
+    the time until the next, or None after the last.
+    """
+    views = [area for area in window.screen.areas if area.type == "VIEW_3D"]
+    closed = [area for area in views if area.as_pointer() in others and area.spaces.active.use_local_camera]
+    if len(closed) < len(views) and any(_close(window, area) for area in reversed(closed)):
         return _NEXT_DRAW
     for area in window.screen.areas:
         if area.type == "VIEW_3D" and area.spaces.active.region_3d.view_perspective == "CAMERA":
             area.spaces.active.show_region_toolbar = area.spaces.active.show_region_ui = True
             _through_camera(window, window.screen, area)
     return None
+
+
+def _close(window: bpy.types.Window, area: bpy.types.Area) -> bool:
+    """Close an area; whether it had a neighbour of its size that could take its place."""
+    with bpy.context.temp_override(window=window, screen=window.screen, area=area, region=_region(area)):
+        close: Any = bpy.ops.screen.area_close
+        return bool(close.poll() and close() == {"FINISHED"})
 
 
 def _split(window: bpy.types.Window, area: bpy.types.Area, direction: Literal["HORIZONTAL", "VERTICAL"]) -> bool:
@@ -193,7 +206,9 @@ def _split(window: bpy.types.Window, area: bpy.types.Area, direction: Literal["H
         return bool(split(direction=direction, factor=0.5) == {"FINISHED"})
 
 
-def _through_camera(window: bpy.types.Window, screen: bpy.types.Screen, area: bpy.types.Area) -> None:
+def _through_camera(
+    window: bpy.types.Window, screen: bpy.types.Screen, area: bpy.types.Area, part: Part = WHOLE
+) -> None:
     space = area.spaces.active
     space.region_3d.view_perspective = "CAMERA"
     space.shading.wireframe_color_type = "OBJECT"  # the parts are white
@@ -202,7 +217,7 @@ def _through_camera(window: bpy.types.Window, screen: bpy.types.Screen, area: bp
     region = _region(area)
     if region.width > 1 and region.height > 1:
         zoom, offset = framing(
-            _box(region), uncovered_part(area), _aspect(window.scene), space.region_3d.view_camera_zoom
+            _box(region), uncovered_part(area), _aspect(window.scene), space.region_3d.view_camera_zoom, part
         )
         space.region_3d.view_camera_zoom, space.region_3d.view_camera_offset = zoom, offset
 
@@ -229,7 +244,9 @@ def free_box(region: Box, others: Sequence[Box]) -> Box:
     return (left, bottom, right, top) if left < right and bottom < top else region
 
 
-def framing(region: Box, free: Box, aspect: float, zoom: float) -> tuple[float, tuple[float, float]]:
+def framing(
+    region: Box, free: Box, aspect: float, zoom: float, part: Part = WHOLE
+) -> tuple[float, tuple[float, float]]:
     """Return the zoom and the offset of a camera's view that bring its picture into the free part of a region.
 
     Parameters
@@ -240,6 +257,8 @@ def framing(region: Box, free: Box, aspect: float, zoom: float) -> tuple[float, 
         Width of the picture by its height.
     zoom : float
         Blender's zoom at which the picture fills the region (view_center_camera).
+    part : Part
+        What of the picture is to be seen, at most `_CLOSEST` times as large as in a picture that fills the region.
 
     Returns
     -------
@@ -250,10 +269,13 @@ def framing(region: Box, free: Box, aspect: float, zoom: float) -> tuple[float, 
     """
     width, height = region[2] - region[0], region[3] - region[1]
     shown = min(width, height * aspect)
-    fitting = min(free[2] - free[0], (free[3] - free[1]) * aspect)
-    root = (math.sqrt(2) + zoom / 50) * math.sqrt(min(1.0, fitting / shown))
+    fitting = min((free[2] - free[0]) / (part[2] - part[0]), (free[3] - free[1]) * aspect / (part[3] - part[1]))
+    larger = min(1.0 if part == WHOLE else _CLOSEST, fitting / shown)
+    root = (math.sqrt(2) + zoom / 50) * math.sqrt(larger)
     scale = root**2 / 4
-    moved = [((free[i] + free[i + 2]) - (region[i] + region[i + 2])) / 2 for i in (0, 1)]
+    size = (shown * larger, shown * larger / aspect)
+    beside = [((part[i] + part[i + 2]) / 2 - 0.5) * size[i] for i in (0, 1)]
+    moved = [((free[i] + free[i + 2]) - (region[i] + region[i + 2])) / 2 - beside[i] for i in (0, 1)]
     return 50 * (root - math.sqrt(2)), (-moved[0] / (2 * scale * width), -moved[1] / (2 * scale * height))
 
 

@@ -16,7 +16,7 @@ from kfmocap.core.cameras.camera import Camera  # noqa: E402
 from kfmocap.core.errors import CalibrationError, FootageError  # noqa: E402
 from kfmocap.core.shot.shot import View  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import distortion, footage_background, scene, view_cameras  # noqa: E402
-from kfmocap.kfmocap_addon.viewports import screens  # noqa: E402
+from kfmocap.kfmocap_addon.viewports import performer_boxes, screens  # noqa: E402
 from mathutils import Vector  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -262,3 +262,26 @@ def test_the_name_of_a_joint_is_not_cut_off_by_the_sidebar():
     for pointer in (0.0, 300.0, 699.0):
         left = beside(pointer, 90.0, 700.0)
         assert left + 90 <= 700 and (left > pointer or left + 90 < pointer)
+
+
+def test_a_part_of_the_picture_fills_what_is_free_of_a_view():
+    region, free, zoom, aspect = (2, 87, 1182, 873), (60, 87, 890, 819), 29.12, 9 / 16
+    for part in ((0.3, 0.2, 0.6, 0.7), (0.0, 0.0, 0.5, 0.4)):
+        new, offset = screens.framing(region, free, aspect, zoom, part)
+        scale = (2**0.5 + new / 50) ** 2 / 4
+        size = (min(1180, 786 * aspect) * scale, min(1180, 786 * aspect) * scale / aspect)
+        centre = [(region[i] + region[i + 2]) / 2 - 2 * scale * offset[i] * (region[i + 2] - region[i]) for i in (0, 1)]
+        shown = [centre[i % 2] + (part[i] - 0.5) * size[i % 2] for i in range(4)]
+        assert shown[0] >= 59 and shown[1] >= 86 and shown[2] <= 891 and shown[3] <= 820
+        assert max((shown[2] - shown[0]) / 830, (shown[3] - shown[1]) / 732) == pytest.approx(1, abs=0.01)
+
+
+def test_the_part_of_a_picture_with_the_performers_holds_their_joints_on_all_frames(blender, tmp_path):  # noqa: F811
+    made = shot(tmp_path)
+    scene.build_scene(made, scene=bpy.context.scene)
+    still, moving = (view.camera for view in bpy.context.scene.kfmocap.views)
+    left, bottom, right, top = performer_boxes.part_with_performers(bpy.context.scene, still)
+    assert 0 <= left < right <= 1 and 0 <= bottom < top <= 1
+    assert performer_boxes.part_with_performers(bpy.context.scene, moving) == performer_boxes.WHOLE
+    near = performer_boxes.around(np.array([[-0.2, -0.4], [0.1, 0.4]]))
+    assert near == pytest.approx((0.34, 0.24, 0.61, 0.76), abs=0.01)
