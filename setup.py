@@ -4,7 +4,7 @@ from setuptools import find_packages, setup
 
 # Of the beam, the footage is fetched and stays out.
 EXAMPLES = ["examples/walk/**/*", "examples/beam/*.t*", "examples/beam/*.json", "examples/beam/SHA256SUMS"]
-PARTS = ["benchmarks", "cli", "core", "core.*", "kfmocap_addon", "kfmocap_addon.*"]
+PARTS = ["benchmarks", "benchmarks.*", "cli", "core", "core.*", "kfmocap_addon", "kfmocap_addon.*"]
 
 setup(
     script_name="setup.py",  # keeps this file out of the package, beside which it lies

@@ -6,11 +6,8 @@ import bpy
 
 from ..core.body.motion import Motion
 from ..core.shot.shot import Performer
-from ..kfmocap_addon.scene_io import (
-    body_armature,
-    key_pose_curves,
-    motion_curves,
-)
+from ..kfmocap_addon.scene_io.body import body_armature
+from ..kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves
 
 
 def interpolated(performer: Performer, length: int) -> Motion:

@@ -15,7 +15,7 @@ from ..core.body import part_poses
 from ..core.body.motion import Motion
 from ..core.cameras.camera import Camera
 from ..core.errors import OutputError
-from ..core.evidence.part_geometry import Geometry
+from ..core.evidence.rendering.part_geometry import Geometry
 from ..core.formats import Landmarks
 from ..core.review.overlay import draw_outlines
 from ..core.runtime.files import replacing

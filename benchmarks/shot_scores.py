@@ -59,7 +59,7 @@ def interval_cover(body: Body, motion: Motion, interval: Array, truth: Landmarks
     body : Body
     motion : Motion
     interval : ndarray, shape (F, P)
-        See `core.tracking.uncertainty.JointErrors`, metres.
+        See `core.tracking.expected_errors.uncertainty.JointErrors`, metres.
     truth : Landmarks
     keys : sequence of int
         Rows with a key pose.

@@ -25,9 +25,9 @@ from ..core.fitting.shot_cameras import (
     for_camera_fits,
     refine_shot_cameras,
 )
+from ..core.formats.camera_files.toml_cameras import save_cameras
 from ..core.formats.keypoint_files import read_shot_keypoints
 from ..core.formats.shot_toml import read_shot_spec
-from ..core.formats.toml_cameras import save_cameras
 from ..core.formats.trc import write_trc
 from ..core.keypoints.hand_points import tracked_hands
 from ..core.numerics.arrays import Array
@@ -42,7 +42,7 @@ from ..core.runtime.threads import worker_count
 from ..core.runtime.timing import Seconds
 from ..core.runtime.worker_memory import WorkerMemory
 from ..core.runtime.worker_pool import WorkerPool
-from ..core.shot.footage_damage import shot_damage
+from ..core.shot.footage_faults.footage_damage import shot_damage
 from ..core.shot.shot import Shot
 from ..core.shot.shot_spec import ShotSpec, result_names
 from ..core.tracking.journal import Journal, journal_beside

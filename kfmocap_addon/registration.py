@@ -51,7 +51,7 @@ from .operators import (
     track_motion,
 )
 from .panels import guide, key_list
-from .scene_io import missing_footage
+from .scene_io.cameras import missing_footage
 from .scene_io.key_pictures import PICTURES
 
 OPERATORS = (

@@ -14,7 +14,7 @@ from ..capture.capture_videos import CaptureVideos
 from ..errors import CaptureError
 from ..runtime.progress import Progress, share
 from ..shot.footage import probe
-from ..shot.footage_times import video_rate
+from ..shot.footage_faults.footage_times import video_rate
 from .calibration_result import CalibrationResult
 from .findings import LFRAME_NOT_SEEN, Finding, interlaced, lframe_missed, rate_varies
 from .remeasure import remeasured, with_lframes_remeasured

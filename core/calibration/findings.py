@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..errors import CaptureError
-from ..shot.footage_times import FootageRate
+from ..shot.footage_faults.footage_times import FootageRate
 
 LFRAME_NOT_SEEN = "lframe-not-seen"
 """Name of the finding that no view sees the L-frame."""

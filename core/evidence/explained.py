@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numerics.arrays import Array, Ints
-from .foreground import log_ratio
-from .label_images import LabelImages
+from .foreground_images.foreground import log_ratio
+from .rendering.label_images import LabelImages
 from .view_frames import ViewFrames
 
 

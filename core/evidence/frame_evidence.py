@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
 from ..numerics.arrays import Array
-from ..shot.continuity import single_frames
-from .compared_pixels import LabelledFrames
+from ..shot.footage_faults.continuity import single_frames
 from .explained import explained_by_part
-from .foreground import background_share, log_ratio
-from .gradients import GradientSums, brightness_constancy
-from .label_images import LabelImages, render_labels
-from .outline_lines import outline_lines
-from .outline_sums import OutlineSums, outline_sums
-from .part_geometry import Geometry
+from .foreground_images.foreground import background_share, log_ratio
+from .gradient_evidence.compared_pixels import LabelledFrames
+from .gradient_evidence.gradients import GradientSums, brightness_constancy
+from .outline_evidence.outline_lines import outline_lines
+from .outline_evidence.outline_sums import OutlineSums, outline_sums
+from .rendering.label_images import LabelImages, render_labels
+from .rendering.part_geometry import Geometry
 from .sampling import Sampling
 from .still_evidence import StillEvidence, StillPartsCache
 from .view_frames import GradientImageCache, ViewFrames

@@ -18,7 +18,7 @@ from ..body import Part
 from ..cameras.camera import Camera
 from ..numerics.arrays import Bools
 from ..numerics.repeatable import transformed
-from .label_images import NEAR
+from .rendering.label_images import NEAR
 from .view_frames import smoothed_slopes
 
 PLACES = np.array([0.2, 0.5, 0.8])

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
 from ..numerics.arrays import Array
-from .foreground import SURE, background_share, log_ratio
-from .label_images import render_labels
-from .part_geometry import Geometry
+from .foreground_images.foreground import SURE, background_share, log_ratio
+from .rendering.label_images import render_labels
+from .rendering.part_geometry import Geometry
 from .view_frames import ViewFrames, views_with_foreground
 
 NEAR = 0.2

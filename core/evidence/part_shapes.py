@@ -12,11 +12,11 @@ from ..cameras.camera import Camera
 from ..numerics.arrays import Array, Bools
 from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
 from ..numerics.normal_equations import DenseEquations
-from .held_outlines import HeldOutlines
-from .image_wrenches import camera_twist
-from .label_images import render_labels
-from .outline_lines import Lines, outline_lines
-from .part_geometry import Geometry
+from .gradient_evidence.image_wrenches import camera_twist
+from .outline_evidence.held_outlines import HeldOutlines
+from .outline_evidence.outline_lines import Lines, outline_lines
+from .rendering.label_images import render_labels
+from .rendering.part_geometry import Geometry
 from .view_frames import ViewFrames
 
 STRETCH = 0.2
@@ -44,7 +44,7 @@ def fitted_shape(
     """Fit the parts' shapes to outlines on frames whose poses are known; joints stay where they are.
 
     Every part is stretched along its three axes and shifted, six unknowns, by Gauss-Newton over the lines of
-    `core.evidence.outline_lines`; what no camera shows stays as it is.
+    `core.evidence.outline_evidence.outline_lines`; what no camera shows stays as it is.
 
     Parameters
     ----------

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from ..body.kinematics import Poses
 from ..numerics.arrays import Array, Bools
 from .frame_evidence import FrameEvidence, FramesInView, frame_evidence
-from .gradients import GradientSums
-from .outline_sums import OutlineSums
-from .part_geometry import Geometry
+from .gradient_evidence.gradients import GradientSums
+from .outline_evidence.outline_sums import OutlineSums
+from .rendering.part_geometry import Geometry
 from .sampling import Sampling
 from .still_evidence import StillPartsCache
 from .view_frames import GradientImageCache, ViewFrames

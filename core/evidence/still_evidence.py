@@ -9,12 +9,12 @@ import numpy as np
 
 from ..body.kinematics import Poses
 from ..numerics.arrays import Array, Ints
-from .compared_pixels import LabelledFrames
 from .explained import explained_by_part
-from .part_geometry import Geometry
-from .pixel_gains import PixelGains
+from .gradient_evidence.compared_pixels import LabelledFrames
+from .gradient_evidence.pixel_gains import PixelGains
+from .rendering.part_geometry import Geometry
+from .rendering.still_parts import StillParts
 from .sampling import Sampling
-from .still_parts import StillParts
 from .view_frames import KEPT_BYTES, ViewFrames
 
 

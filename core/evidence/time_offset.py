@@ -17,9 +17,9 @@ from ..body.kinematics import scene_poses
 from ..body.motion import Motion
 from ..numerics.arrays import Array, Bools
 from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
-from .outline_lines import KEY_PIECE
-from .part_geometry import Geometry
+from .outline_evidence.outline_lines import KEY_PIECE
 from .part_shapes import ShapeEquations, compose, shape_equations
+from .rendering.part_geometry import Geometry
 from .view_frames import ViewFrames
 
 DEVIATION = 0.5 / np.sqrt(3)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
 from ..runtime.shared_arrays import each_row, looked_at
-from .part_colours import ColouredFrames, PartColours
+from .foreground_images.part_colours import ColouredFrames, PartColours
 
 Image = NDArray[np.float32]
 
@@ -171,13 +171,13 @@ class ViewFrames:
     first : int
         Shot frame of the first of them.
     foreground : ndarray of uint8, shape (M, N, h, w), optional
-        Foreground images of each of M performers, see `core.evidence.foreground`.
+        Foreground images of each of M performers, see `core.evidence.foreground_images.foreground`.
     halo : float
         Distance by which foreground images extend beyond the body's edge, pixels.
     delay : float
         How much later than the shot's frames these were taken, in frames; see `core.body.time_shift`.
     torn : ndarray of bool, shape (N - 1,), optional
-        Pairs of frames that do not continue each other and are not used as evidence, see `core.shot.continuity`.
+        Pairs of frames that do not continue each other and are not used as evidence, see `footage_faults.continuity`.
     colours : PartColours, optional
         Colours of the performers' parts.
     palette : ndarray of uint8, shape (N, h, w), optional

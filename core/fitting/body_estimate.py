@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body import Body, part_poses
+from ..body.measures.shaping import mirrored_parts, shaped
 from ..body.motion import Motion
-from ..body.shaping import mirrored_parts, shaped
 from ..evidence.part_shapes import SHIFT, STRETCH
 from ..keypoints.keypoint_places import Places
 from ..keypoints.keypoint_rays import Keypoints

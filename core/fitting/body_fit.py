@@ -3,7 +3,7 @@
 On a key frame the pose is roughly known; how long and how wide the parts are is not. Every part is stretched along its
 axes, together with the parts that hang on it, and its solid is shifted. The key poses were set with a body of other
 proportions, so they are free to change a little, too. The evidence is the performers' outlines against the background
-(`core.evidence.outline_lines`) and, where views have them, 2D keypoints. As priors, both sides of a body are nearly
+(`core.evidence.outline_evidence`) and, where views have them, 2D keypoints. As priors, both sides of a body are nearly
 alike, and parts that are not seen grow with the rest. All unknowns are solved for by Gauss-Newton, coarse to fine.
 """
 
@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from ..body import Body, part_poses, point_jacobian, twist_jacobian
 from ..body.joint_limits import posture_prior
 from ..body.kinematics import Poses, scene_poses
+from ..body.measures.shaping import joint_jacobian
 from ..body.motion import Motion
-from ..body.shaping import joint_jacobian
 from ..body.time_shift import poses_after
 from ..cameras.camera import Camera
 from ..errors import BodyError
-from ..evidence.held_outlines import HeldOutlines
-from ..evidence.image_wrenches import camera_twist
-from ..evidence.part_geometry import Geometry
+from ..evidence.gradient_evidence.image_wrenches import camera_twist
+from ..evidence.outline_evidence.held_outlines import HeldOutlines
+from ..evidence.rendering.part_geometry import Geometry
 from ..formats.keypoint_files import read_shot_keypoints
 from ..keypoints.keypoint_deviations import USUAL_DEVIATION, robust_weights
 from ..keypoints.keypoint_places import Places

@@ -18,7 +18,7 @@ from scipy.special import chdtri, fdtri
 from ..body.time_shift import poses_after
 from ..cameras.camera import Camera
 from ..errors import CalibrationError
-from ..evidence.image_wrenches import wrenches
+from ..evidence.gradient_evidence.image_wrenches import wrenches
 from ..numerics.arrays import Array
 from ..runtime.progress import Progress
 from ..runtime.threads import one_library_thread

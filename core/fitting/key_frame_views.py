@@ -13,7 +13,7 @@ from ..cameras.camera import Camera, reduced_size
 from ..errors import KFMocapError
 from ..runtime.progress import Progress, report_progress
 from ..shot.footage import frames_at, working_factor
-from ..shot.footage_checks import check_view
+from ..shot.footage_faults.footage_checks import check_view
 from ..shot.frame_numbers import shown_delay
 from ..shot.shot import Shot, View
 from ..tracking.segments import whole_keys

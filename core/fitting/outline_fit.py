@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
 from ..cameras.camera import Camera
-from ..evidence.foreground import foreground_images
-from ..evidence.label_images import render_labels
-from ..evidence.outline_lines import KEY_PIECE, Lines, outline_lines
-from ..evidence.part_geometry import Geometry
+from ..evidence.foreground_images.foreground import foreground_images
+from ..evidence.outline_evidence.outline_lines import KEY_PIECE, Lines, outline_lines
 from ..evidence.part_shapes import shape_columns, stretched
+from ..evidence.rendering.label_images import render_labels
+from ..evidence.rendering.part_geometry import Geometry
 from ..evidence.view_frames import ViewFrames
 from ..numerics.arrays import Array
 from ..numerics.least_squares import GAUSS_NEWTON, LeastSquaresResult, StoppingRule, minimise

@@ -20,11 +20,11 @@ from ..body import Body, twist_jacobian
 from ..body.kinematics import Poses, scene_poses
 from ..body.motion import Motion
 from ..cameras.camera import Camera
-from ..evidence.held_outlines import HeldOutlines
-from ..evidence.image_wrenches import camera_twist
-from ..evidence.outline_lines import EDGE_DEVIATION, MODEL_DEVIATION, Lines
-from ..evidence.part_geometry import Geometry
+from ..evidence.gradient_evidence.image_wrenches import camera_twist
+from ..evidence.outline_evidence.held_outlines import HeldOutlines
+from ..evidence.outline_evidence.outline_lines import EDGE_DEVIATION, MODEL_DEVIATION, Lines
 from ..evidence.part_shapes import SHIFT, STRETCH, stretched
+from ..evidence.rendering.part_geometry import Geometry
 from ..numerics import rotations
 from ..numerics.arrays import Array, slices_of
 from ..numerics.normal_equations import DenseEquations

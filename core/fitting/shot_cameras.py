@@ -24,7 +24,7 @@ from ..runtime.decoder_log import DecoderLog
 from ..runtime.progress import Progress, share
 from ..runtime.threads import one_library_thread
 from ..runtime.worker_memory import WorkerMemory
-from ..shot.footage_damage import shot_damage
+from ..shot.footage_faults.footage_damage import shot_damage
 from ..shot.shot import Shot
 from ..tracking.journal import Journal
 from ..tracking.retracking import Excerpt, preview_segment, track_excerpts

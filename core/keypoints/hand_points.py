@@ -15,9 +15,9 @@ from ..numerics.arrays import Array
 from ..shot.detections import Detections
 from ..shot.frame_numbers import footage_delay
 from ..shot.shot import Shot
+from .association.tracks import ViewDetections
 from .keypoint_rays import Keypoints
 from .observations import on_shot_frames, on_time
-from .tracks import ViewDetections
 from .triangulation import triangulate
 
 NEAR = 0.15

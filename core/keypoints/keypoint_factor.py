@@ -106,7 +106,7 @@ class KeypointFactor:
     habit : tuple of ndarray, shape (F, P) and (P, 3, 3), optional
         For parts that keypoints do not show: the precision of their usual rotation, 1/radians^2, and that rotation.
     imagined : Keypoints, optional
-        The keypoints of an imagined view that holds the depths of a single view's, see `core.keypoints.lifting`.
+        The keypoints of an imagined view that holds the depths of a single view's, see `keypoint_motion.lifting`.
     """
 
     keypoints: Keypoints

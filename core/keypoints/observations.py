@@ -17,13 +17,13 @@ from ..shot.acceleration_prior import acceleration_precision
 from ..shot.detections import Detections
 from ..shot.frame_numbers import footage_delay, footage_index
 from ..shot.shot import Performer, Settings, Shot, View
-from .assignment import Identity, PerformerClues, assign_detections
-from .first_pass import first_pass
+from .association.assignment import Identity, PerformerClues, assign_detections
+from .association.tracks import ViewDetections
 from .keypoint_factor import KeypointFactor
+from .keypoint_motion.first_pass import first_pass
 from .keypoint_places import Places, has_keypoint
 from .keypoint_rays import Keypoints
 from .seen_landmarks import habit_precision, usual_turns, without_guesses
-from .tracks import ViewDetections
 
 
 def image_rays(camera: Camera, pixels: Array) -> Array:

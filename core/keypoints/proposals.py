@@ -16,9 +16,9 @@ from ..runtime.progress import Progress, report_progress
 from ..shot.acceleration_prior import acceleration_precision
 from ..shot.detections import Detections
 from ..shot.shot import KeyPoses, Performer, PerformerRequest, Shot, fixed_degrees
-from .assignment import Identity
-from .first_pass import first_pass, scaled_first_pass
-from .keypoint_fit import KeypointFit
+from .association.assignment import Identity
+from .keypoint_motion.first_pass import first_pass, scaled_first_pass
+from .keypoint_motion.keypoint_fit import KeypointFit
 from .observations import correlated_frames, identified_keypoints, performer_keypoints
 from .seen_landmarks import unseen_parts
 

@@ -13,13 +13,13 @@ from ..body.kinematics import scene_poses
 from ..body.motion import Motion
 from ..body.time_shift import poses_after
 from ..errors import ShotError
-from ..evidence.foreground import SURE, foreground_images, log_ratio
-from ..evidence.label_images import render_labels
+from ..evidence.foreground_images.foreground import SURE, foreground_images, log_ratio
 from ..evidence.misfit import NEAR
-from ..evidence.part_geometry import Geometry
+from ..evidence.rendering.label_images import render_labels
+from ..evidence.rendering.part_geometry import Geometry
 from ..evidence.view_frames import ViewFrames
 from ..shot.footage import PICTURE_SIZE, frames_at, working_factor
-from ..shot.footage_checks import check_view
+from ..shot.footage_faults.footage_checks import check_view
 from ..shot.frame_numbers import shown_delay
 from ..shot.shot import Shot, View
 from ..tracking.segments import posed_frames, segments

@@ -19,8 +19,8 @@ from ..body.time_shift import poses_after
 from ..body.unknown_parts import without_hidden_solids
 from ..cameras.camera import Camera
 from ..errors import OutputError
-from ..evidence.label_images import render_labels
-from ..evidence.part_geometry import Geometry
+from ..evidence.rendering.label_images import render_labels
+from ..evidence.rendering.part_geometry import Geometry
 from ..numerics.arrays import Array
 from ..runtime.files import replacing
 from ..runtime.progress import Progress, report_progress

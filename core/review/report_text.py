@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..errors import listed
-from ..shot.footage_damage import FootageDamage
-from ..shot.footage_times import FootageRate
+from ..shot.footage_faults.footage_damage import FootageDamage
+from ..shot.footage_faults.footage_times import FootageRate
 
 _MOST_LISTED = 10
 _RATE_TOLERANCE = 5e-4  # 29.97 and 30 frames per second differ by twice as much

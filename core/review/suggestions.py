@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..evidence.occlusion import LONG, intervals
 from ..numerics.arrays import Array
 from ..shot.shot import KeyPoses
-from ..tracking.uncertainty import expected_errors, joint_parts
+from ..tracking.expected_errors.uncertainty import expected_errors, joint_parts
 
 APART = 5
 """Least distance of a suggested key frame from other key frames, frames."""
@@ -110,7 +110,7 @@ def suggest_keys_by_error(
     Parameters
     ----------
     deviation : ndarray, shape (F, P)
-        Expected error of every part, metres; see `core.tracking.uncertainty.JointErrors`.
+        Expected error of every part, metres; see `core.tracking.expected_errors.uncertainty.JointErrors`.
     keys : KeyPoses
     parents : sequence of int
         Index of the parent of each part.

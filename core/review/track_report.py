@@ -17,18 +17,18 @@ from ..body.soles import Soles
 from ..evidence.occlusion import OCCLUDED_BELOW, intervals, occluded, unseen
 from ..numerics.arrays import Bools
 from ..shot.footage import container_rate
-from ..shot.footage_damage import FootageDamage
-from ..shot.footage_times import FootageRate
+from ..shot.footage_faults.footage_damage import FootageDamage
+from ..shot.footage_faults.footage_times import FootageRate
 from ..shot.shot import Performer, Shot
-from ..tracking.uncertainty import expected_errors, joint_parts
+from ..tracking.expected_errors.uncertainty import expected_errors, joint_parts
 from .suggestions import suggest_keys_beside_hidden, suggest_keys_by_error
 
 if TYPE_CHECKING:
     from ..fitting.camera_refinement import RefinedCamera, Refinement
     from ..fitting.shot_cameras import CameraFit
     from ..keypoints.observations import PerformerKeypoints
+    from ..tracking.expected_errors.uncertainty import JointErrors
     from ..tracking.track_result import TrackResult
-    from ..tracking.uncertainty import JointErrors
 
 WORST_FRAMES = 10
 """Number of frames that are listed as the worst."""

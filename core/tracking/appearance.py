@@ -12,13 +12,13 @@ from ..body import Body
 from ..body.kinematics import Poses, scene_poses
 from ..body.motion import Motion
 from ..body.time_shift import poses_after
-from ..evidence.foreground import HALO, performer_foregrounds
-from ..evidence.known_pixels import MARGIN, KnownPixels
-from ..evidence.label_images import render_labels
-from ..evidence.masks import beyond, within
-from ..evidence.part_colours import PartColours
-from ..evidence.part_geometry import Geometry
+from ..evidence.foreground_images.foreground import HALO, performer_foregrounds
+from ..evidence.foreground_images.known_pixels import MARGIN, KnownPixels
+from ..evidence.foreground_images.masks import beyond, within
+from ..evidence.foreground_images.part_colours import PartColours
 from ..evidence.part_shapes import fitted_shape
+from ..evidence.rendering.label_images import render_labels
+from ..evidence.rendering.part_geometry import Geometry
 from ..evidence.view_frames import ViewFrames, views_with_foreground
 from ..numerics.arrays import Array, Bools
 from ..runtime.shared_arrays import each_row

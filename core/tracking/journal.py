@@ -26,9 +26,9 @@ from ..numerics.arrays import Array, Bools
 from ..runtime.interrupts import WRITTEN
 from ..shot.fingerprint import checksum, file_bytes, value_bytes
 from ..shot.shot import Shot
+from .expected_errors.uncertainty import SegmentUncertainty
 from .segments import Segment, segments
 from .track_result import SegmentResult
-from .uncertainty import SegmentUncertainty
 
 UNFINISHED = ".unfinished"
 """Suffix that is added to the name of the results' folder for that of the journal."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..body import Body
 from ..body.inverse_kinematics import fit_poses
 from ..body.limbs import MAIN_JOINTS
-from ..body.measures_from_landmarks import fit_body
+from ..body.measures.measures_from_landmarks import fit_body
 from ..body.prop import body_of_prop
 from ..body.skeleton_motion import SkeletonMotion
 from ..body.tip_landmarks import tip_misfits
@@ -22,7 +22,7 @@ from ..body.unknown_parts import resting_parts, unknown_parts
 from ..cameras.camera import Camera
 from ..errors import LandmarkError, ShotError, located
 from ..formats.bvh import body_of_bvh, poses_of_bvh, read_bvh
-from ..formats.calibration_files import load_cameras
+from ..formats.camera_files.calibration_files import load_cameras
 from ..formats.keypoint_files import read_shot_keypoints
 from ..formats.obj_vertices import read_obj_vertices
 from ..formats.shot_toml import read_shot_spec
@@ -33,7 +33,7 @@ from ..keypoints.seen_landmarks import unseen_parts
 from ..runtime.progress import Progress, report_progress, share
 from ..runtime.threads import one_library_thread, worker_count
 from ..shot.footage import probe
-from ..shot.footage_checks import camera_at_size, check_view
+from ..shot.footage_faults.footage_checks import camera_at_size, check_view
 from ..shot.grips import shot_with_grips
 from ..shot.shot import KeyPoses, Performer, PerformerRequest, Shot, View
 from ..shot.shot_spec import PerformerSpec, ShotSpec, ViewSpec

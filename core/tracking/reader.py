@@ -17,13 +17,13 @@ from ..errors import CancelledError, FootageError
 from ..numerics.arrays import Array, Bools
 from ..runtime.threads import worker_count
 from ..runtime.worker_memory import WorkerMemory
-from ..shot.continuity import AROUND, block_change, most_changed, small, torn_pairs
 from ..shot.footage import Album, frames_at, working_factor
-from ..shot.footage_times import FootageRate, footage_rate, frames_missing
+from ..shot.footage_faults.continuity import AROUND, block_change, most_changed, small, torn_pairs
+from ..shot.footage_faults.footage_times import FootageRate, footage_rate, frames_missing
+from ..shot.footage_faults.skipped_frames import PairChanges, PointsFollowed
 from ..shot.frame_numbers import footage_delay
 from ..shot.image_sequences import image_files
 from ..shot.shot import Shot, View
-from ..shot.skipped_frames import PairChanges, PointsFollowed
 from .picture_store import COLOUR, PictureStore
 from .segments import Segment
 
@@ -45,7 +45,7 @@ class ColourFrames:
     delay : float
         How much later than the shot's frames these were taken, in frames.
     torn : ndarray of bool, shape (N - 1,), optional
-        Pairs of frames that do not continue each other, see `core.shot.continuity`.
+        Pairs of frames that do not continue each other, see `core.shot.footage_faults.continuity`.
     changes : PairChanges, optional
         How much these pairs stand out, by which missing frames are found once all views are read.
     """

@@ -18,8 +18,8 @@ from ..runtime.threads import worker_count
 from ..runtime.timing import Seconds
 from ..runtime.worker_memory import WorkerMemory
 from ..shot.footage import PICTURE_SIZE, Album, Image, working_factor
+from ..shot.footage_faults.skipped_frames import PairChanges, skipped_pairs
 from ..shot.shot import Shot
-from ..shot.skipped_frames import PairChanges, skipped_pairs
 from .appearance import frames_with_foreground, grey_frames
 from .picture_store import COLOUR, PictureStore, StoredView
 from .reader import SegmentReader

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.motion import Motion
-from ..evidence.part_geometry import Geometry
+from ..evidence.rendering.part_geometry import Geometry
 from ..evidence.time_offset import Offset, key_frame_offset
 from ..evidence.view_frames import ViewFrames, views_with_foreground
 from ..keypoints.keypoint_factor import KeypointFactor
@@ -22,10 +22,10 @@ from ..shot.acceleration_prior import usual_variances, variances_from_key_poses
 from ..shot.shot import Shot, fixed_degrees
 from .appearance import key_frame_shape
 from .segments import Segment, keyed_frames, posed_frames
-from .solvers.contact_factor import ContactFactor
-from .solvers.hold_factor import hold_factors, touching_parts
-from .solvers.measurement import Workspace
-from .solvers.problem import AccelerationSearch, SegmentProblem, SegmentSolution
+from .solvers.equations.contact_factor import ContactFactor
+from .solvers.equations.hold_factor import hold_factors, touching_parts
+from .solvers.equations.measurement import Workspace
+from .solvers.equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .solvers.protocol import Solver
 
 Around = tuple[tuple[Motion, ...] | None, tuple[Motion, ...] | None]

@@ -17,6 +17,7 @@ from ..runtime.threads import one_library_thread
 from ..runtime.timing import Seconds
 from ..shot.acceleration_prior import usual_variances
 from ..shot.shot import Shot
+from .expected_errors.uncertainty import segment_uncertainties
 from .journal import FinishedSegment
 from .picture_store import StoredView
 from .segment_stages import (
@@ -31,12 +32,11 @@ from .segment_stages import (
     solve_segment,
 )
 from .segments import Segment
-from .solvers.measurement import StepCallback, Workspace
-from .solvers.problem import SegmentSolution
+from .solvers.equations.measurement import StepCallback, Workspace
+from .solvers.equations.problem import SegmentSolution
 from .solvers.protocol import SettledMotions
 from .solvers.registry import solver_named
 from .track_result import SegmentResult
-from .uncertainty import segment_uncertainties
 
 Watcher = Callable[[int, Sequence[Motion]], None]
 """Called with the number of an iteration and the motions before it."""

@@ -14,11 +14,11 @@ from ..keypoints.seen_landmarks import found_landmarks
 from ..numerics.arrays import Array, Bools, slices_of
 from ..shot.carried_motion import with_keys
 from ..shot.shot import Performer, Shot
-from .body_uncertainty import body_covariances
+from .expected_errors.body_uncertainty import body_covariances
+from .expected_errors.uncertainty import joint_errors
 from .journal import FinishedSegment
 from .segment_stages import TrackState
 from .track_result import TrackResult
-from .uncertainty import joint_errors
 
 
 def result_of_segments(

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from ..body.motion import Motion
 from ..keypoints.observations import ShotKeypoints
 from ..numerics.arrays import Array, Bools
-from ..shot.footage_damage import FootageDamage
-from ..shot.footage_times import FootageRate
-from .uncertainty import JointErrors
+from ..shot.footage_faults.footage_damage import FootageDamage
+from ..shot.footage_faults.footage_times import FootageRate
+from .expected_errors.uncertainty import JointErrors
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class TrackResult:
         How much later than on their frames the footage shows the key poses, frames; see `core.shot.shot.Settings`.
     torn : tuple of tuple of int
         Per view: frames, counted from the shot's first, that do not continue the frame before; see
-        `core.shot.continuity`.
+        `core.shot.footage_faults.continuity`.
     rates : tuple of FootageRate or None
         Per view: its frame rate; None if the container does not state times.
     damage : tuple of FootageDamage or None

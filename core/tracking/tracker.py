@@ -25,8 +25,8 @@ from ..runtime.threads import one_library_thread, worker_count
 from ..runtime.timing import Seconds
 from ..runtime.worker_pool import WorkerPool
 from ..shot.carried_motion import carried
-from ..shot.footage_checks import check_view
-from ..shot.footage_times import FootageRate
+from ..shot.footage_faults.footage_checks import check_view
+from ..shot.footage_faults.footage_times import FootageRate
 from ..shot.grips import completed
 from ..shot.keypose_spline import spline
 from ..shot.shot import Shot, fixed_degrees

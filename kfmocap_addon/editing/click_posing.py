@@ -16,8 +16,11 @@ from ...core.numerics.arrays import Array
 from ...core.posing.alternatives import Neighbour, alternative_poses
 from ...core.posing.clicks import STEPS, Click, ClickFit, ClickSolver, click_keypoints, pixel, ray
 from ...core.posing.depth import limb_flipped
-from ..scene_io import active_performer, body_armature, joint_marks, key_pose_curves, scene_cameras, shown_pose
+from ..scene_io import active_performer, joint_marks
 from ..scene_io import scene as scenes
+from ..scene_io.body import body_armature, shown_pose
+from ..scene_io.cameras import scene_cameras
+from ..scene_io.keys import key_pose_curves
 
 ASKED = [
     side + joint

@@ -21,8 +21,11 @@ from ...core.keypoints.observations import performer_keypoints
 from ...core.keypoints.proposals import KeypointPoses, away_from_keys, best_frames
 from ...core.posing.clicks import pixel
 from ...core.shot.shot import KeyPoses, Shot
-from ..scene_io import body_armature, joint_marks, key_pose_curves, motion_curves, view_cameras
+from ..scene_io import joint_marks
 from ..scene_io import scene as scenes
+from ..scene_io.body import body_armature
+from ..scene_io.cameras import view_cameras
+from ..scene_io.keys import key_pose_curves, motion_curves
 
 _RATES_DIFFER = 0.01
 

@@ -11,7 +11,9 @@ from ...core.body.motion import Motion
 from ...core.errors import BodyError, ShotError
 from ...core.posing.depth import moved_in_depth
 from ...core.posing.mirror import mirrored_poses
-from ..scene_io import body_armature, body_channels, key_pose_curves, motion_curves, scene_cameras, shown_pose
+from ..scene_io.body import body_armature, body_channels, shown_pose
+from ..scene_io.cameras import scene_cameras
+from ..scene_io.keys import key_pose_curves, motion_curves
 
 
 def set_pose(armature: bpy.types.Object, pose: Motion, frame: int, bones: set[str] | None) -> None:

@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.numerics.arrays import Array
-from ..scene_io import body_channels, fcurves, key_ownership
+from ..scene_io import fcurves
+from ..scene_io.body import body_channels
+from ..scene_io.keys import key_ownership
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,9 @@ import bpy
 
 from ...core.errors import OutputError
 from ...core.shot.shot import Shot
-from ..scene_io import review_data, tracked_segments
 from ..scene_io import scene as scenes
+from ..scene_io import tracked_segments
+from ..scene_io.review import review_data
 from .export_options import ExportOptions
 from .exporters import export_performers
 from .whole_files import writing

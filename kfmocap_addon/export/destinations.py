@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 
 from ...core.shot.shot_spec import result_names
-from ..scene_io import footage_background
+from ..scene_io.cameras import footage_background
 
 SUFFIXES = ("bvh", "fbx", "glb", "vrma", "usdc")
 """Endings of the files that the panel offers, each named as its setting."""

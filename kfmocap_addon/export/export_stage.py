@@ -12,7 +12,10 @@ from mathutils import Matrix
 from ...core.errors import ShotError
 from ...core.numerics.arrays import Array
 from ...core.numerics.resampling import sample_times, slerped
-from ..scene_io import body_armature, body_channels, fcurves, followed_bones, unknown_bones
+from ..scene_io import fcurves
+from ..scene_io.body import body_armature, body_channels
+from ..scene_io.characters import followed_bones
+from ..scene_io.review import unknown_bones
 from ..scene_io.scene import frame_rate, set_rate
 from .export_options import ExportOptions
 from .presets import PRESETS

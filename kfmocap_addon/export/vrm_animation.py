@@ -17,7 +17,7 @@ from ...core.errors import BodyError
 from ...core.retargeting.bone_matching import match_bones
 from ...core.retargeting.bone_presets import PRESETS
 from ...core.retargeting.roles import PARENTS
-from ..scene_io import body_armature
+from ..scene_io.body import body_armature
 
 _EXTENSION = "VRMC_vrm_animation"
 _REQUIRED = ("hips", "spine", "head", *(f"{s}{b}" for s in ("left", "right") for b in ("UpperArm", "UpperLeg")))

@@ -16,7 +16,7 @@ class Bake(Conditional, bpy.types.Operator):
     conditions = (has_performer, has_tracked)
 
     def act(self, context: bpy.types.Context) -> None:
-        from ..scene_io import motion_curves
+        from ..scene_io.keys import motion_curves
 
         posed = active_performer.posed_bones(context)
         frames = max(motion_curves.bake(armature, bones) for armature, bones in posed)

@@ -42,7 +42,7 @@ class CalibrateFromPerformer(Conditional, JobOperator, bpy.types.Operator):
     def prepare(self, context: bpy.types.Context) -> Work:
         from ...core.calibration.performer.performer_cameras import cameras_of_views
         from ...core.keypoints.observations import correlated_frames
-        from ..scene_io import camera_poses, view_cameras
+        from ..scene_io.cameras import camera_poses, view_cameras
         from ..scene_io.scene import frame_rate, read_settings
 
         scene, shot = context.scene, context.scene.kfmocap
@@ -59,7 +59,8 @@ class CalibrateFromPerformer(Conditional, JobOperator, bpy.types.Operator):
         )
 
     def finish(self, context: bpy.types.Context, result: PerformerCalibration | SingleViewCalibration) -> None:
-        from ..scene_io import added_views, view_cameras
+        from ..scene_io import added_views
+        from ..scene_io.cameras import view_cameras
 
         scene = context.scene
         known = set(view_cameras.known_lenses(scene))

@@ -60,8 +60,9 @@ class ExportCameras(Conditional, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def act(self, context: bpy.types.Context) -> None:
-        from ...core.formats.calibration_files import export_cameras
-        from ..scene_io import scene_cameras, solved_cameras
+        from ...core.formats.camera_files.calibration_files import export_cameras
+        from ..scene_io import solved_cameras
+        from ..scene_io.cameras import scene_cameras
 
         scene = context.scene
         owners = solved_cameras.camera_objects(scene, context.selected_objects)

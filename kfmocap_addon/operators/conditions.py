@@ -117,7 +117,7 @@ def no_performer(context: bpy.types.Context) -> str:
 
 def has_tracked(context: bpy.types.Context) -> str:
     """The tracker has written keys of some performer."""
-    from ..scene_io import tracked_keys
+    from ..scene_io.keys import tracked_keys
 
     written = any(tracked_keys.is_recorded(slot.armature) for slot in context.scene.kfmocap.performers)
     return "" if written else "Nothing is tracked yet: use Track All"

@@ -70,7 +70,7 @@ class MirrorPose(PosingOperator, bpy.types.Operator):
 
     def pose(self, _context: bpy.types.Context, armature: bpy.types.Object) -> Motion:
         from ..editing import pose_editing
-        from ..scene_io import shown_pose
+        from ..scene_io.body import shown_pose
 
         return pose_editing.mirrored(armature, shown_pose.read_shown_pose(armature), self.root)
 

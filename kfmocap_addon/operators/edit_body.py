@@ -102,7 +102,9 @@ def _leading_armature(collection: bpy.types.Collection) -> bpy.types.Object | No
     """Return the only armature of a collection, or the only one that does not follow another."""
     found = [o for o in collection.all_objects if o.type == "ARMATURE"]
     if len(found) > 1:
-        from ..scene_io.followed_bones import leader_of  # loads NumPy, which must not slow down Blender's start
+        from ..scene_io.characters.followed_bones import (
+            leader_of,  # loads NumPy, which must not slow down Blender's start
+        )
 
         found = [armature for armature in found if leader_of(armature) not in found]
     return found[0] if len(found) == 1 else None
@@ -174,7 +176,7 @@ class EditPart(Conditional, bpy.types.Operator):
     conditions = (_bone_is_active,)
 
     def act(self, context: bpy.types.Context) -> None:
-        from ..scene_io import part_meshes
+        from ..scene_io.body import part_meshes
 
         armature, bone = context.active_object, context.active_pose_bone.name
         part = next(iter(part_meshes.meshes_on(armature, bone)), None)
@@ -206,7 +208,7 @@ class FinishPart(Conditional, bpy.types.Operator):
     )
 
     def act(self, context: bpy.types.Context) -> None:
-        from ..scene_io import part_meshes
+        from ..scene_io.body import part_meshes
 
         part = edited_part(context)
         if context.mode != "OBJECT":

@@ -37,7 +37,8 @@ class FitBody(Conditional, JobOperator, bpy.types.Operator):
 
     def finish(self, context: bpy.types.Context, result: BodyFit) -> None:
         from ...core.shot.shot import KeyPoses
-        from ..scene_io import body_armature, key_pose_curves
+        from ..scene_io.body import body_armature
+        from ..scene_io.keys import key_pose_curves
 
         shot = context.scene.kfmocap
         for slot, body, poses, growth in zip(shot.performers, result.bodies, result.poses, result.growth, strict=True):

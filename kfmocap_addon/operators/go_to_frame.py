@@ -38,7 +38,7 @@ class StepKeyPose(Conditional, bpy.types.Operator):
     backward: bpy.props.BoolProperty(name="Backward", description="To the one before this frame")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..scene_io import key_pose_curves
+        from ..scene_io.keys import key_pose_curves
 
         now = context.scene.frame_current
         with reported(self) as outcome:

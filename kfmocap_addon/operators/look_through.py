@@ -94,7 +94,7 @@ def _ended(context: bpy.types.Context) -> set[str]:
 
 def show_view(context: bpy.types.Context, index: int) -> None:
     """Look through a view's camera."""
-    from ..scene_io import footage_background
+    from ..scene_io.cameras import footage_background
 
     footage_background.look_through(context.scene, context.scene.kfmocap.views[index])
     screens.look(context)

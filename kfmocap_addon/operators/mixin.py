@@ -79,7 +79,7 @@ class BesideFootage(ImportHelper):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Open the file browser in the folder of the footage, unless a file was chosen before."""
-        from ..scene_io import footage_background
+        from ..scene_io.cameras import footage_background
 
         folder = footage_background.footage_folder(context.scene)
         if not self.filepath and folder is not None:

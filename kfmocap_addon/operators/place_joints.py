@@ -6,7 +6,7 @@ import bpy
 
 from ...core.errors import KeypointError
 from ..scene_io import active_performer
-from ..scene_io.sides import colour_of
+from ..scene_io.body.sides import colour_of
 from ..viewports import screens, viewport
 from .conditions import Conditional, has_performer
 from .look_through import show_view

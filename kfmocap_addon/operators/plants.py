@@ -101,7 +101,7 @@ class SetPlant(PlantOperator, bpy.types.Operator):
     def change(self, scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> str:
         from ...core.body.soles import SOLE_POINTS
         from ..retargeting import sole_plants
-        from ..scene_io import plant_lists
+        from ..scene_io.review import plant_lists
 
         if not slot.plants_found:
             sole_plants.find(scene, slot)

@@ -36,7 +36,7 @@ class RelinkFootage(Conditional, FileReader, bpy.types.Operator):
         return set(super().invoke(context, event))
 
     def read(self, context: bpy.types.Context, path: Path) -> None:
-        from ..scene_io import missing_footage
+        from ..scene_io.cameras import missing_footage
 
         found, missing = missing_footage.relink(context.scene, path)
         if missing:

@@ -25,15 +25,15 @@ class RefineCameras(Conditional, JobOperator, bpy.types.Operator):
 
     def prepare(self, context: bpy.types.Context) -> Work:
         from ...core.fitting.shot_cameras import refine_shot_cameras
-        from ..scene_io import camera_poses
         from ..scene_io import scene as scenes
+        from ..scene_io.cameras import camera_poses
 
         shot = scenes.shot_from_scene(context.scene)
         camera_poses.check_can_be_placed(context.scene.kfmocap.views)
         return partial(refine_shot_cameras, shot)
 
     def finish(self, context: bpy.types.Context, result: Refinement) -> None:
-        from ..scene_io import view_cameras
+        from ..scene_io.cameras import view_cameras
 
         properties = context.scene.kfmocap
         for slot, found in zip(properties.views, result.views, strict=True):

@@ -16,7 +16,7 @@ class SetKeyPose(Conditional, bpy.types.Operator):
     conditions = (has_performer,)
 
     def act(self, context: bpy.types.Context) -> None:
-        from ..scene_io import key_pose_curves
+        from ..scene_io.keys import key_pose_curves
 
         frame = context.scene.frame_current
         for armature, bones in active_performer.posed_bones(context):
@@ -33,7 +33,7 @@ class RemoveKeyPose(Conditional, bpy.types.Operator):
     conditions = (has_performer,)
 
     def act(self, context: bpy.types.Context) -> None:
-        from ..scene_io import key_pose_curves
+        from ..scene_io.keys import key_pose_curves
 
         frame, removed = context.scene.frame_current, 0
         for armature, bones in active_performer.posed_bones(context):
@@ -49,7 +49,7 @@ class _Proposals(Conditional):
 
     def chosen(self, context: bpy.types.Context, frame: int, every: bool) -> list[int]:
         """Return the chosen frames; an error is reported if they have no proposal."""
-        from ..scene_io import key_pose_curves
+        from ..scene_io.keys import key_pose_curves
 
         frame = frame if frame >= 0 else context.scene.frame_current
         proposed = key_pose_curves.keyed_bones(active_performer.chosen(context).armature)[1]
@@ -75,7 +75,7 @@ class AcceptProposals(_Proposals, bpy.types.Operator):
         return cls.__doc__
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..scene_io import motion_curves
+        from ..scene_io.keys import motion_curves
 
         with reported(self) as outcome:
             chosen = self.chosen(context, self.frame, self.every)
@@ -97,7 +97,7 @@ class RefuseProposal(_Proposals, bpy.types.Operator):
     frame: bpy.props.IntProperty(default=-1, min=-1, name="Frame", description="Scene frame; -1: the current one")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..scene_io import motion_curves
+        from ..scene_io.keys import motion_curves
 
         with reported(self) as outcome:
             chosen = self.chosen(context, self.frame, every=False)

@@ -32,8 +32,9 @@ class ShowKeyPictures(Conditional, JobOperator, bpy.types.Operator):
 
         from ...core.errors import ShotError
         from ...core.review.overlay import picture_cells
-        from ..scene_io import key_pose_curves, motion_curves, tracked_segments
         from ..scene_io import scene as scenes
+        from ..scene_io import tracked_segments
+        from ..scene_io.keys import key_pose_curves, motion_curves
 
         scene, slot = context.scene, active_performer.chosen(context)
         start, length = scene.kfmocap.frame_start, scene.kfmocap.length

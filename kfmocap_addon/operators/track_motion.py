@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from ...core.fitting.shot_cameras import CheckedTrack
     from ...core.shot.shot import Shot
     from ...core.tracking.segments import Segment
+    from ..scene_io.keys.tracking_preview import TrackingPreview
     from ..scene_io.tracked_segments import AskedTracking
-    from ..scene_io.tracking_preview import TrackingPreview
 
 
 def _has_key_poses(context: bpy.types.Context) -> str:
@@ -92,7 +92,7 @@ class Tracking(Conditional, JobOperator):
 
     def show(self, _context: bpy.types.Context, shown: dict[Segment, tuple[Motion, ...]]) -> None:
         """Show the frames tracked so far."""
-        from ..scene_io.tracking_preview import TrackingPreview
+        from ..scene_io.keys.tracking_preview import TrackingPreview
 
         scene: bpy.types.Scene | None = bpy.data.scenes.get(self._asked[0])
         if scene is not None:
@@ -110,7 +110,8 @@ class Tracking(Conditional, JobOperator):
         from ...core.errors import ShotError
         from ...core.review.report_text import torn_text
         from ..retargeting import sole_plants
-        from ..scene_io import tracked_segments, view_cameras
+        from ..scene_io import tracked_segments
+        from ..scene_io.cameras import view_cameras
 
         name, asked, parts = self._asked
         shot = asked.whole

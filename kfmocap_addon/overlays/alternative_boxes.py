@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from ...core.numerics.arrays import Array
-from ..scene_io.sides import Colour
+from ..scene_io.body.sides import Colour
 from . import mark_drawing
 
 _WIDTH, _HEIGHT, _GAP, _MARGIN = 84, 110, 6, 16  # pixels

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import bpy
 
-from ..scene_io.sides import Colour
+from ..scene_io.body.sides import Colour
 from ..viewports import screens, viewport
 from . import mark_drawing
 

@@ -12,7 +12,7 @@ from gpu_extras.batch import batch_for_shader
 from mathutils import Vector
 
 from ..scene_io import active_performer, joint_marks
-from ..scene_io.sides import Colour, colour_of
+from ..scene_io.body.sides import Colour, colour_of
 from ..viewports import viewport
 
 Position = Sequence[float] | Vector
@@ -34,7 +34,7 @@ def draw_marks() -> None:
     found = joint_marks.on_frame(slot, context.scene.frame_current) if look is not None else {}
     if any(view == look.view.name for view, _ in found):
         from ...core.posing.clicks import ray
-        from ..scene_io import distortion
+        from ..scene_io.cameras import distortion
 
         matrix = distortion.intrinsic_matrix(
             look.view.camera.data, distortion.Frame(tuple(look.view.size), tuple(look.view.aspect))

@@ -5,8 +5,10 @@ from __future__ import annotations
 import bpy
 
 from ...core.review.misfit_pictures import MisfitPicture, misfit_picture
-from ..scene_io import footage_background, motion_curves, solved_cameras, tracked_segments
 from ..scene_io import scene as scenes
+from ..scene_io import solved_cameras, tracked_segments
+from ..scene_io.cameras import footage_background
+from ..scene_io.keys import motion_curves
 
 
 def show(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frame: int) -> MisfitPicture:

@@ -14,8 +14,10 @@ from scipy.spatial import QhullError
 
 from ...core.body.silhouette import Solid
 from ...core.numerics.arrays import Array
-from ..scene_io import active_performer, bone_confidence, part_meshes
-from ..scene_io.sides import Colour
+from ..scene_io import active_performer
+from ..scene_io.body import part_meshes
+from ..scene_io.body.sides import Colour
+from ..scene_io.review import bone_confidence
 
 HIDDEN = (0.6, 0.6, 0.6, 0.55)
 _WIDTH = 1.6  # pixels

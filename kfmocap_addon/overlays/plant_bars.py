@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..scene_io import active_performer
-from ..scene_io.sides import colour_of
+from ..scene_io.body.sides import colour_of
 from . import mark_drawing
 
 ROWS = ("heel.L", "ball.L", "heel.R", "ball.R")

@@ -7,7 +7,8 @@ from functools import partial
 import bpy
 
 from ..properties.section_properties import sections_of
-from ..scene_io import active_performer, bone_visibility
+from ..scene_io import active_performer
+from ..scene_io.review import bone_visibility
 from ..viewports import viewport
 from . import key_list
 

@@ -35,7 +35,8 @@ class KeyPoseEntry:
 def find_key_poses(armature: bpy.types.Object) -> tuple[KeyPoseEntry, ...]:
     """Look up the key poses of an armature; empty if it is not a performer's body."""
     from ...core.errors import KFMocapError
-    from ..scene_io import body_armature, key_pose_curves
+    from ..scene_io.body import body_armature
+    from ..scene_io.keys import key_pose_curves
 
     try:
         keyed, proposed = key_pose_curves.keyed_bones(armature)
@@ -50,7 +51,7 @@ def find_key_poses(armature: bpy.types.Object) -> tuple[KeyPoseEntry, ...]:
 def find_tracked(armature: bpy.types.Object) -> tuple[tuple[int, int], ...]:
     """Look up the runs of frames with tracked keys; empty if the armature is not a performer's body."""
     from ...core.errors import KFMocapError
-    from ..scene_io import motion_curves
+    from ..scene_io.keys import motion_curves
 
     try:
         return tuple(motion_curves.tracked_runs(armature))

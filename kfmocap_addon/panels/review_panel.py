@@ -5,7 +5,8 @@ import bpy
 from ..operators.go_to_frame import GoToFrame
 from ..operators.plants import CleanFeet, FindPlants, ForgetPlantEdits, SetPlant
 from ..operators.show_misfit import HideResidual, ShowResidual
-from ..scene_io import active_performer, bone_visibility
+from ..scene_io import active_performer
+from ..scene_io.review import bone_visibility
 from . import performer_rows
 from .section import Section
 from .texts import draw_text
@@ -39,7 +40,7 @@ class ReviewPanel(Section, bpy.types.Panel):
 
 
 def _draw_hidden(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> None:
-    from ..scene_io import unknown_bones  # it loads SciPy, which Blender's start shall not
+    from ..scene_io.review import unknown_bones  # it loads SciPy, which Blender's start shall not
 
     unknown = unknown_bones.unknown_bones(slot.armature)
     if unknown:

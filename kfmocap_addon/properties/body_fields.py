@@ -22,7 +22,7 @@ MEASURES: Mapping[str, tuple[str, str]] = MappingProxyType(
         "foot": ("Foot", "From the ankle to the big toe"),
     }
 )
-"""Label and description of each measure of `core.body.proportions` that can be taken with a tape."""
+"""Label and description of each measure of `core.body.measures.proportions` that can be taken with a tape."""
 
 
 def height_field(description: str, **access: Any) -> object:

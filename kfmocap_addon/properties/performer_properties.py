@@ -4,27 +4,27 @@ from collections.abc import Callable
 
 import bpy
 
-from ..scene_io.sides import PERFORMERS
+from ..scene_io.body.sides import PERFORMERS
 from .body_fields import MEASURES, height_field, length_field
 from .pointer_polls import is_armature
 
 
 def _show_performer(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
     """Give the bones of the trunk the performer's colour."""
-    from ..scene_io import body_armature
+    from ..scene_io.body import body_armature
 
     if self.armature is not None:
         body_armature.show_colour(self.armature, self.colour)
 
 
 def _height(self: bpy.types.PropertyGroup) -> float:
-    from ..scene_io import performer_size
+    from ..scene_io.body import performer_size
 
     return performer_size.height(self.armature) if self.armature is not None else 0.0
 
 
 def _set_height(self: bpy.types.PropertyGroup, value: float) -> None:
-    from ..scene_io import performer_size
+    from ..scene_io.body import performer_size
 
     _reshape(self, lambda: performer_size.set_height(self.armature, value))
 
@@ -33,12 +33,12 @@ def _measure(name: str) -> object:
     """One of `MEASURES` as a field, which is read from the armature and changes it."""
 
     def get(self: bpy.types.PropertyGroup) -> float:
-        from ..scene_io import performer_size
+        from ..scene_io.body import performer_size
 
         return performer_size.measure(self.armature, name) if self.armature is not None else 0.0
 
     def put(self: bpy.types.PropertyGroup, value: float) -> None:
-        from ..scene_io import performer_size
+        from ..scene_io.body import performer_size
 
         _reshape(self, lambda: performer_size.set_measure(self.armature, name, value))
 

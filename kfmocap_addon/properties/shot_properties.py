@@ -31,7 +31,7 @@ def _set_frame_rate(self: bpy.types.PropertyGroup, fps: float) -> None:
 
 def _show_confidence(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
     """Give the parts the colours that the scene asks for."""
-    from ..scene_io import bone_confidence
+    from ..scene_io.review import bone_confidence
 
     bone_confidence.show_colours(self.id_data)
 
@@ -43,7 +43,7 @@ def _show_opacity(self: bpy.types.PropertyGroup, _context: bpy.types.Context) ->
 
 
 def _show_model(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
-    from ..scene_io import shown_model
+    from ..scene_io.body import shown_model
 
     shown_model.show_model(self.id_data)
 

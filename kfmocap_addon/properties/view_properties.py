@@ -7,7 +7,7 @@ from .pointer_polls import is_camera
 
 def _show_in_time(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
     """Let the footage show the frames that the view's offset and fields say."""
-    from ..scene_io import footage_background
+    from ..scene_io.cameras import footage_background
 
     shot = self.id_data.kfmocap
     footage_background.show_in_time(self, shot.first, shot.frame_start)

@@ -16,7 +16,8 @@ from ...core.numerics.arrays import Array
 from ...core.retargeting.bone_matching import match_bones
 from ...core.retargeting.finger_motion import finger_motion
 from ...core.retargeting.roles import FINGERS, SIDES, BoneMap
-from ..scene_io import body_armature, fcurves, scene
+from ..scene_io import fcurves, scene
+from ..scene_io.body import body_armature
 from .rig_curves import ControlChannel, rotation_channel
 from .rig_reading import rest_orientations, rest_skeleton
 from .send import target_bones

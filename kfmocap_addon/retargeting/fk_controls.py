@@ -18,8 +18,8 @@ from ...core.errors import BodyError
 from ...core.numerics import rotations
 from ...core.numerics.arrays import Array
 from ...core.retargeting.roles import SIDES, BoneMap
-from ..scene_io import body_armature
-from ..scene_io.followed_bones import following, solved_bones
+from ..scene_io.body import body_armature
+from ..scene_io.characters.followed_bones import following, solved_bones
 from .rig_reading import FLAT, at_rest, moved_matrices, refuse_mirrored, rest_matrices, update
 from .rig_settings import (
     Owner,
@@ -69,7 +69,7 @@ def find_controls(armature: bpy.types.Object, bones: Sequence[str], held: Collec
     bones : sequence of str
         Deforming bones, including those that are posed directly.
     held : collection of str
-        Bones moved by something other than their own pose, see `scene_io.followed_bones`.
+        Bones moved by something other than their own pose, see `scene_io.characters.followed_bones`.
     """
     update()
     refuse_mirrored(armature, bones)

@@ -23,7 +23,7 @@ from ...core.retargeting.control_rig import ControlRig
 from ...core.retargeting.rest_alignment import alignments
 from ...core.retargeting.roles import BoneMap
 from ...core.retargeting.transfer import Placement, hip_centre, hip_path, source_blends
-from ..scene_io import body_armature
+from ..scene_io.body import body_armature
 from .rig_reading import restore_holds
 from .rig_settings import Owner, restore_settings
 

@@ -8,7 +8,9 @@ import bpy
 from mathutils import Matrix
 
 from ...core.errors import BodyError
-from ..scene_io import body_armature, fcurves, key_pose_curves
+from ..scene_io import fcurves
+from ..scene_io.body import body_armature
+from ..scene_io.keys import key_pose_curves
 from .skinned_body import use_as_body
 
 _LEAST = 8

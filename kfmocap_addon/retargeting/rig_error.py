@@ -11,7 +11,7 @@ from ...core.numerics import rotations
 from ...core.numerics.arrays import Array, Ints
 from ...core.retargeting.control_rig import ControlRig, RigPoses
 from ...core.retargeting.roles import LIMBS, BoneMap
-from ..scene_io.body_armature import world_frame
+from ..scene_io.body.body_armature import world_frame
 from .rig_reading import evaluated
 
 

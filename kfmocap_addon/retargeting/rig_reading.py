@@ -25,7 +25,7 @@ from ...core.retargeting.control_rig import MOVED, ControlRig
 from ...core.retargeting.retarget import grounded
 from ...core.retargeting.roles import BoneMap
 from ..scene_io import fcurves
-from ..scene_io.body_armature import world_frame
+from ..scene_io.body.body_armature import world_frame
 
 _PROBE = Quaternion((0.9553, 0.1837, 0.1342, 0.1885)).normalized()
 _HOLDS = (

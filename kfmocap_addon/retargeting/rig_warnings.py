@@ -11,7 +11,7 @@ import numpy as np
 from ...core.retargeting.control_rig import ControlRig
 from ...core.retargeting.rest_alignment import feet_point_back
 from ...core.retargeting.retarget import upright_turn
-from ..scene_io.object_motion import what_moves
+from ..scene_io.characters.object_motion import what_moves
 from .rig_settings import Owner, owner_of, setting_channel, setting_name
 
 _TURNED, _SHIFTED = 1.0, 10.0  # degrees, and millimetres on a character of the performer's size, from which it is said

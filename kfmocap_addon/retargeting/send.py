@@ -20,7 +20,7 @@ from ...core.retargeting.retarget import Retargeted, limb_changes, plant_interva
 from ...core.retargeting.roles import SIDES, BoneMap
 from ...core.retargeting.transfer import RetargetOptions
 from ..scene_io import fcurves
-from ..scene_io.followed_bones import skeletons_following
+from ..scene_io.characters.followed_bones import skeletons_following
 from . import rig_warnings
 from .fk_controls import FkControls, through_controls
 from .ik_controls import forget_twists, ik_bones, ik_channels, ik_roles

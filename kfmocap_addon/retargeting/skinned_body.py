@@ -12,10 +12,12 @@ from ...core.errors import BodyError
 from ...core.numerics import rotations
 from ...core.retargeting.bone_matching import preset_of
 from ...core.retargeting.roles import SIDES, BoneMap
-from ..scene_io import body_armature, fcurves, part_meshes, performers, scene, skinned_parts
-from ..scene_io.followed_bones import following, leader_of
-from ..scene_io.merged_clouds import says_twist
-from ..scene_io.object_motion import what_moves
+from ..scene_io import fcurves, performers, scene
+from ..scene_io.body import body_armature, part_meshes
+from ..scene_io.characters import skinned_parts
+from ..scene_io.characters.followed_bones import following, leader_of
+from ..scene_io.characters.merged_clouds import says_twist
+from ..scene_io.characters.object_motion import what_moves
 from . import fk_controls
 from .fk_controls import FkControls
 from .overrides import editable

@@ -9,14 +9,9 @@ from ...core.numerics.arrays import Bools
 from ...core.retargeting.foot_clean_up import with_clean_feet
 from ...core.retargeting.foot_keeping import foot_paths
 from ...core.retargeting.retarget import prepared
-from ..scene_io import (
-    body_armature,
-    bone_confidence,
-    bone_visibility,
-    key_pose_curves,
-    motion_curves,
-    plant_lists,
-)
+from ..scene_io.body import body_armature
+from ..scene_io.keys import key_pose_curves, motion_curves
+from ..scene_io.review import bone_confidence, bone_visibility, plant_lists
 from ..scene_io.scene import frame_rate
 from .source_motion import motion_of_performer
 

@@ -9,7 +9,9 @@ from ...core.body.skeleton_motion import RestSkeleton, SkeletonMotion, motion_of
 from ...core.errors import ShotError
 from ...core.retargeting.bone_matching import preset_of
 from ...core.retargeting.roles import BoneMap
-from ..scene_io import body_armature, fcurves, motion_curves
+from ..scene_io import fcurves
+from ..scene_io.body import body_armature
+from ..scene_io.keys import motion_curves
 from ..scene_io.scene import frame_rate
 from .rig_error import world_matrices
 from .rig_reading import rest_orientations, rest_skeleton

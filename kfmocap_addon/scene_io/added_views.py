@@ -14,10 +14,11 @@ import numpy as np
 from ...core.cameras.camera import Camera
 from ...core.errors import CalibrationError, FootageError, ShotError, located
 from ...core.shot.footage import Footage, probe
-from ...core.shot.footage_checks import camera_at_size
+from ...core.shot.footage_faults.footage_checks import camera_at_size
 from ...core.shot.name_matching import footage_name, footage_of, paired
 from ...core.shot.shot import View
-from . import camera_poses, footage_background, scene, scene_cameras, solved_cameras, view_cameras
+from . import scene, solved_cameras
+from .cameras import camera_poses, footage_background, scene_cameras, view_cameras
 
 _USUAL_FOCAL = 1.1
 """Focal length of a camera about which nothing is known, relative to the longer side of its picture."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 if TYPE_CHECKING:
-    from ...core.keypoints.assignment import Identity
+    from ...core.keypoints.association.assignment import Identity
 
 
 def write_identity(slot: bpy.types.PropertyGroup, identity: Identity) -> None:

@@ -8,7 +8,8 @@ import bpy
 
 from ...core.body import Body
 from ...core.errors import BodyError
-from . import active_performer, body_armature, part_meshes, rotation_modes, scene, shown_model
+from . import active_performer, scene
+from .body import body_armature, part_meshes, rotation_modes, shown_model
 
 
 def add_performer(

@@ -11,7 +11,8 @@ from ...core.body.kinematics import part_poses
 from ...core.shot.grips import with_grips
 from ...core.shot.holds import Hold
 from ...core.shot.shot import Shot
-from . import body_armature, hold_checks, shown_pose
+from . import hold_checks
+from .body import body_armature, shown_pose
 
 
 def read_holds(scene: bpy.types.Scene) -> tuple[Hold, ...]:

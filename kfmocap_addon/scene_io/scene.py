@@ -18,19 +18,12 @@ from ...core.body.motion import Motion
 from ...core.errors import ShotError
 from ...core.shot.keypose_spline import spline
 from ...core.shot.shot import Performer, Settings, Shot
-from . import (
-    active_performer,
-    body_armature,
-    footage_background,
-    key_pose_curves,
-    lossless,
-    motion_curves,
-    prop_holds,
-    shown_model,
-    unknown_bones,
-    view_cameras,
-)
-from .sides import PERFORMERS
+from . import active_performer, lossless, prop_holds
+from .body import body_armature, shown_model
+from .body.sides import PERFORMERS
+from .cameras import footage_background, view_cameras
+from .keys import key_pose_curves, motion_curves
+from .review import unknown_bones
 
 FRAME_START = 1
 """Scene frame of shot frame 0 in the scenes that we build, as Blender's own scenes start."""

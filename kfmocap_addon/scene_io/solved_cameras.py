@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ...core.cameras.camera import Camera
 from ...core.numerics.arrays import Array
-from . import footage_background, scene_cameras
 from . import scene as scenes
+from .cameras import footage_background, scene_cameras
 
 COLLECTION = "Calibration"
 

@@ -15,8 +15,10 @@ from ...core.shot.shot import KeyPoses, Performer, Shot
 from ...core.tracking.retracking import Excerpt, digest, joined
 from ...core.tracking.segments import Segment, segments
 from ...core.tracking.track_result import TrackResult
-from . import bone_confidence, lossless, motion_curves, plant_lists, prop_holds, review_data
+from . import lossless, prop_holds
 from . import scene as scenes
+from .keys import motion_curves
+from .review import bone_confidence, plant_lists, review_data
 
 _OFFSET = "kfmocap_footage_offset"
 

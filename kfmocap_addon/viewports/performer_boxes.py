@@ -20,7 +20,8 @@ def part_with_performers(scene: bpy.types.Scene, camera: bpy.types.Object) -> Pa
     """
     from ...core.body import part_poses
     from ...core.errors import KFMocapError
-    from ..scene_io import body_armature, motion_curves
+    from ..scene_io.body import body_armature
+    from ..scene_io.keys import motion_curves
 
     if camera.animation_data is not None and camera.animation_data.action is not None:
         return WHOLE

@@ -12,13 +12,15 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender, joint_error, motion, shot  # noqa: E402, F401
 from kfmocap.core.body import human  # noqa: E402
+from kfmocap.core.body.measures.proportions import measured  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
-from kfmocap.core.body.proportions import measured  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses  # noqa: E402
 from kfmocap.kfmocap_addon.operators.edit_body import LENGTHS  # noqa: E402
 from kfmocap.kfmocap_addon.operators.fit_body import FitBody  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import body_armature, key_pose_curves, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves  # noqa: E402
 from mathutils import Matrix, Vector  # noqa: E402
 from ready_scenes import fitted  # noqa: E402
 

@@ -19,7 +19,8 @@ from kfmocap.core.capture.colours import parsed, to_hsv  # noqa: E402
 from kfmocap.core.errors import CalibrationError, CancelledError  # noqa: E402
 from kfmocap.core.formats import load_cameras, save_cameras  # noqa: E402
 from kfmocap.kfmocap_addon.panels import calibration_panel  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import capture_scene, footage_background, scene_cameras  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import capture_scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.cameras import footage_background, scene_cameras  # noqa: E402
 from ready_scenes import LFRAME, solution  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
 

@@ -31,7 +31,9 @@ from kfmocap.kfmocap_addon.batch import BatchSession  # noqa: E402
 from kfmocap.kfmocap_addon.export import blender_outputs, destinations, exporters, presets, whole_files  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
 from kfmocap.kfmocap_addon.export.whole_files import check_whole  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import body_armature, key_pose_curves, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves  # noqa: E402
 from mathutils import Matrix  # noqa: E402
 from scipy.spatial.transform import Rotation  # noqa: E402
 

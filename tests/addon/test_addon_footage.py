@@ -12,10 +12,11 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import SIZE, blender, camera, video  # noqa: E402, F401
 from bpy_extras.io_utils import ImportHelper  # noqa: E402
-from kfmocap.core.formats.toml_cameras import save_cameras  # noqa: E402
+from kfmocap.core.formats.camera_files.toml_cameras import save_cameras  # noqa: E402
 from kfmocap.kfmocap_addon import registration  # noqa: E402
 from kfmocap.kfmocap_addon.operators.mixin import BesideFootage  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import footage_background, scene, solved_cameras, view_cameras  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import scene, solved_cameras  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.cameras import footage_background, view_cameras  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]

@@ -16,8 +16,8 @@ from kfmocap.kfmocap_addon.operators.track_motion import TrackAll  # noqa: E402
 from kfmocap.kfmocap_addon.panels import guide, key_list, key_poses_panel, texts  # noqa: E402
 from kfmocap.kfmocap_addon.panels.section import Section  # noqa: E402
 from kfmocap.kfmocap_addon.properties.section_properties import SECTIONS, sections_of  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import motion_curves  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
 

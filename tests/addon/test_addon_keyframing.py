@@ -13,8 +13,10 @@ from kfmocap.core.body import landmark_positions  # noqa: E402
 from kfmocap.core.errors import ShotError  # noqa: E402
 from kfmocap.core.formats import write_trc  # noqa: E402
 from kfmocap.kfmocap_addon.editing import keyframing  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import joint_marks, key_pose_curves, motion_curves, shown_pose  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import joint_marks  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.body import shown_pose  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.key_pictures import PICTURES  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402
 from test_addon_posing import BENT, BODY, LIMBS, WALK, error, keyed, walk_scene  # noqa: E402
 
 pytestmark = pytest.mark.blender

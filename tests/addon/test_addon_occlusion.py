@@ -14,7 +14,9 @@ from kfmocap.core.body import human  # noqa: E402
 from kfmocap.kfmocap_addon import panels  # noqa: E402
 from kfmocap.kfmocap_addon.export import blender_outputs, exporters  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import bone_visibility, fcurves, key_pose_curves, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import fcurves, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.review import bone_visibility  # noqa: E402
 
 pytestmark = pytest.mark.blender
 

@@ -18,14 +18,9 @@ from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting import fk_controls, send, source_motion  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import (  # noqa: E402
-    added_views,
-    body_armature,
-    key_pose_curves,
-    motion_curves,
-    scene,
-    shown_pose,
-)
+from kfmocap.kfmocap_addon.scene_io import added_views, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.body import body_armature, shown_pose  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402
 from odd_characters import (  # noqa: E402
     BODY,
     CONTROL,

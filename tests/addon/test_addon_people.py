@@ -7,7 +7,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender, shot  # noqa: E402, F401
-from kfmocap.core.keypoints.assignment import Identity  # noqa: E402
+from kfmocap.core.keypoints.association.assignment import Identity  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import identities  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
 

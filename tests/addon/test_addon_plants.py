@@ -14,13 +14,10 @@ from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.body.soles import SOLE_POINTS, Soles  # noqa: E402
 from kfmocap.kfmocap_addon.overlays.plant_bars import ROWS  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting import sole_plants  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import (  # noqa: E402
-    body_armature,
-    key_pose_curves,
-    motion_curves,
-    plant_lists,
-    scene,
-)
+from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.review import plant_lists  # noqa: E402
 from render.motions import MOTIONS  # noqa: E402
 
 pytestmark = pytest.mark.blender

@@ -123,7 +123,8 @@ def test_calibrating_needs_a_source(capsys: pytest.CaptureFixture[str]) -> None:
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender, shot  # noqa: E402, F401
-from kfmocap.kfmocap_addon.scene_io import scene, view_cameras  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.cameras import view_cameras  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
 
 in_blender = pytest.mark.blender

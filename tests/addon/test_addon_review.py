@@ -11,10 +11,12 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender, motion, shot, sights  # noqa: E402, F401
 from kfmocap.core.body import human  # noqa: E402
-from kfmocap.core.tracking.uncertainty import JointErrors, expected_errors  # noqa: E402
+from kfmocap.core.tracking.expected_errors.uncertainty import JointErrors, expected_errors  # noqa: E402
 from kfmocap.kfmocap_addon.overlays import misfit_backgrounds  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import bone_confidence, bone_visibility, fcurves, key_pose_curves, lost_parts, scene  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io.sides import colour_of  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import fcurves, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.body.sides import colour_of  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.review import bone_confidence, bone_visibility, lost_parts  # noqa: E402
 
 pytestmark = pytest.mark.blender
 

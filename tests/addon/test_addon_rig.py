@@ -11,7 +11,8 @@ from addon_shots import blender, joint_error, motion  # noqa: E402, F401
 from kfmocap.core.body import human, part_poses  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves, sides  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.body import body_armature, sides  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
 from mathutils import Matrix  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]

@@ -12,7 +12,8 @@ bpy = pytest.importorskip("bpy")
 from addon_shots import blender, joint_error  # noqa: E402, F401
 from kfmocap.kfmocap_addon.retargeting.rig_reading import moved_matrices, update  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
 from odd_characters import generated_animal  # noqa: E402
 from synthetic import swing  # noqa: E402
 

@@ -19,7 +19,9 @@ from kfmocap.core.errors import CancelledError, FootageError, ShotError  # noqa:
 from kfmocap.core.retargeting.hand_shapes import BENDS  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses, Settings, View  # noqa: E402
 from kfmocap.kfmocap_addon import registration  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import body_armature, camera_poses, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.cameras import camera_poses  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
 
 pytestmark = pytest.mark.blender

@@ -8,8 +8,8 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender, metarig, shot  # noqa: E402, F401
-from kfmocap.kfmocap_addon.scene_io import part_meshes, shown_model  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.body import part_meshes, shown_model  # noqa: E402
 
 pytestmark = pytest.mark.blender
 

@@ -16,7 +16,9 @@ from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses, Shot  # noqa: E402
 from kfmocap.kfmocap_addon.editing import simplification  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import body_channels, fcurves, key_ownership, key_pose_curves, motion_curves, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import fcurves, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.body import body_channels  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.keys import key_ownership, key_pose_curves, motion_curves  # noqa: E402
 
 pytestmark = pytest.mark.blender
 

@@ -15,14 +15,9 @@ from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import (  # noqa: E402
-    body_armature,
-    key_pose_curves,
-    motion_curves,
-    part_meshes,
-    skinned_parts,
-    skins,
-)
+from kfmocap.kfmocap_addon.scene_io.body import body_armature, part_meshes  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.characters import skinned_parts, skins  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402
 from odd_characters import as_imported, bind, foreign_armature, points_of  # noqa: E402
 from scipy.spatial import ConvexHull  # noqa: E402
 

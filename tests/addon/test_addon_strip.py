@@ -15,8 +15,8 @@ from kfmocap.kfmocap_addon.overlays import key_strip  # noqa: E402
 from kfmocap.kfmocap_addon.overlays.alternative_boxes import boxes  # noqa: E402
 from kfmocap.kfmocap_addon.overlays.key_strip import HEIGHT, Strip, pieces, position  # noqa: E402
 from kfmocap.kfmocap_addon.panels import key_list  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import motion_curves  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
 
 pytestmark = pytest.mark.blender
 

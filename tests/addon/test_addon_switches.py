@@ -14,7 +14,9 @@ from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting import live, rig_reading, send  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import body_armature, motion_curves, skins  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.characters import skins  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
 from odd_characters import (  # noqa: E402
     BODY,
     CONTROL,

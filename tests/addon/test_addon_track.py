@@ -24,8 +24,9 @@ from kfmocap.core.tracking.retracking import Excerpt, track_excerpts  # noqa: E4
 from kfmocap.kfmocap_addon.operators import job_operator  # noqa: E402
 from kfmocap.kfmocap_addon.operators.job_operator import JobOperator  # noqa: E402
 from kfmocap.kfmocap_addon.operators.track_motion import Tracking  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import fcurves, key_pose_curves, motion_curves, scene, tracked_segments  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io.tracking_preview import TrackingPreview  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import fcurves, scene, tracked_segments  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.keys.tracking_preview import TrackingPreview  # noqa: E402
 from scene_state import differences, state  # noqa: E402
 from synthetic import CAMERAS, figure, film, look_at, shot_of, swing  # noqa: E402
 
@@ -170,7 +171,7 @@ def test_clear_between_leaves_an_edited_tracked_key(built):
 
 
 def test_what_the_cameras_saw_of_other_stretches_stays(built, tracker):  # noqa: F811
-    from kfmocap.kfmocap_addon.scene_io import bone_visibility
+    from kfmocap.kfmocap_addon.scene_io.review import bone_visibility
 
     given = scene.shot_from_scene(built)
     blind = [np.ones((2, 12, PARTS))]

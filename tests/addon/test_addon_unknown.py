@@ -16,7 +16,8 @@ from kfmocap.core.shot.shot import KeyPoses  # noqa: E402
 from kfmocap.kfmocap_addon import panels  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import review_data, scene, unknown_bones  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.review import review_data, unknown_bones  # noqa: E402
 
 pytestmark = pytest.mark.blender
 

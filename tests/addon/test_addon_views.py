@@ -15,7 +15,8 @@ from bpy_extras.object_utils import world_to_camera_view  # noqa: E402
 from kfmocap.core.cameras.camera import Camera  # noqa: E402
 from kfmocap.core.errors import CalibrationError, FootageError  # noqa: E402
 from kfmocap.core.shot.shot import View  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import distortion, footage_background, scene, view_cameras  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.cameras import distortion, footage_background, view_cameras  # noqa: E402
 from kfmocap.kfmocap_addon.viewports import performer_boxes, screens  # noqa: E402
 from mathutils import Vector  # noqa: E402
 

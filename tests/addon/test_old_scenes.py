@@ -11,11 +11,14 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender  # noqa: E402, F401
 from conftest import ROOT  # noqa: E402
-from kfmocap.core.body import human, landmark_positions, measures_from_landmarks  # noqa: E402
+from kfmocap.core.body import human, landmark_positions  # noqa: E402
 from kfmocap.core.body.body import AT_EASE  # noqa: E402
+from kfmocap.core.body.measures import measures_from_landmarks  # noqa: E402
 from kfmocap.core.formats import read_trc  # noqa: E402
 from kfmocap.core.tracking.prepare import load_shot  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io import body_channels, fcurves, key_ownership, motion_curves, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import fcurves, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.body import body_channels  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.keys import key_ownership, motion_curves  # noqa: E402
 
 pytestmark = pytest.mark.blender
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from kfmocap.benchmarks.added_keys import MOST, additions, given_keys
+from kfmocap.benchmarks.studies.added_keys import MOST, additions, given_keys
 from kfmocap.core.errors import ShotError
 from kfmocap.core.shot.shot_spec import PerformerSpec, ShotSpec
 

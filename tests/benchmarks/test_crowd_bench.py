@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kfmocap.benchmarks import several_performers
-from kfmocap.benchmarks.several_performers import TrackedPerformers, main, tracked
+from kfmocap.benchmarks.studies import several_performers
+from kfmocap.benchmarks.studies.several_performers import TrackedPerformers, main, tracked
 from kfmocap.core.body import human
 from kfmocap.core.errors import ShotError
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot

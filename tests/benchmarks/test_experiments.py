@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import render_footage
 from conftest import ROOT
-from kfmocap.benchmarks import experiments, experiments_runs, footage_renderer, prediction_study
+from kfmocap.benchmarks import experiments, experiments_runs, footage_renderer
 from kfmocap.benchmarks.experiments import EXPERIMENTS
 from kfmocap.benchmarks.experiments_pictures import Panels, part_of, stacked_rows, write_jpeg
 from kfmocap.benchmarks.experiments_runs import (
@@ -34,6 +34,7 @@ from kfmocap.benchmarks.experiments_runs import (
     limb,
     track_switched,
 )
+from kfmocap.benchmarks.studies import prediction_study
 from kfmocap.core.body import landmark_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import FootageError
@@ -303,7 +304,7 @@ def test_a_picture_is_written_small(tmp_path: Path) -> None:
 
 PARSERS = {
     "kfmocap.benchmarks.experiments": experiments.parser,
-    "kfmocap.benchmarks.prediction_study": prediction_study.parser,
+    "kfmocap.benchmarks.studies.prediction_study": prediction_study.parser,
     "tools/render_footage.py": render_footage.arguments,
 }
 COMMANDS = re.findall(r"^ {4}\.venv/bin/python (.+)$", DOCUMENT, re.MULTILINE)

@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("kfmocap.benchmarks")
 
 from keypoint_shots import cameras, seen_places, strolling, write_openpose
-from kfmocap.benchmarks.keypoint_noise import LEAP, as_coco, worse, worse_shot
+from kfmocap.benchmarks.studies.keypoint_noise import LEAP, as_coco, worse, worse_shot
 from kfmocap.core.body import human
 from kfmocap.core.formats.keypoint_files import read_keypoints
 from kfmocap.core.formats.keypoint_layouts import mirrored_name

@@ -6,8 +6,8 @@ from itertools import islice
 
 import numpy as np
 import pytest
-from kfmocap.benchmarks import prediction_study
-from kfmocap.benchmarks.prediction_study import WAYS, bridged
+from kfmocap.benchmarks.studies import prediction_study
+from kfmocap.benchmarks.studies.prediction_study import WAYS, bridged
 from kfmocap.core.body import Body, human
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations

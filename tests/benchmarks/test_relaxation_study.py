@@ -6,11 +6,11 @@ from types import SimpleNamespace
 
 import pytest
 from conftest import ROOT
-from kfmocap.benchmarks import relaxation_study
-from kfmocap.benchmarks.relaxation_study import VARIANTS
+from kfmocap.benchmarks.studies import relaxation_study
+from kfmocap.benchmarks.studies.relaxation_study import VARIANTS
 from kfmocap.core.shot.keypose_spline import spline
 from kfmocap.core.shot.shot import Shot
-from kfmocap.core.tracking.solvers import relaxation
+from kfmocap.core.tracking.solvers.paper_relaxation import relaxation
 
 WALK = ROOT / "examples" / "walk"
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT
-from kfmocap.benchmarks import review_study
 from kfmocap.benchmarks.rows import Row
+from kfmocap.benchmarks.studies import review_study
 
 
 def test_the_middle_of_the_longest_gap_is_between_the_two_key_frames_farthest_apart() -> None:

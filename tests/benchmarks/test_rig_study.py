@@ -7,8 +7,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from kfmocap.benchmarks import held_prop_study  # noqa: E402
-from kfmocap.benchmarks.rig_study import CREATURES, RigRow, keep_keys, skin_on_frames  # noqa: E402
+from kfmocap.benchmarks.studies import held_prop_study  # noqa: E402
+from kfmocap.benchmarks.studies.rig_study import CREATURES, RigRow, keep_keys, skin_on_frames  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import fcurves  # noqa: E402
 from render import creatures  # noqa: E402
 from render_creatures import FIRST, build_rig  # noqa: E402

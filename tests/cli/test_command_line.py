@@ -29,11 +29,11 @@ from kfmocap.core.formats import load_cameras, read_trc, save_cameras, write_trc
 from kfmocap.core.numerics import rotations
 from kfmocap.core.review.suggestions import KeySuggestion
 from kfmocap.core.runtime import files
-from kfmocap.core.shot.footage_damage import FootageDamage
+from kfmocap.core.shot.footage_faults.footage_damage import FootageDamage
 from kfmocap.core.shot.shot import Shot
 from kfmocap.core.tracking import journal
+from kfmocap.core.tracking.expected_errors.uncertainty import JointErrors
 from kfmocap.core.tracking.track_result import TrackResult
-from kfmocap.core.tracking.uncertainty import JointErrors
 from made_capture import made_capture
 
 SIZE = (96, 72)

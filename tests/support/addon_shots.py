@@ -23,8 +23,8 @@ from kfmocap.core.numerics import rotations
 from kfmocap.core.runtime.progress import Progress, report_progress
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
 from kfmocap.core.tracking import retracking
+from kfmocap.core.tracking.expected_errors.uncertainty import JointErrors
 from kfmocap.core.tracking.segment_stages import Around
-from kfmocap.core.tracking.uncertainty import JointErrors
 from kfmocap.kfmocap_addon.scene_io import fcurves
 
 SIZE = (320, 240)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from kfmocap.benchmarks.wand_captures import capture, ring, scattered
+from kfmocap.benchmarks.studies.wand_captures import capture, ring, scattered
 from kfmocap.core.formats.marker_points import write_marker_points
 
 HEAD = """

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from kfmocap.core.body.kinematics import scene_poses
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.evidence.gradients import GradientSums
-from kfmocap.core.evidence.outline_sums import OutlineSums
+from kfmocap.core.evidence.gradient_evidence.gradients import GradientSums
+from kfmocap.core.evidence.outline_evidence.outline_sums import OutlineSums
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.segment_evidence import SegmentEvidence
 from kfmocap.core.numerics import rotations
-from kfmocap.core.tracking.solvers.measurement import Instants, MeasuredMotion, Workspace
-from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.solvers.equations.measurement import Instants, MeasuredMotion, Workspace
+from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 
 Array = np.ndarray
 

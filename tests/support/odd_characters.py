@@ -13,7 +13,8 @@ import addon_utils
 import bpy
 import numpy as np
 from kfmocap.core.body import Body, Part, human
-from kfmocap.kfmocap_addon.scene_io import body_armature, skins
+from kfmocap.kfmocap_addon.scene_io.body import body_armature
+from kfmocap.kfmocap_addon.scene_io.characters import skins
 from mathutils import Matrix
 
 BODY = human(1.75)

@@ -12,18 +12,19 @@ import bpy
 import numpy as np
 from addon_shots import camera, metarig, motion, shot
 from keypoint_shots import seen_places, write_openpose
+from kfmocap.core.body.measures.shaping import shaped
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.body.shaping import shaped
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import BodyError, CaptureError
 from kfmocap.core.fitting.body_fit import BodyFit
 from kfmocap.core.fitting.camera_refinement import RefinedCamera, Refinement
 from kfmocap.core.fitting.key_frame_views import posed_key_frames
-from kfmocap.core.formats.calibration_files import save_cameras
+from kfmocap.core.formats.camera_files.calibration_files import save_cameras
 from kfmocap.core.shot.shot import Shot
 from kfmocap.core.shot.shot_spec import ViewSpec
 from kfmocap.kfmocap_addon.operators import calibrate_cameras
-from kfmocap.kfmocap_addon.scene_io import joint_marks, motion_curves, scene, unfinished_tracking
+from kfmocap.kfmocap_addon.scene_io import joint_marks, scene, unfinished_tracking
+from kfmocap.kfmocap_addon.scene_io.keys import motion_curves
 
 Arguments = dict[str, Any]
 LFRAME = np.array([[0, 0, 0], [0.4, 0, 0], [0.9, 0, 0], [0, 0.6, 0]])

@@ -28,7 +28,7 @@ MOTION_TERMS = (
     ),
     Term(
         "(2), (9)",
-        "core/evidence/image_wrenches.py",
+        "core/evidence/gradient_evidence/image_wrenches.py",
         "mz = -(mx * x + my * y) / z",
         "mz = (mx * x + my * y) / z",
         f"{IMAGES}::test_standing_still_before_a_flash_the_sums_are_the_derivatives",
@@ -63,7 +63,7 @@ MOTION_TERMS = (
     ),
     Term(
         "(8)",
-        "core/evidence/compared_pixels.py",
+        "core/evidence/gradient_evidence/compared_pixels.py",
         "there, there[0] - here[0], seen)",
         "there, here[0] - there[0], seen)",
         f"{IMAGES}::test_standing_still_before_a_flash_the_sums_are_the_derivatives",

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-FOLLOWING = "core/tracking/solvers/gradient_following.py"
-RELAXATION = "core/tracking/solvers/relaxation.py"
-STEPS = "core/tracking/solvers/motion_steps.py"
+FOLLOWING = "core/tracking/solvers/paper_relaxation/gradient_following.py"
+RELAXATION = "core/tracking/solvers/paper_relaxation/relaxation.py"
+STEPS = "core/tracking/solvers/paper_relaxation/motion_steps.py"
 PREDICTION = "core/tracking/prediction.py"
 KINEMATICS = "core/body/kinematics.py"
 SWEEPS = "tests/core/tracking/test_relaxation.py"

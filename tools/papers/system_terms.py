@@ -43,7 +43,7 @@ SYSTEM_TERMS = (
     ),
     Term(
         "paper 2, section 3.2: several performers",
-        "core/evidence/label_images.py",
+        "core/evidence/rendering/label_images.py",
         "np.minimum(np.diff(ends) / outlines.areas, 1.0)",
         "np.maximum(np.diff(ends) / outlines.areas, 1.0)",
         f"{HIDDEN}::test_another_performer_hides_a_part",

@@ -356,7 +356,7 @@ def proposals() -> list[int]:
 
 def _keyed() -> tuple[dict[int, set[str]], list[int]]:
     package = type(scene().kfmocap).__module__.rpartition(".properties")[0]
-    curves = importlib.import_module(f"{package}.scene_io.key_pose_curves")
+    curves = importlib.import_module(f"{package}.scene_io.keys.key_pose_curves")
     return curves.keyed_bones(scene().kfmocap.performers[0].armature)
 
 

@@ -22,14 +22,14 @@ from ...numerics.least_squares import Damping, LeastSquaresResult, StoppingRule,
 from ...numerics.normal_equations import IndependentEquations
 from ...numerics.repeatable import on_grid
 from ...runtime.timing import Seconds
-from .contact_factor import with_contact
 from .descent_stages import REFINEMENT, STAGES, DescentStage
-from .hold_factor import TiedSystems
-from .measurement import MeasuredMotion, Workspace
-from .plant_factor import PlantFactor, plants_of, with_plants
-from .problem import SegmentProblem, SegmentSolution
-from .segment_equations import SegmentNoise, evidence_equations, hidden_and_expected, with_priors
-from .smoothness_factor import SegmentSmoothness
+from .equations.contact_factor import with_contact
+from .equations.hold_factor import TiedSystems
+from .equations.measurement import MeasuredMotion, Workspace
+from .equations.plant_factor import PlantFactor, plants_of, with_plants
+from .equations.problem import SegmentProblem, SegmentSolution
+from .equations.segment_equations import SegmentNoise, evidence_equations, hidden_and_expected, with_priors
+from .equations.smoothness_factor import SegmentSmoothness
 
 UNDER_WAY = 0.02
 """Metres. While steps still move some joint by more than this, a fast limb has not arrived: a tested stage goes on

@@ -19,12 +19,12 @@ from ...numerics import rotations
 from ...numerics.arrays import Bools
 from ...runtime.timing import Seconds
 from .descent_stages import SETTLED, SETTLING
-from .faded_limbs import with_faded_limbs_found
+from .equations.measurement import Workspace
+from .equations.problem import SegmentProblem, SegmentSolution
 from .gauss_newton import continued, descend
-from .limb_search import pictures_find_limbs
-from .measurement import Workspace
+from .limbs.faded_limbs import with_faded_limbs_found
+from .limbs.limb_search import pictures_find_limbs
 from .multi_start import IN_SIGHT, best_of_starts
-from .problem import SegmentProblem, SegmentSolution
 from .solution_ranking import likeliest, noise_of
 
 LEAP = 6.0

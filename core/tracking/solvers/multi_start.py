@@ -19,18 +19,18 @@ import numpy as np
 from ...body.motion import Motion
 from ...runtime.timing import Seconds
 from .descent_stages import REACH, RESUMED, SETTLED, SETTLING, WINDOW
+from .equations.measurement import Workspace
+from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
+from .equations.segment_equations import SegmentNoise
 from .gauss_newton import approach, continued, descend, farthest_joint
-from .like_limbs import untangled_limbs
-from .limb_exchange import recombined, with_limbs_exchanged
-from .limb_search import found_limbs
-from .measurement import Workspace
-from .mirrored_limbs import with_limbs_mirrored
-from .problem import AccelerationSearch, SegmentProblem, SegmentSolution
-from .segment_equations import SegmentNoise
+from .limbs.like_limbs import untangled_limbs
+from .limbs.limb_exchange import recombined, with_limbs_exchanged
+from .limbs.limb_search import found_limbs
+from .limbs.mirrored_limbs import with_limbs_mirrored
+from .limbs.strayed_limbs import with_limbs_returned
 from .sequential_start import blended, excerpt, follow
 from .solution_doubts import doubted_performers, explains_little, speaks_against, worst_first
 from .solution_ranking import RESTING, alike, better, equals, likeliest_at_rest, likelihood, noise_of
-from .strayed_limbs import with_limbs_returned
 from .whole_turns import with_whole_turn
 
 IN_SIGHT = 0.9

@@ -8,8 +8,8 @@ from typing import Protocol
 
 from ...body.motion import Motion
 from ...numerics.arrays import Array, Bools
-from .measurement import Workspace
-from .problem import SegmentProblem, SegmentSolution
+from .equations.measurement import Workspace
+from .equations.problem import SegmentProblem, SegmentSolution
 
 
 class Solve(Protocol):

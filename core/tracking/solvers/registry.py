@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from . import leaping_limbs, multi_start, regained_limbs, relaxation, standing_feet
+from . import leaping_limbs, multi_start, regained_limbs, standing_feet
+from .paper_relaxation import relaxation
 from .protocol import Solver
 
 GAUSS_NEWTON = Solver(

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from ...body.motion import Motion, stacked
 from ...evidence.occlusion import unseen
 from ..prediction import predict_unseen
-from .measurement import Workspace
-from .problem import SegmentProblem, SegmentSolution
+from .equations.measurement import Workspace
+from .equations.problem import SegmentProblem, SegmentSolution
 
 WINDOW = 10
 """Frames that are solved together."""

@@ -28,12 +28,12 @@ from ...body.soles import Soles
 from ...numerics.arrays import Array, Bools
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.robust_kernels import Quadratic
+from .equations.hold_factor import TiedSystems, tied_systems
+from .equations.plant_factor import PlantFactor
+from .equations.problem import SegmentProblem, SegmentSolution
+from .equations.segment_equations import equations_at
 from .gauss_newton import increments_of, moved_by
-from .hold_factor import TiedSystems, tied_systems
-from .plant_factor import PlantFactor
-from .problem import SegmentProblem, SegmentSolution
 from .protocol import SettledMotions
-from .segment_equations import equations_at
 
 REFUSED = 0.01
 """Significance level of the test: share of true plants that it rejects if the covariance is right."""
@@ -61,7 +61,7 @@ def with_standing_feet(
         solution they may be broken up.
     ratios : sequence of ndarray, shape (P,)
         Per performer: squared errors of the parts' tips over those that the normal equations predict, see
-        `core.tracking.held_out_keys`.
+        `core.tracking.expected_errors.held_out_keys`.
     """
     if not problem.settings.plants or not problem.shows_depth:
         return SettledMotions(solution.motions, (None,) * len(solution.motions))

@@ -14,9 +14,9 @@ import numpy as np
 from ...body.motion import Motion
 from ...numerics import rotations
 from ...numerics.arrays import Array, Bools
+from .equations.measurement import Workspace
+from .equations.problem import SegmentProblem, SegmentSolution
 from .gauss_newton import descend
-from .measurement import Workspace
-from .problem import SegmentProblem, SegmentSolution
 from .solution_doubts import doubtful
 from .solution_ranking import better, cover_at
 

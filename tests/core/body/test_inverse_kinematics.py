@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from kfmocap.core.body import Body, human, landmark_positions
 from kfmocap.core.body.inverse_kinematics import fit_poses
-from kfmocap.core.body.measures_from_landmarks import estimate_height, fit_body
+from kfmocap.core.body.measures.measures_from_landmarks import estimate_height, fit_body
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import LandmarkError
 from kfmocap.core.numerics import rotations

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kfmocap.benchmarks.wand_captures import (
+from kfmocap.benchmarks.studies.wand_captures import (
     LFRAME,
     WAND_LENGTH,
     Faults,

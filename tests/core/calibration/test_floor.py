@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kfmocap.benchmarks.wand_captures import WAND_LENGTH, Faults, capture, ends, ring, scattered
+from kfmocap.benchmarks.studies.wand_captures import WAND_LENGTH, Faults, capture, ends, ring, scattered
 from kfmocap.core.calibration.floor import with_wand_on_floor
 from kfmocap.core.calibration.solving.camera_rig import rig_of
 from kfmocap.core.calibration.wand_calibration import solve_capture

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kfmocap.benchmarks import wand_study
-from kfmocap.benchmarks.wand_captures import FPS, HARD, Faults, capture, ring, scattered, waved
+from kfmocap.benchmarks.studies import wand_study
+from kfmocap.benchmarks.studies.wand_captures import FPS, HARD, Faults, capture, ring, scattered, waved
 from kfmocap.core.calibration.calibration_result import CalibrationResult
 from kfmocap.core.calibration.quality import quality_numbers
 from kfmocap.core.calibration.solving.camera_rig import CENTRE, FOCAL, K2

@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from kfmocap.core.evidence.cast_shadows import ShadowModel
-from kfmocap.core.evidence.foreground import SCALE, STRONGEST, foreground_images, log_ratio
+from kfmocap.core.evidence.foreground_images.cast_shadows import ShadowModel
+from kfmocap.core.evidence.foreground_images.foreground import SCALE, STRONGEST, foreground_images, log_ratio
 from synthetic import cast, figure, look_at, pixel_grid, poses_of, swing, texture
 
 Array = np.ndarray

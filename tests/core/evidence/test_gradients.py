@@ -14,12 +14,18 @@ from kfmocap.core.body.joint_blocks import joint_blocks
 from kfmocap.core.body.motion import Motion, stacked
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.evidence import segment_evidence
-from kfmocap.core.evidence.compared_pixels import LabelledFrames
-from kfmocap.core.evidence.gradients import HUBER, GradientSums, brightness_constancy, huber_errors, huber_weights
-from kfmocap.core.evidence.image_wrenches import camera_twist
-from kfmocap.core.evidence.label_images import LabelImages, render_labels
-from kfmocap.core.evidence.part_geometry import Geometry
-from kfmocap.core.evidence.pixel_gains import log_likelihoods
+from kfmocap.core.evidence.gradient_evidence.compared_pixels import LabelledFrames
+from kfmocap.core.evidence.gradient_evidence.gradients import (
+    HUBER,
+    GradientSums,
+    brightness_constancy,
+    huber_errors,
+    huber_weights,
+)
+from kfmocap.core.evidence.gradient_evidence.image_wrenches import camera_twist
+from kfmocap.core.evidence.gradient_evidence.pixel_gains import log_likelihoods
+from kfmocap.core.evidence.rendering.label_images import LabelImages, render_labels
+from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.segment_evidence import SegmentEvidence, accumulate_evidence
 from kfmocap.core.evidence.view_frames import GradientImageCache, GradientImages, ViewFrames

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.body import Body, human
-from kfmocap.core.evidence.label_images import render_labels
 from kfmocap.core.evidence.limb_sides import PLACES, PartSides, SideRatios, SlopeImages
-from kfmocap.core.evidence.part_geometry import Geometry
+from kfmocap.core.evidence.rendering.label_images import render_labels
+from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.numerics import rotations
 from synthetic import look_at, part
 

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from kfmocap.core.body import Body
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.evidence.label_images import render_labels
 from kfmocap.core.evidence.occlusion import (
     LONG,
     OCCLUDED_BELOW,
@@ -19,7 +18,8 @@ from kfmocap.core.evidence.occlusion import (
     occluded,
     unseen,
 )
-from kfmocap.core.evidence.part_geometry import Geometry
+from kfmocap.core.evidence.rendering.label_images import render_labels
+from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.review.suggestions import APART, GLIMPSE, MOST_HIDDEN, REACH, suggest_keys_beside_hidden
 from kfmocap.core.shot.shot import KeyPoses
 from synthetic import at_rest, figure, look_at, poses_of, swing

@@ -11,11 +11,17 @@ import pytest
 from kfmocap.core.body import Body, part_poses, twist_jacobian
 from kfmocap.core.body.motion import Motion, stacked
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.evidence.image_wrenches import camera_twist
-from kfmocap.core.evidence.label_images import LabelImages, render_labels
-from kfmocap.core.evidence.outline_lines import BISQUARE, EDGE_DEVIATION, MODEL_DEVIATION, Lines, outline_lines
-from kfmocap.core.evidence.outline_sums import OutlineSums, outline_sums
-from kfmocap.core.evidence.part_geometry import Geometry
+from kfmocap.core.evidence.gradient_evidence.image_wrenches import camera_twist
+from kfmocap.core.evidence.outline_evidence.outline_lines import (
+    BISQUARE,
+    EDGE_DEVIATION,
+    MODEL_DEVIATION,
+    Lines,
+    outline_lines,
+)
+from kfmocap.core.evidence.outline_evidence.outline_sums import OutlineSums, outline_sums
+from kfmocap.core.evidence.rendering.label_images import LabelImages, render_labels
+from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.numerics import rotations
 from synthetic import (
     at_rest,

@@ -10,20 +10,20 @@ import pytest
 from kfmocap.core.body import Body, human, landmark_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.evidence.foreground import STRONGEST
-from kfmocap.core.evidence.label_images import render_labels
-from kfmocap.core.evidence.outline_lines import Lines, outline_lines
-from kfmocap.core.evidence.part_colours import ColouredFrames, PartColours
-from kfmocap.core.evidence.part_geometry import Geometry
+from kfmocap.core.evidence.foreground_images.foreground import STRONGEST
+from kfmocap.core.evidence.foreground_images.part_colours import ColouredFrames, PartColours
+from kfmocap.core.evidence.outline_evidence.outline_lines import Lines, outline_lines
+from kfmocap.core.evidence.rendering.label_images import render_labels
+from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.segment_evidence import accumulate_evidence
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.appearance import parts_apart
-from kfmocap.core.tracking.solvers.limb_likelihood import support_of_limbs
-from kfmocap.core.tracking.solvers.limb_search import found_limbs
-from kfmocap.core.tracking.solvers.measurement import Workspace
-from kfmocap.core.tracking.solvers.problem import SegmentProblem
+from kfmocap.core.tracking.solvers.equations.measurement import Workspace
+from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
+from kfmocap.core.tracking.solvers.limbs.limb_likelihood import support_of_limbs
+from kfmocap.core.tracking.solvers.limbs.limb_search import found_limbs
 from kfmocap.core.tracking.solvers.regained_limbs import refuted_limbs
 from synthetic import at_rest, ends_held, figure, look_at, part, poses_of, silhouette
 

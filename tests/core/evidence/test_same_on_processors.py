@@ -19,7 +19,7 @@ OLDER = {
 }
 CODE = """
 import hashlib, numpy as np
-from kfmocap.core.evidence.foreground import _histogram
+from kfmocap.core.evidence.foreground_images.foreground import _histogram
 from kfmocap.core.evidence.view_frames import GradientImages
 rng = np.random.default_rng(0)
 sha = hashlib.sha256()

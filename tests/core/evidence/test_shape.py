@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from kfmocap.core.body import Body
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.evidence.label_images import render_labels
-from kfmocap.core.evidence.part_geometry import Geometry
 from kfmocap.core.evidence.part_shapes import fitted_shape, stretched
+from kfmocap.core.evidence.rendering.label_images import render_labels
+from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.evidence.view_frames import ViewFrames
 from scipy.spatial import ConvexHull
 from synthetic import CAMERAS, at_rest, figure, look_at, poses_of, rigidly_moved, silhouette, swing

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kfmocap.core.evidence.foreground import log_ratio, performer_foregrounds
-from kfmocap.core.evidence.known_pixels import KnownPixels
-from kfmocap.core.evidence.masks import beyond, within
-from kfmocap.core.evidence.strangers import strangers_on
+from kfmocap.core.evidence.foreground_images.foreground import log_ratio, performer_foregrounds
+from kfmocap.core.evidence.foreground_images.known_pixels import KnownPixels
+from kfmocap.core.evidence.foreground_images.masks import beyond, within
+from kfmocap.core.evidence.foreground_images.strangers import strangers_on
 
 Array = np.ndarray
 Colour = tuple[int, int, int]

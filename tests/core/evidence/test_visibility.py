@@ -11,9 +11,9 @@ import pytest
 from kfmocap.core.body import Body, human
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.evidence.label_images import LabelImages, pixels_at, render_labels
-from kfmocap.core.evidence.part_geometry import Geometry
-from kfmocap.core.evidence.still_parts import StillParts
+from kfmocap.core.evidence.rendering.label_images import LabelImages, pixels_at, render_labels
+from kfmocap.core.evidence.rendering.part_geometry import Geometry
+from kfmocap.core.evidence.rendering.still_parts import StillParts
 from kfmocap.core.numerics import rotations
 from synthetic import (
     at_rest,

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from keypoint_shots import cameras, keypoints_of, seen_places, strolling
 from kfmocap.core.body import Body, human, landmark_positions, part_poses
+from kfmocap.core.body.measures.shaping import joint_jacobian, mirrored_parts, shaped
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.body.shaping import joint_jacobian, mirrored_parts, shaped
 from kfmocap.core.errors import BodyError, CancelledError
 from kfmocap.core.fitting import body_fit
 from kfmocap.core.fitting.body_fit import fit_bodies

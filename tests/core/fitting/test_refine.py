@@ -15,7 +15,7 @@ from kfmocap.core.body.kinematics import scene_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import CalibrationError, CancelledError, FootageError
-from kfmocap.core.evidence.outline_lines import Lines
+from kfmocap.core.evidence.outline_evidence.outline_lines import Lines
 from kfmocap.core.fitting import resection
 from kfmocap.core.fitting.camera_refinement import Refinement, refine_cameras
 from kfmocap.core.fitting.key_frame_views import KeyFrameView, on_frames

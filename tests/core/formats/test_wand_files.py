@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kfmocap.benchmarks.wand_captures import FPS, LFRAME, capture, ends, ring, scattered, waved
+from kfmocap.benchmarks.studies.wand_captures import FPS, LFRAME, capture, ends, ring, scattered, waved
 from kfmocap.cli import command_line
 from kfmocap.core.calibration.resync import synchronise
 from kfmocap.core.capture.capture import Capture

@@ -9,14 +9,14 @@ import pytest
 from keypoint_shots import NAMES, cameras, joint_errors, keypoints_of, seen_places, strolling
 from kfmocap.core.body import Body, human, landmark_positions, part_poses
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.keypoints.closed_form import closed_form_pose
-from kfmocap.core.keypoints.first_pass import scaled_first_pass
-from kfmocap.core.keypoints.first_pose import posed_start
 from kfmocap.core.keypoints.keypoint_factor import KeypointFactor
+from kfmocap.core.keypoints.keypoint_motion.closed_form import closed_form_pose
+from kfmocap.core.keypoints.keypoint_motion.first_pass import scaled_first_pass
+from kfmocap.core.keypoints.keypoint_motion.first_pose import posed_start
+from kfmocap.core.keypoints.keypoint_motion.limb_safeguard import repose_lost_limbs
 from kfmocap.core.keypoints.keypoint_places import Places, offset_precision
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.keypoints.left_right import swap_sides
-from kfmocap.core.keypoints.limb_safeguard import repose_lost_limbs
 from kfmocap.core.keypoints.triangulation import triangulate
 from kfmocap.core.keypoints.view_agreement import ViewAgreement, averaged, view_deviations, without_midpoints
 from kfmocap.core.numerics import rotations

@@ -11,11 +11,11 @@ from kfmocap.core.body import Body, default_measures, human, part_poses
 from kfmocap.core.body.joint_limits import LIMIT_DEVIATION, posture_prior
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.keypoints import keypoint_factor as evidence
-from kfmocap.core.keypoints.closed_form import closed_form_pose
-from kfmocap.core.keypoints.first_pass import first_pass, scaled_first_pass
 from kfmocap.core.keypoints.keypoint_deviations import deviations, robust_weights
 from kfmocap.core.keypoints.keypoint_factor import KeypointFactor, keypoint_system
-from kfmocap.core.keypoints.keypoint_fit import FitProblem, KeypointFit, fit_motion
+from kfmocap.core.keypoints.keypoint_motion.closed_form import closed_form_pose
+from kfmocap.core.keypoints.keypoint_motion.first_pass import first_pass, scaled_first_pass
+from kfmocap.core.keypoints.keypoint_motion.keypoint_fit import FitProblem, KeypointFit, fit_motion
 from kfmocap.core.keypoints.keypoint_places import Places
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.keypoints.left_right import correct_sides, swap_sides
@@ -26,7 +26,7 @@ from kfmocap.core.numerics.banded import BandedFactor, bordered_solution
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.shot.acceleration_prior import acceleration_precision
 from kfmocap.core.shot.shot import KeyPoses, Settings
-from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.solution_doubts import confirmed
 from kfmocap.core.tracking.solvers.solution_ranking import better
 from synthetic import figure, numeric_jacobian, random_motion

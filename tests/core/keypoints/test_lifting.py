@@ -10,11 +10,11 @@ from keypoint_shots import NAMES, cameras, joint_errors, keypoints_of, seen_plac
 from kfmocap.core.body import human, landmark_positions, part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import KeypointError
-from kfmocap.core.keypoints.first_pass import first_pass, scaled_first_pass
 from kfmocap.core.keypoints.keypoint_factor import KeypointFactor
+from kfmocap.core.keypoints.keypoint_motion.first_pass import first_pass, scaled_first_pass
+from kfmocap.core.keypoints.keypoint_motion.lifting import lone_view, with_imagined_view
+from kfmocap.core.keypoints.keypoint_motion.person_depth import Rays, expected_depth, likely_height
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
-from kfmocap.core.keypoints.lifting import lone_view, with_imagined_view
-from kfmocap.core.keypoints.person_depth import Rays, expected_depth, likely_height
 from kfmocap.core.shot.acceleration_prior import acceleration_precision
 from kfmocap.core.shot.shot import KeyPoses, Settings
 

@@ -9,10 +9,10 @@ import pytest
 from keypoint_shots import NAMES, cameras, keypoints_of, seen_places, strolling
 from kfmocap.core.body import human
 from kfmocap.core.errors import KeypointError
-from kfmocap.core.keypoints.assignment import Identity, PerformerClues, assign_detections
+from kfmocap.core.keypoints.association.assignment import Identity, PerformerClues, assign_detections
+from kfmocap.core.keypoints.association.tracks import ViewDetections, detection_tracks
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.keypoints.left_right import swap_sides
-from kfmocap.core.keypoints.tracks import ViewDetections, detection_tracks
 
 Array = np.ndarray
 FPS, FRAMES = 30.0, 30

@@ -18,10 +18,10 @@ from kfmocap.core.review.report_text import report_lines
 from kfmocap.core.review.scoring import joint_error
 from kfmocap.core.review.track_report import report
 from kfmocap.core.runtime.files import write_json
-from kfmocap.core.shot.footage_damage import FootageDamage
-from kfmocap.core.shot.footage_times import FootageRate
+from kfmocap.core.shot.footage_faults.footage_damage import FootageDamage
+from kfmocap.core.shot.footage_faults.footage_times import FootageRate
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
-from kfmocap.core.tracking.uncertainty import JointErrors
+from kfmocap.core.tracking.expected_errors.uncertainty import JointErrors
 
 
 @dataclass

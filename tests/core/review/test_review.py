@@ -10,14 +10,14 @@ import pytest
 from kfmocap.core.body import part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.misfit import measured_misfit
-from kfmocap.core.evidence.part_geometry import Geometry
+from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics.rotations import exp
 from kfmocap.core.review import suggestions
 from kfmocap.core.review.suggestions import APART, MOST_UNCERTAIN, KeySuggestion
 from kfmocap.core.shot.shot import KeyPoses
-from kfmocap.core.tracking.joint_covariances import tip_covariances, tip_jacobian
-from kfmocap.core.tracking.uncertainty import expected_errors
+from kfmocap.core.tracking.expected_errors.joint_covariances import tip_covariances, tip_jacobian
+from kfmocap.core.tracking.expected_errors.uncertainty import expected_errors
 from synthetic import at_rest, figure, look_at, poses_of, random_motion, silhouette
 
 Array = np.ndarray

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from kfmocap.core.shot.continuity import block_change, single_frames, small, torn_pairs
+from kfmocap.core.shot.footage_faults.continuity import block_change, single_frames, small, torn_pairs
 from walking_film import FRAMES, film
 
 

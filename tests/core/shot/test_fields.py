@@ -15,7 +15,7 @@ from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import FootageError
 from kfmocap.core.shot import footage
 from kfmocap.core.shot.footage import Album, frames_at
-from kfmocap.core.shot.footage_checks import check_view
+from kfmocap.core.shot.footage_faults.footage_checks import check_view
 from kfmocap.core.shot.frame_numbers import file_index
 from kfmocap.core.shot.shot import View
 from kfmocap.core.tracking.tracker import track

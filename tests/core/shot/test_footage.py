@@ -16,7 +16,7 @@ from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import FootageError
 from kfmocap.core.shot import image_sequences, image_sizes
 from kfmocap.core.shot.footage import frames_at, probe
-from kfmocap.core.shot.footage_checks import check_view
+from kfmocap.core.shot.footage_faults.footage_checks import check_view
 from kfmocap.core.shot.frame_numbers import footage_index
 from kfmocap.core.shot.shot import View
 

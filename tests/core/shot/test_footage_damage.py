@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.runtime.decoder_log import DecoderLog
-from kfmocap.core.shot.footage_damage import footage_damage, shot_damage
+from kfmocap.core.shot.footage_faults.footage_damage import footage_damage, shot_damage
 from kfmocap.core.shot.shot import Shot, View
 from synthetic import figure, look_at, shot_of, swing
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.shot.footage import Album
-from kfmocap.core.shot.footage_times import footage_rate, frame_times, frames_missing, video_rate
+from kfmocap.core.shot.footage_faults.footage_times import footage_rate, frame_times, frames_missing, video_rate
 from kfmocap.core.shot.shot import Shot, View
 from kfmocap.core.tracking.picture_store import PictureStore
 from kfmocap.core.tracking.reader import SegmentReader

@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from kfmocap.core.shot.continuity import block_change, most_changed, small
-from kfmocap.core.shot.skipped_frames import PairChanges, PointsFollowed, skipped_pairs
+from kfmocap.core.shot.footage_faults.continuity import block_change, most_changed, small
+from kfmocap.core.shot.footage_faults.skipped_frames import PairChanges, PointsFollowed, skipped_pairs
 from walking_film import FRAMES, film
 
 LOST = FRAMES // 2 - 1

@@ -9,13 +9,13 @@ import pytest
 from kfmocap.core.body import human, part_poses
 from kfmocap.core.body.kinematics import scene_poses
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.evidence.part_geometry import Geometry
+from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded import BandedFactor
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.shot.shot import KeyPoses, Performer, Settings, Shot
 from kfmocap.core.tracking.segment_stages import SegmentData, TrackState, segment_problem
-from kfmocap.core.tracking.solvers.contact_factor import SLACK, ContactFactor
+from kfmocap.core.tracking.solvers.equations.contact_factor import SLACK, ContactFactor
 
 Array = np.ndarray
 BODIES = (human(1.8), human(1.65))

@@ -11,8 +11,8 @@ from kfmocap.core.body.body import AT_EASE, Body
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
-from kfmocap.core.tracking.solvers.curve_factor import ON_A_FRAME, near_curve, with_curves
-from kfmocap.core.tracking.solvers.problem import SegmentProblem
+from kfmocap.core.tracking.solvers.equations.curve_factor import ON_A_FRAME, near_curve, with_curves
+from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
 from synthetic import at_rest, numeric_jacobian, random_motion
 
 BODY = human()

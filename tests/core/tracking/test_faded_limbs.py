@@ -11,9 +11,10 @@ from kfmocap.core.body import human
 from kfmocap.core.body.limbs import limbs
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.view_frames import ViewFrames
-from kfmocap.core.tracking.solvers import faded_limbs, leaping_limbs
-from kfmocap.core.tracking.solvers.measurement import Workspace
-from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.solvers import leaping_limbs
+from kfmocap.core.tracking.solvers.equations.measurement import Workspace
+from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.solvers.limbs import faded_limbs
 from made_evidence import no_evidence
 from synthetic import at_rest, ends_held, look_at
 

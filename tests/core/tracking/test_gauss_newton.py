@@ -19,11 +19,12 @@ from kfmocap.core.numerics.banded import BandedFactor
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.shot.acceleration_prior import USUAL_JOINT, USUAL_ROOT, acceleration_precision
 from kfmocap.core.shot.shot import Settings
-from kfmocap.core.tracking.solvers import gauss_newton, segment_equations
+from kfmocap.core.tracking.solvers import gauss_newton
 from kfmocap.core.tracking.solvers.descent_stages import REACH, REFINEMENT, STAGES, STILL, DescentStage
-from kfmocap.core.tracking.solvers.measurement import MeasuredMotion, Workspace, hidden_parts
-from kfmocap.core.tracking.solvers.problem import SegmentProblem, frame_residual
-from kfmocap.core.tracking.solvers.smoothness_factor import SegmentSmoothness
+from kfmocap.core.tracking.solvers.equations import segment_equations
+from kfmocap.core.tracking.solvers.equations.measurement import MeasuredMotion, Workspace, hidden_parts
+from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, frame_residual
+from kfmocap.core.tracking.solvers.equations.smoothness_factor import SegmentSmoothness
 from made_evidence import AlteredWorkspace, Landscape, no_evidence, with_share
 from numpy.typing import NDArray
 from synthetic import (

@@ -18,7 +18,7 @@ from kfmocap.core.shot.holds import Grip, Hold
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot
 from kfmocap.core.tracking.retracking import digest
 from kfmocap.core.tracking.segment_stages import SegmentData, TrackState, segment_problem
-from kfmocap.core.tracking.solvers.hold_factor import PLACE, TURN, HoldFactor, hold_factors, tied_systems
+from kfmocap.core.tracking.solvers.equations.hold_factor import PLACE, TURN, HoldFactor, hold_factors, tied_systems
 from kfmocap.core.tracking.solvers.sequential_start import excerpt
 from kfmocap.core.tracking.tracker import track
 from synthetic import box, figure, film, look_at, random_motion, shot_of, swing

@@ -17,8 +17,8 @@ from keypoint_shots import NAMES, cameras, joint_errors, keypoints_of, person, s
 from kfmocap.core.body import landmark_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.keypoints.first_pass import scaled_first_pass
-from kfmocap.core.keypoints.keypoint_fit import KeypointFit
+from kfmocap.core.keypoints.keypoint_motion.first_pass import scaled_first_pass
+from kfmocap.core.keypoints.keypoint_motion.keypoint_fit import KeypointFit
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.keypoints.observations import image_rays
 from kfmocap.core.numerics import rotations

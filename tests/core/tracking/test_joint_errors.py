@@ -11,15 +11,21 @@ from kfmocap.core.body import part_poses
 from kfmocap.core.body.kinematics import tip_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.misfit import Misfit, measured_misfit
-from kfmocap.core.evidence.part_geometry import Geometry
+from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics.rotations import exp
 from kfmocap.core.shot.shot import KeyPoses, Performer
-from kfmocap.core.tracking.body_uncertainty import body_covariances
-from kfmocap.core.tracking.held_out_keys import USUAL_RATIO, _miss, covariance_ratios
-from kfmocap.core.tracking.joint_covariances import STEADY, growth_by_speed, tip_jacobian
-from kfmocap.core.tracking.lost_limbs import limb_reach, lost_probabilities
-from kfmocap.core.tracking.uncertainty import MAYBE, TAILS, SegmentUncertainty, joint_errors, joint_parts
+from kfmocap.core.tracking.expected_errors.body_uncertainty import body_covariances
+from kfmocap.core.tracking.expected_errors.held_out_keys import USUAL_RATIO, _miss, covariance_ratios
+from kfmocap.core.tracking.expected_errors.joint_covariances import STEADY, growth_by_speed, tip_jacobian
+from kfmocap.core.tracking.expected_errors.lost_limbs import limb_reach, lost_probabilities
+from kfmocap.core.tracking.expected_errors.uncertainty import (
+    MAYBE,
+    TAILS,
+    SegmentUncertainty,
+    joint_errors,
+    joint_parts,
+)
 from synthetic import at_rest, figure, look_at, poses_of, silhouette
 
 Array = np.ndarray

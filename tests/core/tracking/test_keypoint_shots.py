@@ -14,10 +14,10 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import KFMocapError
 from kfmocap.core.formats import save_cameras, write_trc
 from kfmocap.core.formats.keypoint_files import read_shot_keypoints
-from kfmocap.core.keypoints.assignment import PerformerClues, assign_detections
+from kfmocap.core.keypoints.association.assignment import PerformerClues, assign_detections
+from kfmocap.core.keypoints.association.tracks import ViewDetections, detection_tracks
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.keypoints.observations import fit_keypoints, image_rays, performer_keypoints
-from kfmocap.core.keypoints.tracks import ViewDetections, detection_tracks
 from kfmocap.core.review.report_text import report_lines
 from kfmocap.core.review.track_report import report
 from kfmocap.core.shot.keypose_spline import spline

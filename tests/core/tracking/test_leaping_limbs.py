@@ -11,8 +11,8 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers import leaping_limbs
+from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
 from kfmocap.core.tracking.solvers.leaping_limbs import bridged_motion, leaps, solved, with_leaps_bridged
-from kfmocap.core.tracking.solvers.problem import SegmentProblem
 from made_evidence import Landscape
 from synthetic import at_rest, ends_held
 

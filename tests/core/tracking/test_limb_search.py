@@ -11,19 +11,19 @@ from kfmocap.core.body import human, landmark_positions, part_poses
 from kfmocap.core.body.limbs import limb_pairs, limbs
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import CancelledError
-from kfmocap.core.evidence.foreground import SCALE
-from kfmocap.core.evidence.label_images import NEAR, render_labels
-from kfmocap.core.evidence.part_geometry import Geometry
+from kfmocap.core.evidence.foreground_images.foreground import SCALE
+from kfmocap.core.evidence.rendering.label_images import NEAR, render_labels
+from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
-from kfmocap.core.tracking.solvers import limb_search
-from kfmocap.core.tracking.solvers.like_limbs import exchanges, untangled
-from kfmocap.core.tracking.solvers.limb_images import DEPTH_STEP, UncoveredImages, ViewRatios
-from kfmocap.core.tracking.solvers.limb_likelihood import LimbModel, covered, limb_of
-from kfmocap.core.tracking.solvers.limb_search import _held, found_limbs
-from kfmocap.core.tracking.solvers.measurement import Workspace
-from kfmocap.core.tracking.solvers.problem import SegmentProblem
+from kfmocap.core.tracking.solvers.equations.measurement import Workspace
+from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
+from kfmocap.core.tracking.solvers.limbs import limb_search
+from kfmocap.core.tracking.solvers.limbs.like_limbs import exchanges, untangled
+from kfmocap.core.tracking.solvers.limbs.limb_images import DEPTH_STEP, UncoveredImages, ViewRatios
+from kfmocap.core.tracking.solvers.limbs.limb_likelihood import LimbModel, covered, limb_of
+from kfmocap.core.tracking.solvers.limbs.limb_search import _held, found_limbs
 from synthetic import at_rest, coloured, ends_held, look_at, poses_of, silhouette
 
 Array = np.ndarray

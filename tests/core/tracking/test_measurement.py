@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 from kfmocap.core.body import human
-from kfmocap.core.evidence.part_geometry import Geometry
+from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.evidence.sampling import Sampling
-from kfmocap.core.tracking.solvers import measurement
-from kfmocap.core.tracking.solvers.measurement import LOOKS_KEPT, Workspace
-from kfmocap.core.tracking.solvers.problem import SegmentProblem
+from kfmocap.core.tracking.solvers.equations import measurement
+from kfmocap.core.tracking.solvers.equations.measurement import LOOKS_KEPT, Workspace
+from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
 from synthetic import coloured, ends_held, look_at, random_motion
 
 BODY, LENGTH = human(1.75), 3

@@ -14,17 +14,12 @@ from kfmocap.core.evidence.occlusion import LONG
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
-from kfmocap.core.tracking.solvers import (
-    gauss_newton,
-    limb_exchange,
-    multi_start,
-    solution_doubts,
-    solution_ranking,
-)
-from kfmocap.core.tracking.solvers.like_limbs import exchanges
-from kfmocap.core.tracking.solvers.limb_search import LEAST_GAIN
-from kfmocap.core.tracking.solvers.measurement import Workspace
-from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.solvers import gauss_newton, multi_start, solution_doubts, solution_ranking
+from kfmocap.core.tracking.solvers.equations.measurement import Workspace
+from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.solvers.limbs import limb_exchange
+from kfmocap.core.tracking.solvers.limbs.like_limbs import exchanges
+from kfmocap.core.tracking.solvers.limbs.limb_search import LEAST_GAIN
 from made_evidence import Landscape
 from synthetic import CAMERAS, at_rest, coloured, dark, ends_held, figure, swing
 

@@ -12,7 +12,7 @@ from kfmocap.core.body.soles import Soles
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded import BandedFactor
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
-from kfmocap.core.tracking.solvers.plant_factor import PlantFactor
+from kfmocap.core.tracking.solvers.equations.plant_factor import PlantFactor
 from render.motions import MOTIONS
 
 BODY, FPS, FRAMES = human(1.75), 30.0, 40

@@ -13,17 +13,17 @@ from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.numerics.repeatable import GRID
 from kfmocap.core.shot.shot import Settings
-from kfmocap.core.tracking.solvers import gradient_following
-from kfmocap.core.tracking.solvers.gradient_following import (
+from kfmocap.core.tracking.solvers.equations.measurement import MeasuredMotion, Workspace
+from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
+from kfmocap.core.tracking.solvers.paper_relaxation import gradient_following
+from kfmocap.core.tracking.solvers.paper_relaxation.gradient_following import (
     follow_gradients,
     out_of_sight,
     predicted_step,
     without_drift,
 )
-from kfmocap.core.tracking.solvers.measurement import MeasuredMotion, Workspace
-from kfmocap.core.tracking.solvers.motion_steps import StepEquations, Steps
-from kfmocap.core.tracking.solvers.problem import SegmentProblem
-from kfmocap.core.tracking.solvers.relaxation import (
+from kfmocap.core.tracking.solvers.paper_relaxation.motion_steps import StepEquations, Steps
+from kfmocap.core.tracking.solvers.paper_relaxation.relaxation import (
     LAMBDA,
     LENGTH,
     NU,
@@ -32,7 +32,7 @@ from kfmocap.core.tracking.solvers.relaxation import (
     relax,
     relaxed,
 )
-from kfmocap.core.tracking.solvers.step_rows import rows_of_steps
+from kfmocap.core.tracking.solvers.paper_relaxation.step_rows import rows_of_steps
 from made_evidence import AlteredWorkspace, with_share
 from synthetic import at_rest, ends_held, figure, look_at, numeric_jacobian, picture, poses_of, random_motion, swing
 

@@ -12,10 +12,10 @@ import pytest
 from kfmocap.core.body import landmark_positions
 from kfmocap.core.body.limbs import limbs
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.evidence.foreground import log_ratio
-from kfmocap.core.evidence.label_images import render_labels
+from kfmocap.core.evidence.foreground_images.foreground import log_ratio
 from kfmocap.core.evidence.misfit import measured_misfit
-from kfmocap.core.evidence.part_geometry import Geometry
+from kfmocap.core.evidence.rendering.label_images import render_labels
+from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.shot.shot import KeyPoses
@@ -23,16 +23,11 @@ from kfmocap.core.tracking.appearance import frames_with_foreground, key_frame_s
 from kfmocap.core.tracking.picture_store import PictureStore, StoredView
 from kfmocap.core.tracking.reader import ColourFrames
 from kfmocap.core.tracking.segments import LONGEST, PosedFrames, posed_frames, segments
-from kfmocap.core.tracking.solvers import (
-    gauss_newton,
-    limb_exchange,
-    multi_start,
-    segment_equations,
-    solution_doubts,
-    solution_ranking,
-)
-from kfmocap.core.tracking.solvers.measurement import Workspace
-from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.solvers import gauss_newton, multi_start, solution_doubts, solution_ranking
+from kfmocap.core.tracking.solvers.equations import segment_equations
+from kfmocap.core.tracking.solvers.equations.measurement import Workspace
+from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.solvers.limbs import limb_exchange
 from kfmocap.core.tracking.tracker import track
 from made_evidence import no_evidence
 from synthetic import at_rest, ends_held, figure, film, look_at, poses_of, shot_of, silhouette, swing

@@ -14,7 +14,7 @@ from kfmocap.core.body.soles import Soles
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.retargeting.foot_clean_up import with_clean_feet
 from kfmocap.core.shot.shot import KeyPoses, Settings
-from kfmocap.core.tracking.solvers.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.protocol import SettledMotions
 from kfmocap.core.tracking.solvers.standing_feet import at_rest, with_standing_feet
 from kfmocap.core.tracking.tracker import track

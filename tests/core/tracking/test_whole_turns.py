@@ -7,7 +7,7 @@ import pytest
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.solvers import whole_turns
-from kfmocap.core.tracking.solvers.problem import SegmentProblem
+from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
 from kfmocap.core.tracking.solvers.whole_turns import turned, with_whole_turn
 from made_evidence import Landscape
 from synthetic import at_rest, ends_held, figure

@@ -18,7 +18,7 @@ from kfmocap.core.errors import WorkerEndedError
 from kfmocap.core.formats.shot_toml import read_shot_spec
 from kfmocap.core.runtime.worker_memory import WorkerMemory
 from kfmocap.core.runtime.worker_pool import WorkerPool
-from kfmocap.core.shot.footage_times import FootageRate
+from kfmocap.core.shot.footage_faults.footage_times import FootageRate
 from kfmocap.core.shot.image_sequences import image_files
 from kfmocap.core.shot.shot import Shot, View
 from kfmocap.core.tracking import reader, tracker

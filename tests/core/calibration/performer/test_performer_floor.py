@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kfmocap.benchmarks.wand_captures import WAND_LENGTH, Faults, capture, ring, scattered, seen
+from kfmocap.benchmarks.studies.wand_captures import WAND_LENGTH, Faults, capture, ring, scattered, seen
 from kfmocap.core.calibration.performer.performer_floor import on_performers_floor
 from kfmocap.core.calibration.solving.camera_rig import rig_of
 from kfmocap.core.calibration.wand_calibration import solve_capture

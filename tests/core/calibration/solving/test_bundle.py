@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kfmocap.benchmarks.wand_captures import LFRAME, Faults, capture, ring, scattered, waved
+from kfmocap.benchmarks.studies.wand_captures import LFRAME, Faults, capture, ring, scattered, waved
 from kfmocap.core.calibration.lframe.lframe_pose import resting
 from kfmocap.core.calibration.solving.ball_observations import BallObservations
 from kfmocap.core.calibration.solving.bundle import adjust, covariance, variance_inflation

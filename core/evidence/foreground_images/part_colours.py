@@ -1,0 +1,111 @@
+"""The colours of a body's parts, which distinguish a bare arm from the shirt behind it.
+
+Foreground images show where a performer ends, but not where a limb is in front of the trunk. The colours of each part
+are learned on the key frames. Where those of two parts differ, the edge between them is measured like the performer's
+outline, and poses are likelier if parts lie on pixels of their colours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from ...numerics.arrays import Bools, Ints
+from ...runtime.shared_arrays import each_row
+from .foreground import LEVELS, STRONGEST, bins, smoothed
+from .masks import within
+
+Bytes = NDArray[np.uint8]
+
+PALETTE_SIZE = 255
+"""Largest number of colours of a palette."""
+PATCH = 0.06
+"""Side of a square, metres, whose pixels the colours of the whole performer weigh in those of a part: a part of which
+hardly more is seen has no distinct colours."""
+_RIM = 1  # narrower than that of masks: a forearm is a few pixels wide
+
+
+@dataclass(frozen=True, eq=False)
+class PartColours:
+    """The colour distributions of all performers' parts in one view.
+
+    Attributes
+    ----------
+    nearest : ndarray of uint8, shape (LEVELS^3,)
+        Index of the palette's colour for each histogram bin.
+    ratio : ndarray of float32, shape (P, K)
+        Log likelihood ratio (part against its whole performer) of each of the palette's K colours; 0 for parts of which
+        nothing is known.
+    distinct : ndarray of bool, shape (P, P)
+        Pairs of parts that are distinguished by their colours: those of one performer that do not touch.
+    """
+
+    nearest: Bytes
+    ratio: NDArray[np.float32]
+    distinct: Bools
+
+    @classmethod
+    def learned(
+        cls, colour: Bytes, parts: Mapping[int, NDArray[np.int16]], performer: Ints, distinct: Bools, scale: float
+    ) -> PartColours | None:
+        """Learn the colours from some frames; None if they show nobody.
+
+        Parameters
+        ----------
+        colour : ndarray, shape (N, h, w, 3)
+        parts : mapping of int to ndarray of int, shape (h, w)
+            By frame: index of the part that a pixel is known to show; -1 where none is.
+        performer : ndarray of int, shape (P,)
+            Index of the performer of every part.
+        distinct : ndarray of bool, shape (P, P)
+        scale : float
+            Pixels per metre at the performers.
+        """
+        counts = np.zeros((len(performer), LEVELS**3))
+        for frame, label in parts.items():
+            places = bins(colour[frame])
+            for part in np.unique(label[label >= 0]).tolist():
+                counts[part] += np.bincount(places[within(label == part, _RIM)], minlength=LEVELS**3)
+        total = counts.sum(axis=0)
+        if not total.any():
+            return None
+        palette = np.sort(np.argsort(-total, kind="stable")[: min(PALETTE_SIZE, np.count_nonzero(total))])
+        cube = (LEVELS, LEVELS, LEVELS)
+        _, nearest = KDTree(np.transpose(np.unravel_index(palette, cube))).query(
+            np.transpose(np.unravel_index(np.arange(LEVELS**3), cube))
+        )
+        ratio = np.zeros((len(performer), len(palette)), np.float32)
+        for part in np.flatnonzero(counts.any(axis=1)):
+            usual = smoothed(counts[performer == performer[part]].sum(axis=0))[palette]
+            usual = (usual + 1) / (usual + 1).sum()
+            own = smoothed(counts[part])[palette] + (PATCH * scale) ** 2 * usual
+            ratio[part] = np.clip(np.log(own / own.sum() / usual), -STRONGEST, STRONGEST)
+        return cls(nearest.astype(np.uint8), ratio, distinct)
+
+    def images(self, colour: Bytes) -> Iterator[Bytes]:
+        """Generate the palette indices, (h, w) each, of frames (N, h, w, 3)."""
+        for image in each_row(colour):
+            yield self.nearest.take(bins(image))
+
+
+@dataclass(frozen=True, eq=False)
+class ColouredFrames:
+    """The palette colours of n frames, with their likelihoods on the parts.
+
+    Attributes
+    ----------
+    colours : PartColours
+    palette : ndarray of uint8, shape (n, h, w)
+        The palette's colour of every pixel.
+    """
+
+    colours: PartColours
+    palette: Bytes
+
+    def of(self, part: int) -> NDArray[np.float32]:
+        """Log likelihood ratio of every pixel's colour on a part, see `PartColours.ratio`, shape (n, h, w)."""
+        return self.colours.ratio[part][self.palette]

@@ -1,0 +1,1 @@
+"""What the performers' outlines in the images say of the poses."""

@@ -1,0 +1,1 @@
+"""Posed bodies as pictures: which part, and how far, every pixel of a view shows, and the outlines there."""

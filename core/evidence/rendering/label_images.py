@@ -1,0 +1,255 @@
+"""Label and depth images: which part, and how far, every pixel of a posed scene shows (paper 1, section 2.3).
+
+A vertex of a convex polyhedron is on its outline if some of the faces that meet there face the camera and others do
+not. OpenCV fills the outlines of the parts, painted from far to near. A ray enters a convex polyhedron at the farthest
+of the planes of its front faces, and in the image the inverse depth of a plane is linear, so the inverse depth of a
+pixel is the minimum of a few linear functions. This is exact, and no triangles are drawn.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...cameras.camera import Camera
+from ...numerics.arrays import Array, Ints
+from .part_geometry import TOUCHING, Geometry
+from .part_outlines import FRACTION_BITS, Outlines
+
+NEAR = 0.05
+"""Parts with a vertex nearer to the camera plane than this, metres, are not drawn."""
+
+
+@dataclass(frozen=True, eq=False)
+class Faces:
+    """The front faces of the P parts in n frames.
+
+    Attributes
+    ----------
+    planes : ndarray of float32, shape (M, 3)
+        1/z of each plane as a linear function of the pixel (u, v, 1).
+    ends : ndarray of int, shape (n P + 1,)
+        Planes ends[k] to ends[k + 1] are those of part k % P in frame k // P.
+    farthest : ndarray of float32, shape (n P,)
+        1/z of the farthest vertex of each part, as a bound: the rim of a filled outline lies just outside the part,
+        where its planes may meet far behind it.
+    """
+
+    planes: NDArray[np.float32]
+    ends: NDArray[np.intp]
+    farthest: NDArray[np.float32]
+
+
+class DrawnBefore(Protocol):
+    """Parts that are drawn once, while others move in front of and behind them."""
+
+    @property
+    def depth(self) -> NDArray[np.float32]:
+        """Their depth images."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class LabelImages:
+    """What a camera sees of the posed parts in n frames.
+
+    Attributes
+    ----------
+    part : ndarray of int16, shape (n, h, w)
+        Index of the part seen, among all P parts of all performers; -1 where there is none.
+    index : ndarray of int, shape (N,)
+        The pixels of the flattened images that show a part, sorted by frame and part.
+    ends : ndarray of int, shape (n P + 1,)
+        Pixels ends[k] to ends[k + 1] of these show part k % P of frame k // P.
+    share : ndarray, shape (n, P)
+        Visible area of each part over its whole projected area, 0 to 1 (section 5.3). It does not matter whether the
+        rest is hidden by the same performer, by others, or lies outside of the image.
+    outlines : Outlines
+    faces : Faces
+    performer : ndarray of int, shape (P,)
+        Whose part each is.
+    distance : ndarray, shape (n, P)
+        Depth of the centre of each part's vertices, metres; the farthest part is drawn first.
+    still : DrawnBefore, optional
+        Parts that were drawn before; `index`, `outlines` and `faces` list only the other parts.
+    """
+
+    part: NDArray[np.int16]
+    index: NDArray[np.intp]
+    ends: NDArray[np.intp]
+    share: Array
+    outlines: Outlines
+    faces: Faces
+    performer: Ints
+    distance: Array
+    still: DrawnBefore | None = None
+
+    @cached_property
+    def far_to_near(self) -> Ints:
+        """Indices of the parts in the order in which they were drawn, shape (n, P)."""
+        return np.argsort(-self.distance, axis=1)
+
+    @cached_property
+    def inverse_depth(self) -> NDArray[np.float32]:
+        """1/z of the surface at the pixels of `index`, 1/metres, shape (N,)."""
+        _, u, v = self.places
+        rays = np.ones((3, len(u)))
+        rays[:2] = u, v
+        planes = self.faces.planes.astype(float)  # processors differ in products of single precision
+        entered = np.empty(len(u), dtype=np.float32)
+        for (a, b), (c, d) in zip(pairwise(self.ends.tolist()), pairwise(self.faces.ends.tolist()), strict=True):
+            if a < b:
+                np.minimum.reduce(planes[c:d] @ rays[:, a:b], axis=0, out=entered[a:b])
+        return np.maximum(entered, np.repeat(self.faces.farthest, np.diff(self.ends)))
+
+    def areas(self) -> Ints:
+        """Number of pixels that show each part, and that would show it without other performers, (2, P, n)."""
+        n, P = self.share.shape
+        shown = np.diff(self.ends).reshape(n, P).T
+        M = int(self.performer.max()) + 1
+        if M == 1:
+            return np.stack([shown, shown])
+        corners, bounds = self.outlines.fixed_point, self.outlines.ends.tolist()
+        alone = shown.copy()
+        for m in range(M):
+            own = self.performer == m
+            number = np.cumsum(own)  # from 1 on
+            for f in range(n):
+                image = np.zeros(self.part.shape[1:], np.int16)
+                for i in self.far_to_near[f, own[self.far_to_near[f]]].tolist():
+                    a, b = bounds[f * P + i], bounds[f * P + i + 1]
+                    if a < b:
+                        cv2.fillConvexPoly(image, corners[a:b], int(number[i]), shift=FRACTION_BITS)
+                alone[own, f] = np.bincount(image.ravel(), minlength=number[-1] + 1)[1:]
+        return np.stack([shown, alone])
+
+    def box(self) -> tuple[int, int, int, int]:
+        """Bounding box of all pixels that show a part in any frame: left, top, right, bottom (exclusive)."""
+        seen = self.part.max(axis=0) >= 0
+        u, v = np.flatnonzero(seen.any(axis=0)), np.flatnonzero(seen.any(axis=1))
+        return (int(u[0]), int(v[0]), int(u[-1]) + 1, int(v[-1]) + 1) if len(u) else (0, 0, 0, 0)
+
+    @cached_property
+    def places(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+        """Frame, column and row of the pixels of `index`."""
+        n, height, width = self.part.shape
+        frame = np.repeat(np.arange(n), np.diff(self.ends[:: self.share.shape[1]]))
+        pixel = self.index - frame * (height * width)
+        v = pixel // width
+        return frame, pixel - v * width, v
+
+    def part_at(
+        self, frame: NDArray[np.intp], u: NDArray[np.floating[Any]], v: NDArray[np.floating[Any]]
+    ) -> NDArray[np.int16]:
+        """Look up the parts seen at the nearest pixels to positions in frames; -2 outside of the image."""
+        return pixels_at(self.part, frame, u, v, np.int16(-2))
+
+    def depth_images(self) -> NDArray[np.float32]:
+        """Depth z in metres, infinite where there is no part, shape (n, h, w)."""
+        images = np.full(self.part.size, np.inf, np.float32) if self.still is None else self.still.depth.flatten()
+        images[self.index] = 1 / self.inverse_depth
+        return images.reshape(self.part.shape)
+
+
+def pixels_at(
+    images: NDArray[Any],
+    frame: NDArray[np.intp],
+    u: NDArray[np.floating[Any]],
+    v: NDArray[np.floating[Any]],
+    beyond: Any,
+) -> NDArray[Any]:
+    """Look up the pixels of images that are nearest to positions.
+
+    Parameters
+    ----------
+    images : ndarray, shape (n, h, w)
+    frame : ndarray of int
+        Index of the image of each position; broadcast to the shape of `u` and `v`.
+    u, v : ndarray
+        Positions, pixels.
+    beyond : scalar
+        Value for positions outside the image.
+
+    Returns
+    -------
+    ndarray, shape of `u` and `v`
+    """
+    _, height, width = images.shape
+    whole = np.dtype(np.int32 if images.size < 1 << 31 else np.int64)  # half as much to go through where it is enough
+    unsigned = np.dtype(f"u{whole.name}")
+    with np.errstate(invalid="ignore"):  # NaN becomes a number far beyond all limits
+        column, row = np.rint(u).astype(whole), np.rint(v).astype(whole)
+    # As an unsigned number a negative one is large.
+    inside = (column.view(unsigned) < width) & (row.view(unsigned) < height)
+    index = row * whole.type(width)
+    index += column
+    index += (frame * (height * width)).astype(whole)
+    index *= inside
+    found = images.ravel().take(index)
+    np.copyto(found, beyond, where=~inside)
+    return np.asarray(found)
+
+
+def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: Array) -> LabelImages:
+    """Render label and depth images of posed parts in n consecutive frames.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    camera : Camera
+        Without lens distortion; its size is that of the images.
+    first : int
+        Shot frame of the first frame, for the pose of a moving camera.
+    R, T : ndarray, shape (n, P, 3, 3) and (n, P, 3)
+        World poses of all performers' parts.
+    """
+    n, P = T.shape[:2]
+    Rc, tc = camera.poses(first, n)
+    R_cam, T_cam = Rc[:, None] @ R, T @ np.swapaxes(Rc, 1, 2) + tc[:, None]
+    points = _turned(geometry.vertices, geometry.owner, R_cam) + np.swapaxes(T_cam, 1, 2)[..., geometry.owner]
+    normals = _turned(geometry.planes[:, :3], geometry.face_owner, R_cam)
+    distance = geometry.planes[:, 3] - (normals * np.swapaxes(T_cam, 1, 2)[..., geometry.face_owner]).sum(axis=1)
+    facing = distance > TOUCHING
+    starts = [span.start for span in geometry.spans]
+    nearest, farthest = (f.reduceat(points[:, 2], starts, axis=1) for f in (np.minimum, np.maximum))
+    outlines = Outlines.of(geometry, camera, points, facing, nearest >= NEAR)
+    corners = outlines.fixed_point
+
+    label = np.full((n, camera.size[1], camera.size[0]), -1, dtype=np.int16)
+    middle = np.add.reduceat(points[:, 2], starts, axis=1) / geometry.counts
+    bounds = outlines.ends.tolist()
+    for j, order in enumerate(np.argsort(-middle, axis=1).tolist()):
+        image = label[j]
+        for i in order:
+            a, b = bounds[j * P + i], bounds[j * P + i + 1]
+            if a < b:
+                cv2.fillConvexPoly(image, corners[a:b], i, shift=FRACTION_BITS)
+
+    flat = label.ravel()
+    index = np.flatnonzero(flat >= 0)
+    group = index // label[0].size * P + flat[index]
+    order = np.argsort(group.astype(np.int16) if n * P < 1 << 15 else group, kind="stable")
+    index, ends = index[order], np.searchsorted(group[order], np.arange(n * P + 1))
+    frame, face = np.nonzero(facing)
+    linear = -(normals[frame, :, face] / distance[frame, face, None]) @ np.linalg.inv(camera.matrix)
+    faces = Faces(
+        linear.astype(np.float32),
+        np.searchsorted(frame * P + geometry.face_owner[face], np.arange(len(ends))),
+        (1 / np.maximum(farthest, NEAR)).astype(np.float32).ravel(),
+    )
+    share = np.minimum(np.diff(ends) / outlines.areas, 1.0).reshape(n, P)
+    return LabelImages(label, index, ends, share, outlines, faces, geometry.performer, middle)
+
+
+def _turned(vectors: Array, owner: Ints, R: Array) -> Array:
+    """Rotate vectors (V, 3), sorted by part, by the rotations of their parts (n, P, 3, 3); shape (n, 3, V)."""
+    n, P = R.shape[:2]
+    ends = np.searchsorted(owner, np.arange(P + 1))
+    parts = (R[:, i].reshape(-1, 3) @ vectors[ends[i] : ends[i + 1]].T for i in range(P))
+    return np.concatenate([part.reshape(n, 3, -1) for part in parts], axis=2)

@@ -1,0 +1,1 @@
+"""Calibrations of cameras, in the formats of every program that is read or written."""

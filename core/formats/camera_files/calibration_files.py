@@ -1,0 +1,163 @@
+"""Calibration files of every program that KF Mocap reads and writes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...cameras.camera import Camera
+from ...errors import CalibrationError
+from ..reading import BEYOND, first_repeated, reading
+from .caliscope import write_caliscope_cameras
+from .opencv_storage import read_opencv_cameras, write_opencv_cameras
+from .qualisys import read_qualisys_cameras, write_qualisys_cameras
+from .toml_cameras import read_toml_cameras, save_cameras
+
+_LARGEST_SIDE = 100_000  # pixels
+
+
+@dataclass(frozen=True)
+class CalibrationFormat:
+    """A kind of calibration file, and what it can store.
+
+    Attributes
+    ----------
+    programs : str
+        The programs that use it, for error messages.
+    endings : tuple of str
+        The file name endings, in lower case. The first format with an ending reads files with it, and writes them
+        unless another format is asked for by name.
+    read : callable
+        Called with a path; returns a list of Camera.
+    write : callable
+        Called with a path and a sequence of Camera.
+    moving, fisheye : bool
+        Whether it can store moving cameras, and fisheye lenses.
+    coefficients : int or None
+        Number of distortion coefficients that it can store; None for any number.
+    """
+
+    programs: str
+    endings: tuple[str, ...]
+    read: Callable[[Path], list[Camera]]
+    write: Callable[[Path, Sequence[Camera]], None]
+    moving: bool = False
+    fisheye: bool = False
+    coefficients: int | None = 5
+
+
+FORMATS = {
+    "toml": CalibrationFormat(
+        "aniposelib, Pose2Sim, Caliscope",
+        (".toml",),
+        read_toml_cameras,
+        save_cameras,
+        moving=True,
+        fisheye=True,
+        coefficients=None,
+    ),
+    "caliscope": CalibrationFormat("Caliscope", (".toml",), read_toml_cameras, write_caliscope_cameras),
+    "qualisys": CalibrationFormat("Qualisys", (".qca.txt", ".qca"), read_qualisys_cameras, write_qualisys_cameras),
+    "opencv": CalibrationFormat(
+        "OpenCV", (".yml", ".yaml", ".json"), read_opencv_cameras, write_opencv_cameras, fisheye=True, coefficients=None
+    ),
+}
+"""The formats by their names on the command line."""
+
+
+def load_cameras(path: Path | str) -> dict[str, Camera]:
+    """Read the cameras of a calibration file, by name.
+
+    Raises
+    ------
+    CalibrationError
+        The file cannot be read, or a camera in it is incomplete; names the file, the camera and the field.
+    """
+    path = Path(path)
+    known = FORMATS[format_name(path)]
+    with reading(path, f"a calibration of {known.programs}", CalibrationError):
+        cameras = known.read(path)
+    if not cameras:
+        raise CalibrationError("the calibration holds no camera with a pose", where=str(path))
+    for camera in cameras:
+        _check_distortions(camera, f"{path} camera {camera.name}")
+        _check_measures(camera, f"{path} camera {camera.name}")
+    if (twice := first_repeated(camera.name for camera in cameras)) is not None:
+        raise CalibrationError(f"camera '{twice}' is there twice", where=str(path))
+    return {camera.name: camera for camera in cameras}
+
+
+def export_cameras(path: Path | str, cameras: Mapping[str, Camera] | Sequence[Camera], kind: str | None = None) -> None:
+    """Write a calibration file; `load_cameras` reads the same cameras back.
+
+    Parameters
+    ----------
+    path : path
+    cameras : mapping or sequence of Camera
+    kind : str, optional
+        One of `FORMATS`; by default the first one with the path's ending.
+
+    Raises
+    ------
+    CalibrationError
+        The format is unknown or cannot store a camera.
+    OutputError
+        The file cannot be written.
+    """
+    path = Path(path)
+    name = format_name(path, kind)
+    values = list(cameras.values()) if isinstance(cameras, Mapping) else list(cameras)
+    for camera in values:
+        _check_storable(camera, name)
+    FORMATS[name].write(path, values)
+
+
+def format_name(path: Path, kind: str | None = None) -> str:
+    """Name the format of `FORMATS` that is asked for, either by itself or by the path's ending.
+
+    Raises
+    ------
+    CalibrationError
+        There is no such format.
+    """
+    if kind is not None:
+        if kind in FORMATS:
+            return kind
+        todo = f"there are {', '.join(FORMATS)}"
+        raise CalibrationError(f"unknown kind of calibration '{kind}'", where=str(path), todo=todo)
+    for name, known in FORMATS.items():
+        if path.name.lower().endswith(known.endings):
+            return name
+    endings = dict.fromkeys(ending for known in FORMATS.values() for ending in known.endings)
+    programs = ", ".join(dict.fromkeys(program for known in FORMATS.values() for program in known.programs.split(", ")))
+    todo = f"known are {', '.join(endings)} of {programs}"
+    raise CalibrationError("unknown kind of calibration", where=str(path), todo=todo)
+
+
+def _check_distortions(camera: Camera, where: str) -> None:
+    """Raise an error for a number of coefficients that OpenCV does not support."""
+    counts = (4,) if camera.fisheye else (4, 5, 8, 12, 14)
+    if len(camera.distortions) not in counts:
+        wanted = " or ".join(map(str, counts))
+        raise CalibrationError(f"{len(camera.distortions)} distortions, not {wanted}", where=where)
+
+
+def _check_measures(camera: Camera, where: str) -> None:
+    """Raise an error for impossible values, such as a width of 0 or a position beyond all bounds."""
+    if not all(0 < side <= _LARGEST_SIDE for side in camera.size):
+        todo = "give the width and height of the footage"
+        raise CalibrationError(f"a picture of {camera.size[0]} x {camera.size[1]} pixels", where=where, todo=todo)
+    for what, values in (("matrix", camera.matrix), ("translation", camera.t_cam_world)):
+        if not (abs(values) <= BEYOND).all():
+            raise CalibrationError(f"the {what} holds a number too large to be true", where=where)
+
+
+def _check_storable(camera: Camera, name: str) -> None:
+    known, where = FORMATS[name], f"camera {camera.name}"
+    if camera.moving and not known.moving:
+        raise CalibrationError(f"{name} has no moving cameras", where=where)
+    if camera.fisheye and not known.fisheye:
+        raise CalibrationError(f"{name} has no fisheye lenses", where=where)
+    if known.coefficients is not None and camera.distortions[known.coefficients :].any():
+        raise CalibrationError(f"{name} has {known.coefficients} distortion coefficients, not more", where=where)

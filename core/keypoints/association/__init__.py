@@ -1,0 +1,1 @@
+"""Which detections show which person: over time, across views, and among the performers."""

@@ -1,0 +1,1 @@
+"""Poses, and the motion of a whole shot, from keypoints alone."""

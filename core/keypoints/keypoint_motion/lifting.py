@@ -1,0 +1,268 @@
+"""Points in space from the keypoints of a single view ("lifting"): depths follow from the lengths of the bones.
+
+If the length of a bone is roughly known and its ends are seen on two rays, its second joint is at one of two depths,
+nearer or farther than the first. The choice is a shortest path over the frames (Viterbi), first for the trunk, where a
+state says which hip and which shoulder is nearer and whether it leans forward, then for each limb, where a state is the
+choice for its two bones. What people hardly do has a cost: to exceed joint limits, to lean, to have the nose where the
+head does not face, to sink into the floor, and to leap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from ...body import Body
+from ...numerics import rotations
+from ...numerics.arrays import Array, Ints
+from ..keypoint_deviations import LIFTED_DEVIATION, USUAL_DEVIATION
+from ..keypoint_rays import Keypoints
+from ..view_agreement import ViewAgreement, without_midpoints
+from .closed_form import LIMBS, POSED_PARTS, TRUNK, along_and_across, limb_orientations
+from .person_depth import Rays, floor_ratio, rest_places, root_depth, torso_length
+
+LEANING = 0.5
+"""Standard deviation of the angle between the trunk and the vertical, radians."""
+TWISTED = 0.4
+"""Standard deviation of the rotation of the shoulders relative to the hips, radians."""
+NOSE_DEVIATION = 0.08
+"""Standard deviation of the nose from its position on a head that looks ahead, metres."""
+LIMIT_DEVIATION = 0.2
+"""Standard deviation of a joint beyond its limits, radians; it is wide because depths are rough."""
+POSTURE_DEVIATION = 1.5
+"""Standard deviation of a joint from its rest rotation, radians."""
+SPEED = 2.0
+"""Standard deviation of the velocity of a joint relative to the trunk, metres per second."""
+ROUGH = 0.06
+"""Standard deviation of a lifted joint, metres: for a bone seen at nearly its full length, little noise changes the
+depth much."""
+LEAP = 16.0
+"""Upper bound of the cost of a change between two frames, in units of the variance."""
+FLOOR_DEVIATION = 0.05
+"""Standard deviation of feet below the floor, metres."""
+FLOOR_AGREES = 0.15
+"""Feet are assumed to be on the floor, z = 0, if the distance that follows from this differs from the one by the
+lengths of the bones by less than this share."""
+LEAST_DEPTH = 0.1
+"""Points that are nearer to the imagined camera than this are left out, metres."""
+_NEVER = 1e6
+_ASIDE = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+
+
+def lone_view(body: Body, keypoints: Keypoints) -> int | None:
+    """Return the only view that has keypoints, if it shows the hips and the shoulders of the default body."""
+    views = np.flatnonzero(keypoints.confidence.any(axis=(1, 2)))
+    found = {name for i, name in enumerate(keypoints.names) if keypoints.confidence[:, :, i].any()}
+    return int(views[0]) if len(views) == 1 and set(TRUNK) <= found and set(body.names) >= POSED_PARTS else None
+
+
+def lifted_points(body: Body, keypoints: Keypoints, fps: float, *, mirrored: bool = False) -> tuple[Array, float]:
+    """Find points in the world for the keypoints of the first view, by the lengths of the bones.
+
+    Parameters
+    ----------
+    body : Body
+        The default body, of the person's height.
+    keypoints : Keypoints
+    fps : float
+    mirrored : bool
+        Whether to turn the trunk to the other side of the image plane than is most likely.
+
+    Returns
+    -------
+    points_world : ndarray, shape (F, L, 3)
+        NaN for keypoints that are not lifted, such as those of the face.
+    cost : float
+        Cost of the paths, in units of the variance.
+    """
+    rays = Rays.of(keypoints)
+    places = rest_places(body)
+    root = root_depth(rays, places, fps)
+    ratio = floor_ratio(rays, root)
+    standing = abs(np.log(ratio)) < FLOOR_AGREES
+    root = root * (ratio if standing else 1.0)
+    points, total = _trunk_points(rays, places, root, fps, mirrored=mirrored)
+    hips, shoulders = (0.5 * (points["L" + joint] + points["R" + joint]) for joint in ("Hip", "Shoulder"))
+    pelvis = along_and_across(shoulders - hips, points["LHip"] - points["RHip"])
+    chest = along_and_across(shoulders - hips, points["LShoulder"] - points["RShoulder"])
+    for upper, lower, *joints in _limb_joints():
+        trunk = chest if upper == "upper_arm" else pelvis
+        for side in "LR":
+            if all(side + joint in rays.directions for joint in joints):
+                limb = Limb.of(body, (f"{upper}.{side}", f"{lower}.{side}"), [side + joint for joint in joints])
+                found, cost = _limb_points(rays, limb, trunk, points[limb.joints[0]], fps=fps, standing=standing)
+                points, total = points | found, total + cost
+    out = np.full((len(keypoints), len(keypoints.names), 3), np.nan)
+    for name, place in points.items():
+        out[:, keypoints.names.index(name)] = place
+    return out, total
+
+
+def _limb_joints() -> list[tuple[str, str, str, str, str]]:
+    return [(upper, lower, a, b, c) for upper, lower, a, b, c, _, _ in LIMBS]
+
+
+def _trunk_points(
+    rays: Rays, places: Mapping[str, Array], root: Array, fps: float, *, mirrored: bool
+) -> tuple[dict[str, Array], float]:
+    """Return the hips and shoulders on the cheapest path, by name, shape (F, 3) each, and the path's cost."""
+    middles = {
+        joint: Rays(rays.centre, {joint: 0.5 * (rays.directions["L" + joint] + rays.directions["R" + joint])})
+        for joint in ("Hip", "Shoulder")
+    }
+    hips = middles["Hip"].at("Hip", root)
+    tops = middles["Shoulder"].at("Shoulder", middles["Shoulder"].depths_from(hips, "Shoulder", torso_length(places)))
+    states = list(product(range(2), repeat=3))  # the lean, the sides of the hips and of the shoulders
+    found: dict[str, list[Array]] = {name: [] for name in TRUNK}
+    for lean, turned, twisted in states:
+        for joint, middle, side in (("Hip", hips, turned), ("Shoulder", tops[lean], twisted)):
+            half = 0.5 * float(np.linalg.norm(places["L" + joint] - places["R" + joint]))
+            left, right = (rays.depths_from(middle, s + joint, half) for s in "LR")
+            found["L" + joint].append(rays.at("L" + joint, left[side]))
+            found["R" + joint].append(rays.at("R" + joint, right[1 - side]))
+    points = {name: np.stack(options) for name, options in found.items()}  # (8, F, 3)
+    up = 0.5 * (points["LShoulder"] + points["RShoulder"] - points["LHip"] - points["RHip"])
+    chest = along_and_across(up, points["LShoulder"] - points["RShoulder"])
+    pelvis = along_and_across(up, points["LHip"] - points["RHip"])
+    cost = (np.arccos(np.clip(chest[..., 2, 1], -1, 1)) / LEANING) ** 2
+    twist = np.linalg.norm(rotations.log(np.swapaxes(pelvis, -1, -2) @ chest), axis=-1)
+    cost = cost + (twist / TWISTED) ** 2
+    if "Nose" in rays.directions:
+        top = 0.5 * (places["LShoulder"] + places["RShoulder"])
+        ahead = (places["Nose"] - top)[[0, 2, 1]] * [1, 1, -1]  # the rest pose faces -Y
+        nose = 0.5 * (points["LShoulder"] + points["RShoulder"]) + chest @ ahead
+        cost = cost + np.minimum((_distance(rays, "Nose", nose) / NOSE_DEVIATION) ** 2, LEAP)
+    moving = np.concatenate([points["LShoulder"] - points["RShoulder"], points["LHip"] - points["RHip"], up], axis=-1)
+    path, total = _cheapest_path(cost, moving, fps)
+    if mirrored:
+        sides = np.array([state[2] for state in states])
+        path, total = _cheapest_path(np.where(sides[:, None] == sides[path], _NEVER, cost), moving, fps)
+    return {name: options[path, np.arange(len(path))] for name, options in points.items()}, total
+
+
+def _distance(rays: Rays, name: str, points: Array) -> Array:
+    """Distance of points (..., F, 3) from the rays of a keypoint, metres."""
+    d, gap = rays.directions[name], points - rays.centre
+    depth = np.sum(d * gap, axis=-1) / np.sum(d * d, axis=-1)
+    return np.asarray(np.linalg.norm(gap - depth[..., None] * d, axis=-1))
+
+
+@dataclass(frozen=True, eq=False)
+class Limb:
+    """Two parts of a body and their three joints.
+
+    Attributes
+    ----------
+    body : Body
+    parts : tuple of int
+    joints : list of str
+        Shoulder, elbow and wrist, or hip, knee and ankle.
+    """
+
+    body: Body
+    parts: tuple[int, int]
+    joints: list[str]
+
+    @classmethod
+    def of(cls, body: Body, names: tuple[str, str], joints: list[str]) -> Limb:
+        """Return the limb of two parts by their names."""
+        return cls(body, (body.index(names[0]), body.index(names[1])), joints)
+
+    def lengths(self) -> list[float]:
+        """Lengths of both parts, metres."""
+        parts = (self.body.parts[part] for part in self.parts)
+        return [float(np.linalg.norm(part.tail_world - part.head_world)) for part in parts]
+
+    def turns(self, trunk: Array, upper: Array, lower: Array) -> list[Array]:
+        """Return the rotation vectors of both parts, which point along `upper` and `lower`, relative to a trunk (F, 3,
+        3).
+        """
+        name = self.body.names[self.parts[0]]
+        sign, farthest = next((float(s), float(f)) for part, *_, s, f in LIMBS if name.startswith(part))
+        # The arms hang on the chest through collar bones, which rest here.
+        carrier = self.body.parts[self.body.index("chest" if name.startswith("upper_arm") else "pelvis")]
+        R0_upper = carrier.R_world_rest.T @ self.body.parts[self.parts[0]].R_world_rest
+        R0_lower = self.body.R_parent_rest[self.parts[1]]
+        rest = np.broadcast_to(trunk @ R0_upper, (*upper.shape, 3))
+        first, second = limb_orientations(rest, upper, lower, sign=sign, farthest=farthest, fps=None)
+        return [
+            rotations.log(np.swapaxes(rest, -1, -2) @ first),
+            rotations.log(np.swapaxes(first @ R0_lower, -1, -2) @ second),
+        ]
+
+
+def _limb_points(
+    rays: Rays, limb: Limb, trunk: Array, start: Array, *, fps: float, standing: bool
+) -> tuple[dict[str, Array], float]:
+    """Return the middle and last joint of a limb that starts at points (F, 3), by name, on the cheapest path; and its
+    cost.
+    """
+    _, middle, last = limb.joints
+    lengths = limb.lengths()
+    bent = rays.at(middle, rays.depths_from(start, middle, lengths[0]))  # (2, F, 3)
+    ends = rays.at(last, rays.depths_from(bent, last, lengths[1]))  # (2, 2, F, 3)
+    middles, ends = np.repeat(bent, 2, axis=0), np.swapaxes(ends, 0, 1).reshape(4, *start.shape)
+    cost = np.zeros(ends.shape[:2])
+    for part, turns in zip(limb.parts, limb.turns(trunk, middles - start, ends - middles), strict=True):
+        low, high = limb.body.limits[part].T
+        cost += np.sum(((turns - np.clip(turns, low, high)) / LIMIT_DEVIATION) ** 2, axis=-1)
+        cost += np.sum((turns / POSTURE_DEVIATION) ** 2, axis=-1)
+    if standing:
+        cost += (np.minimum(ends[..., 2], 0.0) / FLOOR_DEVIATION) ** 2
+    path, total = _cheapest_path(cost, np.concatenate([middles - start, ends - start], axis=-1), fps)
+    chosen = path, np.arange(len(path))
+    return {middle: middles[chosen], last: ends[chosen]}, total
+
+
+def _cheapest_path(cost: Array, moving: Array, fps: float) -> tuple[Ints, float]:
+    """Return the sequence of states (F,) with the least total cost, and that cost (Viterbi).
+
+    Parameters
+    ----------
+    cost : ndarray, shape (S, F)
+        Cost of each state on each frame.
+    moving : ndarray, shape (S, F, K)
+        Coordinates that should not leap from one frame to the next, metres.
+    fps : float
+    """
+    variance = (SPEED / fps) ** 2 + ROUGH**2
+    total, before = cost[:, 0], np.zeros(cost.shape, np.int64)
+    for f in range(1, cost.shape[1]):
+        leaps = np.sum((moving[:, None, f] - moving[None, :, f - 1]) ** 2, axis=-1) / variance
+        ways = total + np.minimum(leaps, LEAP)
+        before[:, f] = ways.argmin(axis=1)
+        total = ways.min(axis=1) + cost[:, f]
+    path = np.empty(cost.shape[1], np.int64)
+    path[-1] = total.argmin()
+    for f in range(cost.shape[1] - 1, 0, -1):
+        path[f - 1] = before[path[f], f]
+    return path, float(total.min())
+
+
+def with_imagined_view(keypoints: Keypoints, points_world: Array, fps: float) -> ViewAgreement:
+    """Return one view's keypoints together with those of an imagined view of points (F, L, 3) from the side.
+
+    The imagined view holds the depths of the points, weakly. A fit to the real view alone would move the person towards
+    the camera, where residuals in metres are smaller, and turn the limbs away.
+    """
+    R, t = keypoints.R_cam_world[0], keypoints.t_cam_world[0]
+    trunk = [i for i, name in enumerate(keypoints.names) if name in TRUNK]
+    middle = np.einsum("fab,fb->fa", R, points_world[:, trunk].mean(axis=1)) + t
+    distance = np.linalg.norm(middle, axis=-1, keepdims=True)
+    R_side, t_side = _ASIDE @ R, (t - middle) @ _ASIDE.T + distance * [0.0, 0.0, 1.0]
+    x = np.einsum("fab,flb->fla", R_side, points_world) + t_side[:, None]
+    with np.errstate(invalid="ignore"):
+        known = x[..., 2] > LEAST_DEPTH
+    both = Keypoints(
+        keypoints.names,
+        np.stack([keypoints.rays[0], np.where(known[..., None], x[..., :2] / x[..., 2:], np.nan)]),
+        np.stack([keypoints.confidence[0], keypoints.confidence[0] * known]),
+        np.stack([R, R_side]),
+        np.stack([t, t_side]),
+    )
+    own = without_midpoints(both)
+    deviation = np.outer([USUAL_DEVIATION, LIFTED_DEVIATION], np.ones(len(own.names)))
+    return ViewAgreement(own, np.zeros(own.confidence.shape, bool), points_world, own.confidence, deviation, fps)

@@ -1,0 +1,1 @@
+"""What may be wrong with footage: its size, times and frames, and damage that the decoder finds."""

@@ -1,0 +1,117 @@
+"""Detecting frames that do not continue the frame before.
+
+They are damaged, repeated or missing, which decoders do not report, or lit differently, as by a flash. Movement changes
+a block of the picture over several frames, or few blocks at a time. If many blocks change between two frames several
+times as much as between the frames around them, one of the two was damaged or lit differently, or frames are missing
+between them. A single such frame makes two such pairs; a swinging limb makes more. If nothing changes in a picture that
+otherwise moves, a frame is repeated. Few missing frames are found by `core.shot.footage_faults.skipped_frames`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ...numerics.arrays import Array, Bools, Ints
+
+AROUND = 4
+"""Number of pairs of frames before and after a pair with which it is compared."""
+_BLOCKS = 32
+"""Number of blocks along the longer side of a picture."""
+_TIMES, _LEVELS, _SHARE = 4.0, 6.0, 0.02
+"""A pair is discontinuous ("torn") if at least a share of its blocks changes by several times as much as usual, and by
+a number of grey levels: factor, grey levels, share of the blocks."""
+_ALIKE, _SINGLE = 0.5, 2
+"""Neighbouring pairs show the same change if they share this fraction of their changed blocks. One bad frame makes two
+such pairs; if there are more, or one of the two is not torn by itself, something starts to move."""
+_MOVING, _STILL, _NOISE = 1.0, 0.1, 0.5
+"""Change, in grey levels, of the most changed twentieth of the blocks in a picture that moves; the change in a repeated
+frame compared with the stillest quarter around, and that of its median block, which shows noise, compared with the
+usual one: where a fist turns back it is nearly still, but noise goes on."""
+
+
+def small(picture: NDArray[np.uint8]) -> Array:
+    """Return the mean grey level of every block of a picture, grey or in colour."""
+    height, width = picture.shape[:2]
+    scale = _BLOCKS * 4 / max(height, width)
+    size = max(round(width * scale), 8), max(round(height * scale), 8)
+    grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 else picture
+    return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), float)
+
+
+def block_change(before: Array, after: Array) -> Array:
+    """Return the mean absolute difference of two results of `small`, in blocks of 4 x 4 of theirs, grey levels."""
+    difference = np.abs(after - before)
+    size = max(difference.shape[1] // 4, 1), max(difference.shape[0] // 4, 1)
+    return np.asarray(cv2.resize(difference, size, interpolation=cv2.INTER_AREA))
+
+
+def most_changed(change: Array) -> float:
+    """Return the mean of the most changed twentieth of the blocks in a result of `block_change`."""
+    values = np.sort(change, axis=None)
+    return float(values[-max(values.size // 20, 1) :].mean())
+
+
+def single_frames(torn: Bools) -> Bools:
+    """Return which of N frames fit neither neighbour, from their N - 1 torn pairs."""
+    return np.asarray(np.r_[False, torn[:-1] & torn[1:], False]) if len(torn) else np.zeros(1, bool)
+
+
+def torn_pairs(changes: Sequence[Array]) -> Bools:
+    """Return which pairs of consecutive frames do not continue each other.
+
+    Parameters
+    ----------
+    changes : sequence of ndarray, shape (h, w)
+        `block_change` of consecutive pairs of frames.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        Whether each pair is torn. A damaged frame lies between two torn pairs.
+    """
+    if not len(changes):
+        return np.zeros(0, bool)
+    D = np.stack(changes)
+    near = [[j for j in range(max(k - AROUND, 0), min(k + AROUND + 1, len(D))) if j != k] for k in range(len(D))]
+    # Whatever moves into a block comes from a neighbouring one.
+    usual = [cv2.dilate(m, np.ones((3, 3))) if j else m for m, j in zip(_medians(D, near), near, strict=True)]
+    changed = np.array([(np.maximum(_TIMES * u, _LEVELS) < d).mean() for u, d in zip(usual, D, strict=True)])
+    moved = np.array([most_changed(change) for change in D])
+    changed_around, moved_around = _medians(changed, near), _medians(moved, near)
+    still = [np.quantile(moved[j], 0.25) if j else 0.0 for j in near]
+    noise = np.median(D.reshape(len(D), -1), axis=1)
+    noise_around = _medians(noise, near)
+    torn = np.zeros(len(D), bool)
+    # Something large and fast changes other blocks every time, but so it does before and after.
+    most = _SHARE + _TIMES * changed_around
+    for k in range(2, len(D) - 2):  # at the ends nothing shows whether a change lasts
+        alike = _run(changed > _ALIKE * changed[k], k)
+        torn[k] |= changed[k] > most[k] and len(alike) <= _SINGLE and bool((changed[alike] > most[alike]).all())
+        if moved_around[k] > _MOVING and moved[k] < _STILL * still[k] and noise[k] <= _NOISE * noise_around[k]:
+            torn[k : k + 2] = True
+    return torn
+
+
+def _run(those: Bools, place: int) -> Ints:
+    """Return the run of True values around an index, as indices."""
+    others = np.flatnonzero(~those)
+    after = np.searchsorted(others, place)
+    begin = others[after - 1] + 1 if after else 0
+    return np.arange(begin, others[after] if after < len(others) else len(those))
+
+
+def _medians(values: Array, near: Sequence[Sequence[int]]) -> Array:
+    """Return the median of the values (n, ...) at the indices near each of n places; the value itself if there are
+    none.
+
+    Places with equally many indices are computed together.
+    """
+    found = values.copy()
+    for count in {len(j) for j in near} - {0}:
+        places = [k for k, j in enumerate(near) if len(j) == count]
+        found[places] = np.median(values[[near[k] for k in places]], axis=1)
+    return found

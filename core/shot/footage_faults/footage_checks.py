@@ -1,0 +1,84 @@
+"""Checking that footage fits a shot: its size against the camera's, and its range of frames."""
+
+from __future__ import annotations
+
+from ...cameras.camera import Camera, same_proportions
+from ...errors import FootageError, located
+from ..footage import Footage, decodable, probe
+from ..frame_numbers import footage_index, frames_per_file_frame, is_interlaced
+from ..image_sequences import check_images, image_files
+from ..shot import View
+
+
+def check_view(view: View, first: int, length: int) -> Footage:
+    """Check that a view's footage fits a shot.
+
+    Parameters
+    ----------
+    view : View
+    first, length : int
+        First shot frame, and number of frames.
+
+    Raises
+    ------
+    FootageError
+        The footage is missing or unreadable, of another size than its camera's, begins after the shot or ends
+        before it.
+    """
+    footage = probe(view.footage)
+    with located(str(view.footage)):
+        camera_at_size(view.camera, footage.size, resized=False, declare="say so: resized = true under [calibration]")
+    _check_range(view, footage, first, length)
+    return footage
+
+
+def camera_at_size(camera: Camera, size: tuple[int, int], *, resized: bool, declare: str = "") -> Camera:
+    """Return a camera for footage of a size: the same camera, or the camera of the resized footage.
+
+    Parameters
+    ----------
+    camera : Camera
+    size : tuple of int
+        Width and height of the footage, pixels.
+    resized : bool
+        Whether the footage may have been resized, uncropped, after the camera was calibrated.
+    declare : str
+        How the user says that it was, for the error where `resized` is False.
+
+    Raises
+    ------
+    FootageError
+        The sizes differ, and the footage was not resized, or has other proportions than the camera's pictures.
+    """
+    if size == camera.size:
+        return camera
+    what = f"the footage is {_by(size)}, the calibration of '{camera.name}' {_by(camera.size)}"
+    if not same_proportions(size, camera.size):
+        what += ": it was cropped, not only resized" if resized else ""
+        seen = "sizes are width x height after the rotation that the file asks for"
+        raise FootageError(what, todo=f"calibrate at the footage's size; {seen}")
+    if not resized:
+        raise FootageError(what, todo=f"if the footage was resized after calibrating, {declare}")
+    return camera.resized(size)
+
+
+def _check_range(view: View, footage: Footage, first: int, length: int) -> None:
+    start, end = footage_index(view, first), footage_index(view, first + length - 1)
+    last, offset, each = first + length - 1, view.offset, frames_per_file_frame(view)
+    unit = "fields" if is_interlaced(view) else "frames"
+    asked = f"the shot's frames {first} to {last} with offset {offset:g} are its {unit} {start} to {end}"
+    where = f"{view.footage} (camera '{view.camera.name}')"
+    if start < 0:
+        raise FootageError(f"the shot begins before the footage: {asked}", where=where)
+    count, images = each * footage.count, image_files(view.footage)
+    if end >= count and images is None:
+        # Some containers understate their length; only decoding shows it.
+        count = each * decodable(view.footage, end // each + 1)
+    if end >= count:
+        raise FootageError(f"the footage has only {count} {unit}: {asked}", where=where)
+    if images is not None:
+        check_images(view.footage, images, range(start // each, end // each + 1), footage.size)
+
+
+def _by(size: tuple[int, int]) -> str:
+    return f"{size[0]}x{size[1]}"

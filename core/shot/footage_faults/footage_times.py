@@ -1,0 +1,140 @@
+"""The times of a video's frames, from its container: the tracker assumes a constant frame rate, which they may not
+have.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ...errors import listed
+from ...numerics.arrays import Array, Bools, Ints
+from ..frame_numbers import file_index, frames_per_file_frame
+from ..image_sequences import image_files
+from ..shot import Shot, View
+
+ASTRAY = 0.5
+"""Largest deviation of a frame from a constant rate that is ignored, frames."""
+_WHOLE = 0.25
+"""Largest deviation of a gap between two frames from a whole number of frames, for frames to be missing there."""
+_SHOWN = 5
+_AHEAD = 32
+"""Upper limit to how many places a packet's order in the file differs from the order in which frames are shown."""
+
+
+@dataclass(frozen=True)
+class FootageRate:
+    """The frame rate of a view's footage over the frames of a shot.
+
+    Attributes
+    ----------
+    rate : float
+        The constant rate that fits best, frames (or fields) per second.
+    astray : float
+        Largest deviation of a frame's time from that rate, frames.
+    frame : int
+        The frame of the file with that deviation.
+    missing : sequence of (int, int)
+        Frames of the file, and how many are missing before each, where the rate is otherwise constant.
+    """
+
+    rate: float
+    astray: float
+    frame: int
+    missing: Sequence[Sequence[int]] = ()
+
+    @property
+    def varies(self) -> bool:
+        """Whether the frame rate is too variable to be treated as constant, or frames are missing."""
+        return self.astray > ASTRAY or len(self.missing) > 0
+
+    @property
+    def text(self) -> str:
+        """Message that the frame rate varies, or which frames are missing, and what to do."""
+        if self.missing:
+            gaps = listed([f"{count} before frame {frame}" for frame, count in self.missing], _SHOWN)
+            what = f"frames are missing in it, by their times: {gaps} of the file; what follows comes early"
+        else:
+            off = f"{self.astray:.1f} frames off a constant rate of {self.rate:.4g}"
+            what = f"its frame rate varies: frame {self.frame} of the file is {off}"
+        return f"{what}; convert it, as with: ffmpeg -i FOOTAGE -vf fps={self.rate:.4g} -crf 14 CONVERTED.mp4"
+
+
+def footage_rate(shot: Shot, view: View) -> FootageRate | None:
+    """Return the frame rate of a view over the frames of a shot; None if the container does not state times.
+
+    Nothing is decoded.
+    """
+    first, last = (file_index(view, frame) for frame in shot.frames)
+    return _rate(frame_times(view.footage, last + 1)[max(first, 0) :], first, frames_per_file_frame(view))
+
+
+def video_rate(path: Path, count: int) -> FootageRate | None:
+    """Return the rate of a video's first frames, without decoding; None if the container does not state times."""
+    return _rate(frame_times(path, count), 0, 1)
+
+
+def _rate(times: Array, first: int, each: int) -> FootageRate | None:
+    """Return the rate of frames at some times, seconds, from number `first` in the file; `each` fields make a frame."""
+    if len(times) < 3 or times[-1] <= times[0]:
+        return None
+    number = np.arange(len(times))
+    slope, off = _constant_rate(number, times)
+    worst = int(np.abs(off).argmax())
+    astray = float(abs(off[worst]))
+    gaps = _missing(np.diff(times))
+    if gaps.any():
+        steady, left = _constant_rate(number + np.r_[0, np.cumsum(gaps)], times)
+        if np.abs(left).max() <= ASTRAY / 2:
+            missing = tuple((first + int(k) + 1, int(gaps[k])) for k in np.flatnonzero(gaps))
+            return FootageRate(float(each / steady), astray, missing[0][0], missing)
+    return FootageRate(float(each / slope), astray, first + worst)
+
+
+def _missing(lasting: Array) -> Ints:
+    """Return how many frames each of some intervals lacks, by the others, shape (n,)."""
+    usual = float(np.median(lasting))
+    if usual <= 0:
+        return np.zeros(len(lasting), int)
+    times = lasting / lasting[lasting < 1.5 * usual].mean()
+    whole = np.rint(times)
+    return np.where((np.abs(times - whole) < _WHOLE) & (whole > 1), whole - 1, 0).astype(int)
+
+
+def _constant_rate(number: Ints, times: Array) -> tuple[float, Array]:
+    """Return the interval between frames that fits times best, seconds, and the frames' deviations, frames."""
+    slope, start = np.polyfit(number, times, 1)
+    off = (times - start - slope * number) / slope
+    return float(slope), np.asarray(off - (off.max() + off.min()) / 2)
+
+
+def frames_missing(rate: FootageRate | None, view: View, frames: range) -> Bools:
+    """Return whether frames are missing in a view's file between each of N consecutive frames of a shot and the next,
+    shape (N - 1,).
+    """
+    places = np.array([file_index(view, frame) for frame in frames])
+    missing = np.zeros(len(frames) - 1, bool)
+    for frame, _ in () if rate is None else rate.missing:
+        missing |= (places[:-1] < frame) & (frame <= places[1:])
+    return missing
+
+
+def frame_times(path: Path, count: int) -> Array:
+    """Return the times of a video's first N <= `count` frames, seconds, shape (N,); empty if they are not known.
+
+    These are the packets' presentation times, in the order in which the frames are shown.
+    """
+    if not path.is_file() or image_files(path) is not None:
+        return np.zeros(0)
+    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
+    times: list[float] = []
+    try:
+        while video.isOpened() and len(times) < count + _AHEAD and video.grab():
+            times.append(video.get(cv2.CAP_PROP_POS_MSEC) / 1000)
+    finally:
+        video.release()
+    return np.sort(times)[:count]

@@ -1,0 +1,95 @@
+"""The error of joints that footage cannot show: how far the joints of the model lie from the performer's, and how deep
+a single view's keypoints put them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...body import part_poses
+from ...body.kinematics import tip_positions
+from ...body.motion import Motion
+from ...body.tip_landmarks import tip_landmarks
+from ...keypoints.keypoint_places import OFFSET_DEVIATION, THINNESS, keypoint_on_body, offset_deviation
+from ...keypoints.observations import PerformerKeypoints
+from ...numerics.arrays import Array
+from ...shot.shot import KeyPoses, Performer
+
+USUAL_JOINT_DEVIATION = 0.003
+"""Usual distance of the model's joints from the performer's where key poses were set by hand, metres."""
+LIFTED_ERROR = 0.15
+"""Usual error of joints whose depth follows from the lengths of bones in a single view, metres."""
+LIFTED_WITHIN = 0.5
+"""Time from a key pose of the whole body within which that error is smaller, seconds."""
+DEPTH_DRIFT = 0.04
+"""Variance of a joint's depth per distance from where a key pose has it, metres squared per metre: with keypoints in a
+single view, depth follows from how short a bone seems, and a detector's error there stays the same for long."""
+
+
+def body_covariances(
+    performer: Performer, motion: Motion, fps: float, observed: PerformerKeypoints | None, eye: Array | None = None
+) -> Array:
+    """Covariances of the differences between the tips of the model's parts and the performer's joints, (F, P, 3, 3), in
+    square metres.
+
+    With key poses they follow from the distances between landmarks and tips. With keypoints alone the model is where
+    the detector sees the performer, so the detector's unknown constant offsets from the joints are added.
+
+    Parameters
+    ----------
+    performer : Performer
+    motion : Motion
+        F poses.
+    fps : float
+    observed : PerformerKeypoints, optional
+        The performer's keypoints, if there are any.
+    eye : ndarray, shape (F, 3), optional
+        Centre of the camera on every frame, world, metres, if there is a single one.
+    """
+    body, F = performer.body, len(motion)
+    if observed is not None and not performer.key_poses.fixed.any():
+        found = _offset_covariances(performer, motion)
+    else:
+        joints = np.full(len(body), USUAL_JOINT_DEVIATION)
+        joints = joints if performer.joint_deviation is None else performer.joint_deviation
+        found = np.broadcast_to((joints**2 / 3)[:, None, None] * np.eye(3), (F, len(body), 3, 3))
+    if observed is not None and observed.is_lifted:
+        away = np.minimum(frames_to_key_poses(performer.key_poses, F) / (LIFTED_WITHIN * fps), 1.0)
+        found = found + ((LIFTED_ERROR * away) ** 2 / 3)[:, None, None, None] * np.eye(3)
+    elif observed is not None and eye is not None:
+        found = found + _depth_covariances(performer, motion, eye)
+    return found
+
+
+def _depth_covariances(performer: Performer, motion: Motion, eye: Array) -> Array:
+    """Covariances of the tips along the lines of sight from a camera's centres (F, 3), by how far the tips are from
+    where the nearest key pose has them, (F, P, 3, 3), square metres.
+    """
+    tips = tip_positions(performer.body, part_poses(performer.body, motion))
+    away = [np.linalg.norm(tips - tips[key], axis=-1) for key in performer.key_poses.full()]
+    sight = tips - eye[:, None]
+    sight /= np.linalg.norm(sight, axis=-1, keepdims=True)
+    variance = DEPTH_DRIFT * np.min(away, axis=0) if away else np.zeros(tips.shape[:2])
+    return np.asarray(variance[..., None, None] * sight[..., :, None] * sight[..., None, :])
+
+
+def frames_to_key_poses(keys: KeyPoses, length: int) -> Array:
+    """Return the distance of each frame from the nearest key pose of the whole body, frames, (F,); infinite without
+    any.
+    """
+    away = np.abs(np.arange(length, dtype=float)[:, None] - keys.full()[None])
+    return np.asarray(away.min(axis=1, initial=np.inf))
+
+
+def _offset_covariances(performer: Performer, motion: Motion) -> Array:
+    """Covariances of a detector's usual offsets from the joints, in the world, by the orientations of the parts."""
+    body = performer.body
+    at, usual = tip_landmarks(body), np.full((len(body), 3), OFFSET_DEVIATION)
+    carriers = np.arange(len(body))
+    for part, name in at.items():
+        carriers[part], _ = keypoint_on_body(body, name)
+        usual[part] = offset_deviation(name)
+        if name.endswith(("Elbow", "Wrist", "Knee", "Ankle")):
+            usual[part] /= THINNESS
+    R = part_poses(body, motion)[0][:, carriers]
+    return np.asarray((R * usual[:, None] ** 2) @ np.swapaxes(R, -1, -2))

@@ -1,0 +1,129 @@
+"""The probability that a part of a limb is lost: that the tracker has it somewhere else than in the footage.
+
+The pixels that a part covers look like the performer where it is right, as on the key frames. Where it is lost, it
+covers background in some views; in others it may lie in front of the rest of the body, and nothing shows. A lost limb
+stays lost for a while, so the states found and lost form a hidden Markov chain, whose probabilities are computed given
+all frames.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import betaln, expit
+
+from ...body import Body
+from ...body.kinematics import Poses
+from ...body.limbs import limbs
+from ...body.tip_landmarks import tip_landmarks
+from ...evidence.misfit import Misfit
+from ...keypoints.keypoint_factor import KeypointFactor
+from ...numerics.arrays import Array, Bools, Ints
+
+LOSING, FINDING = 0.002, 0.1
+"""Probabilities per frame that a part that is found gets lost, and that a lost one is found again."""
+PIECE = 0.05
+"""Side of a square on the body whose pixels count as one observation, metres."""
+TOGETHER = 2.0
+"""Number of frames in a row that count as one observation."""
+USUAL_BACKGROUND = 0.05
+"""Prior mean of the share of a part's pixels that look like background though the part is right; it weighs as much as
+one observation."""
+LEAST_USUAL = 0.02
+"""This share is kept from 0 and 1 by this much."""
+STEADINESS = 20.0
+"""How little this share varies, as a number of observations (precision of a beta distribution)."""
+SHOWN = 0.5
+"""Probability that a view reveals that a part is lost; otherwise it lies in front of or behind the rest of the body."""
+
+
+def lost_probabilities(body: Body, misfit: Misfit, span: slice, *, held: Bools, keys: Ints) -> Array:
+    """Probability that each part of a performer is lost, shape (F, P).
+
+    It is zero for parts of the trunk. A part of a limb is at least as probably lost as the one that it hangs on.
+
+    Parameters
+    ----------
+    body : Body
+    misfit : Misfit
+    span : slice
+        The performer's parts in it.
+    held : ndarray of bool, shape (F, P)
+        Where a part is known to be found: a key pose fixes it, or keypoints confirm it.
+    keys : ndarray of int, shape (K,)
+        Frames with a key pose of the whole body, which show the share of each part that looks like background though it
+        is right. Without any, it is the median over all frames.
+    """
+    visible, background = misfit.visible[..., span], misfit.background[..., span]
+    pieces = visible / PIECE**2
+    usual = _usual_background(background, pieces, keys)
+    doubt = _log_odds(background, pieces, usual).sum(axis=0) / TOGETHER
+    lost = np.zeros(held.shape)
+    for chain in limbs(body):
+        sure = np.ones(len(lost))
+        for part in chain:
+            sure = sure * (1 - _chain_probabilities(np.where(held[:, part], -np.inf, doubt[:, part])))
+            lost[:, part] = 1 - sure
+    return lost
+
+
+def confirmed_parts(body: Body, keypoints: KeypointFactor, poses: Poses) -> Bools:
+    """Return which parts have keypoints near their tips in two views, or in the only one, shape (F, P)."""
+    views = keypoints.views_near(poses) >= min(2, len(keypoints.keypoints.rays))
+    confirmed = np.zeros((len(views), len(body)), bool)
+    for part, name in tip_landmarks(body).items():
+        if name in keypoints.keypoints.names:
+            confirmed[:, part] = views[:, keypoints.keypoints.names.index(name)]
+    return confirmed
+
+
+def limb_reach(body: Body) -> Array:
+    """Largest distance of each part's tip from the joint where its limb begins, metres, shape (P,); 0 for the trunk."""
+    lengths = np.array([float(np.linalg.norm(part.tail_world - part.head_world)) for part in body.parts])
+    reach = np.zeros(len(body))
+    for chain in limbs(body):
+        reach[chain] = np.cumsum(lengths[chain])
+    return reach
+
+
+def _usual_background(background: Array, pieces: Array, keys: Ints) -> Array:
+    """Expected share of each part that looks like background where it is right, (V, F, P)."""
+    if not len(keys):
+        usual = np.where(pieces > 0, background, np.nan)
+        seen = (pieces > 0).any(axis=1, keepdims=True)
+        with np.errstate(all="ignore"):
+            usual = np.nanmedian(np.where(seen, usual, 0.0), axis=1, keepdims=True)
+        return np.broadcast_to(np.maximum(usual, USUAL_BACKGROUND), background.shape)
+    known = (USUAL_BACKGROUND + background[:, keys] * pieces[:, keys]) / (1 + pieces[:, keys])
+    frames = np.arange(background.shape[1])
+    after = np.clip(np.searchsorted(keys, frames), 1, max(len(keys) - 1, 1))
+    a, b = after - 1, np.minimum(after, len(keys) - 1)
+    share = np.clip((frames - keys[a]) / np.maximum(keys[b] - keys[a], 1), 0, 1)[:, None]
+    return np.asarray(known[:, a] * (1 - share) + known[:, b] * share)
+
+
+def _log_odds(background: Array, pieces: Array, usual: Array) -> Array:
+    """Log likelihood ratio (lost against found) of the share of background on each part."""
+    hits, usual = background * pieces, np.clip(usual, LEAST_USUAL, 1 - LEAST_USUAL)
+    a, b = usual * STEADINESS, (1 - usual) * STEADINESS
+    right = betaln(hits + a, pieces - hits + b) - betaln(a, b)
+    lost = betaln(hits + 1, pieces - hits + 1)
+    return np.asarray(np.logaddexp(np.log(1 - SHOWN), np.log(SHOWN) + lost - right))
+
+
+def _chain_probabilities(log_odds: Array) -> Array:
+    """Probability of the lost state on each of F frames given all of them, by the forward-backward algorithm in log
+    odds.
+    """
+    F = len(log_odds)
+    forward, backward = np.empty(F), np.zeros(F)
+    forward[0] = np.log(LOSING / FINDING) + log_odds[0]
+    for f in range(1, F):
+        before = expit(forward[f - 1])
+        lost = before * (1 - FINDING) + (1 - before) * LOSING
+        forward[f] = np.log(lost / (1 - lost)) + log_odds[f]
+    for f in range(F - 2, -1, -1):
+        odds = log_odds[f + 1] + backward[f + 1]
+        if_lost = np.logaddexp(np.log(1 - FINDING) + odds, np.log(FINDING))
+        if_found = np.logaddexp(np.log(LOSING) + odds, np.log(1 - LOSING))
+        backward[f] = if_lost - if_found
+    return np.asarray(expit(forward + backward))

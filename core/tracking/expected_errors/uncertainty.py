@@ -1,0 +1,197 @@
+"""Expected errors of the tracked joints.
+
+They have three components. The first is the covariance of the poses, the inverse of the solver's normal matrix. It
+grows with speed (`joint_covariances.growth_by_speed`), and is multiplied for each part by a ratio that is estimated
+from the shot, by predicting key poses without using them (`held_out_keys`). The second is what no footage
+can show: how far the body's joints are from the performer's (`body_uncertainty`). The third is the
+possibility that the solution is wrong, which uncovered foreground and limbs on the background indicate
+(`lost_limbs`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...body import Body
+from ...evidence.misfit import measured_misfit
+from ...numerics.arrays import Array, Bools
+from ...numerics.error_lengths import length_quantile
+from ..solvers.equations.measurement import hidden_parts, keypoint_instants, measured_at, poses_by_delay
+from ..solvers.equations.problem import SegmentProblem, SegmentSolution
+from ..solvers.equations.segment_equations import evidence_equations
+from ..solvers.equations.smoothness_factor import SegmentSmoothness
+from .held_out_keys import USUAL_RATIO, covariance_ratios, missed_key_poses
+from .joint_covariances import growth_by_speed, tip_covariances, tip_jacobian
+from .lost_limbs import confirmed_parts, limb_reach, lost_probabilities
+
+MISPLACED = 2.0
+"""Ratio of a joint's error to the mean gap between the outlines: a few misplaced limbs cause the gap of the whole."""
+INTERVAL = 0.9
+"""Fraction of the errors that the interval should contain."""
+MAYBE = 0.5
+"""Probability from which a part is reported as possibly lost."""
+TAILS = 20.0
+"""Degrees of freedom of the errors' t distribution, as the ratio estimated from key poses is a mean over frames with
+smaller and larger errors."""
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentUncertainty:
+    """The uncertainty of a segment's solution for one performer.
+
+    Attributes
+    ----------
+    first : int
+        Shot frame of the first of the F frames.
+    held : ndarray of bool, shape (F,)
+        Frames with a key pose of the whole body.
+    covariances : ndarray, shape (F, P, 3, 3)
+        Covariances of the positions of all tips according to the solver, metres squared.
+    misses : ndarray, shape (K, P)
+        Errors of key poses predicted without themselves, see `held_out_keys`.
+    gaps : ndarray, shape (F,)
+        Mean distance of the performer's outlines outside the model's, metres.
+    lost : ndarray, shape (F, P)
+        Probability that each part is lost.
+    """
+
+    first: int
+    held: Bools
+    covariances: Array
+    misses: Array
+    gaps: Array
+    lost: Array
+
+    def ratios(self, body: Body) -> Array:
+        """Return the ratios of squared errors of the parts' tips to those that the solver predicts, shape (P,),
+        estimated from this segment's key poses alone; at most the usual ratio, as key poses with larger errors may be
+        wrong.
+        """
+        return np.minimum(covariance_ratios(self.misses, joint_parts(body.parents)), USUAL_RATIO)
+
+
+@dataclass(frozen=True, eq=False)
+class JointErrors:
+    """Expected errors of the positions of all parts' tips on F frames; zero where a key pose holds the whole body.
+
+    Attributes
+    ----------
+    deviation : ndarray, shape (F, P)
+        Expected distance from the true position, metres.
+    interval : ndarray, shape (F, P)
+        Distance that should not be exceeded in 90 % of cases, metres.
+    lost : ndarray, shape (F, P)
+        Probability that the part is lost: it does not lie on the performer's.
+    """
+
+    deviation: Array
+    interval: Array
+    lost: Array
+
+    def with_reach(self, reach: Mapping[int, float]) -> JointErrors:
+        """Return the errors with those of unknown parts, which may be anywhere within a reach, metres by part."""
+        parts, far = list(reach), list(reach.values())
+        found = [values.copy() for values in (self.deviation, self.interval, self.lost)]
+        for values, value in zip(found, (far, far, 0.0), strict=True):
+            values[:, parts] = value
+        return JointErrors(*found)
+
+    def maybe_lost(self) -> Bools:
+        """Return where each part may be lost, shape (F, P)."""
+        return np.asarray(self.lost >= MAYBE)
+
+
+def segment_uncertainties(
+    problem: SegmentProblem, solution: SegmentSolution, threads: int = 1
+) -> list[SegmentUncertainty]:
+    """Return the uncertainty of a segment's solution for every performer.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+        The problem that was solved.
+    solution : SegmentSolution
+    threads : int
+        Number of threads for image work.
+    """
+    motions, spans = solution.motions, problem.spans()
+    measured = measured_at(problem, solution)
+    hidden = hidden_parts(problem, measured.evidence.share) if problem.settings.prediction else []
+    images = evidence_equations(problem, measured, hidden)
+    smooth = SegmentSmoothness(solution.variances)
+    keys = [problem.whole_keys(i) for i in range(len(problem.bodies))]
+    poses = poses_by_delay(problem, measured.instants)
+    misfit = measured_misfit(
+        problem.views, problem.geometry(), poses, first=problem.first, spans=spans, threads=threads
+    )
+    gaps = misfit.mean_gaps(keys)
+    systems = [images[i] + smooth.blocks(problem, i, motion) for i, motion in enumerate(motions)]
+    tied = replace(problem, only=None).tied(systems, motions)
+    covariances = tied.by_performer([system.factor().covariances() for system in tied.systems])
+    uncertainties = []
+    for i, (body, motion, fixed) in enumerate(zip(problem.bodies, motions, problem.fixed, strict=True)):
+        held = np.repeat(fixed.all(axis=1)[:, None], len(body), axis=1)
+        if problem.keypoints:
+            R, T = keypoint_instants(problem, motions).poses
+            held |= confirmed_parts(body, problem.keypoints[i], (R[:, spans[i]], T[:, spans[i]]))
+        growth = growth_by_speed(body, motion)
+        uncertainties.append(
+            SegmentUncertainty(
+                problem.first,
+                fixed.all(axis=1),
+                tip_covariances(tip_jacobian(body, motion), covariances[i]) * growth[..., None, None],
+                missed_key_poses(problem, solution, images, i, growth),
+                gaps[i],
+                lost_probabilities(body, misfit, spans[i], held=held, keys=keys[i]),
+            )
+        )
+    return uncertainties
+
+
+def joint_errors(body: Body, uncertainties: Sequence[SegmentUncertainty], beside: Array) -> JointErrors:
+    """Return the expected errors of one performer over a whole shot.
+
+    Parameters
+    ----------
+    body : Body
+    uncertainties : sequence of SegmentUncertainty
+        Those of all segments, which together have F frames.
+    beside : ndarray, shape (F, P, 3, 3)
+        Additional covariances, metres squared, of what the footage cannot show: the distances of the fitted body's
+        joints from the performer's.
+    """
+    F, P = beside.shape[:2]
+    ratios = covariance_ratios(np.concatenate([one.misses for one in uncertainties]), joint_parts(body.parents))
+    covariances, lost, held = beside.copy(), np.zeros((F, P)), np.zeros(F, bool)
+    for one in uncertainties:
+        frames = slice(int(one.first), int(one.first) + len(one.held))
+        found = one.covariances * ratios[:, None, None]
+        found += ((MISPLACED * one.gaps) ** 2 / 3)[:, None, None, None] * np.eye(3)
+        covariances[frames] = beside[frames] + found
+        lost[frames], held[frames] = one.lost, one.held
+    covariances[held] = 0.0
+    lost[held] = 0.0
+    reach = np.broadcast_to(limb_reach(body), lost.shape)
+    near = np.sqrt(np.maximum(np.trace(covariances, axis1=2, axis2=3), 0.0))
+    return JointErrors(
+        (1 - lost) * near + lost * reach,
+        length_quantile(covariances, INTERVAL, tails=TAILS, gross=lost, gross_length=reach),
+        lost,
+    )
+
+
+def expected_errors(deviation: Array, parents: Sequence[int], unknown: Sequence[int] = ()) -> Array:
+    """Return the expected error of every frame, metres, shape (F,): the mean of deviations (F, P) over the joints.
+
+    A part's tip is a joint if another part begins there. The ends of limbs are left out: the rotation of a hand or foot
+    is so much less certain than its position that they would outweigh all else. Unknown parts are left out as well.
+    """
+    return np.asarray(deviation[:, joint_parts(parents, unknown)].mean(axis=1))
+
+
+def joint_parts(parents: Sequence[int], unknown: Sequence[int] = ()) -> list[int]:
+    """Return the parts at whose tips others begin, without unknown ones; part 0 if there are none."""
+    return sorted({parent for parent in parents if parent >= 0} - set(unknown)) or [0]

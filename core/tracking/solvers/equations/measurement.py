@@ -1,0 +1,224 @@
+"""Measuring motions against the footage: poses at the instants when views were taken, and the evidence there."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....body.kinematics import Poses, scene_poses
+from ....body.motion import Motion
+from ....body.time_shift import Delayed, delayed
+from ....evidence.occlusion import unseen
+from ....evidence.sampling import Sampling
+from ....evidence.segment_evidence import SegmentEvidence, accumulate_evidence
+from ....evidence.still_evidence import StillPartsCache
+from ....evidence.view_frames import KEPT_BYTES, GradientImageCache
+from ....numerics.arrays import Array
+from ....numerics.banded_blocks import BandedBlocks
+from ....runtime.progress import step_share
+from .problem import SegmentProblem, SegmentSolution
+
+LOOKS_KEPT = 4
+"""Number of evaluations that are kept: the end of a descent is still among them when the next descent starts there,
+even if later steps were evaluated and refused."""
+StepCallback = Callable[[float, Sequence[Motion]], None]
+"""Called before each step with the share of the work done, 0 to 1, and the motions; may raise to cancel the job."""
+
+
+@dataclass(frozen=True, eq=False)
+class Instants:
+    """Views that were taken at the same F instants, and the poses of the performers at these.
+
+    Attributes
+    ----------
+    views : tuple of int
+        Indices of the views.
+    delay : float
+        How much later than the frames the instants are, in frames; interlaced fields and views with an offset lie
+        between frames.
+    poses : tuple of ndarray, shape (F, P, 3, 3) and (F, P, 3)
+        World poses of all performers' parts.
+    motions : tuple of Motion
+        Per performer: the poses at the instants.
+    delayed : tuple of Delayed, optional
+        Per performer: how the poses at the instants depend on those on the frames. None where the instants are the
+        frames.
+    """
+
+    views: tuple[int, ...]
+    delay: float
+    poses: Poses
+    motions: tuple[Motion, ...]
+    delayed: tuple[Delayed, ...] | None = None
+
+    def on_frames(self, performer: int, blocks: BandedBlocks) -> BandedBlocks:
+        """Convert a performer's normal equations for the poses at the instants to the poses on the frames."""
+        return blocks if self.delayed is None else self.delayed[performer].spread(blocks)
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredMotion:
+    """Motions of all performers, and the evidence of the images at them.
+
+    Attributes
+    ----------
+    motions : tuple of Motion
+        F poses per performer.
+    instants : tuple of Instants
+        The views, grouped by their instants.
+    evidence : SegmentEvidence
+    """
+
+    motions: tuple[Motion, ...]
+    instants: tuple[Instants, ...]
+    evidence: SegmentEvidence
+
+
+class RecentLooks:
+    """A small cache of evaluations: a descent often starts where another one ended, and need not repeat that."""
+
+    def __init__(self) -> None:
+        self._looks: deque[tuple[tuple[object, ...], list[Array | None], SegmentEvidence]] = deque(maxlen=LOOKS_KEPT)
+
+    def evidence(self, of: tuple[object, ...], arrays: list[Array | None]) -> SegmentEvidence | None:
+        """Return the evidence that was measured with the same objects and equal arrays; None if it is not kept."""
+        for known, values, evidence in self._looks:
+            if known == of and all(_same(a, b) for a, b in zip(values, arrays, strict=True)):
+                return replace(evidence, seconds=dict.fromkeys(evidence.seconds, 0.0))
+        return None
+
+    def keep(self, of: tuple[object, ...], arrays: list[Array | None], evidence: SegmentEvidence) -> None:
+        """Keep evidence in the place of the oldest, unless it takes too much memory (`KEPT_BYTES`)."""
+        if LOOKS_KEPT * evidence.gradients.H.nbytes <= KEPT_BYTES:
+            self._looks.append((of, arrays, evidence))
+
+
+def _same(values: Array | None, others: Array | None) -> bool:
+    return values is others if values is None or others is None else np.array_equal(values, others)
+
+
+@dataclass(frozen=True, eq=False)
+class Workspace:
+    """Threads, caches and the progress callback of a solver; none of them changes a solution.
+
+    Attributes
+    ----------
+    threads : int
+    cache : GradientImageCache
+        Gradient images, kept from one evaluation to the next.
+    still : StillPartsCache
+        Label images of performers whose motion is given.
+    recent : RecentLooks
+        Whole evaluations.
+    on_step : callable, optional
+        See `StepCallback`.
+    """
+
+    threads: int = 1
+    cache: GradientImageCache = field(default_factory=GradientImageCache)
+    still: StillPartsCache = field(default_factory=StillPartsCache)
+    recent: RecentLooks = field(default_factory=RecentLooks)
+    on_step: StepCallback | None = None
+
+    def report(self, done: float, motions: Sequence[Motion]) -> None:
+        """Report the share of the work that is done, 0 to 1, and the motions so far."""
+        if self.on_step is not None:
+            self.on_step(done, motions)
+
+    def part(self, begin: float, end: float) -> Workspace:
+        """Return a workspace for a part of the work, whose progress runs from `begin` to `end`, 0 to 1."""
+        return replace(self, on_step=step_share(self.on_step, begin, end))
+
+    def silent(self) -> Workspace:
+        """Return a workspace that does not report progress."""
+        return replace(self, on_step=None)
+
+    def measure(
+        self, problem: SegmentProblem, motions: Sequence[Motion], sampling: Sampling, noise: Array | None = None
+    ) -> MeasuredMotion:
+        """Measure the evidence of the images at motions, F poses per performer; see `accumulate_evidence` for
+        `sampling` and `noise`.
+        """
+        instants, geometry = view_instants(problem, motions), problem.geometry()
+        poses = poses_by_delay(problem, instants)
+        sought = None if problem.only is None else problem.sought
+        asked = tuple(problem.views), geometry, problem.first, sought, sampling
+        values = [noise, *(array for each in poses.values() for array in each)]
+        evidence = self.recent.evidence(asked, values)
+        if evidence is None:
+            evidence = accumulate_evidence(
+                problem.views,
+                geometry,
+                poses,
+                sampling,
+                first=problem.first,
+                noise=noise,
+                cache=self.cache,
+                threads=self.threads,
+                sought=sought,
+                still=self.still,
+            )
+            self.recent.keep(asked, values, evidence)
+        return MeasuredMotion(tuple(motions), instants, evidence)
+
+
+def view_instants(problem: SegmentProblem, motions: Sequence[Motion]) -> tuple[Instants, ...]:
+    """Group the views by the instants at which they were taken."""
+    delays = [view.delay for view in problem.views]
+    by_delay = {delay: tuple(v for v, own in enumerate(delays) if own == delay) for delay in dict.fromkeys(delays)}
+    return tuple(
+        _instants(problem, motions, views, delay - problem.footage_offset) for delay, views in by_delay.items()
+    )
+
+
+def measured_at(problem: SegmentProblem, solution: SegmentSolution) -> MeasuredMotion:
+    """Return the measurement at a solution that carries its evidence, without evaluating the images again."""
+    assert solution.evidence is not None
+    return MeasuredMotion(solution.motions, view_instants(problem, solution.motions), solution.evidence)
+
+
+def keypoint_instants(problem: SegmentProblem, motions: Sequence[Motion]) -> Instants:
+    """Return the instants of footage without a delay of its own, at which keypoints are given."""
+    return _instants(problem, motions, (), -problem.footage_offset)
+
+
+def _instants(problem: SegmentProblem, motions: Sequence[Motion], views: tuple[int, ...], delay: float) -> Instants:
+    if delay == 0:
+        return Instants(views, delay, scene_poses(problem.bodies, motions), tuple(motions))
+    there = tuple(delayed(motion, delay, *problem.around(i)) for i, motion in enumerate(motions))
+    shown = tuple(d.motion for d in there)
+    return Instants(views, delay, scene_poses(problem.bodies, shown), shown, there)
+
+
+def poses_by_delay(problem: SegmentProblem, instants: Sequence[Instants]) -> dict[float, Poses]:
+    """Return the world poses of all parts by the delay of the views that show them."""
+    return {problem.views[group.views[0]].delay: group.poses for group in instants}
+
+
+def hidden_parts(problem: SegmentProblem, share: Array, predicted: Array | None = None) -> list[NDArray[np.bool_]]:
+    """Return, per performer, which parts no view sees, (F, P); parts that a key pose fixes are never hidden.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    share : ndarray, shape (V, F, P)
+        Visible share of the area of every part.
+    predicted : ndarray, shape (V, F, P), optional
+        The same in predicted poses, see `unseen`.
+    """
+    keyed = [f[:, 3:].reshape(len(f), -1, 3).all(axis=2) for f in problem.fixed]
+    return [
+        unseen(share[..., span], None if predicted is None else predicted[..., span]) & ~known
+        for span, known in zip(problem.spans(), keyed, strict=True)
+    ]
+
+
+def keypoint_agreement(problem: SegmentProblem, motions: Sequence[Motion]) -> float:
+    """Mean agreement of the keypoints with motions, 0 to 1, over the performers that are solved for."""
+    R, T = keypoint_instants(problem, motions).poses
+    spans = problem.spans()
+    return float(np.mean([problem.keypoints[i].agreement((R[:, spans[i]], T[:, spans[i]])) for i in problem.sought]))

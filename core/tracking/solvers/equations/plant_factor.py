@@ -1,0 +1,115 @@
+"""Plants as evidence: while a point of the sole is planted on the ground, it stands still.
+
+The residuals are the displacements of planted points from one frame to the next. During a descent, points count as
+planted that seem so in the present motion, and a robust kernel releases those that move after all. Which of them really
+stand is decided at the end (`standing_feet`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ....body import Body
+from ....body.joint_blocks import joint_blocks
+from ....body.kinematics import Poses, part_poses
+from ....body.motion import Motion
+from ....body.soles import Soles
+from ....numerics import rotations
+from ....numerics.arrays import Bools
+from ....numerics.banded_blocks import BandedBlocks
+from ....numerics.robust_kernels import GemanMcClure, RobustKernel
+from .problem import SegmentProblem
+
+SPEED = 0.02
+"""Standard deviation of the velocity of a planted point along each axis, metres per second: shoes give way and roll,
+and a foot is not quite rigid."""
+GROSS = 4.0
+"""Residual, in standard deviations, at which the Geman-McClure kernel gives a weight of one quarter."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlantFactor:
+    """The planted points of one performer's soles.
+
+    Attributes
+    ----------
+    soles : Soles
+        C points of the soles.
+    steps : ndarray of bool, shape (F - 1, C)
+        Which points are planted on a frame and on the next.
+    deviation : float
+        Standard deviation of a displacement between two frames along each axis, metres.
+    kernel : RobustKernel
+        Applied to the length of a displacement.
+    """
+
+    soles: Soles
+    steps: Bools
+    deviation: float
+    kernel: RobustKernel
+
+    @property
+    def frames(self) -> Bools:
+        """When points are planted, (F, C)."""
+        none = np.zeros((1, self.steps.shape[1]), bool)
+        return np.concatenate([self.steps, none]) | np.concatenate([none, self.steps])
+
+    @classmethod
+    def found(cls, body: Body, motion: Motion, fps: float) -> PlantFactor | None:
+        """Find the points that seem planted in a motion; None if there are none, or the body has no soles."""
+        soles = Soles.of(body)
+        if soles is None or len(motion) < 3:
+            return None
+        planted = soles.planted(part_poses(body, motion), fps)
+        steps = planted[1:] & planted[:-1]
+        return cls(soles, steps, SPEED / fps, GemanMcClure(GROSS)) if steps.any() else None
+
+    def blocks(self, body: Body, poses: Poses) -> BandedBlocks:
+        """Build the normal equations around world poses (R, T) of the parts on F frames."""
+        points = self.soles.world(poses)
+        F, P, C = len(points), len(body), points.shape[1]
+        r = np.diff(points, axis=0) / self.deviation
+        squared = np.sum(r**2, axis=-1)
+        weight = np.where(self.steps, self.kernel.weight(squared), 0.0)
+        rows = np.concatenate([np.broadcast_to(np.eye(3), (F, C, 3, 3)), -rotations.skew(points)], axis=-1)
+        J = np.concatenate([-rows[:-1], rows[1:]], axis=-1) / self.deviation
+        weighted = np.swapaxes(J, -1, -2) * weight[..., None, None]
+        carrier = (self.soles.parts == np.arange(P)[:, None]).astype(float)
+        H = np.einsum("pc,fcab->fpab", carrier, weighted @ J)
+        g = np.einsum("pc,fca->fpa", carrier, (weighted @ r[..., None])[..., 0])
+        energy = float(np.sum(np.where(self.steps, self.kernel.cost(squared), 0.0)))
+        return joint_blocks(body, poses, H, g, energy)
+
+
+def plants_of(problem: SegmentProblem, motions: Sequence[Motion]) -> list[PlantFactor | None]:
+    """Find the plants in every performer's motion; None for each where the settings switch plants off."""
+    if not problem.settings.plants:
+        return [None] * len(motions)
+    return [PlantFactor.found(body, motion, problem.fps) for body, motion in zip(problem.bodies, motions, strict=True)]
+
+
+def with_plants(
+    systems: Sequence[BandedBlocks],
+    plants: Sequence[PlantFactor | None],
+    bodies: Sequence[Body],
+    motions: Sequence[Motion],
+) -> list[BandedBlocks]:
+    """Add plants to the normal equations of every performer.
+
+    Parameters
+    ----------
+    systems : sequence of BandedBlocks
+        Per performer.
+    plants : sequence of (PlantFactor or None)
+        Per performer; None for no plants.
+    bodies : sequence of Body
+    motions : sequence of Motion
+        The motions at which the equations are built.
+    """
+    return [
+        system if plant is None else system + plant.blocks(body, part_poses(body, motion))
+        for system, plant, body, motion in zip(systems, plants, bodies, motions, strict=True)
+    ]

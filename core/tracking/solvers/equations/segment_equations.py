@@ -1,0 +1,206 @@
+"""The normal equations of a segment: evidence of all views, keypoints, and priors.
+
+Residuals of brightness constancy (paper 1, equation (12)) have a standard deviation per view, estimated robustly from
+the residuals themselves, and neighbouring pixels are correlated. The accelerations of joints and root are normally
+distributed, with variances of human motion. Image gradients couple the poses of neighbouring frames, and accelerations
+those of three frames in a row, so the normal matrix is block-pentadiagonal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....body.joint_blocks import joint_blocks
+from ....body.motion import Motion
+from ....body.smoothness import acceleration
+from ....evidence.segment_evidence import SegmentEvidence
+from ....numerics.arrays import Array
+from ....numerics.banded_blocks import BandedBlocks
+from ....shot.shot import Settings
+from ...prediction import predict_unseen
+from .contact_factor import with_contact
+from .curve_factor import with_curves
+from .measurement import Instants, MeasuredMotion, hidden_parts, keypoint_instants, measured_at
+from .problem import SegmentProblem, SegmentSolution
+from .smoothness_factor import SegmentSmoothness
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentNoise:
+    """The noise of the images, estimated at certain motions. Only costs under the same noise can be compared.
+
+    Attributes
+    ----------
+    deviation : ndarray, shape (V, F - 1, 1 + P)
+        Standard deviation of the grey-level residuals of each pair of frames, and of each of its parts, 0 to 1.
+    weight : ndarray, shape (V, F - 1)
+        Weight of the mean squared residual of each pair in the cost.
+    share : ndarray, shape (V,)
+        Number of independent observations that a pixel of full-resolution footage stands for, whatever the stride; see
+        `SegmentEvidence.pixel_share`.
+    """
+
+    deviation: Array
+    weight: Array
+    share: Array
+
+    @classmethod
+    def of(cls, evidence: SegmentEvidence, settings: Settings) -> SegmentNoise:
+        """Estimate the noise from evidence."""
+        sums = evidence.gradients
+        weight = pixel_precision(evidence, settings) * sums.count
+        return cls(sums.noise, weight, evidence.pixel_share(settings.lengths[0]) / evidence.sampling.stride**2)
+
+
+def with_priors(
+    problem: SegmentProblem,
+    motions: Sequence[Motion],
+    images: Sequence[BandedBlocks],
+    smooth: SegmentSmoothness,
+    expected: Sequence[Array] = (),
+) -> list[BandedBlocks]:
+    """Add the priors to the normal equations of the evidence: smoothness, and stiff parts near the key poses' curve.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    motions : sequence of Motion
+    images : sequence of BandedBlocks
+        Per performer: normal equations of the evidence at these motions.
+    smooth : SegmentSmoothness
+    expected : sequence of ndarray, shape (F, D)
+        Per performer: means of the accelerations, as predicted for hidden parts; by default zero.
+    """
+    systems = list(images)
+    for i in problem.sought:
+        systems[i] = images[i] + smooth.blocks(problem, i, motions[i], expected[i] if expected else None)
+    return with_curves(problem, systems, tuple(motions))
+
+
+def equations_at(problem: SegmentProblem, solution: SegmentSolution) -> list[BandedBlocks]:
+    """Return the normal equations of every performer at a solution that carries its evidence, without those of plants
+    and holds.
+    """
+    motions, measured = solution.motions, measured_at(problem, solution)
+    hidden, expected = hidden_and_expected(problem, motions, measured.evidence)
+    images = evidence_equations(problem, measured, hidden)
+    systems = with_priors(problem, motions, images, SegmentSmoothness(solution.variances), expected)
+    return with_contact(systems, problem.contact, problem.bodies, motions, problem.sought)
+
+
+def hidden_and_expected(
+    problem: SegmentProblem, motions: Sequence[Motion], evidence: SegmentEvidence
+) -> tuple[list[NDArray[np.bool_]], list[Array]]:
+    """Return, per performer, which parts no view shows, (F, P), and the accelerations predicted for them, (F, D).
+
+    See `hidden_parts` and `predicted_accelerations`. Both lists are empty where prediction is switched off.
+    """
+    if not problem.settings.prediction:
+        return [], []
+    hidden = hidden_parts(problem, evidence.share)
+    return hidden, predicted_accelerations(motions, hidden, problem.sought)
+
+
+def evidence_equations(
+    problem: SegmentProblem,
+    measured: MeasuredMotion,
+    hidden: Sequence[NDArray[np.bool_]] = (),
+    noise: SegmentNoise | None = None,
+) -> list[BandedBlocks]:
+    """Build the normal equations of the evidence: gradients and outlines of all views, and keypoints.
+
+    Those of performers whose motion is given are zero.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    measured : MeasuredMotion
+        The motions and the evidence at them.
+    hidden : sequence of ndarray of bool, shape (F, P)
+        Per performer: parts whose pixels are left out, paper 1, equation (38).
+    noise : SegmentNoise, optional
+        Noise under which the cost of the gradients is computed; by default it is estimated from the evidence.
+
+    Returns
+    -------
+    list of BandedBlocks
+        One per performer.
+    """
+    noise = noise or SegmentNoise.of(measured.evidence, problem.settings)
+    evidence = measured.evidence.without(np.concatenate(hidden, axis=1)) if hidden else measured.evidence
+    precision = pixel_precision(evidence, problem.settings)
+    tolerance = evidence.sampling.tolerance
+    # Far from the solution the search lines are long and meet outlines of other limbs: outlines then weigh little.
+    outlines = 1 / (problem.settings.lengths[1] * tolerance**2)
+    systems = [BandedBlocks.zeros(problem.length, body.dof) for body in problem.bodies]
+    for instants in measured.instants:
+        for i, own in _image_systems(problem, instants, evidence, (precision, outlines), noise).items():
+            systems[i] += own
+    if problem.keypoints:
+        instants = keypoint_instants(problem, measured.motions)
+        R, T = instants.poses
+        spans = problem.spans()
+        for i in problem.sought:
+            seen = problem.keypoints[i].blocks(problem.bodies[i], (R[:, spans[i]], T[:, spans[i]]), tolerance)
+            systems[i] += instants.on_frames(i, seen)
+    return systems
+
+
+def _image_systems(
+    problem: SegmentProblem,
+    instants: Instants,
+    evidence: SegmentEvidence,
+    weights: tuple[Array, float],
+    noise: SegmentNoise,
+) -> dict[int, BandedBlocks]:
+    """Normal equations of gradients and outlines, by performer that is solved for: of views with the same instants."""
+    (R, T), views, (precision, outlines) = instants.poses, list(instants.views), weights
+    pairs, frames = evidence.gradients, evidence.outlines
+    H = np.einsum("vf,vfpij->fpij", precision[views], pairs.H[views])
+    g = np.einsum("vf,vfpi->fpi", precision[views], pairs.g[views])
+    outline_H, outline_g = (outlines * a[views].sum(axis=0) for a in (frames.H, frames.g))
+    # Outlines belong to single frames: each is added to the pair that its frame begins, the last to the pair it ends.
+    H[..., :6, :6] += outline_H[:-1]
+    H[-1, :, 6:, 6:] += outline_H[-1]
+    g[..., :6] += outline_g[:-1]
+    g[-1, :, 6:] += outline_g[-1]
+    energy = float(np.sum(noise.weight[views] * pairs.cost[views])) + outlines * float(frames.energy[views].sum())
+    systems, spans = {}, problem.spans()
+    for i in problem.sought:
+        body, span = problem.bodies[i], spans[i]
+        own = joint_blocks(body, (R[:, span], T[:, span]), H[:, span], g[:, span], energy / len(problem.sought))
+        systems[i] = instants.on_frames(i, own)
+    return systems
+
+
+def predicted_accelerations(
+    motions: Sequence[Motion], hidden: Sequence[NDArray[np.bool_]], sought: Sequence[int]
+) -> list[Array]:
+    """Return, per performer, the accelerations (F, D) of hidden parts in the motion that is predicted for them.
+
+    They are zero for parts that are seen, and for performers that are not solved for.
+    """
+    expected = []
+    for i, (motion, mask) in enumerate(zip(motions, hidden, strict=True)):
+        predicted = np.zeros((len(motion), 3 + 3 * mask.shape[1]))
+        if i in sought and mask.any() and len(motion) > 2:
+            predicted[1:-1] = acceleration(predict_unseen(motion, mask))
+        degrees = np.concatenate([np.repeat(mask[:, :1], 3, axis=1), np.repeat(mask, 3, axis=1)], axis=1)
+        expected.append(predicted * degrees)
+    return expected
+
+
+def pixel_precision(evidence: SegmentEvidence, settings: Settings) -> Array:
+    """Inverse variance of a pixel's residual, less the correlation of neighbouring pixels, shape (V, F - 1).
+
+    The noise is that of each pair of frames. Far from the solution it is the median of the view: there the residuals of
+    a pair are large where its poses are wrong, which must not make it count less.
+    """
+    noise = evidence.gradients.noise[..., 0]
+    if evidence.sampling.tolerance > 1:
+        noise = np.broadcast_to(np.median(noise, axis=1, keepdims=True), noise.shape)
+    return np.asarray(evidence.pixel_share(settings.lengths[0])[:, None] / np.maximum(noise, 1e-3) ** 2)

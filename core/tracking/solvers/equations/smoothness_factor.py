@@ -1,0 +1,170 @@
+"""Smoothness of the motion on a segment, including its transition to the known poses before and after it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ....body.motion import Motion, stacked
+from ....body.smoothness import smoothness
+from ....body.smoothness_estimate import AccelerationVariances, axis_mobility, estimate_variances, likeliest_scale
+from ....numerics.arrays import Array
+from ....numerics.banded_blocks import BandedBlocks
+from ....shot.acceleration_prior import given_groups
+from .problem import AccelerationSearch, SegmentProblem
+
+TRUSTED = (0.05, 1.0)
+"""Range of the likeliest scale of all accelerations, relative to usual ones, within which the usual ones are kept. Most
+joints rest while a few move, so at usual speed the scale is 0.13 to 0.55; slow motion or a wrong frame rate leads out
+of the range."""
+SPARSENESS = 3.0
+"""Factor by which the accelerations of moving joints exceed the common scale, where that lies below the range and
+joints are not estimated one by one."""
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentSmoothness:
+    """The current estimate of how smooth the motions of a segment are.
+
+    Attributes
+    ----------
+    variances : tuple of AccelerationVariances
+        Per performer: variances on the frames with neighbours on both sides; known poses beside the segment count as
+        neighbours. Empty where variances are not estimated.
+    scaled : bool
+        Whether the common scale was found to differ from 1, see `AccelerationSearch`.
+    kept : bool
+        Whether the variances are final.
+    """
+
+    variances: tuple[AccelerationVariances, ...] = ()
+    scaled: bool = False
+    kept: bool = False
+
+    @classmethod
+    def start(cls, problem: SegmentProblem) -> SegmentSmoothness:
+        """Return the variances before any estimation."""
+        if problem.acceleration_precision is not None or problem.typical_variances is None:
+            return cls()
+        return cls(
+            tuple(
+                AccelerationVariances.constant(problem.variances(i), max(_known_frames(problem, i) - 2, 0))
+                for i in range(len(problem.bodies))
+            ),
+            kept=problem.search is AccelerationSearch.KEPT,
+        )
+
+    def estimated(
+        self,
+        problem: SegmentProblem,
+        motions: Sequence[Motion],
+        evidence: Sequence[BandedBlocks],
+        expected: Sequence[Array] = (),
+        *,
+        rounds: int = 1,
+        bursts: bool = True,
+    ) -> SegmentSmoothness:
+        """Return the next estimate, from the motions and the evidence around them.
+
+        Parameters
+        ----------
+        problem : SegmentProblem
+        motions : sequence of Motion
+            F poses per performer.
+        evidence : sequence of BandedBlocks
+            Per performer: normal equations of all evidence at these motions, without smoothness.
+        expected : sequence of ndarray, shape (F, D), optional
+            Per performer: means of the accelerations, as predicted for hidden parts; by default zero.
+        rounds : int
+            Number of iterations of the estimate.
+        bursts : bool
+            Whether the variances may differ from frame to frame, see `estimate_variances`. They may not in coarse looks
+            at the pictures; usual accelerations that such a look does not contradict are not final.
+        """
+        if self.kept:
+            return self
+        scaling = problem.search is AccelerationSearch.SCALE
+        scaling |= problem.search is AccelerationSearch.SCALE_THEN_JOINTS and not self.scaled
+        contradicted = not scaling or self.scaled
+        found = []
+        for i, before in enumerate(self.variances):
+            if i not in problem.sought:
+                found.append(before)
+                continue
+            known, start = _with_known(problem, i, motions[i])
+            allowed = _among_known(problem, expected[i], start, len(known)) if expected else None
+            mobility, count = axis_mobility(problem.bodies[i]), len(before.local)
+            if scaling:
+                usual = problem.variances(i)
+                scale = likeliest_scale(
+                    known,
+                    evidence[i],
+                    problem.fixed[i],
+                    AccelerationVariances.constant(usual, count).precision(mobility),
+                    start=start,
+                    expected=allowed,
+                    guess=float(np.sqrt(before.typical[0] / usual[0])),
+                )
+                larger = SPARSENESS if scale < TRUSTED[0] and problem.search is AccelerationSearch.SCALE else 1.0
+                contradicted |= not TRUSTED[0] <= scale <= TRUSTED[1]
+                found.append(AccelerationVariances.constant((larger * scale) ** 2 * usual, count))
+                continue
+            found.append(
+                estimate_variances(
+                    known,
+                    evidence[i],
+                    problem.fixed[i],
+                    mobility,
+                    before,
+                    start=start,
+                    expected=allowed,
+                    rounds=rounds,
+                    bursts=bursts,
+                    given=given_groups(problem.bodies[i], problem.settings),
+                )
+            )
+        return SegmentSmoothness(tuple(found), scaled=True) if contradicted else replace(self, kept=bursts)
+
+    def blocks(
+        self, problem: SegmentProblem, performer: int, motion: Motion, expected: Array | None = None
+    ) -> BandedBlocks:
+        """Build the normal equations of the smoothness of one performer's F poses.
+
+        Parameters
+        ----------
+        problem : SegmentProblem
+        performer : int
+            Index of the performer.
+        motion : Motion
+            F poses.
+        expected : ndarray, shape (F, D), optional
+            Means of the accelerations, as predicted for hidden parts; by default zero.
+        """
+        known, start = _with_known(problem, performer, motion)
+        if self.variances:
+            precision = self.variances[performer].precision(axis_mobility(problem.bodies[performer]))
+        else:
+            precision = problem.precision(performer)
+            if precision.ndim > 1:
+                beside = (start, len(known) - start - problem.length)
+                precision = np.pad(precision, (beside, (0, 0)), mode="edge")[1:-1]
+        if expected is not None:
+            expected = _among_known(problem, expected, start, len(known))
+        return smoothness(known, precision, expected).cut(start, start + problem.length)
+
+
+def _with_known(problem: SegmentProblem, performer: int, motion: Motion) -> tuple[Motion, int]:
+    """Return a performer's F poses between the known poses beside them, and the index of the first of the F."""
+    before, after = problem.around(performer)
+    return stacked([m for m in (before, motion, after) if m is not None]), 0 if before is None else 1
+
+
+def _known_frames(problem: SegmentProblem, performer: int) -> int:
+    return problem.length + sum(side is not None for side in problem.around(performer))
+
+
+def _among_known(problem: SegmentProblem, accelerations: Array, start: int, count: int) -> Array:
+    """Embed accelerations (F, D) in those of all known poses, (count - 2, D)."""
+    return np.pad(accelerations, ((start, count - start - problem.length), (0, 0)))[1:-1]

@@ -1,0 +1,1 @@
+"""Limbs that a solution has lost, mistaken for others or mirrored: found in the images, and put right."""

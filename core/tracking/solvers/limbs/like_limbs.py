@@ -1,0 +1,140 @@
+"""Left and right limbs that are mistaken for each other.
+
+Where the two limbs of a pair meet, silhouettes do not show which is which afterwards. Either the smoothest motion
+decides, or the images do, between motions with the limbs exchanged from one meeting to the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+import scipy  # its parts are loaded when they are used
+from numpy.typing import NDArray
+
+from ....body import Body, part_poses
+from ....body.limbs import limb_pairs
+from ....body.motion import Motion
+from ....numerics import rotations
+from ....numerics.arrays import Array
+from ..equations.problem import SegmentProblem
+
+MEETING = 0.05
+"""Standard deviation of the Gaussian that smooths the difference between two limbs over time, seconds."""
+PARTED = 0.75
+"""Two minima of the distance count as meetings if both are smaller than this share of its maximum between them."""
+BESIDE = 0.2
+"""Time before and after a meeting over which velocities are compared, seconds."""
+
+
+def untangled_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[Motion]:
+    """Undo exchanges of all pairs of limbs of the performers that are solved for; see `untangled`."""
+    found = list(motions)
+    for i in problem.sought:
+        body = problem.bodies[i]
+        for pair in limb_pairs(body):
+            free = ~problem.fixed[i][:, 3:].reshape(len(found[i]), -1, 3)[:, pair[0] + pair[1]].any(axis=(1, 2))
+            found[i] = untangled(body, found[i], pair, problem.fps, free)
+    return found
+
+
+def untangled(
+    body: Body, motion: Motion, pair: tuple[list[int], list[int]], fps: float, free: NDArray[np.bool_] | None = None
+) -> Motion:
+    """Undo exchanges of a pair of limbs where that makes the motion smoother.
+
+    The limbs may have been exchanged wherever their distance has a minimum. Of all combinations of exchanges there, the
+    one with the smallest changes of velocity is taken. On the first and the last frame the limbs stay as they are.
+
+    Parameters
+    ----------
+    body : Body
+    motion : Motion
+        F poses.
+    pair : tuple of lists of int
+        The two limbs as chains of parts, see `limb_pairs`.
+    fps : float
+    free : ndarray of bool, shape (F,), optional
+        Frames on which the limbs may be exchanged; by default all.
+    """
+    apart, meetings = _meetings(body, motion, pair, fps)
+    frames = np.zeros(len(motion), dtype=bool)
+    for (a, b), swapped in zip(
+        zip(meetings, [*meetings, len(motion)][1:], strict=True), _exchanges(apart, meetings, fps), strict=True
+    ):
+        frames[a:b] = swapped
+    frames &= True if free is None else free
+    return exchanged(body, motion, pair, frames) if frames.any() else motion
+
+
+def exchanges(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[tuple[Motion, ...]]:
+    """Generate motions in which one pair of limbs is exchanged between two of its meetings.
+
+    A solver that mistook the limbs at both meetings has made the motion between them smooth, so only the images can
+    show that they were exchanged. Key poses count as meetings, too: limbs may be mistaken right beside them.
+
+    Yields
+    ------
+    tuple of Motion
+        F poses per performer.
+    """
+    for i in problem.sought:
+        body, motion = problem.bodies[i], motions[i]
+        for pair in limb_pairs(body):
+            apart, meetings = _meetings(body, motion, pair, problem.fps)
+            distance = np.linalg.norm(apart, axis=1)
+            fixed = problem.fixed[i][:, 3:].reshape(len(motion), -1, 3)[:, pair[0] + pair[1]].any(axis=(1, 2))
+            ends = np.flatnonzero(fixed[[0, -1]]) * (len(motion) - 1)
+            for a, b in pairwise(sorted({*meetings.tolist(), *ends.tolist()})):
+                frames = np.zeros(len(motion), dtype=bool)
+                frames[a + fixed[a] : b] = True
+                if not (fixed & frames).any() and max(distance[a], distance[b]) < PARTED * distance[a:b].max():
+                    new = exchanged(body, motion, pair, frames)
+                    yield (*motions[:i], new, *motions[i + 1 :])
+
+
+def exchanged(body: Body, motion: Motion, pair: tuple[list[int], list[int]], frames: NDArray[np.bool_]) -> Motion:
+    """Exchange the directions of a pair of limbs on the frames of a mask (F,)."""
+    R, _ = part_poses(body, motion)
+    Q = motion.rotations.copy()
+    for chain, other in (pair, pair[::-1]):
+        parent = R[:, body.parents[chain[0]]]
+        for part, like in zip(chain, other, strict=True):
+            turned = np.swapaxes(parent @ body.R_parent_rest[part], -1, -2) @ R[:, like]
+            Q[frames, part] = rotations.orthonormal(turned[frames])
+            parent = R[:, like]
+    return Motion(motion.translations, Q)
+
+
+def _meetings(
+    body: Body, motion: Motion, pair: tuple[list[int], list[int]], fps: float
+) -> tuple[Array, NDArray[np.intp]]:
+    """Smoothed differences between the bone directions of two limbs, (F, d), and the frames where they are smallest."""
+    R, _ = part_poses(body, motion)
+    trunk = np.flatnonzero(body.ancestry[pair[0][0]] & body.ancestry[pair[1][0]])[-1]
+    left, right = (np.swapaxes(R[:, [trunk]], -1, -2) @ R[:, chain] for chain in pair)
+    apart = (right - left)[..., 1].reshape(len(motion), -1)
+    apart = scipy.ndimage.gaussian_filter1d(apart, MEETING * fps, axis=0, mode="nearest")
+    distance = np.linalg.norm(apart, axis=1)
+    return apart, 1 + np.flatnonzero((distance[1:-1] < distance[:-2]) & (distance[1:-1] < distance[2:]))
+
+
+def _exchanges(apart: Array, meetings: NDArray[np.intp], fps: float) -> list[bool]:
+    """Return after which meetings the limbs are exchanged, from their differences (F, d).
+
+    Dynamic programming over both possible assignments minimises the squared changes of velocity at the meetings.
+    """
+    reach, last = max(2, round(BESIDE * fps)), len(apart) - 1
+    ways: dict[int, tuple[float, list[bool]]] = {1: (0.0, [])}
+    for f in meetings:
+        p, q = max(f - reach, 0), min(f + reach, last)
+        before = (apart[f] - apart[p]) / (f - p)
+        jump = {s: float((((s * apart[q] - apart[f]) / (q - f) - before) ** 2).sum()) for s in (1, -1)}
+        ways = {
+            side: min(
+                ((cost + jump[side * was], [*way, side < 0]) for was, (cost, way) in ways.items()), key=lambda w: w[0]
+            )
+            for side in (1, -1)
+        }
+    return ways[1][1]

@@ -1,0 +1,155 @@
+"""Exchanging limbs between solutions, or left with right, where that makes the images likelier."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import islice
+
+from ....body.limbs import limb_pairs
+from ....body.motion import Motion
+from ..descent_stages import SETTLED, SETTLING
+from ..equations.measurement import Workspace
+from ..equations.problem import SegmentProblem, SegmentSolution
+from ..equations.segment_equations import SegmentNoise
+from ..gauss_newton import approach, continued, descend
+from ..solution_ranking import (
+    RESTING,
+    alike,
+    cover_at,
+    equals,
+    likeliest_at_rest,
+    likelihood,
+    noise_of,
+    tells_likelihood,
+)
+from .like_limbs import exchanges
+
+LENDING = 0.03
+"""Relative difference of cover up to which a solution may lend its limbs to the best one."""
+HOPELESS = 0.06
+"""Relative loss of cover after the first iterations from which on an exchange, for one of several performers, is given
+up."""
+
+
+def recombined(
+    problem: SegmentProblem,
+    best: SegmentSolution,
+    others: Sequence[SegmentSolution],
+    noise: SegmentNoise,
+    workspace: Workspace,
+) -> SegmentSolution:
+    """Take over pairs of limbs from other solutions into the best one where that makes the images likelier.
+
+    The random search may find the arms in one solution and the legs in another. A limb does not quite fit the trunk of
+    another solution, so each mixture is solved further before it is compared.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    best : SegmentSolution
+    others : sequence of SegmentSolution
+    noise : SegmentNoise
+        All are compared under this noise.
+    workspace : Workspace
+    """
+    lenders = equals(others, LENDING)
+    tried = [solution.motions for solution in lenders]
+    places = [(i, left + right) for i in problem.sought for left, right in limb_pairs(problem.bodies[i])]
+    for k, (i, parts) in enumerate(places):
+        share = workspace.part(k / len(places), (k + 1) / len(places))
+        mixtures = []
+        for a, b in [pair for other in lenders for pair in ((best, other), (other, best))]:
+            lent = a.motions[i].with_parts(parts, b.motions[i])
+            motions = (*a.motions[:i], lent, *a.motions[i + 1 :])
+            if not any(alike(motions, before) for before in tried):
+                tried.append(motions)
+                mixtures.append(motions)
+        found = [best]
+        for n, motions in enumerate(mixtures):
+            part = share.part(n / len(mixtures), (n + 1) / len(mixtures))
+            found.append(descend(problem, motions, part, SETTLED, noise))
+        best = likeliest_at_rest(problem, noise, *found, workspace=workspace)
+    return best
+
+
+def with_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspace: Workspace) -> SegmentSolution:
+    """Exchange left and right limbs of a solution between two of their meetings, where that is better.
+
+    Legs that pass each other twice between two key poses look much as if they had turned back both times. A search for
+    one limb at a time does not find this error, as the other limb is in its place. Performers are treated in turn, with
+    the motions of the others given; if limbs of any were exchanged, all are solved together at the end.
+    """
+    if len(problem.sought) == 1:
+        return _with_own_limbs_exchanged(problem, best, workspace)
+    motions = best.motions
+    for k, i in enumerate(problem.sought):
+        part = workspace.part(k / len(problem.sought), (k + 1) / len(problem.sought))
+        alone = problem.alone(i)
+        own = replace(best, motions=motions, only=alone.only)
+        motions = _with_own_limbs_exchanged(alone, own, part).motions
+    if motions is best.motions:
+        return best
+    return continued(best, descend(problem, motions, workspace.silent(), SETTLED))
+
+
+def _with_own_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspace: Workspace) -> SegmentSolution:
+    """Do the same for the performer that is solved for. Among several performers, the solution is only solved further
+    to be compared with an exchange that may be better, and stays as it was where no exchange counts.
+    """
+    noise = noise_of(problem, best, workspace)
+    count = len(list(exchanges(problem, best.motions)))
+    settled = count > 0 and problem.only is None
+    if settled:
+        best = _settled_on(problem, best, noise, workspace)
+    kept = best
+    for k in range(count):
+        part = workspace.part(k / count, (k + 1) / count)
+        # Generated anew from the best so far: an accepted exchange leaves the meetings of the limbs where they were.
+        for motions in islice(exchanges(problem, best.motions), k, k + 1):
+            found = _exchange_settled(problem, best, motions, noise, part)
+            if found is None:
+                continue
+            if not settled:
+                best, settled = _settled_on(problem, best, noise, workspace), True
+            if _exchange_counts(problem, best, found, noise):
+                best = kept = continued(best, found)
+    return kept
+
+
+def _settled_on(
+    problem: SegmentProblem, best: SegmentSolution, noise: SegmentNoise, workspace: Workspace
+) -> SegmentSolution:
+    return continued(best, descend(problem, best.motions, workspace.silent(), SETTLED, noise))
+
+
+def _exchange_counts(
+    problem: SegmentProblem, best: SegmentSolution, found: SegmentSolution, noise: SegmentNoise
+) -> bool:
+    """Whether a solution with exchanged limbs is better than the one without.
+
+    The likelihood decides: limbs that have only just been exchanged are still a few centimetres off and may cover less,
+    and so may a limb that is rightly hidden by another performer. Where a single moving camera leaves it open
+    (`tells_likelihood`), the exchange must cover more at a lower cost.
+    """
+    if not tells_likelihood(problem):
+        return found.cover > best.cover and found.energy[-1] < best.energy[-1]
+    return likelihood(problem, noise, found) > likelihood(problem, noise, best) + RESTING
+
+
+def _exchange_settled(
+    problem: SegmentProblem,
+    best: SegmentSolution,
+    motions: Sequence[Motion],
+    noise: SegmentNoise,
+    workspace: Workspace,
+) -> SegmentSolution | None:
+    """Solve from exchanged limbs. For one of several performers, return None if after the first iterations the cover is
+    so much smaller (`HOPELESS`) that the exchange cannot be better.
+    """
+    if problem.only is None:
+        return descend(problem, motions, workspace, (*SETTLING, *SETTLED), noise)
+    settled, *_ = approach(problem, motions, workspace.part(0.0, 0.3), SETTLING)
+    if cover_at(problem, best, settled, workspace) < best.cover - HOPELESS * abs(best.sought_cover):
+        return None
+    return descend(problem, settled, workspace.part(0.3, 1.0), SETTLED, noise)

@@ -1,0 +1,241 @@
+"""Images in which a limb is searched for: uncovered pixels that look like the performer, and slopes of brightness."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+from ....body.kinematics import scene_poses
+from ....body.motion import Motion
+from ....cameras.camera import Camera
+from ....evidence.foreground_images.foreground import SCALE, STRONGEST, log_ratio
+from ....evidence.foreground_images.part_colours import ColouredFrames
+from ....evidence.limb_sides import PartSides, SideRatios, SlopeImages
+from ....evidence.rendering.label_images import NEAR, LabelImages, render_labels
+from ....evidence.rendering.part_geometry import Geometry
+from ....evidence.rendering.still_parts import StillParts
+from ....evidence.view_frames import ViewFrames
+from ....numerics.arrays import Array, Bools
+from ....numerics.repeatable import transformed
+from ..equations.problem import SegmentProblem
+
+PartPoses = tuple[Array, Array]
+"""K world orientations and positions of a part on each of m frames: (m, K, 3, 3) and (m, K, 3)."""
+ZERO = 128
+"""Value of a foreground image whose log likelihood ratio is 0: performer and background are equally likely."""
+DEPTH_STEP = 0.002
+"""Unit of depth images, metres."""
+NOBODY = (1 << 16) - 1
+"""Depth where there is no part, in units of `DEPTH_STEP`."""
+STRIDE = 3
+"""Distance between the pixels that are used, in rows and in columns."""
+
+
+@dataclass(frozen=True, eq=False)
+class ViewRatios:
+    """What a view shows of a performer, at every STRIDE-th pixel.
+
+    Attributes
+    ----------
+    camera : Camera
+        At the reduced resolution.
+    first : int
+        Shot frame of the first image.
+    foreground : ndarray of uint8, shape (F, h, w)
+        The performer's foreground images, see `core.evidence.foreground_images.foreground`.
+    coloured : ColouredFrames or None
+        Colours of the performer's parts.
+    still : StillParts or None
+        Label images of the other performers, where their motion is given.
+    slopes : SlopeImages or None
+        How brightness changes, at full resolution.
+    """
+
+    camera: Camera
+    first: int
+    foreground: NDArray[np.uint8]
+    coloured: ColouredFrames | None
+    still: StillParts | None
+    slopes: SlopeImages | None
+
+    @classmethod
+    def of(cls, view: ViewFrames, problem: SegmentProblem, performer: int, motions: Sequence[Motion]) -> ViewRatios:
+        """Collect what a view shows of a performer on the frames of a problem; the others are posed as in `motions`."""
+        foreground = view.foreground_at(problem.first, problem.length, STRIDE)[performer]
+        coloured = view.part_colours(problem.first, problem.length, STRIDE)
+        camera, still = view.camera.subsampled(STRIDE), None
+        if problem.only is not None:
+            geometry = problem.geometry()
+            others = np.flatnonzero(geometry.performer != performer)
+            still = StillParts.drawn(geometry, others, camera, problem.first, scene_poses(problem.bodies, motions))
+        slopes = None if coloured is None else _slopes_around(view, problem, foreground)
+        return cls(camera, problem.first, foreground, coloured, still, slopes)
+
+    def labels(self, geometry: Geometry, poses: tuple[Array, Array], without: Sequence[int] = ()) -> LabelImages:
+        """Render label images of all parts without some; indices are those of all parts."""
+        parts = np.setdiff1d(np.arange(len(geometry.spans)), without)
+        if self.still is not None:
+            parts = np.setdiff1d(parts, self.still.parts)
+        some = geometry if len(parts) == len(geometry.spans) else geometry.subset(parts.tolist())
+        moving = render_labels(some, self.camera, self.first, poses[0][:, parts], poses[1][:, parts])
+        return moving if self.still is None else self.still.among(moving, parts)
+
+    def uncovered(self, geometry: Geometry, poses: tuple[Array, Array], parts: Sequence[int]) -> UncoveredImages:
+        """Compute the log likelihood ratios of a limb's parts at all pixels that the limb can reach."""
+        labels = self.labels(geometry, poses, parts)
+        rows, columns = self._within_reach(geometry, poses[1][:, list(parts)], parts)
+        window, corner = (slice(None), rows, columns), (columns.start, rows.start)
+        shown, foreground = labels.part[window], self.foreground[window]
+        nobody, beside = shown < 0, log_ratio(np.arange(256, dtype=np.uint8))
+        if self.coloured is None:
+            image = np.where(nobody, _as_steps(beside)[foreground], np.uint8(ZERO))
+            return UncoveredImages(self.camera, self.first, (image,) * len(parts), None, None, origin=corner)
+        colours, palette = self.coloured.colours, self.coloured.palette[window]
+        others = np.arange(len(geometry.spans))
+        if self.still is None:
+            others = np.setdiff1d(others, parts)
+        # The ratio at a pixel depends on its colour and on what is there now: another part, or a foreground value.
+        row = np.where(nobody, foreground.astype(np.int32) + np.int32(len(others)), shown)
+        place = row * np.int32(colours.ratio.shape[1]) + palette
+        images = []
+        for part in parts:
+            own = colours.ratio[part]
+            before = np.where(colours.distinct[part][others, None], own - colours.ratio[others], np.float32(0))
+            images.append(_as_steps(np.concatenate([before, beside[:, None] + own])).take(place))
+        depth = depth_steps(labels)[window]
+        return UncoveredImages(self.camera, self.first, tuple(images), depth, self.slopes, origin=corner)
+
+    def _within_reach(self, geometry: Geometry, joints: Array, parts: Sequence[int]) -> tuple[slice, slice]:
+        """Rows and columns of the pixels that a chain of parts with joints (F, n, 3) may cover, however they turn."""
+        sizes = [float(np.linalg.norm(geometry.vertices[geometry.spans[part]], axis=1).max()) for part in parts]
+        lengths = np.linalg.norm(np.diff(joints, axis=1), axis=-1).max(axis=0, initial=0.0)
+        reach = max(size + before for size, before in zip(sizes, np.cumsum([0.0, *lengths]), strict=True))
+        Rc, tc = self.camera.poses(self.first, len(joints))
+        x = np.einsum("fij,fj->fi", Rc, joints[:, 0]) + tc
+        near, far = x[:, 2] - reach, x[:, 2] + reach
+        _, *size = self.foreground.shape
+        if near.min() <= NEAR:
+            return slice(0, size[0]), slice(0, size[1])
+        edges = []
+        for axis, pixels in ((1, size[0]), (0, size[1])):
+            ends = [(x[:, axis] + end) / depth for end in (-reach, reach) for depth in (near, far)]
+            places = self.camera.matrix[axis, axis] * np.array(ends) + self.camera.matrix[axis, 2]
+            first = 2 * int(np.clip((places.min() - 1) // 2, 0, (pixels - 1) // 2))  # even: halves round as without it
+            edges.append(slice(first, int(np.clip(np.ceil(places.max()) + 2, first + 1, pixels))))
+        return edges[0], edges[1]
+
+
+def _slopes_around(view: ViewFrames, problem: SegmentProblem, foreground: NDArray[np.uint8]) -> SlopeImages | None:
+    """Slopes of brightness within the box of pixels that may show the performer on some frame."""
+    shown = (foreground > ZERO).any(axis=0)
+    if not shown.any():
+        return None
+    rows, columns = (np.flatnonzero(shown.any(axis=axis)) for axis in (1, 0))
+    left, top = STRIDE * int(columns[0]), STRIDE * int(rows[0])
+    right, bottom = STRIDE * (int(columns[-1]) + 1), STRIDE * (int(rows[-1]) + 1)
+    start = problem.first - view.first
+    grey = view.grey[start : start + problem.length, top:bottom, left:right]
+    return SlopeImages.of(view.camera, problem.first, grey, (left, top))
+
+
+@dataclass(frozen=True, eq=False)
+class UncoveredImages:
+    """Log likelihood ratios of a view's pixels for each part of a limb, against what is there without the limb.
+
+    Attributes
+    ----------
+    camera : Camera
+    first : int
+        Shot frame of the first image.
+    ratio : tuple of ndarray of uint8, shape (F, h, w)
+        Per part: log likelihood ratios, encoded as in foreground images (`ZERO`).
+    depth : ndarray of uint16, shape (F, h, w), or None
+        Depth of all other parts in units of `DEPTH_STEP`; None where it does not matter.
+    slopes : SlopeImages or None
+    sides : SideRatios or None
+        Distribution of brightness changes across the limb's sides, once learned.
+    origin : tuple of int
+        Column and row of the view's pixel that is the first of the images.
+    """
+
+    camera: Camera
+    first: int
+    ratio: tuple[NDArray[np.uint8], ...]
+    depth: NDArray[np.uint16] | None
+    slopes: SlopeImages | None
+    sides: SideRatios | None = None
+    origin: tuple[int, int] = (0, 0)
+
+    def changes(self, sides: PartSides, frames: slice, poses: PartPoses) -> tuple[NDArray[np.float32], Bools]:
+        """Return the brightness changes across the sides of a part in K poses on m frames, grey levels per pixel, and
+        which of them other parts do not hide; shapes (m, 2, n, K) for n points on either side.
+        """
+        assert self.slopes is not None and self.depth is not None
+        Rc, tc = self.camera.poses(self.first + frames.start, len(poses[0]))
+        centre = -np.einsum("mji,mj->mi", Rc, tc).astype(np.float32)
+        R, T = (each.astype(np.float32) for each in poses)
+        change, seen = self.slopes.steepest(frames, *sides.seen_from(centre, R, T))
+        pixels = seen[:, :2].reshape(len(seen), 2, -1, seen.shape[-1]) / np.float32(STRIDE)
+        others = self._looked_up(self.depth[frames], pixels[:, 0], pixels[:, 1], 0).reshape(change.shape)
+        return change, seen[:, 2] < others * np.float32(DEPTH_STEP)
+
+    def beside(self, sides: PartSides, frames: slice, poses: PartPoses) -> NDArray[np.float32]:
+        """Log likelihood ratio of the brightness across the sides of a part in K poses on m frames, (m, K)."""
+        if self.sides is None:
+            return np.zeros(poses[1].shape[:2], np.float32)
+        return self.sides.of(*self.changes(sides, frames, poses)).sum(axis=(1, 2))
+
+    def at(self, part: int, frames: slice, points_world: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Mean log likelihood ratio of the pixels that a part's points (m, 3, K, points) fall on, shape (m, K).
+
+        Points outside of the image or behind other parts count 0.
+        """
+        Rc, tc = self.camera.poses(self.first + frames.start, len(points_world))
+        K = self.camera.matrix
+        x = transformed((K @ Rc).astype(np.float32), points_world.reshape(len(points_world), 3, -1))
+        x += (tc @ K.T).astype(np.float32)[..., None]
+        depth = np.maximum(x[:, 2:], np.float32(NEAR))
+        columns, rows = (x[:, :2] / depth).reshape(points_world[:, :2].shape).swapaxes(0, 1)
+        steps = self._looked_up(self.ratio[part][frames], columns, rows, ZERO).astype(np.int16) - np.int16(ZERO)
+        if self.depth is not None:
+            others = self._looked_up(self.depth[frames], columns, rows, 0)
+            steps *= depth.reshape(others.shape) < others * np.float32(DEPTH_STEP)
+        return np.asarray(steps.mean(axis=-1, dtype=np.float32) / np.float32(SCALE))
+
+    def _looked_up(self, images: NDArray[Any], columns: Array, rows: Array, beyond: float) -> NDArray[Any]:
+        """Look up the nearest pixels of images (m, h, w) at positions (m, K, points) in the view."""
+        left, top = (np.float32(edge) for edge in self.origin)
+        found = np.empty(columns.shape, images.dtype)
+        for image, u, v, out in zip(images, columns - left, rows - top, found, strict=True):
+            cv2.remap(image, u, v, cv2.INTER_NEAREST, out, cv2.BORDER_CONSTANT, beyond)
+        return found
+
+
+def depth_steps(labels: LabelImages) -> NDArray[np.uint16]:
+    """Depth of the parts at every pixel of label images, in units of `DEPTH_STEP`."""
+    if labels.still is None:
+        images = np.full(labels.part.shape, NOBODY, np.uint16)
+    else:
+        images = _in_depth_steps(labels.still.depth)
+    images.ravel()[labels.index] = _in_depth_steps(1 / labels.inverse_depth)
+    return images
+
+
+def _in_depth_steps(depth: NDArray[np.float32]) -> NDArray[np.uint16]:
+    return np.minimum(depth / np.float32(DEPTH_STEP), np.float32(NOBODY)).astype(np.uint16)
+
+
+def _as_steps(ratio: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Encode log likelihood ratios as bytes, as in foreground images, to save memory."""
+    return np.rint(np.clip(ratio, -STRONGEST, STRONGEST) * np.float32(SCALE) + np.float32(ZERO)).astype(np.uint8)
+
+
+def shown_areas(geometry: Geometry, parts: Sequence[int]) -> Array:
+    """Mean projected areas of parts, square metres: by Cauchy's formula a quarter of their surfaces."""
+    return np.array([ConvexHull(geometry.vertices[geometry.spans[part]]).area / 4 for part in parts])

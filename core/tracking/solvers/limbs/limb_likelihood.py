@@ -1,0 +1,237 @@
+"""Log likelihood ratios of poses of a limb: by the pixels that it covers, and by the edges at its sides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from ....body import Body, part_poses
+from ....body.kinematics import scene_poses
+from ....body.limbs import limbs, without_end
+from ....body.motion import Motion
+from ....evidence.limb_sides import PartSides, SideRatios
+from ....evidence.rendering.part_geometry import Geometry
+from ....evidence.view_frames import views_with_foreground
+from ....numerics import rotations
+from ....numerics.arrays import Array
+from ..equations.problem import SegmentProblem
+from .limb_images import NOBODY, PartPoses, UncoveredImages, ViewRatios, depth_steps, shown_areas
+
+LimbOfPerformer = tuple[int, list[int]]
+"""Index of a performer, and a limb of it as a chain of its parts."""
+PATCH = 0.06
+"""Pixels within this distance of each other on the body count as one observation, metres."""
+LEAST_HELD = 0.02
+"""Weight with which a limb that is not seen is kept where it is: among poses that the images cannot distinguish, the
+present one is preferred."""
+ELSEWHERE_SPREAD = 0.5
+"""Standard deviation of poses drawn around each key pose, radians, for a joint with a range of half a circle."""
+ELSEWHERE = 60
+"""Poses drawn around each key pose, to learn how brightness changes where no limb has its side."""
+_POINTS = 16
+_AT_A_TIME = 16  # frames
+_LEAST_RANGE = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class LimbModel:
+    """A limb of n parts on F frames, as the search needs it.
+
+    Attributes
+    ----------
+    body : Body
+    chain : list of int
+        The limb's parts, from the trunk outward.
+    range : ndarray, shape (n, 3)
+        Range of each joint's rotation vector in half circles.
+    points : ndarray, shape (n, points, 3)
+        Points inside each part, in its frame, metres.
+    areas : ndarray, shape (n,)
+        Mean projected area of each part, square metres.
+    parent : tuple of ndarray, shapes (F, 3, 3) and (F, 3)
+        World poses of the part that the limb hangs on.
+    begin : ndarray, shape (F, n, 3)
+        Present rotation vectors of the limb.
+    fixed : ndarray of bool, shape (F, n, 3)
+        Degrees of freedom that stay as they are.
+    held : ndarray, shape (F, n)
+        How clearly each part is seen where it is, 0 to 1.
+    sides : tuple of PartSides
+        Sides of the limb's parts but the last, see `without_end`.
+    """
+
+    body: Body
+    chain: list[int]
+    range: Array
+    points: Array
+    areas: Array
+    parent: tuple[Array, Array]
+    begin: Array
+    fixed: NDArray[np.bool_]
+    held: Array
+    sides: tuple[PartSides, ...]
+
+
+def limb_of(
+    problem: SegmentProblem, motions: Sequence[Motion], place: LimbOfPerformer, rng: Generator
+) -> tuple[LimbModel, list[int]]:
+    """Return a limb as motions have it, with the least `held`, and the indices of its parts among all performers'."""
+    i, chain = place
+    body, span = problem.bodies[i], problem.spans()[i]
+    parts = [span.start + part for part in chain]
+    R, T = part_poses(body, motions[i])
+    limb = LimbModel(
+        body,
+        chain,
+        np.clip(np.ptp(body.limits[chain], axis=2) / np.pi, _LEAST_RANGE, 1.0),
+        *_samples(problem.geometry(), parts, rng),
+        (R[:, body.parents[chain[0]]], T[:, body.parents[chain[0]]]),
+        rotations.log(motions[i].rotations[:, chain]),
+        problem.fixed[i][:, 3:].reshape(problem.length, -1, 3)[:, chain],
+        np.full((problem.length, len(chain)), LEAST_HELD),
+        tuple(PartSides.of(body.parts[part]) for part in without_end(chain)),
+    )
+    return limb, parts
+
+
+def support_of_limbs(
+    problem: SegmentProblem, motions: Sequence[Motion]
+) -> Iterator[tuple[int, list[int], Array, Callable[[], Array]]]:
+    """Generate, for every limb, the log likelihood ratio of the images with the limb where it is against without it.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    motions : sequence of Motion
+        F poses per performer.
+
+    Yields
+    ------
+    int
+        Index of the performer.
+    list of int
+        The limb as a chain of its parts.
+    ndarray, shape (F,)
+        Log likelihood ratio on each frame by the brightness across the limb's sides alone.
+    callable
+        Computes the ratio on each frame by sides and pixels together, (F,). It is 0 where the limb is hidden in all
+        views.
+    """
+    rng = np.random.default_rng(problem.settings.search_seed)
+    views = [view for view in views_with_foreground(problem.views) if view.colours is not None]
+    geometry, poses = problem.geometry(), scene_poses(problem.bodies, motions)
+    for i in problem.sought if views else ():
+        looks = [ViewRatios.of(view, problem, i, motions) for view in views]
+        labels = [look.labels(geometry, poses) for look in looks]
+        depths = [depth_steps(each) for each in labels]
+        for chain in limbs(problem.bodies[i]):
+            limb, parts = limb_of(problem, motions, (i, chain), rng)
+            own = np.isin(np.arange(len(geometry.spans) + 1), parts)  # the last is nobody
+            beside = [
+                UncoveredImages(look.camera, look.first, (), np.where(own[shown.part], NOBODY, depth), look.slopes)
+                for look, shown, depth in zip(looks, labels, depths, strict=True)
+            ]
+            sides = sides_shown(limb, with_sides_learned(limb, beside, problem.whole_keys(i), rng))
+            yield i, chain, sides, partial(_all_shown, limb, looks, (geometry, poses, parts), sides)
+
+
+def _all_shown(
+    limb: LimbModel,
+    looks: Sequence[ViewRatios],
+    drawn: tuple[Geometry, tuple[Array, Array], Sequence[int]],
+    sides: Array,
+) -> Array:
+    """Log likelihood ratio of a limb's present pose by its pixels, plus that of its sides, (F,)."""
+    uncovered = [look.uncovered(*drawn) for look in looks]
+    return sides + covered(replace(limb, sides=()), uncovered, limb.begin[:, None])[:, 0]
+
+
+def with_sides_learned(
+    limb: LimbModel, looks: Sequence[UncoveredImages], keys: NDArray[np.intp], rng: Generator
+) -> list[UncoveredImages]:
+    """Return the views with the distribution of brightness changes across the limb's sides, learned on key poses."""
+    return [_with_learned(limb, look, keys, own) for look, own in zip(looks, rng.spawn(len(looks)), strict=True)]
+
+
+def _with_learned(limb: LimbModel, look: UncoveredImages, keys: NDArray[np.intp], rng: Generator) -> UncoveredImages:
+    if look.slopes is None or not len(keys):
+        return look
+    drawn = rng.normal(size=(len(keys), ELSEWHERE, *limb.range.shape)) * ELSEWHERE_SPREAD * limb.range
+    drawn += limb.begin[keys, None]
+    found: list[list[NDArray[np.float32]]] = [[], []]
+    for k, key in enumerate(keys.tolist()):
+        frame = slice(key, key + 1)
+        for kind, turns in enumerate((limb.begin[None, frame], drawn[k][None])):
+            for sides, poses in zip(limb.sides, _posed(limb, frame, turns), strict=False):
+                change, visible = look.changes(sides, frame, poses)
+                found[kind].append(change[visible])
+    return replace(look, sides=SideRatios.learned(*map(np.concatenate, found)))
+
+
+def sides_shown(limb: LimbModel, looks: Sequence[UncoveredImages]) -> Array:
+    """Log likelihood ratio of a limb's present pose by the brightness across its sides, (F,)."""
+    score = np.zeros(len(limb.begin))
+    for some in _chunks(len(score)):
+        for sides, poses in zip(limb.sides, _posed(limb, some, limb.begin[some, None]), strict=False):
+            for look in looks:
+                score[some] += look.beside(sides, some, poses)[:, 0]
+    return score
+
+
+def _samples(geometry: Geometry, parts: Sequence[int], rng: Generator) -> tuple[Array, Array]:
+    """Random points inside the parts, (n, points, 3), and the parts' mean projected areas (n,), square metres."""
+    vertices = [geometry.vertices[geometry.spans[part]] for part in parts]
+    points = [rng.dirichlet(np.full(len(v), 0.3), _POINTS) @ v for v in vertices]
+    return np.array(points), shown_areas(geometry, parts)
+
+
+def covered(limb: LimbModel, uncovered: Sequence[UncoveredImages], drawn: Array) -> Array:
+    """Log likelihood ratios of K poses of the limb on each frame, shape (F, K).
+
+    Parameters
+    ----------
+    limb : LimbModel
+    uncovered : sequence of UncoveredImages
+        One per view.
+    drawn : ndarray, shape (F, K, n, 3), or (1, K, n, 3) if they are the same on all frames
+        Rotation vectors.
+    """
+    score = np.zeros((len(limb.held), drawn.shape[1]))
+    for some in _chunks(len(score)):
+        chosen = drawn if len(drawn) == 1 else drawn[some]
+        for part, (area, poses) in enumerate(zip(limb.areas, _posed(limb, some, chosen), strict=True)):
+            world = _placed(limb.points[part], poses)
+            for look in uncovered:
+                score[some] += area / PATCH**2 * look.at(part, some, world)
+                if part < len(limb.sides):
+                    score[some] += look.beside(limb.sides[part], some, poses)
+    return score
+
+
+def _chunks(frames: int) -> Iterator[slice]:
+    return (slice(f, min(f + _AT_A_TIME, frames)) for f in range(0, frames, _AT_A_TIME))
+
+
+def _posed(limb: LimbModel, frames: slice, drawn: Array) -> Iterator[PartPoses]:
+    """Generate the world poses of the limb's parts on m frames from rotation vectors (m or 1, K, n, 3)."""
+    R, T = limb.parent[0][frames, None], limb.parent[1][frames, None]
+    Q = rotations.exp(drawn)
+    for k, part in enumerate(limb.chain):
+        T = T + R @ limb.body.offsets[part]
+        R = R @ (limb.body.R_parent_rest[part] @ Q[:, :, k])
+        yield R, T
+
+
+def _placed(points: Array, poses: PartPoses) -> NDArray[np.float32]:
+    """Transform points in a part's frame to the world, (m, 3, K, points)."""
+    # Coordinate by coordinate: one product of matrices for all poses, and long rows for what follows. In double
+    # precision: processors differ in products of single precision.
+    R, T = poses
+    turned = np.ascontiguousarray(np.moveaxis(R, 2, 1)) @ points.T
+    turned += np.moveaxis(T, 2, 1)[..., None]
+    return np.asarray(turned.astype(np.float32))

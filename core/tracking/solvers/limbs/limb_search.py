@@ -1,0 +1,212 @@
+"""Searching for lost limbs in foreground that the model does not cover.
+
+Outlines attract over a few centimetres only; an arm that comes into sight again, or a leg half a step ahead, is farther
+away. So poses of a limb are drawn at random around its present motion on every frame. Each is scored by how much
+uncovered foreground it would cover, and dynamic programming finds the likeliest path through them between the key
+poses. This is repeated with poses drawn ever closer to the path. The result is a start for the solver.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy  # its parts are loaded when they are used
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from ....body.kinematics import scene_poses
+from ....body.limbs import limbs
+from ....body.motion import Motion
+from ....evidence.occlusion import intervals
+from ....evidence.rendering.part_geometry import Geometry
+from ....evidence.view_frames import views_with_foreground
+from ....numerics import rotations
+from ....numerics.arrays import Array
+from ....numerics.likeliest_path import likeliest_path, place_probabilities
+from ....numerics.repeatable import on_grid
+from ..equations.measurement import Workspace
+from ..equations.problem import SegmentProblem
+from .like_limbs import untangled_limbs
+from .limb_images import ZERO, UncoveredImages, ViewRatios
+from .limb_likelihood import LEAST_HELD, LimbModel, LimbOfPerformer, covered, limb_of, sides_shown, with_sides_learned
+
+SPREADS = (1.0, 0.5, 0.25, 0.12)
+"""Standard deviation of the poses drawn in each round, radians, for a joint with a range of half a circle; for others
+in proportion to their range."""
+DRAWS = 80
+"""Poses drawn per round; those at one and two thirds of the way to each are scored as well."""
+ANYWHERE = 60
+"""Poses of the first round that are drawn from the whole range of the joints; each is the best of `HEAT` draws, judged
+by a few points."""
+HEAT = 32
+SPEED = 3.0
+"""Usual rate of change of the error of a joint with a range of half a circle, rad/s: half the speed of the joint."""
+HELD = 0.1
+"""Standard deviation, radians, of the departure of a limb that is clearly seen where it is."""
+SEEN = 0.1
+"""A limb of which a smaller share is seen on pixels of its own colours may be elsewhere."""
+_FEW_POINTS = 2
+LEAST_GAIN = 50.0
+"""Smallest gain in log likelihood, in natural units, for which a limb's motion is changed."""
+
+
+def pictures_find_limbs(problem: SegmentProblem) -> bool:
+    """Whether limbs can be searched for: it needs foreground images, and with keypoints it is not done."""
+    return not problem.keypoints and problem.settings.limb_search and bool(views_with_foreground(problem.views))
+
+
+def found_limbs(problem: SegmentProblem, motions: Sequence[Motion], seed: int, workspace: Workspace) -> list[Motion]:
+    """Search for every limb of the performers that are solved for, one limb after the other; the trunk stays as it is.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+        Only views with foreground images are used; they are taken to be simultaneous.
+    motions : sequence of Motion
+        F poses per performer; fixed degrees of freedom are kept.
+    seed : int
+        Seed of the random poses, together with that of the settings.
+    workspace : Workspace
+        Progress is reported before each limb.
+
+    Returns
+    -------
+    list of Motion
+        F poses per performer.
+    """
+    views = views_with_foreground(problem.views)
+    looks = {i: [ViewRatios.of(view, problem, i, motions) for view in views] for i in problem.sought}
+    found, rng = list(motions), np.random.default_rng([seed, problem.settings.search_seed])
+    chains = [(i, chain) for i in problem.sought for chain in limbs(problem.bodies[i])]
+    for done, (i, chain) in enumerate(chains):
+        workspace.report(done / len(chains), found)
+        found[i] = _with_limb_found(problem, looks[i], found, (i, chain), rng)
+    return untangled_limbs(problem, found)
+
+
+def freed_limb(problem: SegmentProblem, motions: Sequence[Motion], place: LimbOfPerformer, seed: int) -> Motion:
+    """Search for one limb of a performer regardless of how well it is seen where it is.
+
+    A misplaced limb in front of the body seems right, as it covers foreground of similar colours.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    motions : sequence of Motion
+        F poses per performer; fixed degrees of freedom are kept.
+    place : LimbOfPerformer
+    seed : int
+        Seed of the random poses, together with that of the settings.
+
+    Returns
+    -------
+    Motion
+        F poses of the performer.
+    """
+    rng = np.random.default_rng([seed, problem.settings.search_seed])
+    looks = [ViewRatios.of(view, problem, place[0], motions) for view in views_with_foreground(problem.views)]
+    return _with_limb_found(problem, looks, motions, place, rng, free=True)
+
+
+def _with_limb_found(
+    problem: SegmentProblem,
+    looks: Sequence[ViewRatios],
+    motions: Sequence[Motion],
+    place: LimbOfPerformer,
+    rng: Generator,
+    *,
+    free: bool = False,
+) -> Motion:
+    """Move one limb of a performer to where it is likeliest; with `free`, regardless of how well it is seen now."""
+    i, chain = place
+    motion = motions[i]
+    limb, parts = limb_of(problem, motions, place, rng)
+    geometry, poses = problem.geometry(), scene_poses(problem.bodies, motions)
+    uncovered = [look.uncovered(geometry, poses, parts) for look in looks]
+    uncovered = with_sides_learned(limb, uncovered, problem.whole_keys(i), rng)
+    if not free:
+        shown = scipy.special.expit(sides_shown(limb, uncovered))[:, None]
+        limb = replace(limb, held=np.maximum(_held(looks, geometry, poses, parts) * shown, LEAST_HELD))
+        if problem.only is not None and not _doubted(limb):
+            return motion
+    path, gain = _likeliest(limb, uncovered, problem.fps, rng)
+    if gain < LEAST_GAIN:
+        return motion
+    Q = motion.rotations.copy()
+    Q[:, chain] = np.where(limb.fixed.all(axis=-1)[..., None, None], Q[:, chain], rotations.exp(path))
+    return Motion(motion.translations, Q)
+
+
+def _doubted(limb: LimbModel) -> bool:
+    """Whether a limb is hardly seen where it is (`SEEN`) on two or more frames in a row."""
+    unsure = limb.held[:, : len(limb.sides)].mean(axis=1) < SEEN
+    return any(last > first for first, last in intervals(unsure))
+
+
+def _held(looks: Sequence[ViewRatios], geometry: Geometry, poses: tuple[Array, Array], parts: list[int]) -> Array:
+    """Share of each part's area that is seen on foreground of its own colours, in the view that shows most, (F, n).
+
+    It is reduced for a part that lies mostly on the background in another view, in proportion to its visible share
+    there: such a part is misplaced.
+    """
+    held = np.zeros((len(poses[0]), len(parts)))
+    free = np.zeros(held.shape)
+    for look in looks:
+        labels, performer = look.labels(geometry, poses), look.foreground > ZERO
+        for k, part in enumerate(parts):
+            seen = labels.part == part
+            like = 1.0 if look.coloured is None else np.exp(np.minimum(look.coloured.of(part), 0).astype(float))
+            right = (seen & performer) * like
+            right = right.sum(axis=(1, 2)) / np.maximum(seen.sum(axis=(1, 2)), 1)
+            held[:, k] = np.maximum(held[:, k], labels.share[:, part] * right)
+            free[:, k] = np.maximum(free[:, k], labels.share[:, part] * np.clip(1 - 2 * right, 0, 1))
+    return held * (1 - free)
+
+
+def _likeliest(
+    limb: LimbModel, uncovered: Sequence[UncoveredImages], fps: float, rng: Generator
+) -> tuple[Array, float]:
+    """Return the likeliest rotation vectors (F, n, 3) of the limb, and by how much likelier they are than the present.
+
+    Their difference from the present ones should change slowly (`SPEED`); how fast the limb itself moves costs nothing.
+    """
+    begin = limb.begin
+    low = np.minimum(limb.body.limits[limb.chain, :, 0], begin.min(axis=0))
+    high = np.maximum(limb.body.limits[limb.chain, :, 1], begin.max(axis=0))
+    cost = SPEED * limb.range / fps
+    path = begin
+    values: list[float] = []
+    for spread in SPREADS:
+        offsets = rng.normal(size=(DRAWS, *limb.range.shape)) * spread * limb.range
+        offsets = np.concatenate([np.zeros((1, *limb.range.shape)), offsets / 3, 2 * offsets / 3, offsets])
+        drawn = path[:, None] + offsets
+        if not values:
+            drawn = np.concatenate([drawn, _anywhere(limb, uncovered, (low, high), rng.spawn(1)[0])], axis=1)
+        drawn = np.where(limb.fixed[:, None], path[:, None], np.clip(drawn, low, high))
+        score = covered(limb, uncovered, drawn)
+        score -= 0.5 * np.einsum("fn,fkna->fk", limb.held, ((drawn - begin[:, None]) / (HELD * limb.range)) ** 2)
+        places = ((drawn - begin[:, None]) / cost).reshape(*score.shape, -1)
+        best, value = likeliest_path(score, places)
+        if not values:
+            values.append(float(score[:, 0].sum()))
+        values.append(value)
+        # Draws that are far apart are different poses, so the best is taken; later their mean is smoother.
+        wide = spread > SPREADS[len(SPREADS) // 2]
+        frames = np.arange(len(drawn))
+        path = drawn[frames, best] if wide else np.einsum("fk,fkna->fna", place_probabilities(score, places), drawn)
+        path = np.where(limb.fixed, begin, on_grid(path))
+    return path, values[-1] - values[0]
+
+
+def _anywhere(
+    limb: LimbModel, uncovered: Sequence[UncoveredImages], bounds: tuple[Array, Array], rng: Generator
+) -> NDArray[np.float64]:
+    """Poses of the limb (F, `ANYWHERE`, n, 3) from between bounds (n, 3), as drawing around its present pose rarely
+    reaches far: of poses drawn once for all frames, each frame has the best of every `HEAT`.
+    """
+    drawn = rng.uniform(*bounds, size=(ANYWHERE * HEAT, *limb.range.shape))
+    score = covered(replace(limb, points=limb.points[:, :_FEW_POINTS], sides=()), uncovered, drawn[None])
+    winner = score.reshape(len(score), ANYWHERE, HEAT).argmax(axis=2) + HEAT * np.arange(ANYWHERE)
+    return np.asarray(drawn[winner])

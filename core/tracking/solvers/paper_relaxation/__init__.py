@@ -1,0 +1,1 @@
+"""The solver of the papers: relaxation, started by following the gradients."""

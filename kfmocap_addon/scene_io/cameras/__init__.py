@@ -1,0 +1,1 @@
+"""Camera objects with their footage, as the core takes them, and back."""

@@ -1,0 +1,140 @@
+"""Footage behind cameras: movie clips as their backgrounds, at the right frame and without lens distortion."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ....core.errors import FootageError
+from ....core.shot.frame_numbers import file_index, footage_index, is_interlaced
+from ....core.shot.image_sequences import image_files
+
+
+def load_clip(path: Path) -> bpy.types.MovieClip:
+    """Load footage as a movie clip.
+
+    Raises
+    ------
+    FootageError
+        If Blender cannot read it.
+    """
+    images = image_files(path)
+    first = path if images is None else images[min(images)]
+    if not first.is_file():
+        raise FootageError("there is no such footage", where=str(path))
+    clip = bpy.data.movieclips.load(str(first.resolve()))
+    if clip.source == "MOVIE" and clip.frame_duration < 1:
+        bpy.data.movieclips.remove(clip)
+        raise FootageError("Blender cannot read the footage", where=str(path))
+    return clip
+
+
+def footage_folder(scene: bpy.types.Scene) -> Path | None:
+    """Return the folder of the first footage of a scene's shot; None without any."""
+    for view in scene.kfmocap.views:
+        clip = clip_behind(view.camera) if view.camera is not None else None
+        if clip is not None:
+            return Path(bpy.path.abspath(clip.filepath)).parent
+    return None
+
+
+def clip_behind(owner: bpy.types.Object) -> bpy.types.MovieClip | None:
+    """Return the footage behind a camera object."""
+    for background in owner.data.background_images:
+        if background.source == "MOVIE_CLIP" and background.clip is not None:
+            return background.clip
+    return None
+
+
+def footage_path(slot: bpy.types.PropertyGroup) -> Path | None:
+    """Return the footage of a view as a shot names it, or None where there is none."""
+    clip = clip_behind(slot.camera) if slot.camera is not None else None
+    if clip is None:
+        return None
+    path = Path(os.path.normpath(bpy.path.abspath(clip.filepath, library=clip.library)))
+    return path.with_name(slot.sequence) if slot.sequence else path
+
+
+def background_clip(slot: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
+    """Return the footage behind a view's camera; raises a FootageError if there is none."""
+    clip = clip_behind(slot.camera)
+    if clip is None:
+        raise FootageError(
+            "the camera has no footage",
+            where=f"camera {slot.camera.name}",
+            todo="give it a movie clip as background image",
+        )
+    return clip
+
+
+def show_behind(data: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:
+    """Show footage behind a camera."""
+    background = data.background_images.new()
+    background.source, background.clip = "MOVIE_CLIP", clip
+    background.alpha, background.frame_method = 1.0, "STRETCH"
+    undistort(background)
+    data.show_background_images = True
+
+
+def undistort(background: bpy.types.CameraBackgroundImage) -> None:
+    """Show the footage without lens distortion, which Blender's cameras do not have."""
+    background.clip_user.use_render_undistorted = True
+
+
+def show_in_time(slot: Any, first: int, frame_start: int) -> None:
+    """Set up the footage behind a view's camera to show the right frames for its offset and fields.
+
+    Parameters
+    ----------
+    first : int
+        First frame of the shot in the footage's count.
+    frame_start : int
+        Scene frame of shot frame 0.
+    """
+    clip = clip_behind(slot.camera) if slot.camera is not None else None
+    if clip is None:
+        return
+    clip.driver_remove("frame_start")
+    clip.frame_start = frame_start - file_index(slot, first)
+    if is_interlaced(slot):
+        _play_at_half_rate(clip, footage_index(slot, first) - frame_start)
+
+
+def _play_at_half_rate(clip: bpy.types.MovieClip, ahead: int) -> None:
+    """Show each frame of interlaced footage, with both fields interleaved, on the two scene frames that are its fields.
+
+    A movie clip has no playback rate, so its start is driven instead. `ahead` is the number of fields that the footage
+    is ahead of scene frames.
+    """
+    driver = clip.driver_add("frame_start").driver
+    # Of functions that Blender evaluates itself: a file may drive it where Python is not trusted.
+    driver.expression = f"frame - floor((frame {ahead:+d}) / 2)"
+
+
+def look_through(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
+    """Make a view the scene's camera, with the resolution and pixel aspect of its footage."""
+    scene.camera = slot.camera
+    render = scene.render
+    render.resolution_x, render.resolution_y = slot.size
+    render.resolution_percentage = 100
+    render.pixel_aspect_x, render.pixel_aspect_y = slot.aspect
+    refresh(scene)
+
+
+def refresh(scene: bpy.types.Scene) -> None:
+    """Show the footage of all views in their cameras, with the scene's opacity for it.
+
+    The scene's resolution is that of one view; in cameras of another shape, footage keeps its own proportions. A
+    camera's lens refers to its picture's width, so that is what the footage must span.
+    """
+    render = scene.render
+    aspect = render.resolution_x * render.pixel_aspect_x / (render.resolution_y * render.pixel_aspect_y)
+    for slot in scene.kfmocap.views:
+        for background in slot.camera.data.background_images if slot.camera is not None else ():
+            own = slot.size[0] * slot.aspect[0] / (slot.size[1] * slot.aspect[1])
+            same = abs(own - aspect) < 1e-4 * aspect
+            background.frame_method = "STRETCH" if same else "FIT" if own > aspect else "CROP"
+            background.alpha = scene.kfmocap.opacity

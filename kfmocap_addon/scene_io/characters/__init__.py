@@ -1,0 +1,1 @@
+"""Characters of others, as bodies: their skins, and what moves their bones."""

@@ -1,0 +1,32 @@
+"""What moves an armature object as a whole: its parent, a constraint, a driver, or keys of its own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ..cameras.camera_poses import coming_back
+
+_STILL = 1e-4
+"""Largest change of the object's matrix, metres or radians, of one that stays."""
+_SAMPLE = 7
+"""Frames on which it is looked for."""
+
+
+def what_moves(scene: bpy.types.Scene, armature: bpy.types.Object, frames: tuple[int, int]) -> str | None:
+    """Return what moves an armature object between two scene frames, None where nothing does."""
+    holds = [held for held in list[Any](armature.constraints) if not held.mute and held.influence > 0]
+    if armature.parent is None and not holds and armature.animation_data is None:
+        return None
+    layer, places = scene.view_layers[0], []
+    with coming_back(scene):
+        for frame in np.unique(np.linspace(*frames, _SAMPLE).astype(int)):
+            scene.frame_set(int(frame))
+            places.append(np.array(armature.evaluated_get(layer.depsgraph).matrix_world))
+    if np.ptp(places, axis=0).max() < _STILL:
+        return None
+    if armature.parent is not None:
+        return f"its parent {armature.parent.name}"
+    return f"its constraint '{holds[0].name}'" if holds else "its own keys"

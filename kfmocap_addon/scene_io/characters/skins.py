@@ -1,0 +1,88 @@
+"""Skins of characters: the meshes that an armature moves, and which bone leads each of their vertices."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ....core.numerics.arrays import Array
+from .followed_bones import skeletons_following
+
+_LED = 0.5
+"""Share of a vertex's weight from which on a bone leads it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """The skin of a character at rest: vertices (V, 3) in the armature's axes, and the bones that lead them.
+
+    `leaders` (V,) are numbers of the bones in `names`, -1 where none leads a vertex.
+    """
+
+    points: Array
+    leaders: NDArray[np.int64]
+    names: list[str]
+
+
+def skinned_meshes(armature: bpy.types.Object) -> list[bpy.types.Object]:
+    """Return the meshes that an armature modifier binds to an armature's vertex groups."""
+    return [o for o in bpy.data.objects if o.type == "MESH" and any(_binds(m, armature) for m in o.modifiers)]
+
+
+def _binds(modifier: Any, armature: bpy.types.Object) -> bool:
+    return modifier.type == "ARMATURE" and modifier.object == armature and modifier.use_vertex_groups
+
+
+def read_skin(armature: bpy.types.Object) -> Skin:
+    """Read the skin at rest: modifiers before and beside the armature's are respected. That of a skeleton whose bones
+    follow the armature's is led by the bones that they follow.
+    """
+    own = [bone.name for bone in armature.data.bones if bone.use_deform]
+    skeletons = {armature: dict(zip(own, own, strict=True)), **skeletons_following(armature)}
+    bound = [(mesh, bones) for skeleton, bones in skeletons.items() for mesh in skinned_meshes(skeleton)]
+    names = list(dict.fromkeys(name for bones in skeletons.values() for name in bones.values()))
+    numbers = {name: i for i, name in enumerate(names)}
+    points, leaders = [np.empty((0, 3))], [np.empty(0, np.int64)]
+    to_armature = np.linalg.inv(np.array(armature.matrix_world))
+    with _at_rest(skeletons):
+        graph = bpy.context.evaluated_depsgraph_get()
+        for skin, bones in bound:
+            shown = skin.evaluated_get(graph)
+            mesh = shown.to_mesh()
+            matrix = to_armature @ np.array(skin.matrix_world)
+            co = np.empty(3 * len(mesh.vertices), np.float32)
+            mesh.vertices.foreach_get("co", co)
+            points.append(co.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3])
+            groups = [numbers.get(bones.get(group.name, ""), -1) for group in skin.vertex_groups]
+            leaders.append(np.array([_leader(vertex, groups) for vertex in mesh.vertices], np.int64))
+            shown.to_mesh_clear()
+    return Skin(np.concatenate(points), np.concatenate(leaders), names)
+
+
+@contextmanager
+def _at_rest(armatures: Collection[bpy.types.Object]) -> Iterator[None]:
+    before = {armature: armature.data.pose_position for armature in armatures}
+    for armature in armatures:
+        armature.data.pose_position = "REST"
+    bpy.context.view_layer.update()
+    try:
+        yield
+    finally:
+        for armature, position in before.items():
+            armature.data.pose_position = position
+        bpy.context.view_layer.update()
+
+
+def _leader(vertex: bpy.types.MeshVertex, groups: list[int]) -> int:
+    """Return the bone with most of a vertex's weight, -1 where none has half of it."""
+    weights = [(g.weight, groups[g.group]) for g in vertex.groups if g.group < len(groups) and groups[g.group] >= 0]
+    if not weights:
+        return -1
+    most, bone = max(weights)
+    return bone if most >= _LED * sum(weight for weight, _ in weights) else -1

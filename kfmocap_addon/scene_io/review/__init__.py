@@ -1,0 +1,1 @@
+"""What a tracking reports about its result, kept on bones and in lists."""
