@@ -9,8 +9,8 @@ from typing import Any
 
 import bpy
 
-from .operators.go_to_frame import StepKeyPose
-from .operators.look_through import StepView
+from .operators.footage.look_through import StepView
+from .operators.tracking.go_to_frame import StepKeyPose
 
 KEYS: tuple[tuple[str, str, dict[str, object]], ...] = (
     ("J", "kfmocap.place_joints", {}),

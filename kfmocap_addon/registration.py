@@ -13,43 +13,28 @@ from typing import Any
 import bpy
 
 from . import keymap, panels, properties, toolbar
-from .operators import (
-    add_footage,
-    bake,
+from .operators import job_operator, open_section
+from .operators.cameras import (
     calibrate_cameras,
     calibrate_from_performer,
     camera_files,
     capture_views,
-    choose_performer,
+    pick_colour,
+    refine_cameras,
+)
+from .operators.characters import export_motion, hand_shape, retarget_bones, send_to_rig
+from .operators.footage import add_footage, drop_files, load_shot, look_through, recover
+from .operators.performers import choose_performer, edit_body, exchange_people, fit_body, hold_prop
+from .operators.posing import (
     clear_marks,
     copy_pose,
-    drop_files,
-    edit_body,
-    exchange_people,
-    export_motion,
-    fit_body,
-    go_to_frame,
-    hand_shape,
-    hold_prop,
-    job_operator,
-    load_shot,
-    look_through,
     nudge_pose,
-    open_section,
-    pick_colour,
     place_joints,
-    plants,
     pose_from_files,
-    recover,
-    refine_cameras,
-    retarget_bones,
-    send_to_rig,
     set_key_pose,
     show_key_pictures,
-    show_misfit,
-    simplify,
-    track_motion,
 )
+from .operators.tracking import bake, go_to_frame, plants, show_misfit, simplify, track_motion
 from .panels import guide, key_list
 from .scene_io.cameras import missing_footage
 from .scene_io.key_pictures import PICTURES

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from .operators.conditions import is_placing
-from .operators.go_to_frame import StepKeyPose
-from .operators.look_through import StepView
-from .operators.place_joints import PlaceJoints
-from .operators.set_key_pose import SetKeyPose
+from .operators.footage.look_through import StepView
+from .operators.posing.place_joints import PlaceJoints
+from .operators.posing.set_key_pose import SetKeyPose
+from .operators.tracking.go_to_frame import StepKeyPose
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

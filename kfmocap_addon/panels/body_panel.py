@@ -2,10 +2,10 @@
 
 import bpy
 
-from ..operators.edit_body import AddBody, EditPart, FinishPart, RemovePerformer, UseArmature, edited_part
-from ..operators.fit_body import FitBody
-from ..operators.hold_prop import HoldProp, RemoveHold
-from ..operators.recover import RestoreBody
+from ..operators.footage.recover import RestoreBody
+from ..operators.performers.edit_body import AddBody, EditPart, FinishPart, RemovePerformer, UseArmature, edited_part
+from ..operators.performers.fit_body import FitBody
+from ..operators.performers.hold_prop import HoldProp, RemoveHold
 from ..properties.body_fields import MEASURES
 from ..scene_io import active_performer, hold_checks
 from . import performer_rows

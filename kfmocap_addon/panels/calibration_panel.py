@@ -5,12 +5,12 @@ from typing import Any
 
 import bpy
 
-from ..operators.calibrate_cameras import Calibrate, ShowReport
-from ..operators.calibrate_from_performer import CalibrateFromPerformer, height_owner
-from ..operators.camera_files import ExportCameras, ImportCameras
-from ..operators.capture_views import AddVideos, LoadCapture, RemoveVideos
-from ..operators.pick_colour import PickColour
-from ..operators.pose_from_files import ImportKeypoints
+from ..operators.cameras.calibrate_cameras import Calibrate, ShowReport
+from ..operators.cameras.calibrate_from_performer import CalibrateFromPerformer, height_owner
+from ..operators.cameras.camera_files import ExportCameras, ImportCameras
+from ..operators.cameras.capture_views import AddVideos, LoadCapture, RemoveVideos
+from ..operators.cameras.pick_colour import PickColour
+from ..operators.posing.pose_from_files import ImportKeypoints
 from ..scene_io import active_performer
 from ..scene_io import capture_scene as captures
 from . import guide

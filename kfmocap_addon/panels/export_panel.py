@@ -4,9 +4,9 @@ from pathlib import Path
 
 import bpy
 
-from ..operators.bake import Bake
-from ..operators.export_motion import Export, OpenExportFolder
-from ..operators.simplify import Simplify
+from ..operators.characters.export_motion import Export, OpenExportFolder
+from ..operators.tracking.bake import Bake
+from ..operators.tracking.simplify import Simplify
 from .section import Section, draw_as_form
 from .texts import draw_text
 

@@ -2,12 +2,12 @@
 
 import bpy
 
-from ..operators.add_footage import AddFootage, ImportCalibration, RemoveView, UseSceneCameras
-from ..operators.load_shot import LoadShot
-from ..operators.look_through import LookThrough, QuadView, StepView
+from ..operators.cameras.refine_cameras import RefineCameras
+from ..operators.footage.add_footage import AddFootage, ImportCalibration, RemoveView, UseSceneCameras
+from ..operators.footage.load_shot import LoadShot
+from ..operators.footage.look_through import LookThrough, QuadView, StepView
+from ..operators.footage.recover import RelinkFootage
 from ..operators.open_section import OpenSection
-from ..operators.recover import RelinkFootage
-from ..operators.refine_cameras import RefineCameras
 from .section import FoldedPart, Section, draw_as_form
 from .texts import draw_text
 

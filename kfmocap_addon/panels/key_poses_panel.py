@@ -4,16 +4,16 @@ from collections.abc import Sequence
 
 import bpy
 
-from ..operators.clear_marks import ClearMarks
 from ..operators.conditions import is_placing, no_performer
-from ..operators.copy_pose import CopyPose, MirrorPose, PastePose
-from ..operators.exchange_people import ExchangePeople
-from ..operators.go_to_frame import GoToFrame
-from ..operators.nudge_pose import BreakdownPose, NudgeDepth, NudgePose
-from ..operators.place_joints import PlaceJoints
-from ..operators.pose_from_files import ImportKeypoints, MarkKeypoints, PoseFromKeypoints, PoseFromLandmarks
-from ..operators.set_key_pose import AcceptProposals, RefuseProposal, RemoveKeyPose, SetKeyPose
-from ..operators.show_key_pictures import ShowKeyPictures
+from ..operators.performers.exchange_people import ExchangePeople
+from ..operators.posing.clear_marks import ClearMarks
+from ..operators.posing.copy_pose import CopyPose, MirrorPose, PastePose
+from ..operators.posing.nudge_pose import BreakdownPose, NudgeDepth, NudgePose
+from ..operators.posing.place_joints import PlaceJoints
+from ..operators.posing.pose_from_files import ImportKeypoints, MarkKeypoints, PoseFromKeypoints, PoseFromLandmarks
+from ..operators.posing.set_key_pose import AcceptProposals, RefuseProposal, RemoveKeyPose, SetKeyPose
+from ..operators.posing.show_key_pictures import ShowKeyPictures
+from ..operators.tracking.go_to_frame import GoToFrame
 from ..properties.section_properties import sections_of
 from ..scene_io import active_performer
 from ..scene_io.key_pictures import PICTURES

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..operators.choose_performer import ChoosePerformer
+from ..operators.performers.choose_performer import ChoosePerformer
 from ..scene_io import active_performer
 
 

@@ -2,9 +2,9 @@
 
 import bpy
 
-from ..operators.hand_shape import FingersFromKeypoints, HandShape
-from ..operators.retarget_bones import FindBones, ForgetBones, LoadBoneMap, SaveBoneMap
-from ..operators.send_to_rig import SendToRig, StopFollowing
+from ..operators.characters.hand_shape import FingersFromKeypoints, HandShape
+from ..operators.characters.retarget_bones import FindBones, ForgetBones, LoadBoneMap, SaveBoneMap
+from ..operators.characters.send_to_rig import SendToRig, StopFollowing
 from ..scene_io import active_performer
 from .section import Section, draw_as_form
 

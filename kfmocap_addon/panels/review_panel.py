@@ -2,9 +2,9 @@
 
 import bpy
 
-from ..operators.go_to_frame import GoToFrame
-from ..operators.plants import CleanFeet, FindPlants, ForgetPlantEdits, SetPlant
-from ..operators.show_misfit import HideResidual, ShowResidual
+from ..operators.tracking.go_to_frame import GoToFrame
+from ..operators.tracking.plants import CleanFeet, FindPlants, ForgetPlantEdits, SetPlant
+from ..operators.tracking.show_misfit import HideResidual, ShowResidual
 from ..scene_io import active_performer
 from ..scene_io.review import bone_visibility
 from . import performer_rows

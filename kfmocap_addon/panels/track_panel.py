@@ -3,7 +3,7 @@
 import bpy
 
 from ..operators.job_operator import draw_progress, running_job
-from ..operators.track_motion import (
+from ..operators.tracking.track_motion import (
     ClearBetween,
     ContinueTracking,
     TrackAll,

@@ -18,8 +18,8 @@ from ..export.whole_files import writing
 from ..scene_io.scene import set_rate
 from .listed_bones import read_map
 from .motion_files import last_line, read_motion
-from .overrides import editable
-from .rig_curves import CurveOptions
+from .rigs.overrides import editable
+from .rigs.rig_curves import CurveOptions
 from .send import SendOptions, find_target, send_to_rig
 
 if TYPE_CHECKING:

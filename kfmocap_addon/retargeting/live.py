@@ -24,8 +24,8 @@ from ...core.retargeting.rest_alignment import alignments
 from ...core.retargeting.roles import BoneMap
 from ...core.retargeting.transfer import Placement, hip_centre, hip_path, source_blends
 from ..scene_io.body import body_armature
-from .rig_reading import restore_holds
-from .rig_settings import Owner, restore_settings
+from .rigs.rig_reading import restore_holds
+from .rigs.rig_settings import Owner, restore_settings
 
 NAME = "KF Mocap Live"
 _CHANGED = "kfmocap_changed"

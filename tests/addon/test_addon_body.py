@@ -16,8 +16,8 @@ from kfmocap.core.body.measures.proportions import measured  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses  # noqa: E402
-from kfmocap.kfmocap_addon.operators.edit_body import LENGTHS  # noqa: E402
-from kfmocap.kfmocap_addon.operators.fit_body import FitBody  # noqa: E402
+from kfmocap.kfmocap_addon.operators.performers.edit_body import LENGTHS  # noqa: E402
+from kfmocap.kfmocap_addon.operators.performers.fit_body import FitBody  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves  # noqa: E402

@@ -23,7 +23,7 @@ from kfmocap.core.retargeting.roles import FINGERS  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting import finger_tracking  # noqa: E402
-from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import fcurves  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402

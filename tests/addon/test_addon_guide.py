@@ -12,7 +12,7 @@ bpy = pytest.importorskip("bpy")
 from addon_shots import blender, shot, tracker  # noqa: E402, F401
 from kfmocap.core.shot.shot import KeyPoses  # noqa: E402
 from kfmocap.kfmocap_addon import panels  # noqa: E402
-from kfmocap.kfmocap_addon.operators.track_motion import TrackAll  # noqa: E402
+from kfmocap.kfmocap_addon.operators.tracking.track_motion import TrackAll  # noqa: E402
 from kfmocap.kfmocap_addon.panels import guide, key_list, key_poses_panel, texts  # noqa: E402
 from kfmocap.kfmocap_addon.panels.section import Section  # noqa: E402
 from kfmocap.kfmocap_addon.properties.section_properties import SECTIONS, sections_of  # noqa: E402

@@ -16,8 +16,9 @@ from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.formats.bvh import read_bvh  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
-from kfmocap.kfmocap_addon.retargeting import fk_controls, send, source_motion  # noqa: E402
-from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting import send, source_motion  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.rigs import fk_controls  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import added_views, scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature, shown_pose  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402

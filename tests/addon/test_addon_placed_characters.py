@@ -15,7 +15,7 @@ from kfmocap.core.retargeting.transfer import RetargetOptions  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
-from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature, part_meshes  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
 from odd_characters import BODY, CONTROL, controlled_human, shown_heads, skinned_human, switched_human, unreal_like  # noqa: E402

@@ -9,7 +9,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import blender, shot, tracker  # noqa: E402, F401
-from kfmocap.kfmocap_addon.operators.place_joints import PlaceJoints  # noqa: E402
+from kfmocap.kfmocap_addon.operators.posing.place_joints import PlaceJoints  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.cameras import footage_background  # noqa: E402
 from scene_state import differences, state  # noqa: E402

@@ -21,8 +21,8 @@ from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E
 from kfmocap.kfmocap_addon.properties.retarget_properties import KFMocapRetarget  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.character_files import save_copy  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.motion_files import read_motion  # noqa: E402
-from kfmocap.kfmocap_addon.retargeting.overrides import editable  # noqa: E402
-from kfmocap.kfmocap_addon.retargeting.rig_curves import CurveOptions  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.rigs.overrides import editable  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.rigs.rig_curves import CurveOptions  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, find_target, send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.source_motion import motion_of_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402

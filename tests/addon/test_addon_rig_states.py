@@ -11,7 +11,7 @@ from addon_shots import blender, joint_error  # noqa: E402, F401
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
-from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
 from mathutils import Matrix  # noqa: E402

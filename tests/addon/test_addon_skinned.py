@@ -14,7 +14,7 @@ from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
-from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature, part_meshes  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.characters import skinned_parts, skins  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402

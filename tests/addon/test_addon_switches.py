@@ -12,8 +12,9 @@ bpy = pytest.importorskip("bpy")
 from addon_shots import blender, joint_error  # noqa: E402, F401
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
-from kfmocap.kfmocap_addon.retargeting import live, rig_reading, send  # noqa: E402
-from kfmocap.kfmocap_addon.retargeting.skinned_body import use_as_body  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting import live, send  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.rigs import rig_reading  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.characters import skins  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402

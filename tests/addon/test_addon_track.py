@@ -23,7 +23,7 @@ from kfmocap.core.shot.shot import Settings  # noqa: E402
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts  # noqa: E402
 from kfmocap.kfmocap_addon.operators import job_operator  # noqa: E402
 from kfmocap.kfmocap_addon.operators.job_operator import JobOperator  # noqa: E402
-from kfmocap.kfmocap_addon.operators.track_motion import Tracking  # noqa: E402
+from kfmocap.kfmocap_addon.operators.tracking.track_motion import Tracking  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import fcurves, scene, tracked_segments  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys.tracking_preview import TrackingPreview  # noqa: E402

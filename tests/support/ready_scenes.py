@@ -22,7 +22,7 @@ from kfmocap.core.fitting.key_frame_views import posed_key_frames
 from kfmocap.core.formats.camera_files.calibration_files import save_cameras
 from kfmocap.core.shot.shot import Shot
 from kfmocap.core.shot.shot_spec import ViewSpec
-from kfmocap.kfmocap_addon.operators import calibrate_cameras
+from kfmocap.kfmocap_addon.operators.cameras import calibrate_cameras
 from kfmocap.kfmocap_addon.scene_io import joint_marks, scene, unfinished_tracking
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves
 

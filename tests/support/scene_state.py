@@ -9,7 +9,7 @@ from typing import Any
 
 import bpy
 import numpy as np
-from kfmocap.kfmocap_addon.operators.edit_body import LENGTHS
+from kfmocap.kfmocap_addon.operators.performers.edit_body import LENGTHS
 
 PROPERTIES = ("kfmocap", "kfmocap_capture")
 POSED = {"location": 3, "rotation_quaternion": 4, "scale": 3}

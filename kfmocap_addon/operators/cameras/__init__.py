@@ -1,0 +1,1 @@
+"""Tools for cameras: files of them, and calibrations."""

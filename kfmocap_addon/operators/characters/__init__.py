@@ -1,0 +1,1 @@
+"""Tools that take the motion elsewhere: to files, and to other characters."""

@@ -1,0 +1,1 @@
+"""Tools that bring footage, shots and other files into the scene, and show them."""

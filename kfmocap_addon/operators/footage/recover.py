@@ -1,0 +1,71 @@
+"""Recovering footage that was moved and bodies that were deleted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from ....core.errors import BodyError
+from ...scene_io import active_performer
+from ..conditions import Conditional
+from ..mixin import FileReader, OfPerformer
+from .add_footage import IMAGES, VIDEOS, globbed
+
+
+def _misses_footage(context: bpy.types.Context) -> str:
+    return "" if any(view.missing for view in context.scene.kfmocap.views) else "No footage is missing"
+
+
+class RelinkFootage(Conditional, FileReader, bpy.types.Operator):
+    """Find footage that was moved: choose the folder where it is now. All that is missing is looked for there and in
+    the folders below, by the names of its files. Where one view alone misses its footage, any video can be chosen"""
+
+    bl_idname = "kfmocap.relink_footage"
+    bl_label = "Relink"
+    conditions = (_misses_footage,)
+
+    filepath: bpy.props.StringProperty(
+        subtype="FILE_PATH", name="Folder", description="Where the footage is now", options={"SKIP_SAVE"}
+    )
+    filter_glob: bpy.props.StringProperty(default=globbed(f"{VIDEOS};{IMAGES}"), options={"HIDDEN"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if bpy.data.filepath:
+            self.filepath = bpy.path.abspath("//")  # otherwise Blender proposes the name of its own file
+        return set(super().invoke(context, event))
+
+    def read(self, context: bpy.types.Context, path: Path) -> None:
+        from ...scene_io.cameras import missing_footage
+
+        found, missing = missing_footage.relink(context.scene, path)
+        if missing:
+            self.report({"WARNING"}, f"Still missing: the footage of {', '.join(missing)}")
+        self.report({"INFO"}, f"Found the footage of {', '.join(found)}")
+
+
+def _has_lost_body(context: bpy.types.Context) -> str:
+    slots = context.scene.kfmocap.performers
+    lost = [
+        slot for slot in slots if slot.armature is not None and not active_performer.is_present(context.scene, slot)
+    ]
+    return "" if lost else "No body was deleted that could be brought back"
+
+
+class RestoreBody(Conditional, OfPerformer, bpy.types.Operator):
+    """Bring back a performer's armature that was deleted from the scene, with its keys"""
+
+    bl_idname = "kfmocap.restore_body"
+    bl_label = "Bring Back"
+    conditions = (_has_lost_body,)
+
+    def act(self, context: bpy.types.Context) -> None:
+        from ...scene_io import performers
+
+        slot = self.slot(context)
+        if slot.armature is None:
+            raise BodyError(f"Performer {self.performer} has no armature that could be brought back")
+        performers.restore(context.scene, slot)
+
+
+CLASSES = (RelinkFootage, RestoreBody)

@@ -1,0 +1,1 @@
+"""Tools for the performers: their bodies, who is who, and what they hold."""

@@ -1,0 +1,54 @@
+"""Fit Body: lengths and widths of the parts, from the key poses over the footage."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import bpy
+
+from ....core.runtime.worker_process import Work
+from ..conditions import Conditional, has_footage, has_shot
+from ..job_operator import JobOperator
+
+if TYPE_CHECKING:
+    from ....core.fitting.body_fit import BodyFit
+
+
+class FitBody(Conditional, JobOperator, bpy.types.Operator):
+    """Make the parts as long and as wide as the performers in the footage, from the frames on which you posed the whole
+    body: three or more in different postures are best. 2D keypoints give lengths more exactly. Esc cancels"""
+
+    bl_idname = "kfmocap.fit_body"
+    bl_label = "Fit Body"
+    conditions = (has_shot, has_footage)
+
+    adjust_poses: bpy.props.BoolProperty(
+        name="Adjust Key Poses",
+        description="Also move your key poses of the whole body to where the fitted body lies best on the footage",
+    )
+
+    def prepare(self, context: bpy.types.Context) -> Work:
+        from ....core.fitting.body_fit import fit_bodies
+        from ...scene_io import scene as scenes
+
+        shot = scenes.shot_from_scene(context.scene)
+        return partial(fit_bodies, shot)
+
+    def finish(self, context: bpy.types.Context, result: BodyFit) -> None:
+        from ....core.shot.shot import KeyPoses
+        from ...scene_io.body import body_armature
+        from ...scene_io.keys import key_pose_curves
+
+        shot = context.scene.kfmocap
+        for slot, body, poses, growth in zip(shot.performers, result.bodies, result.poses, result.growth, strict=True):
+            body_armature.reshape(slot.armature, body)
+            if self.adjust_poses:
+                key_pose_curves.write_key_poses(slot.armature, KeyPoses.whole(result.frames, poses), shot.frame_start)
+            change = f"{abs(growth):.0%} {'larger' if growth > 0 else 'smaller'}"
+            count = len(result.frames)
+            keys = f"{count} key pose{'s' if count > 1 else ''}"
+            self.report({"INFO"}, f"{slot.name}: fitted to {keys}; {change} than before")
+
+
+CLASSES = (FitBody,)

@@ -1,0 +1,1 @@
+"""Tools that track, and that review and change what was tracked."""

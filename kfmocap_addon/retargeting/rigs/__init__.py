@@ -1,0 +1,1 @@
+"""Rigs of other people: how their controls move them, read by trying, and keys for these controls."""

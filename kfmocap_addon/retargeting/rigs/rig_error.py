@@ -1,0 +1,84 @@
+"""Measuring the errors of a rig with its new curves: its evaluated bones compared with where they should be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import bpy
+import numpy as np
+
+from ....core.numerics import rotations
+from ....core.numerics.arrays import Array, Ints
+from ....core.retargeting.control_rig import ControlRig, RigPoses
+from ....core.retargeting.roles import LIMBS, BoneMap
+from ...scene_io.body.body_armature import world_frame
+from .rig_reading import evaluated
+
+
+def world_matrices(armature: bpy.types.Object, names: Sequence[str]) -> tuple[Array, Array]:
+    """Orientations (B, 3, 3) and heads (B, 3) in the world of bones as they stand."""
+    matrix, scale = world_frame(armature)
+    pose = np.array([armature.pose.bones[name].matrix for name in names]).reshape(-1, 4, 4)
+    R = rotations.orthonormal(matrix[:3, :3] / scale @ pose[:, :3, :3])
+    return R, pose[:, :3, 3] @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def measured_errors(
+    scene: bpy.types.Scene,
+    armature: bpy.types.Object,
+    rig: ControlRig,
+    poses: RigPoses,
+    *,
+    shown: Sequence[str],
+    at_rest: tuple[Array, Array],
+    frames: Ints,
+    sample: Ints,
+) -> dict[str, dict[str, float]]:
+    """Errors by limb on some frames: mean and worst, degrees and millimetres. The motion of the armature object itself
+    does not count.
+
+    Parameters
+    ----------
+    shown : sequence of str, length B
+        The bone that shows the effect of each control.
+    at_rest : tuple of ndarray, shapes (B, 3, 3) and (B, 3)
+        Orientations and heads of those bones at rest.
+    frames : ndarray of int, shape (F,)
+        Scene frames of the poses.
+    sample : ndarray of int
+        Indices of the frames that are compared.
+    """
+    now, standing = scene.frame_current, np.array(armature.matrix_world, float)
+    R_rest, heads = at_rest
+    angles = np.empty((len(sample), len(shown)))
+    apart = np.empty_like(angles)
+    with evaluated(armature):
+        for i, f in enumerate(sample):
+            scene.frame_set(int(frames[f]))
+            R, T = world_matrices(armature, shown)
+            back = np.linalg.inv(np.array(armature.matrix_world))
+            moved = np.asarray(standing @ back, float)  # by a parent, such as a vehicle
+            R, T = rotations.orthonormal(moved[:3, :3]) @ R, T @ moved[:3, :3].T + moved[:3, 3]
+            wanted = poses.turns[f] @ R_rest
+            places = poses.places[f] + np.einsum("bij,bj->bi", poses.turns[f], heads - rig.rest.heads)
+            angles[i] = np.degrees(np.linalg.norm(rotations.log(np.swapaxes(R, -1, -2) @ wanted), axis=-1))
+            apart[i] = 1000 * np.linalg.norm(T - places, axis=-1)
+    scene.frame_set(now)
+    return _by_limb(rig.bones, rig, poses, angles, apart)
+
+
+def _by_limb(
+    bones: BoneMap, rig: ControlRig, poses: RigPoses, angles: Array, apart: Array
+) -> dict[str, dict[str, float]]:
+    found = {}
+    for limb, roles in LIMBS.items():
+        controls = [rig.index(role, k) for role, k, _ in bones.items() if role in roles]
+        controls = [b for b in controls if poses.driven[b]]
+        if controls:
+            found[limb] = {
+                "mean_degrees": round(float(angles[:, controls].mean()), 4),
+                "worst_degrees": round(float(angles[:, controls].max()), 4),
+                "mean_mm": round(float(apart[:, controls].mean()), 3),
+                "worst_mm": round(float(apart[:, controls].max()), 3),
+            }
+    return found

@@ -1,0 +1,1 @@
+"""Characters and props as bodies that are tracked themselves."""

@@ -1,0 +1,56 @@
+"""The bones of a human that are parts of its body, and those whose skin belongs to these parts."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ....core.errors import BodyError
+from ....core.retargeting.roles import SIDES, BoneMap
+from ..send import target_bones
+
+PART_ROLES = ("hips", "spine", "neck", "head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")
+_LIMB_ROLES = ("head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")
+"""Roles of bones that are separate parts even if small, as on figures with large heads and short limbs."""
+_ENDS = ("head", "hand", "foot")
+"""Roles of bones on which hair, fingers and toes hang."""
+_HALVED = (("upper_arm", "forearm"), ("forearm", "hand"), ("thigh", "shin"), ("shin", "foot"))
+"""Limbs of two bones each in some characters, such as those of Daz and MakeHuman, by their roles and the next one."""
+_STRAIGHT = np.radians(15)
+"""Largest angle at which a bone goes on from the one above as the half of a limb."""
+_NEAR = 1e-3
+"""Share of a limb's length within which a bone begins where the limb does."""
+
+
+def limb_bones(armature: bpy.types.Object) -> BoneMap:
+    """Return the bones that a human cannot do without; empty if the armature is not human."""
+    try:
+        bones = target_bones(armature).bones
+    except BodyError:
+        return BoneMap({})
+    return BoneMap({role: names for role, names in bones.items() if role.partition(".")[0] in PART_ROLES})
+
+
+def taken_in(armature: bpy.types.Object, bones: BoneMap) -> dict[str, str]:
+    """Return the bones whose skin belongs to a part of a human though they may turn by themselves, and its bone: what
+    hangs on head, hands and feet, and bones that halve limbs.
+    """
+    found, rest = dict[str, str](), armature.data.bones
+    for end in (name for role, _, name in bones.items() if role.partition(".")[0] in _ENDS):
+        found |= {bone.name: end for bone in rest[end].children_recursive}
+    for upper, lower in ((f"{a}.{side}", f"{b}.{side}") for a, b in _HALVED for side in SIDES):
+        if upper in bones.bones and lower in bones.bones:
+            [first], [last] = bones.bones[upper], bones.bones[lower]
+            line = rest[last].head_local - rest[first].head_local
+            for bone in rest[last].parent_recursive:
+                way = bone.head_local - rest[first].head_local
+                if bone.name == first or rest[first] not in bone.parent_recursive:
+                    break
+                if way.length < _NEAR * line.length or way.angle(line) < _STRAIGHT:
+                    found[bone.name] = first
+    return found
+
+
+def limbs_of(bones: BoneMap) -> list[str]:
+    """Return the bones of a map that are separate parts even if small."""
+    return [name for role, _, name in bones.items() if role.partition(".")[0] in _LIMB_ROLES]

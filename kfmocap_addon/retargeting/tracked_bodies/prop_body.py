@@ -1,0 +1,107 @@
+"""Using a mesh object, such as a prop, as a body of one part."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+from mathutils import Matrix
+
+from ....core.errors import BodyError
+from ...scene_io import fcurves
+from ...scene_io.body import body_armature
+from ...scene_io.keys import key_pose_curves
+from .skinned_body import use_as_body
+
+_LEAST = 8
+_RIGID = ("SUBSURF", "BEVEL", "MIRROR", "SOLIDIFY", "TRIANGULATE", "WEIGHTED_NORMAL", "EDGE_SPLIT", "ARRAY", "DECIMATE")
+"""Kinds of modifiers that do not change over time."""
+
+
+def use_as_prop(current: bpy.types.Scene, mesh: bpy.types.Object) -> bpy.types.Object:
+    """Make a mesh object a performer of one part; returns its new armature, whose bone moves it from now on.
+
+    Keys that the object has become keys of the bone on the same frames.
+
+    Raises
+    ------
+    BodyError
+        Something else than its own location and rotation moves it, or it is flat.
+    """
+    _refuse_moved(mesh)
+    if min(*mesh.dimensions) <= 0 or len(mesh.data.vertices) < _LEAST:
+        todo = f"give it at least {_LEAST} vertices that enclose a volume"
+        raise BodyError("the mesh is flat, or has too few vertices", where=f"mesh {mesh.name}", todo=todo)
+    keyed = _keyed_places(current, mesh)
+    world = mesh.matrix_world.copy()
+    place, turn, _ = world.decompose()
+    armature = bpy.data.objects.new(f"{mesh.name} rig", bpy.data.armatures.new(f"{mesh.name} rig"))
+    with body_armature.edit_bones(armature) as bones:
+        bone = bones.new(mesh.name)
+        bone.tail = (0.0, max(*mesh.dimensions, 1e-3), 0.0)
+        bone.matrix = Matrix.LocRotScale(place, turn, None)
+        name = bone.name
+    current.collection.objects.link(armature)
+    before = mesh.parent, mesh.matrix_parent_inverse.copy()
+    mesh.parent, mesh.matrix_parent_inverse = armature, Matrix.Identity(4)
+    mesh.matrix_basis = world
+    group = mesh.vertex_groups.new(name=name)
+    group.add(range(len(mesh.data.vertices)), 1.0, "REPLACE")
+    modifier: Any = mesh.modifiers.new("Armature", "ARMATURE")
+    modifier.object = armature
+    current.view_layers[0].update()
+    try:
+        use_as_body(current, armature)
+    except BodyError:
+        mesh.modifiers.remove(modifier)
+        mesh.vertex_groups.remove(group)
+        mesh.parent, mesh.matrix_parent_inverse = before
+        mesh.matrix_world = world
+        data = armature.data
+        bpy.data.objects.remove(armature)
+        bpy.data.armatures.remove(data)
+        raise
+    if keyed:
+        mesh.animation_data_clear()
+        mesh.matrix_basis = world
+    posed = armature.pose.bones[name]
+    for frame, matrix in keyed.items():
+        posed.matrix = matrix
+        key_pose_curves.key_current_pose(armature, frame)
+    current.frame_set(current.frame_current)
+    return armature
+
+
+def _refuse_moved(mesh: bpy.types.Object) -> None:
+    """Raise a BodyError if anything but its own channels moves a mesh, or if its shape changes."""
+    holds = next((c for c in mesh.constraints if not c.mute and c.influence), None)
+    shaped = next((m for m in mesh.modifiers if m.show_viewport and m.type not in _RIGID), None)
+    what = ""
+    if holds is not None:
+        what = f"it is moved by its constraint '{holds.name}'"
+    elif shaped is not None:
+        what = f"its shape is changed by the modifier '{shaped.name}'"
+    elif mesh.rigid_body is not None and mesh.rigid_body.type == "ACTIVE" and not mesh.rigid_body.kinematic:
+        what = "it is moved by rigid body physics"
+    elif mesh.parent is not None:
+        what = f"it is moved by its parent '{mesh.parent.name}'"
+    elif mesh.animation_data is not None and mesh.animation_data.drivers:
+        what = "it is moved by a driver"
+    if what:
+        todo = "remove that, so that its own location and rotation are all that moves it"
+        raise BodyError(what, where=f"mesh {mesh.name}", todo=todo)
+
+
+def _keyed_places(current: bpy.types.Scene, mesh: bpy.types.Object) -> dict[int, Matrix]:
+    """Location and rotation of an object on the frames on which it has keys."""
+    bag = fcurves.find_channelbag(mesh)
+    curves = [fcurves.get_keys(curve) for curve in bag.fcurves] if bag else []
+    frames = sorted({int(frame) for keys in curves for frame in fcurves.frames_of(keys)})
+    here, found = current.frame_current, {}
+    for frame in frames:
+        current.frame_set(frame)
+        place, turn, _ = mesh.matrix_world.decompose()
+        found[frame] = Matrix.LocRotScale(place, turn, None)
+    if frames:
+        current.frame_set(here)
+    return found

@@ -1,0 +1,349 @@
+"""Using an armature as a body to track: one whose bones carry meshes, a skinned character, or a control rig."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ....core.errors import BodyError
+from ....core.numerics import rotations
+from ....core.retargeting.bone_matching import preset_of
+from ....core.retargeting.roles import SIDES, BoneMap
+from ...scene_io import fcurves, performers, scene
+from ...scene_io.body import body_armature, part_meshes
+from ...scene_io.characters import skinned_parts
+from ...scene_io.characters.followed_bones import following, leader_of
+from ...scene_io.characters.merged_clouds import says_twist
+from ...scene_io.characters.object_motion import what_moves
+from ..rigs import fk_controls
+from ..rigs.fk_controls import FkControls
+from ..rigs.overrides import editable
+from ..rigs.rig_reading import at_rest, leave_rest_position, moved_matrices, rest_matrices
+from ..rigs.rig_settings import has_keys, keep_in_override, setting_name, with_settings
+from ..send import target_bones
+from .part_roles import PART_ROLES, limb_bones, limbs_of, taken_in
+from .rigify_animals import animal_controls, goes_on_four, is_generated
+
+_FOLLOWS = 0.5
+"""Least fraction of a control's rotation with which a deforming bone follows it."""
+_APART = 0.5
+"""Fraction of deforming bones without a deforming parent from which they are taken to be parented to controls."""
+_STILL = 1e-5
+"""Largest difference between the keys of a channel that does not move."""
+_SCALED = 0.01
+"""Least change of a bone's scale that importers' rounding cannot explain."""
+
+
+def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.types.Object, tuple[str, ...]]:
+    """Make an armature a performer of the scene's shot; returns it, and remarks on what could not be used.
+
+    The parts of a skinned character are made from its skin; on a control rig, they are parented to the FK controls. For
+    a linked character, a library override is used.
+
+    Raises
+    ------
+    BodyError
+        It cannot be a body; names the bone.
+    """
+    armature = editable(armature, current)
+    _refuse_moving_object(current, armature)
+    taken, remarks = _taken(current, armature)
+    if taken.animation_data is not None:
+        fcurves.show_action(taken)
+    return taken, (*leave_rest_position(taken), *remarks)
+
+
+def _taken(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.types.Object, tuple[str, ...]]:
+    """Make an armature that can be edited a performer; see `use_as_body`."""
+    if skinned_parts.carries_its_parts(armature):
+        return performers.take_armature(current, armature), _remarks(armature)
+    collection = scene.ensure_collection(current, "Performers")
+    mechanism = _mechanism(armature)
+    if is_generated(armature) and (mechanism is None or goes_on_four(armature, mechanism)):
+        return _use_animal(current, armature, collection)
+    found = _controls(armature) if mechanism is None else None
+    if found is not None:
+        return _use_controls(current, armature, collection, found)
+    if mechanism is None:
+        followed = following(armature)
+        limbs = limb_bones(armature)
+        loose = {name: what for name, what in followed.items() if name not in limbs.names()}
+        made = skinned_parts.add_parts(
+            armature,
+            collection,
+            following=loose,
+            limbs=limbs_of(limbs),
+            taken_in=taken_in(armature, limbs),
+            head=next(iter(limbs.bones.get("head", ())), ""),
+        )
+        _refuse_following(armature, made.parts, followed)
+    else:
+        with with_settings(armature, preset_of(mechanism).settings):
+            made = _with_shoulders(armature, collection, mechanism) or _parts_of(armature, collection, mechanism)
+    try:
+        taken = performers.take_armature(current, armature)
+        return taken, (*made.remarks, *(_remarks(armature) if mechanism is None else ()))
+    except BodyError:
+        _remove(armature, made.parts)
+        raise
+
+
+def _with_shoulders(
+    armature: bpy.types.Object, collection: bpy.types.Collection, mechanism: BoneMap
+) -> skinned_parts.SkinnedParts | None:
+    """Add the parts of a rig of controls, shoulders included; None if its arms do not move with them, or its bones
+    cannot be told that they do.
+
+    Rigify's arms hang on the chest, and follow the shoulders by constraints.
+    """
+    hung = {f"upper_arm.{side}": f"shoulder.{side}" for side in SIDES}
+    there = {mechanism.bones[a][0]: mechanism.bones[s][0] for a, s in hung.items() if s in mechanism.bones}
+    stored = armature.data.library is None and armature.data.override_library is None
+    if not there or not stored:
+        return None
+    made = _parts_of(armature, collection, mechanism, (*PART_ROLES, "shoulder"))
+    for arm, shoulder in there.items():
+        if shoulder in made.parts:
+            armature.data.bones[arm][body_armature.ABOVE] = shoulder
+    try:
+        fk_controls.refuse_otherwise_moved(armature, {})
+    except BodyError:
+        _remove(armature, made.parts)
+        return None
+    return made
+
+
+def _parts_of(
+    armature: bpy.types.Object,
+    collection: bpy.types.Collection,
+    mechanism: BoneMap,
+    roles: Collection[str] = PART_ROLES,
+) -> skinned_parts.SkinnedParts:
+    """Add the parts that hang on the controls of some roles."""
+    controls = [name for role, _, name in mechanism.items() if role.partition(".")[0] in roles]
+    return skinned_parts.add_parts(armature, collection, _carriers(armature, controls), limbs=limbs_of(mechanism))
+
+
+def _use_animal(
+    current: bpy.types.Scene, armature: bpy.types.Object, collection: bpy.types.Collection
+) -> tuple[bpy.types.Object, tuple[str, ...]]:
+    """Make an animal's rig that Rigify has generated a performer through its FK controls; see `use_as_body`."""
+    controls = animal_controls(armature, skinned_parts.leading_bones(armature), set(following(armature)))
+    with with_settings(armature, controls.settings):
+        limbs = [name for name in controls.by_bone.values() if "_fk" in name]
+        made = skinned_parts.add_parts(armature, collection, controls.by_bone, limbs=limbs)
+        try:
+            fk_controls.refuse_otherwise_moved(armature, {})
+            taken = performers.take_armature(current, armature)
+            return taken, (*made.remarks, *_remarks(armature))
+        except BodyError:
+            _remove(armature, made.parts)
+            raise
+
+
+def _controls(armature: bpy.types.Object) -> FkControls | None:
+    """Return the controls of a rig that no preset knows; None where its deforming bones are posed themselves."""
+    led = skinned_parts.leading_bones(armature)
+    held = set(following(armature)) & set(led)
+    loose = {n for n in led if not any(above.name in led for above in armature.data.bones[n].parent_recursive)}
+    if not led or (not held and len(loose) < _APART * len(led)):
+        return None
+    controls = fk_controls.find_controls(armature, led, held)
+    concerned = held or loose  # deforming bones may hang each on a control of its own
+    others = any(controls.by_bone.get(name, name) != name for name in concerned)
+    return controls if others or controls.settings else None
+
+
+def _use_controls(
+    current: bpy.types.Scene, armature: bpy.types.Object, collection: bpy.types.Collection, controls: FkControls
+) -> tuple[bpy.types.Object, tuple[str, ...]]:
+    """Make a rig a performer through its controls; see `use_as_body`."""
+    held = following(armature)
+    roles = limb_bones(armature)
+    turned = fk_controls.with_halves_of_limbs(armature, controls, held, roles.names())
+    carriers, remarks = dict(turned), list[str]()
+    led = skinned_parts.leading_bones(armature)
+    for name in sorted(set(led) - set(carriers), key=lambda each: len(armature.data.bones[each].parent_recursive)):
+        above = next((p.name for p in armature.data.bones[name].parent_recursive if p.name in carriers), None)
+        if above is None or name in roles.names():
+            raise BodyError(
+                f"no control was found that turns the bone about its head: it is moved by "
+                f"{held.get(name, 'the one above')}",
+                where=f"armature {armature.name}, bone {name}",
+                todo="switch its limb to forward kinematics (FK), give its control the bone's own place and roll, "
+                "or mute what moves it",
+            )
+        carriers[name] = carriers[above]
+        if name in held and not says_twist(name):
+            remarks.append(f"bone {name}: it is moved by {held[name]}, so it is left out, and follows the body")
+    halves = taken_in(armature, roles)
+    carriers |= {name: carriers[above] for name, above in halves.items() if name in carriers and above in carriers}
+    with with_settings(armature, controls.settings):
+        made = skinned_parts.add_parts(
+            armature, collection, carriers, limbs=[carriers.get(n, n) for n in limbs_of(roles)]
+        )
+        try:
+            fk_controls.refuse_otherwise_moved(armature, turned)
+            taken = performers.take_armature(current, armature)
+            remarks += [*made.remarks, *_remarks(armature)]
+        except BodyError:
+            _remove(armature, made.parts)
+            raise
+    for owner, values in controls.settings.items():
+        for key, value in values.items():
+            keyed = has_keys(armature, owner, key)
+            what = f"has keys: delete them, and leave it at {value:g}" if keyed else f"is {value:g} now"
+            remarks.append(f"{setting_name(owner)}: its property '{key}' {what}: the limb is turned by FK controls")
+    keep_in_override(taken, controls.settings, current.frame_start)
+    return taken, tuple(remarks)
+
+
+def _mechanism(armature: bpy.types.Object) -> BoneMap | None:
+    """Return the controls of a rig whose deforming bones are not posed themselves, by its preset; None for other
+    rigs.
+    """
+    try:
+        bones = target_bones(armature)
+    except BodyError:
+        return None
+    return bones if preset_of(bones).settings else None
+
+
+def _carriers(armature: bpy.types.Object, controls: list[str]) -> dict[str, str]:
+    """Return the control that moves each deforming bone: the last of those that it follows by half at least."""
+    deforming = [bone.name for bone in armature.data.bones if bone.use_deform]
+    found: dict[str, str] = {}
+    depth: dict[str, int] = {}
+    with at_rest(armature, controls):
+        rest = rest_matrices(armature, [*deforming, *controls])
+        moved = {name: moved_matrices(armature, name, [*deforming, *controls]) for name in controls}
+    D = len(deforming)
+    for name, matrices in moved.items():
+        change = matrices[:, :3, :3] @ np.linalg.inv(rest[:, :3, :3])
+        angles = np.linalg.norm(rotations.log(rotations.orthonormal(change)), axis=-1)
+        followed = angles > _FOLLOWS * angles[D + controls.index(name)]
+        below = int(followed[D:].sum())
+        for bone in np.array(deforming)[followed[:D]]:
+            if bone not in found or below < depth[found[bone]]:
+                found[str(bone)] = name
+        depth[name] = below
+    return found
+
+
+def _remarks(armature: bpy.types.Object) -> tuple[str, ...]:
+    """Make the root of the body movable; returns remarks on that, and on poses that cannot be tracked."""
+    parts = body_armature.body_bones(armature)
+    names = {bone.name for bone in parts}
+    carrying = {above.name for bone in parts for above in bone.parent_recursive} - names
+    carrying |= {followed for name in carrying for followed in _followed(armature, name)} - names
+    said = [f"bone {n}: it is no part, and counts as it stands now: key the bones below it" for n in carrying]
+    said = [text for text, name in zip(said, carrying, strict=True) if _moves(armature, name, "")]
+    top = parts[0].name
+    if parts[0].use_connect:
+        if armature.data.library is not None or armature.data.override_library is not None:
+            raise BodyError(
+                "it is connected to the bone above, which keeps it from moving, and its armature is linked",
+                where=f"armature {armature.name}, bone {top}",
+                todo="disconnect it in the character's own file (Alt P in edit mode)",
+            )
+        with body_armature.edit_bones(armature) as bones:
+            bones[top].use_connect = False
+        said.append(f"bone {top}: it was connected to the bone above, which kept it from moving, and is no longer")
+    for bone in armature.pose.bones:
+        if bone.name not in names:
+            continue
+        shifted = bone.name != top and (bone.location.length > _STILL or _moves(armature, bone.name, "location"))
+        if shifted:
+            said.append(
+                f"bone {bone.name}: its turns alone are tracked: clear its location (Alt G), and the keys of it"
+            )
+        if np.abs(np.array(bone.scale) - 1).max() > _SCALED or _moves(armature, bone.name, "scale", _SCALED):
+            said.append(f"bone {bone.name}: it is scaled, and the body is not: clear its scale (Alt S) and its keys")
+    return tuple(sorted(said))
+
+
+def _followed(armature: bpy.types.Object, name: str) -> list[str]:
+    """Return the bones of an armature that constraints of one of them follow."""
+    bone: Any = armature.pose.bones[name]
+    ends = [end for held in bone.constraints for end in (held, *getattr(held, "targets", ()))]
+    named = [getattr(end, "subtarget", "") for end in ends if getattr(end, "target", None) == armature]
+    return [name for name in named if name]
+
+
+def _moves(armature: bpy.types.Object, bone: str, attribute: str, still: float = _STILL) -> bool:
+    """Whether keys of a bone's attributes that begin so change anything."""
+    bag = fcurves.find_channelbag(armature)
+    path = fcurves.bone_path(bone, attribute)
+    return any(
+        curve.data_path.startswith(path) and np.ptp(fcurves.get_keys(curve)["co"][:, 1]) > still
+        for curve in (bag.fcurves if bag else ())
+    )
+
+
+def _refuse_moving_object(current: bpy.types.Scene, armature: bpy.types.Object) -> None:
+    """Raise a BodyError where something moves the armature as a whole."""
+    where = f"armature {armature.name}"
+    bag = fcurves.find_channelbag(armature)
+    for curve in bag.fcurves if bag else ():
+        whole = curve.data_path.startswith(("location", "rotation", "scale", "delta_"))
+        if whole and np.ptp(fcurves.get_keys(curve)["co"][:, 1]) > _STILL:
+            raise BodyError(
+                f"keys of {curve.data_path} move the armature object itself, and only bones are tracked",
+                where=where,
+                todo="delete them, and key the topmost bone of the body instead",
+            )
+    moving = what_moves(current, armature, (current.frame_start, current.frame_end))
+    if moving is not None:
+        raise BodyError(
+            f"{moving} moves the armature object itself, and only bones are tracked",
+            where=where,
+            todo="free it: clear the parent (Alt P), or mute the constraint",
+        )
+
+
+def _refuse_following(armature: bpy.types.Object, parts: tuple[str, ...], followed: dict[str, str]) -> None:
+    """Raise a BodyError if something other than its pose moves a part's bone."""
+    tied = {*parts, *_between(armature, parts)}
+    held = [name for name in followed if name in tied]  # those with a constraint of their own come first
+    for name in (*held, *sorted(tied)):
+        bone = armature.pose.bones[name]
+        if bone.parent is not None and not bone.bone.use_inherit_rotation:
+            _remove(armature, parts)
+            raise BodyError(
+                "the bone does not turn with the one above",
+                where=f"armature {armature.name}, bone {name}",
+                todo="switch Inherit Rotation on in its bone properties, under Relations",
+            )
+        if name in followed:
+            _remove(armature, parts)
+            raise BodyError(
+                f"the bone is moved by {followed[name]}: it cannot be tracked",
+                where=f"armature {armature.name}, bone {name}",
+                todo="mute it, so that the bone is posed itself"
+                if (leader := leader_of(armature)) is None
+                else f"make {leader.name} active instead, which it follows",
+            )
+
+
+def _between(armature: bpy.types.Object, parts: Collection[str]) -> set[str]:
+    """Return the bones that are no parts, between parts."""
+    found = set[str]()
+    for name in parts:
+        above = [bone.name for bone in armature.data.bones[name].parent_recursive]
+        hung = next((k for k, other in enumerate(above) if other in parts), 0)
+        found |= set(above[:hung])
+    return found
+
+
+def _remove(armature: bpy.types.Object, parts: tuple[str, ...]) -> None:
+    """Remove the meshes of parts, and what was stored on their bones."""
+    for name in parts:
+        armature.data.bones[name].pop(body_armature.ABOVE, None)
+    for name, meshes in part_meshes.meshes_by_bone(armature).items():
+        for child in meshes if name in parts else ():
+            mesh = child.data
+            bpy.data.objects.remove(child)
+            bpy.data.meshes.remove(mesh)
