@@ -6,24 +6,17 @@ import bpy
 
 from ....core.errors import KeypointError
 from ...scene_io import active_performer
-from ...scene_io.body.sides import colour_of
-from ...viewports import screens, viewport
+from ...viewports import viewport
 from ..conditions import Conditional, has_performer
 from ..footage.look_through import show_view
 from ..reporting import reported
+from .placing_display import box_under, draw, handle_under, hint_at
 
-_NEAR, _CLICK = 14, 4  # pixels: distance at which a handle is picked, and largest movement of a click
+_CLICK = 4  # pixels: largest movement of a click
 _VIEW = ("MIDDLEMOUSE", "WHEEL", "NUMPAD_", "TRACKPAD", "MOUSEPAN", "MOUSEZOOM", "HOME", "NDOF", "TIMER", "WINDOW")
 _STEPS = ("LEFT_ARROW", "RIGHT_ARROW", "UP_ARROW", "DOWN_ARROW")  # through the frames
 _SIDEBARS = ("N", "T")
 _ENTER = ("RET", "NUMPAD_ENTER")
-_HINT = (
-    "Click or drag: {asked}   Drag a handle: that joint   Tab: next joint   X: take the mark away   F: flip the limb   "
-    "A: alternative   Page Up/Down: other view   Ctrl Z: last mark   Enter: key the pose   "
-    "Esc: cancel   ({count} marks, {misfit})"
-)
-_AWAY = "The marks are on frame {frame}: go back there to go on   Enter: key the pose on frame {frame}   Esc: cancel"
-_ASKING = "Discard the marks?   Right-click again or Esc: discard   Enter: key the pose   Anything else: go on"
 
 
 def _has_calibrated_camera(context: bpy.types.Context) -> str:
@@ -133,7 +126,7 @@ class PlacingTool(Conditional):
     def _pressed_in(self, look: viewport.Look, context: bpy.types.Context, event: bpy.types.Event) -> None:
         """Handle a key or mouse button over the footage, on the frame of the marks."""
         kind = event.type
-        box = self._box_under(look)
+        box = box_under(self._placing, look, self._pointer)
         if kind == "LEFTMOUSE" and box is not None:
             self._placing.choose(box)
         elif kind == "LEFTMOUSE" and self._is_inside(look):
@@ -154,23 +147,6 @@ class PlacingTool(Conditional):
             self._placing.choose((self._placing.alternative + step) % count)
         elif any(view == look.view.name for view, _ in self._placing.marks):
             self._placing.ask_alternatives(look.view.name)
-
-    def _box_under(self, look: viewport.Look) -> int | None:
-        """Return the index of the alternative whose box is under the mouse."""
-        if not self._placing.alternatives:
-            return None
-        from ...overlays import alternative_boxes
-
-        x, y = self._pointer[0] - look.region.x, self._pointer[1] - look.region.y
-        return alternative_boxes.box_at(self._boxes(look), x, y)
-
-    def _boxes(self, look: viewport.Look) -> list[tuple[float, float, float, float]]:
-        """Return where in a view the boxes of the alternatives are."""
-        from ...overlays import alternative_boxes
-
-        at = [look.position_of(point) for point in self._placing.joints().values()]
-        upper = screens.uncovered_part(look.area)[3] - look.region.y
-        return alternative_boxes.row_beside([p for p in at if p is not None], len(self._placing.alternatives), upper)
 
     def _is_over_3d_view(self, context: bpy.types.Context) -> bool:
         """Whether the mouse is over the main region of a 3D view; elsewhere the user works as usual."""
@@ -201,7 +177,7 @@ class PlacingTool(Conditional):
         if look is None or (self._dragged is None and moved < _CLICK):
             return
         if self._dragged is None:
-            self._dragged = self._near(look, self._press) or self._asked_in(look.view.name)
+            self._dragged = handle_under(self._placing, look, self._press) or self._asked_in(look.view.name)
             if self._dragged is None:
                 return
             self._placing.remember()
@@ -222,7 +198,7 @@ class PlacingTool(Conditional):
             del self._asked[look.view.name]
 
     def _edited(self, look: viewport.Look, flip: bool) -> None:
-        landmark = self._near(look, self._pointer)
+        landmark = handle_under(self._placing, look, self._pointer)
         if landmark is not None and flip:
             self._placing.flip(look.view.name, landmark)
         elif landmark is not None and (look.view.name, landmark) in self._placing.marks:
@@ -238,17 +214,6 @@ class PlacingTool(Conditional):
         missing = self._placing.missing(view)
         if missing:
             self._asked[view] = missing[(missing.index(self._asked_in(view)) + step) % len(missing)]
-
-    def _near(self, look: viewport.Look, pointer: tuple[int, int]) -> str | None:
-        """Return the landmark whose handle is under the mouse: its mark if it has one, or else the pose's joint."""
-        x, y = pointer[0] - look.region.x, pointer[1] - look.region.y
-        handles = {name: look.position_of(point) for name, point in self._placing.joints().items()}
-        for view, name in self._placing.marks:
-            if view == look.view.name:
-                handles[name] = look.position(self._placing.place_of(view, name))
-        far = {name: (at.x - x) ** 2 + (at.y - y) ** 2 for name, at in handles.items() if at is not None}
-        nearest = min(far, key=far.__getitem__, default=None)
-        return nearest if nearest is not None and far[nearest] <= _NEAR**2 else None
 
     def _look(self, context: bpy.types.Context) -> viewport.Look | None:
         look = viewport.look_under(context, *self._pointer)
@@ -273,57 +238,19 @@ class PlacingTool(Conditional):
         self._show_again(context)
 
     def _show_status(self, context: bpy.types.Context) -> None:
-        look, placing = self._look(context), self._placing
+        look = self._look(context)
         asked = self._asked_in(look.view.name) if look is not None else None
-        misfit = f"{1000 * placing.fitted.misfit:.0f} mm off"
-        text = _HINT.format(asked=_spoken(asked) if asked else "-", count=len(placing.marks), misfit=misfit)
-        if self._is_away(context):
-            text = _AWAY.format(frame=placing.frame)
-        elif self._asks_to_discard:
-            text = _ASKING
-        context.workspace.status_text_set(text)
+        hint = hint_at(self._placing, asked, away=self._is_away(context), discards=self._asks_to_discard)
+        context.workspace.status_text_set(hint)
         viewport.redraw(context)
 
     def _draw(self) -> None:
-        from ...overlays import mark_drawing as overlay
-
         context = bpy.context
         look = viewport.look_of(context.scene, context.area, context.region, context.space_data)
         if look is None or look.view.name not in self._placing.views() or self._is_away(context):
             return
-        for name, point in self._placing.joints().items():
-            at = look.position_of(point)
-            if at is None:
-                continue
-            colour = colour_of(name)
-            overlay.ring(at, colour)
-            if (look.view.name, name) in self._placing.marks:
-                marked = look.position(self._placing.place_of(look.view.name, name))
-                if marked is not None:
-                    overlay.lines([at, marked], colour)
-        self._draw_alternatives(look)
-        if self._box_under(look) is not None:
-            return
-        x, y = self._pointer[0] - context.region.x, self._pointer[1] - context.region.y
-        if 0 <= x < context.region.width and 0 <= y < context.region.height:
-            name = self._dragged or (None if self._press else self._near(look, self._pointer))
-            asked = self._asked_in(look.view.name)
-            labels = [(_spoken(asked), asked, y + 12)] if asked is not None else []
-            if name is not None and name != asked:
-                labels.append((f"drag: {_spoken(name)}", name, y - 22))
-            right = screens.uncovered_part(context.area)[2] - context.region.x
-            for text, joint, height in labels:
-                overlay.label(text, (overlay.beside(x, overlay.width_of(text), right), height), colour_of(joint))
-
-    def _draw_alternatives(self, look: viewport.Look) -> None:
-        placing = self._placing
-        if placing.alternatives:
-            from ...overlays import alternative_boxes
-
-            colours = [colour_of(part.name) for part in placing.body.parts]
-            centre = placing.centre_of(look.view.name)
-            row = self._boxes(look)
-            alternative_boxes.draw(row, placing.bones_of_alternatives(), colours, centre, placing.alternative)
+        taken = self._dragged or (None if self._press else handle_under(self._placing, look, self._pointer))
+        draw(self._placing, look, self._pointer, asked=self._asked_in(look.view.name), taken=taken)
 
     def _confirmed(self, context: bpy.types.Context) -> set[str]:
         if not self._placing.marks:
@@ -362,12 +289,6 @@ class PlaceJoints(PlacingTool, bpy.types.Operator):
     bl_idname = "kfmocap.place_joints"
     bl_label = "Place Joints"
     bl_options = {"UNDO"}
-
-
-def _spoken(landmark: str) -> str:
-    from ...editing.click_posing import spoken
-
-    return spoken(landmark)
 
 
 CLASSES = (PlaceJoints,)
