@@ -45,8 +45,9 @@ from .solvers.protocol import Solver
 from .solvers.registry import solver_named
 from .track_result import TrackResult
 
-WORTH_PROCESSES = 200
-"""Frames x views x performers from which segments are solved in several processes."""
+WORTH_PROCESSES = 80
+"""Frames x views x performers from which segments are solved in several processes: about a second of work, which is
+twice what it takes to start one."""
 SOLVING = (solve_task.__module__,)
 """Modules that these processes import while the first footage is decoded."""
 
