@@ -101,9 +101,11 @@ def searched_poses(
         if not len(tried):
             continue
         turned = _elbow_turned(body, poses[tried], side)
-        other = _descended(body, known, targets[tried], turned, tolerance)
-        better = pose_costs(body, known, targets[tried], other) < pose_costs(body, known, targets[tried], poses[tried])
-        _replace(poses, tried[better], other[better])
+        rough = _descended(body, known, targets[tried], turned, ROUGH)
+        better = pose_costs(body, known, targets[tried], rough) < pose_costs(body, known, targets[tried], poses[tried])
+        if better.any():
+            tried = tried[better]
+            _replace(poses, tried, _descended(body, known, targets[tried], rough[better], tolerance))
     if draw and _limited(body).any():
         misfit = _misfits(body, known, targets, poses)
         for k in np.flatnonzero(misfit > ACCEPTED_MISFIT):
