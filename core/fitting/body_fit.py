@@ -40,7 +40,7 @@ from ..shot.keypose_spline import spline
 from ..shot.shot import Shot
 from .body_estimate import PART_DOF, BodyEstimate
 from .key_frame_views import KeyFrameView, posed_key_frames, read_key_frames
-from .outline_fit import OutlineProblem, RefinementStage, coarse_to_fine, key_outlines, outline_products
+from .outline_fit import OutlineProblem, RefinementStage, coarse_to_fine, key_foreground, key_outlines, outline_products
 
 POSED_ROOT, POSED_JOINT = 0.03, 0.08
 """Standard deviation of a key pose that was set with a body of other proportions, metres and radians."""
@@ -168,7 +168,8 @@ def _equations(
     held = []
     for view, seen in zip(shot.views, views, strict=True):
         poses, camera = _scene_poses(estimates, seen.delay), seen.camera(view.camera)
-        lines = key_outlines(seen.rectified(view.camera), camera, geometry, poses, stage)
+        foreground = key_foreground(seen.rectified(view.camera), camera, geometry, poses, stage)
+        lines = key_outlines(foreground, camera, geometry, poses, stage)
         held.append((HeldOutlines.at(lines, camera, poses, precision), camera, seen.delay))
         products = precision * outline_products(lines, camera, poses)
         products = np.delete(np.delete(products, 6, axis=-1), 6, axis=-2)  # the focal length is known

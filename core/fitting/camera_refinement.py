@@ -3,11 +3,13 @@
 On a key frame the pose is known, so the performer's outline in a picture shows where the camera is. The shapes of the
 parts and small errors of the key poses are unknowns as well, shared by all views, so that an error which all cameras
 see alike is not attributed to each of them. All unknowns are solved for together by Gauss-Newton, coarse to fine; the
-colours of performers and background are learned again for each outline search. See `core.fitting.resection`.
+colours of performers and background are learned again for each outline search, or once per stage. See
+`core.fitting.resection`.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -155,9 +157,10 @@ def refine_cameras(
         views = read_key_frames(shot, posed_key_frames(shot, missing), progress)
     frames, shown = views[0].frames, views
     start = _start(shot, shown, frames)
+    learned: dict[RefinementStage, dict[int, NDArray[np.uint8]]] = defaultdict(dict)
 
     def linearise(state: CameraState, stage: RefinementStage) -> CameraEquations:
-        return camera_equations(state, stage, shown)
+        return camera_equations(state, stage, shown, learned[stage])
 
     def largest_shift(before: CameraState, after: CameraState) -> float:
         return max(_shift(before, after, view, v) / view.factor for v, view in enumerate(shown))

@@ -44,12 +44,15 @@ class RefinementStage:
     excess : float
         Relative amount by which the model's solids may be wider than the performers: colours are learned only from
         pixels that surely show a performer.
+    learns_once : bool
+        Whether colours are learned only at the stage's start, rather than at every state.
     """
 
     reach: float
     tolerance: float
     iterations: int
     excess: float = 0.0
+    learns_once: bool = False
 
     def precision(self) -> float:
         """Return the weight of squared distances from outlines, metres^-2; see `KEY_PIECE`."""
@@ -132,14 +135,10 @@ def coarse_to_fine(
     return result
 
 
-def key_outlines(
-    pictures: NDArray[np.uint8],
-    camera: Camera,
-    geometry: Geometry,
-    poses: Poses,
-    stage: RefinementStage,
-) -> Lines:
-    """Find the outlines in the key frames' pictures, with colours learned at the present poses.
+def key_foreground(
+    pictures: NDArray[np.uint8], camera: Camera, geometry: Geometry, poses: Poses, stage: RefinementStage
+) -> NDArray[np.uint8]:
+    """Return the foreground images of key frames, (K, h, w), with colours learned at the present poses.
 
     Parameters
     ----------
@@ -155,13 +154,24 @@ def key_outlines(
     if stage.excess:
         slimmer = np.tile([-stage.excess, -stage.excess / 2, -stage.excess, 0, 0, 0], (len(geometry.spans), 1))
         core = render_labels(stretched(geometry, slimmer), camera, 0, *poses).part >= 0
-    scale = ViewFrames(camera, pictures[..., 0], 0).pixels_per_metre(poses[1].mean(axis=(0, 1)), 0)
-    still, masks = camera.stands_still, dict(enumerate(body))
-    foreground = foreground_images(pictures, masks, scale, still, dict(enumerate(core)))
+    masks = dict(enumerate(body))
+    return foreground_images(pictures, masks, _scale(camera, poses), camera.stands_still, dict(enumerate(core)))
+
+
+def key_outlines(
+    foreground: NDArray[np.uint8], camera: Camera, geometry: Geometry, poses: Poses, stage: RefinementStage
+) -> Lines:
+    """Find the outlines in the foreground images of key frames; parameters as in `key_foreground`."""
     labels = render_labels(geometry, camera.subsampled(_STRIDE), 0, *poses)
-    half = max(4, round(stage.reach * scale))
+    half = max(4, round(stage.reach * _scale(camera, poses)))
     every = np.broadcast_to(foreground, (int(geometry.performer.max()) + 1, *foreground.shape))
     return outline_lines(camera, every, labels, stride=_STRIDE, reach=half, tolerance=stage.tolerance)
+
+
+def _scale(camera: Camera, poses: Poses) -> float:
+    """Return the pixels per metre at the performers."""
+    empty = np.zeros((0, *camera.size[::-1]), np.uint8)
+    return ViewFrames(camera, empty, 0).pixels_per_metre(poses[1].mean(axis=(0, 1)), 0)
 
 
 def outline_products(lines: Lines, camera: Camera, poses: Poses) -> Array:

@@ -8,7 +8,7 @@ and then mapped to the unknowns.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -30,7 +30,7 @@ from ..numerics.arrays import Array, slices_of
 from ..numerics.normal_equations import DenseEquations
 from ..runtime.threads import worker_count
 from .key_frame_views import KeyFrameView
-from .outline_fit import RefinementStage, key_outlines, outline_products
+from .outline_fit import RefinementStage, key_foreground, key_outlines, outline_products
 
 Columns = NDArray[np.intp]
 
@@ -162,7 +162,12 @@ class CameraEquations(DenseEquations):
     cost_at: Callable[[CameraState], float]
 
 
-def camera_equations(state: CameraState, stage: RefinementStage, views: Sequence[KeyFrameView]) -> CameraEquations:
+def camera_equations(
+    state: CameraState,
+    stage: RefinementStage,
+    views: Sequence[KeyFrameView],
+    learned: MutableMapping[int, NDArray[np.uint8]],
+) -> CameraEquations:
     """Sum the outlines of all views and key frames.
 
     Parameters
@@ -170,6 +175,8 @@ def camera_equations(state: CameraState, stage: RefinementStage, views: Sequence
     state : CameraState
     stage : RefinementStage
     views : sequence of KeyFrameView
+    learned : mapping of int to ndarray of uint8, shape (K, h, w)
+        Foreground images by the index of the view; those that are missing are made, and added if the stage learns once.
     """
     n, precision = len(state.change), stage.precision()
     H, g, clearness = np.zeros((n, n)), np.zeros(n), np.zeros(len(views))
@@ -178,7 +185,12 @@ def camera_equations(state: CameraState, stage: RefinementStage, views: Sequence
     def seen(v: int) -> tuple[Camera, Poses, Lines, Array]:
         view = views[v]
         camera, poses = view.camera(state.cameras[v]), scene_poses(state.bodies, state.motions[view.delay])
-        lines = key_outlines(view.rectified(state.cameras[v]), camera, state.geometry, poses, stage)
+        if (foreground := learned.get(v)) is None:
+            pictures = view.rectified(state.cameras[v])
+            foreground = key_foreground(pictures, camera, state.geometry, poses, stage)
+            if stage.learns_once:
+                learned[v] = foreground
+        lines = key_outlines(foreground, camera, state.geometry, poses, stage)
         return camera, poses, lines, outline_products(lines, camera, poses)
 
     with ThreadPoolExecutor(worker_count()) as pool:

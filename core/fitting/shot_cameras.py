@@ -39,7 +39,7 @@ from .outline_fit import RefinementStage
 
 CHECKED_KEYS = 8
 """Largest number of key frames that cameras are compared with, evenly spaced over the shot."""
-CHECK_STAGES = (RefinementStage(0.25, 4.0, 4), RefinementStage(0.10, 1.0, 4))
+CHECK_STAGES = (RefinementStage(0.25, 4.0, 4, learns_once=True), RefinementStage(0.10, 1.0, 4, learns_once=True))
 """Few stages: a camera that fits passes soon, and one that does not need not be corrected to be detected."""
 CHECK_SETTLED = 0.25
 """As `SETTLED`, for these stages, pixels of the reduced frames: inexact key poses are off by pixels anyway."""
