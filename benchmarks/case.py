@@ -20,7 +20,7 @@ from ..core.shot.shot import Shot
 from ..core.tracking.prepare import load_shot
 from ..core.tracking.segments import Segment
 from ..core.tracking.tracker import track
-from .shot_scores import interval_cover, triangulated_error
+from .shot_scores import interval_cover, plants_found, triangulated_error
 
 
 class Reference:
@@ -78,12 +78,14 @@ def measure(case: dict[str, Any], folder: Path) -> dict[str, Any]:
     seconds = {"load": loaded - begin, **result.seconds, "total": time.perf_counter() - begin}
     memory = peak_memory()
     reference = Reference(shot, folder / "landmarks.trc")
+    body, planted = reference.performer.body, result.planted[0] if result.planted else None
     triangulated = triangulated_error(shot, reference.landmarks) if case["keypoints"] else None
     return {
         "fps": shot.fps,
         "score": asdict(reference.score(result.motions[0])),
         "triangulated": triangulated and triangulated.mean,
         "cover": reference.cover(result.motions[0], result.errors[0].interval),
+        "plants": plants_found(body, planted, reference.landmarks),
         "spline": reference.score(spline(reference.performer.key_poses, shot.length)).mean,
         "blender": _blender_error(shot, reference),
         "way": [reference.score(m).mean for m in watch.way(result.motions[0])] if watch else None,

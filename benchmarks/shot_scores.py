@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from ..core.body import Body, landmark_positions
+from ..core.body.foot_plants import runs
 from ..core.body.limbs import MAIN_JOINTS
 from ..core.body.motion import Motion
+from ..core.body.soles import BALL, Soles
 from ..core.formats import Landmarks
 from ..core.formats.keypoint_files import read_shot_keypoints
 from ..core.keypoints.observations import performer_keypoints
@@ -24,6 +26,11 @@ CUTOFF = 6.0
 """Cutoff frequency of the low-pass filter on triangulated keypoints, Hz, as is usual for whole-body pipelines."""
 TIPS = {"Elbow": "upper_arm", "Wrist": "forearm", "Knee": "thigh", "Ankle": "shin"}
 """Joints that are the tips of parts, with these parts."""
+SOLE_LANDMARKS = ("LHeel", "LBigToe", "RHeel", "RBigToe")
+STANDING = 0.05
+"""Largest speed of a true point of the sole that counts as standing, metres per second: shoes give way and roll."""
+BRIEF = 0.08
+"""Shorter standing does not count, seconds."""
 
 
 def triangulated_error(shot: Shot, truth: Landmarks) -> Score | None:
@@ -72,3 +79,36 @@ def interval_cover(body: Body, motion: Motion, interval: Array, truth: Landmarks
     said = interval[rows][:, [body.index(named[name]) for name in names]]
     error = np.linalg.norm(found - true, axis=-1)
     return float(np.mean(error[np.isfinite(error)] <= said[np.isfinite(error)]))
+
+
+def plants_found(body: Body, planted: NDArray[np.bool_] | None, truth: Landmarks) -> float | None:
+    """Return the fraction of frames and points of the soles on which found plants agree with the true motion.
+
+    Parameters
+    ----------
+    body : Body
+    planted : ndarray of bool, shape (F, C), optional
+        See `core.tracking.track_result.TrackResult`.
+    truth : Landmarks
+        On these frames.
+
+    Returns
+    -------
+    float, optional
+        None where plants were not tested, or the truth has no heels and toes.
+    """
+    soles = Soles.of(body)
+    if soles is None or planted is None or any(name not in truth.names for name in SOLE_LANDMARKS):
+        return None
+    heels, toes = (
+        truth.points_world[: len(planted), [truth.names.index(f"{name[-1]}{tip}") for name in soles.names]]
+        for tip in ("Heel", "BigToe")
+    )
+    along = np.array([BALL if name.startswith("ball") else 0.0 for name in soles.names])
+    points = heels + along[:, None] * (toes - heels)
+    still = np.linalg.norm(np.diff(points, axis=0), axis=2) * truth.fps < STANDING
+    stands = np.zeros(planted.shape, bool)
+    for column, steps in zip(stands.T, still.T, strict=True):
+        for first, last in runs(steps):
+            column[first : last + 2] = (last + 1 - first) / truth.fps >= BRIEF
+    return float(np.mean(stands == planted))

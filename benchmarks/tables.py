@@ -49,7 +49,7 @@ def judged(results: Sequence[Result], halves: Mapping[str, str]) -> str:
     """
     plain = [result for result in results if not result["settings"]]
     again = {_row(result): result for result in results if result["settings"]}
-    heads = ["half", "shot", "cameras", "fps", "key frames", "mm", "worst joint", "spline", "triangulated", "90 %"]
+    heads = ["half", "shot", "cameras", "fps", "key frames", "mm", "worst joint", "spline", "triangulated", "90 %", "plants, %"]
     rows = []
     for result in sorted(plain, key=lambda r: halves[r["shot"]]):
         shot, cameras, keys = _row(result)
@@ -58,6 +58,7 @@ def judged(results: Sequence[Result], halves: Mapping[str, str]) -> str:
         cells += [_number(result, lambda r: r["score"]["mean"]), _worst(result)]
         cells += [_number(kept, lambda r: r["spline"]), _number(result, lambda r: r["triangulated"])]
         cells.append(_number(result, lambda r: 100 * r["cover"], 0))
+        cells.append(_number(result, lambda r: r["plants"] and 100 * r["plants"]))
         rows.append(cells + [_number(again.get(_row(result)), lambda r: r["score"]["mean"])] * bool(again))
     if again:
         heads.append(" ".join(f"{k} = {v}" for k, v in next(iter(again.values()))["settings"].items()))

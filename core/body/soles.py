@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from ..numerics.arrays import Array, Bools
 from .body import Body
-from .foot_plants import find_plants
+from .foot_plants import find_plants, with_ends
 from .kinematics import Poses
 
 SOLE_POINTS = tuple(f"{point}.{side}" for side in "LR" for point in ("heel", "ball"))
 """Names of the points, in order."""
-_BALL = 0.7
+BALL = 0.7
 """Place of the ball of the foot, as a share of the way from the heel to the tip of the big toe."""
 
 
@@ -51,7 +51,7 @@ class Soles:
             _, toe = body.landmarks[f"{side}BigToe"]
             hip, _ = body.landmarks[f"{side}Hip"]
             parts += [part, part]
-            points += [heel, heel + _BALL * (toe - heel)]
+            points += [heel, heel + BALL * (toe - heel)]
             legs.append(float(body.parts[hip].head_world[2] - body.parts[part].head_world[2]))
         names = tuple(name for name in SOLE_POINTS if name[-1] in sides)
         return cls(names, np.array(parts), np.array(points), max(float(np.mean(legs)), 1e-3))
@@ -74,3 +74,10 @@ class Soles:
         """
         doubt = None if deviation is None else deviation[:, self.parts]
         return find_plants(self.world(poses), fps, self.leg, doubt).planted
+
+    def with_ends(self, planted: Bools, poses: Poses, fps: float) -> Bools:
+        """Return plants (F, C) together with the frames beside them to which the points hardly move; parameters as
+        in `planted`.
+        """
+        points = self.world(poses)
+        return with_ends(planted, points, find_plants(points, fps, self.leg).speed, fps)

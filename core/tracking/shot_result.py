@@ -7,6 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..body.kinematics import part_poses
+from ..body.motion import Motion
+from ..body.soles import Soles
 from ..body.unknown_parts import unknown_reach, unshown_parts
 from ..evidence.occlusion import unseen
 from ..keypoints.observations import ShotKeypoints
@@ -62,19 +65,22 @@ def _joined(shot: Shot, state: TrackState, done: Sequence[FinishedSegment], obse
         tuple(errors),
         tuple(performer.unknown for performer in performers),
         observed=observed,
-        planted=tuple(_planted(shot.length, done, i) for i in range(len(performers))),
+        planted=tuple(_planted(shot, motion, done, i) for i, motion in enumerate(state.motions)),
         footage_offset=state.footage_offset(shot),
     )
 
 
-def _planted(length: int, done: Sequence[FinishedSegment], performer: int) -> Bools | None:
-    """Return when points of a performer's soles were held, on a frame of two segments by either of them."""
-    frames = None
+def _planted(shot: Shot, motion: Motion, done: Sequence[FinishedSegment], performer: int) -> Bools | None:
+    """Return when points of a performer's soles stood: on frames where a segment held them, and on those beside them
+    to which they hardly move.
+    """
+    body, held = shot.performers[performer].body, None
     for one in done:
         if (own := one.planted[performer]) is not None:
-            frames = np.zeros((length, own.shape[1]), bool) if frames is None else frames
-            frames[one.result.first : one.result.last + 1] |= own
-    return frames
+            held = np.zeros((shot.length, own.shape[1]), bool) if held is None else held
+            held[one.result.first : one.result.last + 1] |= own
+    soles = Soles.of(body)
+    return held if held is None or soles is None else soles.with_ends(held, part_poses(body, motion), shot.fps)
 
 
 def _with_unknown_parts(tracked: TrackResult, shot: Shot) -> TrackResult:

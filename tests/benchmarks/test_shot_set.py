@@ -10,7 +10,7 @@ import pytest
 from kfmocap.__main__ import main
 from kfmocap.benchmarks import bench, shot_set
 from kfmocap.benchmarks.rows import Case
-from kfmocap.benchmarks.shot_scores import interval_cover, low_passed
+from kfmocap.benchmarks.shot_scores import interval_cover, low_passed, plants_found
 from kfmocap.benchmarks.shot_set import DECIDING, MADE, REPORTING, JudgedShot, judged_shots
 from kfmocap.core.body import human, landmark_positions
 from kfmocap.core.body.motion import Motion
@@ -65,6 +65,7 @@ def stand_in(monkeypatch: pytest.MonkeyPatch) -> list[Case]:
             "spline": 48.0,
             "triangulated": 36.0 if case.row.keypoints else None,
             "cover": 0.88,
+            "plants": 0.96,
             "seconds": {"total": 1.0},
             "memory": None,
         }
@@ -110,9 +111,10 @@ def test_the_tables_tell_the_halves_apart(
     assert len(stand_in) == 2 * (15 * 3 + 2)
     assert stand_in[1].settings == (("estimate_smoothness", True), ("joint_acceleration", 100.0))
     lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in capsys.readouterr().out.splitlines()]
-    assert ["deciding", "bow", "cam01+cam02", "30", "0 9 20", "12.0", "LWrist 24", "48.0", "-", "88", "10.0"] in lines
+    assert ["deciding", "bow", "cam01+cam02", "30", "0 9 20",
+            "12.0", "LWrist 24", "48.0", "-", "88", "96.0", "10.0"] in lines  # fmt: skip
     assert ["reporting", "lunges", "cam01+cam02", "30", "none, keypoints",
-            "24.0", "LWrist 48", "-", "36.0", "88", "10.0"] in lines  # fmt: skip
+            "24.0", "LWrist 48", "-", "36.0", "88", "96.0", "10.0"] in lines  # fmt: skip
     assert ["reporting", "key poses", "default", "8", "24.0", "0.50", "-", "88"] in lines
     assert ["deciding", "key poses, keypoints", "changed", "8", "10.0", "0.21", "0.28", "88"] in lines
     assert (tmp_path / "out" / "bench.json").is_file()
@@ -153,3 +155,15 @@ def test_nine_tenths_of_errors_as_large_as_expected_are_covered() -> None:
     truth = Landmarks(names, places + rng.normal(0, 0.02 / np.sqrt(3), places.shape), 30.0)
     assert interval_cover(body, motion, interval, truth, [0]) == pytest.approx(0.9, abs=0.02)
     assert interval_cover(body, motion, 3 * interval, truth, [0]) > 0.99
+
+
+def test_plants_are_right_where_the_true_foot_stands() -> None:
+    body, F = human(solid=False), 60
+    walked = np.where(np.arange(F) < 20, 0.0, np.minimum(np.arange(F) - 20, 20) * 1.5 / 30)
+    motion = Motion(body.offsets[0] + walked[:, None] * [1, 0, 0], np.tile(np.eye(3), (F, len(body), 1, 1)))
+    names = tuple(body.landmarks)
+    truth = Landmarks(names, landmark_positions(body, motion, list(names)), 30.0)
+    stands = np.tile(((np.arange(F) <= 20) | (np.arange(F) >= 40))[:, None], (1, 4))
+    assert plants_found(body, stands, truth) == 1.0
+    assert plants_found(body, ~stands, truth) == 0.0
+    assert plants_found(body, None, truth) is None

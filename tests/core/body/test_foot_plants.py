@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from kfmocap.core.body import human, part_poses
 from kfmocap.core.body.foot_plants import find_plants, runs, with_ends
+from kfmocap.core.body.motion import Motion
+from kfmocap.core.body.soles import Soles
 from scipy.ndimage import gaussian_filter1d
 
 LEG = 0.9
@@ -94,3 +97,17 @@ def test_doubt_that_is_the_same_on_all_frames_does_not_matter():
 
 def test_runs_are_first_and_last_frames():
     assert runs(np.array([True, False, True, True, False])) == [(0, 0), (2, 3)]
+
+
+def test_the_soles_of_a_body_stand_from_the_frame_on_which_they_come_to_rest_to_the_one_on_which_they_leave():
+    body, frames, fps = human(1.75), np.arange(60), 30.0
+    soles = Soles.of(body)
+    slid = np.clip(frames - 20, 0, 20) * 1.5 / fps
+    motion = Motion(
+        body.offsets[0] + slid[:, None] * [1.0, 0.0, 0.0], np.tile(np.eye(3), (len(frames), len(body), 1, 1))
+    )
+    poses = part_poses(body, motion)
+    stands = np.tile(((frames <= 20) | (frames >= 40))[:, None], len(soles.names))
+    found = soles.planted(poses, fps)
+    assert not found[20].any() and not found[40].any()
+    assert np.array_equal(soles.with_ends(found, poses, fps), stands)
