@@ -49,7 +49,8 @@ def judged(results: Sequence[Result], halves: Mapping[str, str]) -> str:
     """
     plain = [result for result in results if not result["settings"]]
     again = {_row(result): result for result in results if result["settings"]}
-    heads = ["half", "shot", "cameras", "fps", "key frames", "mm", "worst joint", "spline", "triangulated", "90 %", "plants, %"]
+    heads = ["half", "shot", "cameras", "fps", "key frames", "mm", "worst joint", "spline", "triangulated"]
+    heads += ["90 %", "plants, %"]
     rows = []
     for result in sorted(plain, key=lambda r: halves[r["shot"]]):
         shot, cameras, keys = _row(result)
