@@ -14,7 +14,6 @@ def register() -> None:
 
 def unregister() -> None:
     """Remove them again."""
-    from . import batch, registration
+    from . import registration
 
-    batch.unregister()
     registration.unregister()

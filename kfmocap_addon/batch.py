@@ -15,6 +15,7 @@ import bpy
 from ..cli import command_line
 from ..cli.services import Services
 from . import registration
+from .session import SESSION
 
 if TYPE_CHECKING:
     from ..cli.services import OutputRequest, RetargetRequest
@@ -24,9 +25,6 @@ if TYPE_CHECKING:
 
 COMMAND = "kfmocap"
 """Name of the command: `blender ... --command kfmocap ...`."""
-
-_commands: list[object] = []
-"""Blender's handle of the command, which Blender wants back when the command is unregistered."""
 
 
 class BatchSession:
@@ -89,13 +87,7 @@ def _add_fingers(scene: bpy.types.Scene, hands: Sequence[Array | None]) -> None:
 def register() -> None:
     """Give the Blender application its command; the module bpy takes none."""
     if hasattr(bpy.utils, "register_cli_command"):
-        _commands.append(bpy.utils.register_cli_command(COMMAND, run_command))
-
-
-def unregister() -> None:
-    """Take the command away."""
-    while _commands:
-        bpy.utils.unregister_cli_command(_commands.pop())
+        SESSION.on_end(bpy.utils.unregister_cli_command, bpy.utils.register_cli_command(COMMAND, run_command))
 
 
 def run_command(argv: list[str]) -> int:

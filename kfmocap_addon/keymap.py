@@ -11,6 +11,7 @@ import bpy
 
 from .operators.footage.look_through import StepView
 from .operators.tracking.go_to_frame import StepKeyPose
+from .session import SESSION
 
 KEYS: tuple[tuple[str, str, dict[str, object]], ...] = (
     ("J", "kfmocap.place_joints", {}),
@@ -27,8 +28,6 @@ KEYS: tuple[tuple[str, str, dict[str, object]], ...] = (
 _NAMES = 0.2
 """Share of a row that names what its key does."""
 _PACKAGE = __package__.rpartition(".kfmocap_addon")[0]
-_items: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
-"""What was added to Blender's keymap, which Blender wants back when it is removed."""
 
 
 class PieMenu(bpy.types.Menu):
@@ -93,11 +92,4 @@ def register() -> None:
         item = keymap.keymap_items.new(tool, key, "PRESS", ctrl=True, alt=True)
         for name, value in settings.items():
             setattr(item.properties, name, value)
-        _items.append((keymap, item))
-
-
-def unregister() -> None:
-    """Remove the keys."""
-    while _items:
-        keymap, item = _items.pop()
-        keymap.keymap_items.remove(item)
+        SESSION.on_end(keymap.keymap_items.remove, item)

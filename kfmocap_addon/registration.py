@@ -37,7 +37,7 @@ from .operators.posing import (
 from .operators.tracking import bake, go_to_frame, plants, show_misfit, simplify, track_motion
 from .panels import guide, key_list
 from .scene_io.cameras import missing_footage
-from .scene_io.key_pictures import PICTURES
+from .session import SESSION
 
 OPERATORS = (
     open_section,
@@ -81,25 +81,26 @@ CLASSES = tuple(cls for module in MODULES for cls in module.CLASSES)
 MENUS = tuple(entry for module in (edit_body, load_shot, export_motion) for entry in module.MENUS)
 """Names of Blender's menus and what is appended to them."""
 
-_BESIDE_CLASSES = (key_list, missing_footage, keymap, toolbar)
-"""Modules that add more to Blender than classes: handlers, keys, a tool. They are taken back in reverse order."""
+_BESIDE_CLASSES = (guide, key_list, missing_footage, keymap, toolbar)
+"""Modules that add more to Blender than classes: handlers, keys, a tool."""
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)
-_drawings: list[tuple[Any, object]] = []
-"""The editors of `_OVERLAYS` with Blender's handles, by which the drawing functions are removed again."""
 
 
 def register() -> None:
-    """Add everything to Blender."""
+    """Add everything to Blender; `unregister` removes it in reverse order."""
     _unwrap_docstrings()
     _register_classes()
+    SESSION.on_end(_unregister_classes)
     properties.register()
+    SESSION.on_end(properties.unregister)
     for menu, entry in MENUS:
         getattr(bpy.types, menu).append(entry)
+        SESSION.on_end(getattr(bpy.types, menu).remove, entry)
     for module in _BESIDE_CLASSES:
         module.register()
     for space, draw, stage in _OVERLAYS:
-        _drawings.append((space, space.draw_handler_add(draw, (), "WINDOW", stage)))
+        SESSION.on_end(space.draw_handler_remove, space.draw_handler_add(draw, (), "WINDOW", stage), "WINDOW")
 
 
 def _unwrap_docstrings() -> None:
@@ -111,18 +112,7 @@ def _unwrap_docstrings() -> None:
 
 def unregister() -> None:
     """Remove everything from Blender again."""
-    for menu, entry in MENUS:
-        getattr(bpy.types, menu).remove(entry)
-    for module in reversed(_BESIDE_CLASSES):
-        module.unregister()
-    job_operator.unregister()
-    while _drawings:
-        space, handle = _drawings.pop()
-        space.draw_handler_remove(handle, "WINDOW")
-    guide.unregister()
-    PICTURES.clear()
-    properties.unregister()
-    _unregister_classes()
+    SESSION.end()
 
 
 def is_registered() -> bool:

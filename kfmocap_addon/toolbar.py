@@ -11,6 +11,7 @@ from .operators.footage.look_through import StepView
 from .operators.posing.place_joints import PlaceJoints
 from .operators.posing.set_key_pose import SetKeyPose
 from .operators.tracking.go_to_frame import StepKeyPose
+from .session import SESSION
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -67,10 +68,4 @@ def register() -> None:
     if bpy.context.window_manager.keyconfigs.addon is not None:
         for tool in TOOLS:
             bpy.utils.register_tool(tool, separator=True)
-
-
-def unregister() -> None:
-    """Remove it."""
-    for tool in TOOLS:
-        if hasattr(tool, "_bl_tool"):
-            bpy.utils.unregister_tool(tool)
+            SESSION.on_end(bpy.utils.unregister_tool, tool)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from functools import lru_cache
 
 from ..body.skeleton_motion import RestSkeleton
 from ..errors import BodyError
@@ -13,9 +12,6 @@ from .bone_presets import PRESETS, BonePreset
 from .bone_words import NAMESPACE, read_name
 from .roles import SIDES, BoneMap, parent_role
 from .skeleton_tree import SkeletonTree
-
-_NAMES = 10_000
-"""How many names are remembered: more than the presets and a few large rigs have."""
 
 
 def match_bones(rest: RestSkeleton, preset: str | None = None, where: str = "skeleton") -> BoneMap:
@@ -99,7 +95,6 @@ def by_preset(names: Iterable[str], preset: str) -> BoneMap:
     return BoneMap(bones, preset)
 
 
-@lru_cache(maxsize=_NAMES)
 def _plain(name: str) -> str:
     return NAMESPACE.sub("", name).casefold()
 

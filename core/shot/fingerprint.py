@@ -6,7 +6,6 @@ import hashlib
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
-from functools import cache
 from itertools import chain
 from pathlib import Path, PurePath
 from typing import Any
@@ -56,7 +55,6 @@ def _append_pieces(pieces: list[bytes], value: Any) -> None:
         pieces.append(repr(value.name if isinstance(value, PurePath) else value).encode())
 
 
-@cache
 def _compared(kind: type[Any]) -> tuple[tuple[str, bytes], ...]:
     """Return the names of the fields that are compared of a dataclass, also as bytes."""
     return tuple((item.name, item.name.encode()) for item in fields(kind) if item.compare)

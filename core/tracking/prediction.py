@@ -21,10 +21,9 @@ from ..evidence.occlusion import intervals
 from ..numerics import rotations
 from ..numerics.arrays import Array
 from ..numerics.robust_kernels import NORMAL_MAD
-from .kalman import kalman_filter_class
 
 if TYPE_CHECKING:
-    from filterpy.kalman import KalmanFilter
+    from filterpy.kalman import KalmanFilter as Filter
 
 
 ORDER = 12
@@ -236,10 +235,12 @@ def _blended(ahead: tuple[Motion, Array] | None, back: tuple[Motion, Array] | No
     return forward.moved(spread / (spread + spread_back) * forward.difference(backward))
 
 
-def _filtered(series: Array, model: AutoRegression) -> KalmanFilter:
+def _filtered(series: Array, model: AutoRegression) -> Filter:
     """Run the Kalman filter of the state space (32)-(37) over a series."""
+    from .kalman import KalmanFilter
+
     h = len(model.covariance)
-    kalman = kalman_filter_class()(dim_x=h, dim_z=1)
+    kalman: Filter = KalmanFilter(dim_x=h, dim_z=1)
     kalman.F = np.eye(h, k=-1)
     kalman.F[0, : len(model.coefficients)] = model.coefficients
     G = np.eye(h, 1)

@@ -9,6 +9,7 @@ import bpy
 
 from ...core.runtime.job import Job
 from ...core.runtime.worker_process import Work, WorkerProcess
+from ..session import SESSION
 from ..viewports import viewport
 from .mixin import ReportingOperator
 from .reporting import progress_shown, reported
@@ -20,9 +21,6 @@ _NAVIGATION |= {f"NUMPAD_{key}" for key in (*range(10), "PERIOD", "PLUS", "MINUS
 _FRAME_STEPS = {"LEFT_ARROW", "RIGHT_ARROW"}
 _SCRUB_HEIGHT = 24  # height of the bar with the frames at the top of a timeline, in units of the interface
 _PASSIVE = {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "WINDOW_DEACTIVATE"}
-
-
-_waiting: list[WorkerProcess] = []
 
 
 class JobOperator(ReportingOperator):
@@ -74,7 +72,7 @@ class JobOperator(ReportingOperator):
         self._status = ""
         with reported(self) as outcome:
             work = self.prepare(context)
-            self._worker = _waiting_worker()
+            self._worker = SESSION.of(WaitingWorkers).take()
             self.job = Job(work, self._worker)
         if outcome.value != {"FINISHED"}:
             return outcome.value
@@ -106,7 +104,7 @@ class JobOperator(ReportingOperator):
             return {"PASS_THROUGH"}
         self._end(context)
         if self._worker.alive:
-            _waiting.append(self._worker)
+            SESSION.of(WaitingWorkers).put(self._worker)
         if self.job.cancelled:
             return self._cancelled(context)
         with reported(self) as outcome:
@@ -138,20 +136,29 @@ def _redraw_sidebars(window: bpy.types.Window) -> None:
                 region.tag_redraw()
 
 
-def _waiting_worker() -> WorkerProcess:
-    """Return the process of the last job, which is running and has footage in its cache, or else a new one."""
-    while _waiting:
-        worker = _waiting.pop()
-        if worker.alive:
-            return worker
-        worker.close()
-    return WorkerProcess()
+class WaitingWorkers:
+    """Processes that have done their job, and wait for the next one with footage in their cache."""
 
+    def __init__(self) -> None:
+        self._workers: list[WorkerProcess] = []
 
-def unregister() -> None:
-    """End the idle process."""
-    while _waiting:
-        _waiting.pop().close()
+    def put(self, worker: WorkerProcess) -> None:
+        """Have a process wait."""
+        self._workers.append(worker)
+
+    def take(self) -> WorkerProcess:
+        """Return the process of the last job, if it is alive, or else a new one."""
+        while self._workers:
+            worker = self._workers.pop()
+            if worker.alive:
+                return worker
+            worker.close()
+        return WorkerProcess()
+
+    def clear(self) -> None:
+        """End those that wait."""
+        while self._workers:
+            self._workers.pop().close()
 
 
 def running_job(window: bpy.types.Window | None) -> Job | None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import bpy
 
 from ..scene_io.body.sides import Colour
+from ..session import SESSION
 from ..viewports import screens, viewport
 from . import mark_drawing
 
@@ -31,6 +31,8 @@ _BAND, _RED, _WHOLE, _PART = 2.0, 4.0, 5.0, 3.0
 """Pixels: height of the bands of tracked and of doubted frames; half the size of key poses of the whole body, and of
 some bones.
 """
+_STRIPS = 8
+"""Number of strips whose triangles are remembered: one per 3D view that shows one."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ def draw(strip: Strip) -> None:
     region, free = context.region, screens.uncovered_part(context.area)
     left, low = free[0] - region.x, free[1] - region.y
     box = (left, low, free[2] - region.x, low + HEIGHT * scale)
-    for colour, corners in pieces(strip, box, scale):
+    for colour, corners in SESSION.remembering(pieces, _STRIPS)(strip, box, scale):
         mark_drawing.triangles(corners, colour)
     if strip.frames[0] <= context.scene.frame_current <= strip.frames[1]:
         at = position(strip.frames, box, context.scene.frame_current)
@@ -79,7 +81,6 @@ def position(frames: Run, box: Box, frame: float) -> float:
     return box[0] + (frame - frames[0] + 0.5) * (box[2] - box[0]) / max(frames[1] - frames[0] + 1, 1)
 
 
-@lru_cache(maxsize=8)
 def pieces(strip: Strip, box: Box, scale: float) -> tuple[tuple[Colour, Triangles], ...]:
     """Return what there is to draw but the current frame: colours and triangles, the lowest first."""
     low, high, middle = box[1], box[3], (box[1] + box[3]) / 2

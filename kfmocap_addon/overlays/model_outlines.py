@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
 from typing import Any
 
 import bpy
@@ -18,11 +17,14 @@ from ..scene_io import active_performer
 from ..scene_io.body import part_meshes
 from ..scene_io.body.sides import Colour
 from ..scene_io.review import bone_confidence
+from ..session import SESSION
 
 HIDDEN = (0.6, 0.6, 0.6, 0.55)
 _WIDTH = 1.6  # pixels
 _NEARER = 0.004  # lines lie before the faces they bound, as a share of their distance: on the same spot of the picture
 _FAR = 1e4
+_SOLIDS = 256
+"""Number of parts whose edges and faces are remembered: those of ten bodies."""
 
 
 def draw_outlines() -> None:
@@ -52,14 +54,13 @@ def posed_solids(scene: bpy.types.Scene, graph: bpy.types.Depsgraph) -> Iterator
         posed = slot.armature.evaluated_get(graph)
         for name, vertices in part_meshes.part_clouds(slot.armature).items():
             try:
-                solid = _solid(vertices.tobytes())
+                solid = SESSION.remembering(_solid, _SOLIDS)(vertices.tobytes())
             except QhullError:
                 continue  # it is being edited
             bone = posed.pose.bones[name]
             yield bone_confidence.outline_colour(scene, slot, bone), solid, np.array(posed.matrix_world @ bone.matrix)
 
 
-@lru_cache(maxsize=256)
 def _solid(vertices: bytes) -> Solid:
     return Solid.of(np.frombuffer(vertices).reshape(-1, 3))
 

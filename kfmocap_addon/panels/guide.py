@@ -9,6 +9,7 @@ import bpy
 from ..properties.section_properties import sections_of
 from ..scene_io import active_performer
 from ..scene_io.review import bone_visibility
+from ..session import SESSION
 from ..viewports import viewport
 from . import key_list
 
@@ -43,7 +44,7 @@ def current_step(context: bpy.types.Context) -> str | None:
         return "footage"
     if not shot.performers or not all(active_performer.is_present(context.scene, slot) for slot in shot.performers):
         return "body"
-    keys = [key_list.CACHE.entries(slot.armature) for slot in shot.performers]
+    keys = [key_list.known_keys().entries(slot.armature) for slot in shot.performers]
     if any(entries is None for entries in keys):
         return None
     if any(len(entries) < LEAST_KEYS for entries in keys if entries is not None):
@@ -92,7 +93,11 @@ def take_step(context: bpy.types.Context, step: str) -> None:
     guided.step = step
 
 
-def unregister() -> None:
-    """Cancel what is scheduled."""
+def register() -> None:
+    """Have what is scheduled cancelled in the end."""
+    SESSION.on_end(_cancel)
+
+
+def _cancel() -> None:
     if bpy.app.timers.is_registered(_take_step):
         bpy.app.timers.unregister(_take_step)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ..scene_io import active_performer
+from ..session import SESSION
 from ..viewports import viewport
 
 if TYPE_CHECKING:
@@ -123,14 +124,15 @@ class KeyPoseCache:
             bpy.app.timers.register(self._timer, first_interval=_DELAY)
 
 
-CACHE = KeyPoseCache()
-"""The only cache of the session: no state can be passed to Blender's handlers and panels."""
+def known_keys() -> KeyPoseCache:
+    """Return what is known of key poses in this session: Blender passes no state to its handlers and panels."""
+    return SESSION.of(KeyPoseCache)
 
 
 def strip_of(context: bpy.types.Context) -> Strip | None:
     """Return the strip under the footage for the chosen performer; None without one, or before it is looked up."""
     slot, scene = active_performer.chosen(context), context.scene
-    entries = CACHE.entries(slot.armature) if slot is not None else None
+    entries = known_keys().entries(slot.armature) if slot is not None else None
     if slot is None or entries is None:
         return None
     from ..overlays.key_strip import Strip
@@ -143,7 +145,7 @@ def strip_of(context: bpy.types.Context) -> Strip | None:
         tuple(entry.frame for entry in own if not entry.bones),
         tuple(entry.frame for entry in own if entry.bones),
         tuple(entry.frame for entry in entries if entry.proposed),
-        CACHE.tracked(slot.armature),
+        known_keys().tracked(slot.armature),
         tuple((part.frames[0], part.frames[1]) for part in slot.lost),
     )
 
@@ -151,24 +153,22 @@ def strip_of(context: bpy.types.Context) -> Strip | None:
 @bpy.app.handlers.persistent
 def _changed(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     if any(isinstance(update.id, bpy.types.Action) for update in depsgraph.updates):
-        CACHE.outdate()
+        known_keys().outdate()
 
 
 @bpy.app.handlers.persistent
 def _replaced(*_arguments: object) -> None:
-    CACHE.outdate()
+    known_keys().outdate()
 
 
 def register() -> None:
     """Watch for changes."""
-    bpy.app.handlers.depsgraph_update_post.append(_changed)
-    for handlers in (bpy.app.handlers.undo_post, bpy.app.handlers.redo_post, bpy.app.handlers.load_post):
-        handlers.append(_replaced)
-
-
-def unregister() -> None:
-    """Stop watching, and forget everything."""
-    bpy.app.handlers.depsgraph_update_post.remove(_changed)
-    for handlers in (bpy.app.handlers.undo_post, bpy.app.handlers.redo_post, bpy.app.handlers.load_post):
-        handlers.remove(_replaced)
-    CACHE.clear()
+    at = bpy.app.handlers
+    for handlers, called in (
+        (at.depsgraph_update_post, _changed),
+        (at.undo_post, _replaced),
+        (at.redo_post, _replaced),
+        (at.load_post, _replaced),
+    ):
+        handlers.append(called)
+        SESSION.on_end(handlers.remove, called)

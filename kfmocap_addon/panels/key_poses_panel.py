@@ -16,7 +16,8 @@ from ..operators.posing.show_key_pictures import ShowKeyPictures
 from ..operators.tracking.go_to_frame import GoToFrame
 from ..properties.section_properties import sections_of
 from ..scene_io import active_performer
-from ..scene_io.key_pictures import PICTURES
+from ..scene_io.key_pictures import KeyPictures
+from ..session import SESSION
 from . import key_list, performer_rows
 from .section import FoldedPart, PerformerPart, Section, draw_as_form
 from .texts import draw_text
@@ -35,7 +36,7 @@ class KeyPosesPanel(Section, bpy.types.Panel):
             draw_text(layout, context, no_performer(context), "INFO")
         else:
             performer_rows.draw_title(layout, context, slot)
-            _draw_advice(layout, context, slot, key_list.CACHE.entries(slot.armature))
+            _draw_advice(layout, context, slot, key_list.known_keys().entries(slot.armature))
         column = layout.column(align=True)
         row = column.row(align=True)
         row.operator(PlaceJoints.bl_idname, icon="OUTLINER_OB_ARMATURE")
@@ -47,7 +48,7 @@ class KeyPosesPanel(Section, bpy.types.Panel):
         for each in performer_rows.in_order(context):
             if each != slot:
                 performer_rows.draw_title(layout, context, each)
-            rows = key_list.CACHE.entries(each.armature) or ()
+            rows = key_list.known_keys().entries(each.armature) or ()
             _draw_rows(layout, context.scene.frame_current, rows, accepts=each == slot)
 
 
@@ -59,9 +60,9 @@ class KeyPicturesPanel(FoldedPart, PerformerPart, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, slot = self.layout, active_performer.chosen(context)
         layout.operator(ShowKeyPictures.bl_idname, icon="IMAGE_DATA")
-        icons = PICTURES.icons(slot.armature)
+        icons = SESSION.of(KeyPictures).icons(slot.armature)
         grid = layout.grid_flow(row_major=True, columns=_PICTURE_COLUMNS, even_columns=True)
-        for row in key_list.CACHE.entries(slot.armature) or ():
+        for row in key_list.known_keys().entries(slot.armature) or ():
             if row.frame in icons:
                 _draw_picture(grid.column(align=True), context.scene.frame_current, row, icons[row.frame])
 
@@ -84,7 +85,7 @@ class PoseToolsPanel(PerformerPart, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         slot = active_performer.chosen(context)
-        before, after = _sides_with_key_poses(key_list.CACHE.entries(slot.armature), context.scene.frame_current)
+        before, after = _sides_with_key_poses(key_list.known_keys().entries(slot.armature), context.scene.frame_current)
         column = self.layout.column(align=True)
         row = column.row(align=True)
         row.operator(CopyPose.bl_idname, text="Copy", icon="COPYDOWN")

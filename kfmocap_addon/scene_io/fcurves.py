@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
 from types import MappingProxyType
 
 import bpy
@@ -36,8 +35,6 @@ KEY_TYPE = np.dtype(
 )
 
 
-_PATHS = 10_000
-"""Number of data paths that are remembered: those of the channels of several performers and rigs."""
 _BONE = re.compile(r'pose\.bones\["((?:[^"\\]|\\.)*)"\]')
 _CONSTRAINT = re.compile(rf'{_BONE.pattern}\.constraints\["((?:[^"\\]|\\.)*)"\]')
 _PROPERTY = re.compile(rf'(?:{_BONE.pattern})?\["((?:[^"\\]|\\.)*)"\]')
@@ -70,7 +67,6 @@ class BoneAttribute:
         return bone_path(self.bone, self.attribute) if self.bone else self.attribute
 
 
-@lru_cache(maxsize=_PATHS)
 def bone_path(bone: str, attribute: str = "") -> str:
     """Return the data path of a pose bone's attribute, or of a custom property such as `["name"]`, in the armature
     object.
@@ -203,7 +199,6 @@ def get_keys(curve: bpy.types.FCurve, fields: np.dtype[np.void] = KEY_TYPE) -> K
     return keys
 
 
-@cache
 def _columns(fields: np.dtype[np.void]) -> tuple[tuple[str, tuple[int, ...], np.dtype[np.generic]], ...]:
     """Name, shape and kind of each field: NumPy makes these anew each time that they are asked for."""
     return tuple((name, fields[name].shape, fields[name].base) for name in fields.names or ())

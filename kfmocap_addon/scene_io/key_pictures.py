@@ -1,4 +1,4 @@
-"""Small pictures of key poses over the footage, for panels; they last as long as Blender runs."""
+"""Small pictures of key poses over the footage, for panels; the session keeps them."""
 
 from __future__ import annotations
 
@@ -53,7 +53,3 @@ class KeyPictures:
             bpy.utils.previews.remove(self._icons)
         self._icons = None
         self._shown.clear()
-
-
-PICTURES = KeyPictures()
-"""The key pictures of the session; Blender gives panels no place to keep them."""

@@ -7,16 +7,17 @@ file. Values that were changed in Blender are taken from Blender.
 from __future__ import annotations
 
 import json
-from functools import lru_cache
 
 import bpy
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ...core.numerics.arrays import Array, Bools
+from ..session import SESSION
 
 Owner = bpy.types.ID | bpy.types.Bone
 
+_TEXTS = 1024  # values that are remembered
 _ROUNDING = 1e-6  # single precision after a few operations, relative
 
 
@@ -40,11 +41,14 @@ def recall(owner: Owner, name: str, read: ArrayLike, scale: float = 1.0) -> Arra
     return kept if kept is not None and kept.shape == read.shape and same(kept, read, scale) else read
 
 
-@lru_cache(maxsize=1024)
 def stored(text: str) -> Array:
-    """Return the values as they were stored, which must not be written to: a body is read often, and its parts are long
-    texts.
+    """Return the values as they were stored, which must not be written to. They are remembered: a body is read often,
+    and its parts are long texts.
     """
+    return SESSION.remembering(_values, _TEXTS)(text)
+
+
+def _values(text: str) -> Array:
     values = np.array(json.loads(text), float)
     values.setflags(write=False)
     return values

@@ -24,8 +24,8 @@ pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
 
 def step():
     """The step that the guide is at, once keys are looked up."""
-    key_list.CACHE.outdate()
-    key_list.CACHE.look_up()
+    key_list.known_keys().outdate()
+    key_list.known_keys().look_up()
     found = guide.current_step(bpy.context)
     guide.take_step(bpy.context, found)
     return found
@@ -97,7 +97,7 @@ def test_while_proposals_are_left_nobody_is_sent_to_the_other_end(tmp_path, monk
 
     def advised():
         step()
-        key_poses_panel._draw_advice(layout, bpy.context, slot, key_list.CACHE.entries(slot.armature))
+        key_poses_panel._draw_advice(layout, bpy.context, slot, key_list.known_keys().entries(slot.armature))
         return said.pop()
 
     first, second, last = (built.kfmocap.frame_start + int(frame) for frame in keys.frames)
@@ -169,7 +169,7 @@ def test_no_tool_has_two_buttons_of_the_same_meaning(tmp_path, tracker, misfit):
     built = scenes.build_scene(shot(tmp_path, ("man", "woman")), scene=bpy.context.scene)
     bpy.ops.kfmocap.track()
     built.kfmocap.views[0].misfit = misfit
-    key_list.CACHE.look_up()
+    key_list.known_keys().look_up()
     sections_of(bpy.context).shown = {name for name, *_ in SECTIONS}
     layout = Layout(tools=[])
     for module in panels.SECTIONS:

@@ -15,8 +15,9 @@ from kfmocap.core.formats import write_trc  # noqa: E402
 from kfmocap.kfmocap_addon.editing import keyframing  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import joint_marks  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import shown_pose  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io.key_pictures import PICTURES  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.key_pictures import KeyPictures  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402
+from kfmocap.kfmocap_addon.session import SESSION  # noqa: E402
 from test_addon_posing import BENT, BODY, LIMBS, WALK, error, keyed, walk_scene  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -100,7 +101,7 @@ def test_proposals_and_a_first_pass_without_any_key_pose(blender, tmp_path):  # 
         bpy.context.scene.frame_set(1 + frame)
         assert error(slot, WALK[[frame]]) < 0.03
     assert bpy.ops.kfmocap.show_key_pictures() == {"FINISHED"}
-    assert sorted(PICTURES.icons(slot.armature)) == proposed
+    assert sorted(SESSION.of(KeyPictures).icons(slot.armature)) == proposed
     before = motion_curves.read_motion(slot.armature, 1, 30)
     assert bpy.ops.kfmocap.refuse_proposal(frame=proposed[0]) == {"FINISHED"}
     assert key_pose_curves.keyed_bones(slot.armature) == ({}, proposed[1:])

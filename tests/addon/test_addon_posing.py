@@ -306,17 +306,17 @@ def test_key_poses_are_listed_with_what_they_fix(blender, tmp_path):  # noqa: F8
 
 def test_the_list_is_looked_up_again_when_keys_change(blender, tmp_path):  # noqa: F811
     slot = walk_scene(tmp_path)
-    assert key_list.CACHE.entries(slot.armature) is None
-    key_list.CACHE.look_up()
-    assert len(key_list.CACHE.entries(slot.armature)) == 2
+    assert key_list.known_keys().entries(slot.armature) is None
+    key_list.known_keys().look_up()
+    assert len(key_list.known_keys().entries(slot.armature)) == 2
     bpy.context.scene.frame_set(13)
     bpy.context.view_layer.update()
-    assert len(key_list.CACHE.entries(slot.armature)) == 2  # a frame change alone changes no keys
+    assert len(key_list.known_keys().entries(slot.armature)) == 2  # a frame change alone changes no keys
     bpy.ops.kfmocap.set_key_pose()
     bpy.context.view_layer.update()
-    assert len(key_list.CACHE.entries(slot.armature)) == 2  # until it has been looked up
-    key_list.CACHE.look_up()
-    assert len(key_list.CACHE.entries(slot.armature)) == 3
+    assert len(key_list.known_keys().entries(slot.armature)) == 2  # until it has been looked up
+    key_list.known_keys().look_up()
+    assert len(key_list.known_keys().entries(slot.armature)) == 3
 
 
 def test_the_active_armature_is_posed_else_the_one_chosen_by_name(blender, tmp_path):  # noqa: F811

@@ -86,10 +86,10 @@ def test_the_strip_is_of_the_chosen_performers_keys(blender, tmp_path):  # noqa:
     made = scenes.build_scene(shot(tmp_path, frames=24), [motion(24)], bpy.context.scene)
     slot = made.kfmocap.performers[0]
     assert key_list.strip_of(bpy.context) is None, "not looked up yet"
-    key_list.CACHE.look_up()
+    key_list.known_keys().look_up()
     found = key_list.strip_of(bpy.context)
     assert found == key_list.strip_of(bpy.context), "equal values are not drawn anew"
-    own = sorted(entry.frame for entry in key_list.CACHE.entries(slot.armature))
+    own = sorted(entry.frame for entry in key_list.known_keys().entries(slot.armature))
     start = made.kfmocap.frame_start
     assert found.frames == (start, start + 23) and found.colour == pytest.approx(tuple(slot.colour))
     assert list(found.whole) == own and not found.partial and not found.proposed
@@ -101,9 +101,9 @@ def test_the_strip_is_of_the_chosen_performers_keys(blender, tmp_path):  # noqa:
     hand = slot.armature.pose.bones["hand.L"]
     hand.rotation_quaternion = (0.8, 0.6, 0.0, 0.0)
     hand.keyframe_insert("rotation_quaternion", frame=start + 9)
-    key_list.CACHE.outdate()
+    key_list.known_keys().outdate()
     assert key_list.strip_of(bpy.context).partial == (), "until it has been looked up"
-    key_list.CACHE.look_up()
+    key_list.known_keys().look_up()
     assert key_list.strip_of(bpy.context).partial == (start + 9,)
 
 
@@ -112,9 +112,9 @@ def test_keys_that_are_written_just_before_the_frame_changes_are_seen(blender, t
     made = scenes.build_scene(shot(tmp_path, frames=24), scene=bpy.context.scene)
     armature, start = made.kfmocap.performers[0].armature, made.kfmocap.frame_start
     bpy.context.view_layer.update()
-    key_list.CACHE.look_up()
+    key_list.known_keys().look_up()
     assert key_list.strip_of(bpy.context).tracked == ()
     motion_curves.write_motion(armature, motion(24), start)
     made.frame_set(start + 3)
-    key_list.CACHE.look_up()
+    key_list.known_keys().look_up()
     assert key_list.strip_of(bpy.context).tracked

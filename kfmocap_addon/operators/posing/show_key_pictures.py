@@ -9,7 +9,8 @@ import bpy
 
 from ....core.runtime.worker_process import Work
 from ...scene_io import active_performer
-from ...scene_io.key_pictures import PICTURES
+from ...scene_io.key_pictures import KeyPictures
+from ...session import SESSION
 from ..conditions import Conditional, has_footage, has_performer, has_shot, looks_through_view
 from ..job_operator import JobOperator
 
@@ -51,7 +52,7 @@ class ShowKeyPictures(Conditional, JobOperator, bpy.types.Operator):
 
     def finish(self, _context: bpy.types.Context, cells: list[Image]) -> None:
         """Show the pictures."""
-        PICTURES.put(self._armature, dict(zip(self._frames, cells, strict=True)))
+        SESSION.of(KeyPictures).put(self._armature, dict(zip(self._frames, cells, strict=True)))
 
 
 CLASSES = (ShowKeyPictures,)

@@ -7,6 +7,7 @@ from pathlib import Path
 import bpy
 
 from ....core.errors import FootageError
+from ...session import SESSION
 
 
 def find(scene: bpy.types.Scene) -> None:
@@ -86,8 +87,4 @@ def _opened(*_arguments: object) -> None:
 def register() -> None:
     """Look for the footage of every file that is opened."""
     bpy.app.handlers.load_post.append(_opened)
-
-
-def unregister() -> None:
-    """Look for it no more."""
-    bpy.app.handlers.load_post.remove(_opened)
+    SESSION.on_end(bpy.app.handlers.load_post.remove, _opened)

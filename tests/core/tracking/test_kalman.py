@@ -8,8 +8,8 @@ import sys
 ALONE = """
 import sys
 import numpy as np
-from kfmocap.core.tracking.kalman import kalman_filter_class
-kalman = kalman_filter_class()(dim_x=2, dim_z=1)
+from kfmocap.core.tracking import kalman as alone
+kalman = alone.KalmanFilter(dim_x=2, dim_z=1)
 kalman.F, kalman.H = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[1.0, 0.0]])
 for y in (1.0, 2.1, 2.9):
     kalman.predict()
@@ -27,12 +27,12 @@ for y in (1.0, 2.1, 2.9):
     again.update(y)
 assert (again.x == kalman.x).all() and (again.P == kalman.P).all()
 assert again.log_likelihood == kalman.log_likelihood
-assert kalman_filter_class() is not KalmanFilter  # as it was found first
+assert alone.KalmanFilter is not KalmanFilter  # as it was found first
 """
 GIVEN = """
 from filterpy.kalman import KalmanFilter
-from kfmocap.core.tracking.kalman import kalman_filter_class
-assert kalman_filter_class() is KalmanFilter
+from kfmocap.core.tracking import kalman as alone
+assert alone.KalmanFilter is KalmanFilter
 """
 
 
