@@ -34,8 +34,9 @@ from ..tracking.segments import whole_keys
 from ..tracking.track_result import TrackResult
 from .camera_refinement import RefinedCamera, Refinement, refine_cameras
 from .key_frame_views import pictured_key_frames, read_key_frames
-from .keypoint_cameras import CameraEstimate, PictureShift, SharedKeypoints, contradictions
+from .keypoint_cameras import PictureShift, contradictions
 from .outline_fit import RefinementStage
+from .shared_keypoints import CameraEstimate, SharedKeypoints
 
 CHECKED_KEYS = 8
 """Largest number of key frames that cameras are compared with, evenly spaced over the shot."""
