@@ -74,7 +74,7 @@ class ReducedSystem:
 
 
 @dataclass(frozen=True, eq=False)
-class _FreeCameras:
+class FreeCameras:
     """Normal equations of some cameras and all joints, as the optimiser takes them (`NormalEquations`).
 
     A step is that of the cameras (7 V,) and that of the joints (F, L, 3). Damping shortens it.
@@ -97,13 +97,17 @@ class _FreeCameras:
     cost: float
 
     @classmethod
-    def at(cls, shared: SharedKeypoints, estimate: CameraEstimate, free: Sequence[int]) -> _FreeCameras:
+    def at(cls, shared: SharedKeypoints, estimate: CameraEstimate, free: Sequence[int]) -> FreeCameras:
         """Return the equations at an estimate."""
         system, columns, prior = _linearised(shared, estimate), camera_columns(free), camera_prior(len(shared.focal))
         H = system.H.sum(axis=0) + np.diag(prior)
         g = system.g.sum(axis=0) + prior * estimate.change.ravel()
         cost = _cost(system.weights, system.size, estimate)
         return cls(system, columns, H[np.ix_(columns, columns)], g[columns], cost)
+
+    def cost_at(self, shared: SharedKeypoints, estimate: CameraEstimate) -> float:
+        """Return the cost at another estimate, with the weights of these equations."""
+        return _cost(self.system.weights, _Projected.at(shared, estimate).size, estimate)
 
     def solve(self, damping: float) -> tuple[Array, Array]:
         """Return the step of Gauss-Newton, shortened by damping."""
@@ -231,14 +235,11 @@ def fitted_cameras(
 
     The weights change from state to state, so steps are tested with those they were computed with.
     """
-    first = _FreeCameras.at(shared, estimate, free)
+    first = FreeCameras.at(shared, estimate, free)
     pictures = [picture_matrix(first.system, v) for v in free]
 
-    def moved(before: CameraEstimate, step: tuple[Array, Array]) -> CameraEstimate:
-        return CameraEstimate(before.change + step[0].reshape(-1, CAMERA), before.points_world + step[1])
-
-    def trial_cost(trial: CameraEstimate, equations: _FreeCameras) -> float:
-        return _cost(equations.system.weights, _Projected.at(shared, trial).size, trial)
+    def trial_cost(trial: CameraEstimate, equations: FreeCameras) -> float:
+        return equations.cost_at(shared, trial)
 
     def shift(before: CameraEstimate, after: CameraEstimate) -> float:
         steps = after.change[list(free)] - before.change[list(free)]
@@ -246,8 +247,8 @@ def fitted_cameras(
 
     found = minimise(
         estimate,
-        lambda state: first if state is estimate else _FreeCameras.at(shared, state, free),
-        moved,
+        lambda state: first if state is estimate else FreeCameras.at(shared, state, free),
+        CameraEstimate.moved,
         trial_cost=trial_cost,
         damping=GAUSS_NEWTON,
         stopping=StoppingRule(iterations=_ITERATIONS, small_step=_SETTLED, step_size=shift, small_refused=True),

@@ -97,3 +97,8 @@ class CameraEstimate:
     def cameras(self, before: Sequence[Camera]) -> list[Camera]:
         """Return the cameras after the change."""
         return [adjusted(camera, change) for camera, change in zip(before, self.change, strict=True)]
+
+    def moved(self, step: tuple[Array, Array]) -> CameraEstimate:
+        """Return the estimate after a step of the cameras (7 V,) and of the joints (F, L, 3)."""
+        cameras, points = step
+        return CameraEstimate(self.change + cameras.reshape(self.change.shape), self.points_world + points)

@@ -31,7 +31,7 @@ from .ball_rendering import (
     Image,
     linear,
 )
-from .swept_disc import centre_step
+from .free_unknowns import FreeUnknowns, centre_step
 
 _LIMB = 3.0  # pixels beyond the outline that are compared
 _STEPS = np.array([0.05, 0.05, 0.03, 0.02, 0.02, 0.05, 0.05, 0.05, 0.1, 0.1, 0.05, 0.1, 0.1, 0.1, 0.05, 0.05])
@@ -80,7 +80,7 @@ def fit_ball(image: Image, plate: Array | None, guess: BallGuess) -> BallImage |
     if window is None:
         return None
     fit = _BallFit.of(window, guess)
-    found = minimise(fit.start, fit.linearised, fit.moved, damping=GAUSS_NEWTON, stopping=_STOPPING)
+    found = minimise(fit.unknowns.start, fit.linearised, fit.moved, damping=GAUSS_NEWTON, stopping=_STOPPING)
     x, rod_sigma = found.state, np.hypot(_ROD_SIGMA, _ROD_SHARE * np.linalg.norm(found.state[PATH]))
     covariance = found.linearised().factor().covariance()[CENTRE, CENTRE]
     covariance += _FLOOR**2 * np.eye(2) + _PATH_SHARE**2 * np.outer(x[PATH], x[PATH])
@@ -93,8 +93,8 @@ def fit_ball(image: Image, plate: Array | None, guess: BallGuess) -> BallImage |
         BallLooks(
             x[LIGHT],
             x[SHADE],
-            float(x[WIDTH] / x[RADIUS]) if fit.free[WIDTH] else np.nan,
-            np.where(fit.free[ROD_LIGHT], x[ROD_LIGHT], np.nan),
+            float(x[WIDTH] / x[RADIUS]) if fit.unknowns.free[WIDTH] else np.nan,
+            np.where(fit.unknowns.free[ROD_LIGHT], x[ROD_LIGHT], np.nan),
         ),
         float(np.sqrt((least + most) / 2)),
         (most - least) / (most + least) * ways[:, 1],
@@ -110,26 +110,23 @@ class _BallFit:
     ----------
     window : BallWindow
     guess : BallGuess
-    start, sigma : ndarray, shape (16,)
-        The initial unknowns and their standard deviations.
-    free : ndarray of bool, shape (16,)
-        Which of them are solved for.
+    unknowns : FreeUnknowns
+        Sixteen, see `ball_rendering`.
     inside : ndarray of bool, shape (n, n)
         Which pixels of the window are compared.
     """
 
     window: BallWindow
     guess: BallGuess
-    start: Array
-    sigma: Array
-    free: Bools
+    unknowns: FreeUnknowns
     inside: Bools
 
     @classmethod
     def of(cls, window: BallWindow, guess: BallGuess) -> _BallFit:
         """Return the problem for the pixels around a ball."""
         inside = np.linalg.norm(window.places - guess.centre, axis=-1) < guess.reach + _LIMB
-        return cls(window, guess, *_start(window, guess), inside)
+        start, deviation, free = _start(window, guess)
+        return cls(window, guess, FreeUnknowns(start, deviation, free, _STEPS, _FURTHEST), inside)
 
     def residuals(self, images: Array) -> Array:
         """Return by how much images (k, n, n, 3) differ from the one that was observed, standard deviations, (k, m)."""
@@ -138,21 +135,15 @@ class _BallFit:
 
     def linearised(self, x: Array) -> DenseEquations:
         """Return the normal equations of the free unknowns at x."""
-        steps = np.diag(_STEPS)[self.free]
-        now, *ahead = self.residuals(self.window.rendered(np.concatenate([x[None], x + steps]), self.guess))
-        J = (np.stack(ahead) - now) / _STEPS[self.free, None]
+        values = self.residuals(self.window.rendered(self.unknowns.varied(x), self.guess))
+        now, J = values[0], self.unknowns.derivatives(values)
         weighted = J * (_KERNEL.weight(now**2) / _SHARED)
-        prior = ((x - self.start) / self.sigma)[self.free]
-        return DenseEquations(
-            weighted @ J.T + np.diag(1 / self.sigma[self.free] ** 2),
-            weighted @ now + prior / self.sigma[self.free],
-            float(_KERNEL.cost(now**2).sum()) / _SHARED + float(prior @ prior),
-        )
+        H, g = self.unknowns.with_prior(x, weighted @ J.T, weighted @ now)
+        return DenseEquations(H, g, float(_KERNEL.cost(now**2).sum()) / _SHARED + self.unknowns.prior_cost(x))
 
     def moved(self, x: Array, step: Array) -> Array:
-        """Return the unknowns after a step, of which no more than `_FURTHEST` is made."""
-        after = x.copy()
-        after[self.free] += np.clip(step, -_FURTHEST[self.free], _FURTHEST[self.free])
+        """Return the unknowns after a step."""
+        after = self.unknowns.moved(x, step)
         after[RADIUS] = max(after[RADIUS], 0.5)
         after[WIDTH] = np.clip(after[WIDTH], 0.05, after[RADIUS])
         return after

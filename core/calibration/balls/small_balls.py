@@ -252,7 +252,7 @@ def without_rod(
     share = _share_of_ball(window, blob, np.linalg.norm(places - centre, axis=-1) < values[1] + 1)
     if share is None:
         return None
-    fit = DiscFit(
+    fit = DiscFit.of(
         places,
         share,
         np.nan_to_num(ways),
@@ -261,7 +261,12 @@ def without_rod(
         free=np.array([True, True, True, not still, not still]),
     )
     found = minimise(
-        fit.start, fit.linearised, fit.moved, trial_cost=fit.trial_cost, damping=GAUSS_NEWTON, stopping=STOPPING
+        fit.unknowns.start,
+        fit.linearised,
+        fit.moved,
+        trial_cost=fit.trial_cost,
+        damping=GAUSS_NEWTON,
+        stopping=STOPPING,
     )
     x, last = found.state, found.linearised()
     if len(last.residuals) < _FEWEST_PIXELS:

@@ -10,11 +10,12 @@ from scipy.special import ndtr
 from ...numerics.arrays import Array, Bools
 from ...numerics.least_squares import StoppingRule
 from ...numerics.normal_equations import DenseEquations
+from .free_unknowns import FreeUnknowns, centre_step
 
 _BLUR = 1.3  # standard deviation of lens, sensor, colour subsampling and smoothing together, pixels
 _HIDDEN = 0.5  # cosine of the angle from a rod within which a ball may be hidden by it
 _SHARE_NOISE = 0.06  # of a pixel's share of the ball's colour
-_STEP = 0.05  # of finite differences, pixels
+_DIFFERENCES, _FURTHEST = np.full(5, 0.05), np.full(5, 0.5)  # pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,18 +47,19 @@ class DiscFit:
         Of the ball's colour in each.
     ways : ndarray, shape (m, 2)
         Unit vectors from the ball's middle along the rods.
-    start, deviation : ndarray, shape (5,)
-        The initial unknowns, see `_swept_discs`, and their standard deviations.
-    free : ndarray of bool, shape (5,)
-        Which of them are solved for.
+    unknowns : FreeUnknowns
+        Five, see `_swept_discs`.
     """
 
     places: Array
     share: Array
     ways: Array
-    start: Array
-    deviation: Array
-    free: Bools
+    unknowns: FreeUnknowns
+
+    @classmethod
+    def of(cls, places: Array, share: Array, ways: Array, *, start: Array, deviation: Array, free: Bools) -> DiscFit:
+        """Return the fit from a start of its unknowns, their standard deviations, and which are free, (5,) each."""
+        return cls(places, share, ways, FreeUnknowns(start, deviation, free, _DIFFERENCES, _FURTHEST))
 
     def used(self, x: Array) -> Bools:
         """Return the pixels that the disc reaches and that no rod hides."""
@@ -73,30 +75,22 @@ class DiscFit:
 
     def linearised(self, x: Array) -> DiscEquations:
         """Return the normal equations of the free unknowns at x, from the pixels that are used there."""
-        used, steps = self.used(x), _STEP * np.eye(len(x))[self.free]
-        now, *ahead = self.residuals(np.concatenate([x[None], x + steps]), used)
-        J = (np.stack(ahead, axis=1) - now[:, None]) / _STEP
-        prior = ((x - self.start) / self.deviation)[self.free]
-        H = J.T @ J + np.diag(1 / self.deviation[self.free] ** 2)
-        g = J.T @ now + prior / self.deviation[self.free]
-        return DiscEquations(H, g, float(now @ now + prior @ prior), used, now)
+        used = self.used(x)
+        values = self.residuals(self.unknowns.varied(x), used)
+        now, J = values[0], self.unknowns.derivatives(values)
+        H, g = self.unknowns.with_prior(x, J @ J.T, J @ now)
+        return DiscEquations(H, g, float(now @ now) + self.unknowns.prior_cost(x), used, now)
 
     def trial_cost(self, x: Array, equations: DiscEquations) -> float:
         """Return the cost at x with the pixels of given equations."""
-        off, prior = self.residuals(x[None], equations.used)[0], ((x - self.start) / self.deviation)[self.free]
-        return float(off @ off + prior @ prior)
+        off = self.residuals(x[None], equations.used)[0]
+        return float(off @ off) + self.unknowns.prior_cost(x)
 
     def moved(self, x: Array, step: Array) -> Array:
-        """Return the unknowns after a step, of which no more than half a pixel is made."""
-        after = x.copy()
-        after[self.free] += np.clip(step, -0.5, 0.5)
+        """Return the unknowns after a step."""
+        after = self.unknowns.moved(x, step)
         after[2] = max(after[2], 0.5)
         return after
-
-
-def centre_step(x: Array, after: Array) -> float:
-    """Return by how much a step moves the centre, the first two unknowns of a ball, pixels."""
-    return float(np.abs(after - x)[:2].max())
 
 
 STOPPING = StoppingRule(iterations=8, small_step=2e-2, step_size=centre_step, small_refused=True)

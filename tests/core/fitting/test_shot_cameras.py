@@ -13,6 +13,8 @@ from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import CalibrationError
 from kfmocap.core.fitting import shot_cameras
 from kfmocap.core.fitting.resection import adjusted
+from kfmocap.core.fitting.shared_cameras import FreeCameras
+from kfmocap.core.fitting.shared_keypoints import CameraEstimate, SharedKeypoints
 from kfmocap.core.fitting.shot_cameras import (
     CameraFit,
     checked_frames,
@@ -95,6 +97,20 @@ def test_views_with_few_joints_are_not_compared() -> None:
     found = detected(true, 0)
     found.confidence[1, :, [NAMES.index(n) for n in NAMES if not n.endswith(("Knee", "Ankle"))]] = 0
     assert [fit.camera for fit in fit_by_keypoints(walk_shot(true), [found])] == []
+
+
+def test_a_step_of_cameras_and_joints_changes_their_cost_as_its_slope_says() -> None:
+    true = cameras(4)
+    believed = [turned(true[0], 3), *true[1:]]
+    shared = SharedKeypoints.of([as_believed(detected(true, 0), believed)], believed, 1.0)
+    start = CameraEstimate(np.zeros((4, 7)), np.nan_to_num(shared.points_world))
+    equations = FreeCameras.at(shared, start, [0])
+    shifts, points = equations.solve(1.0)
+    points = points + 0.3 * np.roll(points, 1, axis=0)  # not only along the step that is solved for
+    small = 1e-4
+    ahead, behind = (equations.cost_at(shared, start.moved((sign * shifts, sign * points))) for sign in (small, -small))
+    assert equations.slope((shifts, points)) == pytest.approx((ahead - behind) / (2 * small), rel=1e-5)
+    assert equations.slope(equations.solve(0.0)) < 0
 
 
 @pytest.fixture(scope="module")
