@@ -18,8 +18,7 @@ from .resection import CAMERA
 from .shared_cameras import GROSS, ReducedSystem, camera_columns, camera_prior, fitted_cameras, picture_matrix
 from .shared_keypoints import CameraEstimate, SharedKeypoints
 
-LEAST_KINDS = 6
-"""Least number of kinds of joints from which a camera's seven unknowns are estimated."""
+LEAST_KINDS = 6  # of joints, from which a camera's seven unknowns are estimated
 
 
 @dataclass(frozen=True)

@@ -107,7 +107,7 @@ class FreeCameras:
 
     def cost_at(self, shared: SharedKeypoints, estimate: CameraEstimate) -> float:
         """Return the cost at another estimate, with the weights of these equations."""
-        return _cost(self.system.weights, _Projected.at(shared, estimate).size, estimate)
+        return _cost(self.system.weights, _projected(shared, estimate).size, estimate)
 
     def solve(self, damping: float) -> tuple[Array, Array]:
         """Return the step of Gauss-Newton, shortened by damping."""
@@ -173,21 +173,21 @@ class _Projected:
     residual: Array
     size: Array
 
-    @classmethod
-    def at(cls, shared: SharedKeypoints, estimate: CameraEstimate) -> _Projected:
-        """Project the joints."""
-        change = estimate.change
-        turn = rotations.exp(change[:, 3:6])
-        R = turn[:, None] @ shared.R_cam_world
-        turned = np.einsum("vfab,flb->vfla", R, estimate.points_world)
-        turned += np.einsum("vab,vfb->vfa", turn, shared.t_cam_world)[:, :, None]
-        x = turned + change[:, None, None, :3]
-        known = shared.found() & (x[..., 2] > _NEAREST)
-        turned, x = np.where(known[..., None], turned, 0.0), np.where(known[..., None], x, [0.0, 0.0, 1.0])
-        rays = np.where(known[..., None], shared.rays, 0.0) * np.exp(-change[:, 6])[:, None, None, None]
-        residual = shared.focal[:, None, None, None] * (x[..., :2] / x[..., 2:] - rays)
-        residual = np.where(known[..., None], residual, 0.0)
-        return cls(R, turned, x, rays, residual, np.where(known, np.linalg.norm(residual, axis=-1), np.nan))
+
+def _projected(shared: SharedKeypoints, estimate: CameraEstimate) -> _Projected:
+    """Project the joints."""
+    change = estimate.change
+    turn = rotations.exp(change[:, 3:6])
+    R = turn[:, None] @ shared.R_cam_world
+    turned = np.einsum("vfab,flb->vfla", R, estimate.points_world)
+    turned += np.einsum("vab,vfb->vfa", turn, shared.t_cam_world)[:, :, None]
+    x = turned + change[:, None, None, :3]
+    known = shared.found() & (x[..., 2] > _NEAREST)
+    turned, x = np.where(known[..., None], turned, 0.0), np.where(known[..., None], x, [0.0, 0.0, 1.0])
+    rays = np.where(known[..., None], shared.rays, 0.0) * np.exp(-change[:, 6])[:, None, None, None]
+    residual = shared.focal[:, None, None, None] * (x[..., :2] / x[..., 2:] - rays)
+    residual = np.where(known[..., None], residual, 0.0)
+    return _Projected(R, turned, x, rays, residual, np.where(known, np.linalg.norm(residual, axis=-1), np.nan))
 
 
 def _cost(weights: Array, size: Array, estimate: CameraEstimate) -> float:
@@ -198,7 +198,7 @@ def _cost(weights: Array, size: Array, estimate: CameraEstimate) -> float:
 
 def _linearised(shared: SharedKeypoints, estimate: CameraEstimate) -> ReducedSystem:
     """Return the reduced system at an estimate."""
-    V, focal, at = len(shared.focal), shared.focal[:, None, None, None], _Projected.at(shared, estimate)
+    V, focal, at = len(shared.focal), shared.focal[:, None, None, None], _projected(shared, estimate)
     R, turned, x, rays, residual = at.R, at.turned, at.x, at.rays, at.residual
     weights = _weights(shared, at.size)
     image = np.zeros((*x.shape[:3], 2, 3))

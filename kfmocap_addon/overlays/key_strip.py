@@ -31,8 +31,7 @@ _BAND, _RED, _WHOLE, _PART = 2.0, 4.0, 5.0, 3.0
 """Pixels: height of the bands of tracked and of doubted frames; half the size of key poses of the whole body, and of
 some bones.
 """
-_STRIPS = 8
-"""Number of strips whose triangles are remembered: one per 3D view that shows one."""
+_STRIPS = 8  # whose triangles are remembered: one per 3D view that shows one
 
 
 @dataclass(frozen=True)

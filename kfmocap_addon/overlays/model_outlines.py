@@ -23,8 +23,7 @@ HIDDEN = (0.6, 0.6, 0.6, 0.55)
 _WIDTH = 1.6  # pixels
 _NEARER = 0.004  # lines lie before the faces they bound, as a share of their distance: on the same spot of the picture
 _FAR = 1e4
-_SOLIDS = 256
-"""Number of parts whose edges and faces are remembered: those of ten bodies."""
+_SOLIDS = 256  # parts whose edges and faces are remembered: those of ten bodies
 
 
 def draw_outlines() -> None:
