@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..core.errors import OutputError
 from ..core.formats import read_trc
-from ..core.formats.camera_files.toml_cameras import save_cameras
+from ..core.formats.calibrations.toml_cameras import save_cameras
 from ..core.formats.trc import write_trc
 from ..core.shot.footage import frames_at, working_factor
 from ..core.shot.shot import Shot

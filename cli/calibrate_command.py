@@ -16,7 +16,7 @@ from ..core.cameras.camera import Camera
 from ..core.errors import KFMocapError
 from ..core.fitting.camera_refinement import Refinement
 from ..core.fitting.shot_cameras import refine_shot_cameras
-from ..core.formats.camera_files.calibration_files import export_cameras, format_name, load_cameras
+from ..core.formats.calibrations.calibration_files import export_cameras, format_name, load_cameras
 from ..core.formats.marker_points import write_marker_points
 from ..core.formats.shot_toml import read_shot_spec
 from ..core.formats.wand_toml import load_wand

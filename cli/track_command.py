@@ -25,7 +25,7 @@ from ..core.fitting.shot_cameras import (
     for_camera_fits,
     refine_shot_cameras,
 )
-from ..core.formats.camera_files.toml_cameras import save_cameras
+from ..core.formats.calibrations.toml_cameras import save_cameras
 from ..core.formats.keypoint_files import read_shot_keypoints
 from ..core.formats.shot_toml import read_shot_spec
 from ..core.formats.trc import write_trc

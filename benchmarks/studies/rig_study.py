@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 
 from ...core.errors import KFMocapError
-from ...core.formats.camera_files.calibration_files import load_cameras
+from ...core.formats.calibrations.calibration_files import load_cameras
 from ...core.numerics.arrays import Array
 from ...kfmocap_addon.registration import registered
 from ...kfmocap_addon.scene_io import added_views, fcurves

@@ -22,7 +22,7 @@ from ..body.unknown_parts import resting_parts, unknown_parts
 from ..cameras.camera import Camera
 from ..errors import LandmarkError, ShotError, located
 from ..formats.bvh import body_of_bvh, poses_of_bvh, read_bvh
-from ..formats.camera_files.calibration_files import load_cameras
+from ..formats.calibrations.calibration_files import load_cameras
 from ..formats.keypoint_files import read_shot_keypoints
 from ..formats.obj_vertices import read_obj_vertices
 from ..formats.shot_toml import read_shot_spec

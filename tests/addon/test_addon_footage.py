@@ -12,7 +12,7 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import SIZE, blender, camera, video  # noqa: E402, F401
 from bpy_extras.io_utils import ImportHelper  # noqa: E402
-from kfmocap.core.formats.camera_files.toml_cameras import save_cameras  # noqa: E402
+from kfmocap.core.formats.calibrations.toml_cameras import save_cameras  # noqa: E402
 from kfmocap.kfmocap_addon import registration  # noqa: E402
 from kfmocap.kfmocap_addon.operators.mixin import BesideFootage  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene, solved_cameras  # noqa: E402

@@ -16,7 +16,7 @@ from keypoint_shots import SIZE, cameras, seen_places, strolling, write_openpose
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.errors import CancelledError  # noqa: E402
-from kfmocap.core.formats.camera_files.calibration_files import save_cameras  # noqa: E402
+from kfmocap.core.formats.calibrations.calibration_files import save_cameras  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import added_views  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.cameras import view_cameras  # noqa: E402

@@ -35,6 +35,7 @@ LAYERS = (
 
 ROOMS = ("core", "cli", "kfmocap_addon", "benchmarks")
 SOURCES = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
+TOOLS = sorted((ROOT / "tools").rglob("*.py"))
 
 
 @cache
@@ -114,7 +115,7 @@ def test_no_packages_import_each_other() -> None:
 
 def test_module_names_are_unique() -> None:
     by_name = defaultdict(list)
-    for path in SOURCES:
+    for path in SOURCES + TOOLS:
         if path.name != "__init__.py":
             by_name[path.name].append(str(path.relative_to(ROOT)))
     assert [paths for paths in by_name.values() if len(paths) > 1] == []
@@ -123,7 +124,7 @@ def test_module_names_are_unique() -> None:
 def test_class_names_are_unique() -> None:
     """Those of classes that are used in one module alone, too."""
     by_name = defaultdict(list)
-    for path in SOURCES:
+    for path in SOURCES + TOOLS:
         for node in parsed(path).body:
             if isinstance(node, ast.ClassDef):
                 by_name[node.name.lstrip("_")].append(f"{path.relative_to(ROOT)}:{node.lineno}")

@@ -19,7 +19,7 @@ from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.formats.bone_map_files import read_bone_map
 from kfmocap.core.formats.bvh import read_bvh
 from kfmocap.core.formats.c3d import read_c3d
-from kfmocap.core.formats.camera_files.calibration_files import export_cameras, load_cameras
+from kfmocap.core.formats.calibrations.calibration_files import export_cameras, load_cameras
 from kfmocap.core.formats.dltdv_points import read_dltdv_points
 from kfmocap.core.formats.file_kind import file_kind
 from kfmocap.core.formats.keypoint_files import read_keypoints

@@ -19,7 +19,7 @@ from kfmocap.core.errors import BodyError, CaptureError
 from kfmocap.core.fitting.body_fit import BodyFit
 from kfmocap.core.fitting.camera_refinement import RefinedCamera, Refinement
 from kfmocap.core.fitting.key_frame_views import posed_key_frames
-from kfmocap.core.formats.camera_files.calibration_files import save_cameras
+from kfmocap.core.formats.calibrations.calibration_files import save_cameras
 from kfmocap.core.shot.shot import Shot
 from kfmocap.core.shot.shot_spec import ViewSpec
 from kfmocap.kfmocap_addon.operators.cameras import calibrate_cameras

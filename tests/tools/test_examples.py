@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.body import landmark_positions
-from kfmocap.core.formats.camera_files.calibration_files import load_cameras
+from kfmocap.core.formats.calibrations.calibration_files import load_cameras
 from kfmocap.core.formats.trc import read_trc
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.prepare import load_shot

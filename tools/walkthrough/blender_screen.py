@@ -241,3 +241,16 @@ def _correlation(screen: NDArray[np.floating], text: NDArray[np.floating]) -> ND
 
     variance = np.maximum(summed(screen**2) - summed(screen) ** 2 / (h * w), 1.0)
     return product / np.sqrt(variance * (pattern**2).sum())
+
+
+def expect(held: object, claim: str) -> None:
+    """See that something is so.
+
+    Raises
+    ------
+    AssertionError
+        It is not.
+    """
+    if not held:
+        raise AssertionError(claim)
+    print("seen:", claim, flush=True)

@@ -13,17 +13,17 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
 import blender_screen as screen
-import tool_steps as tools
+import file_steps as files
 import tutorial_steps as tutorial
-from blender_screen import Waits, click, find, until
-from tool_steps import expect, key_frames
+from blender_screen import Waits, click, expect, find, until
+from tool_steps import key_frames
 from tutorial_steps import WORK, carry_out, idle, picture, scene, sidebar
 
 EXAMPLE = sys.argv[-1]
 AT_MOST = 12
 
 
-class Counted:
+class ClickCount:
     """Clicks, and drops, that a user needs beside those on joints."""
 
     def __init__(self) -> None:
@@ -42,10 +42,10 @@ class Counted:
 
 def shot() -> Waits:
     """The example, from the zip's first start to files for other programs."""
-    counted, joints = Counted(), tutorial.truth(EXAMPLE)
-    yield from tools.install()
+    counted, joints = ClickCount(), tutorial.truth(EXAMPLE)
+    yield from files.install()
     counted.made += ["KF Mocap", "the shot file, dropped"]
-    yield from tools.drop(WORK / EXAMPLE / "shot.toml")
+    yield from files.drop(WORK / EXAMPLE / "shot.toml")
     yield from until(lambda: len(scene().kfmocap.performers) == 1)
     yield from counted.click("Track All")
     yield from until(lambda: idle() and tutorial.tracked_keys(), 900)

@@ -7,8 +7,6 @@ zip. Every step checks what came of it.
 from __future__ import annotations
 
 import importlib
-import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -19,60 +17,10 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
 import blender_screen as screen
+import file_steps as files
 import tutorial_steps as tutorial
-from blender_screen import Place, Waits, click, click_at, press, until
+from blender_screen import Place, Waits, click, click_at, expect, press, until
 from tutorial_steps import WORK, idle, in_view, only, picture, scene, sidebar, window
-
-
-def expect(held: object, claim: str) -> None:
-    """See that something is so.
-
-    Raises
-    ------
-    AssertionError
-        It is not.
-    """
-    if not held:
-        raise AssertionError(claim)
-    print("seen:", claim, flush=True)
-
-
-def install() -> Waits:
-    """Install the extension and open its tab."""
-    bpy.ops.extensions.package_install_files(
-        filepath=str(WORK / "kfmocap.zip"), repo="user_default", enable_on_install=True
-    )
-    yield 1.0
-    yield from tutorial.pass_first_start()
-    yield from press("n", in_view())
-    yield from click("KF Mocap", sideways=True)
-
-
-def drop(*paths: Path) -> Waits:
-    """Drop files onto the 3D view, as from a file manager."""
-    x, y = in_view()
-    yield from screen.hover((x, y))
-    command = [sys.executable, str(HERE / "drop_files.py"), str(x), str(y), *map(str, paths)]
-    source = subprocess.Popen(command)
-    yield from until(lambda: source.poll() is not None, 60)
-    expect(source.returncode == 0, f"the window takes {', '.join(path.name for path in paths)}")
-    yield from screen.settled()
-
-
-def drops() -> Waits:
-    """Videos, a calibration and a shot file, dropped in turn. Blender has a use for videos too, and asks."""
-    yield from drop(*sorted((WORK / "walk").glob("*.mp4")))
-    yield from picture("drop_menu")
-    x, y = in_view()
-    yield from click("Add Footage", within=(x - 200, y - 100, x + 200, y + 100))
-    expect([view.name for view in scene().kfmocap.views] == ["cam01", "cam02", "cam03"], "dropped videos are views")
-    yield from picture("dropped_videos")
-    yield from drop(WORK / "walk" / "calibration.toml")
-    expect(all(view.is_calibrated for view in scene().kfmocap.views), "a dropped calibration gives them cameras")
-    yield from drop(WORK / "walk" / "shot.toml")
-    yield from until(lambda: len(scene().kfmocap.performers) == 1)
-    expect(tutorial.tracked_keys() == 0, "a dropped shot is a scene of its own")
-    yield from picture("dropped_shot")
 
 
 def drawing() -> Waits:
@@ -138,16 +86,6 @@ def placing() -> Waits:
     expect(key_frames() == before, "one undo takes it back")
     yield from press("ctrl+shift+z", in_view((0.3, 0.3)))
     expect(key_frames() == sorted([*before, 12]), "a redo brings it again")
-
-
-def menus() -> Waits:
-    """File > Import has shots."""
-    yield from click("File", within=(0, 0, 300, 30))
-    yield from click("Import")
-    expect(screen.is_shown("KF Mocap Shot (.toml)"), "File > Import has shots")
-    yield from picture("import")
-    yield from press("Escape")
-    yield from press("Escape")
 
 
 def keys() -> Waits:
@@ -258,55 +196,6 @@ def _dope_sheets() -> list[bpy.types.DopeSheet]:
     return [space.dopesheet for space in spaces if space.type == "DOPESHEET_EDITOR"]
 
 
-def exporting() -> Waits:
-    """The file browser says which files it replaces, and comes back to the last choice."""
-    height, width = screen.screenshot().shape[:2]
-    accept = (width // 2, height - 60, width, height)
-    yield from only("Export")
-    yield from click("Export", within=tutorial.below("Root Motion"))
-    yield from click("Export", within=accept)
-    yield from until(lambda: scene().kfmocap.export.written)
-    yield from picture("exported")
-    yield from click("Export", within=tutorial.below("Root Motion"))
-    expect(screen.is_shown("Replaces walk.bvh"), "exporting again says which files are replaced")
-    yield from picture("replaces")
-    yield from press("Escape", (width // 2, height // 2))
-
-
-def recovering() -> Waits:
-    """A body that was deleted comes back by a click."""
-    armature = scene().kfmocap.performers[0].armature
-    with bpy.context.temp_override(window=window()):
-        for thing in scene().objects:
-            thing.select_set(thing == armature)
-        window().view_layer.objects.active = armature
-    yield from press("x", in_view())
-    yield from press("Return")
-    yield from until(lambda: armature.name not in scene().objects)
-    yield from only("Body")
-    yield from picture("deleted")
-    yield from click("Bring Back")
-    expect(armature.name in scene().objects, "a deleted body comes back")
-
-
-def relinking() -> Waits:
-    """Footage that was moved since the scene was saved is said to be missing, and found again."""
-    saved = WORK / "scene.blend"
-    with bpy.context.temp_override(window=window()):
-        bpy.ops.wm.save_as_mainfile(filepath=str(saved))
-        shutil.move(WORK / "walk", WORK / "moved")
-        bpy.ops.wm.open_mainfile(filepath=str(saved))
-    yield 3.0
-    expect(all(view.missing for view in scene().kfmocap.views), "moved footage is missed when the file is opened")
-    yield from only("Footage and Cameras")
-    yield from picture("missing")
-    yield from click("Relink", within=sidebar())
-    yield from screen.choose_file(f"{WORK / 'moved'}/", "Relink")
-    yield from until(lambda: not any(view.missing for view in scene().kfmocap.views), 30)
-    expect(idle(), "Relink finds it in the folder that is chosen")
-    yield from picture("relinked")
-
-
 def proposing() -> Waits:
     """Key poses proposed from keypoints, with pictures to accept or refuse."""
     if not (WORK / "beam" / "cam01.mp4").exists():
@@ -314,7 +203,7 @@ def proposing() -> Waits:
     given = (WORK / "beam" / "shot_keypoints.toml").read_text()
     sparse = WORK / "beam" / "sparse.toml"
     sparse.write_text(given.replace("keyframes = [0, 33, 66, 99]", "keyframes = [0]"))
-    yield from drop(sparse)
+    yield from files.drop(sparse)
     yield from until(lambda: scene().name.startswith("beam"), 60)
     left, right = timeline()
     expect(left <= 1 and 100 <= right < 110, "the timeline shows the whole shot, though it has one key pose only")
@@ -378,9 +267,9 @@ def tool_button() -> Place:
 
 def steps() -> Waits:
     """All steps, one after the other."""
-    yield from install()
-    yield from menus()
-    yield from drops()
+    yield from files.install()
+    yield from files.menus()
+    yield from files.drops()
     yield from drawing()
     yield from toolbar()
     yield from placing()
@@ -388,9 +277,9 @@ def steps() -> Waits:
     yield from tracking()
     yield from planting()
     yield from sheets()
-    yield from exporting()
-    yield from recovering()
-    yield from relinking()
+    yield from files.exporting()
+    yield from files.recovering()
+    yield from files.relinking()
     yield from proposing()
 
 

@@ -22,8 +22,8 @@ from .descent_stages import SETTLED, SETTLING
 from .equations.measurement import Workspace
 from .equations.problem import SegmentProblem, SegmentSolution
 from .gauss_newton import continued, descend
-from .limbs.faded_limbs import with_faded_limbs_found
-from .limbs.limb_search import pictures_find_limbs
+from .limb_corrections.faded_limbs import with_faded_limbs_found
+from .limb_corrections.limb_search import pictures_find_limbs
 from .multi_start import IN_SIGHT, best_of_starts
 from .solution_ranking import likeliest, noise_of
 

@@ -23,11 +23,11 @@ from .equations.measurement import Workspace
 from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .equations.segment_equations import SegmentNoise
 from .gauss_newton import approach, continued, descend, farthest_joint
-from .limbs.like_limbs import untangled_limbs
-from .limbs.limb_exchange import recombined, with_limbs_exchanged
-from .limbs.limb_search import found_limbs
-from .limbs.mirrored_limbs import with_limbs_mirrored
-from .limbs.strayed_limbs import with_limbs_returned
+from .limb_corrections.like_limbs import untangled_limbs
+from .limb_corrections.limb_exchange import recombined, with_limbs_exchanged
+from .limb_corrections.limb_search import found_limbs
+from .limb_corrections.mirrored_limbs import with_limbs_mirrored
+from .limb_corrections.strayed_limbs import with_limbs_returned
 from .sequential_start import blended, excerpt, follow
 from .solution_doubts import doubted_performers, explains_little, speaks_against, worst_first
 from .solution_ranking import RESTING, alike, better, equals, likeliest_at_rest, likelihood, noise_of

@@ -26,8 +26,8 @@ from .descent_stages import POLISH, SETTLED
 from .equations.measurement import Workspace
 from .equations.problem import SegmentProblem, SegmentSolution
 from .gauss_newton import UNDER_WAY, descend, farthest_joint
-from .limbs.limb_likelihood import LimbOfPerformer, support_of_limbs
-from .limbs.limb_search import LEAST_GAIN, freed_limb, pictures_find_limbs
+from .limb_corrections.limb_likelihood import LimbOfPerformer, support_of_limbs
+from .limb_corrections.limb_search import LEAST_GAIN, freed_limb, pictures_find_limbs
 from .multi_start import LOOKS, VAIN_LOOKS
 from .solution_ranking import RESTING, likeliest_at_rest, likelihood, noise_of
 

@@ -14,9 +14,9 @@ from ...evidence.view_frames import views_with_foreground
 from ...numerics.arrays import Array, Bools, Ints
 from .equations.measurement import hidden_parts, keypoint_agreement, poses_by_delay, view_instants
 from .equations.problem import SegmentProblem, SegmentSolution
-from .limbs.limb_images import shown_areas
-from .limbs.limb_likelihood import support_of_limbs
-from .limbs.limb_search import LEAST_GAIN
+from .limb_corrections.limb_images import shown_areas
+from .limb_corrections.limb_likelihood import support_of_limbs
+from .limb_corrections.limb_search import LEAST_GAIN
 
 EXPLAINED = 0.8
 """Smallest ratio between what a solution explains of a frame's image and what the key poses explain of theirs."""

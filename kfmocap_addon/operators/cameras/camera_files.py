@@ -60,7 +60,7 @@ class ExportCameras(Conditional, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def act(self, context: bpy.types.Context) -> None:
-        from ....core.formats.camera_files.calibration_files import export_cameras
+        from ....core.formats.calibrations.calibration_files import export_cameras
         from ...scene_io import solved_cameras
         from ...scene_io.cameras import scene_cameras
 

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import CalibrationError
-from kfmocap.core.formats.camera_files.calibration_files import load_cameras
-from kfmocap.core.formats.camera_files.toml_cameras import save_cameras
+from kfmocap.core.formats.calibrations.calibration_files import load_cameras
+from kfmocap.core.formats.calibrations.toml_cameras import save_cameras
 from kfmocap.core.numerics import rotations
 
 K = np.array([[700.5, 0, 319.5], [0, 698.25, 239.5], [0, 0, 1]])

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import CalibrationError, OutputError
-from kfmocap.core.formats.camera_files.calibration_files import export_cameras, load_cameras
+from kfmocap.core.formats.calibrations.calibration_files import export_cameras, load_cameras
 from kfmocap.core.numerics import rotations
 
 FILES = [

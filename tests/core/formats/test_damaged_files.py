@@ -25,7 +25,7 @@ from hypothesis import strategies as st
 from kfmocap.core.errors import KeypointError, KFMocapError
 from kfmocap.core.formats.bone_map_files import read_bone_map
 from kfmocap.core.formats.bvh import read_bvh
-from kfmocap.core.formats.camera_files.calibration_files import load_cameras
+from kfmocap.core.formats.calibrations.calibration_files import load_cameras
 from kfmocap.core.formats.keypoint_files import read_keypoints
 from kfmocap.core.formats.marker_points import read_marker_points
 from kfmocap.core.formats.shot_toml import read_shot_spec

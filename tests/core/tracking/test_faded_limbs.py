@@ -14,7 +14,7 @@ from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.tracking.solvers import leaping_limbs
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.limbs import faded_limbs
+from kfmocap.core.tracking.solvers.limb_corrections import faded_limbs
 from made_evidence import no_evidence
 from synthetic import at_rest, ends_held, look_at
 

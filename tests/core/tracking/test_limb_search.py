@@ -19,11 +19,11 @@ from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
-from kfmocap.core.tracking.solvers.limbs import limb_search
-from kfmocap.core.tracking.solvers.limbs.like_limbs import exchanges, untangled
-from kfmocap.core.tracking.solvers.limbs.limb_images import DEPTH_STEP, UncoveredImages, ViewRatios
-from kfmocap.core.tracking.solvers.limbs.limb_likelihood import LimbModel, covered, limb_of
-from kfmocap.core.tracking.solvers.limbs.limb_search import _held, found_limbs
+from kfmocap.core.tracking.solvers.limb_corrections import limb_search
+from kfmocap.core.tracking.solvers.limb_corrections.like_limbs import exchanges, untangled
+from kfmocap.core.tracking.solvers.limb_corrections.limb_images import DEPTH_STEP, UncoveredImages, ViewRatios
+from kfmocap.core.tracking.solvers.limb_corrections.limb_likelihood import LimbModel, covered, limb_of
+from kfmocap.core.tracking.solvers.limb_corrections.limb_search import _held, found_limbs
 from synthetic import at_rest, coloured, ends_held, look_at, poses_of, silhouette
 
 Array = np.ndarray

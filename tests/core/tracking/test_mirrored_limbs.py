@@ -9,7 +9,7 @@ from kfmocap.core.body.kinematics import tip_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
-from kfmocap.core.tracking.solvers.limbs.mirrored_limbs import mirror_images, mirrored, with_limbs_mirrored
+from kfmocap.core.tracking.solvers.limb_corrections.mirrored_limbs import mirror_images, mirrored, with_limbs_mirrored
 from made_evidence import Landscape
 from synthetic import at_rest, dark, ends_held, figure, look_at
 

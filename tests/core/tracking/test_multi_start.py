@@ -17,9 +17,9 @@ from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers import gauss_newton, multi_start, solution_doubts, solution_ranking
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.limbs import limb_exchange
-from kfmocap.core.tracking.solvers.limbs.like_limbs import exchanges
-from kfmocap.core.tracking.solvers.limbs.limb_search import LEAST_GAIN
+from kfmocap.core.tracking.solvers.limb_corrections import limb_exchange
+from kfmocap.core.tracking.solvers.limb_corrections.like_limbs import exchanges
+from kfmocap.core.tracking.solvers.limb_corrections.limb_search import LEAST_GAIN
 from made_evidence import Landscape
 from synthetic import CAMERAS, at_rest, coloured, dark, ends_held, figure, swing
 

@@ -16,7 +16,7 @@ from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers import regained_limbs
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.limbs.limb_search import LEAST_GAIN
+from kfmocap.core.tracking.solvers.limb_corrections.limb_search import LEAST_GAIN
 from kfmocap.core.tracking.solvers.multi_start import LOOKS, VAIN_LOOKS
 from kfmocap.core.tracking.solvers.regained_limbs import (
     RETURNS,

@@ -27,7 +27,7 @@ from kfmocap.core.tracking.solvers import gauss_newton, multi_start, solution_do
 from kfmocap.core.tracking.solvers.equations import segment_equations
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.limbs import limb_exchange
+from kfmocap.core.tracking.solvers.limb_corrections import limb_exchange
 from kfmocap.core.tracking.tracker import track
 from made_evidence import no_evidence
 from synthetic import at_rest, ends_held, figure, film, look_at, poses_of, shot_of, silhouette, swing

@@ -15,7 +15,11 @@ from kfmocap.core.keypoints.keypoint_places import Places
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace, keypoint_agreement
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.limbs.strayed_limbs import strayed_limbs, with_limbs_held, with_limbs_returned
+from kfmocap.core.tracking.solvers.limb_corrections.strayed_limbs import (
+    strayed_limbs,
+    with_limbs_held,
+    with_limbs_returned,
+)
 from synthetic import dark, look_at
 
 BODY, FRAMES, FPS = human(), 8, 30.0

@@ -18,7 +18,7 @@ from kfmocap.core.calibration.performer.performer_views import PerformerView, jo
 from kfmocap.core.calibration.solving.camera_rig import CAMERA_DOF, rig_of
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import CaptureError
-from kfmocap.core.formats.camera_files.calibration_files import load_cameras, save_cameras
+from kfmocap.core.formats.calibrations.calibration_files import load_cameras, save_cameras
 from kfmocap.core.shot.detections import Detections
 from scipy.spatial.transform import Rotation
 

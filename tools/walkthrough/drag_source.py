@@ -1,6 +1,6 @@
 """Drop files onto a window as a file manager does: the source's side of the XDND protocol, version 5.
 
-    python drop_files.py X Y FILE...
+    python drag_source.py X Y FILE...
 
 X and Y are pixels of the screen. Exit code 0 once the window has taken the files, 1 if it refuses them or does not
 answer. See https://www.freedesktop.org/wiki/Specifications/XDND

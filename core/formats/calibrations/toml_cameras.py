@@ -2,7 +2,7 @@
 
 A camera is a table with name, size, matrix, distortions, rotation (Rodrigues vector) and translation (metres). A moving
 camera's rotation and translation are lists of such vectors, one per frame of the shot. Other programs' files may give a
-rotation as a 3x3 matrix: see `core.formats.camera_files.pose_fields`.
+rotation as a 3x3 matrix: see `core.formats.calibrations.pose_fields`.
 """
 
 from __future__ import annotations
