@@ -5,8 +5,8 @@ from __future__ import annotations
 import bpy
 
 from ...core.retargeting.hand_shapes import finger_turns
+from .rigs.rig_at_rest import rest_orientations, rest_skeleton
 from .rigs.rig_curves import rotation_channel
-from .rigs.rig_reading import rest_orientations, rest_skeleton
 from .send import target_bones
 
 

@@ -18,8 +18,8 @@ from ...core.retargeting.finger_motion import finger_motion
 from ...core.retargeting.roles import FINGERS, SIDES, BoneMap
 from ..scene_io import fcurves, scene
 from ..scene_io.body import body_armature
+from .rigs.rig_at_rest import rest_orientations, rest_skeleton
 from .rigs.rig_curves import ControlChannel, rotation_channel
-from .rigs.rig_reading import rest_orientations, rest_skeleton
 from .send import target_bones
 from .source_motion import motion_of_performer
 

@@ -24,7 +24,7 @@ from ...core.retargeting.rest_alignment import alignments
 from ...core.retargeting.roles import BoneMap
 from ...core.retargeting.transfer import Placement, hip_centre, hip_path, source_blends
 from ..scene_io.body import body_armature
-from .rigs.rig_reading import restore_holds
+from .rigs.held_bones import restore_holds
 from .rigs.rig_settings import Owner, restore_settings
 
 NAME = "KF Mocap Live"

@@ -24,10 +24,12 @@ from ..scene_io.characters.followed_bones import skeletons_following
 from .live import LiveSource, follow, refuse_inverse_kinematics, remember, stop_following
 from .rigs import rig_warnings
 from .rigs.fk_controls import FkControls, through_controls
+from .rigs.held_bones import without_holds
 from .rigs.ik_controls import forget_twists, ik_bones, ik_channels, ik_roles
+from .rigs.rig_at_rest import at_rest, leave_rest_position, rest_skeleton
 from .rigs.rig_curves import ControlChannel, CurveOptions, rotation_channel, write_channels
 from .rigs.rig_error import measured_errors, world_matrices
-from .rigs.rig_reading import at_rest, leave_rest_position, read_rig, rest_skeleton, without_holds
+from .rigs.rig_reading import read_rig
 from .rigs.rig_settings import Owner, setting_channel, with_settings
 
 _SAMPLE = 60  # frames on which the remaining error is measured

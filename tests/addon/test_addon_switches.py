@@ -13,7 +13,7 @@ from addon_shots import blender, joint_error  # noqa: E402, F401
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting import live, send  # noqa: E402
-from kfmocap.kfmocap_addon.retargeting.rigs import rig_reading  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.rigs import rig_at_rest, rig_reading  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.characters import skins  # noqa: E402
@@ -229,7 +229,7 @@ def test_skins_are_not_deformed_while_a_rig_is_read(hidden, monkeypatch):
     target = skinned_human()
     [skin] = skins.skinned_meshes(target)
     skin.hide_viewport = hidden
-    seen, read = [], rig_reading.rest_matrices
+    seen, read = [], rig_at_rest.rest_matrices
 
     def watched(*given):
         seen.append(skin.hide_viewport)

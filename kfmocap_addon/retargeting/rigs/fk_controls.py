@@ -20,7 +20,8 @@ from ....core.numerics.arrays import Array
 from ....core.retargeting.roles import SIDES, BoneMap
 from ...scene_io.body import body_armature
 from ...scene_io.characters.followed_bones import following, solved_bones
-from .rig_reading import FLAT, at_rest, moved_matrices, refuse_mirrored, rest_matrices, update
+from .rig_at_rest import at_rest, rest_matrices, update
+from .rig_reading import FLAT, moved_matrices, refuse_mirrored
 from .rig_settings import (
     Owner,
     Settings,

@@ -12,7 +12,7 @@ from ....core.numerics.arrays import Array, Ints
 from ....core.retargeting.control_rig import ControlRig, RigPoses
 from ....core.retargeting.roles import LIMBS, BoneMap
 from ...scene_io.body.body_armature import world_frame
-from .rig_reading import evaluated
+from .rig_at_rest import evaluated
 
 
 def world_matrices(armature: bpy.types.Object, names: Sequence[str]) -> tuple[Array, Array]:

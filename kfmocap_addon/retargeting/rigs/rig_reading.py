@@ -6,8 +6,7 @@ it, whatever lies between.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from types import MappingProxyType
@@ -15,7 +14,7 @@ from typing import Any
 
 import bpy
 import numpy as np
-from mathutils import Matrix, Quaternion, Vector
+from mathutils import Quaternion
 
 from ....core.body.skeleton_motion import RestSkeleton
 from ....core.errors import BodyError
@@ -24,22 +23,10 @@ from ....core.numerics.arrays import Array, Bools
 from ....core.retargeting.control_rig import MOVED, ControlRig
 from ....core.retargeting.retarget import grounded
 from ....core.retargeting.roles import BoneMap
-from ...scene_io import fcurves
 from ...scene_io.body.body_armature import world_frame
+from .rig_at_rest import pose, rest_matrices, update
 
 _PROBE = Quaternion((0.9553, 0.1837, 0.1342, 0.1885)).normalized()
-_HOLDS = (
-    "IK",
-    "COPY_ROTATION",
-    "COPY_TRANSFORMS",
-    "DAMPED_TRACK",
-    "LOCKED_TRACK",
-    "TRACK_TO",
-    "STRETCH_TO",
-    "LIMIT_ROTATION",
-    "LIMIT_LOCATION",
-)
-"""Kinds of constraints that set the rotation of the bones that they act on, or clip their rotation or their way."""
 FLAT = 1e-4  # scale of a bone below which it counts as nothing
 _RIGID = 1e-3
 """Radians, and lengths of the rig, within which two bones move as one."""
@@ -58,110 +45,6 @@ class RigReading:
 
     rig: ControlRig
     unsteady: tuple[str, ...]
-
-
-def rest_skeleton(armature: bpy.types.Object) -> RestSkeleton:
-    """Return all bones of an armature at rest, in the world."""
-    matrix, _ = world_frame(armature)
-    bones = armature.data.bones
-    index = {bone.name: i for i, bone in enumerate(bones)}
-    heads, tails = (
-        np.array(points).reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3]
-        for points in ([bone.head_local for bone in bones], [bone.tail_local for bone in bones])
-    )
-    order = sorted(range(len(bones)), key=lambda i: len(bones[i].parent_recursive))
-    place = {i: k for k, i in enumerate(order)}
-    return RestSkeleton(
-        tuple(bones[i].name for i in order),
-        tuple(place[index[bones[i].parent.name]] if bones[i].parent else -1 for i in order),
-        heads[order],
-        tails[order],
-    )
-
-
-def rest_orientations(armature: bpy.types.Object, names: Sequence[str]) -> Array:
-    """Orientations (B, 3, 3) of bones at rest, in the world."""
-    matrix, scale = world_frame(armature)
-    local = np.array([armature.data.bones[name].matrix_local for name in names]).reshape(-1, 4, 4)
-    return rotations.orthonormal(matrix[:3, :3] / scale @ local[:, :3, :3])
-
-
-@contextmanager
-def at_rest(armature: bpy.types.Object, controls: Sequence[str]) -> Iterator[None]:
-    """Take an armature's animation away and its controls to their rest pose while the block runs. The sizes of bones
-    stay: by them animators scale a whole character, or its head.
-    """
-    data = fcurves.own_animation(armature) if armature.animation_data else None
-    before = (data.action, data.action_slot, data.use_nla) if data else None
-    poses = {name: _channels(armature.pose.bones[name]) for name in controls}
-    update()
-    with evaluated(armature):
-        if data:
-            data.action, data.use_nla = None, False
-        try:
-            for name in controls:
-                pose(armature.pose.bones[name])
-            update()
-            yield
-        finally:
-            for name, values in poses.items():
-                for attribute, value in values.items():
-                    setattr(armature.pose.bones[name], attribute, value)
-            if data:
-                data.action, data.use_nla = before[0], before[2]
-                if before[1] is not None:
-                    data.action_slot = before[1]
-    update()
-
-
-@contextmanager
-def evaluated(armature: bpy.types.Object) -> Iterator[None]:
-    """Have Blender evaluate an armature's poses while the block runs: it does not in excluded collections, nor when it
-    is hidden, or shown in its rest position. Skins are hidden, so that they are not deformed for every pose; those
-    that something depends on are evaluated all the same.
-    """
-    shown = (o for o in bpy.context.view_layer.objects if o.library is None and not o.hide_viewport)
-    skins = [o for o in shown if o.type == "MESH" and o.modifiers]
-    hidden, position = armature.hide_viewport, armature.data.pose_position
-    home = bpy.context.scene.collection.objects
-    away = armature.name not in bpy.context.view_layer.objects
-    if away:
-        home.link(armature)
-    armature.hide_viewport, armature.data.pose_position = False, "POSE"
-    for skin in skins:
-        skin.hide_viewport = True
-    try:
-        yield
-    finally:
-        armature.hide_viewport, armature.data.pose_position = hidden, position
-        for skin in skins:
-            skin.hide_viewport = False
-        if away:
-            home.unlink(armature)
-
-
-def leave_rest_position(armature: bpy.types.Object) -> tuple[str, ...]:
-    """Have an armature show its poses; returns what to report where it has shown its rest position."""
-    if armature.data.pose_position == "POSE":
-        return ()
-    armature.data.pose_position = "POSE"
-    return (f"armature {armature.name}: it was shown in its rest position, and shows its poses now",)
-
-
-def pose(bone: bpy.types.PoseBone, way: Sequence[float] = (0.0, 0.0, 0.0), turn: Quaternion | None = None) -> None:
-    """Shift a bone from its rest pose, and turn it; it keeps its size."""
-    bone.matrix_basis = Matrix.LocRotScale(Vector(way), turn, bone.scale)
-
-
-def _channels(bone: bpy.types.PoseBone) -> dict[str, tuple[float, ...]]:
-    """All that poses a bone, to the last bit: its matrix would come back rounded."""
-    names = ("location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale")
-    return {name: tuple(getattr(bone, name)) for name in names}
-
-
-def update() -> None:
-    """Let Blender carry constraints and drivers through."""
-    bpy.context.view_layer.update()
 
 
 def read_rig(
@@ -279,11 +162,6 @@ def location_axes(armature: bpy.types.Object, name: str) -> Array:
     return np.asarray(matrix[:3, :3] @ (found if abs(np.linalg.det(found)) > _RIGID**3 else np.eye(3)))
 
 
-def rest_matrices(armature: bpy.types.Object, names: Sequence[str]) -> Array:
-    """Return the matrices (B, 4, 4) of bones as they stand, in the armature."""
-    return np.array([armature.pose.bones[name].matrix for name in names]).reshape(-1, 4, 4)
-
-
 def moved_matrices(armature: bpy.types.Object, name: str, names: Sequence[str], way: float = 0.0) -> Array:
     """Return the matrices (B, 4, 4) of bones while a control is turned, and shifted where it can be."""
     bone = armature.pose.bones[name]
@@ -313,38 +191,3 @@ def _parents_first(names: Sequence[str], *parents: Sequence[int]) -> list[int]:
         raise BodyError(
             "controls follow one another in a circle", where=f"bones {circle}", todo="mute what makes one follow"
         ) from error
-
-
-@contextmanager
-def without_holds(armature: bpy.types.Object, controls: Sequence[str]) -> Iterator[dict[tuple[str, str], float]]:
-    """Take the influence of constraints that pose controls in their owner's stead; after an error they have it again.
-
-    Gives what they had, by bone and constraint. Inverse kinematics acts from the bone that ends its chain, which
-    may be below the controls.
-    """
-    before = {}
-    for bone in armature.pose.bones:
-        for constraint in list[Any](bone.constraints):
-            poses = [bone.name]
-            if constraint.type == "IK":
-                chain = [bone, *bone.parent_recursive]
-                poses = [one.name for one in chain[: constraint.chain_count or len(chain)]]
-            holds = constraint.type in _HOLDS and not constraint.mute and constraint.influence > 0
-            if holds and set(poses) & set(controls):
-                before[bone.name, constraint.name] = constraint.influence
-                constraint.influence = 0.0
-    update()
-    try:
-        yield before
-    except BaseException:
-        restore_holds(armature, before)
-        raise
-
-
-def restore_holds(armature: bpy.types.Object, before: Mapping[tuple[str, str], float]) -> None:
-    """Give constraints the influence that they had, by bone and constraint, where they are still there."""
-    for (name, held_by), influence in before.items():
-        bone: Any = armature.pose.bones.get(name)
-        constraint = None if bone is None else bone.constraints.get(held_by)
-        if constraint is not None:
-            constraint.influence = influence

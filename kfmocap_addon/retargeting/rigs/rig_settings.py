@@ -10,8 +10,8 @@ import bpy
 import numpy as np
 
 from ...scene_io import fcurves
+from .rig_at_rest import update
 from .rig_curves import ControlChannel
-from .rig_reading import update
 
 Owner = str | tuple[str, str]
 """What has a property: a bone, by its name, or a data-block, by its kind (see `_KINDS`) and name."""

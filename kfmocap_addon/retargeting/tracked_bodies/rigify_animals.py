@@ -19,7 +19,8 @@ from ....core.numerics import rotations
 from ....core.numerics.arrays import Array, Bools
 from ....core.retargeting.roles import BoneMap
 from ..rigs.fk_controls import FkControls, alike
-from ..rigs.rig_reading import at_rest, moved_matrices, rest_matrices, update
+from ..rigs.rig_at_rest import at_rest, rest_matrices, update
+from ..rigs.rig_reading import moved_matrices
 from ..rigs.rig_settings import trying_settings
 
 _NOT_FK = re.compile(r"tweak|(^|_)ik(_|\.|$)|master|gear|parent|heel|target|pivot|^root$|^hips$|^chest$")

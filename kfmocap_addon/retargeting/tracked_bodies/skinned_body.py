@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Any
 
 import bpy
 import numpy as np
@@ -13,28 +12,25 @@ from ....core.numerics import rotations
 from ....core.retargeting.bone_matching import preset_of
 from ....core.retargeting.roles import SIDES, BoneMap
 from ...scene_io import fcurves, performers, scene
-from ...scene_io.body import body_armature, part_meshes
+from ...scene_io.body import body_armature
 from ...scene_io.characters import skinned_parts
-from ...scene_io.characters.followed_bones import following, leader_of
+from ...scene_io.characters.followed_bones import following
 from ...scene_io.characters.merged_clouds import says_twist
-from ...scene_io.characters.object_motion import what_moves
 from ..rigs import fk_controls
 from ..rigs.fk_controls import FkControls
 from ..rigs.overrides import editable
-from ..rigs.rig_reading import at_rest, leave_rest_position, moved_matrices, rest_matrices
+from ..rigs.rig_at_rest import at_rest, leave_rest_position, rest_matrices
+from ..rigs.rig_reading import moved_matrices
 from ..rigs.rig_settings import has_keys, keep_in_override, setting_name, with_settings
 from ..send import target_bones
 from .part_roles import PART_ROLES, limb_bones, limbs_of, taken_in
 from .rigify_animals import animal_controls, goes_on_four, is_generated
+from .tracked_bones import movable_root, refuse_following, refuse_moving_object, remove_parts
 
 _FOLLOWS = 0.5
 """Least fraction of a control's rotation with which a deforming bone follows it."""
 _APART = 0.5
 """Fraction of deforming bones without a deforming parent from which they are taken to be parented to controls."""
-_STILL = 1e-5
-"""Largest difference between the keys of a channel that does not move."""
-_SCALED = 0.01
-"""Least change of a bone's scale that importers' rounding cannot explain."""
 
 
 def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.types.Object, tuple[str, ...]]:
@@ -49,7 +45,7 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
         It cannot be a body; names the bone.
     """
     armature = editable(armature, current)
-    _refuse_moving_object(current, armature)
+    refuse_moving_object(current, armature)
     taken, remarks = _taken(current, armature)
     if taken.animation_data is not None:
         fcurves.show_action(taken)
@@ -59,7 +55,7 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
 def _taken(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.types.Object, tuple[str, ...]]:
     """Make an armature that can be edited a performer; see `use_as_body`."""
     if skinned_parts.carries_its_parts(armature):
-        return performers.take_armature(current, armature), _remarks(armature)
+        return performers.take_armature(current, armature), movable_root(armature)
     collection = scene.ensure_collection(current, "Performers")
     mechanism = _mechanism(armature)
     if is_generated(armature) and (mechanism is None or goes_on_four(armature, mechanism)):
@@ -79,15 +75,15 @@ def _taken(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.ty
             taken_in=taken_in(armature, limbs),
             head=next(iter(limbs.bones.get("head", ())), ""),
         )
-        _refuse_following(armature, made.parts, followed)
+        refuse_following(armature, made.parts, followed)
     else:
         with with_settings(armature, preset_of(mechanism).settings):
             made = _with_shoulders(armature, collection, mechanism) or _parts_of(armature, collection, mechanism)
     try:
         taken = performers.take_armature(current, armature)
-        return taken, (*made.remarks, *(_remarks(armature) if mechanism is None else ()))
+        return taken, (*made.remarks, *(movable_root(armature) if mechanism is None else ()))
     except BodyError:
-        _remove(armature, made.parts)
+        remove_parts(armature, made.parts)
         raise
 
 
@@ -111,7 +107,7 @@ def _with_shoulders(
     try:
         fk_controls.refuse_otherwise_moved(armature, {})
     except BodyError:
-        _remove(armature, made.parts)
+        remove_parts(armature, made.parts)
         return None
     return made
 
@@ -138,9 +134,9 @@ def _use_animal(
         try:
             fk_controls.refuse_otherwise_moved(armature, {})
             taken = performers.take_armature(current, armature)
-            return taken, (*made.remarks, *_remarks(armature))
+            return taken, (*made.remarks, *movable_root(armature))
         except BodyError:
-            _remove(armature, made.parts)
+            remove_parts(armature, made.parts)
             raise
 
 
@@ -188,9 +184,9 @@ def _use_controls(
         try:
             fk_controls.refuse_otherwise_moved(armature, turned)
             taken = performers.take_armature(current, armature)
-            remarks += [*made.remarks, *_remarks(armature)]
+            remarks += [*made.remarks, *movable_root(armature)]
         except BodyError:
-            _remove(armature, made.parts)
+            remove_parts(armature, made.parts)
             raise
     for owner, values in controls.settings.items():
         for key, value in values.items():
@@ -231,119 +227,3 @@ def _carriers(armature: bpy.types.Object, controls: list[str]) -> dict[str, str]
                 found[str(bone)] = name
         depth[name] = below
     return found
-
-
-def _remarks(armature: bpy.types.Object) -> tuple[str, ...]:
-    """Make the root of the body movable; returns remarks on that, and on poses that cannot be tracked."""
-    parts = body_armature.body_bones(armature)
-    names = {bone.name for bone in parts}
-    carrying = {above.name for bone in parts for above in bone.parent_recursive} - names
-    carrying |= {followed for name in carrying for followed in _followed(armature, name)} - names
-    said = [f"bone {n}: it is no part, and counts as it stands now: key the bones below it" for n in carrying]
-    said = [text for text, name in zip(said, carrying, strict=True) if _moves(armature, name, "")]
-    top = parts[0].name
-    if parts[0].use_connect:
-        if armature.data.library is not None or armature.data.override_library is not None:
-            raise BodyError(
-                "it is connected to the bone above, which keeps it from moving, and its armature is linked",
-                where=f"armature {armature.name}, bone {top}",
-                todo="disconnect it in the character's own file (Alt P in edit mode)",
-            )
-        with body_armature.edit_bones(armature) as bones:
-            bones[top].use_connect = False
-        said.append(f"bone {top}: it was connected to the bone above, which kept it from moving, and is no longer")
-    for bone in armature.pose.bones:
-        if bone.name not in names:
-            continue
-        shifted = bone.name != top and (bone.location.length > _STILL or _moves(armature, bone.name, "location"))
-        if shifted:
-            said.append(
-                f"bone {bone.name}: its turns alone are tracked: clear its location (Alt G), and the keys of it"
-            )
-        if np.abs(np.array(bone.scale) - 1).max() > _SCALED or _moves(armature, bone.name, "scale", _SCALED):
-            said.append(f"bone {bone.name}: it is scaled, and the body is not: clear its scale (Alt S) and its keys")
-    return tuple(sorted(said))
-
-
-def _followed(armature: bpy.types.Object, name: str) -> list[str]:
-    """Return the bones of an armature that constraints of one of them follow."""
-    bone: Any = armature.pose.bones[name]
-    ends = [end for held in bone.constraints for end in (held, *getattr(held, "targets", ()))]
-    named = [getattr(end, "subtarget", "") for end in ends if getattr(end, "target", None) == armature]
-    return [name for name in named if name]
-
-
-def _moves(armature: bpy.types.Object, bone: str, attribute: str, still: float = _STILL) -> bool:
-    """Whether keys of a bone's attributes that begin so change anything."""
-    bag = fcurves.find_channelbag(armature)
-    path = fcurves.bone_path(bone, attribute)
-    return any(
-        curve.data_path.startswith(path) and np.ptp(fcurves.get_keys(curve)["co"][:, 1]) > still
-        for curve in (bag.fcurves if bag else ())
-    )
-
-
-def _refuse_moving_object(current: bpy.types.Scene, armature: bpy.types.Object) -> None:
-    """Raise a BodyError where something moves the armature as a whole."""
-    where = f"armature {armature.name}"
-    bag = fcurves.find_channelbag(armature)
-    for curve in bag.fcurves if bag else ():
-        whole = curve.data_path.startswith(("location", "rotation", "scale", "delta_"))
-        if whole and np.ptp(fcurves.get_keys(curve)["co"][:, 1]) > _STILL:
-            raise BodyError(
-                f"keys of {curve.data_path} move the armature object itself, and only bones are tracked",
-                where=where,
-                todo="delete them, and key the topmost bone of the body instead",
-            )
-    moving = what_moves(current, armature, (current.frame_start, current.frame_end))
-    if moving is not None:
-        raise BodyError(
-            f"{moving} moves the armature object itself, and only bones are tracked",
-            where=where,
-            todo="free it: clear the parent (Alt P), or mute the constraint",
-        )
-
-
-def _refuse_following(armature: bpy.types.Object, parts: tuple[str, ...], followed: dict[str, str]) -> None:
-    """Raise a BodyError if something other than its pose moves a part's bone."""
-    tied = {*parts, *_between(armature, parts)}
-    held = [name for name in followed if name in tied]  # those with a constraint of their own come first
-    for name in (*held, *sorted(tied)):
-        bone = armature.pose.bones[name]
-        if bone.parent is not None and not bone.bone.use_inherit_rotation:
-            _remove(armature, parts)
-            raise BodyError(
-                "the bone does not turn with the one above",
-                where=f"armature {armature.name}, bone {name}",
-                todo="switch Inherit Rotation on in its bone properties, under Relations",
-            )
-        if name in followed:
-            _remove(armature, parts)
-            raise BodyError(
-                f"the bone is moved by {followed[name]}: it cannot be tracked",
-                where=f"armature {armature.name}, bone {name}",
-                todo="mute it, so that the bone is posed itself"
-                if (leader := leader_of(armature)) is None
-                else f"make {leader.name} active instead, which it follows",
-            )
-
-
-def _between(armature: bpy.types.Object, parts: Collection[str]) -> set[str]:
-    """Return the bones that are no parts, between parts."""
-    found = set[str]()
-    for name in parts:
-        above = [bone.name for bone in armature.data.bones[name].parent_recursive]
-        hung = next((k for k, other in enumerate(above) if other in parts), 0)
-        found |= set(above[:hung])
-    return found
-
-
-def _remove(armature: bpy.types.Object, parts: tuple[str, ...]) -> None:
-    """Remove the meshes of parts, and what was stored on their bones."""
-    for name in parts:
-        armature.data.bones[name].pop(body_armature.ABOVE, None)
-    for name, meshes in part_meshes.meshes_by_bone(armature).items():
-        for child in meshes if name in parts else ():
-            mesh = child.data
-            bpy.data.objects.remove(child)
-            bpy.data.meshes.remove(mesh)

@@ -1,0 +1,136 @@
+"""What keeps the bones of an armature from being tracked: refused by name, put right, or said."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ....core.errors import BodyError
+from ...scene_io import fcurves
+from ...scene_io.body import body_armature, part_meshes
+from ...scene_io.characters.followed_bones import leader_of
+from ...scene_io.characters.object_motion import what_moves
+
+_STILL = 1e-5
+"""Largest difference between the keys of a channel that does not move."""
+_SCALED = 0.01
+"""Least change of a bone's scale that importers' rounding cannot explain."""
+
+
+def movable_root(armature: bpy.types.Object) -> tuple[str, ...]:
+    """Make the root of the body movable; returns remarks on that, and on poses that cannot be tracked."""
+    parts = body_armature.body_bones(armature)
+    names = {bone.name for bone in parts}
+    carrying = {above.name for bone in parts for above in bone.parent_recursive} - names
+    carrying |= {followed for name in carrying for followed in _followed(armature, name)} - names
+    said = [f"bone {n}: it is no part, and counts as it stands now: key the bones below it" for n in carrying]
+    said = [text for text, name in zip(said, carrying, strict=True) if _moves(armature, name, "")]
+    top = parts[0].name
+    if parts[0].use_connect:
+        if armature.data.library is not None or armature.data.override_library is not None:
+            raise BodyError(
+                "it is connected to the bone above, which keeps it from moving, and its armature is linked",
+                where=f"armature {armature.name}, bone {top}",
+                todo="disconnect it in the character's own file (Alt P in edit mode)",
+            )
+        with body_armature.edit_bones(armature) as bones:
+            bones[top].use_connect = False
+        said.append(f"bone {top}: it was connected to the bone above, which kept it from moving, and is no longer")
+    for bone in armature.pose.bones:
+        if bone.name not in names:
+            continue
+        shifted = bone.name != top and (bone.location.length > _STILL or _moves(armature, bone.name, "location"))
+        if shifted:
+            said.append(
+                f"bone {bone.name}: its turns alone are tracked: clear its location (Alt G), and the keys of it"
+            )
+        if np.abs(np.array(bone.scale) - 1).max() > _SCALED or _moves(armature, bone.name, "scale", _SCALED):
+            said.append(f"bone {bone.name}: it is scaled, and the body is not: clear its scale (Alt S) and its keys")
+    return tuple(sorted(said))
+
+
+def _followed(armature: bpy.types.Object, name: str) -> list[str]:
+    """Return the bones of an armature that constraints of one of them follow."""
+    bone: Any = armature.pose.bones[name]
+    ends = [end for held in bone.constraints for end in (held, *getattr(held, "targets", ()))]
+    named = [getattr(end, "subtarget", "") for end in ends if getattr(end, "target", None) == armature]
+    return [name for name in named if name]
+
+
+def _moves(armature: bpy.types.Object, bone: str, attribute: str, still: float = _STILL) -> bool:
+    """Whether keys of a bone's attributes that begin so change anything."""
+    bag = fcurves.find_channelbag(armature)
+    path = fcurves.bone_path(bone, attribute)
+    return any(
+        curve.data_path.startswith(path) and np.ptp(fcurves.get_keys(curve)["co"][:, 1]) > still
+        for curve in (bag.fcurves if bag else ())
+    )
+
+
+def refuse_moving_object(current: bpy.types.Scene, armature: bpy.types.Object) -> None:
+    """Raise a BodyError where something moves the armature as a whole."""
+    where = f"armature {armature.name}"
+    bag = fcurves.find_channelbag(armature)
+    for curve in bag.fcurves if bag else ():
+        whole = curve.data_path.startswith(("location", "rotation", "scale", "delta_"))
+        if whole and np.ptp(fcurves.get_keys(curve)["co"][:, 1]) > _STILL:
+            raise BodyError(
+                f"keys of {curve.data_path} move the armature object itself, and only bones are tracked",
+                where=where,
+                todo="delete them, and key the topmost bone of the body instead",
+            )
+    moving = what_moves(current, armature, (current.frame_start, current.frame_end))
+    if moving is not None:
+        raise BodyError(
+            f"{moving} moves the armature object itself, and only bones are tracked",
+            where=where,
+            todo="free it: clear the parent (Alt P), or mute the constraint",
+        )
+
+
+def refuse_following(armature: bpy.types.Object, parts: tuple[str, ...], followed: dict[str, str]) -> None:
+    """Raise a BodyError if something other than its pose moves a part's bone."""
+    tied = {*parts, *_between(armature, parts)}
+    held = [name for name in followed if name in tied]  # those with a constraint of their own come first
+    for name in (*held, *sorted(tied)):
+        bone = armature.pose.bones[name]
+        if bone.parent is not None and not bone.bone.use_inherit_rotation:
+            remove_parts(armature, parts)
+            raise BodyError(
+                "the bone does not turn with the one above",
+                where=f"armature {armature.name}, bone {name}",
+                todo="switch Inherit Rotation on in its bone properties, under Relations",
+            )
+        if name in followed:
+            remove_parts(armature, parts)
+            raise BodyError(
+                f"the bone is moved by {followed[name]}: it cannot be tracked",
+                where=f"armature {armature.name}, bone {name}",
+                todo="mute it, so that the bone is posed itself"
+                if (leader := leader_of(armature)) is None
+                else f"make {leader.name} active instead, which it follows",
+            )
+
+
+def _between(armature: bpy.types.Object, parts: Collection[str]) -> set[str]:
+    """Return the bones that are no parts, between parts."""
+    found = set[str]()
+    for name in parts:
+        above = [bone.name for bone in armature.data.bones[name].parent_recursive]
+        hung = next((k for k, other in enumerate(above) if other in parts), 0)
+        found |= set(above[:hung])
+    return found
+
+
+def remove_parts(armature: bpy.types.Object, parts: tuple[str, ...]) -> None:
+    """Remove the meshes of parts, and what was stored on their bones."""
+    for name in parts:
+        armature.data.bones[name].pop(body_armature.ABOVE, None)
+    for name, meshes in part_meshes.meshes_by_bone(armature).items():
+        for child in meshes if name in parts else ():
+            mesh = child.data
+            bpy.data.objects.remove(child)
+            bpy.data.meshes.remove(mesh)
