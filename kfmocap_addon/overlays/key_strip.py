@@ -68,7 +68,7 @@ def draw(strip: Strip) -> None:
     region, free = context.region, screens.uncovered_part(context.area)
     left, low = free[0] - region.x, free[1] - region.y
     box = (left, low, free[2] - region.x, low + HEIGHT * scale)
-    for colour, corners in SESSION.remembering(pieces, _STRIPS)(strip, box, scale):
+    for colour, corners in pieces(strip, box, scale):
         mark_drawing.triangles(corners, colour)
     if strip.frames[0] <= context.scene.frame_current <= strip.frames[1]:
         at = position(strip.frames, box, context.scene.frame_current)
@@ -81,7 +81,11 @@ def position(frames: Run, box: Box, frame: float) -> float:
 
 
 def pieces(strip: Strip, box: Box, scale: float) -> tuple[tuple[Colour, Triangles], ...]:
-    """Return what there is to draw but the current frame: colours and triangles, the lowest first."""
+    """Return what there is to draw but the current frame: colours and triangles, the lowest first; remembered."""
+    return SESSION.remembering(_pieces, _STRIPS)(strip, box, scale)
+
+
+def _pieces(strip: Strip, box: Box, scale: float) -> tuple[tuple[Colour, Triangles], ...]:
     low, high, middle = box[1], box[3], (box[1] + box[3]) / 2
 
     def bands(runs: Sequence[Run], bottom: float, top: float) -> Triangles:
