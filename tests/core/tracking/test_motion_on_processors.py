@@ -26,7 +26,7 @@ CODE = """
 import sys, numpy as np
 from kfmocap.core.body import part_poses
 from kfmocap.core.tracking.prepare import load_shot
-from kfmocap.core.tracking.solvers import limb_search
+from kfmocap.core.tracking.solvers.limb_corrections import limb_search
 from kfmocap.core.tracking.tracker import track
 searched, look = [], limb_search._likeliest
 limb_search._likeliest = lambda *given: searched.append(1) or look(*given)
