@@ -8,7 +8,7 @@ pose they are extrapolated at the same rate.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -56,10 +56,18 @@ class Delayed:
             across = _between(left[1:], blocks.first, right[:-1])
             _add(out, self.earlier[1:] + a, self.earlier[:-1] + b, across)
             _add(out, self.earlier[:-1] + b, self.earlier[1:] + a, np.swapaxes(across, 1, 2))
+        cut = BandedBlocks(out.diagonal, out.first, out.second, out.gradient, blocks.energy).cut(
+            self.start, self.start + F
+        )
+        return replace(cut, gradient=self.gradients_on_frames(blocks.gradient[..., None])[..., 0])
+
+    def gradients_on_frames(self, gradients: Array) -> Array:
+        """Map n gradients in the poses at the instants, shape (F, D, n), to those in the poses on the frames."""
+        F, D, n = gradients.shape
+        out = np.zeros((max(self.start + F, int(self.earlier.max()) + 2), D, n))
         for a in (0, 1):
-            np.add.at(out.gradient, self.earlier + a, _through(self.jacobians[a], blocks.gradient[..., None])[..., 0])
-        whole = BandedBlocks(out.diagonal, out.first, out.second, out.gradient, blocks.energy)
-        return whole.cut(self.start, self.start + F)
+            np.add.at(out, self.earlier + a, _through(self.jacobians[a], gradients))
+        return out[self.start : self.start + F]
 
 
 def _through(J: Array, blocks: Array) -> Array:

@@ -8,6 +8,7 @@ from typing import Any
 from ..errors import listed
 from ..shot.footage_faults.footage_damage import FootageDamage
 from ..shot.footage_faults.footage_times import FootageRate
+from ..tracking.late_views import LateView
 
 _MOST_LISTED = 10
 _RATE_TOLERANCE = 5e-4  # 29.97 and 30 frames per second differ by twice as much
@@ -85,6 +86,8 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
             lines.append(f"{view['camera']}: {FootageDamage(**view['damage']).text}")
         if view["torn"]:
             lines.append(f"{view['camera']}: {torn_text(view['torn'])}")
+        if view.get("late"):
+            lines.append(f"{view['camera']}: {LateView(**view['late']).text}")
     return lines
 
 

@@ -106,9 +106,16 @@ def _view_values(shot: Shot, result: TrackResult, number: int) -> dict[str, Any]
         "footage_fps": container_rate(view),
         "rate": _of_view(result.rates, number),
         "torn": [shot.frames[0] + frame for frame in result.torn[number]] if result.torn else [],
+        "late": _late(shot, result, number),
         "damage": _of_view(result.damage, number),
         "skipped": list(result.observed.skipped[number]) if result.observed.skipped else [],
     }
+
+
+def _late(shot: Shot, result: TrackResult, view: int) -> dict[str, Any] | None:
+    """Return from which frame on a view is early or late; None if it is not."""
+    own = result.late[view] if result.late else None
+    return None if own is None else dataclasses.asdict(own.counted_from(shot.frames[0]))
 
 
 def _performer_values(shot: Shot, result: TrackResult, number: int) -> dict[str, Any]:

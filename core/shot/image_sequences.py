@@ -23,7 +23,7 @@ _LONGEST_NAME = 255  # of a file, in bytes, on the file systems in use
 _MOST_DIGITS = 18  # of a frame number
 _PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
 _ENDS = {PNG: _PNG_END, JPEG: b"\xff\xd9"}
-_SHOWN_GAPS = 5
+_SHOWN_GAPS = _SHOWN_SEQUENCES = 5
 
 
 def image_files(path: Path) -> dict[int, Path] | None:
@@ -49,6 +49,40 @@ def image_files(path: Path) -> dict[int, Path] | None:
     if not files:
         raise FootageError("no image fits this pattern", where=str(path))
     return files
+
+
+def named_footage(path: Path) -> Path:
+    """Return the footage that a path names: the path itself or, if it is a folder with the images of one sequence,
+    their pattern.
+
+    Raises
+    ------
+    FootageError
+        It is a folder with something else; says what to name instead.
+    """
+    try:
+        if not path.is_dir():
+            return path
+    except OSError:  # a name that is too long, or a folder around it that may not be entered: whoever reads it says so
+        return path
+    patterns = _patterns_in(path)
+    if len(patterns) == 1:
+        return path / patterns[0]
+    if not patterns:
+        raise FootageError("this is a folder, and has no images in it", where=str(path), todo=f"name {PATTERNS}")
+    what = f"this is a folder with several image sequences: {listed(patterns, _SHOWN_SEQUENCES)}"
+    raise FootageError(what, where=str(path), todo=f"name one of them, as {path.name}/{patterns[0]}")
+
+
+def _patterns_in(folder: Path) -> list[str]:
+    """Return a pattern for each sequence of numbered images in a folder, such as a_####.png, and the other images."""
+    digits: dict[tuple[str, str], int] = {}
+    for file in _listed(folder):
+        if file.suffix.lower() in IMAGE_SUFFIXES and not file.name.startswith("."):
+            number = re.search(r"\d+(?=\D*$)", file.stem)
+            around = (file.name, "") if number is None else (file.stem[: number.start()], file.name[number.end() :])
+            digits[around] = min(digits.get(around, _MOST_DIGITS), 0 if number is None else len(number[0]))
+    return sorted(before + "#" * count + after for (before, after), count in digits.items())
 
 
 def _is_file(path: Path) -> bool:

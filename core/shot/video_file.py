@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import FootageError
-from .image_sequences import PATTERNS
+from .image_sequences import PATTERNS, named_footage
 
 _HEAD = 64
 """Number of bytes examined: in every video container or stream, some of these do not occur in text."""
@@ -24,6 +24,8 @@ def check_video_file(path: Path) -> None:
     FootageError
         It is not.
     """
+    if path.is_dir():
+        raise FootageError("this is a folder", where=str(path), todo=f"name {PATTERNS}, as {named_footage(path).name}")
     if not path.is_file():
         raise FootageError("there is no such footage", where=str(path), todo=f"name {PATTERNS}")
     try:

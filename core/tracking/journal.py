@@ -27,6 +27,7 @@ from ..runtime.interrupts import WRITTEN
 from ..shot.fingerprint import checksum, file_bytes, value_bytes
 from ..shot.shot import Shot
 from .expected_errors.uncertainty import SegmentUncertainty
+from .late_views import Lateness
 from .segments import Segment, segments
 from .track_result import SegmentResult
 
@@ -58,6 +59,8 @@ class FinishedSegment:
         Per performer.
     planted : tuple of (ndarray of bool, shape (F, C), or None)
         Per performer: when points of the soles are planted, see `core.tracking.solvers.protocol.SettledMotions`.
+    lateness : Lateness
+        What its footage says about delays of the views.
     """
 
     result: SegmentResult
@@ -68,6 +71,7 @@ class FinishedSegment:
     residual: Array
     uncertainties: tuple[SegmentUncertainty, ...]
     planted: tuple[Bools | None, ...]
+    lateness: Lateness
 
     @property
     def segment(self) -> Segment:
@@ -217,6 +221,7 @@ def _bytes_of(finished: FinishedSegment, key: str) -> bytes:
         "offset": np.array([] if offset is None else [offset.value, offset.precision], float),
         "share": finished.share,
         "residual": finished.residual,
+        **{f"lateness {f.name}": getattr(finished.lateness, f.name) for f in fields(Lateness)},
     }
     for i, (before, motion) in enumerate(zip(finished.first_motions, finished.motions, strict=True)):
         arrays |= {f"first translations {i}": before.translations, f"first rotations {i}": before.rotations}
@@ -266,4 +271,8 @@ def _of_bytes(data: bytes, key: str, segment: Segment) -> FinishedSegment:
         arrays["residual"],
         tuple(map(SegmentUncertainty, *(each(f"doubt {f.name}") for f in fields(SegmentUncertainty)))),
         tuple(arrays[name].astype(bool) if (name := f"planted {i}") in arrays else None for i in range(count)),
+        Lateness(
+            arrays["lateness places"].astype(int),
+            *(arrays[f"lateness {name}"] for name in ("gradient", "precision", "coupling")),
+        ),
     )

@@ -35,6 +35,7 @@ from ..runtime.threads import one_library_thread, worker_count
 from ..shot.footage import probe
 from ..shot.footage_faults.footage_checks import camera_at_size, check_view
 from ..shot.grips import shot_with_grips
+from ..shot.image_sequences import named_footage
 from ..shot.shot import KeyPoses, Performer, PerformerRequest, Shot, View
 from ..shot.shot_spec import PerformerSpec, ShotSpec, ViewSpec
 from .solvers.registry import REGISTRY, solver_named
@@ -173,7 +174,9 @@ def _view(spec: ViewSpec, cameras: dict[str, Camera]) -> View:
     if spec.camera not in cameras:
         what, todo = f"the calibration has no camera '{spec.camera}'", f"its cameras are {', '.join(cameras)}"
         raise ShotError(what, where=f"{spec.where} camera", todo=todo)
-    return View(cameras[spec.camera], spec.footage, spec.offset, spec.fields, spec.keypoints)
+    with located(f"{spec.where} footage"):
+        footage = named_footage(spec.footage)
+    return View(cameras[spec.camera], footage, spec.offset, spec.fields, spec.keypoints)
 
 
 def _performer(spec: PerformerSpec, first: int) -> Performer | PerformerRequest:

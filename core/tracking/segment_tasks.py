@@ -202,7 +202,7 @@ def _finished(
     found = _found_accelerations(ended)
     result = SegmentResult(*ended.data.segment, ended.iterations, energy, found)
     with seconds.measure("uncertainty"):
-        uncertainties = tuple(segment_uncertainties(ended.problem, solution, threads))
+        uncertainties, lateness = segment_uncertainties(ended.problem, solution, threads)
     settled = SettledMotions(solution.motions, (None,) * len(solution.motions))
     if (settle := solver_named(ended.problem.settings.solver).settle) is not None:
         ratios = [own.ratios(body) for own, body in zip(uncertainties, ended.problem.bodies, strict=True)]
@@ -215,6 +215,7 @@ def _finished(
         offset,
         solution.share,
         solution.residual,
-        uncertainties,
+        tuple(uncertainties),
         settled.planted,
+        lateness,
     )

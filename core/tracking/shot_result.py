@@ -20,6 +20,7 @@ from ..shot.shot import Performer, Shot
 from .expected_errors.body_uncertainty import body_covariances
 from .expected_errors.uncertainty import joint_errors
 from .journal import FinishedSegment
+from .late_views import late_views
 from .segment_stages import TrackState
 from .track_result import TrackResult
 
@@ -67,6 +68,7 @@ def _joined(shot: Shot, state: TrackState, done: Sequence[FinishedSegment], obse
         observed=observed,
         planted=tuple(_planted(shot, motion, done, i) for i, motion in enumerate(state.motions)),
         footage_offset=state.footage_offset(shot),
+        late=late_views([(one.result.first, one.lateness) for one in done]),
     )
 
 

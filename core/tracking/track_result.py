@@ -14,6 +14,7 @@ from ..numerics.arrays import Array, Bools
 from ..shot.footage_faults.footage_damage import FootageDamage
 from ..shot.footage_faults.footage_times import FootageRate
 from .expected_errors.uncertainty import JointErrors
+from .late_views import LateView
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +75,8 @@ class TrackResult:
     torn : tuple of tuple of int
         Per view: frames, counted from the shot's first, that do not continue the frame before; see
         `core.shot.footage_faults.continuity`.
+    late : tuple of LateView or None
+        Per view: from which frame on it is early or late, if it is.
     rates : tuple of FootageRate or None
         Per view: its frame rate; None if the container does not state times.
     damage : tuple of FootageDamage or None
@@ -93,6 +96,7 @@ class TrackResult:
     planted: tuple[Bools | None, ...] = ()
     footage_offset: float = 0.0
     torn: tuple[tuple[int, ...], ...] = ()
+    late: tuple[LateView | None, ...] = ()
     rates: tuple[FootageRate | None, ...] = ()
     damage: tuple[FootageDamage | None, ...] = ()
 
@@ -105,6 +109,7 @@ class TrackResult:
             pictures=tuple(self.pictures[v] for v in order),
             observed=self.observed.of_views(order),
             torn=tuple(self.torn[v] for v in order),
+            late=tuple(self.late[v] for v in order) if self.late else (),
             rates=tuple(self.rates[v] for v in order),
             damage=tuple(self.damage[v] for v in order) if self.damage else (),
         )

@@ -46,6 +46,9 @@ class FootagePanel(Section, bpy.types.Panel):
             for text in off:
                 draw_text(column, context, text, "ERROR")
             column.operator(RefineCameras.bl_idname, icon="CON_CAMERASOLVER")
+        for view in shot.views:
+            if view.faults:
+                draw_text(layout, context, f"{view.name}: {view.faults}", "ERROR")
         draw_as_form(layout)
         column = layout.column(align=True)
         column.prop(shot, "shot", text="Name")

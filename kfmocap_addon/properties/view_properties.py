@@ -73,6 +73,9 @@ class KFMocapView(bpy.types.PropertyGroup):
     missing: bpy.props.BoolProperty(
         name="Missing", description="The footage was not where the file says when that was opened"
     )
+    faults: bpy.props.StringProperty(
+        name="Faults", description="What tracking found wrong with the footage; empty where nothing is"
+    )
     misfit: bpy.props.StringProperty(
         name="Misfit", description="How far the camera is off the key poses or the other cameras; empty where it fits"
     )

@@ -20,6 +20,7 @@ from kfmocap.core.errors import CancelledError, CaptureError, ShotError  # noqa:
 from kfmocap.core.runtime.job import Job, duration  # noqa: E402
 from kfmocap.core.runtime.worker_memory import Remembering  # noqa: E402
 from kfmocap.core.shot.shot import Settings  # noqa: E402
+from kfmocap.core.tracking.late_views import LateView  # noqa: E402
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts  # noqa: E402
 from kfmocap.kfmocap_addon.operators import job_operator  # noqa: E402
 from kfmocap.kfmocap_addon.operators.job_operator import JobOperator  # noqa: E402
@@ -589,3 +590,24 @@ def test_without_a_track_of_the_whole_shot_a_part_finds_its_own_offset(built, tr
     bpy.ops.kfmocap.track_here()
     assert tracker.shots[-1].settings.footage_offset is None
     assert built.kfmocap.footage_offset == -0.25
+
+
+def test_what_is_wrong_with_footage_is_shown_until_a_whole_track_finds_nothing(built, tracker):  # noqa: F811
+    views = built.kfmocap.views
+    nothing = [() for _ in views]
+    tracker.torn, tracker.late = [(3, 4), *nothing[1:]], [LateView(2, 0.6, 12.0), *(None for _ in views[1:])]
+    bpy.ops.kfmocap.track()
+    assert f"{FRAME + 3}, {FRAME + 4}" in views[0].faults
+    assert f"early from about frame {FRAME + 2} on" in views[0].faults
+    assert not any(view.faults for view in views[1:])
+    tracker.torn, tracker.late = nothing, [None for _ in views]
+    built.frame_set(3 + FRAME)
+    bpy.ops.kfmocap.track_here()
+    assert views[0].faults
+    tracker.torn = [(1,), *nothing[1:]]
+    built.frame_set(7 + FRAME)
+    bpy.ops.kfmocap.track_here()
+    assert f"{FRAME + 5 + 1} " in views[0].faults
+    tracker.torn = nothing
+    bpy.ops.kfmocap.track()
+    assert not any(view.faults for view in views)

@@ -117,6 +117,7 @@ def track_result(
         footage_offset=footage_offset,
         observed=ShotKeypoints(),
         torn=(),
+        late=(),
         planted=(),
         rates=(),
         pictures=(),
@@ -131,7 +132,7 @@ def tracker(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
 
     Its cameras fit: they are not compared with footage that shows nothing.
     """
-    stand_in = SimpleNamespace(shots=[], error=None, footage_offset=0.0, frames=FRAMES)
+    stand_in = SimpleNamespace(shots=[], error=None, footage_offset=0.0, frames=FRAMES, torn=(), late=())
 
     def track(
         given: Shot, progress: Progress | None = None, around: Around = (None, None), **_more: object
@@ -144,7 +145,9 @@ def tracker(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
         first = max(given.frames[0] - FIRST, 0)  # other footage than that of `shot` begins elsewhere
         here, length = slice(first, first + given.length), max(stand_in.frames, first + given.length)
         motions = tuple(motion(length, seed)[here] for seed in range(len(given.performers)))
-        return track_result(given, motions, footage_offset=stand_in.footage_offset)
+        result = track_result(given, motions, footage_offset=stand_in.footage_offset)
+        result.torn, result.late = stand_in.torn, stand_in.late
+        return result
 
     monkeypatch.setattr(retracking, "track", track)
     monkeypatch.setattr(shot_cameras, "camera_fits", lambda *_: ())

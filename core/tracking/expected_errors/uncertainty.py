@@ -19,6 +19,7 @@ from ...body import Body
 from ...evidence.misfit import measured_misfit
 from ...numerics.arrays import Array, Bools
 from ...numerics.error_lengths import length_quantile
+from ..late_views import Lateness, segment_lateness
 from ..solvers.equations.measurement import hidden_parts, keypoint_instants, measured_at, poses_by_delay
 from ..solvers.equations.problem import SegmentProblem, SegmentSolution
 from ..solvers.equations.segment_equations import evidence_equations
@@ -106,8 +107,8 @@ class JointErrors:
 
 def segment_uncertainties(
     problem: SegmentProblem, solution: SegmentSolution, threads: int = 1
-) -> list[SegmentUncertainty]:
-    """Return the uncertainty of a segment's solution for every performer.
+) -> tuple[list[SegmentUncertainty], Lateness]:
+    """Return the uncertainty of a segment's solution for every performer, and what its footage says about delays.
 
     Parameters
     ----------
@@ -148,7 +149,7 @@ def segment_uncertainties(
                 lost_probabilities(body, misfit, spans[i], held=held, keys=keys[i]),
             )
         )
-    return uncertainties
+    return uncertainties, segment_lateness(problem, measured, hidden, tied)
 
 
 def joint_errors(body: Body, uncertainties: Sequence[SegmentUncertainty], beside: Array) -> JointErrors:

@@ -106,12 +106,12 @@ class Tracking(Conditional, JobOperator):
             self._preview = None
 
     def finish(self, _context: bpy.types.Context, tracked: CheckedTrack) -> None:
-        """Write the tracked motion into the scene, and report cameras that do not fit."""
+        """Write the tracked motion into the scene, and report cameras that do not fit and footage that is damaged."""
         from ....core.errors import ShotError
-        from ....core.review.report_text import torn_text
         from ...retargeting import sole_plants
         from ...scene_io import tracked_segments
         from ...scene_io.cameras import view_cameras
+        from ...scene_io.review import faulty_footage
 
         name, asked, parts = self._asked
         shot = asked.whole
@@ -125,15 +125,8 @@ class Tracking(Conditional, JobOperator):
         if tracked.fits is not None:
             for line in view_cameras.show_fits(scene.kfmocap.views, tracked.fits):
                 self.report({"WARNING"}, f"{line}. Refine Cameras may help")
-        for v, view in enumerate(shot.views):
-            pieces = [(part.first, r.torn[v]) for part, r in zip(parts, results, strict=True) if r.torn]
-            if torn := sorted({scene.kfmocap.frame_start + first + f for first, frames in pieces for f in frames}):
-                self.report({"WARNING"}, f"{view.camera.name}: {torn_text(torn)}")
-            damaged = [d.text for d in (r.damage[v] for r in results if r.damage) if d is not None]
-            rates = [rate for rate in (r.rates[v] for r in results if r.rates) if rate is not None]
-            varying = [rate.text for rate in rates if rate.varies]
-            for text in (*damaged[:1], *varying[:1]):
-                self.report({"WARNING"}, f"{view.camera.name}: {text}")
+        for text in faulty_footage.show_faults(scene, shot, parts, results):
+            self.report({"WARNING"}, text)
         frames = sum(part.last + 1 - part.first for part in parts)
         seconds = sum(sum(result.seconds.values()) for result in results)
         self.report({"INFO"}, f"Tracked {frames} frames in {seconds:.1f} s")

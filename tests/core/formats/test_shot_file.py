@@ -234,6 +234,19 @@ def test_bad_input_is_one_message_with_file_and_field(folder: Path, old: str, ne
     assert "\n" not in str(caught.value)
 
 
+def test_footage_may_be_the_folder_of_an_image_sequence(folder: Path) -> None:
+    own = folder / "cam01"
+    own.mkdir()
+    for file in sorted(folder.glob("cam01_*.png")):
+        file.rename(own / file.name)
+    path = folder / "shot.toml"
+    path.write_text(TEXT.replace("cam01_%04d.png", "cam01"))
+    assert load_shot(path).views[0].footage == own / "cam01_####.png"
+    (own / "thumbnail.jpg").touch()
+    with pytest.raises(KFMocapError, match=r"1 footage: .*several image sequences: cam01_####\.png, thumbnail\.jpg"):
+        load_shot(path)
+
+
 @pytest.mark.parametrize(("name", "frame"), [("RKnee", None), ("LWrist", 6)])
 def test_a_key_pose_is_made_of_the_landmarks_that_there_are(folder: Path, name: str, frame: int | None) -> None:
     names, points = walking(LAST - FIRST + 1)

@@ -22,6 +22,7 @@ from kfmocap.core.shot.footage_faults.footage_damage import FootageDamage
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
 from kfmocap.core.tracking.expected_errors.uncertainty import JointErrors
+from kfmocap.core.tracking.late_views import LateView
 
 
 @dataclass
@@ -59,6 +60,7 @@ def tracked() -> tuple[Shot, type]:
         unknown = ((),)
         planted = (None,)
         torn = ()
+        late = ()
         damage = ()
         rates = ()
         segments = (Segment(0, 23, 3, (5.0, 2.0, 1.5)),)
@@ -188,6 +190,7 @@ def test_problems_of_the_footage_are_reported(
 ) -> None:
     shot, result = tracked
     result.torn = ((), (3, 4))
+    result.late = (LateView(17, 0.6, 14.2), None)
     result.damage = (None, FootageDamage((61, 64), "error while decoding MB 10 74"))
     monkeypatch.setattr("kfmocap.core.review.track_report.container_rate", lambda view: 29.97)
     result.rates = (FootageRate(25.0, 0.1, 5), FootageRate(25.0, 2.3, 117))
@@ -196,3 +199,4 @@ def test_problems_of_the_footage_are_reported(
     assert [line for line in lines if line.startswith("cam02: its frame rate varies: frame 117 of the file")]
     assert [line for line in lines if "frames 61, 64 of the file (error while decoding MB 10 74)" in line]
     assert [line for line in lines if line.startswith("cam02: pictures that") and "frames 103, 104" in line]
+    assert [line for line in lines if line.startswith("cam01: early from about frame 117 on: a frame seems to be miss")]

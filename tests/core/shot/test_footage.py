@@ -18,6 +18,7 @@ from kfmocap.core.shot import image_sequences, image_sizes
 from kfmocap.core.shot.footage import frames_at, probe
 from kfmocap.core.shot.footage_faults.footage_checks import check_view
 from kfmocap.core.shot.frame_numbers import footage_index
+from kfmocap.core.shot.image_sequences import named_footage
 from kfmocap.core.shot.shot import View
 
 SIZE = (64, 48)
@@ -144,6 +145,45 @@ def test_numbered_images_start_at_their_lowest_number(tmp_path: Path, pattern: s
     view = View(camera(), tmp_path / pattern)
     assert probe(view.footage).count == COUNT
     assert [frame_of(image) for image in frames_at(view, range(2, 5), 1)] == [2, 3, 4]
+
+
+@pytest.mark.parametrize(
+    ("names", "found"),
+    [
+        ([f"img_{f + 1001:04d}.png" for f in range(3)], "img_####.png"),
+        (["8.png", "9.png", "10.png", "notes.txt", ".hidden1.png"], "#.png"),
+        (["cam01 take2 0998.jpg", "cam01 take2 0999.jpg"], "cam01 take2 ####.jpg"),
+        (["still.png"], "still.png"),
+    ],
+)
+def test_a_folder_with_one_sequence_is_that_sequence(tmp_path: Path, names: list[str], found: str) -> None:
+    for name in names:
+        (tmp_path / name).touch()
+    assert named_footage(tmp_path) == tmp_path / found
+    assert len(image_sequences.image_files(tmp_path / found) or {}) == sum(
+        n[0] != "." and "txt" not in n for n in names
+    )
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (
+            ["a_1.png", "a_2.png", "b_1.png"],
+            r"several image sequences: a_#\.png, b_#\.png .name one of them, as .*/a_#",
+        ),
+        (["a_1.png", "a_1.jpg"], r"several image sequences: a_#\.jpg, a_#\.png"),
+        (["clip.mp4"], r"a folder, and has no images in it .name a video, or a pattern"),
+        ([], r"a folder, and has no images in it"),
+    ],
+)
+def test_what_a_folder_holds_is_said(tmp_path: Path, names: list[str], message: str) -> None:
+    for name in names:
+        (tmp_path / name).touch()
+    with pytest.raises(FootageError, match=message):
+        named_footage(tmp_path)
+    with pytest.raises(FootageError, match="folder"):
+        probe(tmp_path)
 
 
 def test_globbed_images_are_taken_in_natural_order(tmp_path: Path) -> None:

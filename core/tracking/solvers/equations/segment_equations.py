@@ -131,23 +131,54 @@ def evidence_equations(
         One per performer.
     """
     noise = noise or SegmentNoise.of(measured.evidence, problem.settings)
-    evidence = measured.evidence.without(np.concatenate(hidden, axis=1)) if hidden else measured.evidence
-    precision = pixel_precision(evidence, problem.settings)
-    tolerance = evidence.sampling.tolerance
-    # Far from the solution the search lines are long and meet outlines of other limbs: outlines then weigh little.
-    outlines = 1 / (problem.settings.lengths[1] * tolerance**2)
+    evidence, weights = weighted_evidence(problem, measured.evidence, hidden)
     systems = [BandedBlocks.zeros(problem.length, body.dof) for body in problem.bodies]
     for instants in measured.instants:
-        for i, own in _image_systems(problem, instants, evidence, (precision, outlines), noise).items():
+        for i, own in _image_systems(problem, instants, evidence, weights, noise).items():
             systems[i] += own
     if problem.keypoints:
         instants = keypoint_instants(problem, measured.motions)
         R, T = instants.poses
         spans = problem.spans()
         for i in problem.sought:
-            seen = problem.keypoints[i].blocks(problem.bodies[i], (R[:, spans[i]], T[:, spans[i]]), tolerance)
+            at = R[:, spans[i]], T[:, spans[i]]
+            seen = problem.keypoints[i].blocks(problem.bodies[i], at, evidence.sampling.tolerance)
             systems[i] += instants.on_frames(i, seen)
     return systems
+
+
+def weighted_evidence(
+    problem: SegmentProblem, evidence: SegmentEvidence, hidden: Sequence[NDArray[np.bool_]] = ()
+) -> tuple[SegmentEvidence, tuple[Array, float]]:
+    """Return the evidence without hidden parts, as in `evidence_equations`, and its weights in the normal equations:
+    of the pixels of each pair of frames, shape (V, F - 1), and of outlines.
+    """
+    seen = evidence.without(np.concatenate(hidden, axis=1)) if hidden else evidence
+    # Far from the solution the search lines are long and meet outlines of other limbs: outlines then weigh little.
+    outlines = 1 / (problem.settings.lengths[1] * seen.sampling.tolerance**2)
+    return seen, (pixel_precision(seen, problem.settings), outlines)
+
+
+def paired_sums(evidence: SegmentEvidence, views: Sequence[int], weights: tuple[Array, float]) -> tuple[Array, Array]:
+    """Weighted sums of some views' evidence on the twists of P parts in pairs of frames.
+
+    Returns
+    -------
+    H : ndarray, shape (F - 1, P, 12, 12)
+    g : ndarray, shape (F - 1, P, 12)
+        The gradient of half the energy.
+    """
+    (precision, outlines), own = weights, list(views)
+    pairs, frames = evidence.gradients, evidence.outlines
+    H = np.einsum("vf,vfpij->fpij", precision[own], pairs.H[own])
+    g = np.einsum("vf,vfpi->fpi", precision[own], pairs.g[own])
+    outline_H, outline_g = (outlines * a[own].sum(axis=0) for a in (frames.H, frames.g))
+    # Outlines belong to single frames: each is added to the pair that its frame begins, the last to the pair it ends.
+    H[..., :6, :6] += outline_H[:-1]
+    H[-1, :, 6:, 6:] += outline_H[-1]
+    g[..., :6] += outline_g[:-1]
+    g[-1, :, 6:] += outline_g[-1]
+    return H, g
 
 
 def _image_systems(
@@ -158,17 +189,10 @@ def _image_systems(
     noise: SegmentNoise,
 ) -> dict[int, BandedBlocks]:
     """Normal equations of gradients and outlines, by performer that is solved for: of views with the same instants."""
-    (R, T), views, (precision, outlines) = instants.poses, list(instants.views), weights
-    pairs, frames = evidence.gradients, evidence.outlines
-    H = np.einsum("vf,vfpij->fpij", precision[views], pairs.H[views])
-    g = np.einsum("vf,vfpi->fpi", precision[views], pairs.g[views])
-    outline_H, outline_g = (outlines * a[views].sum(axis=0) for a in (frames.H, frames.g))
-    # Outlines belong to single frames: each is added to the pair that its frame begins, the last to the pair it ends.
-    H[..., :6, :6] += outline_H[:-1]
-    H[-1, :, 6:, 6:] += outline_H[-1]
-    g[..., :6] += outline_g[:-1]
-    g[-1, :, 6:] += outline_g[-1]
-    energy = float(np.sum(noise.weight[views] * pairs.cost[views])) + outlines * float(frames.energy[views].sum())
+    (R, T), views = instants.poses, list(instants.views)
+    H, g = paired_sums(evidence, views, weights)
+    energy = float(np.sum(noise.weight[views] * evidence.gradients.cost[views]))
+    energy += weights[1] * float(evidence.outlines.energy[views].sum())
     systems, spans = {}, problem.spans()
     for i in problem.sought:
         body, span = problem.bodies[i], spans[i]

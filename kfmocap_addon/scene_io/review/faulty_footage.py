@@ -1,0 +1,50 @@
+"""What tracking found wrong with footage: in full to be said once, and in brief beside the view."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import bpy
+
+from ....core.errors import listed
+from ....core.review.report_text import torn_text
+from ....core.shot.shot import Shot
+from ....core.tracking.retracking import Excerpt
+from ....core.tracking.track_result import TrackResult
+
+_SHOWN = 5
+
+
+def show_faults(
+    scene: bpy.types.Scene, shot: Shot, parts: Sequence[Excerpt], results: Sequence[TrackResult]
+) -> list[str]:
+    """Show in the views of a scene what is wrong with the footage of the parts that were tracked; returns messages.
+
+    What was shown before stays if only a part of the shot was tracked, and nothing is wrong there.
+    """
+    whole = sum(part.last - part.first for part in parts) >= shot.length - 1
+    slots = {slot.name: slot for slot in scene.kfmocap.views}
+    messages = []
+    for v, view in enumerate(shot.views):
+        found = list(_faults(scene.kfmocap.frame_start, v, parts, results))
+        messages += [f"{view.camera.name}: {text}" for _, text in found]
+        slot = slots.get(view.camera.name)
+        if slot is not None and (found or whole):
+            slot.faults = "; ".join(brief for brief, _ in found)
+    return messages
+
+
+def _faults(
+    frame_start: int, v: int, parts: Sequence[Excerpt], results: Sequence[TrackResult]
+) -> Iterator[tuple[str, str]]:
+    """Generate what is wrong with a view's footage, in brief and in full."""
+    begins = [frame_start + part.first for part in parts]
+    pairs = list(zip(begins, results, strict=True))
+    if torn := sorted({begin + frame for begin, r in pairs if r.torn for frame in r.torn[v]}):
+        yield f"pictures at {listed(torn, _SHOWN)} do not continue", torn_text(torn)
+    if late := [off.counted_from(begin) for begin, r in pairs if r.late and (off := r.late[v]) is not None]:
+        yield late[0].brief, late[0].text
+    if damage := [own for r in results if r.damage and (own := r.damage[v]) is not None]:
+        yield "its file is damaged", damage[0].text
+    if rates := [rate for r in results if r.rates and (rate := r.rates[v]) is not None and rate.varies]:
+        yield "frames are missing in it" if rates[0].missing else "its frame rate varies", rates[0].text
