@@ -220,6 +220,9 @@ def check_free(folder: Path, names: Sequence[str]) -> None:
     try:
         if folder.exists() and not folder.is_dir():
             raise OutputError("is a file, not a folder", where=str(folder))
+        for place in (folder, *folder.parents):
+            if place.is_symlink() and not place.exists():
+                raise OutputError("is a symbolic link that leads nowhere", where=str(place))
         folder.absolute()  # fails if the working folder has been removed
         for name in names:
             os.fsencode(name)  # fails if the system's encoding lacks one of its characters

@@ -183,6 +183,8 @@ def checked_file_name(name: str, where: str) -> str:
     unsafe = re.search(r'[<>:"/\\|?*\x00-\x1f\x7f]', name) or name.startswith(".") or name.endswith((".", " "))
     if not name or unsafe or _RESERVED.fullmatch(name):
         todo = 'leave out < > : " / \\ | ? * and dots at the ends'
+        if _RESERVED.fullmatch(name):
+            todo = "Windows keeps it for itself: choose another one"
         raise ShotError(f"'{name}' cannot be a file's name", where=f"{where} name", todo=todo)
     if len(name.encode(errors="replace")) > _LONGEST_NAME:
         what = f"'{name[:20]}...' is too long for a file's name"

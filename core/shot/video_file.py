@@ -11,6 +11,8 @@ _HEAD = 64
 """Number of bytes examined: in every video container or stream, some of these do not occur in text."""
 _TEXT = bytes([*b"\t\n\f\r", *range(0x20, 0x7F)])
 _VIDEO_WITH_A_TEXT_FIRST = b"YUV4MPEG2"
+_OTHERS = {b"BLENDER": "a Blender file", b"\x28\xb5\x2f\xfd": "a compressed Blender file", b"PK\3\4": "a ZIP archive"}
+"""What begins like this, and is no video."""
 
 
 def check_video_file(path: Path) -> None:
@@ -27,6 +29,8 @@ def check_video_file(path: Path) -> None:
     if path.is_dir():
         raise FootageError("this is a folder", where=str(path), todo=f"name {PATTERNS}, as {named_footage(path).name}")
     if not path.is_file():
+        if path.exists():
+            raise FootageError("this is not a file but a pipe or a device", where=str(path), todo=f"name {PATTERNS}")
         raise FootageError("there is no such footage", where=str(path), todo=f"name {PATTERNS}")
     try:
         str(path).encode()
@@ -41,3 +45,6 @@ def check_video_file(path: Path) -> None:
     if head and not head.translate(None, _TEXT) and not head.startswith(_VIDEO_WITH_A_TEXT_FIRST):
         what = "the footage cannot be read as a video: it is a text, such as a playlist"
         raise FootageError(what, where=str(path), todo=f"name {PATTERNS}")
+    for begin, kind in _OTHERS.items():
+        if head.startswith(begin):
+            raise FootageError(f"this is {kind}, not a video", where=str(path), todo=f"name {PATTERNS}")

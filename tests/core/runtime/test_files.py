@@ -226,6 +226,16 @@ def test_a_folder_in_the_way_is_seen_before_the_work(tmp_path: Path, taken: str)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such limit")
+@pytest.mark.skipif(sys.platform == "win32", reason="links need a privilege there")
+@pytest.mark.parametrize(("link", "out"), [("out", "out"), ("home", "home/out"), ("out", "out/")])
+@pytest.mark.parametrize("target", ["nowhere", "out", "home"])
+def test_a_link_that_leads_nowhere_is_seen_before_the_work(tmp_path: Path, link: str, out: str, target: str) -> None:
+    (tmp_path / link).symlink_to(tmp_path / target)  # which is not there, or leads to itself
+    with pytest.raises(OutputError, match=f"{link}: .*cannot be written|{link}: is a symbolic link that leads nowhere"):
+        check_writable(tmp_path / out)
+    assert [entry.name for entry in tmp_path.iterdir()] == [link]
+
+
 def test_a_file_that_cannot_be_written_whole_replaces_nothing(tmp_path: Path) -> None:
     plain_folder(tmp_path / "out")
     code = (

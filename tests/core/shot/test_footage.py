@@ -299,6 +299,27 @@ def test_a_playlist_is_refused_and_opens_no_other_file(video: Path, ending: str,
     assert time.perf_counter() - begun < 1
 
 
+@pytest.mark.parametrize(
+    ("data", "kind"),
+    [
+        (b"BLENDER-v405REND\0\0\0\0\x80\xff", "a Blender file"),
+        (b"\x28\xb5\x2f\xfd\x04\0\xff", "a compressed Blender file"),
+        (b"PK\3\4\x14\0\0\0", "a ZIP archive"),
+    ],
+)
+def test_what_is_no_video_is_called_by_its_name(tmp_path: Path, data: bytes, kind: str) -> None:
+    (tmp_path / "cam01.mp4").write_bytes(data)
+    with pytest.raises(FootageError, match=f"cam01.mp4: this is {kind}, not a video"):
+        probe(tmp_path / "cam01.mp4")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes")
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "cam01.mp4")
+    with pytest.raises(FootageError, match="pipe or a device"):
+        probe(tmp_path / "cam01.mp4")
+
+
 @pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="names of files are texts there")
 def test_a_video_with_an_undecodable_path_is_refused_where_opencv_would_crash(video: Path) -> None:
     folder = video.with_name(os.fsdecode(b"caf\xe9"))
