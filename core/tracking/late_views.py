@@ -26,10 +26,10 @@ MOST_PLACES = 48
 """Number of frames of a segment on which a delay may begin, at most."""
 CONSTANT = 0.3
 """Prior standard deviation of a view's delay over the whole shot, frames: cameras may be synchronised inexactly."""
-LEAST, SURE = 0.3, 8.0
+LEAST, SURE = 0.3, 7.0
 """Smallest delay that is reported, frames, and in standard deviations. A frame that is missing gives 0.33 to 0.74
-frames, as the outlines are farther away than their equations reach, and 9 to 21 deviations; where none is missing, 0.24
-and 7.5 at most in real footage, and in renderings 0.13 and 4."""
+frames, as outlines are farther away than their equations reach, and 8.8 to 26 deviations. Where none is, delays of 0.3
+frames have at most 4.9 deviations, and those of 7 at most 0.24 frames (docs/bench.md)."""
 
 
 @dataclass(frozen=True, eq=False)
