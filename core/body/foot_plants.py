@@ -156,17 +156,16 @@ def _most_likely(gain: Array, change: float) -> Bools:
     """Return the most likely sequence of states, if a planted frame gains `gain` (F,) and every change costs
     `change`.
     """
-    value = np.zeros(2)
-    came = np.zeros((len(gain), 2), np.int64)
-    for f, step in enumerate(gain):
-        stay, switch = value, value[::-1] - change
-        came[f] = np.where(switch > stay, [1, 0], [0, 1])
-        value = np.maximum(stay, switch) + [0.0, step]
-    states = np.zeros(len(gain), np.int64)
-    states[-1] = int(value[1] > value[0])
-    for f in range(len(gain) - 1, 0, -1):
-        states[f - 1] = came[f, states[f]]
-    return states == 1
+    swinging, standing = 0.0, 0.0
+    came = []
+    for step in gain.tolist():  # plain numbers: arrays of two would take ten times as long
+        to_stand, to_swing = swinging - change, standing - change
+        came.append((int(to_swing > swinging), int(to_stand <= standing)))
+        swinging, standing = max(swinging, to_swing), max(standing, to_stand) + step
+    states = [int(standing > swinging)]
+    for before in reversed(came[1:]):
+        states.append(before[states[-1]])
+    return np.array(states[::-1]) == 1
 
 
 def runs(flags: Bools) -> list[tuple[int, int]]:

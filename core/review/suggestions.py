@@ -127,18 +127,36 @@ def suggest_keys_by_error(
     found: list[KeySuggestion] = []
     least = WORTH * float(expected.sum())
     while len(found) < MOST_UNCERTAIN:
-        spreads = {c: _spread(c, keyed, len(expected)) for c in _away_from(range(len(expected)), sorted(keyed))}
-        gains = {c: float(spread @ expected) for c, spread in spreads.items()}
-        best = max(gains, key=lambda c: gains[c], default=None)
-        if best is None or gains[best] <= least:
+        gains = _gains(expected, keyed)
+        best = int(np.argmax(gains)) if len(gains) else 0
+        if not len(gains) or gains[best] <= least:
             break
         row = deviation[best, joints]
         worst = [int(joints[p]) for p in np.argsort(-row, kind="stable")[:NAMED] if row[p] >= DOUBTFUL * row.max()]
-        gain = gains[best] / len(expected)
+        gain = float(gains[best]) / len(expected)
         found.append(KeySuggestion(best, tuple(worst), deviation=float(row.mean()), gain=gain))
-        expected = expected * (1 - spreads[best])
+        expected = expected * (1 - _spread(best, keyed, len(expected)))
         keyed.add(best)
     return found
+
+
+def _gains(expected: Array, keyed: set[int]) -> Array:
+    """Return by how much a correction on each frame would lower the sum of the expected errors (F,), shape (F,): its
+    product with the frame's `_spread`, and 0 beside key frames.
+    """
+    frames, keys = np.arange(len(expected)), np.array(sorted(keyed), np.int64)
+    # Sums of the errors before each frame, plain and times their frames: a spread is linear on either side.
+    below, moment = (np.concatenate([[0.0], np.cumsum(e)]) for e in (expected, frames * expected))
+    ends = np.concatenate([[-1], keys, [len(expected)]])
+    place = np.searchsorted(keys, frames)
+    a, b = ends[place], ends[place + 1]
+    start, middle = np.maximum(a, 0), frames + 1
+    rising = (moment[middle] - moment[start] - a * (below[middle] - below[start])) / np.maximum(frames - a, 1)
+    falling = (b * (below[b] - below[middle]) - (moment[b] - moment[middle])) / np.maximum(b - frames, 1)
+    rising = np.where(place > 0, rising, below[middle])
+    falling = np.where(place < len(keys), falling, below[-1] - below[middle])
+    apart = np.abs(frames[:, None] - keys).min(axis=1, initial=len(expected))
+    return np.where((apart >= APART) | (len(keys) == 0), rising + falling, 0.0)
 
 
 def _spread(frame: int, keyed: set[int], length: int) -> Array:

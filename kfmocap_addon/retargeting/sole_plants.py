@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import bpy
 
+from ...core.body import Body
 from ...core.errors import BodyError
 from ...core.numerics.arrays import Bools
 from ...core.retargeting.foot_clean_up import with_clean_feet
@@ -16,8 +19,9 @@ from ..scene_io.scene import frame_rate
 from .source_motion import motion_of_performer
 
 
-def find(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
+def find(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, body: Body | None = None) -> None:
     """Detect when heel and ball of a performer's feet are planted; tested plants and the animator's corrections stay.
+    `body` is the performer's, if it has been read already.
 
     Raises
     ------
@@ -26,15 +30,15 @@ def find(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
     ShotError
         There is no motion.
     """
-    plant_lists.show(scene, slot, _seeming(scene, slot))
+    plant_lists.show(scene, slot, _seeming(scene, slot, body))
 
 
-def refresh(scene: bpy.types.Scene) -> None:
-    """Find the plants of all performers that were tracked; bodies without feet have none."""
-    for slot in scene.kfmocap.performers:
+def refresh(scene: bpy.types.Scene, bodies: Sequence[Body]) -> None:
+    """Find the plants of all performers that were tracked, who have these bodies; those without feet have none."""
+    for slot, body in zip(scene.kfmocap.performers, bodies, strict=True):
         if bone_visibility.is_tracked(slot.armature):
             try:
-                find(scene, slot)
+                find(scene, slot, body)
             except BodyError:
                 slot.plants.clear()
                 slot.plants_found = ""
@@ -75,11 +79,11 @@ def clean_feet(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
     motion_curves.write_motion(armature, cleaned, start)
 
 
-def _seeming(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> dict[str, Bools]:
+def _seeming(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, body: Body | None = None) -> dict[str, Bools]:
     """Return when points of the soles seem planted in the motion; frames with large expected errors have less
     weight.
     """
-    source, bones = prepared(motion_of_performer(scene, slot))
+    source, bones = prepared(motion_of_performer(scene, slot, body))
     deviation = bone_confidence.read_confidence(slot.armature, scene.kfmocap.frame_start, len(source))
     return {
         f"{point}.{path.side}": path.planted[:, c]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from ...core.body import Body
 from ...core.body.skeleton_motion import RestSkeleton, SkeletonMotion, motion_of_body
 from ...core.errors import ShotError
 from ...core.retargeting.bone_matching import preset_of
@@ -18,8 +19,11 @@ from .rigs.rig_error import world_matrices
 from .send import shown_bone, target_bones
 
 
-def motion_of_performer(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> SkeletonMotion:
-    """Return the motion in a performer's curves on the frames of the shot.
+def motion_of_performer(
+    scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, body: Body | None = None
+) -> SkeletonMotion:
+    """Return the motion in a performer's curves on the frames of the shot. `body` is the performer's, if it has been
+    read already.
 
     Raises
     ------
@@ -32,7 +36,8 @@ def motion_of_performer(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -
     properties = scene.kfmocap
     if properties.length < 1:
         raise ShotError("the shot has no frames", where="Frames", todo="put the last frame after the first")
-    body = body_armature.body_from_armature(slot.armature)
+    if body is None:
+        body = body_armature.body_from_armature(slot.armature)
     motion = motion_curves.read_motion(slot.armature, properties.frame_start, properties.length)
     return motion_of_body(body, motion, slot.name, frame_rate(scene))
 

@@ -11,6 +11,8 @@ import bpy
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...core.numerics.arrays import Array
+
 _FEW = 100_000  # frames: a table of as many is made faster than numbers are sorted
 Keys = NDArray[np.void]
 """Keys of one F-curve, shape (K,), with a field for every property of a Blender key."""
@@ -43,6 +45,8 @@ _BYTES = MappingProxyType(
     {name: slice(end - KEY_TYPE[name].itemsize, end) for name, end in zip(KEY_TYPE.names or (), _ENDS, strict=True)}
 )
 """Where the fields of a key lie in its bytes."""
+_FIELD_OF_BYTE = np.repeat(list(_BYTES), [place.stop - place.start for place in _BYTES.values()])
+"""To which field each byte of a key belongs."""
 PLACES = np.dtype([("co", np.float32, 2), ("type", np.int32)])
 """What is read of keys where nobody writes them again: frame, value and type."""
 _ENUMS = MappingProxyType(
@@ -204,6 +208,23 @@ def _columns(fields: np.dtype[np.void]) -> tuple[tuple[str, tuple[int, ...], np.
     return tuple((name, fields[name].shape, fields[name].base) for name in fields.names or ())
 
 
+def values_at(curve: bpy.types.FCurve, frames: NDArray[np.int64], keys: Keys | None = None) -> Array:
+    """Return the values (K,) of an F-curve at scene frames: of its keys, where each of these frames has one, which
+    takes a fraction of the time. `keys` are the curve's, if they have been read already.
+    """
+    places = (get_keys(curve, PLACES) if keys is None else keys)["co"]
+    if len(places) and not len(curve.modifiers):
+        found = np.searchsorted(places[:, 0], frames).clip(max=len(places) - 1)
+        if (places[found, 0] == frames).all():
+            return places[found, 1].astype(float)
+    return np.array([curve.evaluate(float(frame)) for frame in frames])
+
+
+def joined(groups: Sequence[Keys]) -> Keys:
+    """Return keys one group after the other. As bytes: NumPy would look for a type that suits the fields of all."""
+    return np.concatenate([_raw(group) for group in groups]).view(KEY_TYPE)[:, 0]
+
+
 def frames_of(keys: Keys) -> NDArray[np.int64]:
     """Return the scene frames that keys lie on, or nearest to."""
     return np.rint(keys["co"][:, 0]).astype(np.int64)
@@ -236,30 +257,33 @@ def set_keys(curve: bpy.types.FCurve, groups: Sequence[Keys], *, before: Keys | 
         All keys that the curve has. Nothing is written where they are the same.
     """
     filled = [group for group in groups if len(group)] or list(groups[:1])
-    # As bytes: NumPy would look for a type that suits the fields of all groups.
-    keys = np.concatenate([_raw(group) for group in filled]).view(KEY_TYPE)[:, 0] if len(filled) > 1 else filled[0]
-    if (np.diff(keys["co"][:, 0]) < 0).any():
-        keys = keys[np.argsort(keys["co"][:, 0], kind="stable")]
-    if before is not None and _are_alike(keys, before):
-        return
+    keys = joined(filled) if len(filled) > 1 else filled[0]
+    at = keys["co"][:, 0]
+    if (at[1:] < at[:-1]).any():
+        keys = keys[np.argsort(at, kind="stable")]
     points = curve.keyframe_points
-    points.clear()
-    points.add(len(keys))
-    for field in KEY_TYPE.names or ():
+    if before is not None and len(before) == len(keys):
+        changed = _changed_fields(keys, before)
+        if not changed:
+            return
+    else:
+        changed = list(KEY_TYPE.names or ())
+        points.clear()
+        points.add(len(keys))
+    for field in changed:
         points.foreach_set(field, keys[field].ravel())
     curve.update()
     _restore_handles(curve, keys)
 
 
-def _are_alike(keys: Keys, before: Keys) -> bool:
-    """Whether keys are the same but for handles that Blender places."""
-    if len(keys) != len(before):
-        return False
-    counted = np.ones((len(keys), KEY_TYPE.itemsize), bool)
-    for side in ("handle_left", "handle_right"):
-        counted[:, _BYTES[side]] = _are_placed(keys, side)[:, None]
+def _changed_fields(keys: Keys, before: Keys) -> list[str]:
+    """Return the fields in which keys differ from as many others; handles that Blender places do not count."""
     differ = _raw(keys) != _raw(before)
-    return not (differ & counted).any()
+    for side in ("handle_left", "handle_right"):
+        placed = _are_placed(keys, side)
+        if not placed.all():
+            differ[~placed, _BYTES[side]] = False
+    return list(dict.fromkeys(_FIELD_OF_BYTE[differ.any(axis=0)].tolist()))
 
 
 def _raw(keys: Keys) -> NDArray[np.uint8]:

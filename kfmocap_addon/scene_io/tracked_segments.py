@@ -124,8 +124,8 @@ def write(
     results: Sequence[TrackResult],
     *,
     unwatched: bool = True,
-) -> None:
-    """Write what was tracked into the scene that the shot was read from.
+) -> Shot:
+    """Write what was tracked into the scene that the shot was read from; returns the scene's shot as it stands.
 
     Parameters
     ----------
@@ -137,19 +137,19 @@ def write(
     KFMocapError
         The scene has changed; nothing is written then.
     """
-    if unwatched:
-        _check_unchanged(scene, asked.whole, parts)
+    whole = _unchanged(scene, asked.whole, parts) if unwatched else asked.whole
     shot, slots = asked.shot, list(asked.slots.values())
     for part, result in zip(parts, results, strict=True):
         scenes.write_motions(scene, [result.motions[i] for i in asked.slots], first=part.first, slots=slots)
         if part.footage_offset is None:
             remember_offset(scene, result)
     tracked = [(shot.between(p.first, p.last), result, p.first) for p, result in zip(parts, results, strict=True)]
-    review_data.write_review(scene, tracked, slots=asked.slots)
+    review_data.write_review(scene, tracked, slots=asked.slots, whole=whole)
     if len(slots) == len(asked.whole.performers):
         done = [s for s in segments(shot) if any(p.first <= s[0] and s[1] <= p.last for p in parts)]
         _remember(scene, shot, done)
     scene.frame_set(scene.frame_current, subframe=scene.frame_subframe)  # the tracked pose is shown
+    return whole
 
 
 def remember_offset(scene: bpy.types.Scene, result: TrackResult) -> None:
@@ -175,12 +175,13 @@ def clear(scene: bpy.types.Scene, shot: Shot, chosen: Sequence[Segment]) -> int:
     return len(cleared)
 
 
-def _check_unchanged(scene: bpy.types.Scene, shot: Shot, parts: Sequence[Excerpt]) -> None:
-    """Another window may have changed the scene since its shot was read."""
+def _unchanged(scene: bpy.types.Scene, shot: Shot, parts: Sequence[Excerpt]) -> Shot:
+    """Read a scene's shot again: another window may have changed it since."""
     now = scenes.shot_from_scene(scene)
     changed = [(part.first, part.last) for part in parts]
     if now.frames != shot.frames or any(digest(now, s) != digest(shot, s) for s in changed):
         raise ShotError("it was changed while it was tracked", where=f"scene {scene.name}", todo="track again")
+    return now
 
 
 def _remember(scene: bpy.types.Scene, shot: Shot, tracked: Sequence[Segment]) -> None:

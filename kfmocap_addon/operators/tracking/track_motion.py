@@ -119,8 +119,8 @@ class Tracking(Conditional, JobOperator):
         if scene is None:
             raise ShotError("the scene is gone", where=f"scene {name}")
         results = tracked.results
-        tracked_segments.write(scene, asked, parts, results, unwatched=not self.blocks)
-        sole_plants.refresh(scene)
+        whole = tracked_segments.write(scene, asked, parts, results, unwatched=not self.blocks)
+        sole_plants.refresh(scene, [performer.body for performer in whole.performers])
         unfinished_tracking.discard(scene)
         if tracked.fits is not None:
             for line in view_cameras.show_fits(scene.kfmocap.views, tracked.fits):

@@ -5,7 +5,9 @@ The channels are the location of the root and the rotation of every bone.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import bpy
 import numpy as np
@@ -48,14 +50,22 @@ def list_channels(armature: bpy.types.Object) -> list[Channel]:
     return root + [Channel(bone.name, "rotation_quaternion", k) for bone in bones for k in range(4)]
 
 
-def evaluate_channels(armature: bpy.types.Object, channels: list[Channel], frames: FrameNumbers) -> Array:
-    """Return the values of the channels at scene frames, shape (K, C); a channel without keys has its present value."""
+def evaluate_channels(
+    armature: bpy.types.Object,
+    channels: list[Channel],
+    frames: FrameNumbers,
+    keys: Mapping[int, fcurves.Keys] = MappingProxyType({}),
+) -> Array:
+    """Return the values of the channels at scene frames, shape (K, C); a channel without keys has its present value.
+
+    `keys` are those of channels, by their numbers, that have been read already.
+    """
     bag = fcurves.find_channelbag(armature)
     values = np.empty((len(frames), len(channels)))
     for c, channel in enumerate(channels):
         curve = bag.fcurves.find(channel.path, index=channel.index) if bag else None
         if curve is not None and len(curve.keyframe_points):
-            values[:, c] = [curve.evaluate(float(frame)) for frame in frames]
+            values[:, c] = fcurves.values_at(curve, frames, keys.get(c))
         else:
             values[:, c] = getattr(armature.pose.bones[channel.bone], channel.attribute)[channel.index]
     return values

@@ -6,13 +6,15 @@ animator's. Keys of the type BREAKDOWN are the tracker's, too, while they have t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
 from ....core.errors import ShotError
+from ....core.numerics.arrays import Bools
 from .. import fcurves
 from ..body import body_channels
 from . import tracked_keys
@@ -41,6 +43,47 @@ def channel_keys(
         yield c, curve, keys, theirs
 
 
+@dataclass(frozen=True, eq=False)
+class KeyPlaces:
+    """The keys of all channels, one channel after the other: K keys.
+
+    Attributes
+    ----------
+    channels : ndarray of int, shape (K,)
+        Numbers of the channels.
+    places : ndarray, shape (K,)
+        Scene frames, also between whole ones.
+    own, proposed : ndarray of bool, shape (K,)
+        Which are the animator's, and which are the tracker's proposals.
+    by_channel : mapping of int to ndarray of fcurves.PLACES
+        The keys of each channel that has an F-curve.
+    """
+
+    channels: FrameNumbers
+    places: NDArray[np.float32]
+    own: Bools
+    proposed: Bools
+    by_channel: Mapping[int, fcurves.Keys]
+
+    @property
+    def frames(self) -> FrameNumbers:
+        """The scene frames that the keys lie on, or nearest to."""
+        return np.rint(self.places).astype(np.int64)
+
+
+def key_places(armature: bpy.types.Object, channels: list[body_channels.Channel]) -> KeyPlaces:
+    """Return where the keys of all channels lie, and whose they are."""
+    rows = list(channel_keys(armature, channels, fcurves.PLACES))
+    by_channel = {c: keys for c, _, keys, _ in rows}
+    numbers = np.repeat(list(by_channel), [len(keys) for keys in by_channel.values()]).astype(np.int64)
+    if not len(numbers):
+        return KeyPlaces(numbers, np.empty(0, np.float32), np.empty(0, bool), np.empty(0, bool), by_channel)
+    own = np.concatenate([theirs for *_, theirs in rows])
+    types = np.concatenate([keys["type"] for keys in by_channel.values()])
+    places = np.concatenate([keys["co"][:, 0] for keys in by_channel.values()])
+    return KeyPlaces(numbers, places, own, ~own & (types == fcurves.enum_value("type", PROPOSAL)), by_channel)
+
+
 def are_animators(
     keys: Sequence[fcurves.Keys], record: tracked_keys.Written, channels: Sequence[body_channels.Channel]
 ) -> list[NDArray[np.bool_]]:
@@ -54,15 +97,14 @@ def are_animators(
     types = np.concatenate([each["type"] for each in keys])
     frames = np.rint(places[:, 0]).astype(np.int64)
     counts = [len(each) for each in keys]
-    ends = np.cumsum(counts)
-    values = [record.at(c.key, frames[end - n : end]) for c, n, end in zip(channels, counts, ends, strict=True)]
-    tracked = np.repeat([value is not None for value in values], counts)
-    written = np.concatenate([np.zeros(n) if v is None else v for v, n in zip(values, counts, strict=True)])
+    rows = [record.values.get(channel.key) for channel in channels]
+    tracked = np.repeat([row is not None for row in rows], counts)
+    written = record.at(rows, np.repeat(np.arange(len(rows)), counts), frames)
     differ = (np.abs(places[:, 0] - frames) > _SAME_FRAME) | (places[:, 1] != written)
     proposed = types == fcurves.enum_value("type", PROPOSAL)
     generated = types == fcurves.enum_value("type", "GENERATED")
     own = np.where(tracked, ~(generated | proposed) | differ, ~generated)
-    return np.split(own, ends[:-1])
+    return np.split(own, np.cumsum(counts)[:-1])
 
 
 def proposal_frames(keys: fcurves.Keys, own: NDArray[np.bool_]) -> FrameNumbers:
@@ -76,15 +118,12 @@ def lie_on_frames(keys: fcurves.Keys, frames: FrameNumbers) -> NDArray[np.bool_]
     return fcurves.are_among(on, frames) & (np.abs(keys["co"][:, 0] - on) <= _SAME_FRAME)
 
 
-def refuse_subframes(armature: bpy.types.Object, channel: body_channels.Channel, keys: fcurves.Keys) -> None:
-    """Raise a ShotError where a key lies between frames."""
-    if not len(keys):
-        return
-    between = np.abs(keys["co"][:, 0] - fcurves.frames_of(keys)) > _SAME_FRAME
-    if between.any():
-        frame = float(keys["co"][between, 0][0])
+def refuse_subframes(armature: bpy.types.Object, channels: list[body_channels.Channel], keys: KeyPlaces) -> None:
+    """Raise a ShotError where a key of the animator's lies between frames."""
+    between = np.flatnonzero(keys.own & (np.abs(keys.places - keys.frames) > _SAME_FRAME))
+    if len(between):
         raise ShotError(
-            f"a key at frame {frame:.2f} lies between frames",
-            where=f"armature {armature.name}, bone {channel.bone}",
+            f"a key at frame {keys.places[between[0]]:.2f} lies between frames",
+            where=f"armature {armature.name}, bone {channels[keys.channels[between[0]]].bone}",
             todo="snap the keys to whole frames",
         )

@@ -67,17 +67,16 @@ def read_key_poses(armature: bpy.types.Object, frame_start: int, length: int) ->
         If one of the keys lies between frames.
     """
     channels = body_channels.list_channels(armature)
+    keys = key_ownership.key_places(armature, channels)
+    key_ownership.refuse_subframes(armature, channels, keys)
+    index = keys.frames - frame_start
+    inside = (index >= 0) & (index < length)
     held = np.zeros((length, len(channels)), bool)
+    held[index[inside & keys.own], keys.channels[inside & keys.own]] = True
     proposed = np.zeros(length, bool)
-    for c, _, keys, own in key_ownership.channel_keys(armature, channels, fcurves.PLACES):
-        if c == 0:
-            index = key_ownership.proposal_frames(keys, own) - frame_start
-            proposed[index[(index >= 0) & (index < length)]] = True
-        key_ownership.refuse_subframes(armature, channels[c], keys[own])
-        index = fcurves.frames_of(keys[own]) - frame_start
-        held[index[(index >= 0) & (index < length)], c] = True
+    proposed[index[inside & keys.proposed & (keys.channels == 0)]] = True
     frames = np.flatnonzero(held.any(axis=1) | proposed)
-    values = body_channels.evaluate_channels(armature, channels, frame_start + frames)
+    values = body_channels.evaluate_channels(armature, channels, frame_start + frames, keys.by_channel)
     poses = _unrounded(armature, frame_start + frames, body_channels.motion_of_values(armature, values))
     return KeyPoses(frames, poses, body_channels.fixed_dofs(armature, held[frames]))
 
@@ -116,13 +115,11 @@ def remove_key_pose(armature: bpy.types.Object, frame: int, bones: Collection[st
 def keyed_bones(armature: bpy.types.Object) -> tuple[dict[int, set[str]], list[int]]:
     """Bones with a key of the animator's by scene frame, and the frames of proposals."""
     channels = body_channels.list_channels(armature)
+    keys = key_ownership.key_places(armature, channels)
     keyed: dict[int, set[str]] = {}
-    proposed: list[int] = []
-    for c, _, keys, own in key_ownership.channel_keys(armature, channels, fcurves.PLACES):
-        if c == 0:
-            proposed = key_ownership.proposal_frames(keys, own).tolist()
-        for frame in fcurves.frames_of(keys[own]).tolist():
-            keyed.setdefault(frame, set()).add(channels[c].bone)
+    for frame, c in zip(keys.frames[keys.own].tolist(), keys.channels[keys.own].tolist(), strict=True):
+        keyed.setdefault(frame, set()).add(channels[c].bone)
+    proposed = keys.frames[keys.proposed & (keys.channels == 0)].tolist()
     return keyed, [frame for frame in proposed if frame not in keyed]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import bpy
 import numpy as np
@@ -39,33 +39,53 @@ def write_motion(
         )
     bag = fcurves.ensure_channelbag(armature, armature.name)
     record = tracked_keys.load(armature)
-    frames = frame_start + np.arange(len(motion))
     curves = [fcurves.ensure_fcurve(bag, c.path, c.index, c.bone) for c in channels]
     keys = [fcurves.get_keys(curve) for curve in curves]
     own = key_ownership.are_animators(keys, record, channels)
     if proposed is None:
         proposed = key_ownership.proposal_frames(keys[0], own[0])
-    held = np.stack(
-        [fcurves.are_among(frames, fcurves.frames_of(k[o])) for k, o in zip(keys, own, strict=True)], axis=1
-    )
+    frames = frame_start + np.arange(len(motion))
+    held, kept = _held_and_kept(keys, own, frames)
     before = np.zeros(held.shape)  # it counts beside the animator's keys alone
     keyed = held.any(axis=1)
-    before[keyed] = body_channels.evaluate_channels(armature, channels, frames[keyed])
+    before[keyed] = body_channels.evaluate_channels(armature, channels, frames[keyed], dict(enumerate(keys)))
     values, breaks = _beside_keys(body_channels.channel_values(armature, motion), before, held)
+    new = _tracked_keys(values, breaks, frames, proposed)
+    for c, curve in enumerate(curves):
+        fcurves.set_keys(curve, [keys[c][kept[c]], new[c][~held[:, c]]], before=keys[c])
+    recorded = np.where(held, np.nan, values).T.astype(np.float32)
+    tracked_keys.store(
+        armature, record.updated(frame_start, {c.key: row for c, row in zip(channels, recorded, strict=True)})
+    )
 
-    recorded = {}
+
+def _held_and_kept(
+    keys: Sequence[fcurves.Keys], own: Sequence[NDArray[np.bool_]], frames: NDArray[np.int64]
+) -> tuple[NDArray[np.bool_], list[NDArray[np.bool_]]]:
+    """Return on which frames (F,), one after the other, the animator has a key on each channel, shape (F, C), and which
+    keys of each channel stay when these frames are written: the animator's, and those of other frames.
+    """
+    counts = [len(each) for each in keys]
+    every, theirs = fcurves.joined(keys), np.concatenate(own)
+    inside = key_ownership.lie_on_frames(every, frames)
+    held = np.zeros((len(frames), len(keys)), bool)
+    rows = fcurves.frames_of(every) - frames[0]
+    among = theirs & (rows >= 0) & (rows < len(frames))
+    held[rows[among], np.repeat(np.arange(len(keys)), counts)[among]] = True
+    return held, np.split(theirs | ~inside, np.cumsum(counts)[:-1])
+
+
+def _tracked_keys(
+    values: Array, breaks: NDArray[np.bool_], frames: NDArray[np.int64], proposed: ArrayLike
+) -> fcurves.Keys:
+    """Return the tracker's keys of all channels, shape (C, F), for values (F, C); see `_beside_keys`."""
     blank = fcurves.new_keys(frames, np.zeros(len(frames)), "GENERATED", "LINEAR")
     blank["type"][fcurves.are_among(frames, proposed)] = fcurves.enum_value("type", key_ownership.PROPOSAL)
-    for c, channel in enumerate(channels):
-        free = ~held[:, c]
-        new = blank[free]
-        for point in ("co", "handle_left", "handle_right"):
-            new[point][:, 1] = values[free, c]
-        new["interpolation"][breaks[free, c]] = fcurves.enum_value("interpolation", "CONSTANT")
-        kept = keys[c][own[c] | ~key_ownership.lie_on_frames(keys[c], frames)]
-        fcurves.set_keys(curves[c], [kept, new], before=keys[c])
-        recorded[channel.key] = np.where(free, values[:, c], np.nan).astype(np.float32)
-    tracked_keys.store(armature, record.updated(frame_start, recorded))
+    new = np.tile(blank, (values.shape[1], 1))
+    for point in ("co", "handle_left", "handle_right"):
+        new[point][..., 1] = values.T
+    new["interpolation"][breaks.T] = fcurves.enum_value("interpolation", "CONSTANT")
+    return new
 
 
 def read_motion(armature: bpy.types.Object, frame_start: int, length: int) -> Motion:

@@ -6,7 +6,7 @@ Blender keeps the type GENERATED when a key is inserted over one or when one is 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import bpy
@@ -31,16 +31,26 @@ class Written:
     first: int
     values: Mapping[str, NDArray[np.float32]]
 
-    def at(self, channel: str, frames: NDArray[np.int64]) -> NDArray[np.float32] | None:
-        """Return the values written at scene frames (K,), NaN where none was; None for a channel never written."""
-        values = self.values.get(channel)
-        if values is None:
-            return None
+    def at(
+        self, rows: Sequence[NDArray[np.float32] | None], channels: NDArray[np.int64], frames: NDArray[np.int64]
+    ) -> NDArray[np.float32]:
+        """Return the values written for keys (K,), NaN where none was.
+
+        Parameters
+        ----------
+        rows : sequence of ndarray or None
+            The values of some channels; None for a channel never written.
+        channels, frames : ndarray of int, shape (K,)
+            Places among `rows`, and scene frames.
+        """
+        length = max((len(row) for row in rows if row is not None), default=0)
+        # One more value, which is NaN, for frames outside.
+        table = np.full((len(rows), length + 1), np.nan, np.float32)
+        for values, row in zip(table, rows, strict=True):
+            if row is not None:
+                values[: len(row)] = row
         index = frames - self.first
-        inside = (index >= 0) & (index < len(values))
-        if inside.all():
-            return values[index]
-        return np.where(inside, values[np.where(inside, index, 0)], np.float32(np.nan))
+        return table[channels, np.where((index >= 0) & (index < length), index, length)]
 
     def updated(self, first: int, values: Mapping[str, NDArray[np.float32]]) -> Written:
         """Return a record with the values of a later tracking, shape (F,) per channel, put over this one's."""

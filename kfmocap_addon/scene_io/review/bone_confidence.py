@@ -6,6 +6,7 @@ Each tracking writes it for the frames that it tracked. Like that of `bone_visib
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -17,6 +18,9 @@ from ..body import body_armature
 from ..body.sides import Colour, colour_of
 from ..keys import key_pose_curves
 from . import bone_visibility, lost_parts, unknown_bones
+
+if TYPE_CHECKING:
+    from ....core.shot.shot import KeyPoses, Shot
 
 ERROR = "kfmocap_error"
 """Custom property of a pose bone: how far its tip may be from its true place, mm."""
@@ -55,10 +59,12 @@ def write_confidence(
         _replace(slot.armature, frames, _MILLIMETRES * found)
 
 
-def refresh(scene: bpy.types.Scene) -> None:
-    """Update the suggested key frames, and the colours, from the present errors."""
-    for slot in scene.kfmocap.performers:
-        _write_helpful(scene, slot)
+def refresh(scene: bpy.types.Scene, shot: Shot | None = None) -> None:
+    """Update the suggested key frames, and the colours, from the present errors. `shot` is the scene's as it stands, if
+    it has been read already.
+    """
+    for i, slot in enumerate(scene.kfmocap.performers):
+        _write_helpful(scene, slot, None if shot is None else shot.performers[i].key_poses)
     if scene.kfmocap.show_confidence:
         show_colours(scene)
 
@@ -127,13 +133,14 @@ def _replace(armature: bpy.types.Object, frames: NDArray[np.int64], errors: NDAr
         curve.lock = True  # so that moving keys in the timeline leaves it alone
 
 
-def _write_helpful(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
+def _write_helpful(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, keys: KeyPoses | None = None) -> None:
     start, length = scene.kfmocap.frame_start, scene.kfmocap.length
     bones = body_armature.body_bones(slot.armature)
     names = [bone.name for bone in bones]
     errors = read_confidence(slot.armature, start, length)
     slot.helpful.clear()
-    keys = key_pose_curves.read_key_poses(slot.armature, start, length)
+    if keys is None:
+        keys = key_pose_curves.read_key_poses(slot.armature, start, length)
     unknown = [names.index(name) for name in unknown_bones.unknown_bones(slot.armature)]
     for key in suggest_keys_by_error(errors, keys, body_armature.parents_of(bones), unknown):
         item = slot.helpful.add()

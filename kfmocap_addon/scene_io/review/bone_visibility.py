@@ -77,7 +77,7 @@ def _write_views(
         bone.id_properties_ui(VIEWS).update(min=0, max=len(sees), description=_DESCRIPTION)
         curve = fcurves.ensure_fcurve(bag, property_path(bone, VIEWS), 0, bone.name)
         counts = np.full(shot.length, len(sees))  # where nothing was tracked, nothing is known against it
-        if len(curve.keyframe_points):
+        if len(count) < shot.length and len(curve.keyframe_points):
             counts[:] = [curve.evaluate(shot.frame_start + f) for f in range(shot.length)]
         counts[first : first + len(count)] = count
         changes = np.flatnonzero(np.diff(counts, prepend=-1))

@@ -21,6 +21,7 @@ def write_review(
     tracked: Sequence[tuple[Shot, TrackResult, int]],
     *,
     slots: Mapping[int, bpy.types.PropertyGroup] | None = None,
+    whole: Shot | None = None,
 ) -> None:
     """Show in a scene what the cameras saw of its performers, how far they may be off, and where key poses would help.
 
@@ -31,6 +32,8 @@ def write_review(
         keep what was written for them.
     slots : mapping of int to KFMocapPerformer, optional
         Those of whom it is shown, by their numbers among the performers of the shots; by default all of the scene's.
+    whole : Shot, optional
+        The scene's shot as it stands, if it has been read already.
     """
     slots = dict(enumerate(scene.kfmocap.performers)) if slots is None else slots
     numbers, chosen = list(slots), list(slots.values())
@@ -47,4 +50,4 @@ def write_review(
                 write_identity(slot, result.observed.performers[i].identity)
             if shot.length == scene.kfmocap.length:
                 unknown_bones.mark_unseen(slot.armature, result.unknown[i])
-    bone_confidence.refresh(scene)
+    bone_confidence.refresh(scene, whole)
