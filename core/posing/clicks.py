@@ -32,6 +32,7 @@ from ..numerics.banded_blocks import BandedBlocks, block_diagonal, with_translat
 from ..numerics.least_squares import Damping, StoppingRule, minimise
 from ..numerics.normal_equations import BandedEquations
 from ..runtime.threads import one_library_thread
+from .standing import COST, FLOATING, is_from_one_view, lowest_point, steps_to_floor
 
 CLICK_DEVIATION = 0.008
 """Standard deviation of a click, metres across the ray: a pixel or two if the person fills the picture."""
@@ -132,10 +133,15 @@ class ClickSolver:
         One pose, from which fits move as little as possible.
     held : ndarray of bool, shape (D,), optional
         Degrees of freedom that must not change.
+    floor : float, optional
+        Height of the floor in the world frame, metres, where it is known: in one view, a pose that floats above it is
+        put on its feet if that fits nearly as well.
     """
 
-    def __init__(self, body: Body, given: Motion, held: NDArray[np.bool_] | None = None) -> None:
-        self.body, self.given = body, given
+    def __init__(
+        self, body: Body, given: Motion, held: NDArray[np.bool_] | None = None, floor: float | None = None
+    ) -> None:
+        self.body, self.given, self.floor = body, given, floor
         locked = np.zeros(body.dof, bool) if held is None else held.copy()
         locked[3:] |= (body.limits[..., 0] == body.limits[..., 1]).ravel()
         self._held = locked[None]
@@ -179,7 +185,26 @@ class ClickSolver:
             other = min(others, key=lambda fit: fit.energy)
             if other.energy < best.energy:
                 best = replace(problem, given=other.given).descended(other.pose, steps)
-        return best
+        return self._standing(problem, best, steps) if search and count >= ENOUGH else best
+
+    def _standing(self, problem: _Problem, fit: ClickFit, steps: int) -> ClickFit:
+        """Return a fit in one view; if it floats above the floor, one that stands there and fits nearly as well."""
+        if self.floor is None or self._held[0, :6].any() or not is_from_one_view(problem.clicks):
+            return fit
+        height = self._height(fit.pose)
+        if height < FLOATING:
+            return fit
+        found = []
+        for step in steps_to_floor(self.body, problem.clicks, fit.pose, self.floor):
+            given, pose = (replace(m, translations=m.translations + step) for m in (fit.given, fit.pose))
+            found.append(replace(problem, given=given).descended(pose, steps))
+        standing = [other for other in found if abs(self._height(other.pose)) < height / 2]
+        best = min(standing, key=lambda other: other.energy, default=fit)
+        return best if best.energy < fit.energy + COST else fit
+
+    def _height(self, pose: Motion) -> float:
+        """Return how high the lowest point of a pose is above the floor, metres."""
+        return float(lowest_point(self.body, pose)[0] - (self.floor or 0.0))
 
     def _elsewhere(self, problem: _Problem) -> list[Motion]:
         """Return other starting poses: the given one moved as a whole and facing other ways, and one fitted to the

@@ -16,9 +16,10 @@ from ...core.numerics.arrays import Array
 from ...core.posing.alternatives import Neighbour, alternative_poses
 from ...core.posing.clicks import STEPS, Click, ClickFit, ClickSolver, click_keypoints, pixel, ray
 from ...core.posing.depth import limb_flipped
+from ...core.posing.standing import lowest_point
 from ..scene_io import active_performer, joint_marks
 from ..scene_io import scene as scenes
-from ..scene_io.body import body_armature, shown_pose
+from ..scene_io.body import body_armature, body_channels, shown_pose
 from ..scene_io.cameras import scene_cameras
 from ..scene_io.keys import key_pose_curves
 
@@ -62,7 +63,7 @@ class Placing:
         self._cameras = _cameras_now(scene)
         self._held = _held(self.body, self.bones)
         self._given = shown_pose.read_shown_pose(slot.armature)
-        self._solver = ClickSolver(self.body, self._given, self._held)
+        self._solver = ClickSolver(self.body, self._given, self._held, self._floor())
         self._history: list[_State] = []
         self._undone: list[_State] = []
         self.fitted = ClickFit(self._given, self._given)
@@ -189,6 +190,19 @@ class Placing:
             return []
         near = min(abs(frame - self.frame) for frame in frames)
         return [Neighbour(self._given, near / scenes.frame_rate(self.scene))]
+
+    def _floor(self) -> float:
+        """Return the height of the floor: of the lowest point in the key poses of other frames, else in the given pose,
+        as bodies are added standing on it.
+        """
+        armature = self.slot.armature
+        frames = [frame for frame in key_pose_curves.keyed_bones(armature)[0] if frame != self.frame]
+        poses = self._given
+        if frames:
+            channels = body_channels.list_channels(armature)
+            values = body_channels.evaluate_channels(armature, channels, np.array(frames))
+            poses = body_channels.motion_of_values(armature, values)
+        return float(lowest_point(self.body, poses).min())
 
     def _fit(self, steps: int = STEPS, search: bool = True) -> None:
         """Pose the body on the marks, from the pose that it has."""

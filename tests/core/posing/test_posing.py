@@ -16,6 +16,7 @@ from kfmocap.core.posing import clicks as clicks_module
 from kfmocap.core.posing.clicks import Click, ClickSolver, click_keypoints, movement, movement_precision, pixel, ray
 from kfmocap.core.posing.depth import limb_flipped, moved_in_depth
 from kfmocap.core.posing.mirror import mirrored_poses
+from kfmocap.core.posing.standing import FLOATING, lowest_point
 from synthetic import at_rest, numeric_jacobian, random_motion, rigidly_moved, rigidly_moved_camera
 
 BODY = person()
@@ -230,3 +231,38 @@ def test_a_mirrored_pose_may_stay_in_its_place():
     pose = random_motion(BODY, 1)
     moved = pose.difference(mirrored_poses(BODY, pose, PARTNERS, root=False))[0]
     assert np.abs(moved[:6]).max() == 0 < np.abs(moved[6:]).max()
+
+
+def standing(bend: float, place: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Motion:
+    """A pose with bent knees whose lowest point is at a place of the floor, z = 0."""
+    turns = np.zeros((1, len(BODY), 3))
+    for side in "LR":
+        for part, share in (("thigh", 1.0), ("shin", -1.7), ("foot", 0.6)):
+            turns[:, BODY.index(f"{part}.{side}"), 0] = share * bend
+    pose = Motion(BODY.offsets[:1], rotations.exp(turns))
+    return replace(pose, translations=pose.translations + np.array(place) - [0, 0, lowest_point(BODY, pose)[0]])
+
+
+@pytest.mark.parametrize("place", [(0.0, 2.0, 0.0), (-2.0, 0.0, 0.0)])
+def test_a_body_posed_in_one_view_stands_on_the_floor_and_not_far_away_above_it(place):
+    """The given pose crouches more: farther away its legs would look as short."""
+    given, truth = standing(1.3), standing(0.6, place)
+    clicks = click_keypoints(clicks_on(VIEWS[1:2], truth, LIMBS, 1.0), 0)
+    floats, stands = (ClickSolver(BODY, given, floor=floor).fit(clicks).pose for floor in (None, 0.0))
+    assert lowest_point(BODY, floats)[0] > FLOATING and errors(floats, truth).mean() > 1.0
+    assert abs(lowest_point(BODY, stands)[0]) < 0.05 and errors(stands, truth).mean() < 0.15
+
+
+def test_a_jump_stays_above_the_floor():
+    truth = standing(0.3, (0.0, 0.0, 0.5))
+    clicks = click_keypoints(clicks_on(VIEWS[:1], truth, LIMBS, 1.0), 0)
+    plain, floored = (ClickSolver(BODY, at_rest(BODY), floor=floor).fit(clicks) for floor in (None, 0.0))
+    assert lowest_point(BODY, plain.pose)[0] > FLOATING
+    np.testing.assert_array_equal(floored.pose.translations, plain.pose.translations)
+
+
+def test_the_floor_decides_nothing_where_two_views_show_the_depth():
+    truth = standing(0.6, (0.0, 2.0, 0.3))
+    clicks = click_keypoints(clicks_on(VIEWS[:2], truth, LIMBS, 1.0), 0)
+    plain, floored = (ClickSolver(BODY, standing(1.3), floor=floor).fit(clicks) for floor in (None, 0.0))
+    np.testing.assert_array_equal(floored.pose.rotations, plain.pose.rotations)
