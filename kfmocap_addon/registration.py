@@ -35,9 +35,10 @@ from .operators.posing import (
     show_key_pictures,
 )
 from .operators.tracking import bake, go_to_frame, plants, show_misfit, simplify, track_motion
-from .panels import guide, key_list
+from .panels import guide
 from .scene_io.cameras import missing_footage
 from .session import SESSION
+from .viewports import changed_segments, key_list
 
 OPERATORS = (
     open_section,
@@ -81,7 +82,7 @@ CLASSES = tuple(cls for module in MODULES for cls in module.CLASSES)
 MENUS = tuple(entry for module in (edit_body, load_shot, export_motion) for entry in module.MENUS)
 """Names of Blender's menus and what is appended to them."""
 
-_BESIDE_CLASSES = (guide, key_list, missing_footage, keymap, toolbar)
+_BESIDE_CLASSES = (guide, key_list, changed_segments, missing_footage, keymap, toolbar)
 """Modules that add more to Blender than classes: handlers, keys, a tool."""
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)
@@ -150,7 +151,7 @@ def _draw_strip() -> None:
     if bpy.context.scene.kfmocap.show_strip:
         from .overlays import key_strip
 
-        strip = key_list.strip_of(bpy.context)
+        strip = key_strip.strip_of(bpy.context)
         if strip is not None:
             key_strip.draw(strip)
 

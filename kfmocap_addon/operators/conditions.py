@@ -126,3 +126,26 @@ def has_tracked(context: bpy.types.Context) -> str:
 def in_object_mode(context: bpy.types.Context) -> str:
     """Objects can be added."""
     return "" if context.mode == "OBJECT" else "Go to object mode first"
+
+
+def has_motion(context: bpy.types.Context) -> str:
+    """The chosen performer is animated."""
+    slot = active_performer.chosen(context)
+    data = slot.armature.animation_data if slot is not None else None
+    return "" if data is not None and data.action is not None else "There is no motion yet: set key poses, or track"
+
+
+def frame_is_in_shot(first: int = 0, last: int = 0) -> Condition:
+    """Return the condition that the current frame is between the shot's first + `first` and its last + `last`."""
+
+    def condition(context: bpy.types.Context) -> str:
+        if first <= shot_frame(context.scene) < context.scene.kfmocap.length + last:
+            return ""
+        return "The shot has no frame on that side of this one, or this is not one of its frames"
+
+    return condition
+
+
+def shot_frame(scene: bpy.types.Scene) -> int:
+    """Return the frame of the shot that the scene shows."""
+    return scene.frame_current - scene.kfmocap.frame_start

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import bpy
 
+from ..scene_io import active_performer
 from ..scene_io.body.sides import Colour
 from ..session import SESSION
 from ..viewports import screens, viewport
+from ..viewports.key_list import known_keys
 from . import mark_drawing
 
 Run = tuple[int, int]
@@ -57,6 +59,25 @@ class Strip:
     proposed: tuple[int, ...] = ()
     tracked: tuple[Run, ...] = ()
     doubted: tuple[Run, ...] = ()
+
+
+def strip_of(context: bpy.types.Context) -> Strip | None:
+    """Return the strip under the footage for the chosen performer; None without one, or before it is looked up."""
+    slot, scene = active_performer.chosen(context), context.scene
+    entries = known_keys().entries(slot.armature) if slot is not None else None
+    if slot is None or entries is None:
+        return None
+    start = scene.kfmocap.frame_start
+    own = [entry for entry in entries if not entry.proposed]
+    return Strip(
+        (start, start + max(scene.kfmocap.length, 1) - 1),
+        (slot.colour[0], slot.colour[1], slot.colour[2]),
+        tuple(entry.frame for entry in own if not entry.bones),
+        tuple(entry.frame for entry in own if entry.bones),
+        tuple(entry.frame for entry in entries if entry.proposed),
+        known_keys().tracked(slot.armature),
+        tuple((part.frames[0], part.frames[1]) for part in slot.lost),
+    )
 
 
 def draw(strip: Strip) -> None:

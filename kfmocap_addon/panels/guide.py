@@ -10,8 +10,7 @@ from ..properties.section_properties import sections_of
 from ..scene_io import active_performer
 from ..scene_io.review import bone_visibility
 from ..session import SESSION
-from ..viewports import viewport
-from . import key_list
+from ..viewports import key_list, viewport
 
 STEPS = ("footage", "body", "key_poses", "track", "review")
 """Sections of the steps, in their order."""

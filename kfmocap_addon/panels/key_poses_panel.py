@@ -18,7 +18,8 @@ from ..properties.section_properties import sections_of
 from ..scene_io import active_performer
 from ..scene_io.key_pictures import KeyPictures
 from ..session import SESSION
-from . import key_list, performer_rows
+from ..viewports import key_list
+from . import performer_rows
 from .section import FoldedPart, PerformerPart, Section, draw_as_form
 from .texts import draw_text
 

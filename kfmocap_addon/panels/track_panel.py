@@ -3,6 +3,7 @@
 import bpy
 
 from ..operators.job_operator import draw_progress, running_job
+from ..operators.key_conditions import is_tracked_around
 from ..operators.tracking.track_motion import (
     ClearBetween,
     ContinueTracking,
@@ -47,7 +48,9 @@ class TrackPanel(Section, bpy.types.Panel):
         row.operator(TrackBackward.bl_idname, text="To the Start", icon="TRACKING_BACKWARDS")
         row.operator(TrackForward.bl_idname, text="To the End", icon="TRACKING_FORWARDS")
         column = layout.column(align=True)
-        column.operator(
+        here = column.row(align=True)
+        here.enabled = is_tracked_around(context)
+        here.operator(
             ClearBetween.bl_idname, text="Clear Around This Frame", icon="TRACKING_CLEAR_FORWARDS"
         ).where = "HERE"
         column.operator(ClearBetween.bl_idname, text="Clear All Tracked Frames").where = "EVERYWHERE"

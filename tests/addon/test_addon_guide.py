@@ -13,11 +13,12 @@ from addon_shots import blender, shot, tracker  # noqa: E402, F401
 from kfmocap.core.shot.shot import KeyPoses  # noqa: E402
 from kfmocap.kfmocap_addon import panels  # noqa: E402
 from kfmocap.kfmocap_addon.operators.tracking.track_motion import TrackAll  # noqa: E402
-from kfmocap.kfmocap_addon.panels import guide, key_list, key_poses_panel, texts  # noqa: E402
+from kfmocap.kfmocap_addon.panels import guide, key_poses_panel, texts  # noqa: E402
 from kfmocap.kfmocap_addon.panels.section import Section  # noqa: E402
 from kfmocap.kfmocap_addon.properties.section_properties import SECTIONS, sections_of  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
+from kfmocap.kfmocap_addon.viewports import changed_segments, key_list  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
 
@@ -243,3 +244,52 @@ def test_long_texts_are_broken_between_words(monkeypatch):
     assert " ".join(broken) == text and len(broken) == 3
     assert all(8 * len(line) <= 200 for line in broken)
     assert texts.lines("unbreakable", 10) == ["unbreakable"]
+
+
+@pytest.fixture
+def looked_up(blender):  # noqa: F811
+    """See which of some tools are enabled, once keys and changes have been looked up."""
+
+    def enabled(*names: str) -> set[str]:
+        key_list.known_keys().outdate()
+        changed_segments.known_changes().outdate()
+        found = {name for name in names if getattr(bpy.ops.kfmocap, name).poll()}  # they ask for what they need
+        assert found == set(names), "nothing is refused before it has been looked up"
+        key_list.known_keys().look_up()
+        changed_segments.known_changes().look_up()
+        return {name for name in names if getattr(bpy.ops.kfmocap, name).poll()}
+
+    return enabled
+
+
+def test_track_changes_is_enabled_where_something_has_changed(looked_up, tmp_path, tracker):  # noqa: F811
+    scenes.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    assert looked_up("track_changes"), "nothing is tracked yet"
+    bpy.ops.kfmocap.track()
+    assert not looked_up("track_changes")
+    with pytest.raises(RuntimeError, match="Nothing has changed"):
+        bpy.ops.kfmocap.track_changes()
+    bpy.context.scene.frame_set(3)
+    bpy.ops.kfmocap.set_key_pose()
+    assert bpy.ops.kfmocap.track_changes.poll(), "a change that has not been looked up yet"
+    assert looked_up("track_changes")
+    bpy.ops.kfmocap.track_changes()
+    assert not looked_up("track_changes")
+    bpy.context.scene.kfmocap.views[0].camera.data.lens += 1.0
+    assert looked_up("track_changes"), "a camera has changed"
+
+
+def test_tools_for_keys_are_enabled_where_there_are_such(looked_up, tmp_path, tracker):  # noqa: F811
+    tracked = ("bake", "simplify", "clear_between")
+    neighbours = ("breakdown_pose", "nudge_pose", "step_key_pose")
+    scenes.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    bpy.ops.kfmocap.track()
+    start = bpy.context.scene.kfmocap.frame_start
+    assert looked_up("remove_key_pose", *tracked, *neighbours) == {
+        *("remove_key_pose", "nudge_pose", "step_key_pose"),
+        *tracked,
+    }, "no key pose is before the first"
+    bpy.context.scene.frame_set(start + 2)
+    assert looked_up("remove_key_pose", *neighbours) == set(neighbours), "a tracked frame is no key pose"
+    bpy.ops.kfmocap.clear_between(where="EVERYWHERE")
+    assert not looked_up("simplify", "bake"), "they need tracked keys"

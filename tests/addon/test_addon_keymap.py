@@ -61,7 +61,7 @@ def test_one_steps_through_key_poses_and_suggestions(blender, tmp_path):  # noqa
     assert step() == {"FINISHED"} and built.frame_current == keys[1]
     built.frame_set(keys[-1])
     assert step() == {"CANCELLED"} and step(backward=True) == {"FINISHED"} and built.frame_current == keys[-2]
-    assert bpy.ops.kfmocap.next_suggestion() == {"CANCELLED"}
+    assert not bpy.ops.kfmocap.next_suggestion.poll(), "no frame is suggested"
     for frame in (7, 3):
         built.kfmocap.performers[0].helpful.add().frame = frame
     visited = []

@@ -17,10 +17,10 @@ from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View  # noqa: E402
 from kfmocap.kfmocap_addon.editing import click_posing  # noqa: E402
 from kfmocap.kfmocap_addon.operators.posing.place_joints import PlacingTool  # noqa: E402
-from kfmocap.kfmocap_addon.panels import key_list  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import joint_marks, scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature, shown_pose  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402
+from kfmocap.kfmocap_addon.viewports import key_list  # noqa: E402
 
 pytestmark = pytest.mark.blender
 

@@ -14,9 +14,9 @@ from addon_shots import blender, motion, shot  # noqa: E402, F401
 from kfmocap.kfmocap_addon.overlays import key_strip  # noqa: E402
 from kfmocap.kfmocap_addon.overlays.alternative_boxes import boxes  # noqa: E402
 from kfmocap.kfmocap_addon.overlays.key_strip import HEIGHT, Strip, pieces, position  # noqa: E402
-from kfmocap.kfmocap_addon.panels import key_list  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
+from kfmocap.kfmocap_addon.viewports import key_list  # noqa: E402
 
 pytestmark = pytest.mark.blender
 
@@ -82,13 +82,13 @@ def test_what_has_not_changed_is_not_computed_again():
 
 
 def test_the_strip_is_of_the_chosen_performers_keys(blender, tmp_path):  # noqa: F811
-    assert key_list.strip_of(bpy.context) is None, "nobody to show"
+    assert key_strip.strip_of(bpy.context) is None, "nobody to show"
     made = scenes.build_scene(shot(tmp_path, frames=24), [motion(24)], bpy.context.scene)
     slot = made.kfmocap.performers[0]
-    assert key_list.strip_of(bpy.context) is None, "not looked up yet"
+    assert key_strip.strip_of(bpy.context) is None, "not looked up yet"
     key_list.known_keys().look_up()
-    found = key_list.strip_of(bpy.context)
-    assert found == key_list.strip_of(bpy.context), "equal values are not drawn anew"
+    found = key_strip.strip_of(bpy.context)
+    assert found == key_strip.strip_of(bpy.context), "equal values are not drawn anew"
     own = sorted(entry.frame for entry in key_list.known_keys().entries(slot.armature))
     start = made.kfmocap.frame_start
     assert found.frames == (start, start + 23) and found.colour == pytest.approx(tuple(slot.colour))
@@ -97,14 +97,14 @@ def test_the_strip_is_of_the_chosen_performers_keys(blender, tmp_path):  # noqa:
     assert tracked == set(range(start, start + 24)) - set(own)
     part = slot.lost.add()
     part.name, part.frames = "hand.L", (start + 3, start + 5)
-    assert key_list.strip_of(bpy.context).doubted == ((start + 3, start + 5),)
+    assert key_strip.strip_of(bpy.context).doubted == ((start + 3, start + 5),)
     hand = slot.armature.pose.bones["hand.L"]
     hand.rotation_quaternion = (0.8, 0.6, 0.0, 0.0)
     hand.keyframe_insert("rotation_quaternion", frame=start + 9)
     key_list.known_keys().outdate()
-    assert key_list.strip_of(bpy.context).partial == (), "until it has been looked up"
+    assert key_strip.strip_of(bpy.context).partial == (), "until it has been looked up"
     key_list.known_keys().look_up()
-    assert key_list.strip_of(bpy.context).partial == (start + 9,)
+    assert key_strip.strip_of(bpy.context).partial == (start + 9,)
 
 
 def test_keys_that_are_written_just_before_the_frame_changes_are_seen(blender, tmp_path):  # noqa: F811
@@ -113,8 +113,8 @@ def test_keys_that_are_written_just_before_the_frame_changes_are_seen(blender, t
     armature, start = made.kfmocap.performers[0].armature, made.kfmocap.frame_start
     bpy.context.view_layer.update()
     key_list.known_keys().look_up()
-    assert key_list.strip_of(bpy.context).tracked == ()
+    assert key_strip.strip_of(bpy.context).tracked == ()
     motion_curves.write_motion(armature, motion(24), start)
     made.frame_set(start + 3)
     key_list.known_keys().look_up()
-    assert key_list.strip_of(bpy.context).tracked
+    assert key_strip.strip_of(bpy.context).tracked

@@ -10,6 +10,7 @@ import bpy
 from ....core.runtime.worker_process import Work
 from ..conditions import Conditional, has_footage, has_shot
 from ..job_operator import JobOperator
+from ..key_conditions import has_whole_key_pose
 
 if TYPE_CHECKING:
     from ....core.fitting.body_fit import BodyFit
@@ -21,7 +22,7 @@ class FitBody(Conditional, JobOperator, bpy.types.Operator):
 
     bl_idname = "kfmocap.fit_body"
     bl_label = "Fit Body"
-    conditions = (has_shot, has_footage)
+    conditions = (has_shot, has_footage, has_whole_key_pose)
 
     adjust_poses: bpy.props.BoolProperty(
         name="Adjust Key Poses",

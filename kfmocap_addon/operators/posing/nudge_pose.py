@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ..conditions import has_performer
+from ..key_conditions import has_other_key_pose, is_between_key_poses
 from .posing_operator import PosingOperator
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ class BreakdownPose(PosingOperator, bpy.types.Operator):
 
     bl_idname = "kfmocap.breakdown_pose"
     bl_label = "Breakdown"
+    conditions = (has_performer, is_between_key_poses)
 
     share: bpy.props.FloatProperty(
         default=0.5,
@@ -41,6 +43,7 @@ class NudgePose(PosingOperator, bpy.types.Operator):
 
     bl_idname = "kfmocap.nudge_pose"
     bl_label = "Nudge Pose"
+    conditions = (has_performer, has_other_key_pose)
 
     side: bpy.props.EnumProperty(
         items=[

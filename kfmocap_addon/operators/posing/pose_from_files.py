@@ -10,7 +10,16 @@ import bpy
 
 from ....core.runtime.worker_process import Work
 from ...scene_io import active_performer
-from ..conditions import Conditional, has_footage, has_keypoints, has_performer, has_shot, has_views
+from ..conditions import (
+    Condition,
+    Conditional,
+    frame_is_in_shot,
+    has_footage,
+    has_keypoints,
+    has_performer,
+    has_shot,
+    has_views,
+)
 from ..job_operator import JobOperator
 from ..mixin import BesideFootage
 from ..reporting import progress_shown, reported
@@ -46,7 +55,7 @@ class ImportKeypoints(Conditional, bpy.types.Operator, BesideFootage):
 class _FromKeypoints(Conditional):
     """A tool that needs a view with keypoints."""
 
-    conditions = (has_shot, has_footage, has_performer, has_keypoints)
+    conditions: tuple[Condition, ...] = (has_shot, has_footage, has_performer, has_keypoints)
 
 
 class MarkKeypoints(_FromKeypoints, bpy.types.Operator):
@@ -55,6 +64,7 @@ class MarkKeypoints(_FromKeypoints, bpy.types.Operator):
 
     bl_idname = "kfmocap.mark_keypoints"
     bl_label = "Mark Keypoints"
+    conditions = (*_FromKeypoints.conditions, frame_is_in_shot())
 
     def act(self, context: bpy.types.Context) -> None:
         from ...editing import keyframing

@@ -4,6 +4,7 @@ import bpy
 
 from ...scene_io import active_performer
 from ..conditions import Conditional, has_performer
+from ..key_conditions import has_proposal, is_on_key_pose
 from ..reporting import NothingToDoError, reported
 
 
@@ -30,7 +31,7 @@ class RemoveKeyPose(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.remove_key_pose"
     bl_label = "Remove Key Pose"
-    conditions = (has_performer,)
+    conditions = (has_performer, is_on_key_pose)
 
     def act(self, context: bpy.types.Context) -> None:
         from ...scene_io.keys import key_pose_curves
@@ -45,7 +46,7 @@ class RemoveKeyPose(Conditional, bpy.types.Operator):
 class _Proposals(Conditional):
     """A tool for proposed key poses: on one frame, or all of them."""
 
-    conditions = (has_performer,)
+    conditions = (has_performer, has_proposal)
 
     def chosen(self, context: bpy.types.Context, frame: int, every: bool) -> list[int]:
         """Return the chosen frames; an error is reported if they have no proposal."""

@@ -13,6 +13,7 @@ from ...scene_io.key_pictures import KeyPictures
 from ...session import SESSION
 from ..conditions import Conditional, has_footage, has_performer, has_shot, looks_through_view
 from ..job_operator import JobOperator
+from ..key_conditions import has_key_pose
 
 if TYPE_CHECKING:
     from ....core.review.overlay import Image
@@ -25,7 +26,7 @@ class ShowKeyPictures(Conditional, JobOperator, bpy.types.Operator):
     bl_idname = "kfmocap.show_key_pictures"
     bl_label = "Show Pictures"
     bl_options = {"REGISTER"}
-    conditions = (has_shot, has_footage, has_performer, looks_through_view)
+    conditions = (has_shot, has_footage, has_performer, has_key_pose, looks_through_view)
 
     def prepare(self, context: bpy.types.Context) -> Work:
         """Read the shot, the poses and the frames to show."""

@@ -4,6 +4,7 @@ import bpy
 
 from ...scene_io import active_performer
 from ..conditions import Conditional, has_performer, has_tracked
+from ..key_conditions import has_tracked_keys
 from ..reporting import NothingToDoError
 
 
@@ -13,7 +14,7 @@ class Bake(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.bake"
     bl_label = "Bake"
-    conditions = (has_performer, has_tracked)
+    conditions = (has_performer, has_tracked, has_tracked_keys)
 
     def act(self, context: bpy.types.Context) -> None:
         from ...scene_io.keys import motion_curves

@@ -4,6 +4,7 @@ import bpy
 
 from ...scene_io import active_performer
 from ..conditions import Conditional, has_performer
+from ..key_conditions import has_other_key_pose
 from ..reporting import reported
 
 
@@ -32,7 +33,7 @@ class StepKeyPose(Conditional, bpy.types.Operator):
     bl_idname = "kfmocap.step_key_pose"
     bl_label = "Previous or Next Key Pose"
     bl_options = {"INTERNAL"}
-    conditions = (has_performer,)
+    conditions = (has_performer, has_other_key_pose)
     while_placing = True
 
     backward: bpy.props.BoolProperty(name="Backward", description="To the one before this frame")
@@ -51,6 +52,12 @@ class StepKeyPose(Conditional, bpy.types.Operator):
         return outcome.value
 
 
+def _has_suggestion(context: bpy.types.Context) -> str:
+    slot = active_performer.chosen(context)
+    suggested = slot is not None and (slot.helpful or slot.suggestions)
+    return "" if suggested else "No key pose is suggested: track first, or all is well"
+
+
 class NextSuggestion(Conditional, bpy.types.Operator):
     """Jump to the next frame on which one more key pose of the chosen performer would help; after the last, to the
     first"""
@@ -58,7 +65,7 @@ class NextSuggestion(Conditional, bpy.types.Operator):
     bl_idname = "kfmocap.next_suggestion"
     bl_label = "Next Suggestion"
     bl_options = {"INTERNAL"}
-    conditions = (has_performer,)
+    conditions = (has_performer, _has_suggestion)
     while_placing = True
 
     def execute(self, context: bpy.types.Context) -> set[str]:

@@ -6,13 +6,13 @@ import bpy
 
 from ...scene_io import active_performer
 from ...viewports import viewport
-from ..conditions import Conditional, has_performer
+from ..conditions import Conditional, has_motion, has_performer
 
 
 class PlantOperator(Conditional):
     """An operator on the plants of the active performer."""
 
-    conditions = (has_performer,)
+    conditions = (has_performer, has_motion)
 
     def act(self, context: bpy.types.Context) -> None:
         """Make the change, and report its result."""

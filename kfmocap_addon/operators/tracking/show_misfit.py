@@ -2,7 +2,8 @@
 
 import bpy
 
-from ..conditions import Conditional, has_footage, has_shot, looks_through_view
+from ..conditions import Conditional, frame_is_in_shot, has_footage, has_shot, looks_through_view
+from ..key_conditions import has_whole_key_pose
 
 
 class ShowResidual(Conditional, bpy.types.Operator):
@@ -12,7 +13,7 @@ class ShowResidual(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.show_residual"
     bl_label = "Show Residual"
-    conditions = (has_shot, has_footage, looks_through_view)
+    conditions = (has_shot, has_footage, has_whole_key_pose, frame_is_in_shot(), looks_through_view)
 
     def act(self, context: bpy.types.Context) -> None:
         from ...overlays import misfit_backgrounds

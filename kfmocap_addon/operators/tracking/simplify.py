@@ -5,6 +5,7 @@ import bpy
 from ...properties.tolerance_fields import shift_tolerance, turn_tolerance
 from ...scene_io import active_performer
 from ..conditions import Conditional, has_performer, has_tracked
+from ..key_conditions import has_tracked_keys
 from ..reporting import NothingToDoError
 
 
@@ -14,7 +15,7 @@ class Simplify(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.simplify"
     bl_label = "Simplify"
-    conditions = (has_performer, has_tracked)
+    conditions = (has_performer, has_tracked, has_tracked_keys)
 
     angle: turn_tolerance(1.0, "How far a bone may turn away from what it was, on any frame, degrees")
     distance: shift_tolerance(2.0, "How far the root may move away from where it was, on any frame, mm")

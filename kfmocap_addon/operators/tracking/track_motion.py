@@ -9,8 +9,18 @@ import bpy
 
 from ....core.runtime.worker_process import Work
 from ...scene_io import active_performer, unfinished_tracking
-from ..conditions import Condition, Conditional, has_footage, has_shot, has_tracked
+from ...viewports.changed_segments import known_changes
+from ..conditions import (
+    Condition,
+    Conditional,
+    frame_is_in_shot,
+    has_footage,
+    has_shot,
+    has_tracked,
+    shot_frame,
+)
 from ..job_operator import JobOperator
+from ..key_conditions import has_tracked_keys
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -82,7 +92,7 @@ class Tracking(Conditional, JobOperator):
         self._asked = context.scene.name, asked, parts
         self._preview: TrackingPreview | None = None
         journal = unfinished_tracking.begun(context.scene, chosen, resume=self.resume)
-        here = _shot_frame(context.scene)
+        here = shot_frame(context.scene)
         return Remembering(partial(track_and_check, asked.shot, parts, journal=journal, looking_at=here), shows=True)
 
     def kept(self, context: bpy.types.Context) -> str:
@@ -140,12 +150,19 @@ class TrackAll(Tracking, bpy.types.Operator):
     bl_label = "Track All"
 
 
+def _something_changed(context: bpy.types.Context) -> str:
+    if known_changes().known(context.scene) is not False:
+        return ""
+    return "Nothing has changed since it was tracked: use Track All to track it again anyway"
+
+
 class TrackChanges(Tracking, bpy.types.Operator):
     """Track the segments that were never tracked, and those for which a key pose, a camera or a setting has changed
     since: after a correcting key pose, the two beside it. Esc cancels"""
 
     bl_idname = "kfmocap.track_changes"
     bl_label = "Track Changes"
+    conditions = (*Tracking.conditions, _something_changed)
     anew = False
 
     def segments(self, scene: bpy.types.Scene, asked: AskedTracking) -> Sequence[Segment]:
@@ -180,23 +197,12 @@ class ContinueTracking(Tracking, bpy.types.Operator):
         return [segment for segment in every if segment in before] or every
 
 
-def _frame_is_in_shot(first: int = 0, last: int = 0) -> Condition:
-    """Return the condition that the current frame is between the shot's first + `first` and its last + `last`."""
-
-    def condition(context: bpy.types.Context) -> str:
-        if first <= _shot_frame(context.scene) < context.scene.kfmocap.length + last:
-            return ""
-        return "The shot has no frame on that side of this one, or this is not one of its frames"
-
-    return condition
-
-
 class TrackHere(Tracking, bpy.types.Operator):
     """Track from the key pose before this frame to the one after it; on a key pose, both sides of it. Esc cancels"""
 
     bl_idname = "kfmocap.track_here"
     bl_label = "Track Around This Frame"
-    conditions = (*Tracking.conditions, _frame_is_in_shot())
+    conditions = (*Tracking.conditions, frame_is_in_shot())
     side = "HERE"
 
 
@@ -205,7 +211,7 @@ class TrackForward(Tracking, bpy.types.Operator):
 
     bl_idname = "kfmocap.track_forward"
     bl_label = "Track Forward"
-    conditions = (*Tracking.conditions, _frame_is_in_shot(last=-1))
+    conditions = (*Tracking.conditions, frame_is_in_shot(last=-1))
     side = "FORWARD"
 
 
@@ -214,7 +220,7 @@ class TrackBackward(Tracking, bpy.types.Operator):
 
     bl_idname = "kfmocap.track_backward"
     bl_label = "Track Backward"
-    conditions = (*Tracking.conditions, _frame_is_in_shot(first=1))
+    conditions = (*Tracking.conditions, frame_is_in_shot(first=1))
     side = "BACKWARD"
 
 
@@ -223,7 +229,7 @@ class ClearBetween(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.clear_between"
     bl_label = "Clear Between"
-    conditions: tuple[Condition, ...] = (has_shot, has_tracked)
+    conditions: tuple[Condition, ...] = (has_shot, has_tracked, has_tracked_keys)
 
     where: bpy.props.EnumProperty(
         items=[
@@ -259,16 +265,12 @@ def _segments_on_side(scene: bpy.types.Scene, shot: Shot, side: str) -> Sequence
     from ....core.tracking.retracking import segments_after, segments_at, segments_before
     from ....core.tracking.segments import segments
 
-    every, frame = segments(shot), _shot_frame(scene)
+    every, frame = segments(shot), shot_frame(scene)
     if side == "HERE":
         return segments_at(every, frame)
     if side == "FORWARD":
         return segments_after(every, frame)
     return segments_before(every, frame) if side == "BACKWARD" else every
-
-
-def _shot_frame(scene: bpy.types.Scene) -> int:
-    return scene.frame_current - scene.kfmocap.frame_start
 
 
 CLASSES = (TrackAll, TrackChanges, ContinueTracking, TrackHere, TrackForward, TrackBackward, ClearBetween)

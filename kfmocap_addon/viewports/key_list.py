@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import bpy
 
-from ..scene_io import active_performer
 from ..session import SESSION
-from ..viewports import viewport
-
-if TYPE_CHECKING:
-    from ..overlays.key_strip import Strip
+from . import viewport
 
 _DELAY = 0.05
 
@@ -92,6 +87,16 @@ class KeyPoseCache:
         """Return the runs of frames with tracked keys, as last looked up with the key poses."""
         return self._tracked.get(armature.session_uid, ())
 
+    def known(self, armature: bpy.types.Object) -> tuple[tuple[KeyPoseEntry, ...], tuple[tuple[int, int], ...]] | None:
+        """Return the key poses of an armature and the runs of frames with tracked keys.
+
+        None while they may have changed since they were looked up.
+        """
+        entries = self.entries(armature)
+        if entries is None or self._current.get(armature.session_uid) != _count(armature):
+            return None
+        return entries, self.tracked(armature)
+
     def outdate(self) -> None:
         """Mark everything as out of date, to be looked up again."""
         self._current.clear()
@@ -127,27 +132,6 @@ class KeyPoseCache:
 def known_keys() -> KeyPoseCache:
     """Return what is known of key poses in this session: Blender passes no state to its handlers and panels."""
     return SESSION.of(KeyPoseCache)
-
-
-def strip_of(context: bpy.types.Context) -> Strip | None:
-    """Return the strip under the footage for the chosen performer; None without one, or before it is looked up."""
-    slot, scene = active_performer.chosen(context), context.scene
-    entries = known_keys().entries(slot.armature) if slot is not None else None
-    if slot is None or entries is None:
-        return None
-    from ..overlays.key_strip import Strip
-
-    start = scene.kfmocap.frame_start
-    own = [entry for entry in entries if not entry.proposed]
-    return Strip(
-        (start, start + max(scene.kfmocap.length, 1) - 1),
-        (slot.colour[0], slot.colour[1], slot.colour[2]),
-        tuple(entry.frame for entry in own if not entry.bones),
-        tuple(entry.frame for entry in own if entry.bones),
-        tuple(entry.frame for entry in entries if entry.proposed),
-        known_keys().tracked(slot.armature),
-        tuple((part.frames[0], part.frames[1]) for part in slot.lost),
-    )
 
 
 @bpy.app.handlers.persistent
