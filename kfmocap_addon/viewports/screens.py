@@ -21,6 +21,10 @@ MOST = 4
 SIDEBAR_TAB = "KF Mocap"
 """Name of the tab of the sidebar that holds all panels."""
 _NEXT_DRAW = 0.05  # seconds
+_KEY_ROW, _HIGH, _SHARE = 50, 300, 0.02
+"""Height of a timeline that shows the keys, below which the 3D view above it gives it some, as little as Blender splits
+off, if it is high itself: units of the interface, pixels, and the share that is asked for.
+"""
 _FILLING = 50 * (2 - math.sqrt(2))
 """Blender's zoom at which the picture fills the region, but for a thin border."""
 _CLOSEST = 4.0
@@ -117,6 +121,52 @@ def show_keys(context: bpy.types.Context) -> None:
         if area.type == "DOPESHEET_EDITOR":
             for operator in (bpy.ops.action.view_all, bpy.ops.anim.scene_range_frame):
                 _fit(context.window, context.screen, area, operator)
+            if not bpy.app.background and not _shows_keys(area):
+                bpy.app.timers.register(partial(_give_room, context.window, area.as_pointer()), first_interval=0.0)
+
+
+def _shows_keys(area: bpy.types.Area) -> bool:
+    """Whether a timeline is high enough for a row of keys below the bar with the frames; in Blender's own layout it is
+    not.
+    """
+    return _region(area).height >= _KEY_ROW * (bpy.context.preferences.system.ui_scale or 1.0)
+
+
+def _give_room(window: bpy.types.Window, timeline: int) -> None:
+    """Split the lowest part off the 3D view above a timeline, which takes it at the next draw."""
+    area = next((a for a in window.screen.areas if a.as_pointer() == timeline), None)
+    above = _above(window, area) if area is not None else None
+    if above is not None and above.height > _HIGH and _split(window, above, "HORIZONTAL", _SHARE):
+        bpy.app.timers.register(partial(_take_room, window, timeline), first_interval=_NEXT_DRAW)
+
+
+def _take_room(window: bpy.types.Window, timeline: int) -> None:
+    area = next((a for a in window.screen.areas if a.as_pointer() == timeline), None)
+    split = _above(window, area) if area is not None else None
+    if area is None or split is None or split.height > _HIGH:
+        return
+    with bpy.context.temp_override(window=window, screen=window.screen, area=area, region=_region(area)):
+        join: Any = bpy.ops.screen.area_join
+        middles = [(a.x + a.width // 2, a.y + a.height // 2) for a in (area, split)]
+        taken = join.poll() and join(source_xy=middles[0], target_xy=middles[1]) == {"FINISHED"}
+    if taken:
+        bpy.app.timers.register(partial(_fit_above, window, timeline), first_interval=_NEXT_DRAW)
+    else:
+        _close(window, split)
+
+
+def _fit_above(window: bpy.types.Window, timeline: int) -> None:
+    """Fit the footage into the 3D view that has given room."""
+    area = next((a for a in window.screen.areas if a.as_pointer() == timeline), None)
+    view = _above(window, area) if area is not None else None
+    if view is not None and view.spaces.active.region_3d.view_perspective == "CAMERA":
+        _through_camera(window, window.screen, view)
+
+
+def _above(window: bpy.types.Window, area: bpy.types.Area) -> bpy.types.Area | None:
+    """Return the 3D view that is as wide as an area and lies directly above it."""
+    views = [a for a in window.screen.areas if a.type == "VIEW_3D" and (a.x, a.width) == (area.x, area.width)]
+    return min((a for a in views if a.y > area.y), key=lambda a: a.y, default=None)
 
 
 def view3d_of(context: bpy.types.Context) -> bpy.types.Area | None:
@@ -199,11 +249,16 @@ def _close(window: bpy.types.Window, area: bpy.types.Area) -> bool:
         return bool(close.poll() and close() == {"FINISHED"})
 
 
-def _split(window: bpy.types.Window, area: bpy.types.Area, direction: Literal["HORIZONTAL", "VERTICAL"]) -> bool:
-    """Split an area in halves that show the same; whether it was large enough."""
+def _split(
+    window: bpy.types.Window,
+    area: bpy.types.Area,
+    direction: Literal["HORIZONTAL", "VERTICAL"],
+    share: float = 0.5,
+) -> bool:
+    """Split off an area's lower or left part, which shows the same; whether it was large enough."""
     with bpy.context.temp_override(window=window, screen=window.screen, area=area, region=_region(area)):
         split: Any = bpy.ops.screen.area_split
-        return bool(split(direction=direction, factor=0.5) == {"FINISHED"})
+        return bool(split(direction=direction, factor=share) == {"FINISHED"})
 
 
 def _through_camera(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -286,3 +287,19 @@ def test_the_part_of_a_picture_with_the_performers_holds_their_joints_on_all_fra
     assert performer_boxes.part_with_performers(bpy.context.scene, moving) == performer_boxes.WHOLE
     near = performer_boxes.around(np.array([[-0.2, -0.4], [0.1, 0.4]]))
     assert near == pytest.approx((0.34, 0.24, 0.61, 0.76), abs=0.01)
+
+
+def test_a_timeline_takes_room_from_the_3d_view_that_lies_on_it():
+    """And from no other editor, nor from a view beside or above that one."""
+
+    def area(kind, x, y, width, height):
+        return SimpleNamespace(type=kind, x=x, y=y, width=width, height=height)
+
+    timeline = area("DOPESHEET_EDITOR", 2, 24, 1180, 60)
+    above, higher = area("VIEW_3D", 2, 87, 1180, 400), area("VIEW_3D", 2, 490, 1180, 383)
+    others = [area("VIEW_3D", 1185, 87, 253, 786), area("IMAGE_EDITOR", 2, 30, 1180, 50)]
+    window = SimpleNamespace(screen=SimpleNamespace(areas=[*others, higher, above, timeline]))
+    assert screens._above(window, timeline) is above
+    window.screen.areas.remove(above)
+    window.screen.areas.remove(higher)
+    assert screens._above(window, timeline) is None

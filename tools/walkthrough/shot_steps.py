@@ -21,6 +21,8 @@ from tutorial_steps import WORK, carry_out, idle, picture, scene, sidebar
 
 EXAMPLE = sys.argv[-1]
 AT_MOST = 12
+KEY_ROW = 50
+"""Least height of a timeline below whose frame numbers keys are seen, pixels."""
 
 
 class ClickCount:
@@ -47,6 +49,8 @@ def shot() -> Waits:
     counted.made += ["KF Mocap", "the shot file, dropped"]
     yield from files.drop(WORK / EXAMPLE / "shot.toml")
     yield from until(lambda: len(scene().kfmocap.performers) == 1)
+    yield 1.0
+    expect(tutorial.timeline().height >= KEY_ROW, "the timeline is high enough to show keys")
     yield from counted.click("Track All")
     yield from until(lambda: idle() and tutorial.tracked_keys(), 900)
     yield from picture(f"{EXAMPLE}_tracked")

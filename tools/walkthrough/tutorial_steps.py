@@ -230,10 +230,15 @@ def track() -> Waits:
     yield from picture("tracked")
 
 
+def timeline() -> bpy.types.Region:
+    """The main region of the timeline."""
+    area = next(a for a in window().screen.areas if a.type == "DOPESHEET_EDITOR")
+    return next(r for r in area.regions if r.type == "WINDOW")
+
+
 def to_frame(frame: int) -> Waits:
     """Click on a frame in the timeline."""
-    timeline = next(a for a in window().screen.areas if a.type == "DOPESHEET_EDITOR")
-    region = next(r for r in timeline.regions if r.type == "WINDOW")
+    region = timeline()
     x, _ = region.view2d.view_to_region(frame, 0, clip=False)
     top = window().height - region.y - region.height
     yield from click_at((region.x + x, top + 10))
