@@ -604,6 +604,29 @@ def test_the_program_starts_without_blender_and_the_libraries() -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+ENDING = (
+    "import atexit, kfmocap.__main__ as m\n"
+    "atexit.register(print, 'taken apart')\n"
+    "m.main = lambda: print('written') or 3\n"
+    "m.program()"
+)
+"""A program whose command prints a word and has the exit code 3."""
+
+
+def test_the_program_ends_at_once_with_its_exit_code() -> None:
+    """To take the libraries apart takes a tenth of a second, when all is written."""
+    run = subprocess.run([sys.executable, "-c", ENDING], capture_output=True, text=True)
+    assert (run.returncode, run.stdout) == (3, "written\n")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no full device")
+def test_a_program_whose_output_is_lost_ends_as_python_does_then() -> None:
+    buffered = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    with open("/dev/full", "w") as full:
+        run = subprocess.run([sys.executable, "-c", ENDING], env=buffered, stdout=full, stderr=subprocess.PIPE)
+    assert run.returncode == 120
+
+
 @pytest.fixture
 def examples(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The demo's examples, played by the tiny shot, with an empty cache."""
