@@ -96,6 +96,7 @@ class _BlenderProcess:
         except BaseException:
             self.close()  # it must not go on writing to a folder that is removed
             raise
+        self._process.kill()  # it takes a while to end, and nothing more is asked of it
         return files
 
     def retarget(self, request: RetargetRequest) -> dict[str, Any]:

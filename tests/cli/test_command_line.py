@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import cv2
 import job_functions
 import numpy as np
 import pytest
-from kfmocap.__main__ import main
+from kfmocap.__main__ import _BlenderProcess, main
 from kfmocap.cli import command_line, example_footage, progress_bar, track_command
 from kfmocap.cli.arguments import parser
 from kfmocap.cli.services import Services, blender_needed
@@ -510,6 +511,7 @@ def test_blender_is_started_before_the_libraries_are_loaded_and_once(folder: Pat
     """Both take the better part of a second, on a core each."""
     code = """
 import sys
+from contextlib import closing
 from kfmocap.cli import command_line
 from kfmocap.cli.services import Services
 
@@ -531,6 +533,7 @@ finally:
 def test_a_worker_is_started_before_the_libraries_are_loaded_unless_one_thread_is_asked_for(folder: Path) -> None:
     code = """
 import sys
+from contextlib import closing
 from kfmocap.cli import command_line
 from kfmocap.core.runtime.worker_memory import WorkerMemory
 
@@ -563,6 +566,17 @@ def test_files_with_which_blender_crashes_are_named(
     character.touch()
     code = main(["retarget", str(motion), "--to", str(character), "--out", str(folder / "moved.blend")])
     assert_refused(folder, capsys, code, "take.bvh", "hero.blend: Blender ended while it worked on them")
+
+
+@pytest.mark.skipif(find_spec("bpy") is None, reason="needs Blender's module")
+def test_blender_is_ended_as_soon_as_its_files_are_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It takes a tenth of a second to end, during which the other results are put in place."""
+    monkeypatch.delitem(sys.modules, "bpy", raising=False)
+    monkeypatch.setattr("kfmocap.__main__._loaded_blender", job_functions.silently)
+    monkeypatch.setattr("kfmocap.__main__._written_outputs", job_functions.writing_nothing)
+    with closing(_BlenderProcess()) as blender:
+        assert blender.write_outputs(None, job_functions.Tracked(), None) == []  # type: ignore[arg-type]
+        blender._process._process.wait(10)
 
 
 def test_a_blender_that_is_missing_is_said_after_what_is_wrong_with_the_shot(

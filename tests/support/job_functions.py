@@ -7,6 +7,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -40,6 +41,19 @@ def broken(progress: Progress) -> None:
 
 def silently(_progress: Progress) -> None:
     """Does nothing."""
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """What stands for a result of tracking."""
+
+    pictures: tuple[object, ...] = ()
+    segments: tuple[object, ...] = ()
+
+
+def writing_nothing(_shot: object, _result: Tracked, _request: object, _progress: Progress) -> list[Path]:
+    """Writes no files."""
+    return []
 
 
 def crashing(_work: object, _progress: Progress) -> None:
