@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ..body import Body
 from .image_sequences import image_files
 
 _PIECE = 65536
@@ -31,33 +32,56 @@ def value_bytes(value: Any) -> list[bytes]:
     """Return a value as pieces of bytes, without dataclass fields that are excluded from comparison, and with only the
     names of paths.
     """
-    pieces: list[bytes] = []
-    _append_pieces(pieces, value)
-    return pieces
+    return ValueBytes().of(value)
 
 
-def _append_pieces(pieces: list[bytes], value: Any) -> None:
-    # One list for all levels: nested generators would pass each piece up through every level.
-    if isinstance(value, np.ndarray):
-        pieces.append(f"{value.dtype}{value.shape}".encode())
-        pieces.append(np.ascontiguousarray(value).tobytes())
-    elif isinstance(value, (tuple, list)):
-        for item in value:
-            _append_pieces(pieces, item)
-        pieces.append(b";")
-    elif isinstance(value, Mapping):
-        _append_pieces(pieces, tuple(value.items()))
-    elif is_dataclass(value) and not isinstance(value, type):
-        for name, encoded in _compared(type(value)):
+class ValueBytes:
+    """Returns values as `value_bytes` does. Bodies are remembered: they have hundreds of pieces, and all segments of a
+    shot have the same.
+    """
+
+    def __init__(self) -> None:
+        self._fields: dict[type[Any], tuple[tuple[str, bytes], ...]] = {}
+        self._bodies: dict[int, tuple[Body, list[bytes]]] = {}  # with the body, so that no other has its number
+
+    def of(self, value: Any) -> list[bytes]:
+        """Return a value as pieces of bytes."""
+        pieces: list[bytes] = []
+        self._append(pieces, value)
+        return pieces
+
+    def _append(self, pieces: list[bytes], value: Any) -> None:
+        # One list for all levels: nested generators would pass each piece up through every level.
+        if isinstance(value, np.ndarray):
+            pieces.append(f"{value.dtype}{value.shape}".encode())
+            pieces.append(np.ascontiguousarray(value).tobytes())
+        elif isinstance(value, (tuple, list)):
+            for item in value:
+                self._append(pieces, item)
+            pieces.append(b";")
+        elif isinstance(value, Mapping):
+            self._append(pieces, tuple(value.items()))
+        elif isinstance(value, Body):
+            pieces.extend(self._body(value))
+        elif is_dataclass(value) and not isinstance(value, type):
+            self._append_fields(pieces, value)
+        else:
+            pieces.append(repr(value.name if isinstance(value, PurePath) else value).encode())
+
+    def _append_fields(self, pieces: list[bytes], value: Any) -> None:
+        kind = type(value)
+        if kind not in self._fields:
+            self._fields[kind] = tuple((item.name, item.name.encode()) for item in fields(kind) if item.compare)
+        for name, encoded in self._fields[kind]:
             pieces.append(encoded)
-            _append_pieces(pieces, getattr(value, name))
-    else:
-        pieces.append(repr(value.name if isinstance(value, PurePath) else value).encode())
+            self._append(pieces, getattr(value, name))
 
-
-def _compared(kind: type[Any]) -> tuple[tuple[str, bytes], ...]:
-    """Return the names of the fields that are compared of a dataclass, also as bytes."""
-    return tuple((item.name, item.name.encode()) for item in fields(kind) if item.compare)
+    def _body(self, body: Body) -> list[bytes]:
+        if id(body) not in self._bodies:
+            pieces: list[bytes] = []
+            self._append_fields(pieces, body)
+            self._bodies[id(body)] = body, pieces
+        return self._bodies[id(body)][1]
 
 
 def file_bytes(path: Path) -> Iterator[bytes]:

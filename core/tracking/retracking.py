@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -14,7 +14,7 @@ from ..body.motion import Motion
 from ..errors import KFMocapError
 from ..runtime.progress import Progress, report_progress, share
 from ..runtime.worker_memory import WorkerMemory
-from ..shot.fingerprint import checksum, value_bytes
+from ..shot.fingerprint import ValueBytes, checksum
 from ..shot.grips import completed
 from ..shot.shot import KeyPoses, Performer, Shot
 from .run_context import NOTHING_KEPT, RunContext
@@ -176,11 +176,21 @@ def digest(shot: Shot, segment: Segment) -> str:
 
     Files count by their names, not by their folders or content.
     """
-    part = shot.between(*segment)
-    numbers = {performer.name: str(i) for i, performer in enumerate(part.performers)}
-    holds = tuple(replace(h, prop=numbers.get(h.prop, ""), holder=numbers.get(h.holder, "")) for h in part.holds)
-    asked = replace(part, name="", performers=tuple(_asked(performer) for performer in part.performers), holds=holds)
-    return checksum(value_bytes(asked))
+    return digests(shot, [segment])[segment]
+
+
+def digests(shot: Shot, segments: Iterable[Segment]) -> dict[Segment, str]:
+    """Return the `digest` of each of some segments."""
+    numbers = {performer.name: str(i) for i, performer in enumerate(shot.performers)}
+    values, found = ValueBytes(), {}
+    for segment in segments:
+        part = shot.between(*segment)
+        holds = tuple(replace(h, prop=numbers.get(h.prop, ""), holder=numbers.get(h.holder, "")) for h in part.holds)
+        asked = replace(
+            part, name="", performers=tuple(_asked(performer) for performer in part.performers), holds=holds
+        )
+        found[segment] = checksum(values.of(asked))
+    return found
 
 
 def _asked(performer: Performer) -> Performer:

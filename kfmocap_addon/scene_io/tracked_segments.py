@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...core.body.motion import Motion
 from ...core.errors import ShotError
 from ...core.shot.shot import KeyPoses, Performer, Shot
-from ...core.tracking.retracking import Excerpt, digest, joined
+from ...core.tracking.retracking import Excerpt, digests, joined
 from ...core.tracking.segments import Segment, segments
 from ...core.tracking.track_result import TrackResult
 from . import lossless, prop_holds
@@ -30,8 +30,8 @@ def out_of_date(scene: bpy.types.Scene, shot: Shot) -> list[Segment]:
     zero = shot.frames[0]
     return [
         (first, last)
-        for first, last in segments(shot)
-        if not keyed[first : last + 1].all() or tracked.get((zero + first, zero + last)) != digest(shot, (first, last))
+        for (first, last), now in digests(shot, segments(shot)).items()
+        if not keyed[first : last + 1].all() or tracked.get((zero + first, zero + last)) != now
     ]
 
 
@@ -179,7 +179,7 @@ def _unchanged(scene: bpy.types.Scene, shot: Shot, parts: Sequence[Excerpt]) -> 
     """Read a scene's shot again: another window may have changed it since."""
     now = scenes.shot_from_scene(scene)
     changed = [(part.first, part.last) for part in parts]
-    if now.frames != shot.frames or any(digest(now, s) != digest(shot, s) for s in changed):
+    if now.frames != shot.frames or digests(now, changed) != digests(shot, changed):
         raise ShotError("it was changed while it was tracked", where=f"scene {scene.name}", todo="track again")
     return now
 
@@ -188,7 +188,7 @@ def _remember(scene: bpy.types.Scene, shot: Shot, tracked: Sequence[Segment]) ->
     """Keep from what segments were tracked; frames that are no longer a segment of the shot are forgotten."""
     zero = shot.frames[0]
     kept = {(slot.first - zero, slot.last - zero): slot.digest for slot in scene.kfmocap.stretches}
-    kept.update({segment: digest(shot, segment) for segment in tracked})
+    kept.update(digests(shot, tracked))
     scene.kfmocap.stretches.clear()
     for first, last in segments(shot):
         if (first, last) in kept:

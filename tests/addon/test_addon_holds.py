@@ -104,15 +104,15 @@ def test_tracking_is_given_how_the_prop_lies_in_the_hand(scene):
 
 def test_a_hold_makes_its_frames_out_of_date_and_renaming_does_not(scene):
     whole = scenes.shot_from_scene(scene)
-    before = [tracked_segments.digest(whole, s) for s in tracked_segments.segments(whole)]
+    before = tracked_segments.digests(whole, tracked_segments.segments(whole))
     bpy.ops.kfmocap.hold_prop()
     scene.kfmocap.holds[0].last = 4
     held = scenes.shot_from_scene(scene)
-    after = [tracked_segments.digest(held, s) for s in tracked_segments.segments(held)]
-    assert [a == b for a, b in zip(before, after, strict=True)] == [False, True]
+    after = tracked_segments.digests(held, tracked_segments.segments(held))
+    assert [after[segment] == before[segment] for segment in before] == [False, True]
     scene.kfmocap.performers["stick"].name = "staff"
     renamed = scenes.shot_from_scene(scene)
-    assert after == [tracked_segments.digest(renamed, s) for s in tracked_segments.segments(renamed)]
+    assert after == tracked_segments.digests(renamed, tracked_segments.segments(renamed))
 
 
 def test_tracking_one_performer_leaves_out_holds_of_those_who_are_left_out(scene):

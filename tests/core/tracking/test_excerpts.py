@@ -15,7 +15,7 @@ from kfmocap.core.errors import CancelledError, ShotError
 from kfmocap.core.fitting.shot_cameras import track_and_check
 from kfmocap.core.shot.shot import KeyPoses, Shot, View
 from kfmocap.core.tracking import retracking
-from kfmocap.core.tracking.retracking import PREVIEWED, Excerpt, digest, joined, track_excerpts
+from kfmocap.core.tracking.retracking import PREVIEWED, Excerpt, digest, digests, joined, track_excerpts
 from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.track_result import TrackResult
 from kfmocap.core.tracking.tracker import track
@@ -188,3 +188,11 @@ def test_what_no_key_pose_fixes_and_where_the_footage_is_do_not_count(views: lis
     turned = replace(free, poses=Motion(keys.poses.translations + 0.3, rotations))
     tracked = replace(s, performers=(replace(s.performers[0], key_poses=turned),))
     assert digest(loose, (0, 5)) == digest(tracked, (0, 5)) != digest(s, (0, 5))
+
+
+def test_bodies_that_are_remembered_do_not_change_a_digest(views: list[View]) -> None:
+    s = shot(views)
+    assert digests(s, segments(s)) == {segment: digest(s, segment) for segment in segments(s)}
+    larger = replace(BODY, parts=tuple(replace(part, vertices=1.1 * part.vertices) for part in BODY.parts))
+    other = replace(s, performers=tuple(replace(performer, body=larger) for performer in s.performers))
+    assert set(digests(s, segments(s)).values()).isdisjoint(digests(other, segments(s)).values())
