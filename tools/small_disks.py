@@ -7,7 +7,8 @@
 OUT in the arguments stands for a folder on the disk, a tmpfs of so many MB, which only root can mount. Every other disk
 is the one for temporary files as well, and on half of them there are old results. A run must end with code 0 and the
 files that it writes where there is room, or with an error that names a path on the disk and says that it is full, old
-files as they were and no temporary ones. Then the disk grows, and the next run must find nothing in its way.
+files as they were and no temporary ones. Then the disk grows, and the next run must find nothing in its way. With
+--fork the processes that a run starts are forked, as in kill_runs.py.
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import numpy as np
 from kfmocap.core.tracking.journal import UNFINISHED
-from kill_runs import OLD, Ended, contents, run
+from kill_runs import OLD, Ended, contents, forked_workers, run
 
 LARGE = 4096.0
 """MB of a disk that is large enough for anything."""
@@ -121,8 +122,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--next", type=int, default=5, metavar="N", help="run again after each N-th failure (default: 5)"
     )
+    parser.add_argument("--fork", action="store_true", help="fork the processes that a run starts")
     parser.add_argument("command", nargs=argparse.REMAINDER, metavar="...", help="a command that writes into OUT")
     args = parser.parse_args(argv)
+    with forked_workers() if args.fork else nullcontext():
+        return _tried(args)
+
+
+def _tried(args: argparse.Namespace) -> int:
     outcomes, wrong = Counter[str](), 0
     with disk(LARGE) as place:
         ended = run(args.command, place / "out", temporary=place)

@@ -17,7 +17,7 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import FootageError
 from kfmocap.core.formats import Landmarks
 from render.benchmark_shots import PLANS, ShotPlan
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 
 def write_shot_file(folder: Path, keys: str = "[0, 9, 20]", cameras: int = 2) -> Path:
@@ -151,7 +151,7 @@ def test_nine_tenths_of_errors_as_large_as_expected_are_covered() -> None:
     motion = Motion(np.tile(body.offsets[0], (F, 1)), np.tile(np.eye(3), (F, len(body), 1, 1)))
     names = tuple(body.landmarks)
     places = landmark_positions(body, motion, list(names))
-    interval = np.full((F, len(body)), 0.02 * np.sqrt(chi2.ppf(0.9, 3) / 3))
+    interval = np.full((F, len(body)), 0.02 * np.sqrt(chdtri(3, 0.1) / 3))
     truth = Landmarks(names, places + rng.normal(0, 0.02 / np.sqrt(3), places.shape), 30.0)
     assert interval_cover(body, motion, interval, truth, [0]) == pytest.approx(0.9, abs=0.02)
     assert interval_cover(body, motion, 3 * interval, truth, [0]) > 0.99

@@ -35,7 +35,7 @@ def shots(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 def ended(*arguments: str) -> str:
     """What `small_disks` says; fails where a run left what it should not."""
-    command = [sys.executable, str(ROOT / "tools" / "small_disks.py"), *arguments]
+    command = [sys.executable, str(ROOT / "tools" / "small_disks.py"), "--fork", *arguments]
     process = subprocess.run(command, capture_output=True, text=True, check=False)
     assert process.returncode == 0, process.stdout + process.stderr
     return process.stdout

@@ -12,13 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import median_abs_deviation
 
 from ...body.human import FRACTIONS
 from ...cameras.camera import Camera
 from ...errors import CaptureError
 from ...numerics.arrays import Array
-from ...numerics.robust_kernels import Cauchy
+from ...numerics.robust_kernels import NORMAL_MAD, Cauchy
 from .limb_bundle import STICKS
 from .limb_residuals import FOCAL_SPREAD, JOINTS, LIMBS, PROPORTION_SIGMA, USUAL_FOCAL, JointSightings, usual_lengths
 from .performer_views import USUAL_CORRELATION, PerformerView, joint_sightings
@@ -238,8 +237,9 @@ class _Standing:
         vertical += setting.matrix[:2, 2] - feet[seen]
         across = vertical[:, 0] * body[seen, 1] - vertical[:, 1] * body[seen, 0]
         angle = np.arctan2(across, (vertical * body[seen]).sum(axis=1))
-        spread = median_abs_deviation(angle, scale="normal")  # bending at times makes it less certain
-        return np.array([np.median(angle) / np.hypot(SWAY_SIGMA, spread)])
+        middle = np.median(angle)
+        spread = NORMAL_MAD * np.median(np.abs(angle - middle))  # bending at times makes it less certain
+        return np.array([middle / np.hypot(SWAY_SIGMA, spread)])
 
     def first_hips(self, setting: _Setting) -> Array:
         """Position of the hips on the first frame on which they are seen, in camera axes, metres."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -15,7 +16,12 @@ from render.waving import SensorNoise
 
 TAKE = replace(drawn_take(3, HARDSHIPS["usual"]), distractors=True)
 CAMERA = TAKE.cameras[0]
-CANVAS = Canvas(CAMERA)
+
+
+@cache
+def canvas() -> Canvas:
+    """The empty room, which takes a second to paint."""
+    return Canvas(CAMERA)
 
 
 def pictures(fields: int, speed: float) -> list[np.ndarray]:
@@ -25,7 +31,7 @@ def pictures(fields: int, speed: float) -> list[np.ndarray]:
         parts = []
         for field in range(fields):
             moments = k / 2 + (field + np.linspace(0.05, 0.95, 6)) / (30 * fields)
-            parts.append(sensor.record(CANVAS.drawn(take.wand_things(moments))))
+            parts.append(sensor.record(canvas().drawn(take.wand_things(moments))))
         image = parts[0].copy()
         image[1::2] = parts[-1][1::2]
         images.append(cv2.imdecode(cv2.imencode(".jpg", image)[1], cv2.IMREAD_COLOR))
@@ -40,5 +46,5 @@ def test_fields_that_are_woven_are_seen_where_something_moves(speed):
 
 
 def test_a_room_in_which_nothing_moves_says_nothing():
-    images = [SensorNoise(CAMERA.size, seed).record(CANVAS.drawn([])) for seed in range(5)]
+    images = [SensorNoise(CAMERA.size, seed).record(canvas().drawn([])) for seed in range(5)]
     assert not shows_two_fields(images, background_of(images))
