@@ -12,6 +12,7 @@ from ..scene_io.body.sides import Colour
 from . import mark_drawing
 
 _WIDTH, _HEIGHT, _GAP, _MARGIN = 84, 110, 6, 16  # pixels
+_UNBOUNDED = (0.0, float("inf"))
 _CLEAR = 10  # pixels: a joint so near to a box is too near
 _BACK: Colour = (0.08, 0.08, 0.08, 0.8)
 _CHOSEN: Colour = (0.27, 0.45, 0.75, 0.9)
@@ -23,18 +24,37 @@ Box = tuple[float, float, float, float]
 """Left, bottom, right, top in the region."""
 
 
-def boxes(count: int, scale: float | None = None, *, upper: float | None = None) -> list[Box]:
-    """Return where the boxes are, in a row from the lower left of the region, or at the top below an upper edge; by
-    default at the interface's scale.
+def boxes(
+    count: int, scale: float | None = None, *, upper: float | None = None, sides: tuple[float, float] = _UNBOUNDED
+) -> list[Box]:
+    """Return where the boxes are, in a row from the lower left of the region, or at the top below an upper edge.
+
+    Parameters
+    ----------
+    scale : float, optional
+        Of the interface; by default Blender's.
+    upper : float, optional
+        What is above it is covered by bars.
+    sides : tuple of float
+        What is to the left and to the right of these is covered; boxes are as much narrower as the row asks for.
     """
     scale = bpy.context.preferences.system.ui_scale if scale is None else scale
-    step = _WIDTH + _GAP
-    lefts = [(_MARGIN + i * step) * scale for i in range(count)]
+    left, right = sides[0] + _MARGIN * scale, sides[1] - _MARGIN * scale
+    step = min((_WIDTH + _GAP) * scale, (right - left + _GAP * scale) / max(count, 1))
     bottom = _MARGIN * scale if upper is None else upper - (_MARGIN + _HEIGHT) * scale
-    return [(x, bottom, x + _WIDTH * scale, bottom + _HEIGHT * scale) for x in lefts]
+    return [
+        (x, bottom, x + step - _GAP * scale, bottom + _HEIGHT * scale) for x in (left + i * step for i in range(count))
+    ]
 
 
-def row_beside(joints: Sequence[Sequence[float]], count: int, upper: float, scale: float | None = None) -> list[Box]:
+def row_beside(
+    joints: Sequence[Sequence[float]],
+    count: int,
+    upper: float,
+    scale: float | None = None,
+    *,
+    sides: tuple[float, float] = _UNBOUNDED,
+) -> list[Box]:
     """Return where the boxes are so that joints can still be clicked: at the bottom, or if more joints lie there, at
     the top.
 
@@ -42,15 +62,15 @@ def row_beside(joints: Sequence[Sequence[float]], count: int, upper: float, scal
     ----------
     joints : sequence of (float, float)
         Positions in the region.
-    upper : float
-        What is above it is covered by bars.
+    upper, scale, sides
+        See `boxes`.
     """
 
     def covered(row: list[Box]) -> int:
         left, bottom, right, top = row[0][0], row[0][1], row[-1][2], row[0][3]
         return sum(left <= x <= right and bottom - _CLEAR <= y <= top + _CLEAR for x, y in joints)
 
-    return min(boxes(count, scale), boxes(count, scale, upper=upper), key=covered)
+    return min(boxes(count, scale, sides=sides), boxes(count, scale, upper=upper, sides=sides), key=covered)
 
 
 def box_at(found: Sequence[Box], x: float, y: float) -> int | None:

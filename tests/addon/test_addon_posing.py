@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -497,6 +498,16 @@ def test_the_boxes_lie_where_they_cover_the_fewest_joints():
     assert alternative_boxes.row_beside(high, 4, 600.0, 1.0) == at_the_bottom
     assert alternative_boxes.row_beside([(900.0, 60.0)], 4, 600.0, 1.0) == at_the_bottom, "it is beside the row"
     assert alternative_boxes.boxes(4, 1.0, upper=600.0)[0][3] < 600.0
+
+
+def test_the_boxes_lie_between_toolbar_and_sidebar():
+    from kfmocap.kfmocap_addon.overlays import alternative_boxes
+
+    wide, narrow = (alternative_boxes.boxes(8, 1.0, sides=(48.0, right)) for right in (1200.0, 700.0))
+    assert [box[2] - box[0] for box in wide] == [box[2] - box[0] for box in alternative_boxes.boxes(8, 1.0)]
+    for row, right in ((wide, 1200.0), (narrow, 700.0)):
+        assert row[0][0] > 48.0 and row[-1][2] < right
+        assert all(box[2] < after[0] for box, after in pairwise(row)), "none lies over the next"
 
 
 def test_seen_from_the_side_what_is_farther_from_the_camera_is_to_the_right():

@@ -71,8 +71,13 @@ def _boxes(placing: Placing, look: viewport.Look) -> list[tuple[float, float, fl
     from ...overlays import alternative_boxes
 
     at = [look.position_of(point) for point in placing.joints().values()]
-    upper = screens.uncovered_part(look.area)[3] - look.region.y
-    return alternative_boxes.row_beside([p for p in at if p is not None], len(placing.alternatives), upper)
+    left, _, right, upper = screens.uncovered_part(look.area)
+    return alternative_boxes.row_beside(
+        [p for p in at if p is not None],
+        len(placing.alternatives),
+        upper - look.region.y,
+        sides=(left - look.region.x, right - look.region.x),
+    )
 
 
 def draw(
