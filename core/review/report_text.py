@@ -80,8 +80,8 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
         found = FootageRate(**view["rate"]) if view.get("rate") else None
         if found is not None and found.varies:
             lines.append(f"{view['camera']}: {found.text}")
-        elif rate and abs(rate - values["fps"]) > _RATE_TOLERANCE * rate:
-            lines.append(f"{view['camera']}: its footage has {rate:g} frames per second, the shot {values['fps']:g}")
+        elif text := rate_text(rate, values["fps"]):
+            lines.append(f"{view['camera']}: {text}")
         if view.get("damage"):
             lines.append(f"{view['camera']}: {FootageDamage(**view['damage']).text}")
         if view["torn"]:
@@ -89,6 +89,13 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
         if view.get("late"):
             lines.append(f"{view['camera']}: {LateView(**view['late']).text}")
     return lines
+
+
+def rate_text(rate: float, fps: float) -> str:
+    """Return a text that footage has another frame rate than its shot; empty if it has not, or states none (0)."""
+    if not rate or abs(rate - fps) <= _RATE_TOLERANCE * rate:
+        return ""
+    return f"its footage has {rate:g} frames per second, the shot {fps:g}"
 
 
 def torn_text(frames: Sequence[int]) -> str:

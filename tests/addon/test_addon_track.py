@@ -28,6 +28,7 @@ from kfmocap.kfmocap_addon.operators.tracking.track_motion import Tracking  # no
 from kfmocap.kfmocap_addon.scene_io import fcurves, scene, tracked_segments  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys.tracking_preview import TrackingPreview  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.review import faulty_footage  # noqa: E402
 from kfmocap.kfmocap_addon.session import SESSION  # noqa: E402
 from scene_state import differences, state  # noqa: E402
 from synthetic import CAMERAS, figure, film, look_at, shot_of, swing  # noqa: E402
@@ -234,7 +235,8 @@ def test_what_was_tracked_in_a_window_is_written_unless_the_scene_changed(built,
     tracked = SimpleNamespace(results=track_excerpts(asked.shot, parts), fits=None)
     if not changed:
         tool.finish(bpy.context, tracked)
-        assert tool.reports == ["Tracked 12 frames in 1.0 s"]
+        rates = [f"{name}: its footage has 25 frames per second, the shot 60" for name in ("cam01", "cam02")]
+        assert tool.reports == [*rates, "Tracked 12 frames in 1.0 s"]
         return
     shift_key_pose(built, 5)
     with pytest.raises(ShotError, match="changed while"):
@@ -592,7 +594,12 @@ def test_without_a_track_of_the_whole_shot_a_part_finds_its_own_offset(built, tr
     assert built.kfmocap.footage_offset == -0.25
 
 
-def test_what_is_wrong_with_footage_is_shown_until_a_whole_track_finds_nothing(built, tracker):  # noqa: F811
+def test_what_is_wrong_with_footage_is_shown_until_a_whole_track_finds_nothing(
+    built,
+    tracker,  # noqa: F811
+    monkeypatch,
+):
+    monkeypatch.setattr(faulty_footage, "container_rate", lambda view: 0.0)
     views = built.kfmocap.views
     nothing = [() for _ in views]
     tracker.torn, tracker.late = [(3, 4), *nothing[1:]], [LateView(2, 0.6, 12.0), *(None for _ in views[1:])]
@@ -611,3 +618,11 @@ def test_what_is_wrong_with_footage_is_shown_until_a_whole_track_finds_nothing(b
     tracker.torn = nothing
     bpy.ops.kfmocap.track()
     assert not any(view.faults for view in views)
+
+
+def test_footage_of_another_frame_rate_is_said(built, tracker, monkeypatch):  # noqa: F811
+    rate = scene.shot_from_scene(built).fps
+    for given, said in ((0.0, ""), (rate, ""), (50.0, f"its footage has 50 frames per second, the shot {rate:g}")):
+        monkeypatch.setattr(faulty_footage, "container_rate", lambda view, given=given: given)
+        bpy.ops.kfmocap.track()
+        assert [view.faults for view in built.kfmocap.views] == [said] * len(built.kfmocap.views)

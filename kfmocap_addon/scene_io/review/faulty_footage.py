@@ -7,7 +7,8 @@ from collections.abc import Iterator, Sequence
 import bpy
 
 from ....core.errors import listed
-from ....core.review.report_text import torn_text
+from ....core.review.report_text import rate_text, torn_text
+from ....core.shot.footage import container_rate
 from ....core.shot.shot import Shot
 from ....core.tracking.retracking import Excerpt
 from ....core.tracking.track_result import TrackResult
@@ -27,6 +28,8 @@ def show_faults(
     messages = []
     for v, view in enumerate(shot.views):
         found = list(_faults(scene.kfmocap.frame_start, v, parts, results))
+        if rate := rate_text(container_rate(view), shot.fps):
+            found.append((rate, rate))
         messages += [f"{view.camera.name}: {text}" for _, text in found]
         slot = slots.get(view.camera.name)
         if slot is not None and (found or whole):

@@ -56,6 +56,7 @@ def assert_identical(a: TrackResult, b: TrackResult) -> None:
     for x, y in zip(numbers(a), numbers(b), strict=True):
         np.testing.assert_array_equal(x, y)
     assert a.torn == b.torn
+    assert a.late == b.late
     assert a.unknown == b.unknown
 
 
