@@ -8,6 +8,7 @@ import bpy
 
 from ..session import SESSION
 from . import viewport
+from .scene_changes import watch
 
 _DELAY = 0.05
 
@@ -147,12 +148,4 @@ def _replaced(*_arguments: object) -> None:
 
 def register() -> None:
     """Watch for changes."""
-    at = bpy.app.handlers
-    for handlers, called in (
-        (at.depsgraph_update_post, _changed),
-        (at.undo_post, _replaced),
-        (at.redo_post, _replaced),
-        (at.load_post, _replaced),
-    ):
-        handlers.append(called)
-        SESSION.on_end(handlers.remove, called)
+    watch(_changed, _replaced)

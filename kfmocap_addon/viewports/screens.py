@@ -20,11 +20,7 @@ MOST = 4
 """Largest number of views shown at once."""
 SIDEBAR_TAB = "KF Mocap"
 """Name of the tab of the sidebar that holds all panels."""
-_NEXT_DRAW = 0.05  # seconds
-_KEY_ROW, _HIGH, _SHARE = 50, 300, 0.02
-"""Height of a timeline that shows the keys, below which the 3D view above it gives it some, as little as Blender splits
-off, if it is high itself: units of the interface, pixels, and the share that is asked for.
-"""
+NEXT_DRAW = 0.05  # seconds
 _FILLING = 50 * (2 - math.sqrt(2))
 """Blender's zoom at which the picture fills the region, but for a thin border."""
 _CLOSEST = 4.0
@@ -46,7 +42,7 @@ def look(context: bpy.types.Context) -> None:
         space.camera = context.scene.camera
     else:
         space.use_local_camera = False
-    _through_camera(context.window, context.screen, area)
+    through_camera(context.window, context.screen, area)
 
 
 def keep_clear(context: bpy.types.Context) -> None:
@@ -79,7 +75,7 @@ def _uncovered(scene: bpy.types.Scene, area: bpy.types.Area) -> tuple[float, tup
         return None
     boxes = uncovered_part(area, "UI"), uncovered_part(area)
     now = space.region_3d.view_camera_zoom, tuple(space.region_3d.view_camera_offset)
-    return moved_clear(_box(_region(area)), boxes, _aspect(scene), now)
+    return moved_clear(_box(region_of(area)), boxes, _aspect(scene), now)
 
 
 def moved_clear(
@@ -101,72 +97,6 @@ def _aspect(scene: bpy.types.Scene) -> float:
     """Width of a scene's picture by its height."""
     render = scene.render
     return float(render.resolution_x * render.pixel_aspect_x / (render.resolution_y * render.pixel_aspect_y))
-
-
-def show_keys(context: bpy.types.Context) -> None:
-    """Let timelines and dope sheets, of all workspaces, show the keys of all performers; those of a context's window
-    show the whole shot, also where keys are on some of its frames only.
-
-    By default they show those of bones that are selected in pose mode alone: none, after a shot is loaded.
-    """
-    if context.window is None or context.screen is None:
-        return
-    context.window.scene.show_keys_from_selected_only = False  # of the timeline
-    for screen in bpy.data.screens:
-        for area in screen.areas:
-            for space in area.spaces:
-                if space.type == "DOPESHEET_EDITOR":
-                    space.dopesheet.show_only_selected = False
-    for area in context.screen.areas:
-        if area.type == "DOPESHEET_EDITOR":
-            for operator in (bpy.ops.action.view_all, bpy.ops.anim.scene_range_frame):
-                _fit(context.window, context.screen, area, operator)
-            if not bpy.app.background and not _shows_keys(area):
-                bpy.app.timers.register(partial(_give_room, context.window, area.as_pointer()), first_interval=0.0)
-
-
-def _shows_keys(area: bpy.types.Area) -> bool:
-    """Whether a timeline is high enough for a row of keys below the bar with the frames; in Blender's own layout it is
-    not.
-    """
-    return _region(area).height >= _KEY_ROW * (bpy.context.preferences.system.ui_scale or 1.0)
-
-
-def _give_room(window: bpy.types.Window, timeline: int) -> None:
-    """Split the lowest part off the 3D view above a timeline, which takes it at the next draw."""
-    area = next((a for a in window.screen.areas if a.as_pointer() == timeline), None)
-    above = _above(window, area) if area is not None else None
-    if above is not None and above.height > _HIGH and _split(window, above, "HORIZONTAL", _SHARE):
-        bpy.app.timers.register(partial(_take_room, window, timeline), first_interval=_NEXT_DRAW)
-
-
-def _take_room(window: bpy.types.Window, timeline: int) -> None:
-    area = next((a for a in window.screen.areas if a.as_pointer() == timeline), None)
-    split = _above(window, area) if area is not None else None
-    if area is None or split is None or split.height > _HIGH:
-        return
-    with bpy.context.temp_override(window=window, screen=window.screen, area=area, region=_region(area)):
-        join: Any = bpy.ops.screen.area_join
-        middles = [(a.x + a.width // 2, a.y + a.height // 2) for a in (area, split)]
-        taken = join.poll() and join(source_xy=middles[0], target_xy=middles[1]) == {"FINISHED"}
-    if taken:
-        bpy.app.timers.register(partial(_fit_above, window, timeline), first_interval=_NEXT_DRAW)
-    else:
-        _close(window, split)
-
-
-def _fit_above(window: bpy.types.Window, timeline: int) -> None:
-    """Fit the footage into the 3D view that has given room."""
-    area = next((a for a in window.screen.areas if a.as_pointer() == timeline), None)
-    view = _above(window, area) if area is not None else None
-    if view is not None and view.spaces.active.region_3d.view_perspective == "CAMERA":
-        _through_camera(window, window.screen, view)
-
-
-def _above(window: bpy.types.Window, area: bpy.types.Area) -> bpy.types.Area | None:
-    """Return the 3D view that is as wide as an area and lies directly above it."""
-    views = [a for a in window.screen.areas if a.type == "VIEW_3D" and (a.x, a.width) == (area.x, area.width)]
-    return min((a for a in views if a.y > area.y), key=lambda a: a.y, default=None)
 
 
 def view3d_of(context: bpy.types.Context) -> bpy.types.Area | None:
@@ -206,8 +136,8 @@ def _split_next(window: bpy.types.Window, cameras: Sequence[str]) -> float | Non
     areas = layout_of(window)
     if 0 < len(areas) < len(cameras):
         direction: Literal["HORIZONTAL", "VERTICAL"] = "VERTICAL" if len(areas) == 1 else "HORIZONTAL"
-        if _split(window, max(areas, key=lambda area: area.height), direction):
-            return _NEXT_DRAW
+        if split_area(window, max(areas, key=lambda area: area.height), direction):
+            return NEXT_DRAW
     if areas:
         _arrange(window, cameras)
     return None
@@ -224,7 +154,7 @@ def _arrange(window: bpy.types.Window, cameras: Sequence[str]) -> None:
         space.camera = bpy.data.objects.get(name)
         space.show_region_toolbar, space.show_region_ui = False, area == with_sidebar
         part = part_with_performers(window.scene, space.camera) if space.camera is not None else WHOLE
-        _through_camera(window, window.screen, area, part)
+        through_camera(window, window.screen, area, part)
 
 
 def _close_others(window: bpy.types.Window, others: set[int]) -> float | None:
@@ -233,43 +163,44 @@ def _close_others(window: bpy.types.Window, others: set[int]) -> float | None:
     """
     views = [area for area in window.screen.areas if area.type == "VIEW_3D"]
     closed = [area for area in views if area.as_pointer() in others and area.spaces.active.use_local_camera]
-    if len(closed) < len(views) and any(_close(window, area) for area in reversed(closed)):
-        return _NEXT_DRAW
+    if len(closed) < len(views) and any(close_area(window, area) for area in reversed(closed)):
+        return NEXT_DRAW
     for area in window.screen.areas:
         if area.type == "VIEW_3D" and area.spaces.active.region_3d.view_perspective == "CAMERA":
             area.spaces.active.show_region_toolbar = area.spaces.active.show_region_ui = True
-            _through_camera(window, window.screen, area)
+            through_camera(window, window.screen, area)
     return None
 
 
-def _close(window: bpy.types.Window, area: bpy.types.Area) -> bool:
+def close_area(window: bpy.types.Window, area: bpy.types.Area) -> bool:
     """Close an area; whether it had a neighbour of its size that could take its place."""
-    with bpy.context.temp_override(window=window, screen=window.screen, area=area, region=_region(area)):
+    with bpy.context.temp_override(window=window, screen=window.screen, area=area, region=region_of(area)):
         close: Any = bpy.ops.screen.area_close
         return bool(close.poll() and close() == {"FINISHED"})
 
 
-def _split(
+def split_area(
     window: bpy.types.Window,
     area: bpy.types.Area,
     direction: Literal["HORIZONTAL", "VERTICAL"],
     share: float = 0.5,
 ) -> bool:
     """Split off an area's lower or left part, which shows the same; whether it was large enough."""
-    with bpy.context.temp_override(window=window, screen=window.screen, area=area, region=_region(area)):
+    with bpy.context.temp_override(window=window, screen=window.screen, area=area, region=region_of(area)):
         split: Any = bpy.ops.screen.area_split
         return bool(split(direction=direction, factor=share) == {"FINISHED"})
 
 
-def _through_camera(
+def through_camera(
     window: bpy.types.Window, screen: bpy.types.Screen, area: bpy.types.Area, part: Part = WHOLE
 ) -> None:
+    """Have a 3D view look through its camera, zoomed to a part of the picture."""
     space = area.spaces.active
     space.region_3d.view_perspective = "CAMERA"
     space.shading.wireframe_color_type = "OBJECT"  # the parts are white
     space.show_gizmo_navigate = False  # it lies over the footage
-    _fit(window, screen, area, bpy.ops.view3d.view_center_camera)
-    region = _region(area)
+    fit(window, screen, area, bpy.ops.view3d.view_center_camera)
+    region = region_of(area)
     if region.width > 1 and region.height > 1:
         zoom, offset = framing(
             _box(region), uncovered_part(area), _aspect(window.scene), space.region_3d.view_camera_zoom, part
@@ -283,7 +214,7 @@ def uncovered_part(area: bpy.types.Area, but: str = "") -> Box:
     The panel of the last operator floats over the view: it comes and goes, and nothing makes way for it.
     """
     over = [r for r in area.regions if r.type not in ("WINDOW", "HUD", but) and r.width > 1 and r.height > 1]
-    return free_box(_box(_region(area)), [_box(r) for r in over])
+    return free_box(_box(region_of(area)), [_box(r) for r in over])
 
 
 def free_box(region: Box, others: Sequence[Box]) -> Box:
@@ -338,17 +269,18 @@ def _box(region: bpy.types.Region) -> Box:
     return region.x, region.y, region.x + region.width, region.y + region.height
 
 
-def _fit(window: bpy.types.Window, screen: bpy.types.Screen, area: bpy.types.Area, operator: Any) -> None:
+def fit(window: bpy.types.Window, screen: bpy.types.Screen, area: bpy.types.Area, operator: Any) -> None:
     """Call an operator that fits what an area shows into it, where it can be called."""
-    with bpy.context.temp_override(window=window, screen=screen, area=area, region=_region(area)):
+    with bpy.context.temp_override(window=window, screen=screen, area=area, region=region_of(area)):
         if operator.poll():
             operator()
 
 
-def _region(area: bpy.types.Area, kind: str = "WINDOW") -> bpy.types.Region:
+def region_of(area: bpy.types.Area, kind: str = "WINDOW") -> bpy.types.Region:
+    """Return the region of an area that has some type."""
     return next(region for region in area.regions if region.type == kind)
 
 
 def _tab(area: bpy.types.Area) -> str:
     """Return the sidebar's tab that is open in a 3D view."""
-    return _region(area, "UI").active_panel_category if area.spaces.active.show_region_ui else ""
+    return region_of(area, "UI").active_panel_category if area.spaces.active.show_region_ui else ""

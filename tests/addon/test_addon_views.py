@@ -18,7 +18,7 @@ from kfmocap.core.errors import CalibrationError, FootageError  # noqa: E402
 from kfmocap.core.shot.shot import View  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.cameras import distortion, footage_background, view_cameras  # noqa: E402
-from kfmocap.kfmocap_addon.viewports import performer_boxes, screens  # noqa: E402
+from kfmocap.kfmocap_addon.viewports import performer_boxes, screens, timelines  # noqa: E402
 from mathutils import Vector  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -299,7 +299,7 @@ def test_a_timeline_takes_room_from_the_3d_view_that_lies_on_it():
     above, higher = area("VIEW_3D", 2, 87, 1180, 400), area("VIEW_3D", 2, 490, 1180, 383)
     others = [area("VIEW_3D", 1185, 87, 253, 786), area("IMAGE_EDITOR", 2, 30, 1180, 50)]
     window = SimpleNamespace(screen=SimpleNamespace(areas=[*others, higher, above, timeline]))
-    assert screens._above(window, timeline) is above
+    assert timelines.view_above(window, timeline) is above
     window.screen.areas.remove(above)
     window.screen.areas.remove(higher)
-    assert screens._above(window, timeline) is None
+    assert timelines.view_above(window, timeline) is None

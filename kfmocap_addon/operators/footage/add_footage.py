@@ -9,7 +9,7 @@ import bpy
 from bpy_extras.io_utils import ImportHelper
 
 from ....core.errors import ShotError
-from ...viewports import screens
+from ...viewports import screens, timelines
 from ..conditions import Conditional, has_views
 from ..mixin import BesideFootage
 from ..reporting import reported
@@ -57,7 +57,7 @@ class AddFootage(bpy.types.Operator, ImportHelper):
             known = added_views.calibrated_by_scene(scene, names)
             hidden = added_views.hide_startup_cube(scene) if begins else ""
             screens.look(context)
-            screens.show_keys(context)
+            timelines.show_keys(context)
             said = f"; calibrated {', '.join(known)}" if known else ""
             said += f". {hidden} is hidden, it stood before the footage: Alt H shows it" if hidden else ""
             self.report({"INFO"}, f"Added {', '.join(names)}{said}")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import bpy
 
-from ...viewports import screens
+from ...viewports import screens, timelines
 from ..mixin import FileReader
 
 
@@ -29,7 +29,7 @@ class LoadShot(FileReader, bpy.types.Operator):
                 slot.armature.update_tag(refresh={"TIME"})
             scene.view_layers[0].update()
             screens.look(context)
-            screens.show_keys(context)
+            timelines.show_keys(context)
         self.report({"INFO"}, f"{shot.name}: {len(shot.views)} views, {shot.length} frames")
 
 
