@@ -15,8 +15,7 @@ from .solving.wand_motion import Wand
 from .solving.wand_triangulation import projected
 from .video_markers import VideoMarkers
 
-_BRIDGED = 15
-"""Longest gap over which the wand's path is interpolated, frames."""
+_BRIDGED = 15  # frames: longest gap over which the wand's path is interpolated
 _LARGEST = 5.0
 """Largest radius of a ball that is measured by a model of its image, pixels; for larger ones the outline is as good."""
 FEWEST = 4

@@ -18,10 +18,10 @@ from .rendering.label_images import render_labels
 from .rendering.part_geometry import Geometry
 from .view_frames import ViewFrames, views_with_foreground
 
-NEAR = 0.2
-"""Distance from the model up to which uncovered foreground counts as the performer's, metres."""
-FAR = 0.4
-"""Distance from the model up to which a lost limb is searched for, metres."""
+NEAR, FAR = 0.2, 0.4
+"""Distances from the model up to which uncovered foreground counts as the performer's, and up to which a lost limb is
+searched for, metres.
+"""
 BESIDE = 0.04
 """Distance from the model from which on foreground cannot be clothes or hair of the part there, metres."""
 INSIDE = 0.02

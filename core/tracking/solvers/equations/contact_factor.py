@@ -29,8 +29,7 @@ DEVIATION = 0.01
 """Standard deviation of the depth beyond that, metres."""
 LIMIT = 3.0
 """Depth, in standard deviations, beyond which the cost grows linearly (Huber)."""
-SPACING = 0.04
-"""Largest distance between points on the edges of a polyhedron, metres."""
+SPACING = 0.04  # metres: largest distance between points on the edges of a polyhedron
 
 
 @dataclass(frozen=True, eq=False)
