@@ -45,12 +45,15 @@ class Misfit:
         Visible area of each part without a margin along the outline, square metres.
     background : ndarray, shape (V, F, P)
         Share of that area that shows background, 0 to 1.
+    pixels : ndarray, shape (V, F, P)
+        Number of pixels from which this share was measured.
     """
 
     gaps: Array
     areas: Array
     visible: Array
     background: Array
+    pixels: Array
 
     def mean_gaps(self, known: Sequence[NDArray[np.intp]]) -> Array:
         """Mean distance of the performers' outlines from the model's over all views, metres, (N, F).
@@ -107,7 +110,7 @@ def measured_misfit(
     with ThreadPoolExecutor(threads) as pool:
         found = list(pool.map(lambda view: misfit_of(view, poses=poses[view.delay]), views_with_foreground(views)))
     F, P = next(iter(poses.values()))[1].shape[:2]
-    shapes = [(len(spans), F), (len(spans), F), (F, P), (F, P)]
+    shapes = [(len(spans), F), (len(spans), F), (F, P), (F, P), (F, P)]
     return Misfit(
         *(np.stack([own[k] for own in found]) if found else np.zeros((0, *shape)) for k, shape in enumerate(shapes))
     )
@@ -151,8 +154,8 @@ def most_explained(
 
 def _view_misfit(
     view: ViewFrames, geometry: Geometry, poses: Poses, first: int, spans: Sequence[slice]
-) -> tuple[Array, Array, Array, Array]:
-    """Compute the four attributes of `Misfit` for one view."""
+) -> tuple[Array, ...]:
+    """Compute the attributes of `Misfit` for one view."""
     R, T = poses
     P = T.shape[1]
     labels = render_labels(geometry, view.camera.subsampled(_STRIDE), first, R, T)
@@ -167,7 +170,7 @@ def _view_misfit(
     part = labels.part[window]
     foreground = view.foreground_at(first, len(T), _STRIDE)
     gaps, areas = np.full((len(spans), len(T)), np.nan), np.zeros((len(spans), len(T)))
-    visible, background = np.zeros((2, len(T), P))
+    pixels, background = np.zeros((2, len(T), P))
     # What hangs over the outline of one performer, hair or clothes, lies beside another one.
     nobody = background_share(log_ratio(foreground.max(axis=0)[window]))
     apart = [_distance(image >= 0) > BESIDE * scale for image in part] if len(spans) > 1 else None
@@ -183,9 +186,9 @@ def _view_misfit(
             areas[n, f] = float(shown[f][beside & (beyond < FAR * scale)].sum()) / scale**2
             within = cv2.distanceTransform(models[f].astype(np.uint8), cv2.DIST_L2, 3) > max(INSIDE * scale, 1.0)
             whose = part[f][within]
-            visible[f] += np.bincount(whose, minlength=P) / scale**2
-            background[f] += np.bincount(whose, nobody[f][within], P) / scale**2
-    return gaps, areas, visible, background / np.maximum(visible, 1e-12)
+            pixels[f] += np.bincount(whose, minlength=P)
+            background[f] += np.bincount(whose, nobody[f][within], P)
+    return gaps, areas, pixels / scale**2, background / np.maximum(pixels, 1), pixels
 
 
 def _distance(mask: NDArray[np.bool_]) -> Array:

@@ -289,12 +289,18 @@ class Settings:
         """
         shown = key_frames > 2 or keypoint_views > 1
         can_estimate = views > 1 and shown and self.solver_estimates
-        pixels, outlines = SEVERAL_VIEWS if can_estimate else ONE_VIEW
+        settings = self.with_lengths(*SEVERAL_VIEWS) if can_estimate else self
+        return replace(
+            settings,
+            estimate_smoothness=True if can_estimate and self.estimate_smoothness is None else self.estimate_smoothness,
+        )
+
+    def with_lengths(self, pixels: float, outlines: float) -> Settings:
+        """Return the settings with correlation lengths, metres, where none are given."""
         return replace(
             self,
             correlation_length=self.correlation_length or pixels,
             outline_correlation=self.outline_correlation or outlines,
-            estimate_smoothness=True if can_estimate and self.estimate_smoothness is None else self.estimate_smoothness,
         )
 
 
@@ -325,9 +331,23 @@ class Shot:
 
     def with_settings_filled(self) -> Shot:
         """Return the shot with missing settings filled in, see `Settings.for_shot`."""
-        key_frames = min((len(p.key_poses.frames) for p in self.performers), default=0)
         keypoint_views = sum(view.keypoints is not None for view in self.views)
-        return replace(self, settings=self.settings.for_shot(len(self.views), key_frames, keypoint_views))
+        return replace(self, settings=self.settings.for_shot(len(self.views), self._fewest_keys, keypoint_views))
+
+    def for_refinement(self) -> Shot:
+        """Return the shot, with its settings filled in, as it is refined: between two key poses, pixels of several
+        views count as much as between many.
+
+        With so few key poses the smoothness alone would hold long movements too near to the curve through them. While
+        limbs are still where that curve has them, they would be led astray by such weights.
+        """
+        if len(self.views) < 2 or self._fewest_keys < 2 or not self.settings.solver_estimates:
+            return self
+        return replace(self, settings=self.settings.with_lengths(*SEVERAL_VIEWS))
+
+    @property
+    def _fewest_keys(self) -> int:
+        return min((len(p.key_poses.frames) for p in self.performers), default=0)
 
     def with_footage_offset(self, found: float | None) -> Shot:
         """Return the shot with an estimated offset of all footage, if there is one and its settings give none."""

@@ -253,7 +253,7 @@ def resume_segment(
     """
     if solver.resume is None:
         return None
-    problem = segment_problem(shot, data, earlier.carried)
+    problem = segment_problem(shot.for_refinement(), data, earlier.carried)
     start, before = (_on(data.segment, motions) for motions in (earlier.carried.motions, earlier.motions))
     found = solver.resume(problem, start, workspace, before)
     return None if found is None else SegmentState(data, problem, found)
@@ -263,7 +263,7 @@ def refine_segment(
     shot: Shot, solver: Solver, data: SegmentData, solved: SegmentSolution, state: TrackState, *, workspace: Workspace
 ) -> SegmentState:
     """Refine a solved segment once the motion on both sides is known; parameters as in `solve_segment`."""
-    problem = segment_problem(shot, data, state)
+    problem = segment_problem(shot.for_refinement(), data, state)
     problem = problem.with_smoothness(solved.variances)
     refined = (solver.refine or solver.solve)(problem, _on(data.segment, state.motions), workspace)
     return SegmentState(data, problem, refined, (solved,))

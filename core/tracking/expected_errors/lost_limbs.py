@@ -22,7 +22,7 @@ from ...numerics.arrays import Array, Bools, Ints
 LOSING, FINDING = 0.002, 0.1
 """Probabilities per frame that a part that is found gets lost, and that a lost one is found again."""
 PIECE = 0.05
-"""Side of a square on the body whose pixels count as one observation, metres."""
+"""Side of a square on the body whose pixels count as one observation, metres; of somebody far away every pixel does."""
 TOGETHER = 2.0
 """Number of frames in a row that count as one observation."""
 USUAL_BACKGROUND = 0.05
@@ -54,7 +54,7 @@ def lost_probabilities(body: Body, misfit: Misfit, span: slice, *, held: Bools, 
         is right. Without any, it is the median over all frames.
     """
     visible, background = misfit.visible[..., span], misfit.background[..., span]
-    pieces = visible / PIECE**2
+    pieces = np.minimum(visible / PIECE**2, misfit.pixels[..., span])
     usual = _usual_background(background, pieces, keys)
     doubt = _log_odds(background, pieces, usual).sum(axis=0) / TOGETHER
     lost = np.zeros(held.shape)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,7 +19,7 @@ from kfmocap.core.shot.shot import KeyPoses, Performer
 from kfmocap.core.tracking.expected_errors.body_uncertainty import body_covariances
 from kfmocap.core.tracking.expected_errors.held_out_keys import USUAL_RATIO, _miss, covariance_ratios
 from kfmocap.core.tracking.expected_errors.joint_covariances import STEADY, growth_by_speed, tip_jacobian
-from kfmocap.core.tracking.expected_errors.lost_limbs import limb_reach, lost_probabilities
+from kfmocap.core.tracking.expected_errors.lost_limbs import PIECE, limb_reach, lost_probabilities
 from kfmocap.core.tracking.expected_errors.uncertainty import (
     MAYBE,
     TAILS,
@@ -179,6 +180,25 @@ def test_a_motion_that_is_right_has_no_lost_part_and_neither_has_one_that_key_po
     held = np.zeros((FRAMES, P), bool)
     held[:, ARM] = True
     assert not lost_in(misfit_of(arm_turned_away()), held)[:, ARM].any()
+
+
+def test_a_part_of_a_few_pixels_is_not_lost_because_of_one_of_them() -> None:
+    """Somebody far away may cover more pieces of a size than pixels: their share of background then tells little."""
+    misfit = misfit_of(at_rest(BODY, FRAMES))
+    background = np.zeros_like(misfit.background)
+    background[:, LOST, ARM[1]] = 0.25
+    few, many = (
+        lost_in(
+            replace(
+                misfit,
+                background=background,
+                visible=np.full_like(background, 40 * PIECE**2),
+                pixels=np.full_like(background, count),
+            )
+        )
+        for count in (4, 400)
+    )
+    assert few.max() < MAYBE < many[LOST, ARM[1]].min()
 
 
 def test_without_foreground_images_nothing_is_called_lost() -> None:

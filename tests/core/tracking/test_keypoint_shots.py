@@ -261,6 +261,24 @@ def test_keypoints_of_two_views_show_accelerations_that_two_key_poses_do_not(tmp
         assert filled.lengths == Settings().lengths > known.lengths
 
 
+def test_a_refinement_between_two_key_poses_counts_pixels_of_several_views_as_between_many(tmp_path: Path) -> None:
+    """With one view or a single key pose it counts them as before; lengths that are given are kept."""
+    two = with_keypoints_in(shot_with(tmp_path, people(1), [0, 23]), 0)
+    performer, truth = two.performers[0], people(1)[0]
+
+    def keyed(shot: Shot, *keys: int) -> Shot:
+        posed = replace(performer, key_poses=KeyPoses.whole(np.array(keys), truth[list(keys)]))
+        return replace(shot, performers=(posed,)).with_settings_filled()
+
+    many, between, one_view = keyed(two, 0, 8, 16, 23), keyed(two, 0, 23), replace(two, views=two.views[:1])
+    assert between.settings.lengths == Settings().lengths
+    assert between.for_refinement().settings.lengths == many.for_refinement().settings.lengths == many.settings.lengths
+    for others in (keyed(two, 0), keyed(one_view, 0, 23), keyed(one_view, 0, 8, 16, 23)):
+        assert others.for_refinement().settings == others.settings
+    given = keyed(replace(two, settings=Settings(correlation_length=0.3)), 0, 23)
+    assert given.for_refinement().settings.lengths == (0.3, many.settings.lengths[1])
+
+
 def test_a_wanted_performer_has_no_pose_yet() -> None:
     performer = PerformerRequest("man", 1.6).placeholder()
     assert not len(performer.key_poses.frames) and len(performer.body) == len(human())
