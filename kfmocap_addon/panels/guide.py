@@ -14,7 +14,7 @@ from ..viewports import key_list, viewport
 
 STEPS = ("footage", "body", "key_poses", "track", "review")
 """Sections of the steps, in their order."""
-_SETTLING = (0.3, 1.0, 3.0)  # seconds: a slow machine needs longer for one drawing
+_SETTLING = (0.1, 0.3, 0.6, 1.0, 1.5, 2.0, 3.0)  # seconds: a slow machine needs longer for one drawing
 LEAST_KEYS = 2
 """Number of key poses of each performer that completes the step: one at either end is enough to start with."""
 
