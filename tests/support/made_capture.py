@@ -15,9 +15,9 @@ length = 0.5
 """
 
 
-def made_capture(folder: Path) -> Path:
-    """Write a capture file of three cameras, and their points beside it."""
-    given = capture(ring(3), [scattered(20)] * 3)
+def made_capture(folder: Path, cameras: int = 3) -> Path:
+    """Write a capture file of some cameras, and their points beside it."""
+    given = capture(ring(cameras), [scattered(20)] * cameras)
     write_marker_points(folder / "points.csv", given)
     views = "".join(
         f'[[view]]\ncamera = "{view.camera}"\nsize = [1920, 1080]\nfps = 30\noffset = 0\n' for view in given.views

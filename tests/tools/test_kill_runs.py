@@ -49,7 +49,7 @@ def test_tracking_leaves_all_or_nothing(tmp_path: Path) -> None:
 
 def test_calibrating_leaves_all_or_nothing_though_the_tool_runs_in_the_background(tmp_path: Path) -> None:
     """A shell has its background programs ignore SIGINT: that must not pass on to the runs."""
-    wand = made_capture(tmp_path)
+    wand = made_capture(tmp_path, cameras=2)
     said = killed(
         "calibrate", str(wand), "--out", "OUT/cameras.toml", "--report", "OUT/report", interrupts=signal.SIG_IGN
     )

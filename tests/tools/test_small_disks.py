@@ -55,7 +55,7 @@ def test_the_files_that_blender_writes_are_whole_or_the_run_fails(shots: list[Pa
 
 
 def test_calibrating_writes_all_or_says_that_the_disk_is_full(tmp_path: Path) -> None:
-    wand = made_capture(tmp_path)
+    wand = made_capture(tmp_path, cameras=2)
     command = ["calibrate", str(wand), "--out", "OUT/cameras.toml", "--report", "OUT/report"]
     assert "1 runs done, 3 ended with an error" in ended("--sizes", "0.02,0.1,0.2,3", *command)
 
