@@ -216,7 +216,7 @@ def use_scene_cameras(current: bpy.types.Scene, names: Sequence[str] | None = No
     FootageError
         A camera was calibrated for another size than that of the footage.
     """
-    owners = _spare_cameras(current)
+    owners = spare_cameras(current)
     if not owners:
         todo = "import a calibration, or calibrate with a wand"
         raise CalibrationError(
@@ -231,7 +231,7 @@ def use_scene_cameras(current: bpy.types.Scene, names: Sequence[str] | None = No
     return done
 
 
-def _spare_cameras(current: bpy.types.Scene) -> list[bpy.types.Object]:
+def spare_cameras(current: bpy.types.Scene) -> list[bpy.types.Object]:
     """Return calibrated camera objects that are not views: those of this add-on, else all with footage behind them.
 
     The camera of Blender's default scene is neither.

@@ -170,6 +170,7 @@ def test_the_camera_that_blender_starts_with_calibrates_nothing(take):
     current.camera = owner
     add(take, "walk_cam01.mp4")
     assert not shot().views[0].is_calibrated and current.camera == shot().views[0].camera
+    assert not bpy.ops.kfmocap.use_scene_cameras.poll()
     with pytest.raises(RuntimeError, match="no calibrated camera"):
         bpy.ops.kfmocap.use_scene_cameras()
 

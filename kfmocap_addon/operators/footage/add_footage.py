@@ -98,11 +98,16 @@ class ImportCalibration(Conditional, bpy.types.Operator, BesideFootage):
         _report_calibrated(self, added_views.calibrate_views(context.scene, cameras, resized=self.resized))
 
 
-def _has_other_cameras(context: bpy.types.Context) -> str:
+def _has_calibrated_cameras(context: bpy.types.Context) -> str:
     own = {view.camera for view in context.scene.kfmocap.views}
-    if any(owner.type == "CAMERA" and owner not in own for owner in context.scene.objects):
-        return ""
-    return "The scene has no camera that is not a view: calibrate, or import a calibration"
+    others = [owner for owner in context.scene.objects if owner.type == "CAMERA" and owner not in own]
+    # Of the camera that each new file has nothing is known: NumPy is not loaded for it when the tab is drawn first.
+    if any(tuple(owner.keys()) or owner.data.background_images for owner in others):
+        from ...scene_io import added_views
+
+        if added_views.spare_cameras(context.scene):
+            return ""
+    return "The scene has no calibrated camera that is not a view: calibrate, or import a calibration"
 
 
 class UseSceneCameras(Conditional, bpy.types.Operator):
@@ -111,7 +116,7 @@ class UseSceneCameras(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.use_scene_cameras"
     bl_label = "Use Scene Cameras"
-    conditions = (_has_other_cameras,)
+    conditions = (_has_calibrated_cameras,)
 
     def act(self, context: bpy.types.Context) -> None:
         from ...scene_io import added_views
