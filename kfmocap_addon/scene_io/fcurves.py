@@ -204,7 +204,7 @@ def get_keys(curve: bpy.types.FCurve, fields: np.dtype[np.void] = KEY_TYPE) -> K
 
 
 def _columns(fields: np.dtype[np.void]) -> tuple[tuple[str, tuple[int, ...], np.dtype[np.generic]], ...]:
-    """Name, shape and kind of each field: NumPy makes these anew each time that they are asked for."""
+    """Return name, shape and kind of each field."""
     return tuple((name, fields[name].shape, fields[name].base) for name in fields.names or ())
 
 
