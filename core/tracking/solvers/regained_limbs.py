@@ -27,9 +27,10 @@ from .equations.measurement import Workspace
 from .equations.problem import SegmentProblem, SegmentSolution
 from .gauss_newton import UNDER_WAY, descend, farthest_joint
 from .limb_corrections.limb_likelihood import LimbOfPerformer, support_of_limbs
-from .limb_corrections.limb_search import LEAST_GAIN, freed_limb, pictures_find_limbs
+from .limb_corrections.limb_search import LEAST_GAIN, freed_limb, is_elsewhere, pictures_find_limbs
 from .multi_start import LOOKS, VAIN_LOOKS
-from .solution_ranking import RESTING, likeliest_at_rest, likelihood, noise_of
+from .settled_solutions import SettledSolutions
+from .solution_ranking import RESTING, likeliest_at_rest, likelihood
 
 BENT = 3.0
 """Ratio of a limb's acceleration at a key pose to its root mean square between key poses, from which on the motion
@@ -37,7 +38,8 @@ counts as bent there."""
 SUPPORTED = 0.8
 """Share of the evidence of a limb's pixels on key poses from which on its sides alone do not refute it."""
 RETURNS = 2
-"""Rounds of the search in a row after which a limb is where it was, and the search ends: it is right there."""
+"""Rounds of the search in a row after which a limb is where it was, and the search ends: it is right there. With
+several performers one is enough."""
 KEY_ERROR = 0.01
 """Possible error of a key pose, metres: it changes the velocity by twice as much per frame."""
 
@@ -61,9 +63,10 @@ def _with_limbs_regained(problem: SegmentProblem, start: Sequence[Motion], works
         return solution
     lost = [(i, chain) for i in problem.sought for chain in bent_limbs(problem, i, solution.motions[i])]
     lost += [place for place in refuted_limbs(problem, solution.motions) if place not in lost]
+    known = SettledSolutions()
     for k, (i, chain) in enumerate(lost):
         part = workspace.part(0.3 + 0.7 * k / len(lost), 0.3 + 0.7 * (k + 1) / len(lost))
-        solution = with_limb_regained(problem, solution, (i, chain), part)
+        solution = with_limb_regained(problem, solution, (i, chain), part, known)
     return solution
 
 
@@ -151,7 +154,11 @@ def _joint_changes(problem: SegmentProblem, performer: int, motion: Motion, chai
 
 
 def with_limb_regained(
-    problem: SegmentProblem, solution: SegmentSolution, place: LimbOfPerformer, workspace: Workspace
+    problem: SegmentProblem,
+    solution: SegmentSolution,
+    place: LimbOfPerformer,
+    workspace: Workspace,
+    known: SettledSolutions | None = None,
 ) -> SegmentSolution:
     """Search for one limb of a solution and return the likeliest result, which may be the solution itself.
 
@@ -163,26 +170,29 @@ def with_limb_regained(
     solution : SegmentSolution
     place : LimbOfPerformer
     workspace : Workspace
+    known : SettledSolutions, optional
+        Shared by the searches for all limbs.
     """
-    i = place[0]
+    i, several = place[0], len(problem.bodies) > 1
     alone, seconds = problem.alone(i), Seconds(solution.seconds)
-    noise = noise_of(alone, solution, workspace)
-    settled = [descend(alone, solution.motions, workspace.silent(), SETTLED, noise)]
+    first = (known or SettledSolutions()).after(alone, solution, workspace.silent())
+    noise, settled = first.noise, [first.solution]
     most, vain, returned = likelihood(alone, noise, settled[0]), 0, 0
     for look in range(LOOKS):
-        motions = settled[-1].motions
+        motions, reached, elsewhere = settled[-1].motions, most, False
         with seconds.measure("initial solution"):
             found = freed_limb(alone, motions, place, look)
-        elsewhere, reached = found is not motions[i], most
-        if elsewhere:
-            begin = (*motions[:i], found, *motions[i + 1 :])
-            settled.append(descend(alone, begin, workspace.part(look / LOOKS, (look + 1) / LOOKS), SETTLED, noise))
-            reached = likelihood(alone, noise, settled[-1])
-            elsewhere = farthest_joint(alone, motions, settled[-1].motions) > UNDER_WAY
+        begin = (*motions[:i], found, *motions[i + 1 :])
+        if found is not motions[i] and (not several or _leads_elsewhere(alone, place, motions, begin)):
+            there = descend(alone, begin, workspace.part(look / LOOKS, (look + 1) / LOOKS), SETTLED, noise)
+            elsewhere = _leads_elsewhere(alone, place, motions, there.motions)
+            if elsewhere or not several:
+                settled.append(there)
+                reached = likelihood(alone, noise, there)
         returned = 0 if elsewhere else returned + 1
         most, vain = max(most, reached), 0 if elsewhere and reached > most + RESTING else vain + 1
         # Where people pass, much is out of sight for good.
-        if returned == RETURNS or (vain == VAIN_LOOKS and len(problem.bodies) > 1):
+        if returned == (1 if several else RETURNS) or (several and vain == VAIN_LOOKS):
             break
     for each in settled:
         seconds.add(each.seconds)
@@ -194,3 +204,13 @@ def with_limb_regained(
     seconds.add(ended.seconds)
     iterations = solution.iterations + sum(each.iterations for each in settled) + ended.iterations
     return replace(ended, iterations=iterations, energy=(*solution.energy, *ended.energy), seconds=dict(seconds))
+
+
+def _leads_elsewhere(
+    alone: SegmentProblem, place: LimbOfPerformer, before: Sequence[Motion], after: Sequence[Motion]
+) -> bool:
+    """Whether a search has led to another motion: with several performers, of this limb, see `is_elsewhere`."""
+    i, chain = place
+    if len(alone.bodies) > 1:
+        return is_elsewhere(alone.bodies[i], chain, before[i], after[i])
+    return farthest_joint(alone, before, after) > UNDER_WAY

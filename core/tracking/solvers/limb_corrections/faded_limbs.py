@@ -20,10 +20,11 @@ from ....runtime.timing import Seconds
 from ..descent_stages import SETTLED, SETTLING
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
-from ..gauss_newton import continued, descend
-from ..solution_ranking import RESTING, likelihood, noise_of
+from ..gauss_newton import approach, continued, descend
+from ..settled_solutions import SettledSolutions
+from ..solution_ranking import RESTING, likelihood
 from .limb_likelihood import LimbOfPerformer, support_of_limbs
-from .limb_search import freed_limb
+from .limb_search import freed_limb, is_elsewhere
 
 FADED = 0.5
 """Ratio of the support of a limb on a frame to its median over the segment, below which it has faded."""
@@ -76,34 +77,48 @@ def with_faded_limbs_found(problem: SegmentProblem, solution: SegmentSolution, w
     workspace : Workspace
     """
     motions, seconds = solution.motions, Seconds(solution.seconds)
+    settled = SettledSolutions()
     for look in range(SEARCHES):
         places, before = faded_limbs(problem, motions), motions
         for k, place in enumerate(places):
             share = (look + k / len(places)) / SEARCHES, (look + (k + 1) / len(places)) / SEARCHES
             with seconds.measure("initial solution"):
                 own = replace(solution, motions=motions)
-                motions = _with_limb_found(problem, own, place, look, workspace.part(*share))
+                motions = _with_limb_found(problem, own, place, look, settled=settled, workspace=workspace.part(*share))
         if motions is before:
             break
     if motions is solution.motions:
         return replace(solution, seconds=seconds)
-    settled = descend(problem, motions, workspace.silent(), SETTLED)
-    seconds.add(settled.seconds)
-    return replace(continued(solution, settled), seconds=seconds)
+    ended = descend(problem, motions, workspace.silent(), SETTLED)
+    seconds.add(ended.seconds)
+    return replace(continued(solution, ended), seconds=seconds)
 
 
 def _with_limb_found(
-    problem: SegmentProblem, solution: SegmentSolution, place: LimbOfPerformer, look: int, workspace: Workspace
+    problem: SegmentProblem,
+    solution: SegmentSolution,
+    place: LimbOfPerformer,
+    look: int,
+    *,
+    settled: SettledSolutions,
+    workspace: Workspace,
 ) -> tuple[Motion, ...]:
-    """Search for one limb and return the likelier motions, with it or as they were."""
-    i, _ = place
-    alone, motions = problem.alone(i), solution.motions
+    """Search for one limb and return the likelier motions, with it elsewhere or as they were.
+
+    A limb that returns to where it was, or to where a descent would have led it by itself, is right there. What else
+    has changed then is chance: the likelihood may have risen because of another limb, which was led astray.
+    """
+    i, chain = place
+    alone, body, motions = problem.alone(i), problem.bodies[i], solution.motions
     found = freed_limb(alone, motions, place, look)
-    if found is motions[i]:
+    if not is_elsewhere(body, chain, motions[i], found):
         return motions
-    noise = noise_of(alone, replace(solution, only=alone.only), workspace)
-    settled = descend(alone, motions, workspace.part(0.0, 0.4), SETTLED, noise)
     begin = (*motions[:i], found, *motions[i + 1 :])
-    there = descend(alone, begin, workspace.part(0.4, 1.0), (*SETTLING, *SETTLED), noise)
-    gain = likelihood(alone, noise, there) - likelihood(alone, noise, settled)
-    return there.motions if gain > RESTING else motions
+    settling, *_ = approach(alone, begin, workspace.part(0.0, 0.3), SETTLING)
+    if not is_elsewhere(body, chain, motions[i], settling[i]):
+        return motions
+    kept = settled.after(alone, replace(solution, only=alone.only), workspace.part(0.3, 0.6))
+    there = descend(alone, settling, workspace.part(0.6, 1.0), SETTLED, kept.noise)
+    gain = likelihood(alone, kept.noise, there) - likelihood(alone, kept.noise, kept.solution)
+    likelier = gain > RESTING and is_elsewhere(body, chain, kept.solution.motions[i], there.motions[i])
+    return there.motions if likelier else motions

@@ -16,6 +16,7 @@ import scipy  # its parts are loaded when they are used
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from ....body import Body, part_poses
 from ....body.kinematics import scene_poses
 from ....body.limbs import limbs
 from ....body.motion import Motion
@@ -26,6 +27,7 @@ from ....numerics import rotations
 from ....numerics.arrays import Array
 from ....numerics.likeliest_path import likeliest_path, place_probabilities
 from ....numerics.repeatable import on_grid
+from ..descent_stages import REACH
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem
 from .like_limbs import untangled_limbs
@@ -108,6 +110,13 @@ def freed_limb(problem: SegmentProblem, motions: Sequence[Motion], place: LimbOf
     rng = np.random.default_rng([seed, problem.settings.search_seed])
     looks = [ViewRatios.of(view, problem, place[0], motions) for view in views_with_foreground(problem.views)]
     return _with_limb_found(problem, looks, motions, place, rng, free=True)
+
+
+def is_elsewhere(body: Body, chain: Sequence[int], before: Motion, after: Motion) -> bool:
+    """Whether some joint of a limb, relative to its first, is farther from where it was than a descent reaches."""
+    joints = [part_poses(body, motion)[1][:, chain] for motion in (before, after)]
+    a, b = (each - each[:, :1] for each in joints)
+    return float(np.linalg.norm(b - a, axis=-1).max()) > REACH
 
 
 def _with_limb_found(

@@ -11,7 +11,7 @@ from kfmocap.core.body import human
 from kfmocap.core.body.limbs import limbs
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.view_frames import ViewFrames
-from kfmocap.core.tracking.solvers import leaping_limbs
+from kfmocap.core.tracking.solvers import leaping_limbs, settled_solutions
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.limb_corrections import faded_limbs
@@ -78,18 +78,29 @@ def test_the_limb_that_has_faded_most_comes_first(monkeypatch: pytest.MonkeyPatc
     assert faded_limbs.faded_limbs(BOTH, RIGHT) == [(1, LIMBS[0]), (0, LIMBS[0]), (0, LIMBS[1])]
 
 
-@pytest.mark.parametrize("likelier", [True, False])
-def test_a_faded_limb_is_taken_to_where_the_images_are_likelier_and_only_there(
-    monkeypatch: pytest.MonkeyPatch, likelier: bool
-) -> None:
-    """Its performer alone is solved with it and without it; all are solved together once it was found."""
-    part, solved = LIMBS[0][0], []
-    wrong = (RIGHT[0], turned(RIGHT[1], part, 0.6))
-    there = turned(RIGHT[1], part, 0.0)
+@pytest.fixture
+def solved(monkeypatch: pytest.MonkeyPatch) -> list[int | None]:
+    """Which performers are solved for, in turn; their motions stay what they are."""
+    found: list[int | None] = []
 
     def descend(problem: SegmentProblem, motions: Sequence[Motion], *_: object) -> SegmentSolution:
-        solved.append(problem.only)
+        found.append(problem.only)
         return solution(problem, motions)
+
+    for module in (faded_limbs, settled_solutions):
+        monkeypatch.setattr(module, "descend", descend)
+    monkeypatch.setattr(faded_limbs, "approach", lambda _problem, motions, *_: (motions, [], None, None))
+    monkeypatch.setattr(settled_solutions, "noise_of", lambda *_: None)
+    return found
+
+
+@pytest.mark.parametrize("likelier", [True, False])
+def test_a_faded_limb_is_taken_to_where_the_images_are_likelier_and_only_there(
+    monkeypatch: pytest.MonkeyPatch, solved: list[int | None], likelier: bool
+) -> None:
+    """Its performer alone is solved with it and without it; all are solved together once it was found."""
+    wrong = (RIGHT[0], turned(RIGHT[1], LIMBS[0][0], 0.6))
+    there = turned(RIGHT[1], LIMBS[0][0], 0.0)
 
     def support_by_motion(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[tuple[object, ...]]:
         low = 1.0 if motions[1] is there else 0.2
@@ -98,14 +109,43 @@ def test_a_faded_limb_is_taken_to_where_the_images_are_likelier_and_only_there(
 
     monkeypatch.setattr(faded_limbs, "support_of_limbs", support_by_motion)
     monkeypatch.setattr(faded_limbs, "freed_limb", lambda *_: there)
-    monkeypatch.setattr(faded_limbs, "noise_of", lambda *_: None)
-    monkeypatch.setattr(faded_limbs, "descend", descend)
     gain = 2 * faded_limbs.RESTING * (1 if likelier else -1)
     monkeypatch.setattr(faded_limbs, "likelihood", lambda _p, _n, found: gain * (found.motions[1] is there))
     begin = solution(BOTH, wrong)
     found = faded_limbs.with_faded_limbs_found(BOTH, begin, Workspace())
     assert found.motions == ((RIGHT[0], there) if likelier else wrong)
     assert solved == ([1, 1, None] if likelier else [1, 1])
+
+
+@pytest.mark.parametrize(("found", "settling"), [(0.05, 0.6), (0.6, 0.05)])
+def test_a_limb_that_a_search_finds_where_it_was_stays_there_however_likely_the_rest_has_become(
+    monkeypatch: pytest.MonkeyPatch, solved: list[int | None], found: float, settling: float
+) -> None:
+    """It is found there, or returns with the first iterations; nothing more is solved then."""
+    supported(monkeypatch, {(1, 0): support(0.1, 4, 7)})
+    way = {by: turned(RIGHT[1], LIMBS[0][0], by) for by in (found, settling)}
+    monkeypatch.setattr(faded_limbs, "freed_limb", lambda *_: way[found])
+    monkeypatch.setattr(faded_limbs, "approach", lambda *_: ((RIGHT[0], way[settling]), [], None, None))
+    monkeypatch.setattr(faded_limbs, "likelihood", lambda _p, _n, there: 1e6 * (there.motions[1] is not RIGHT[1]))
+    begin = solution(BOTH, RIGHT)
+    assert faded_limbs.with_faded_limbs_found(BOTH, begin, Workspace()).motions is begin.motions
+    assert not solved
+
+
+def test_the_limbs_of_a_performer_are_compared_with_one_solution_until_one_is_found(
+    monkeypatch: pytest.MonkeyPatch, solved: list[int | None]
+) -> None:
+    """Three limbs have faded, of which the second is found elsewhere."""
+    supported(monkeypatch, {(1, 0): support(0.1, 4, 7), (1, 1): support(0.2, 4, 7), (1, 2): support(0.3, 4, 7)})
+    monkeypatch.setattr(faded_limbs, "SEARCHES", 1)
+    places = {tuple(chain): turned(RIGHT[1], chain[0], 0.6) for chain in LIMBS}
+    monkeypatch.setattr(faded_limbs, "freed_limb", lambda _p, _m, place, _look: places[tuple(place[1])])
+    right = places[tuple(LIMBS[1])]
+    gain = 2 * faded_limbs.RESTING
+    monkeypatch.setattr(faded_limbs, "likelihood", lambda _p, _n, found: gain * (found.motions[1] is right))
+    faded_limbs.with_faded_limbs_found(BOTH, solution(BOTH, RIGHT), Workspace())
+    settled, with_limb = [1], [1]
+    assert solved == [*settled, *with_limb, *with_limb, *settled, *with_limb, None]
 
 
 @pytest.mark.parametrize(

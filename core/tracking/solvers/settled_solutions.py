@@ -1,0 +1,56 @@
+"""Solutions for single performers, solved further: what the searches for all limbs of a performer are compared with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from .descent_stages import SETTLED
+from .equations.measurement import Workspace
+from .equations.problem import SegmentProblem, SegmentSolution
+from .equations.segment_equations import SegmentNoise
+from .gauss_newton import descend
+from .solution_ranking import noise_of
+
+
+@dataclass(frozen=True, eq=False)
+class SettledSolution:
+    """A solution after as many further iterations as the result of a search has had.
+
+    Attributes
+    ----------
+    begin : SegmentSolution
+        The solution before these.
+    noise : SegmentNoise
+        The noise at `begin`, under which all are measured.
+    solution : SegmentSolution
+    """
+
+    begin: SegmentSolution
+    noise: SegmentNoise
+    solution: SegmentSolution
+
+
+class SettledSolutions:
+    """Settled solutions of the performers of one problem, each computed once for any number of limbs."""
+
+    def __init__(self) -> None:
+        self._kept: dict[int, SettledSolution] = {}
+
+    def after(self, alone: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SettledSolution:
+        """Return a solution for one performer, solved further; it is not computed again while its motions stay the same
+        object.
+
+        Parameters
+        ----------
+        alone : SegmentProblem
+            Of one performer, see `SegmentProblem.alone`.
+        solution : SegmentSolution
+        workspace : Workspace
+        """
+        [performer] = alone.sought
+        kept = self._kept.get(performer)
+        if kept is None or kept.begin.motions is not solution.motions:
+            noise = noise_of(alone, solution, workspace)
+            kept = SettledSolution(solution, noise, descend(alone, solution.motions, workspace, SETTLED, noise))
+            self._kept[performer] = replace(kept, solution=replace(kept.solution, seconds={}))  # they count once
+        return kept
