@@ -20,11 +20,11 @@ import cv2
 import numpy as np
 from kfmocap.core.body import Body
 from numpy.typing import NDArray
-from render.actors import skin_at, true_landmarks
 from render.benchmark_shots import PLANS, ShotPlan, is_current, write_description
 from render.chosen_shots import render_chosen
 from render.drawing import linear
 from render.painted_scene import SUBPIXELS, Exposure, PaintedView, box, exposures, joined
+from render.people import skin_at, true_landmarks
 
 WOOD = linear([0.28, 0.38, 0.48])
 JPEG_QUALITY = 90

@@ -22,12 +22,12 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.formats import save_cameras, write_trc
 from kfmocap.core.numerics.arrays import Array
-from render.actors import Actor, Wardrobe, skin_at, true_landmarks
 from render.benchmark_movements import STROLL
 from render.benchmark_shots import SPORTS, STRIPED, ring
 from render.drawing import linear
 from render.movement_phrases import Movement
 from render.painted_scene import Floor, PaintedView, Sensor, Surface, joined, lit
+from render.people import Person, Wardrobe, skin_at, true_landmarks
 
 VOXEL = 0.014
 BLUE = Wardrobe(((0.24, 0.33, 0.56),), (0.22, 0.22, 0.25), pattern=0.06)
@@ -72,7 +72,7 @@ class Crossing:
 
     Attributes
     ----------
-    cast : mapping of str to (Actor, Route)
+    cast : mapping of str to (Person, Route)
         Who walks, and where, by name.
     cameras : tuple of Camera
     fps : float
@@ -83,7 +83,7 @@ class Crossing:
         Those of every second person in the shot whose key frames are staggered.
     """
 
-    cast: dict[str, tuple[Actor, Route]]
+    cast: dict[str, tuple[Person, Route]]
     cameras: tuple[Camera, ...]
     fps: float
     frames: int
@@ -97,7 +97,7 @@ class Crossing:
 
 def two_people(equal: bool) -> Crossing:
     """Two who pass each other, each more than half hidden by the other in every view for some frames."""
-    man, woman = Actor(1.8, BLUE, MAN), Actor(1.68, BLUE if equal else RED, WOMAN)
+    man, woman = Person(1.8, BLUE, MAN), Person(1.68, BLUE if equal else RED, WOMAN)
     cast = {
         "A": (man, Route.of(STROLL, 0.0, (0.0, -0.32, 0.0))),
         "B": (woman, Route.of(STROLL, 180.0, (0.05, 0.32, 0.0))),
@@ -111,7 +111,7 @@ def four_people(equal: bool) -> Crossing:
     builds = ((1.8, MAN), (1.68, WOMAN), (1.86, {}), (1.6, {}))
     places = ((0.1, -0.8), (-0.1, -0.25), (0.0, 0.3), (0.1, 0.85))
     cast = {
-        name: (Actor(height, worn, build), Route.of(replace(STROLL, seed=seed), turn, (*place, 0.0)))
+        name: (Person(height, worn, build), Route.of(replace(STROLL, seed=seed), turn, (*place, 0.0)))
         for name, (height, build), worn, seed, turn, place in zip(
             "ABCD", builds, clothes, (9, 21, 31, 41), (0.0, 180.0, 0.0, 180.0), places, strict=True
         )

@@ -45,9 +45,9 @@ def render_take(take: Take, frames: list[int], folder: Path, marks: bool = False
 
 def painted(take: Take, frames: list[int], _folder: Path) -> Iterator[tuple[str, int, Image]]:
     """Paint a take's person in frames; yields camera, frame and picture."""
-    from render.actors import posed_parts
     from render.drawing import linear
     from render.painted_scene import PaintedView, Sensor, exposures
+    from render.people import posed_parts
 
     assert take.person is not None
     figure = take.person.figure(take.body, PAINTED_VOXEL)

@@ -9,7 +9,7 @@ import pytest
 from kfmocap.core.evidence.rendering.label_images import render_labels
 from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.formats.shot_toml import read_shot_spec
-from render.actors import posed_parts, true_landmarks
+from render.people import posed_parts, true_landmarks
 from render_crossing import SHOTS, Crossing, Route, four_people, shot_file, shot_files, two_people
 
 

@@ -11,12 +11,12 @@ from kfmocap.core.body import Body
 from kfmocap.core.formats import read_trc
 from kfmocap.core.formats.keypoint_files import read_keypoints
 from kfmocap.core.formats.shot_toml import read_shot_spec
-from render.actors import Actor, posed_parts, true_landmarks
 from render.benchmark_movements import BOW, FRONT_KICK, LEAP
 from render.benchmark_shots import PLANS, SHOTS, ShotPlan, is_current, write_description
 from render.detector_errors import Errors
 from render.movement_phrases import PROFILES
 from render.painted_scene import Floor, PaintedView, Surface, box, lit
+from render.people import Person, posed_parts, true_landmarks
 from render_benchmark import main, seen_landmarks
 
 JOINTS = [f"{side}{joint}" for joint in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle") for side in "LR"]
@@ -74,7 +74,7 @@ def test_standing_feet_stay_where_they_are(body: Body) -> None:
     t = np.linspace(0, 2, 40)
     ankles = true_landmarks(body, BOW.motion(body, t))[:, [list(body.landmarks).index(f"{s}Ankle") for s in "LR"]]
     assert np.ptp(ankles, axis=0).max() < 1e-9
-    kicker = Actor(1.7, PLANS["front_kick"].person.wardrobe).body()
+    kicker = Person(1.7, PLANS["front_kick"].person.wardrobe).body()
     feet = true_landmarks(kicker, FRONT_KICK.motion(kicker, t))
     index = list(kicker.landmarks).index
     assert np.ptp(feet[:, index("LAnkle")], axis=0).max() < 1e-9 < 0.8 < np.ptp(feet[:, index("RAnkle"), 2])

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from . import benchmark_movements as movements
-from .actors import Actor, Wardrobe, posed_parts, true_landmarks
 from .detector_errors import Errors
 from .movement_phrases import Movement
 from .painted_scene import Sensor
+from .people import Person, Wardrobe, posed_parts, true_landmarks
 from .takes import camera_looking_at
 
 Array = NDArray[np.float64]
@@ -56,7 +56,7 @@ class ShotPlan:
 
     name: str
     half: str
-    person: Actor
+    person: Person
     movement: Movement
     fps: float
     keys: tuple[int, ...]
@@ -148,38 +148,38 @@ _SOFT = Sensor(photons=3000.0, blur=1.1)
 _LENS = (-0.15, 0.05, 0.0, 0.0)
 
 SHOTS = (
-    ShotPlan("bow", "deciding", Actor(1.62, _PLAIN, _SHORT), movements.BOW, 25.0, (0, 27, 54),
+    ShotPlan("bow", "deciding", Person(1.62, _PLAIN, _SHORT), movements.BOW, 25.0, (0, 27, 54),
              ring(2, 4.0, 560, -110, 75)),
-    ShotPlan("stretching", "reporting", Actor(1.86, _LIGHT, _TALL, 1.12, 0.022), movements.STRETCHING, 24.0,
+    ShotPlan("stretching", "reporting", Person(1.86, _LIGHT, _TALL, 1.12, 0.022), movements.STRETCHING, 24.0,
              (0, 26, 52), ring(2, 4.2, 500, -150, 70, at=(0, 0, 1.06))),
-    ShotPlan("front_kick", "deciding", Actor(1.74, SPORTS, _BROAD), movements.FRONT_KICK, 60.0, (0, 24, 54),
+    ShotPlan("front_kick", "deciding", Person(1.74, SPORTS, _BROAD), movements.FRONT_KICK, 60.0, (0, 24, 54),
              ring(4, 4.0, 530, -80, 80), exposure=0.5, moments=4),
-    ShotPlan("round_kick", "reporting", Actor(1.68, _DARK, _SLIM), movements.ROUND_KICK, 50.0, (0, 23, 50),
+    ShotPlan("round_kick", "reporting", Person(1.68, _DARK, _SLIM), movements.ROUND_KICK, 50.0, (0, 23, 50),
              ring(4, 4.1, 540, -30, 85), exposure=0.5, moments=4),
-    ShotPlan("punches", "deciding", Actor(1.78, STRIPED, _TALL), movements.PUNCHES, 30.0, (0, 22, 44),
+    ShotPlan("punches", "deciding", Person(1.78, STRIPED, _TALL), movements.PUNCHES, 30.0, (0, 22, 44),
              ring(3, 3.9, 560, -125, 55), exposure=0.7, moments=5),
-    ShotPlan("ball_throw", "reporting", Actor(1.58, _CHECKED, _SHORT, 0.95), movements.THROW_A_BALL, 30.0,
+    ShotPlan("ball_throw", "reporting", Person(1.58, _CHECKED, _SHORT, 0.95), movements.THROW_A_BALL, 30.0,
              (0, 24, 48), ring(3, 3.9, 560, -140, 50), exposure=0.7, moments=5),
-    ShotPlan("leap", "deciding", Actor(1.71, _CHECKED, _SLIM, 0.95), movements.LEAP, 120.0, (0, 33, 66, 99),
+    ShotPlan("leap", "deciding", Person(1.71, _CHECKED, _SLIM, 0.95), movements.LEAP, 120.0, (0, 33, 66, 99),
              ring(2, 4.0, 500, -95, 80, at=(0.1, -0.1, 0.95)), moments=2, sensor=_GRAINY),
-    ShotPlan("hop_turn", "reporting", Actor(1.8, _PLAIN, _BROAD, 1.05), movements.HOP_TURN, 100.0, (0, 29, 58, 87),
+    ShotPlan("hop_turn", "reporting", Person(1.8, _PLAIN, _BROAD, 1.05), movements.HOP_TURN, 100.0, (0, 29, 58, 87),
              ring(2, 4.0, 500, -130, 80, at=(0, 0, 0.95)), moments=2, sensor=_GRAINY),
-    ShotPlan("stroll_behind_bench", "deciding", Actor(1.66, STRIPED, _BROAD, 1.08), movements.STROLL, 30.0,
+    ShotPlan("stroll_behind_bench", "deciding", Person(1.66, STRIPED, _BROAD, 1.08), movements.STROLL, 30.0,
              (0, 26, 52), ring(3, 4.1, 540, -100, 50), boxes=(((-0.75, -1.15, 0.0), (0.65, -0.8, 0.55)),)),
-    ShotPlan("sitting_down", "reporting", Actor(1.76, SPORTS, _SLIM), movements.SIT_DOWN, 30.0, (0, 26, 52),
+    ShotPlan("sitting_down", "reporting", Person(1.76, SPORTS, _SLIM), movements.SIT_DOWN, 30.0, (0, 26, 52),
              ring(3, 4.1, 540, -125, 45),
              boxes=(((-0.3, 0.12, 0.0), (0.3, 0.55, 0.43)), ((-0.95, -1.3, 0.0), (-0.25, -0.9, 0.62)))),
-    ShotPlan("dance", "deciding", Actor(1.63, _DARK, _SLIM), movements.DANCE, 24.0, (0, 24, 50),
+    ShotPlan("dance", "deciding", Person(1.63, _DARK, _SLIM), movements.DANCE, 24.0, (0, 24, 50),
              ring(8, 4.1, 540, -90, 45), exposure=0.6, moments=3, sensor=_DIM, misaligned=0.12),
-    ShotPlan("lunges", "reporting", Actor(1.83, _CHECKED, _BROAD), movements.LUNGES, 25.0, (0, 24, 48),
+    ShotPlan("lunges", "reporting", Person(1.83, _CHECKED, _BROAD), movements.LUNGES, 25.0, (0, 24, 48),
              ring(6, 4.1, 520, -75, 60), exposure=0.6, moments=3, sensor=_DIM, misaligned=0.12),
-    ShotPlan("waving_far", "deciding", Actor(1.72, _LIKE_THE_WALL, _BROAD), movements.WAVING, 30.0, (0, 17, 34, 51),
+    ShotPlan("waving_far", "deciding", Person(1.72, _LIKE_THE_WALL, _BROAD), movements.WAVING, 30.0, (0, 17, 34, 51),
              ring(1, 4.3, 330, -85, 40, lens=_LENS), sensor=_SOFT),
-    ShotPlan("picking_up_near", "reporting", Actor(1.67, _LIKE_THE_FLOOR, _TALL, 1.0, 0.012), movements.PICK_UP, 30.0,
+    ShotPlan("picking_up_near", "reporting", Person(1.67, _LIKE_THE_FLOOR, _TALL, 1.0, 0.012), movements.PICK_UP, 30.0,
              (0, 17, 34, 51), ring(1, 2.9, 400, -95, 40, at=(0, -0.05, 0.8), lens=_LENS), sensor=_SOFT),
-    ShotPlan("jump_spin", "deciding", Actor(1.75, _LIGHT, _SHORT), movements.JUMP_SPIN, 60.0,
+    ShotPlan("jump_spin", "deciding", Person(1.75, _LIGHT, _SHORT), movements.JUMP_SPIN, 60.0,
              (0, 12, 24, 36, 48, 60, 72, 83), ring(2, 4.2, 480, -130, 85, at=(0, 0, 1.05)), exposure=0.5, moments=4),
-    ShotPlan("cartwheel", "reporting", Actor(1.65, SPORTS, _SLIM, 0.97), movements.CARTWHEEL, 60.0, (0, 28, 56, 83),
+    ShotPlan("cartwheel", "reporting", Person(1.65, SPORTS, _SLIM, 0.97), movements.CARTWHEEL, 60.0, (0, 28, 56, 83),
              ring(3, 4.3, 470, -140, 75, at=(0, 0, 1.0)), exposure=0.5, moments=4),
 )  # fmt: skip
 """In pairs of like difficulty: of each the first decides and the second reports."""

@@ -13,8 +13,8 @@ from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.formats import save_cameras, write_trc
 from numpy.typing import ArrayLike
 
-from .actors import Actor, Wardrobe, true_landmarks
 from .motions import MOTIONS
+from .people import Person, Wardrobe, true_landmarks
 
 KEY_STEP = 20
 _FIGURE = ("figure", "isosurface", "shapes", "textures", "video_encoding")
@@ -43,7 +43,7 @@ class Take:
         "progressive", or the field order of an interlaced video: "top-first" or "bottom-first".
     board : ndarray, shape (F, 3), optional
         Path of the centre of a board that passes in front of the performer, metres.
-    person : Actor, optional
+    person : Person, optional
     between : Motion, optional
         Of a person: the motion at `MOMENTS` times the frame rate.
     """
@@ -56,7 +56,7 @@ class Take:
     keys: tuple[int, ...]
     fields: str = "progressive"
     board: np.ndarray | None = None
-    person: Actor | None = None
+    person: Person | None = None
     between: Motion | None = None
 
     @property
@@ -97,7 +97,7 @@ class Plan:
     cameras: tuple[Camera, ...]
     keys: tuple[int, ...] | None = None
     fields: str = "progressive"
-    person: Actor | None = None
+    person: Person | None = None
 
 
 def make_take(name: str, frames: int | None = None, board: bool = False) -> Take:
@@ -197,7 +197,7 @@ BEFORE_THE_RING = (camera_looking_at("cam01", (0.0, -5.0, 1.2), (0.03, 0.0, 0.9)
 _SPORTS = Wardrobe(
     ((0.68, 0.2, 0.16), (0.82, 0.78, 0.72)), (0.13, 0.15, 0.2), (0.72, 0.53, 0.43), pattern=0.11, sleeve=-0.5, leg=-0.35
 )
-ATHLETE = Actor(
+ATHLETE = Person(
     1.8, _SPORTS, {"shoulder_width": 1.06, "torso": 0.96, "upper_arm": 1.04, "forearm": 1.03, "thigh": 1.02}, 1.06
 )
 """Whose shoulders rise with the arms, as the tracker's body's do not."""

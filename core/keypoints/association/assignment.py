@@ -20,8 +20,8 @@ from ...numerics.arrays import Array
 from ..keypoint_rays import Keypoints
 from ..left_right import swap_sides
 from ..triangulation import triangulate
-from .people import NEAR, find_people
-from .person import Person, distance_to, prominence
+from .located_people import NEAR, find_people
+from .person import LocatedPerson, distance_to, prominence
 from .person_detections import detections_of
 from .tracks import Track, ViewDetections, detection_tracks, without_sides
 
@@ -90,7 +90,7 @@ def assign_detections(
     Parameters
     ----------
     detections, empty, fps
-        See `core.keypoints.association.people.find_people`.
+        See `core.keypoints.association.located_people.find_people`.
     clues : sequence of PerformerClues
         Per performer.
 
@@ -127,7 +127,7 @@ def assign_detections(
 def _matched(
     detections: Sequence[ViewDetections],
     names: Sequence[str],
-    people: Sequence[Person],
+    people: Sequence[LocatedPerson],
     clues: Sequence[PerformerClues],
 ) -> tuple[list[int | None], list[Reason]]:
     """Return the index of the person that each performer is, if any, and the reason."""

@@ -12,7 +12,7 @@ from .tracks import Track, ViewDetections
 
 
 @dataclass(frozen=True, eq=False)
-class Person:
+class LocatedPerson:
     """Somebody who is seen by at least two views.
 
     Attributes
@@ -35,7 +35,7 @@ class Person:
         return any(t.view == track.view and np.intersect1d(t.frames, track.frames).size for t in self.tracks)
 
 
-def prominence(detections: Sequence[ViewDetections], person: Person) -> float:
+def prominence(detections: Sequence[ViewDetections], person: LocatedPerson) -> float:
     """Return how much of the pictures a person takes up: the sum of its sizes over the frames, in the median view.
 
     Sizes are in normalized image coordinates. By the median, somebody who is close to one camera only does not count
@@ -48,7 +48,7 @@ def prominence(detections: Sequence[ViewDetections], person: Person) -> float:
     return float(np.median(sizes))
 
 
-def distance_to(person: Person, places: Array) -> float:
+def distance_to(person: LocatedPerson, places: Array) -> float:
     """Median distance of a person from known positions (F, K, 3) of the points without sides, metres."""
     each = np.linalg.norm(person.places - places, axis=-1)
     known = each[np.isfinite(each)]

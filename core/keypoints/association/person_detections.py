@@ -11,13 +11,13 @@ import scipy  # its parts are loaded when they are used
 from ...numerics.arrays import Array
 from ..keypoint_rays import Keypoints
 from .detected_points import DetectedPoints
-from .people import NEAR
-from .person import Person
+from .located_people import NEAR
+from .person import LocatedPerson
 from .tracks import GAP, Track, ViewDetections
 
 
 def detections_of(
-    detections: Sequence[ViewDetections], empty: Keypoints, people: Sequence[Person], fps: float
+    detections: Sequence[ViewDetections], empty: Keypoints, people: Sequence[LocatedPerson], fps: float
 ) -> list[list[Track]]:
     """Return the detections of every person: on each frame those nearest to where the other views put the person.
 
@@ -30,7 +30,7 @@ def detections_of(
         One per view.
     empty : Keypoints
         Keypoints on F frames of which none is found; they carry the names and the cameras.
-    people : sequence of Person
+    people : sequence of LocatedPerson
         As located.
     fps : float
         Frames per second.

@@ -14,7 +14,7 @@ from ...numerics.arrays import Array
 from ..keypoint_rays import Keypoints
 from ..triangulation import triangulate
 from .detected_points import DetectedPoints, median_known
-from .person import Person
+from .person import LocatedPerson
 from .track_pairs import agreement, overlapping_tracks
 from .tracks import GAP, Track, ViewDetections
 
@@ -28,7 +28,7 @@ SPEED = 2.0
 
 def find_people(
     detections: Sequence[ViewDetections], empty: Keypoints, tracks: Sequence[Track], fps: float
-) -> list[Person]:
+) -> list[LocatedPerson]:
     """Group tracks by person, in the order in which people appear.
 
     People who are there at the beginning, or who appear within `tracks.GAP` of each other, are ordered from left to
@@ -45,7 +45,7 @@ def find_people(
 
     Returns
     -------
-    list of Person
+    list of LocatedPerson
         Everybody on whom two views agree for `LEAST` seconds.
     """
     detected = DetectedPoints.of(detections, empty)
@@ -59,7 +59,7 @@ def find_people(
         ),
         reverse=True,
     )
-    people: list[Person] = []
+    people: list[LocatedPerson] = []
     free = set(range(len(tracks)))
     for _, a, b in seeds:
         if {a, b} <= free:
@@ -71,11 +71,13 @@ def find_people(
     return sorted(people, key=lambda person: _appearance(detected, person, fps))
 
 
-def _grown(detected: DetectedPoints, tracks: Sequence[Track], own: set[int], free: set[int]) -> tuple[Person, set[int]]:
+def _grown(
+    detected: DetectedPoints, tracks: Sequence[Track], own: set[int], free: set[int]
+) -> tuple[LocatedPerson, set[int]]:
     """Return a person with its `own` tracks and every free one that agrees with it, and the set of all these."""
     own = set(own)
     while True:
-        person = Person(
+        person = LocatedPerson(
             tuple(tracks[k] for k in sorted(own)), triangulate(detected.keypoints([tracks[k] for k in own]))[0]
         )
         offers = sorted(
@@ -100,7 +102,7 @@ def _track_distance(detected: DetectedPoints, track: Track, places: Array) -> fl
     return float(np.median(by_frame[np.isfinite(by_frame)])) if np.isfinite(by_frame).any() else np.inf
 
 
-def _joined(detected: DetectedPoints, people: Sequence[Person], fps: float) -> list[Person]:
+def _joined(detected: DetectedPoints, people: Sequence[LocatedPerson], fps: float) -> list[LocatedPerson]:
     """Return the people, with two joined into one where the second appears where the first has disappeared."""
     left = list(people)
     while True:
@@ -115,10 +117,10 @@ def _joined(detected: DetectedPoints, people: Sequence[Person], fps: float) -> l
         a, b = min(pairs, key=lambda pair: int(pair[1].frames[0] - pair[0].frames[-1]))
         tracks = (*a.tracks, *b.tracks)
         left = [p for p in left if p is not a and p is not b]
-        left.append(Person(tracks, triangulate(detected.keypoints(tracks))[0]))
+        left.append(LocatedPerson(tracks, triangulate(detected.keypoints(tracks))[0]))
 
 
-def _goes_on(before: Person, after: Person, fps: float) -> bool:
+def _goes_on(before: LocatedPerson, after: LocatedPerson, fps: float) -> bool:
     """Whether a person may be the continuation of another."""
     last, first = before.frames[-1], after.frames[0]
     seconds = (first - last) / fps
@@ -126,7 +128,7 @@ def _goes_on(before: Person, after: Person, fps: float) -> bool:
     return bool(0 < seconds <= 2 * GAP and away < NEAR + SPEED * seconds)
 
 
-def _appearance(detected: DetectedPoints, person: Person, fps: float) -> tuple[int, int, float]:
+def _appearance(detected: DetectedPoints, person: LocatedPerson, fps: float) -> tuple[int, int, float]:
     """Return the key that people are sorted by: when they appear, and where in the first view that sees them."""
     begin = int(person.frames[0])
     view = min(track.view for track in person.tracks)

@@ -1,4 +1,4 @@
-"""The actors of the benchmark's shots: heights, builds, clothes that may hang loosely, shoulders that rise."""
+"""The people of the benchmark's shots: heights, builds, clothes that may hang loosely, shoulders that rise."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Wardrobe:
 
 
 @dataclass(frozen=True)
-class Actor:
+class Person:
     """A person as filmed.
 
     Attributes
@@ -150,7 +150,7 @@ def true_landmarks(body: Body, motion: Motion) -> Array:
     return np.asarray(np.einsum("flab,lb->fla", R[:, parts], points) + T[:, parts])
 
 
-def skin_at(person: Actor, figure: Figure, movement: Movement, seconds: Array) -> Array:
+def skin_at(person: Person, figure: Figure, movement: Movement, seconds: Array) -> Array:
     """Vertices in the world at times, shape (F, V, 3): loose clothes lag behind the body and crease."""
 
     def skinned(t: Array) -> Array:
