@@ -15,7 +15,8 @@ from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress
 from ..shot.acceleration_prior import acceleration_precision
 from ..shot.detections import Detections
-from ..shot.shot import KeyPoses, Performer, PerformerRequest, Shot, fixed_degrees
+from ..shot.performer_request import PerformerRequest
+from ..shot.shot import KeyPoses, Performer, Shot, fixed_degrees
 from .association.assignment import Identity
 from .keypoint_motion.first_pass import first_pass, scaled_first_pass
 from .keypoint_motion.keypoint_fit import KeypointFit

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body import Body, human
+from ..body import Body
 from ..body.motion import Motion, stacked
 from ..body.unknown_parts import resting_parts
 from ..cameras.camera import Camera
@@ -142,33 +142,6 @@ def fixed_degrees(performer: Performer, first: int, last: int) -> NDArray[np.boo
     locked[resting_parts(body, performer.unknown)] = True
     fixed[:, 3:] |= locked.ravel()
     return fixed
-
-
-@dataclass(frozen=True)
-class PerformerRequest:
-    """A performer whose key poses are still to be found from keypoints.
-
-    Attributes
-    ----------
-    name : str
-    height : float or None
-        Metres; None to estimate it from the keypoints.
-    frames : tuple of int or None
-        Shot frames for the key poses; None to choose them automatically.
-    person : int, optional
-        See `Performer`.
-    """
-
-    name: str
-    height: float | None = None
-    frames: tuple[int, ...] | None = None
-    person: int | None = None
-
-    def placeholder(self) -> Performer:
-        """Return the performer with a default body and no key poses."""
-        body = human() if self.height is None else human(self.height)
-        nowhere = Motion(np.zeros((0, 3)), np.zeros((0, len(body), 3, 3)))
-        return Performer(self.name, body, KeyPoses.proposed([], nowhere), self.person)
 
 
 ONE_VIEW, SEVERAL_VIEWS = (0.2, 0.25), (0.1, 0.1)

@@ -36,7 +36,8 @@ from ..shot.footage import probe
 from ..shot.footage_faults.footage_checks import camera_at_size, check_view
 from ..shot.grips import shot_with_grips
 from ..shot.image_sequences import named_footage
-from ..shot.shot import KeyPoses, Performer, PerformerRequest, Shot, View
+from ..shot.performer_request import PerformerRequest
+from ..shot.shot import KeyPoses, Performer, Shot, View
 from ..shot.shot_spec import PerformerSpec, ShotSpec, ViewSpec
 from .solvers.registry import REGISTRY, solver_named
 

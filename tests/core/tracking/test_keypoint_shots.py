@@ -21,7 +21,8 @@ from kfmocap.core.keypoints.observations import fit_keypoints, image_rays, perfo
 from kfmocap.core.review.report_text import report_lines
 from kfmocap.core.review.track_report import report
 from kfmocap.core.shot.keypose_spline import spline
-from kfmocap.core.shot.shot import KeyPoses, Performer, PerformerRequest, Settings, Shot, View, fixed_degrees
+from kfmocap.core.shot.performer_request import PerformerRequest
+from kfmocap.core.shot.shot import KeyPoses, Performer, Settings, Shot, View, fixed_degrees
 from kfmocap.core.tracking.prepare import load_shot
 from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.selection import selected
