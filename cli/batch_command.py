@@ -24,7 +24,7 @@ from .services import Services
 
 BAD_INPUT, FAULT = 2, 1
 """Exit codes: trying again does not help, or may help."""
-ATTEMPTS = 2
+ATTEMPTS = 3
 """Number of times that a shot is tried if its process is ended from outside."""
 _POLL = 0.1
 

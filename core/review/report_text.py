@@ -104,5 +104,5 @@ def torn_text(frames: Sequence[int]) -> str:
     return (
         "pictures that do not continue from the one before (damaged, repeated or missing, or the light changed) were "
         f"given no weight: on or before frames {shown}; where some are missing, what follows comes early in this view; "
-        "where motion is too fast or too slight missing ones cannot be told"
+        "pictures alone do not tell missing ones where motion is too fast or too slight"
     )

@@ -173,13 +173,13 @@ def test_an_undecodable_path_is_still_listed_in_the_table(tmp_path: Path) -> Non
     assert r"caf\udce9/shot.toml" in (tmp_path / "summary.csv").read_text(encoding="utf-8")
 
 
-def test_a_shot_whose_process_is_killed_is_tried_once_more(
+def test_a_shot_whose_process_is_killed_is_tried_twice_more(
     shots: list[BatchShot], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    StandInJob.results |= {"a": [WorkerEndedError(-9), RESULT], "b": [WorkerEndedError(-9), WorkerEndedError(-9)]}
+    StandInJob.results |= {"a": [WorkerEndedError(-9), WorkerEndedError(-9), RESULT], "b": [WorkerEndedError(-9)] * 3}
     found = run_batch(shots, tmp_path / "results", OPTIONS)
     assert states(found) == {"a": ShotState.DONE, "b": ShotState.FAILED, "c": ShotState.DONE}
-    assert sorted(StandInJob.started) == ["a", "a", "b", "b", "c"]
+    assert sorted(StandInJob.started) == ["a", "a", "a", "b", "b", "b", "c"]
     assert "ended by signal 9" in capsys.readouterr().err
 
 
