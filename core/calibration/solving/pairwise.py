@@ -24,14 +24,11 @@ BENDS = (0.0, -0.03, -0.07, -0.12, -0.2, 0.04)
 """Distortions that are tried: how much farther out the picture's corner belongs, as a share."""
 FEWEST = 8
 """Frames that two views must share for a fundamental matrix (of two balls each, some wrong)."""
-_THRESHOLD = 2.0
-"""Pixels off the epipolar line within which a point agrees."""
 COUNT = 3
 """Guesses of two cameras that are refined: the best on the coarse grid."""
-_SAMPLE = 300
-"""Correspondences in which a plane is looked for."""
-_TRIED = 60
-"""Frames on which focal lengths are tried."""
+_THRESHOLD = 2.0  # pixels off the epipolar line within which a point agrees
+_SAMPLE = 300  # correspondences in which a plane is looked for
+_TRIED = 60  # frames on which focal lengths are tried
 
 
 @dataclass(frozen=True, eq=False)
