@@ -62,7 +62,7 @@ def natural_spline(knots: NDArray[np.int64], values: Array, at: NDArray[np.int64
     left = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(width) - 1)
     before, after, h = at - knots[left], knots[left + 1] - at, width[left]
     bent = before * after * (curvature[left] * (h + after) + curvature[left + 1] * (h + before)) / (6 * h)
-    return np.asarray((values[left] * after + values[left + 1] * before) / h - bent)
+    return np.asarray(values[left] * (after / h) + values[left + 1] * (before / h) - bent)
 
 
 def _turning(knots: NDArray[np.int64], values: Array, frames: NDArray[np.int64]) -> Array:

@@ -25,6 +25,7 @@ from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
 from kfmocap.core.tracking import retracking
 from kfmocap.core.tracking.expected_errors.uncertainty import JointErrors
 from kfmocap.core.tracking.segment_stages import Around
+from kfmocap.kfmocap_addon.properties.section_properties import sections_of
 from kfmocap.kfmocap_addon.scene_io import fcurves
 
 SIZE = (320, 240)
@@ -39,6 +40,8 @@ def blender() -> Iterator[SimpleNamespace]:
     """An empty file in Blender with the add-on registered."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     kfmocap_addon.register()
+    for own in ("shown", "step"):  # the window manager, and with it the open sections, outlives files
+        sections_of(bpy.context).property_unset(own)
     yield bpy
     kfmocap_addon.unregister()
 
