@@ -5,6 +5,8 @@ It is looked up by a timer once changes have come to rest: it takes too long for
 
 from __future__ import annotations
 
+import time
+
 import bpy
 
 from ..session import SESSION
@@ -39,7 +41,8 @@ class ChangeCache:
     def __init__(self) -> None:
         self._known: dict[int, bool] = {}
         self._asked: set[int] = set()
-        self._timer = self.look_up  # one object: Blender knows its timers by identity
+        self._timer = self._look_up_at_rest  # one object: Blender knows its timers by identity
+        self._changed = 0.0
 
     def known(self, scene: bpy.types.Scene) -> bool | None:
         """Whether something has changed; None until it has been looked up."""
@@ -71,9 +74,20 @@ class ChangeCache:
         viewport.redraw(bpy.context)
 
     def _schedule(self) -> None:
-        if bpy.app.timers.is_registered(self._timer):
-            bpy.app.timers.unregister(self._timer)
-        bpy.app.timers.register(self._timer, first_interval=_REST)
+        """Have it looked up when nothing has changed for a while. A timer that waits already waits longer: Blender
+        keeps those that are taken back until it next runs any, which without a window is never.
+        """
+        self._changed = time.monotonic()
+        if not bpy.app.timers.is_registered(self._timer):
+            bpy.app.timers.register(self._timer, first_interval=_REST)
+
+    def _look_up_at_rest(self) -> float | None:
+        """Look up what has been asked for, or return in how many seconds to try again."""
+        left = self._changed + _REST - time.monotonic()
+        if left > 0:
+            return left
+        self.look_up()
+        return None
 
 
 def known_changes() -> ChangeCache:

@@ -293,3 +293,20 @@ def test_tools_for_keys_are_enabled_where_there_are_such(looked_up, tmp_path, tr
     assert looked_up("remove_key_pose", *neighbours) == set(neighbours), "a tracked frame is no key pose"
     bpy.ops.kfmocap.clear_between(where="EVERYWHERE")
     assert not looked_up("simplify", "bake"), "they need tracked keys"
+
+
+def test_changes_are_looked_up_once_nothing_changes_any_more(tmp_path, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(changed_segments.time, "monotonic", lambda: now[0])
+    scene = scenes.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    known = changed_segments.ChangeCache()
+    assert known.known(scene) is None
+    now[0] += 0.3
+    known.outdate()
+    now[0] += 0.3
+    assert known._look_up_at_rest() == pytest.approx(0.1)
+    assert known.known(scene) is None
+    now[0] += 0.2
+    assert known._look_up_at_rest() is None
+    assert known.known(scene) is True
+    known.clear()
