@@ -47,16 +47,21 @@ def _shows_keys(area: bpy.types.Area) -> bool:
     return region_of(area).height >= _KEY_ROW * (bpy.context.preferences.system.ui_scale or 1.0)
 
 
+def _area_at(window: bpy.types.Window, pointer: int) -> bpy.types.Area | None:
+    """Return the area of a window that has a pointer, if it is still there: a timer must not keep areas themselves."""
+    return next((area for area in window.screen.areas if area.as_pointer() == pointer), None)
+
+
 def _give_room(window: bpy.types.Window, timeline: int) -> None:
     """Split the lowest part off the 3D view above a timeline, which takes it at the next draw."""
-    area = next((a for a in window.screen.areas if a.as_pointer() == timeline), None)
+    area = _area_at(window, timeline)
     above = view_above(window, area) if area is not None else None
     if above is not None and above.height > _HIGH and split_area(window, above, "HORIZONTAL", _SHARE):
         bpy.app.timers.register(partial(_take_room, window, timeline), first_interval=NEXT_DRAW)
 
 
 def _take_room(window: bpy.types.Window, timeline: int) -> None:
-    area = next((a for a in window.screen.areas if a.as_pointer() == timeline), None)
+    area = _area_at(window, timeline)
     split = view_above(window, area) if area is not None else None
     if area is None or split is None or split.height > _HIGH:
         return
@@ -72,7 +77,7 @@ def _take_room(window: bpy.types.Window, timeline: int) -> None:
 
 def _fit_above(window: bpy.types.Window, timeline: int) -> None:
     """Fit the footage into the 3D view that has given room."""
-    area = next((a for a in window.screen.areas if a.as_pointer() == timeline), None)
+    area = _area_at(window, timeline)
     view = view_above(window, area) if area is not None else None
     if view is not None and view.spaces.active.region_3d.view_perspective == "CAMERA":
         through_camera(window, window.screen, view)
