@@ -29,6 +29,7 @@ from .limb_corrections.limb_search import found_limbs
 from .limb_corrections.mirrored_limbs import with_limbs_mirrored
 from .limb_corrections.strayed_limbs import with_limbs_returned
 from .sequential_start import blended, excerpt, follow
+from .settled_solutions import SettledSolution
 from .solution_doubts import doubted_performers, explains_little, speaks_against, worst_first
 from .solution_ranking import RESTING, alike, better, equals, likeliest_at_rest, likelihood, noise_of
 from .whole_turns import with_whole_turn
@@ -165,28 +166,22 @@ class FirstLook:
 
     Attributes
     ----------
-    begin : SegmentSolution
-        The solution.
-    settled : SegmentSolution
-        `begin` after as many further iterations as `found` has had.
+    settled : SettledSolution
+        The solution, and what it becomes in as many further iterations as `found` has had.
     found : SegmentSolution
-        The result of the search.
-    noise : SegmentNoise
-        The noise at `begin`, under which all were measured.
+        The result of the search, measured under the same noise.
     """
 
-    begin: SegmentSolution
-    settled: SegmentSolution
+    settled: SettledSolution
     found: SegmentSolution
-    noise: SegmentNoise
 
     @classmethod
     def around(cls, problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> FirstLook:
         """Search for limbs around a solution."""
-        noise = noise_of(problem, solution, workspace)
-        settled = descend(problem, solution.motions, workspace.silent(), SETTLED, noise)
-        found = look_for_limbs(problem, problem, settled.motions, 0, workspace, noise=noise)
-        return cls(solution, settled, found, noise)
+        settled = SettledSolution.after(problem, solution, workspace.silent())
+        return cls(
+            settled, look_for_limbs(problem, problem, settled.solution.motions, 0, workspace, noise=settled.noise)
+        )
 
     def explains(self, problem: SegmentProblem) -> bool:
         """Whether the search found another motion that makes the images likelier.
@@ -194,8 +189,9 @@ class FirstLook:
         It does not for the bare arm of a bystander, which looks like the performer's: other views do not show it where
         the performer's arm could be.
         """
-        gain = likelihood(problem, self.noise, self.found) - likelihood(problem, self.noise, self.settled)
-        return gain > RESTING and not alike(self.found.motions, self.settled.motions)
+        noise, settled = self.settled.noise, self.settled.solution
+        gain = likelihood(problem, noise, self.found) - likelihood(problem, noise, settled)
+        return gain > RESTING and not alike(self.found.motions, settled.motions)
 
 
 def searched(
@@ -237,11 +233,11 @@ def searched(
     likely = solutions if explains_little(problem, first) else equals(solutions)
     noise = noise_of(problem, first, workspace)
     look = look or partial(look_for_limbs, noise=noise)
-    looked = first_look if first_look is not None and first_look.begin is first else None
+    looked = first_look if first_look is not None and first_look.settled.begin is first else None
     settled = [
         descend(problem, solution.motions, workspace.silent(), SETTLED, noise)
         if looked is None or solution is not first
-        else looked.settled
+        else looked.settled.solution
         for solution in likely
     ]
     begins: list[tuple[Sequence[Motion], SegmentProblem]] = []
@@ -253,7 +249,7 @@ def searched(
     while begins and len(found) < LOOKS:
         motions, around = begins.pop(0)
         part = looking.part(len(found) / LOOKS, (len(found) + 1) / LOOKS)
-        if looked is not None and around is problem and motions is looked.settled.motions:
+        if looked is not None and around is problem and motions is looked.settled.solution.motions:
             found.append(looked.found)
             looked = None
         else:

@@ -1,4 +1,4 @@
-"""Solutions for single performers, solved further: what the searches for all limbs of a performer are compared with."""
+"""Solutions for single performers, solved further: what the results of searches for limbs are compared with."""
 
 from __future__ import annotations
 
@@ -29,6 +29,12 @@ class SettledSolution:
     noise: SegmentNoise
     solution: SegmentSolution
 
+    @classmethod
+    def after(cls, problem: SegmentProblem, begin: SegmentSolution, workspace: Workspace) -> SettledSolution:
+        """Solve a solution further."""
+        noise = noise_of(problem, begin, workspace)
+        return cls(begin, noise, descend(problem, begin.motions, workspace, SETTLED, noise))
+
 
 class SettledSolutions:
     """Settled solutions of the performers of one problem, each computed once for any number of limbs."""
@@ -50,7 +56,6 @@ class SettledSolutions:
         [performer] = alone.sought
         kept = self._kept.get(performer)
         if kept is None or kept.begin.motions is not solution.motions:
-            noise = noise_of(alone, solution, workspace)
-            kept = SettledSolution(solution, noise, descend(alone, solution.motions, workspace, SETTLED, noise))
+            kept = SettledSolution.after(alone, solution, workspace)
             self._kept[performer] = replace(kept, solution=replace(kept.solution, seconds={}))  # they count once
         return kept

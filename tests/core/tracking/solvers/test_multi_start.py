@@ -20,6 +20,7 @@ from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, Segm
 from kfmocap.core.tracking.solvers.limb_corrections import limb_exchange
 from kfmocap.core.tracking.solvers.limb_corrections.like_limbs import exchanges
 from kfmocap.core.tracking.solvers.limb_corrections.limb_search import LEAST_GAIN
+from kfmocap.core.tracking.solvers.settled_solutions import SettledSolution
 from made_evidence import Landscape
 from synthetic import CAMERAS, at_rest, coloured, dark, ends_held, figure, swing
 
@@ -384,7 +385,7 @@ def test_a_look_that_was_taken_around_the_best_is_not_taken_again(around: str, t
     first, worse = (landscape.solution(PROBLEM, off(TRUTH, ARMS, angle)) for angle in (0.4, 0.8))
     find, looked = Finding(landscape, 0.5), {"best": first, "worse": worse}[around]
     noise = solution_ranking.noise_of(PROBLEM, looked, Workspace())
-    first_look = multi_start.FirstLook(looked, looked, find(PROBLEM, None, looked.motions), noise)
+    first_look = multi_start.FirstLook(SettledSolution(looked, noise, looked), find(PROBLEM, None, looked.motions))
     counts: list[int] = []
     for before in (None, first_look):
         seeds: list[int] = []
