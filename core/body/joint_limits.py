@@ -46,8 +46,10 @@ def habitual_prior(motion: Motion, precision: Array, usual: Array) -> BandedBloc
     usual : ndarray, shape (P, 3, 3) or (F, P, 3, 3)
         The usual rotations.
     """
-    turns = rotations.log(np.swapaxes(usual[..., 1:, :, :], -1, -2) @ motion.rotations[:, 1:])
-    ease = precision[:, 1:, None]
+    parts = 1 + np.flatnonzero(precision[:, 1:].any(axis=0))
+    turns = np.zeros((len(motion), precision.shape[1], 3))
+    turns[:, parts] = rotations.log(np.swapaxes(usual[..., parts, :, :], -1, -2) @ motion.rotations[:, parts])
+    turns, ease = turns[:, 1:], precision[:, 1:, None]
     return _turn_equations(turns, np.repeat(ease, 3, axis=2), ease * turns, float(np.sum(ease * turns**2)))
 
 

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
 from ..numerics.arrays import Array, Bools
-from .frame_evidence import FrameEvidence, FramesInView, frame_evidence
+from .frame_evidence import FrameEvidence, frame_evidence
+from .frame_looks import EvidenceCaches, FramesInView
 from .gradient_evidence.gradients import GradientSums
 from .outline_evidence.outline_sums import OutlineSums
 from .rendering.part_geometry import Geometry
 from .sampling import Sampling
-from .still_evidence import StillPartsCache
-from .view_frames import GradientImageCache, ViewFrames
+from .view_frames import ViewFrames
 
 RUN = 32
 """Approximate number of pairs of frames that are processed at a time: large enough for NumPy, small enough for the
@@ -96,10 +96,9 @@ def accumulate_evidence(
     *,
     first: int,
     noise: Array | None = None,
-    cache: GradientImageCache | None = None,
+    caches: EvidenceCaches | None = None,
     threads: int = 1,
     sought: Sequence[int] | None = None,
-    still: StillPartsCache | None = None,
 ) -> SegmentEvidence:
     """Measure the evidence of F frames in all views; the result does not depend on the number of threads.
 
@@ -116,16 +115,13 @@ def accumulate_evidence(
     noise : ndarray, shape (V, F - 1, 1 + P), optional
         Standard deviation of the residuals of each pair of frames, under which costs are computed; by default it is
         estimated from the residuals.
-    cache : GradientImageCache, optional
-        Keeps gradient images for the next call.
+    caches : EvidenceCaches, optional
+        Shared with the next call.
     threads : int
     sought : sequence of int, optional
         Indices of the performers that are solved for, by default all; the others get no gradients and outlines.
-    still : StillPartsCache, optional
-        Keeps the label images of the other performers for the next call.
     """
-    cache = GradientImageCache() if cache is None else cache
-    still = StillPartsCache() if still is None else still
+    caches, own = caches or EvidenceCaches(), None if sought is None else tuple(sought)
     F = len(next(iter(poses.values()))[0])
     runs = max(round((F - 1) / RUN), 1)
     bounds = [(F - 1) * k // runs for k in range(runs + 1)]
@@ -136,7 +132,7 @@ def accumulate_evidence(
         R, T = poses[views[v].delay]
         frames = FramesInView(views[v], first + a, (R[a : b + 1], T[a : b + 1]), sampling)
         given = None if noise is None else noise[v, a:b]
-        return frame_evidence(frames, geometry, noise=given, caches=(cache, still), sought=sought)
+        return frame_evidence(frames, geometry, noise=given, caches=caches, sought=own)
 
     if threads == 1:
         done = [run(span) for span in spans]

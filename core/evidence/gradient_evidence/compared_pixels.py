@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,17 +89,48 @@ class LabelledFrames:
 
 @dataclass(frozen=True, eq=False)
 class ComparedPixels:
-    """Pixels that show parts, and their points on the next frame, in camera axes (N, 3) and in the picture (N, 2), with
-    brightness and its derivatives (3, N) on both frames, the difference of brightness, and which pixels are used.
+    """N pixels that show parts on all but the last of n frames of a view, and their points on the next frame.
+
+    Attributes
+    ----------
+    camera : Camera
+        The view's camera, for its reduced and rectified frames.
+    first : int
+        Shot frame of the first frame.
+    labels : LabelImages
+        Label images of the n frames.
+    pixels : Pixels
+    points_there : ndarray, shape (N, 3)
+        The points on the next frame, in its camera's axes, metres.
+    uv_there : ndarray, shape (N, 2)
+        Their positions in the next picture.
+    here, there : ndarray, shape (3, N)
+        Brightness and its derivatives on both frames.
+    residual : ndarray, shape (N,)
+        Difference of brightness.
+    standing : ndarray, shape (N,)
+        The same if the points stood still in the picture.
+    seen : ndarray of bool, shape (N,)
+        Which pixels are used.
     """
 
+    camera: Camera
+    first: int
+    labels: LabelImages
     pixels: Pixels
     points_there: Image
     uv_there: Image
     here: Image
     there: Image
     residual: Image
+    standing: Image
     seen: NDArray[np.bool_]
+
+    @property
+    def nbytes(self) -> int:
+        """Size of what is stored by pixel, bytes."""
+        arrays = (getattr(item, field.name) for item in (self, self.pixels, self.labels) for field in fields(item))
+        return sum(array.nbytes for array in arrays if isinstance(array, np.ndarray))
 
 
 def compare(frames: LabelledFrames) -> ComparedPixels:
@@ -115,7 +146,10 @@ def compare(frames: LabelledFrames) -> ComparedPixels:
     if frames.foreground is not None:
         whose = labels.performer[pixels.part]
         seen &= log_ratio(frames.foreground[whose, pixels.frame, pixels.uv[:, 1], pixels.uv[:, 0]]) > BACKGROUND_BELOW
-    return ComparedPixels(pixels, x_b, uv_b, here, there, there[0] - here[0], seen)
+    standing = images.at(pixels.frame + 1, pixels.uv)[0] - here[0]
+    return ComparedPixels(
+        camera, frames.first, labels, pixels, x_b, uv_b, here, there, there[0] - here[0], standing, seen
+    )
 
 
 def _carried(pixels: Pixels, to_camera: Poses, poses: Poses) -> Image:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ...numerics.arrays import Array
 from ...numerics.robust_kernels import NORMAL_MAD
 from ..view_frames import Image
-from .compared_pixels import LabelledFrames, compare
+from .compared_pixels import ComparedPixels
 from .image_wrenches import camera_twist, wrenches
 from .pixel_gains import LEAST_NOISE, gains
 
@@ -71,7 +71,7 @@ class GradientSums:
 
 
 def brightness_constancy(
-    frames: LabelledFrames, tolerance: float, given_noise: Array | None = None, *, by_part: bool = False
+    compared: ComparedPixels, tolerance: float, given_noise: Array | None = None, *, by_part: bool = False
 ) -> GradientSums:
     """Sum the brightness constancy constraint between neighbouring frames of one view.
 
@@ -79,8 +79,8 @@ def brightness_constancy(
 
     Parameters
     ----------
-    frames : LabelledFrames
-        n frames.
+    compared : ComparedPixels
+        Those of n frames.
     tolerance : float
         Huber's limit in units of `HUBER` standard deviations: 1 near the solution, more far from it.
     given_noise : ndarray, shape (n - 1, 1 + P), optional
@@ -93,10 +93,9 @@ def brightness_constancy(
     GradientSums
         For the m = n - 1 pairs of neighbouring frames.
     """
-    camera, labels = frames.camera, frames.labels
-    m, P = len(frames.poses[0]) - 1, labels.share.shape[1]
-    to_camera = camera.poses(frames.first, m + 1)
-    compared = compare(frames)
+    camera, labels = compared.camera, compared.labels
+    m, P = len(labels.share) - 1, labels.share.shape[1]
+    to_camera = camera.poses(compared.first, m + 1)
     pixels, residual, seen = compared.pixels, compared.residual, compared.seen
     x_a, x_b = pixels.points_cam, compared.points_there
     focal = camera.matrix[[0, 1], [0, 1]].astype(np.float32)
@@ -112,7 +111,7 @@ def brightness_constancy(
     count = np.bincount(pixels.frame, seen, minlength=m).astype(float)
     error_sum = np.bincount(pixels.frame, error * seen, minlength=m).astype(float)
     error_sum += PART_PIXELS * ((given[:, :1] / given[:, 1:]) ** 2 * changes**2).sum(axis=1)
-    gain = gains(compared, frames.images, (tolerance * given[pixels.frame, 0]).astype(np.float32))
+    gain = gains(compared, (tolerance * given[pixels.frame, 0]).astype(np.float32))
 
     rows = np.empty((13, len(residual)), np.float32)
     rows[:6], rows[6:12], rows[12] = -wrenches(x_a, slope, focal).T, wrenches(x_b, slope, focal).T, residual

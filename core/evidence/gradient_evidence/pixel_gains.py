@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...numerics.arrays import Array
-from ..view_frames import GradientImages
 from .compared_pixels import ComparedPixels, LabelledFrames, compare
 
 OUTLIERS = 0.05
@@ -48,7 +47,7 @@ class PixelGains:
         """Return the gains of the parts in label images; parameters as in `brightness_constancy`."""
         compared, labels = compare(frames), frames.labels
         pixels, deviation = compared.pixels, tolerance * np.maximum(noise, LEAST_NOISE)
-        gain = gains(compared, frames.images, deviation[pixels.frame, 0])
+        gain = gains(compared, deviation[pixels.frame, 0])
         kept = np.flatnonzero(compared.seen)
         _, height, width = labels.part.shape
         u, v = np.rint(compared.uv_there[kept].T / frames.stride).astype(np.intp)
@@ -70,11 +69,10 @@ class PixelGains:
         return np.bincount(self.frame[of], self.gain[of], minlength=pairs).astype(float)
 
 
-def gains(compared: ComparedPixels, images: GradientImages, deviation: NDArray[np.floating[Any]]) -> Array:
+def gains(compared: ComparedPixels, deviation: NDArray[np.floating[Any]]) -> Array:
     """Return how much likelier each pixel is than if its point stood still, natural units, (N,); 0 for unused ones."""
-    pixels, deviation = compared.pixels, np.maximum(deviation, _LEAST_DEVIATION)
-    still = images.at(pixels.frame + 1, pixels.uv)[0] - compared.here[0]
-    moved, stood = (log_likelihoods(residual, deviation) for residual in (compared.residual, still))
+    deviation = np.maximum(deviation, _LEAST_DEVIATION)
+    moved, stood = (log_likelihoods(residual, deviation) for residual in (compared.residual, compared.standing))
     return np.asarray((moved - stood) * compared.seen)
 
 

@@ -14,7 +14,7 @@ from kfmocap.core.body.joint_blocks import joint_blocks
 from kfmocap.core.body.motion import Motion, stacked
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.evidence import segment_evidence
-from kfmocap.core.evidence.gradient_evidence.compared_pixels import LabelledFrames
+from kfmocap.core.evidence.gradient_evidence.compared_pixels import LabelledFrames, compare
 from kfmocap.core.evidence.gradient_evidence.gradients import (
     HUBER,
     GradientSums,
@@ -78,7 +78,8 @@ def gradient_images(pictures: Sequence[Brightness], size: tuple[int, int]) -> Gr
 
 def sums_of(camera: Camera, images: GradientImages, labels: LabelImages, poses: tuple[Array, Array]) -> GradientSums:
     """Those of all pixels, of which all count."""
-    return brightness_constancy(LabelledFrames(camera, images, labels, poses, first=0, stride=1), ALL_COUNT)
+    frames = LabelledFrames(camera, images, labels, poses, first=0, stride=1)
+    return brightness_constancy(compare(frames), ALL_COUNT)
 
 
 def labels_of(motion: Motion, camera: Camera, stride: int = 1) -> tuple[LabelImages, tuple[Array, Array]]:

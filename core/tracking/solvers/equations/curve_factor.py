@@ -7,10 +7,10 @@ them, and all of them may go astray together.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from ....body.joint_limits import habitual_prior
 from ....body.motion import Motion
+from ....numerics import rotations
 from ....numerics.arrays import Array
 from ....numerics.banded_blocks import BandedBlocks
 from .problem import SegmentProblem
@@ -52,10 +52,13 @@ def near_curve(problem: SegmentProblem, performer: int, motion: Motion) -> Bande
     frames = np.arange(F)
     for part in np.flatnonzero(body.is_stiff):
         keys = np.flatnonzero(fixed[:, part])
-        if len(keys):
-            curve[:, part] = motion.rotations[keys[np.abs(frames[:, None] - keys).argmin(axis=1)], part]
-        if len(keys) > 1:
-            inside = frames[keys[0] : keys[-1] + 1]
-            curve[inside, part] = Slerp(keys, Rotation.from_matrix(motion.rotations[keys, part]))(inside).as_matrix()
+        known = motion.rotations[keys, part]
+        if len(keys) == 1:
+            curve[:, part] = known
+        elif len(keys):
+            last = np.clip(np.searchsorted(keys, frames, side="right") - 1, 0, len(keys) - 2)
+            share = np.clip((frames - keys[last]) / np.diff(keys)[last], 0, 1)
+            turns = rotations.log(np.swapaxes(known[:-1], -1, -2) @ known[1:])
+            curve[:, part] = known[last] @ rotations.exp(share[:, None] * turns[last])
         precision[:, part] = 1 / (ON_A_FRAME * body.departures[part]) ** 2
     return habitual_prior(motion, precision, curve)

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from ....body.kinematics import Poses, scene_poses
 from ....body.motion import Motion
 from ....body.time_shift import Delayed, delayed
+from ....evidence.frame_looks import EvidenceCaches
 from ....evidence.occlusion import unseen
 from ....evidence.sampling import Sampling
 from ....evidence.segment_evidence import SegmentEvidence, accumulate_evidence
-from ....evidence.still_evidence import StillPartsCache
-from ....evidence.view_frames import KEPT_BYTES, GradientImageCache
+from ....evidence.view_frames import KEPT_BYTES
 from ....numerics.arrays import Array
 from ....numerics.banded_blocks import BandedBlocks
 from ....runtime.progress import step_share
@@ -108,10 +108,8 @@ class Workspace:
     Attributes
     ----------
     threads : int
-    cache : GradientImageCache
-        Gradient images, kept from one evaluation to the next.
-    still : StillPartsCache
-        Label images of performers whose motion is given.
+    caches : EvidenceCaches
+        Images and looks at them, kept from one evaluation to the next.
     recent : RecentLooks
         Whole evaluations.
     on_step : callable, optional
@@ -119,8 +117,7 @@ class Workspace:
     """
 
     threads: int = 1
-    cache: GradientImageCache = field(default_factory=GradientImageCache)
-    still: StillPartsCache = field(default_factory=StillPartsCache)
+    caches: EvidenceCaches = field(default_factory=EvidenceCaches)
     recent: RecentLooks = field(default_factory=RecentLooks)
     on_step: StepCallback | None = None
 
@@ -157,10 +154,9 @@ class Workspace:
                 sampling,
                 first=problem.first,
                 noise=noise,
-                cache=self.cache,
+                caches=self.caches,
                 threads=self.threads,
                 sought=sought,
-                still=self.still,
             )
             self.recent.keep(asked, values, evidence)
         return MeasuredMotion(tuple(motions), instants, evidence)

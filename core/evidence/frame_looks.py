@@ -1,0 +1,247 @@
+"""What frames of a view show at given poses, before it is weighed by a noise.
+
+A descent often starts where another one ended, under another noise. What was seen there is kept, and not seen anew.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..body.kinematics import Poses
+from ..numerics.arrays import Array
+from .explained import explained_by_part
+from .foreground_images.foreground import background_share, log_ratio
+from .gradient_evidence.compared_pixels import ComparedPixels, LabelledFrames, compare
+from .outline_evidence.outline_lines import outline_lines
+from .outline_evidence.outline_sums import OutlineSums, outline_sums
+from .rendering.label_images import LabelImages, render_labels
+from .rendering.part_geometry import Geometry
+from .sampling import Sampling
+from .still_evidence import StillEvidence, StillPartsCache
+from .view_frames import GradientImageCache, ViewFrames
+
+KEPT_LOOKS = 8 << 20
+"""Largest size of what is kept of one view, bytes."""
+
+
+@dataclass(frozen=True, eq=False)
+class FramesInView:
+    """Consecutive frames of a view from shot frame `first` on, with world poses (R, T) of all parts on them."""
+
+    view: ViewFrames
+    first: int
+    poses: Poses
+    sampling: Sampling
+
+    def __len__(self) -> int:
+        return len(self.poses[0])
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Numbers of frames and parts."""
+        frames, parts = self.poses[1].shape[:2]
+        return frames, parts
+
+    def foreground(self) -> NDArray[np.uint8] | None:
+        """Foreground images of these frames; None without any, or where the sampling leaves outlines out."""
+        wanted = self.sampling.reach and self.view.foreground is not None
+        return self.view.foreground_at(self.first, len(self)) if wanted else None
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """Label images of all performers, with those whose motion is given drawn only once.
+
+    Attributes
+    ----------
+    labels : LabelImages
+    areas : ndarray of int, shape (2, P, n)
+        Pixels of every part with the other performers and without them.
+    still : StillEvidence or None
+        The performers whose motion is given, if there are any.
+    hidden : LabelImages or None
+        Pixels of these that are hidden by the performers that are solved for.
+    """
+
+    labels: LabelImages
+    areas: NDArray[np.int64]
+    still: StillEvidence | None = None
+    hidden: LabelImages | None = None
+
+    @classmethod
+    def of(
+        cls, frames: FramesInView, geometry: Geometry, cache: StillPartsCache, sought: Sequence[int] | None
+    ) -> Drawing:
+        (R, T), stride = frames.poses, frames.sampling.stride
+        camera = frames.view.camera.subsampled(stride)
+        if sought is None or len(sought) > geometry.performer.max():
+            labels = render_labels(geometry, camera, frames.first, R, T)
+            return cls(labels, labels.areas())
+        own, moving = cache.moving(geometry, sought)
+        rest = np.setdiff1d(np.arange(T.shape[1]), own)
+        others = cache.drawn(frames.view, geometry, frames.poses, rest, stride=stride, first=frames.first)
+        alone = render_labels(moving, camera, frames.first, R[:, own], T[:, own])
+        labels = others.still.among(alone, own)
+        hidden = others.still.hidden(labels)
+        return cls(labels, others.still.areas(labels, hidden, alone, own), others, hidden)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameLook:
+    """What n consecutive frames of a view show of P parts.
+
+    Attributes
+    ----------
+    frames : FramesInView
+    geometry : Geometry
+    sought : tuple of int, optional
+        See `frame_look`.
+    drawing : Drawing
+    compared : ComparedPixels
+    outlines : OutlineSums
+    explained : ndarray, shape (P, n)
+        See `explained_by_part`.
+    agreeing : ndarray, shape (n, P)
+        See `core.evidence.segment_evidence.SegmentEvidence`.
+    """
+
+    frames: FramesInView
+    geometry: Geometry
+    sought: tuple[int, ...] | None
+    drawing: Drawing
+    compared: ComparedPixels
+    outlines: OutlineSums
+    explained: Array
+    agreeing: Array
+
+    def is_of(self, frames: FramesInView, geometry: Geometry, sought: tuple[int, ...] | None) -> bool:
+        """Whether it is what these frames show of these parts, in these poses."""
+        own = self.frames
+        return (
+            own.view is frames.view
+            and own.first == frames.first
+            and replace(own.sampling, by_part=frames.sampling.by_part) == frames.sampling
+            and self.geometry is geometry
+            and self.sought == sought
+            and all(np.array_equal(a, b) for a, b in zip(own.poses, frames.poses, strict=True))
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class EvidenceCaches:
+    """What is kept from one evaluation of the evidence to the next. None of it changes the evidence.
+
+    Threads may share them, if each evaluates other frames.
+
+    Attributes
+    ----------
+    images : GradientImageCache
+    still : StillPartsCache
+        Label images of performers whose motion is given.
+    looks : dict of tuple of FrameLook
+        The last two used at each view and range of frames, by the view, the first frame and the number of frames: the end of
+        a descent is among them even if a further step was refused.
+    """
+
+    images: GradientImageCache = field(default_factory=GradientImageCache)
+    still: StillPartsCache = field(default_factory=StillPartsCache)
+    looks: dict[tuple[ViewFrames, int, int], tuple[FrameLook, ...]] = field(default_factory=dict)
+
+
+def frame_look(
+    frames: FramesInView, geometry: Geometry, sought: tuple[int, ...] | None, caches: EvidenceCaches
+) -> tuple[FrameLook, dict[str, float]]:
+    """Look at some frames of one view, unless one of the last looks at them was the same.
+
+    Parameters
+    ----------
+    frames : FramesInView
+    geometry : Geometry
+        The parts of all performers.
+    sought : tuple of int, optional
+        Indices of the performers that are solved for, by default all; the others get no gradients and outlines.
+    caches : EvidenceCaches
+
+    Returns
+    -------
+    FrameLook
+    dict of float
+        Time spent, by stage.
+    """
+    begin = time.perf_counter()
+    key, start = (frames.view, frames.first, len(frames)), frames.first - frames.view.first
+    kept = caches.looks.get(key, ())
+    for known in kept:
+        if known.is_of(frames, geometry, sought):
+            caches.looks[key] = *(other for other in kept if other is not known), known
+            return known, {"label images": time.perf_counter() - begin, "gradients": 0.0, "outlines": 0.0}
+    drawing = Drawing.of(frames, geometry, caches.still, sought)
+    drawn = time.perf_counter()
+    foreground = frames.foreground()
+    compared = compare(labelled_frames(frames, drawing.labels, foreground, caches.images))
+    seen = time.perf_counter()
+    if foreground is None:
+        outlines = OutlineSums(np.zeros((*frames.shape, 6, 6)), np.zeros((*frames.shape, 6)), np.zeros(len(frames)))
+        explained, agreeing = np.zeros(drawing.areas.shape[1:]), np.ones(frames.shape)
+    else:
+        outlines = _outlines(frames, drawing.labels, foreground)
+        explained, agreeing = _explained(frames, drawing, foreground), _agreeing(frames, drawing.labels, foreground)
+    look = FrameLook(frames, geometry, sought, drawing, compared, outlines, explained, agreeing)
+    if 2 * (1 + start / max(len(frames) - 1, 1)) * compared.nbytes <= KEPT_LOOKS:
+        caches.looks[key] = *kept[-1:], look
+    return look, {
+        "label images": drawn - begin,
+        "gradients": seen - drawn,
+        "outlines": time.perf_counter() - seen,
+    }
+
+
+def labelled_frames(
+    frames: FramesInView, labels: LabelImages, foreground: NDArray[np.uint8] | None, images: GradientImageCache
+) -> LabelledFrames:
+    """Join frames and their label images with the gradient images around these."""
+    view, first, sampling = frames.view, frames.first, frames.sampling
+    left, top, right, bottom = (sampling.stride * edge for edge in labels.box())
+    shown = images.images(view, range(first, first + len(frames)), sampling.sigma, (left, top, right, bottom))
+    return LabelledFrames(view.camera, shown, labels, frames.poses, first, sampling.stride, foreground)
+
+
+def _outlines(frames: FramesInView, labels: LabelImages, foreground: NDArray[np.uint8]) -> OutlineSums:
+    view, first, sampling = frames.view, frames.first, frames.sampling
+    lines = outline_lines(
+        view.camera,
+        foreground,
+        labels,
+        stride=sampling.stride,
+        reach=max(4, round(sampling.reach * view.pixels_per_metre(frames.poses[1].mean(axis=(0, 1)), first))),
+        tolerance=sampling.tolerance,
+        halo=view.halo,
+        coloured=view.part_colours(first, len(frames)),
+    )
+    n, P = labels.share.shape
+    return outline_sums(lines, view.camera, first, (n, P))
+
+
+def _explained(frames: FramesInView, drawing: Drawing, foreground: NDArray[np.uint8]) -> Array:
+    """Log likelihood ratios of the pixels that all performers cover, summed by part and frame, (P, n)."""
+    sums = partial(explained_by_part, frames.view, foreground, stride=frames.sampling.stride, first=frames.first)
+    explained = sums(drawing.labels, np.arange(frames.shape[1]))
+    if drawing.still is not None and drawing.hidden is not None:
+        parts = drawing.still.still.parts
+        explained[parts] = drawing.still.explained - sums(drawing.hidden, parts)
+    return explained
+
+
+def _agreeing(frames: FramesInView, labels: LabelImages, foreground: NDArray[np.uint8]) -> Array:
+    """Share of the pixels that show a part which look like some performer, shape (n, P)."""
+    frame, u, v = labels.places
+    stride, count = frames.sampling.stride, np.diff(labels.ends)
+    nobody = background_share(log_ratio(foreground[:, frame, stride * v, stride * u].max(axis=0)))
+    unlike = np.bincount(np.repeat(np.arange(len(count)), count), nobody, len(count))
+    return np.asarray(1.0 - unlike / np.maximum(count, 1), float).reshape(frames.shape)
