@@ -78,6 +78,7 @@ class Drawing:
     def of(
         cls, frames: FramesInView, geometry: Geometry, cache: StillPartsCache, sought: Sequence[int] | None
     ) -> Drawing:
+        """Draw the parts of all performers; `sought` as in `frame_look`."""
         (R, T), stride = frames.poses, frames.sampling.stride
         camera = frames.view.camera.subsampled(stride)
         if sought is None or len(sought) > geometry.performer.max():
@@ -133,25 +134,54 @@ class FrameLook:
         )
 
 
+class LookCache:
+    """The last two looks at each range of frames of each view: the end of a descent is among them even if a further
+    step was refused.
+
+    Threads may share a cache, if each looks at other frames.
+    """
+
+    def __init__(self) -> None:
+        self._kept: dict[ViewFrames, dict[tuple[int, int], list[FrameLook]]] = {}
+
+    def look(self, frames: FramesInView, geometry: Geometry, sought: tuple[int, ...] | None) -> FrameLook | None:
+        """Return the look that is the same, see `frame_look`; None if it is not kept."""
+        looks = self._kept.get(frames.view, {}).get((frames.first, len(frames)), [])
+        for known in looks:
+            if known.is_of(frames, geometry, sought):
+                looks.remove(known)
+                looks.append(known)  # as the last one
+                return known
+        return None
+
+    def keep(self, look: FrameLook) -> None:
+        """Keep a look, unless those at its view would take more than `KEPT_LOOKS`."""
+        frames, count = look.frames, len(look.frames)
+        windows = 1 + (frames.first - frames.view.first) / max(count - 1, 1)
+        kept = self._kept.setdefault(frames.view, {})
+        for first, length in list(kept):  # what shows some of the same pairs of frames is replaced
+            shared = min(first + length, frames.first + count) - max(first, frames.first)
+            if shared > 1 and (first, length) != (frames.first, count):
+                kept.pop((first, length), None)  # another thread may have done it
+        if 2 * windows * look.compared.nbytes <= KEPT_LOOKS:
+            kept[frames.first, count] = [*kept.get((frames.first, count), [])[-1:], look]
+
+
 @dataclass(frozen=True, eq=False)
 class EvidenceCaches:
     """What is kept from one evaluation of the evidence to the next. None of it changes the evidence.
-
-    Threads may share them, if each evaluates other frames.
 
     Attributes
     ----------
     images : GradientImageCache
     still : StillPartsCache
         Label images of performers whose motion is given.
-    looks : dict of tuple of FrameLook
-        The last two used at each view and range of frames, by the view, the first frame and the number of frames: the end of
-        a descent is among them even if a further step was refused.
+    looks : LookCache
     """
 
     images: GradientImageCache = field(default_factory=GradientImageCache)
     still: StillPartsCache = field(default_factory=StillPartsCache)
-    looks: dict[tuple[ViewFrames, int, int], tuple[FrameLook, ...]] = field(default_factory=dict)
+    looks: LookCache = field(default_factory=LookCache)
 
 
 def frame_look(
@@ -175,12 +205,8 @@ def frame_look(
         Time spent, by stage.
     """
     begin = time.perf_counter()
-    key, start = (frames.view, frames.first, len(frames)), frames.first - frames.view.first
-    kept = caches.looks.get(key, ())
-    for known in kept:
-        if known.is_of(frames, geometry, sought):
-            caches.looks[key] = *(other for other in kept if other is not known), known
-            return known, {"label images": time.perf_counter() - begin, "gradients": 0.0, "outlines": 0.0}
+    if (kept := caches.looks.look(frames, geometry, sought)) is not None:
+        return kept, {"label images": time.perf_counter() - begin, "gradients": 0.0, "outlines": 0.0}
     drawing = Drawing.of(frames, geometry, caches.still, sought)
     drawn = time.perf_counter()
     foreground = frames.foreground()
@@ -193,8 +219,7 @@ def frame_look(
         outlines = _outlines(frames, drawing.labels, foreground)
         explained, agreeing = _explained(frames, drawing, foreground), _agreeing(frames, drawing.labels, foreground)
     look = FrameLook(frames, geometry, sought, drawing, compared, outlines, explained, agreeing)
-    if 2 * (1 + start / max(len(frames) - 1, 1)) * compared.nbytes <= KEPT_LOOKS:
-        caches.looks[key] = *kept[-1:], look
+    caches.looks.keep(look)
     return look, {
         "label images": drawn - begin,
         "gradients": seen - drawn,

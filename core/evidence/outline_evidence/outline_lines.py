@@ -127,18 +127,13 @@ def outline_lines(
     pieces = seen_pieces(labels, stride, None if coloured is None else coloured.colours.distinct)
     places = np.arange(-reach, reach + 1)
     # In double precision, as exponentials in single precision differ between processors.
-    ratio = np.zeros((len(pieces.uv), len(places)))
+    ratio = np.zeros((len(places), len(pieces.uv)))
     own = pieces.behind >= 0
-    ratio[~own] = _along(foreground, labels, pieces.where(~own), places, stride)
+    ratio[:, ~own] = _along(foreground, labels, pieces.where(~own), places, stride).T
     if coloured is not None:
-        ratio[own] = _along_within(coloured, labels, pieces.where(own), places, stride)
-    inside = np.cumsum(ratio, axis=1)
-    score = CONTRAST * (2 * inside - inside[:, -1:])  # of an end between a place and the next: inside less outside
-    likely = np.exp(score - score.max(axis=1, keepdims=True, initial=-np.inf))
-    likely /= likely.sum(axis=1, keepdims=True)
-    ends = places + 0.5 - np.where(own, 0.0, halo)[:, None]
-    shift = (likely * ends).sum(axis=1)
-    variance = (likely * (ends - shift[:, None]) ** 2).sum(axis=1) + EDGE_DEVIATION**2
+        ratio[:, own] = _along_within(coloured, labels, pieces.where(own), places, stride).T
+    mean, spread = _ends(ratio, places)
+    shift, variance = mean - np.where(own, 0.0, halo), spread + EDGE_DEVIATION**2
     ignorance = len(places) ** 2 / 12 + EDGE_DEVIATION**2  # of a line along which nothing is seen
     information = np.maximum(1 / variance - 1 / ignorance, 0)
     focal = camera.matrix[[0, 1], [0, 1]]
@@ -159,6 +154,20 @@ def outline_lines(
         weight=robust**2 * precision,
         error=farthest**2 / 3 * (1 - robust**3) * precision,
     )
+
+
+def _ends(ratio: Array, places: NDArray[np.int_]) -> tuple[Array, Array]:
+    """Return the means and variances (N,) of where the body ends along lines, by log likelihood ratios (L, N) at their
+    L places.
+    """
+    score = np.cumsum(ratio, axis=0)
+    score -= score[-1] / 2  # of an end between a place and the next: inside less outside
+    score -= score.max(axis=0, initial=-np.inf)
+    score *= 2 * CONTRAST
+    likely = np.exp(score, out=score)
+    end = places + 0.5
+    total, first, second = np.stack([np.ones(len(end)), end, end**2]) @ likely
+    return first / total, second / total - (first / total) ** 2
 
 
 def _along_within(
