@@ -34,7 +34,7 @@ ELSEWHERE_SPREAD = 0.5
 ELSEWHERE = 60
 """Poses drawn around each key pose, to learn how brightness changes where no limb has its side."""
 _POINTS = 16
-_AT_A_TIME = 16  # frames
+_AT_A_TIME, _FRAMES = 256, 16  # poses, but at least so many frames
 _LEAST_RANGE = 0.05
 
 
@@ -166,20 +166,20 @@ def _with_learned(limb: LimbModel, look: UncoveredImages, keys: NDArray[np.intp]
     found: list[list[NDArray[np.float32]]] = [[], []]
     for k, key in enumerate(keys.tolist()):
         frame = slice(key, key + 1)
-        for kind, turns in enumerate((limb.begin[None, frame], drawn[k][None])):
-            for sides, poses in zip(limb.sides, _posed(limb, frame, turns), strict=False):
-                change, visible = look.changes(sides, frame, poses)
-                found[kind].append(change[visible])
+        turns = np.concatenate([limb.begin[frame], drawn[k]])[None]
+        for sides, poses in zip(limb.sides, _posed(limb, frame, turns), strict=False):
+            change, visible = look.changes(sides, frame, poses)
+            for kind, some in zip(found, (slice(1), slice(1, None)), strict=True):
+                kind.append(change[..., some][visible[..., some]])
     return replace(look, sides=SideRatios.learned(*map(np.concatenate, found)))
 
 
 def sides_shown(limb: LimbModel, looks: Sequence[UncoveredImages]) -> Array:
     """Log likelihood ratio of a limb's present pose by the brightness across its sides, (F,)."""
-    score = np.zeros(len(limb.begin))
-    for some in _chunks(len(score)):
-        for sides, poses in zip(limb.sides, _posed(limb, some, limb.begin[some, None]), strict=False):
-            for look in looks:
-                score[some] += look.beside(sides, some, poses)[:, 0]
+    score, every = np.zeros(len(limb.begin)), slice(0, len(limb.begin))
+    for sides, poses in zip(limb.sides, _posed(limb, every, limb.begin[:, None]), strict=False):
+        for look in looks:
+            score += look.beside(sides, every, poses)[:, 0]
     return score
 
 
@@ -202,7 +202,7 @@ def covered(limb: LimbModel, uncovered: Sequence[UncoveredImages], drawn: Array)
         Rotation vectors.
     """
     score = np.zeros((len(limb.held), drawn.shape[1]))
-    for some in _chunks(len(score)):
+    for some in _chunks(*score.shape):
         chosen = drawn if len(drawn) == 1 else drawn[some]
         for part, (area, poses) in enumerate(zip(limb.areas, _posed(limb, some, chosen), strict=True)):
             world = _placed(limb.points[part], poses)
@@ -213,8 +213,9 @@ def covered(limb: LimbModel, uncovered: Sequence[UncoveredImages], drawn: Array)
     return score
 
 
-def _chunks(frames: int) -> Iterator[slice]:
-    return (slice(f, min(f + _AT_A_TIME, frames)) for f in range(0, frames, _AT_A_TIME))
+def _chunks(frames: int, poses: int) -> Iterator[slice]:
+    step = max(_AT_A_TIME // poses, _FRAMES)
+    return (slice(f, min(f + step, frames)) for f in range(0, frames, step))
 
 
 def _posed(limb: LimbModel, frames: slice, drawn: Array) -> Iterator[PartPoses]:
