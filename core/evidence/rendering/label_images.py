@@ -99,13 +99,19 @@ class LabelImages:
     def inverse_depth(self) -> NDArray[np.float32]:
         """1/z of the surface at the pixels of `index`, 1/metres, shape (N,)."""
         _, u, v = self.places
-        rays = np.ones((3, len(u)))
-        rays[:2] = u, v
-        planes = self.faces.planes.astype(float)  # processors differ in products of single precision
-        entered = np.empty(len(u), dtype=np.float32)
-        for (a, b), (c, d) in zip(pairwise(self.ends.tolist()), pairwise(self.faces.ends.tolist()), strict=True):
+        rays = np.ones((len(u), 3))
+        rays[:, 0], rays[:, 1] = u, v
+        planes = self.faces.planes.astype(float).T  # processors differ in products of single precision
+        pixels, faces = np.diff(self.ends), np.diff(self.faces.ends)
+        begins = np.concatenate([[0], np.cumsum(pixels * faces)])
+        at_planes = np.empty(begins[-1])  # of each pixel after the other, at all planes of its part
+        parts = zip(pairwise(self.ends.tolist()), pairwise(self.faces.ends.tolist()), begins.tolist(), strict=False)
+        for (a, b), (c, d), begin in parts:
             if a < b:
-                np.minimum.reduce(planes[c:d] @ rays[:, a:b], axis=0, out=entered[a:b])
+                out = at_planes[begin : begin + (b - a) * (d - c)].reshape(b - a, d - c)
+                np.dot(rays[a:b], planes[:, c:d], out=out)
+        each = np.repeat(faces, pixels)
+        entered = np.minimum.reduceat(at_planes, np.cumsum(each) - each).astype(np.float32)
         return np.maximum(entered, np.repeat(self.faces.farthest, np.diff(self.ends)))
 
     def areas(self) -> Ints:
