@@ -23,7 +23,13 @@ from kfmocap.core.tracking.appearance import frames_with_foreground, key_frame_s
 from kfmocap.core.tracking.picture_store import PictureStore, StoredView
 from kfmocap.core.tracking.reader import ColourFrames
 from kfmocap.core.tracking.segments import LONGEST, PosedFrames, posed_frames, segments
-from kfmocap.core.tracking.solvers import gauss_newton, multi_start, solution_doubts, solution_ranking
+from kfmocap.core.tracking.solvers import (
+    gauss_newton,
+    multi_start,
+    settled_solutions,
+    solution_doubts,
+    solution_ranking,
+)
 from kfmocap.core.tracking.solvers.equations import segment_equations
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
@@ -372,10 +378,11 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Told:
             yield [TRUTHS[i] if j == i else motion for j, motion in enumerate(motions)]
 
     made = Told()
-    for solver in (multi_start, limb_exchange):
+    for solver in (multi_start, limb_exchange, settled_solutions):
         monkeypatch.setattr(solver, "descend", made.found)
-        monkeypatch.setattr(solver, "approach", lambda _problem, motions, *_: (tuple(motions), [], {}, None))
         monkeypatch.setattr(solver, "noise_of", lambda *_: None)
+    for solver in (multi_start, limb_exchange):
+        monkeypatch.setattr(solver, "approach", lambda _problem, motions, *_: (tuple(motions), [], {}, None))
     monkeypatch.setattr(limb_exchange, "exchanges", exchanged)
     return made
 
