@@ -16,6 +16,7 @@ from importlib import import_module
 from ..core.errors import KFMocapError
 from ..core.runtime.decoder_log import DecoderLog
 from ..core.runtime.interrupts import Interruptions, interrupted_text, results_seen
+from ..core.runtime.loading import uncollected
 from ..core.runtime.worker_memory import WorkerMemory
 from .arguments import parser
 from .services import Services
@@ -50,7 +51,8 @@ def main(argv: Sequence[str] | None = None, services: Services | None = None) ->
 
         try:
             with _blender_ahead(args, services or Services()) as beside, _workers_ahead(args, beside) as ready:
-                command = import_module(f".{args.command}_command", __package__)
+                with uncollected():
+                    command = import_module(f".{args.command}_command", __package__)
                 exit_code: int = command.run(args, ready)
         except Exception as error:
             if interruptions.received is not None:

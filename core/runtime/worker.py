@@ -54,8 +54,9 @@ def main() -> None:
             os.nice(NICENESS)
         sys.path[:] = search
         load(package, Path(folder))
-        for module in imports:
-            importlib.import_module(module)
+        with importlib.import_module(f"{package}.core.runtime.loading").uncollected():
+            for module in imports:
+                importlib.import_module(module)
         kept = importlib.import_module(f"{package}.core.runtime.worker_memory")
         memory = kept.WorkerMemory()
         while (data := sent.get()) is not None:
