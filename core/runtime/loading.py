@@ -11,7 +11,8 @@ from contextlib import contextmanager
 def uncollected() -> Iterator[None]:
     """Keep the garbage collector from going through the objects made in the block, now and later.
 
-    Modules are loaded in two thirds of the time: they make many objects, and hardly any that are not needed until the end.
+    Modules are loaded in two thirds of the time: they make many objects, hardly any of which are not needed until the
+    end.
     """
     enabled = gc.isenabled()
     gc.disable()
