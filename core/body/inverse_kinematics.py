@@ -34,6 +34,8 @@ DRAWS = 12
 CLEARLY = 0.5
 """A pose from a random start replaces the first one only if its misfit is below this share of the first one's: on a
 body of other proportions, all poses have a misfit."""
+ON_A_LINE = 1e-9
+"""Landmarks whose spread across a line is below this share of that along it, squared, leave the turn about it open."""
 LIMIT_SIGMA = 0.02
 """Standard deviation of a joint beyond its limits while the fit is searching, radians."""
 
@@ -182,10 +184,20 @@ def _placed(body: Body, names: list[str], points: Array) -> Motion:
     trunk = [n.endswith(("Hip", "Shoulder", "Neck")) for n in names]
     weight = np.where(trunk, 1.0, 0.02)
     centre = [np.average(x, axis=0, weights=weight) for x in (model, points)]
-    turn, _ = Rotation.align_vectors(points - centre[1], model - centre[0], weights=weight)
+    turn = _turn_onto(model - centre[0], points - centre[1], weight)
     R0 = body.R_parent_rest[0]
     rest.rotations[0, 0] = R0.T @ turn.as_matrix() @ R0
     return Motion(turn.apply(rest.translations - centre[0]) + centre[1], rest.rotations)
+
+
+def _turn_onto(model: Array, points: Array, weight: Array) -> Rotation:
+    """Return the rotation that takes centred points (L, 3) best onto others of weights (L,). About a line on which all
+    of them lie, such as that of the straight arm of the rest pose, it is the shortest.
+    """
+    U, spread, Vt = np.linalg.svd(points.T @ (weight[:, None] * model))
+    if spread[0] > 0 and spread[1] < ON_A_LINE * spread[0]:
+        return Rotation.align_vectors(U[:, 0], Vt[0])[0]
+    return Rotation.align_vectors(points, model, weights=weight)[0]
 
 
 def _descended(body: Body, names: list[str], targets: Array, start: Motion, tolerance: float) -> Motion:

@@ -127,6 +127,21 @@ def test_landmarks_that_the_body_does_not_have_are_left_out() -> None:
     np.testing.assert_allclose(a.rotations, b.rotations, atol=1e-9)
 
 
+@pytest.mark.filterwarnings("error")
+def test_arms_alone_which_are_on_a_line_at_rest_leave_the_trunk_upright() -> None:
+    """They say nothing of the turn about that line; the upper arms, hanging here, take it all."""
+    names = [side + joint for side in "LR" for joint in ("Shoulder", "Elbow", "Wrist")]
+    vectors = np.zeros((4, len(BODY), 3))
+    vectors[:, 0, 1] = np.radians([0, 60, 120, 170])  # the pelvis' y axis points up
+    vectors[:, BODY.index("forearm.L"), 0] = vectors[:, BODY.index("forearm.R"), 0] = 0.5
+    truth = Motion(np.zeros((4, 3)), rotations.exp(vectors))
+    targets = landmark_positions(BODY, truth, names)
+    found = fit_poses(BODY, names, targets)
+    assert error_mm(BODY, found, names, targets).max() < 5
+    neck, hip = landmark_positions(BODY, found, ["Neck", "Hip"]).swapaxes(0, 1)
+    assert ((neck - hip)[:, 2] > 0.9 * np.linalg.norm(neck - hip, axis=1)).all()
+
+
 @pytest.mark.parametrize("seen", [0, 2])
 def test_fewer_than_three_landmarks_are_an_error_that_names_the_pose(seen: int) -> None:
     targets = landmark_positions(BODY, exercise(BODY, 2), NAMES)
