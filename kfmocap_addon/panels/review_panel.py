@@ -20,7 +20,7 @@ class ReviewPanel(Section, bpy.types.Panel):
         layout, properties = self.layout, context.scene.kfmocap
         tracked = [s for s in performer_rows.in_order(context) if bone_visibility.is_tracked(s.armature)]
         if not tracked:
-            layout.label(text="Not tracked yet", icon="INFO")
+            layout.label(text="Not tracked yet: use Track All", icon="INFO")
             return
         row = layout.row(align=True)
         row.prop(properties, "show_confidence", toggle=True, icon="COLOR")
@@ -36,7 +36,7 @@ class ReviewPanel(Section, bpy.types.Panel):
             _draw_helpful(column, slot)
             _draw_suggestions(column, slot)
         if active_performer.chosen(context) in tracked:
-            _draw_plants(layout.column(align=True), context)
+            _draw_plants(layout.column(), context)
 
 
 def _draw_hidden(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> None:
@@ -124,23 +124,52 @@ def _draw_plants(column: bpy.types.UILayout, context: bpy.types.Context) -> None
         column.operator(CleanFeet.bl_idname, icon="CON_FLOOR")
 
 
+LEAST_SHARE = 0.04
+"""Least share of a bar that a plant takes up, as a button of less cannot be seen."""
+BAR_UNITS = 5.0
+"""Width that a bar asks for, in units of the interface; it is drawn as wide as there is room."""
+
+
 def _draw_bar(layout: bpy.types.UILayout, plants: list[tuple[int, int]], frames: tuple[int, int]) -> None:
-    """Draw a bar over some frames, with a button for each plant."""
-    at, last = frames[0], frames[1] + 1
-    left = layout.row(align=True)
-    for first, end in plants:
-        for upto, is_plant in ((first, False), (end + 1, True)):
-            if upto <= at or last <= at:
-                continue
-            whole = left.split(factor=min((upto - at) / (last - at), 1.0), align=True)
-            piece, left = whole.row(align=True), whole.row(align=True)
-            if is_plant:
-                button = piece.operator(GoToFrame.bl_idname, text=" ", depress=True)
-                button.frame, button.reason = first, f"Planted from frame {first} to {end}. Jump to its first frame"
-            else:
-                piece.label(text="")
-            at = upto
-    left.label(text="")
+    """Draw a bar over some frames, with a button for each plant and each gap.
+
+    Columns of a fixed width alone are drawn as narrow as is asked for. Gaps are buttons, too, and bars not aligned with
+    one another, as Blender moves the edges of aligned buttons together where they are a few pixels apart.
+    """
+    row, length = layout.row(align=True), frames[1] + 1.0 - frames[0]
+    for start, stop, (first, last), planted in bar_pieces(plants, frames):
+        piece = row.column(align=True)
+        piece.ui_units_x = BAR_UNITS * (stop - start) / length
+        button = piece.operator(GoToFrame.bl_idname, text=" ", depress=planted)
+        button.frame = first
+        button.reason = f"{'Planted' if planted else 'Not planted'} from frame {first} to {last}. Jump to the first"
+
+
+def bar_pieces(
+    plants: list[tuple[int, int]], frames: tuple[int, int]
+) -> list[tuple[float, float, tuple[int, int], bool]]:
+    """Return for each piece of a bar where it begins and ends, in frames, its first and last frame, and whether it is
+    a plant.
+
+    Parameters
+    ----------
+    plants : list of tuple of int
+        First and last frame of each plant, in their order.
+    frames : tuple of int
+        First and last frame that the bar shows.
+    """
+    at, begin, after = float(frames[0]), frames[0], frames[1] + 1.0
+    shown = [(first, last) for first, last in plants if last >= begin and first < after]
+    least = min(LEAST_SHARE, 1 / max(len(shown), 1)) * (after - begin)
+    pieces = []
+    for others, (first, last) in zip(reversed(range(len(shown))), shown, strict=True):
+        start = max(at, min(first, after - (others + 1) * least))
+        stop = min(max(last + 1, start + least), after - others * least)
+        if start > at:
+            pieces.append((at, start, (begin, first - 1), False))
+        pieces.append((start, stop, (first, last), True))
+        at, begin = stop, last + 1
+    return [*pieces, (at, after, (begin, frames[1]), False)] if at < after else pieces
 
 
 CLASSES = (ReviewPanel,)

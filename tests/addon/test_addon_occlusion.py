@@ -192,7 +192,7 @@ def test_the_panel_jumps_to_suggested_key_frames(blender, tmp_path):  # noqa: F8
 
 def test_before_any_tracking_the_panel_says_so(blender, tmp_path):  # noqa: F811
     built = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
-    assert drawn(1).labels == ["Not tracked yet"]
+    assert drawn(1).labels == ["Not tracked yet: use Track All"]
     assert not hidden(built.kfmocap.performers[0], 1)
     bpy.data.objects.remove(built.kfmocap.performers[0].armature)
-    assert drawn(1).labels == ["Not tracked yet"]
+    assert drawn(1).labels == ["Not tracked yet: use Track All"]

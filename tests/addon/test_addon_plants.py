@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from kfmocap.core.body.kinematics import part_poses  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.body.soles import SOLE_POINTS, Soles  # noqa: E402
 from kfmocap.kfmocap_addon.overlays.plant_bars import ROWS  # noqa: E402
+from kfmocap.kfmocap_addon.panels.review_panel import LEAST_SHARE, bar_pieces  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting import sole_plants  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
@@ -135,3 +138,27 @@ def test_clean_feet_stand_still_and_the_animators_keys_stay(dancer):
     assert np.quantile(steps[1][still], 0.95) < 1e-3 < np.quantile(steps[0][still], 0.5)
     assert np.array_equal(after.rotations[0], before.rotations[0])
     assert np.array_equal(after.translations[0], before.translations[0])
+
+
+@pytest.mark.parametrize(
+    "plants",
+    [
+        [],
+        [(1, 60)],
+        [(60, 60)],
+        [(1, 37), (46, 46), (59, 60)],
+        [(1, 1), (3, 3), (5, 5)],
+        [(58, 58), (60, 60)],
+        [(-20, -3), (0, 4), (50, 90), (95, 99)],
+    ],
+)
+def test_the_pieces_of_a_bar_fill_it_and_every_plant_on_its_frames_can_be_seen(plants):
+    pieces = bar_pieces(plants, (1, 60))
+    assert pieces[0][0] == 1 and pieces[-1][1] == 61
+    assert all(before[1] == after[0] for before, after in itertools.pairwise(pieces))
+    shown = [(start, stop, frames) for start, stop, frames, planted in pieces if planted]
+    assert [frames for *_, frames in shown] == [(a, b) for a, b in plants if b >= 1 and a <= 60]
+    assert all(stop - start >= LEAST_SHARE * 60 - 1e-9 for start, stop, _ in shown)
+    assert all(start < stop for start, stop, *_ in pieces)
+    numbers = [f for _, _, (first, last), _ in pieces for f in (first, last)]
+    assert numbers == sorted(numbers)
