@@ -17,6 +17,7 @@ from ..body.kinematics import scene_poses
 from ..body.motion import Motion
 from ..numerics.arrays import Array, Bools
 from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
+from ..shot.frame_numbers import LARGEST_OFFSET
 from .outline_evidence.outline_lines import KEY_PIECE
 from .part_shapes import ShapeEquations, compose, shape_equations
 from .rendering.part_geometry import Geometry
@@ -42,7 +43,7 @@ class Offset:
         found = list(measured)
         precision = sum(offset.precision for offset in found) + DEVIATION**-2
         value = sum(offset.precision * offset.value for offset in found) / precision
-        return cls(float(np.clip(value, -0.5, 0.5)) if abs(value) >= LEAST else 0.0, precision)
+        return cls(float(np.clip(value, -LARGEST_OFFSET, LARGEST_OFFSET)) if abs(value) >= LEAST else 0.0, precision)
 
 
 def key_frame_offset(

@@ -8,6 +8,7 @@ from typing import Any
 from ..errors import listed
 from ..shot.footage_faults.footage_damage import FootageDamage
 from ..shot.footage_faults.footage_times import FootageRate
+from ..shot.frame_numbers import footage_offset_text
 from ..tracking.late_views import LateView
 
 _MOST_LISTED = 10
@@ -19,8 +20,7 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
     lines = [f"left out, {file}" for view in values["views"] for file in view["skipped"]]
     offset = values["footage_offset"]
     if offset and values["settings"]["footage_offset"] is None:
-        when = f"{abs(offset):.2f} frames {'later' if offset > 0 else 'earlier'}"
-        lines.append(f"the footage shows the key poses {when} than on their frames; the motion allows for it")
+        lines.append(footage_offset_text(offset))
     for view in values["views"]:
         if view["refined"]:
             lines.append(f"{view['camera']}: refined, its picture moved by {view['refined']['shift']:.1f} px")

@@ -13,6 +13,9 @@ from .shot import Settings, View
 FIRST_PARITY = {"top-first": 0, "bottom-first": 1}
 """Parity of the lines that belong to the first field."""
 
+LARGEST_OFFSET = 0.5
+"""Largest offset between key poses and footage that is allowed for, frames: one that is larger is measured as this."""
+
 
 def is_interlaced(view: View) -> bool:
     """Whether a view's footage frames are fields, two to a frame of the file."""
@@ -32,6 +35,18 @@ def footage_delay(view: View) -> float:
 def shown_delay(view: View, settings: Settings) -> float:
     """Return `footage_delay` plus the offset of all footage, if that is known, frames."""
     return footage_delay(view) - (settings.footage_offset or 0.0)
+
+
+def footage_offset_text(offset: float) -> str:
+    """Return what the offset of all footage (see `Settings`, frames, not 0) means, and what to do about it."""
+    when = "later" if offset > 0 else "earlier"
+    if abs(offset) < LARGEST_OFFSET:
+        measured = f"{abs(offset):.2f} frames {when} than on their frames"
+        return f"the footage shows the key poses {measured}; tracking allows for it, nothing needs to be done"
+    return (
+        f"the footage shows the key poses half a frame or more {when} than on their frames; tracking allows for half a "
+        f"frame only: see whether they fit the pictures one frame {when}, and move them there"
+    )
 
 
 def file_index(view: View, frame: int) -> int:

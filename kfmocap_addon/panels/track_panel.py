@@ -55,9 +55,10 @@ class TrackPanel(Section, bpy.types.Panel):
         ).where = "HERE"
         column.operator(ClearBetween.bl_idname, text="Clear All Tracked Frames").where = "EVERYWHERE"
         if properties.footage_offset:
-            when = "late" if properties.footage_offset < 0 else "early"
-            text = f"Key poses are {abs(properties.footage_offset):.2f} frames {when} to the footage"
-            draw_text(layout, context, text, "TIME")
+            from ...core.shot.frame_numbers import footage_offset_text  # it loads SciPy
+
+            text = footage_offset_text(properties.footage_offset)
+            draw_text(layout, context, text[0].upper() + text[1:], "TIME")
 
 
 class SolverPanel(FoldedPart, bpy.types.Panel):

@@ -146,8 +146,10 @@ def test_a_footage_offset_is_reported_unless_it_was_given(tracked: tuple[Shot, t
     result.footage_offset = 0.38
     values = report(shot, result)
     assert values["footage_offset"] == 0.38
-    assert any("0.38 frames later" in line for line in report_lines(values))
+    assert any("0.38 frames later" in line and "nothing needs to be done" in line for line in report_lines(values))
     assert not any("frames later" in line for line in report_lines(report(shot.with_footage_offset(0.38), result)))
+    result.footage_offset = -0.5  # or more: that is as much as is allowed for
+    assert any("move them" in line and "one frame earlier" in line for line in report_lines(report(shot, result)))
 
 
 def test_the_report_has_the_accelerations_that_were_found(tracked: tuple[Shot, type]) -> None:
