@@ -8,6 +8,8 @@ from pathlib import Path
 
 from .image_sequences import IMAGE_SUFFIXES
 
+_SAY_NOTHING = {"frame", "frames", "im", "image", "images", "img", "imgs", "out", "output", "pic", "picture", "still"}
+"""Names of images that say nothing of the camera, so that their folder names it."""
 _DUPLICATE = re.compile(r"\.\d{3}$")  # what Blender adds to a name that is taken
 
 
@@ -97,6 +99,8 @@ def footage_of(files: Iterable[Path]) -> list[Path]:
 
 
 def footage_name(path: Path) -> str:
-    """Return a name for a view of footage: the file's without frame numbers, or else its folder's."""
-    name = re.sub(r"%0?\d*d|#+|\*", "", path.stem).strip("-_. ") if path.suffix.lower() in IMAGE_SUFFIXES else path.stem
-    return name or path.parent.name
+    """Return a name for a view of footage: the file's without frame numbers, or its folder's if that says nothing."""
+    if path.suffix.lower() not in IMAGE_SUFFIXES:
+        return path.stem
+    name = re.sub(r"%0?\d*d|#+|\*", "", path.stem).strip("-_. ")
+    return path.parent.name or name if name.lower() in _SAY_NOTHING | {""} else name

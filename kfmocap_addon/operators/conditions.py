@@ -65,7 +65,7 @@ def has_shot(context: bpy.types.Context) -> str:
         return has_views(context)
     unknown = next((view.name for view in shot.views if not view.is_calibrated), None)
     if unknown is not None:
-        return f"The camera of {unknown} is not calibrated: use Import Calibration, or Calibrate"
+        return f"The camera of the view '{unknown}' is not calibrated: use Import Calibration, or Calibrate"
     if not shot.performers:
         return "There is nobody to track yet: use Add Body"
     gone = next((slot for slot in shot.performers if not active_performer.is_present(context.scene, slot)), None)

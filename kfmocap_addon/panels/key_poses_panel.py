@@ -156,7 +156,12 @@ def _draw_advice(
 ) -> None:
     """Draw a hint on what to do next."""
     if is_placing(context):
-        draw_text(layout, context, "Click the joints, in two views or more. Enter keys the pose, Esc cancels", "INFO")
+        several = sum(view.is_calibrated for view in context.scene.kfmocap.views) > 1
+        where = ", in two views or more." if several else ". One camera does not show depth: A shows other poses."
+        draw_text(layout, context, f"Click the joints{where} Enter keys the pose, Esc cancels", "INFO")
+        return
+    if missing := PlaceJoints.missing(context):
+        draw_text(layout, context, missing, "INFO")
         return
     if rows is None:
         return

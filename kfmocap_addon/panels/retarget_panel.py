@@ -7,6 +7,7 @@ from ..operators.characters.retarget_bones import FindBones, ForgetBones, LoadBo
 from ..operators.characters.send_to_rig import SendToRig, StopFollowing
 from ..scene_io import active_performer
 from .section import Section, draw_as_form
+from .texts import draw_text
 
 
 class KFMOCAP_UL_bones(bpy.types.UIList):  # noqa: N801  Blender's own way of naming lists
@@ -41,6 +42,8 @@ class RetargetPanel(Section, bpy.types.Panel):
         slot = active_performer.chosen(context)
         if settings.source is None and slot is not None:
             layout.label(text=f"The motion of {slot.name} is sent", icon="ARMATURE_DATA")
+        if missing := SendToRig.missing(context):
+            draw_text(layout, context, missing, "INFO")
         layout.prop(settings, "target")
         layout.prop(settings, "preset")
         row = layout.row(align=True)

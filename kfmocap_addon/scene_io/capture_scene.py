@@ -39,7 +39,7 @@ def is_picked(colour: bpy.types.PropertyGroup) -> bool:
 def missing(capture: bpy.types.PropertyGroup) -> str:
     """Return what there is to do before cameras can be solved from a capture; empty when there is nothing."""
     if len(capture.views) < LEAST_VIEWS:
-        return "Add the wand's videos of at least two cameras"
+        return "With a wand: add its videos of at least two cameras. If you have none, open Without a Wand"
     open_slots = [_LABELS[slot] for slot in wanted_slots(capture) if not is_picked(capture.colour(slot))]
     return f"Pick the colour: {open_slots[0]}" if open_slots else ""
 

@@ -204,6 +204,31 @@ def test_tools_that_could_do_nothing_are_disabled(blender, tmp_path, tracker):  
     assert not bpy.ops.kfmocap.step_view.poll()
 
 
+def test_a_disabled_place_joints_is_explained_and_one_camera_has_its_own_hint(tmp_path, monkeypatch):
+    built = scenes.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    said = []
+    monkeypatch.setattr(key_poses_panel, "draw_text", lambda _layout, _context, text, _icon: said.append(text))
+    layout = SimpleNamespace(column=lambda align: None)
+    rows = tuple(key_list.KeyPoseEntry(frame) for frame in (built.frame_start, built.frame_end))
+
+    def advised():
+        said.clear()
+        key_poses_panel._draw_advice(layout, bpy.context, built.kfmocap.performers[0], rows)
+        return " ".join(said)
+
+    views = built.kfmocap.views
+    assert not advised()
+    for view in views:
+        view.camera.animation_data_clear()  # a camera that is moved is known
+        view.calibrated = False
+    assert advised().startswith("No view has a calibrated camera yet") and "Import Calibration" in advised()
+    monkeypatch.setattr(key_poses_panel, "is_placing", lambda _context: True)
+    views[0].calibrated = True
+    assert "One camera does not show depth" in advised()
+    views[1].calibrated = True
+    assert "in two views or more" in advised()
+
+
 def test_poses_between_and_towards_key_poses_need_these(blender, tmp_path):  # noqa: F811
     """Proposals are none, and before key poses are looked up nothing is disabled."""
     rows = [key_list.KeyPoseEntry(4), key_list.KeyPoseEntry(9, ("hand.L",)), key_list.KeyPoseEntry(20, proposed=True)]

@@ -16,10 +16,12 @@ if TYPE_CHECKING:
     from ....core.calibration.performer.performer_cameras import PerformerCalibration
     from ....core.calibration.performer.single_camera import SingleViewCalibration
 
+_BY_HAND = "Or give the camera its lens and place by hand, and tick Calibrated in Look Through > View"
+
 
 def _views_have_keypoints(context: bpy.types.Context) -> str:
     without = next((view.name for view in context.scene.kfmocap.views if not view.keypoints), None)
-    return "" if without is None else f"{without} has no 2D keypoints yet: use Import Keypoints"
+    return "" if without is None else f"{without} has no 2D keypoints yet: use Import Keypoints. {_BY_HAND}"
 
 
 def height_owner(context: bpy.types.Context) -> tuple[bpy.types.PropertyGroup, str]:

@@ -60,6 +60,8 @@ class AddFootage(bpy.types.Operator, ImportHelper):
             timelines.show_keys(context)
             said = f"; calibrated {', '.join(known)}" if known else ""
             said += f". {hidden} is hidden, it stood before the footage: Alt H shows it" if hidden else ""
+            if begins and scene.kfmocap.views[0].sequence:
+                said += f". Images have no frame rate: enter it, if it is not {scene.kfmocap.frame_rate:g}"
             self.report({"INFO"}, f"Added {', '.join(names)}{said}")
         return outcome.value
 

@@ -13,6 +13,7 @@ from ..reporting import reported
 from .placing_display import box_under, draw, handle_under, hint_at
 
 _CLICK = 4  # pixels: largest movement of a click
+_ILL_SUITED, _MANY = 20, 10  # mm, marks: so many are rarely missed by more once the body's lengths are right
 _VIEW = ("MIDDLEMOUSE", "WHEEL", "NUMPAD_", "TRACKPAD", "MOUSEPAN", "MOUSEZOOM", "HOME", "NDOF", "TIMER", "WINDOW")
 _STEPS = ("LEFT_ARROW", "RIGHT_ARROW", "UP_ARROW", "DOWN_ARROW")  # through the frames
 _SIDEBARS = ("N", "T")
@@ -22,7 +23,7 @@ _ENTER = ("RET", "NUMPAD_ENTER")
 def _has_calibrated_camera(context: bpy.types.Context) -> str:
     if any(view.camera is not None and view.is_calibrated for view in context.scene.kfmocap.views):
         return ""
-    return "No view has a calibrated camera yet: clicks need one"
+    return "No view has a calibrated camera yet, which clicks need: use Import Calibration, or Calibrate"
 
 
 class PlacingTool(Conditional):
@@ -260,7 +261,8 @@ class PlacingTool(Conditional):
         self._placing.key()
         self._ended(context)
         count, off = len(self._placing.marks), 1000 * self._placing.fitted.misfit
-        self.report({"INFO"}, f"Key pose on frame {self._placing.frame} from {count} marks, {off:.0f} mm off")
+        todo = "; Fit Body suits the body to the performer" if off > _ILL_SUITED and count >= _MANY else ""
+        self.report({"INFO"}, f"Key pose on frame {self._placing.frame}: {count} marks, missed by {off:.0f} mm{todo}")
         return {"FINISHED"}
 
     def _cancelled(self, context: bpy.types.Context) -> set[str]:

@@ -40,7 +40,7 @@ def hint_at(placing: Placing, asked: str | None, *, away: bool, discards: bool) 
         return _AWAY.format(frame=placing.frame)
     if discards:
         return _ASKING
-    misfit = f"{1000 * placing.fitted.misfit:.0f} mm off"
+    misfit = f"missed by {1000 * placing.fitted.misfit:.0f} mm"
     return _HINT.format(asked=_spoken(asked) if asked else "-", count=len(placing.marks), misfit=misfit)
 
 

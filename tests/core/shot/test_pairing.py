@@ -37,7 +37,16 @@ def test_images_of_a_sequence_are_one_piece_of_footage():
 
 @pytest.mark.parametrize(
     ("path", "name"),
-    [("take/cam01.mp4", "cam01"), ("take/cam01_####.png", "cam01"), ("cam02/####.png", "cam02"), ("a2/x%04d.jpg", "x")],
+    [
+        ("take/cam01.mp4", "cam01"),
+        ("take/cam01_####.png", "cam01"),
+        ("cam02/####.png", "cam02"),
+        ("a2/x%04d.jpg", "x"),
+        ("cam01/frame_####.png", "cam01"),
+        ("cam02/IMG####.jpg", "cam02"),
+        ("####.png", ""),
+        ("frame.mp4", "frame"),
+    ],
 )
 def test_a_view_is_named_after_its_footage(path, name):
     assert footage_name(Path(path)) == name
