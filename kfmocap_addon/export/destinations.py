@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import bpy
@@ -13,8 +14,25 @@ SUFFIXES = ("bvh", "fbx", "glb", "vrma", "usdc")
 """Endings of the files that the panel offers, each named as its setting."""
 
 
+Named = tuple[str, bpy.types.Object | None]
+"""Name and armature of somebody whose motion is exported; None if the armature is gone."""
+
+
+def performers(scene: bpy.types.Scene) -> list[Named]:
+    """Return the performers of a scene's shot."""
+    return [(slot.name, slot.armature) for slot in scene.kfmocap.performers]
+
+
+def chosen(scene: bpy.types.Scene) -> list[Named]:
+    """Return who is exported with the panel's settings: the performers, or the character of Send to Rig."""
+    character = scene.kfmocap.retarget.target
+    if scene.kfmocap.export.whom == "CHARACTER" and character is not None:
+        return [(character.name, character)]
+    return performers(scene)
+
+
 def paths(scene: bpy.types.Scene, folder: Path, name: str = "") -> list[Path]:
-    """Return the files that an export with the panel's settings writes, performer by performer.
+    """Return the files that an export with the panel's settings writes, armature by armature.
 
     Raises
     ------
@@ -22,11 +40,11 @@ def paths(scene: bpy.types.Scene, folder: Path, name: str = "") -> list[Path]:
         If the name cannot be a file's.
     """
     wanted = [suffix for suffix in SUFFIXES if getattr(scene.kfmocap.export, suffix)]
-    return [folder / f"{stem}.{suffix}" for stem in stems(scene, name) for suffix in wanted]
+    return [folder / f"{stem}.{suffix}" for stem in stems(scene, chosen(scene), name) for suffix in wanted]
 
 
-def stems(scene: bpy.types.Scene, name: str = "") -> list[str]:
-    """Return the names without an ending of the performers' files: NAME, or NAME_PERFORMER where there are several.
+def stems(scene: bpy.types.Scene, whose: Sequence[Named], name: str = "") -> list[str]:
+    """Return the names without an ending of everybody's files: NAME, or NAME_PERFORMER where there are several.
 
     The name is by default the shot's.
 
@@ -38,8 +56,7 @@ def stems(scene: bpy.types.Scene, name: str = "") -> list[str]:
     base = name.strip()
     for suffix in SUFFIXES:  # written along, or clicked on in the file browser
         base = base.removesuffix(f".{suffix}")
-    performers = [slot.name for slot in scene.kfmocap.performers]
-    return result_names(base or scene.kfmocap.shot, performers, f"scene {scene.name}")
+    return result_names(base or scene.kfmocap.shot, [owner for owner, _ in whose], f"scene {scene.name}")
 
 
 def proposed(scene: bpy.types.Scene) -> Path:

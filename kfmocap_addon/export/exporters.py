@@ -7,6 +7,7 @@ Unit and names are those of a preset. Joints alone are written, no meshes.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -41,7 +42,18 @@ _EXPORTERS = MappingProxyType(
 def export_performers(
     scene: bpy.types.Scene, folder: Path, options: ExportOptions = DEFAULTS, name: str = ""
 ) -> list[Path]:
-    """Write every performer of a scene's shot: NAME.bvh and NAME.fbx, or NAME_PERFORMER.* for several.
+    """Write every performer of a scene's shot; see `export_armatures`."""
+    return export_armatures(scene, destinations.performers(scene), folder, options, name)
+
+
+def export_armatures(
+    scene: bpy.types.Scene,
+    whose: Sequence[destinations.Named],
+    folder: Path,
+    options: ExportOptions = DEFAULTS,
+    name: str = "",
+) -> list[Path]:
+    """Write the motion of some armatures of a scene: NAME.bvh and NAME.fbx, or NAME_PERFORMER.* for several.
 
     The name is by default the shot's.
 
@@ -52,19 +64,18 @@ def export_performers(
     OutputError
         If a file cannot be written. Where this Blender lacks an exporter, no file is.
     """
-    performers = scene.kfmocap.performers
     writers = [(".bvh", export_bvh)] * options.bvh + [(".fbx", export_fbx)] * options.fbx
     writers += [(".glb", export_glb)] * options.glb
     writers += [(".vrma", export_vrma)] * options.vrma + [(".usdc", export_usd)] * options.usd
     for suffix, _ in writers:
         _check_available(suffix)
     paths = []
-    for slot, stem in zip(performers, destinations.stems(scene, name), strict=True):
-        if slot.armature is None:
-            raise ShotError("the armature is gone from the scene", where=f"performer {slot.name}")
+    for (owner, armature), stem in zip(whose, destinations.stems(scene, whose, name), strict=True):
+        if armature is None:
+            raise ShotError("the armature is gone from the scene", where=f"performer {owner}")
         for suffix, writer in writers:
             paths.append(folder / f"{stem}{suffix}")
-            writer(paths[-1], slot.armature, scene, options)
+            writer(paths[-1], armature, scene, options)
     return paths
 
 

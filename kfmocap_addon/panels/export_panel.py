@@ -24,6 +24,8 @@ class ExportPanel(Section, bpy.types.Panel):
         row = layout.row(align=True)
         row.operator(Bake.bl_idname, icon="KEYFRAME_HLT")
         row.operator(Simplify.bl_idname, icon="MOD_SMOOTH")
+        if properties.retarget.target is not None:
+            layout.row().prop(settings, "whom", expand=True)
         layout.prop(settings, "preset")
         row = layout.row(align=True)
         row.use_property_split = False  # the names need the whole width

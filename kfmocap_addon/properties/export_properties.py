@@ -15,6 +15,14 @@ class KFMocapExport(bpy.types.PropertyGroup):
         subtype="FILE_PATH", name="Last Name", description="Path that was chosen last, without an ending"
     )
 
+    whom: bpy.props.EnumProperty(
+        items=[
+            ("PERFORMERS", "Performers", "The motion of every performer, on the body that was tracked"),
+            ("CHARACTER", "Character", "The character that is chosen in Send to Rig, with all its bones"),
+        ],
+        name="Whom",
+        description="Whose motion is written",
+    )
     preset: bpy.props.EnumProperty(
         items=[(key, preset.label, preset.description) for key, preset in PRESETS.items()],
         name="For",

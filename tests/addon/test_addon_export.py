@@ -235,6 +235,27 @@ def test_the_export_tool_writes_what_was_asked_for(blender, tmp_path):  # noqa: 
     assert {path.name for path in (tmp_path / "new").iterdir()} == {"walk.bvh", "take 2.bvh"}
 
 
+def test_the_character_of_send_to_rig_is_exported_instead_if_that_is_chosen(blender, tmp_path):  # noqa: F811
+    original = shot(tmp_path)
+    built = scene.build_scene(original, result_of(original).motions, bpy.context.scene)
+    man = built.kfmocap.performers[0].armature
+    hero = man.copy()
+    hero.name = "hero"
+    hero.location.x = 3.0
+    built.collection.objects.link(hero)
+    bpy.context.view_layer.update()
+    built.kfmocap.export.whom = "CHARACTER"  # as long as there is none, it is the performers
+    for folder, character in (("man", None), ("hero", hero)):
+        built.kfmocap.retarget.target = character
+        assert bpy.ops.kfmocap.export(directory=str(tmp_path / folder)) == {"FINISHED"}
+        assert {path.name for path in (tmp_path / folder).iterdir()} == {"walk.bvh", "walk.fbx"}
+    for name in ("walk.bvh", "walk.fbx"):
+        for folder, shift in (("man", 0.0), ("hero", 3.0)):
+            there = motion(12)
+            there.translations[:, 0] += shift
+            assert joint_error(imported(tmp_path / folder / name), human(1.7), there) < TOLERANCE
+
+
 def test_the_export_goes_beside_the_footage_and_then_where_it_went_last(blender, tmp_path):  # noqa: F811
     built = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
     assert destinations.proposed(built) == tmp_path / "walk"

@@ -17,7 +17,7 @@ def _has_file_kind(context: bpy.types.Context) -> str:
 
 
 class Export(Conditional, bpy.types.Operator):
-    """Write every performer's motion as the kinds of files that are chosen in the panel"""
+    """Write every performer's motion, or the character's, as the kinds of files that are chosen in the panel"""
 
     bl_idname = "kfmocap.export"
     bl_label = "Export"
@@ -54,8 +54,9 @@ class Export(Conditional, bpy.types.Operator):
             column.label(text=f"Replaces {path.name}" if exists else path.name, icon="ERROR" if exists else "FILE")
 
     def act(self, context: bpy.types.Context) -> None:
+        from ...export.destinations import chosen
         from ...export.export_options import ExportOptions
-        from ...export.exporters import export_performers
+        from ...export.exporters import export_armatures
 
         settings = context.scene.kfmocap.export
         options = ExportOptions(
@@ -70,7 +71,7 @@ class Export(Conditional, bpy.types.Operator):
             vrma=settings.vrma,
             usd=settings.usdc,
         )
-        written = export_performers(context.scene, self._folder(), options, self.filename)
+        written = export_armatures(context.scene, chosen(context.scene), self._folder(), options, self.filename)
         settings.path = str(self._folder() / (self.filename or context.scene.kfmocap.shot))
         settings.written = "\n".join(map(str, written))
         self.report({"INFO"}, f"Wrote {', '.join(path.name for path in written)} to {self._folder()}")
