@@ -7,6 +7,7 @@ import bpy
 from ..operators.characters.export_motion import Export, OpenExportFolder
 from ..operators.tracking.bake import Bake
 from ..operators.tracking.simplify import Simplify
+from ..scene_io.review import bone_visibility
 from .section import Section, draw_as_form
 from .texts import draw_text
 
@@ -21,6 +22,9 @@ class ExportPanel(Section, bpy.types.Panel):
         draw_as_form(layout)
         if not properties.performers:
             draw_text(layout, context, "No performer yet: add a body, or load a shot", "INFO")
+        waiting = [slot.name for slot in properties.performers if not bone_visibility.is_tracked(slot.armature)]
+        if waiting:
+            draw_text(layout, context, f"Not tracked yet: {', '.join(waiting)}. Files have the key poses alone", "INFO")
         row = layout.row(align=True)
         row.operator(Bake.bl_idname, icon="KEYFRAME_HLT")
         row.operator(Simplify.bl_idname, icon="MOD_SMOOTH")

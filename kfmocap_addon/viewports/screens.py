@@ -24,6 +24,11 @@ NEXT_DRAW = 0.05  # seconds
 _FILLING = 50 * (2 - math.sqrt(2))
 """Blender's zoom at which the picture fills the region, but for a thin border."""
 _CLOSEST = 4.0
+_BESIDE_FOOTAGE = (
+    *("show_floor", "show_axis_x", "show_axis_y", "show_axis_z", "show_cursor", "show_text", "show_extras"),
+    *("show_bones", "show_motion_paths", "show_object_origins", "show_relationship_lines", "show_outline_selected"),
+)
+"""Overlays that a view without any does not show."""
 _SAME_SIZE, _SAME_PLACE = 0.03, 0.01
 """How far a view's size and offset may differ from those that `framing` gave it: shares of each, and of the region."""
 
@@ -43,6 +48,18 @@ def look(context: bpy.types.Context) -> None:
     else:
         space.use_local_camera = False
     through_camera(context.window, context.screen, area)
+
+
+def show_footage() -> None:
+    """Let 3D views of all workspaces that look through a camera without overlays, as that of Blender's own Animation
+    workspace does, show the footage behind it: Blender counts that among the overlays. All others stay off.
+    """
+    for screen in bpy.data.screens:
+        for space in (area.spaces.active for area in screen.areas if area.type == "VIEW_3D"):
+            if space.region_3d.view_perspective == "CAMERA" and not space.overlay.show_overlays:
+                space.overlay.show_overlays = True
+                for name in _BESIDE_FOOTAGE:
+                    setattr(space.overlay, name, False)
 
 
 def keep_clear(context: bpy.types.Context) -> None:

@@ -222,11 +222,27 @@ def proposing() -> Waits:
     yield from picture("proposals")
     accepted, refused = proposed[:2]
     for frame, beside in ((accepted, _ACCEPT), (refused, _REFUSE)):
-        x, y = screen.find(str(frame), within=tutorial.below("Show Pictures"))
+        yield from to_picture(frame)
+        x, y = screen.find(str(frame), within=lower_half())
         yield from click_at((x + beside, y))
     expect(accepted in key_frames(), "a click below its picture accepts a proposal")
     expect(refused not in key_frames() and refused not in proposals(), "and refuses another")
     yield from picture("accepted")
+
+
+def to_picture(frame: int) -> Waits:
+    """Scroll to the buttons below a key pose's picture, which are below those in the list of key poses."""
+    for _ in range(tutorial.SCROLLS):
+        if screen.is_shown(str(frame), within=lower_half()):
+            return
+        left, _, right, bottom = sidebar()
+        yield from click_at(((left + right) // 2, bottom - 40), button=5)
+
+
+def lower_half() -> screen.Box:
+    """Where on the screen the lower half of the sidebar is."""
+    left, top, right, bottom = sidebar()
+    return left, (top + bottom) // 2, right, bottom
 
 
 _ACCEPT, _REFUSE = 47, 68

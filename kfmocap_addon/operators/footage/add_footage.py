@@ -57,6 +57,7 @@ class AddFootage(bpy.types.Operator, ImportHelper):
             known = added_views.calibrated_by_scene(scene, names)
             hidden = added_views.hide_startup_cube(scene) if begins else ""
             screens.look(context)
+            screens.show_footage()
             timelines.show_keys(context)
             said = f"; calibrated {', '.join(known)}" if known else ""
             said += f". {hidden} is hidden, it stood before the footage: Alt H shows it" if hidden else ""

@@ -29,6 +29,7 @@ class LoadShot(FileReader, bpy.types.Operator):
                 slot.armature.update_tag(refresh={"TIME"})
             scene.view_layers[0].update()
             screens.look(context)
+            screens.show_footage()
             timelines.show_keys(context)
         self.report({"INFO"}, f"{shot.name}: {len(shot.views)} views, {shot.length} frames")
 
