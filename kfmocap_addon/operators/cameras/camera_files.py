@@ -28,7 +28,7 @@ class ImportCameras(FileReader, bpy.types.Operator):
 
         cameras = load_cameras(path)
         solved_cameras.show_cameras(context.scene, cameras)
-        self.report({"INFO"}, f"{len(cameras)} cameras")
+        self.report({"INFO"}, f"{len(cameras)} cameras: footage that is named like one gets it")
 
 
 def _has_cameras(context: bpy.types.Context) -> str:

@@ -152,7 +152,8 @@ def _report_calibrated(operator: bpy.types.Operator, calibrated: Calibrated) -> 
     """Report which views were calibrated and which were not."""
     operator.report({"INFO"}, f"Calibrated {', '.join(calibrated.views)}")
     if calibrated.left:
-        operator.report({"WARNING"}, f"No camera goes by the name of {', '.join(calibrated.left)}")
+        left, todo = ", ".join(calibrated.left), "name the view as its camera in Look Through > View, and do this again"
+        operator.report({"WARNING"}, f"No camera goes by the name of {left}: {todo}")
 
 
 CLASSES = (AddFootage, ImportCalibration, UseSceneCameras, RemoveView)
