@@ -33,6 +33,8 @@ class FootagePanel(Section, bpy.types.Panel):
             column.operator(UseSceneCameras.bl_idname, icon="CAMERA_DATA")
             button = column.operator(OpenSection.bl_idname, text="Calibrate", icon="CON_CAMERASOLVER")
             button.section, button.alone = "calibration", True
+            if len(shot.views) == 1 and shot.views[0].camera is not None:
+                _draw_single(layout.column(align=True), context, shot.views[0])
         lost = [view.name for view in shot.views if view.missing]
         if lost:
             column = layout.column(align=True)
@@ -55,6 +57,16 @@ class FootagePanel(Section, bpy.types.Panel):
         column.prop(shot, "frame_rate")
         column.prop(shot, "scene_first")
         column.prop(shot, "scene_last")
+
+
+def _draw_single(column: bpy.types.UILayout, context: bpy.types.Context, view: bpy.types.PropertyGroup) -> None:
+    """Draw what a view that is the only one needs instead of a calibration: the performer is posed in front of it,
+    wherever it stands.
+    """
+    text = "Or, as it is one camera: set its lens, turn it until the grid lies on the floor, and tick Calibrated"
+    draw_text(column, context, text, "BLANK1")
+    column.prop(view.camera.data, "lens", text="Lens")
+    column.prop(view, "calibrated")
 
 
 def _draw_lost_cameras(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:

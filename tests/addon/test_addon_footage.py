@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import cv2
 import numpy as np
@@ -15,6 +17,7 @@ from bpy_extras.io_utils import ImportHelper  # noqa: E402
 from kfmocap.core.formats.calibrations.toml_cameras import save_cameras  # noqa: E402
 from kfmocap.kfmocap_addon import registration  # noqa: E402
 from kfmocap.kfmocap_addon.operators.mixin import BesideFootage  # noqa: E402
+from kfmocap.kfmocap_addon.panels import footage_panel  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene, solved_cameras  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.cameras import footage_background, view_cameras  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
@@ -65,6 +68,24 @@ def test_the_cube_that_blender_starts_with_is_hidden_unless_it_was_changed(take,
     cube.hide_set(False)
     add(take, "walk_cam02.mp4")
     assert not cube.hide_get()
+
+
+def test_a_single_camera_is_offered_a_way_without_calibration(take, monkeypatch):
+    monkeypatch.setattr(footage_panel, "draw_text", lambda *_: None)
+
+    def offered():
+        layout = MagicMock()
+        layout.column.return_value.prop = prop = MagicMock()
+        footage_panel.FootagePanel.draw_content(SimpleNamespace(layout=layout), bpy.context)
+        return [call.args[1] for call in prop.call_args_list if call.args[1] in ("lens", "calibrated")]
+
+    add(take, "walk_cam01.mp4")
+    assert offered() == ["lens", "calibrated"]
+    shot().views[0].calibrated = True
+    assert offered() == []
+    shot().views[0].calibrated = False
+    add(take, "walk_cam02.mp4")
+    assert offered() == []
 
 
 def test_views_without_overlays_show_footage_and_no_other_overlay(take):
