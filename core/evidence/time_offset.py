@@ -17,7 +17,7 @@ from ..body.kinematics import scene_poses
 from ..body.motion import Motion
 from ..numerics.arrays import Array, Bools
 from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
-from ..shot.frame_numbers import LARGEST_OFFSET
+from ..shot.shot import LARGEST_OFFSET
 from .outline_evidence.outline_lines import KEY_PIECE
 from .part_shapes import ShapeEquations, compose, shape_equations
 from .rendering.part_geometry import Geometry

@@ -8,13 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from .shot import Settings, View
+from .shot import LARGEST_OFFSET, Settings, View
 
 FIRST_PARITY = {"top-first": 0, "bottom-first": 1}
 """Parity of the lines that belong to the first field."""
-
-LARGEST_OFFSET = 0.5
-"""Largest offset between key poses and footage that is allowed for, frames: one that is larger is measured as this."""
 
 
 def is_interlaced(view: View) -> bool:

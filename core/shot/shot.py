@@ -23,6 +23,8 @@ ESTIMATING_SOLVERS = (BEST_SOLVER,)
 BROKEN_KEYPOINTS = ("refuse", "skip")
 MOST_THREADS = 256
 """Largest number of threads: OpenCV starts as many for each video as it is told to."""
+LARGEST_OFFSET = 0.5
+"""Largest offset between key poses and footage that is allowed for, frames: one that is larger is measured as this."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +229,7 @@ class Settings:
             what, todo = f"unknown value '{self.broken_keypoints}'", f"use {either(BROKEN_KEYPOINTS)}"
             raise ShotError(what, where="[track] broken_keypoints", todo=todo)
         offset = self.footage_offset
-        if offset is not None and not abs(offset) <= 0.5:
+        if offset is not None and not abs(offset) <= LARGEST_OFFSET:
             raise ShotError(f"it is {offset!r}", where="[track] footage_offset", todo="give -0.5 to 0.5 frames")
         if self.search_seed < 0:
             raise ShotError(f"it is {self.search_seed!r}", where="[track] search_seed", todo="give 0 or more")
