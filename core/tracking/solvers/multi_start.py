@@ -212,6 +212,9 @@ def searched(
     3. Further rounds search around the best so far. They end once the best has an equal, after `VAIN_LOOKS` rounds that
        did not improve on the given solutions, or after `LOOKS` rounds in all.
 
+    For one of several performers, the rounds end with the first that found a better solution: where others are in the
+    way, every solution explains little, and what is still lost is searched for limb by limb later.
+
     Of all solutions the likeliest is taken (`likeliest_at_rest`), with limbs of others where these are likelier
     (`recombined`).
 
@@ -255,9 +258,11 @@ def searched(
         else:
             found.append(look(problem, around, motions, len(found), part))
         best = better(problem, *settled, *found)
-        if not begins and explains_little(problem, best) and around is not held:
+        if begins or (problem.only is not None and best in found):
+            continue
+        if explains_little(problem, best) and around is not held:
             begins.append((start, held))
-        elif not begins and not _met(problem, best, [*settled, *found]) and (best in found or len(found) < VAIN_LOOKS):
+        elif not _met(problem, best, [*settled, *found]) and (best in found or len(found) < VAIN_LOOKS):
             begins.append((best.motions, problem))
     best = likeliest_at_rest(problem, noise, better(problem, *settled), *settled, *found, workspace=workspace)
     return recombined(problem, best, [*settled, *found], noise, exchanging)

@@ -23,6 +23,8 @@ FURTHER = 4
 """Most repetitions of that, for each of them."""
 RESTING = 10.0
 """A solution is at rest once solving it further raises the log likelihood of the images by less, in natural units."""
+HOPELESS = 0.06
+"""Relative loss of cover from which on another motion, for one of several performers, is not solved further."""
 
 
 def better(problem: SegmentProblem, *solutions: SegmentSolution) -> SegmentSolution:
@@ -55,6 +57,11 @@ def cover_at(
     """Measure the cover (`SegmentSolution.cover`) of motions, sampling the images as for a solution."""
     assert solution.evidence is not None
     return float(workspace.measure(problem, motions, solution.evidence.sampling).evidence.explained.sum())
+
+
+def is_hopeless(solution: SegmentSolution, cover: float, usual: float) -> bool:
+    """Whether a motion that covers so much less than usual cannot lead to a better solution (`HOPELESS`)."""
+    return cover < usual - HOPELESS * abs(solution.sought_cover)
 
 
 def noise_of(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentNoise:

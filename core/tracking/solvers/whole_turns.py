@@ -18,13 +18,16 @@ from .equations.measurement import Workspace
 from .equations.problem import SegmentProblem, SegmentSolution
 from .gauss_newton import descend
 from .solution_doubts import doubtful
-from .solution_ranking import better, cover_at
+from .solution_ranking import better, cover_at, is_hopeless
 
 
 def with_whole_turn(
     problem: SegmentProblem, start: Sequence[Motion], first: SegmentSolution, workspace: Workspace
 ) -> tuple[Sequence[Motion], SegmentSolution]:
     """Solve from the turned start that covers most, if the images contradict a solution between two whole key poses.
+
+    The images contradict most solutions for one of several performers, whom the others hide. Nothing is solved then if
+    the turned start covers much less than the given one.
 
     Parameters are those of `multi_start.best_of_own_starts`.
 
@@ -39,7 +42,11 @@ def with_whole_turn(
         return start, first
     ways = [turned(start[performer], problem.fixed[performer], axis) for axis in (*np.eye(3), *-np.eye(3))]
     starts = [(*start[:performer], way, *start[performer + 1 :]) for way in ways]
-    most = max(starts, key=lambda motions: cover_at(problem, first, motions, workspace.silent()))
+    quiet = workspace.silent()
+    covers = [cover_at(problem, first, motions, quiet) for motions in starts]
+    if problem.only is not None and is_hopeless(first, max(covers), cover_at(problem, first, start, quiet)):
+        return start, first
+    most = starts[int(np.argmax(covers))]
     found = descend(problem, most, workspace)
     return (most, found) if better(problem, first, found) is found else (start, first)
 

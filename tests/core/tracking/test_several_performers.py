@@ -398,7 +398,7 @@ def test_limbs_are_exchanged_by_solving_their_own_performer_and_all_settle_at_la
     """What is tried for one of many does not cost as much as solving all of them; what covers far less once it has
     settled is not solved at all.
     """
-    cover = [-less * limb_exchange.HOPELESS]
+    cover = [-less * solution_ranking.HOPELESS]
     best = told.found(BOTH, WRONG)
 
     def measured(problem: SegmentProblem, solution: SegmentSolution, *_: object) -> float:

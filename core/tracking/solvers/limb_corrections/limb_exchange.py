@@ -18,6 +18,7 @@ from ..solution_ranking import (
     alike,
     cover_at,
     equals,
+    is_hopeless,
     likeliest_at_rest,
     likelihood,
     noise_of,
@@ -27,9 +28,6 @@ from .like_limbs import exchanges
 
 LENDING = 0.03
 """Relative difference of cover up to which a solution may lend its limbs to the best one."""
-HOPELESS = 0.06
-"""Relative loss of cover after the first iterations from which on an exchange, for one of several performers, is given
-up."""
 
 
 def recombined(
@@ -145,11 +143,11 @@ def _exchange_settled(
     workspace: Workspace,
 ) -> SegmentSolution | None:
     """Solve from exchanged limbs. For one of several performers, return None if after the first iterations the cover is
-    so much smaller (`HOPELESS`) that the exchange cannot be better.
+    so much smaller that the exchange cannot be better (`is_hopeless`).
     """
     if problem.only is None:
         return descend(problem, motions, workspace, (*SETTLING, *SETTLED), noise)
     settled, *_ = approach(problem, motions, workspace.part(0.0, 0.3), SETTLING)
-    if cover_at(problem, best, settled, workspace) < best.cover - HOPELESS * abs(best.sought_cover):
+    if is_hopeless(best, cover_at(problem, best, settled, workspace), best.cover):
         return None
     return descend(problem, settled, workspace.part(0.3, 1.0), SETTLED, noise)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -377,6 +378,24 @@ def test_for_one_among_others_a_look_that_leads_to_the_same_motion_is_the_last(o
 
     multi_start.searched(problem, first.motions, [first], landscape, look)
     assert len(looks) == most
+
+
+@pytest.mark.parametrize("only", [None, 0])
+def test_for_one_among_others_a_look_that_finds_more_is_the_last_however_little_is_explained(
+    monkeypatch: pytest.MonkeyPatch, only: int | None
+) -> None:
+    monkeypatch.setattr(multi_start, "explains_little", lambda *_: True)
+    landscape, problem = Landscape(truth=TRUTH, reach=0.0), replace(PROBLEM, only=only)
+    first, find = landscape.solution(problem, off(TRUTH, ARMS, LOST)), Finding(landscape, 0.5)
+    begun: list[Motion] = []
+
+    def look(*given: Any) -> SegmentSolution:
+        begun.extend(given[2])
+        return find(*given)
+
+    found = multi_start.searched(problem, first.motions, [first], landscape, look)
+    assert error(found) < 0.6 * LOST
+    assert (len(begun) == 1) == (only is not None)
 
 
 @pytest.mark.parametrize(("around", "taken"), [("best", 1), ("worse", 0)])

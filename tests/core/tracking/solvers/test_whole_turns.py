@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.solvers import whole_turns
-from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
+from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.whole_turns import turned, with_whole_turn
 from made_evidence import Landscape
 from synthetic import at_rest, ends_held, figure
@@ -28,13 +31,16 @@ def farthest(motion: Motion, truth: Motion) -> float:
     return float(np.linalg.norm(motion.difference(truth)[:, 3:6], axis=1).max())
 
 
+@pytest.mark.parametrize("only", [None, 0])
 @pytest.mark.parametrize(("axis", "angle"), [(1, 2 * np.pi), (1, -1.7 * np.pi), (0, 2 * np.pi), (2, -2 * np.pi)])
-def test_a_body_that_turned_the_longer_way_is_found(axis: int, angle: float) -> None:
-    """It spins either way, turns a somersault, or a cartwheel."""
+def test_a_body_that_turned_the_longer_way_is_found(axis: int, angle: float, only: int | None) -> None:
+    """It spins either way, turns a somersault, or a cartwheel; alone or as one of several."""
     truth = spinning(axis, angle)
     shorter = spinning(axis, angle - 2 * np.pi * np.sign(angle))
     landscape = Landscape(truth=truth, reach=0.7)
-    start, found = with_whole_turn(PROBLEM, [shorter], landscape.solution(PROBLEM, shorter), landscape)
+    start, found = with_whole_turn(
+        replace(PROBLEM, only=only), [shorter], landscape.solution(PROBLEM, shorter), landscape
+    )
     assert farthest(shorter, truth) > 3
     assert farthest(start[0], truth) < 0.7
     assert farthest(found.motions[0], truth) < 0.1
@@ -55,6 +61,26 @@ def test_a_turn_that_covers_less_is_not_taken(monkeypatch: pytest.MonkeyPatch) -
     given = [REST]
     start, found = with_whole_turn(PROBLEM, given, first, landscape)
     assert found is first and start is given and landscape.measured
+
+
+@pytest.mark.parametrize(("only", "solved"), [(None, 1), (0, 0)])
+def test_of_several_performers_none_is_solved_from_a_turn_that_covers_much_less(
+    monkeypatch: pytest.MonkeyPatch, only: int | None, solved: int
+) -> None:
+    landscape = Landscape(truth=REST)
+    runs: list[int | None] = []
+    first = landscape.solution(PROBLEM, REST)
+    monkeypatch.setattr(whole_turns, "doubtful", lambda *_: True)
+
+    def descend(problem: SegmentProblem, motions: Sequence[Motion], _: object) -> SegmentSolution:
+        runs.append(problem.only)
+        return landscape.solution(problem, motions[0])
+
+    monkeypatch.setattr(whole_turns, "descend", descend)
+    given = [REST]
+    start, found = with_whole_turn(replace(PROBLEM, only=only), given, first, landscape)
+    assert found is first and start is given
+    assert len(runs) == solved
 
 
 def test_a_turned_start_keeps_what_key_poses_fix() -> None:
