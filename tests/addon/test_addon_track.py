@@ -19,6 +19,7 @@ from addon_shots import PARTS, blender, keys_of, motion, shot, tracker  # noqa: 
 from kfmocap.core.errors import CancelledError, CaptureError, ShotError  # noqa: E402
 from kfmocap.core.runtime.job import Job, duration  # noqa: E402
 from kfmocap.core.runtime.worker_memory import Remembering  # noqa: E402
+from kfmocap.core.shot.footage_faults.footage_times import FootageRate  # noqa: E402
 from kfmocap.core.shot.shot import Settings  # noqa: E402
 from kfmocap.core.tracking.late_views import LateView  # noqa: E402
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts  # noqa: E402
@@ -626,3 +627,16 @@ def test_footage_of_another_frame_rate_is_said(built, tracker, monkeypatch):  # 
         monkeypatch.setattr(faulty_footage, "container_rate", lambda view, given=given: given)
         bpy.ops.kfmocap.track()
         assert [view.faults for view in built.kfmocap.views] == [said] * len(built.kfmocap.views)
+
+
+def test_files_whose_rate_tracking_has_measured_are_not_opened_again(built, tracker, monkeypatch):  # noqa: F811
+    opened = []
+    monkeypatch.setattr(faulty_footage, "container_rate", lambda view: opened.append(view.camera.name) or 0.0)
+    even, uneven = FootageRate(49.99996, 0.1, 0), FootageRate(31.4, 2.0, 7)
+    first, second, *others = built.kfmocap.views
+    tracker.rates = (even, uneven, *(None for _ in others))
+    bpy.ops.kfmocap.track()
+    rate = scene.shot_from_scene(built).fps
+    assert first.faults == f"its footage has 50 frames per second, the shot {rate:g}"
+    assert second.faults == "its frame rate varies"
+    assert opened == [second.name, *(view.name for view in others)]

@@ -135,7 +135,7 @@ def tracker(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
 
     Its cameras fit: they are not compared with footage that shows nothing.
     """
-    stand_in = SimpleNamespace(shots=[], error=None, footage_offset=0.0, frames=FRAMES, torn=(), late=())
+    stand_in = SimpleNamespace(shots=[], error=None, footage_offset=0.0, frames=FRAMES, torn=(), late=(), rates=())
 
     def track(
         given: Shot, progress: Progress | None = None, around: Around = (None, None), **_more: object
@@ -149,7 +149,7 @@ def tracker(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
         here, length = slice(first, first + given.length), max(stand_in.frames, first + given.length)
         motions = tuple(motion(length, seed)[here] for seed in range(len(given.performers)))
         result = track_result(given, motions, footage_offset=stand_in.footage_offset)
-        result.torn, result.late = stand_in.torn, stand_in.late
+        result.torn, result.late, result.rates = stand_in.torn, stand_in.late, stand_in.rates
         return result
 
     monkeypatch.setattr(retracking, "track", track)

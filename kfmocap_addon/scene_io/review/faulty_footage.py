@@ -9,7 +9,7 @@ import bpy
 from ....core.errors import listed
 from ....core.review.report_text import rate_text, torn_text
 from ....core.shot.footage import container_rate
-from ....core.shot.shot import Shot
+from ....core.shot.shot import Shot, View
 from ....core.tracking.retracking import Excerpt
 from ....core.tracking.track_result import TrackResult
 
@@ -28,13 +28,21 @@ def show_faults(
     messages = []
     for v, view in enumerate(shot.views):
         found = list(_faults(scene.kfmocap.frame_start, v, parts, results))
-        if rate := rate_text(container_rate(view), shot.fps):
+        if rate := rate_text(_rate(view, v, results), shot.fps):
             found.append((rate, rate))
         messages += [f"{view.camera.name}: {text}" for _, text in found]
         slot = slots.get(view.camera.name)
         if slot is not None and (found or whole):
             slot.faults = "; ".join(brief for brief, _ in found)
     return messages
+
+
+def _rate(view: View, v: int, results: Sequence[TrackResult]) -> float:
+    """Return the rate of a view's frames per second, 0 if its file states none; the file is opened only if tracking has
+    not measured it.
+    """
+    measured = next((rate for r in results if r.rates and (rate := r.rates[v]) is not None), None)
+    return container_rate(view) if measured is None or measured.varies else round(measured.rate, 3)
 
 
 def _faults(
