@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -14,7 +15,8 @@ from ..viewports import viewport
 from .mixin import ReportingOperator
 from .reporting import progress_shown, reported
 
-_INTERVAL = 0.1  # seconds between two checks of the job
+_INTERVAL = 0.03  # seconds between two checks of the job: so long its result may wait
+_REDRAWN = 0.1  # seconds between two updates of what is shown of it, which take the time of the work
 _BAR = 14.0  # width in the status bar, in units of the interface
 _NAVIGATION = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN", "TRACKPADZOOM", "NDOF_MOTION", "HOME"}
 _NAVIGATION |= {f"NUMPAD_{key}" for key in (*range(10), "PERIOD", "PLUS", "MINUS")}
@@ -69,7 +71,7 @@ class JobOperator(ReportingOperator):
         if any(running_job(window) for window in context.window_manager.windows):
             self.report({"ERROR"}, "Something is still being worked on: wait, or end it with Esc")
             return {"CANCELLED"}
-        self._status = ""
+        self._status, self._next_shown = "", 0.0
         with reported(self) as outcome:
             work = self.prepare(context)
             self._worker = SESSION.of(WaitingWorkers).take()
@@ -94,6 +96,9 @@ class JobOperator(ReportingOperator):
 
     def _continued(self, context: bpy.types.Context) -> set[str]:
         if not self.job.done:
+            if time.monotonic() < self._next_shown:
+                return {"PASS_THROUGH"}
+            self._next_shown = time.monotonic() + _REDRAWN
             if shown := self.job.take_shown():
                 self.show(context, shown)
             if (text := self.job.status_text()) != self._status:  # redrawing takes time, too

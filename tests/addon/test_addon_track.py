@@ -390,6 +390,21 @@ def test_a_job_that_ends_is_finished_once(monkeypatch):
     assert tool.job.state == ("half", 0.5) and re.match(r"Half 50%, \d+ s left", tool.job.status_text())
 
 
+def test_what_a_job_shows_is_updated_ten_times_a_second_at_most(monkeypatch):
+    tool, context = started(partial(job_functions.halfway, 42), monkeypatch)
+    now, asked = [100.0], []
+    monkeypatch.setattr(job_operator, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    tool.job = SimpleNamespace(
+        done=False, take_shown=lambda: asked.append(now[0]), status_text=lambda: "", cancelled=False
+    )
+    for _ in range(100):
+        assert tool.modal(context, event("TIMER")) == {"PASS_THROUGH"}
+        now[0] += 0.01
+    assert 9 <= len(asked) <= 10
+    tool.job = SimpleNamespace(done=True, cancelled=False, result=lambda: 7)
+    assert tool.modal(context, event("TIMER")) == {"FINISHED"} and tool.finished == [7], "its end does not wait"
+
+
 def test_errors_of_the_work_are_reported_as_they_were(monkeypatch):
     tool, context = started(job_functions.failing, monkeypatch)
     assert ended(tool, context) == {"CANCELLED"}
