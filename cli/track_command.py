@@ -43,7 +43,7 @@ from ..core.runtime.timing import Seconds
 from ..core.runtime.worker_memory import WorkerMemory
 from ..core.runtime.worker_pool import WorkerPool
 from ..core.shot.footage_faults.footage_damage import shot_damage
-from ..core.shot.shot import Shot
+from ..core.shot.shot import Gap, Shot
 from ..core.shot.shot_spec import ShotSpec, result_names
 from ..core.tracking.journal import Journal, journal_beside
 from ..core.tracking.prepare import prepare_shot
@@ -227,11 +227,13 @@ class _CameraCheck:
 
     def __init__(self, shot: Shot) -> None:
         self._shot = shot
+        self._gaps: tuple[tuple[Gap, ...], ...] = ()
         self._job: Future[tuple[CameraFit, ...]] | None = None
 
     def begin(self, pool: WorkerPool, solved: TrackResult | SolvedShot) -> None:
-        """Start the check in a pool, unless it was started before."""
-        if self._job is None:
+        """Start the check in a pool, unless it was started before with the same gaps in the footage."""
+        if self._job is None or self._gaps != solved.gaps:
+            self._gaps = solved.gaps
             work = partial(camera_fits, self._shot, for_camera_fits(self._shot, solved))
             self._job = pool.submit(work, lambda _: None)
 

@@ -26,6 +26,7 @@ from ..runtime.threads import one_library_thread
 from ..runtime.worker_memory import WorkerMemory
 from ..shot.footage_faults.footage_damage import shot_damage
 from ..shot.shot import Shot
+from ..tracking.footage_gaps import with_found_gaps
 from ..tracking.journal import Journal
 from ..tracking.retracking import Excerpt, preview_segment, track_excerpts
 from ..tracking.run_context import RunContext, SolvedShot
@@ -146,6 +147,7 @@ def camera_fits(shot: Shot, result: SolvedShot, progress: Progress | None = None
         If it has the pictures of `checked_frames`, they are not read again.
     progress : callable, optional
     """
+    shot = with_found_gaps(shot, result.gaps)
     keypoints = [own.factor.keypoints for own in result.observed.performers]
     shared = fit_by_keypoints(shot, keypoints) if keypoints else ()
     in_step, frames = shot.with_footage_offset(result.footage_offset), set(checked_frames(shot))
@@ -157,7 +159,7 @@ def for_camera_fits(shot: Shot, result: TrackResult | SolvedShot) -> SolvedShot:
     """Return what `camera_fits` needs of a result, which is small enough to be sent to another process."""
     frames = set(checked_frames(shot))
     pictures = tuple({f: image for f, image in kept.items() if f in frames} for kept in result.pictures)
-    return SolvedShot(pictures, result.observed, result.footage_offset)
+    return SolvedShot(pictures, result.observed, result.footage_offset, result.gaps)
 
 
 @dataclass(frozen=True, eq=False)

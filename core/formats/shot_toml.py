@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from types import UnionType
@@ -10,7 +11,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from ..errors import ShotError, located
 from ..shot.holds import Hold, check_names
-from ..shot.shot import FIELD_ORDERS, Settings
+from ..shot.shot import FIELD_ORDERS, Gap, Settings
 from ..shot.shot_spec import (
     KeyFrames,
     PerformerSpec,
@@ -24,9 +25,10 @@ from .reading import first_repeated
 from .toml_tables import Table, read_toml
 
 _TABLES = ("shot", "calibration", "view", "performer", "hold", "track")
-_VIEW = ("camera", "footage", "offset", "fields", "keypoints")
+_VIEW = ("camera", "footage", "offset", "fields", "keypoints", "missing", "twice")
 _PERFORMER = ("name", "height", "landmarks", "keyframes", "keyposes", "person", "mesh", "fingers")
 _HOLD = ("prop", "holder", "part", "frames")
+_MOST_GAPS = 1000
 
 
 def read_shot_spec(path: Path | str) -> ShotSpec:
@@ -96,7 +98,22 @@ def _view(table: Table, folder: Path) -> ViewSpec:
     if keypoints is not None and not keypoints.exists():
         raise table.error("keypoints", f"there is no such file or folder: {keypoints}")
     offset = float(table.number("offset", 0.0))
-    return ViewSpec(table.text("camera"), table.path("footage", folder), offset, fields, keypoints, table.where)
+    footage, gaps = table.path("footage", folder), _gaps(table)
+    return ViewSpec(table.text("camera"), footage, offset, fields, keypoints, table.where, gaps)
+
+
+def _gaps(table: Table) -> tuple[Gap, ...]:
+    """Read where frames are missing in a view's footage, and where they are there twice."""
+    counts: Counter[int] = Counter()
+    for key, each in (("missing", 1), ("twice", -1)):
+        frames = table.integers(key, [])
+        if len(frames) > _MOST_GAPS:
+            raise table.error(key, f"{len(frames)} frames are more than {_MOST_GAPS}")
+        for frame in frames:
+            if frame < 1 or counts[frame] * each < 0:
+                raise table.error(key, f"{frame} cannot be one of them", "number the footage's frames from 0")
+            counts[frame] += each
+    return tuple(Gap(frame, count) for frame, count in sorted(counts.items()))
 
 
 def _settings(document: Table, path: Path) -> Settings:

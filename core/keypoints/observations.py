@@ -15,7 +15,7 @@ from ..cameras.camera import Camera
 from ..numerics.arrays import Array
 from ..shot.acceleration_prior import acceleration_precision
 from ..shot.detections import Detections
-from ..shot.frame_numbers import footage_delay, footage_index
+from ..shot.frame_numbers import footage_delay, shot_frames
 from ..shot.shot import Performer, Settings, Shot, View
 from .association.assignment import Identity, PerformerClues, assign_detections
 from .association.tracks import ViewDetections
@@ -182,8 +182,7 @@ def identified_keypoints(shot: Shot, detections: Sequence[Detections]) -> tuple[
 
 def on_shot_frames(view: View, detections: Detections, names: Sequence[str], shot: Shot) -> ViewDetections:
     """Return the detections of a view that lie on the shot's frames, reduced to the keypoints of these names."""
-    first = footage_index(view, shot.frames[0])
-    frames = detections.frames - first
+    frames = shot_frames(view, detections.frames) - shot.frames[0]
     rows = np.flatnonzero((frames >= 0) & (frames < shot.length))
     rays = np.full((len(rows), len(names), 2), np.nan)
     confidence = np.zeros((len(rows), len(names)))

@@ -9,6 +9,7 @@ from ..errors import listed
 from ..shot.footage_faults.footage_damage import FootageDamage
 from ..shot.footage_faults.footage_times import FootageRate
 from ..shot.frame_numbers import footage_offset_text
+from ..tracking.footage_gaps import FoundGap
 from ..tracking.late_views import LateView
 
 _MOST_LISTED = 10
@@ -86,6 +87,8 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
             lines.append(f"{view['camera']}: {FootageDamage(**view['damage']).text}")
         if view["torn"]:
             lines.append(f"{view['camera']}: {torn_text(view['torn'])}")
+        for gap in view.get("gaps", ()):
+            lines.append(f"{view['camera']}: {FoundGap(**gap).text}")
         if view.get("late"):
             lines.append(f"{view['camera']}: {LateView(**view['late']).text}")
     return lines

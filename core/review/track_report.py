@@ -21,6 +21,7 @@ from ..shot.footage_faults.footage_damage import FootageDamage
 from ..shot.footage_faults.footage_times import FootageRate
 from ..shot.shot import Performer, Shot
 from ..tracking.expected_errors.uncertainty import expected_errors, joint_parts
+from ..tracking.footage_gaps import found_gaps
 from .suggestions import suggest_keys_beside_hidden, suggest_keys_by_error
 
 if TYPE_CHECKING:
@@ -106,6 +107,7 @@ def _view_values(shot: Shot, result: TrackResult, number: int) -> dict[str, Any]
         "footage_fps": container_rate(view),
         "rate": _of_view(result.rates, number),
         "torn": [shot.frames[0] + frame for frame in result.torn[number]] if result.torn else [],
+        "gaps": [dataclasses.asdict(gap) for gap in found_gaps(shot, result)[number]],
         "late": _late(shot, result, number),
         "damage": _of_view(result.damage, number),
         "skipped": list(result.observed.skipped[number]) if result.observed.skipped else [],

@@ -6,12 +6,18 @@ of the file's frame k // 2. A frame of the shot is a number in the count of `Sho
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from .shot import LARGEST_OFFSET, Settings, View
+from ..numerics.arrays import Bools, Ints
+from .shot import LARGEST_OFFSET, Gap, Settings, View
 
 FIRST_PARITY = {"top-first": 0, "bottom-first": 1}
 """Parity of the lines that belong to the first field."""
+
+NOWHERE = -(2**62)
+"""No frame of any shot."""
 
 
 def is_interlaced(view: View) -> bool:
@@ -20,13 +26,62 @@ def is_interlaced(view: View) -> bool:
 
 
 def footage_index(view: View, frame: int) -> int:
-    """Return the footage's frame, or field, that shows a frame of the shot: the nearest if the offset is fractional."""
-    return int(np.floor(frame + view.offset + 0.5))
+    """Return the footage's frame, or field, that shows a frame of the shot: the nearest if the offset is fractional,
+    and the one before the gap if the frame is missing.
+    """
+    index = frame + whole_offset(view)
+    for gap in view.gaps:
+        if index >= gap.frame:
+            index = max(index - gap.missing, gap.frame - 1)
+    return index
+
+
+def shot_frames(view: View, indices: Ints) -> Ints:
+    """Return the frames of the shot that N frames, or fields, of the footage show, shape (N,); `NOWHERE` for those that
+    are there once too often.
+    """
+    instants, twice = indices.copy(), np.zeros(len(indices), bool)
+    for gap in reversed(view.gaps):
+        behind = instants >= gap.frame
+        twice |= behind & (instants + gap.missing < gap.frame)
+        instants = instants + np.where(behind, gap.missing, 0)
+    return np.where(twice, NOWHERE, instants - whole_offset(view))
+
+
+def gap_frame(view: View, gap: Gap) -> int:
+    """Return the first frame of the shot that is missing in one of a view's gaps, or the first after those that are
+    there once too often.
+    """
+    [behind] = shot_frames(view, np.array([gap.frame + max(-gap.missing, 0)]))
+    return int(behind) - max(gap.missing, 0)
+
+
+def without_gaps_beyond(view: View, first: int, last: int) -> View:
+    """Return a view with the same footage on frames first to last of the shot, and no gaps before or after these."""
+    offset, gaps = view.offset, []
+    for gap in view.gaps:
+        begin, count = gap_frame(view, gap), max(gap.missing, 0)
+        if begin + count <= first:
+            offset -= gap.missing
+        elif begin <= last:
+            gaps.append(gap)
+    return replace(view, offset=offset, gaps=tuple(gaps))
+
+
+def across_gaps(view: View, frames: range) -> Bools:
+    """Return whether a gap lies between each of N consecutive frames of the shot and the next, shape (N - 1,)."""
+    places = np.array([footage_index(view, frame) for frame in frames])
+    return (np.diff(places) != 1) | np.isin(places[1:], [gap.frame for gap in view.gaps])
+
+
+def whole_offset(view: View) -> int:
+    """Return by how many frames the footage would be ahead of the shot if there were no gaps."""
+    return int(np.floor(view.offset + 0.5))
 
 
 def footage_delay(view: View) -> float:
     """Return how much later than a frame of the shot its footage frame was taken, frames: over -1/2, up to 1/2."""
-    return footage_index(view, 0) - view.offset
+    return whole_offset(view) - view.offset
 
 
 def shown_delay(view: View, settings: Settings) -> float:

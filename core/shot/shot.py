@@ -27,13 +27,34 @@ LARGEST_OFFSET = 0.5
 """Largest offset between key poses and footage that is allowed for, frames: one that is larger is measured as this."""
 
 
+@dataclass(frozen=True)
+class Gap:
+    """A place in footage at which its frames do not count on.
+
+    Attributes
+    ----------
+    frame : int
+        Frame, or field, of the footage: the first behind the gap where frames are missing, otherwise the first of those
+        that are there once too often.
+    missing : int
+        How many frames, or fields, are missing before it; negative where so many are there once too often.
+    timed : bool
+        Whether the times in the file say so: programs that show footage by its times then show it right.
+    """
+
+    frame: int
+    missing: int
+    timed: bool = False
+
+
 @dataclass(frozen=True, eq=False)
 class View:
     """A camera and its footage: shot frame f is the footage's frame (or field, if interlaced) f + offset.
 
     If the offset is fractional, that lies between two frames of the footage. The nearest is used as frame f, and shows
     the performers a little later or earlier (`core.body.time_shift`); a moving camera's pose of frame f is the pose at
-    the footage's frame itself.
+    the footage's frame itself. Behind a gap (in order of their frames) the count goes on as if it were none, see
+    `core.shot.frame_numbers`.
     """
 
     camera: Camera
@@ -41,6 +62,7 @@ class View:
     offset: float = 0.0
     fields: str = "progressive"
     keypoints: Path | None = None
+    gaps: tuple[Gap, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,6 +213,9 @@ class Settings:
     limb_search : bool
         Whether to try other starts and to search for lost limbs if the images leave a solution in doubt; the relaxation
         never does.
+    correct_gaps : bool
+        Whether views that turn out to be early or late from some frame on are tracked again with that corrected, see
+        `core.tracking.footage_gaps`.
     search_seed : int
         Random seed of the poses sampled in the search for limbs.
     keypoint_correlation : float
@@ -216,6 +241,7 @@ class Settings:
     plants: bool = True
     contact: bool = True
     limb_search: bool = True
+    correct_gaps: bool = True
     search_seed: int = 0
     keypoint_correlation: float = _positive(0.3)
     broken_keypoints: str = "refuse"

@@ -10,7 +10,7 @@ from typing import Literal
 
 from ..errors import ShotError
 from .holds import Hold
-from .shot import Settings
+from .shot import Gap, Settings
 
 KeyFrames = tuple[int, ...] | Literal["auto"]
 """Increasing frame numbers of the footage, or "auto" to choose key frames from 2D keypoints."""
@@ -35,6 +35,7 @@ class ViewSpec:
     fields: str = "progressive"
     keypoints: Path | None = None
     where: str = ""
+    gaps: tuple[Gap, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -145,7 +145,7 @@ class KeptSegments:
     key : str
         See `run_key`.
     known : dict of Segment to FinishedSegment
-        Segments that an earlier run finished.
+        Segments that need not be tracked, as an earlier run finished them.
     """
 
     journal: Journal | None
@@ -160,6 +160,10 @@ class KeptSegments:
         key = run_key(shot, around)
         found = {segment: journal.read(key, segment) for segment in segments(shot)}
         return cls(journal, key, {segment: one for segment, one in found.items() if one is not None})
+
+    def joined(self, others: Sequence[FinishedSegment]) -> KeptSegments:
+        """Return the same with more segments that are known."""
+        return replace(self, known=self.known | {one.segment: one for one in others})
 
     def write(self, finished: FinishedSegment) -> None:
         """Write one more finished segment."""

@@ -30,6 +30,10 @@ LEAST, SURE = 0.3, 7.0
 """Smallest delay that is reported, frames, and in standard deviations. A frame that is missing gives 0.33 to 0.74
 frames, as outlines are farther away than their equations reach, and 8.8 to 26 deviations. Where none is, delays of 0.3
 frames have at most 4.9 deviations, and those of 7 at most 0.24 frames (docs/bench.md)."""
+TORN = 1.5
+"""How many times as sure a delay counts that begins where pictures do not continue from the one before."""
+CLEARLY = 1.15
+"""How many times as sure a delay must be as those of all other views for it to be clear whose it is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,11 +71,14 @@ class LateView:
         where one is there twice.
     deviations : float
         The same in standard deviations.
+    clear : bool
+        Whether it is this view: that another one is wrong the other way instead is clearly less likely.
     """
 
     frame: int
     delay: float
     deviations: float
+    clear: bool = True
 
     def counted_from(self, first: int) -> LateView:
         """Return the same with frames in a count in which the shot's first has a number."""
@@ -88,7 +95,8 @@ class LateView:
         """Message that says what to do, too."""
         measured = f"{abs(self.delay):.1f} frames, {abs(self.deviations):.0f} standard deviations"
         copied = "put a copy of the one before in its place" if self.delay > 0 else "take it out"
-        return f"{self.brief} ({measured}); copy the file from the camera again, or {copied}"
+        doubt = "" if self.clear else ", or another view is wrong the other way"
+        return f"{self.brief} ({measured}){doubt}; copy the file from the camera again, or {copied}"
 
 
 def segment_lateness(
@@ -186,7 +194,7 @@ def _delays(sums: tuple[Array, Array], twists: tuple[Array, Array], places: Ints
     return own, across
 
 
-def late_views(segments: Sequence[tuple[int, Lateness]]) -> tuple[LateView | None, ...]:
+def late_views(segments: Sequence[tuple[int, Lateness]], torn: Sequence[Sequence[int]]) -> tuple[LateView | None, ...]:
     """Return, per view, from which frame on it is early or late by about a frame, if it is.
 
     A delay pushes the motion, and with it the other views the other way: among these, only the surest is reported.
@@ -195,21 +203,23 @@ def late_views(segments: Sequence[tuple[int, Lateness]]) -> tuple[LateView | Non
     ----------
     segments : sequence of (int, Lateness)
         First shot frame of every segment, and what its footage says, in order.
+    torn : sequence of sequence of int
+        Per view: shot frames that do not continue the one before.
     """
-    count = len(segments[0][1].gradient)
-    found = [_surest(segments, v) for v in range(count)]
-    best = max((one.deviations for one in found if one is not None), key=abs, default=0.0)
-    return tuple(None if one is None or abs(one.deviations) < abs(best) else one for one in found)
+    found = [_surest(segments, v, np.array(frames, int)) for v, frames in enumerate(torn)]
+    best = max(sureness for sureness, _ in found)
+    clear = sum(CLEARLY * sureness > best for sureness, _ in found) == 1
+    return tuple(None if one is None or sureness < best else replace(one, clear=clear) for sureness, one in found)
 
 
-def _surest(segments: Sequence[tuple[int, Lateness]], view: int) -> LateView | None:
-    """Return the surest delay of a view from some frame on, apart from a delay of the whole shot; None if there is
-    none.
+def _surest(segments: Sequence[tuple[int, Lateness]], view: int, torn: Ints) -> tuple[float, LateView | None]:
+    """Return the surest delay of a view from some frame on, apart from a delay of the whole shot, and how sure it is;
+    None if there is none. If it may begin on one of some torn frames, it does.
     """
     whole = np.array([[own.gradient[view, 0], own.precision[view, 0]] for _, own in segments])
     gradient, precision = whole.sum(axis=0)
     precision += CONSTANT**-2
-    best: LateView | None = None
+    best, most = None, 0.0
     for (first, own), behind in zip(segments, np.cumsum(whole[::-1], axis=0)[::-1] - whole, strict=True):
         share = (own.coupling[view, 1:] + behind[1]) / precision
         pull = own.gradient[view, 1:] + behind[0] - share * gradient
@@ -217,9 +227,19 @@ def _surest(segments: Sequence[tuple[int, Lateness]], view: int) -> LateView | N
         deviation = 1 / np.sqrt(np.maximum(sure, 1e-9))
         delays = -pull * deviation**2
         told = (np.abs(delays) >= LEAST) & (np.abs(delays) >= SURE * deviation)
-        if told.any():
-            k = int(np.argmax(np.where(told, np.abs(delays) / deviation, 0.0)))
-            ratio = float(delays[k] / deviation[k])
-            if best is None or abs(ratio) > abs(best.deviations):
-                best = LateView(first + int(own.places[k + 1]), float(delays[k]), ratio)
-    return best
+        frames = first + _torn_near(own.places[1:], torn - first)
+        sureness = told * np.abs(delays) / deviation * np.where(np.isin(frames, torn), TORN, 1.0)
+        if len(sureness) and sureness.max() > most:
+            k = int(np.argmax(sureness))
+            most = float(sureness[k])
+            best = LateView(int(frames[k]), float(delays[k]), float(delays[k] / deviation[k]))
+    return most, best
+
+
+def _torn_near(places: Ints, torn: Ints) -> Ints:
+    """Return K places, or the torn frame that each is the nearest of them to, shape (K,)."""
+    found = places.copy()
+    for frame in torn:
+        if len(places) and places[0] <= frame <= places[-1]:
+            found[np.argmin(np.abs(places - frame))] = frame
+    return found

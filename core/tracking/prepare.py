@@ -177,7 +177,7 @@ def _view(spec: ViewSpec, cameras: dict[str, Camera]) -> View:
         raise ShotError(what, where=f"{spec.where} camera", todo=todo)
     with located(f"{spec.where} footage"):
         footage = named_footage(spec.footage)
-    return View(cameras[spec.camera], footage, spec.offset, spec.fields, spec.keypoints)
+    return View(cameras[spec.camera], footage, spec.offset, spec.fields, spec.keypoints, spec.gaps)
 
 
 def _performer(spec: PerformerSpec, first: int) -> Performer | PerformerRequest:

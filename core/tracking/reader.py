@@ -21,7 +21,7 @@ from ..shot.footage import Album, frames_at, working_factor
 from ..shot.footage_faults.continuity import AROUND, block_change, most_changed, small, torn_pairs
 from ..shot.footage_faults.footage_times import FootageRate, footage_rate, frames_missing
 from ..shot.footage_faults.skipped_frames import PairChanges, PointsFollowed
-from ..shot.frame_numbers import footage_delay
+from ..shot.frame_numbers import across_gaps, footage_delay
 from ..shot.image_sequences import image_files
 from ..shot.shot import Shot, View
 from .picture_store import COLOUR, PictureStore
@@ -84,7 +84,7 @@ class SegmentReader:
         self._stream = _frames(view, frames, factor, album, memory=memory, threads=threads)
         self._stopped = stopped
         self._length = shot.length
-        self._gaps = frames_missing(kept_rate(shot, view, memory), view, frames)
+        self._gaps = frames_missing(kept_rate(shot, view, memory), view, frames) | across_gaps(view, frames)
         self._ahead: list[Image] = []
         self._read = 0
         self._small: Array | None = None
@@ -119,7 +119,10 @@ class SegmentReader:
         grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         blocks, change = small(grey), 0.0
         if self._small is not None:
-            self._changes.append(block_change(self._small, blocks).astype(np.float16))
+            known = self._gaps[len(self._changes)] and len(self._changes) > 0
+            # What is known to be no continuation must not make the pairs beside it stand out.
+            found = self._changes[-1] if known else block_change(self._small, blocks).astype(np.float16)
+            self._changes.append(found)
             change = most_changed(self._changes[-1].astype(float))
         self._points.add(grey, change)
         self._small = blocks
@@ -179,4 +182,4 @@ def _made_of(view: View, factor: float) -> bytes:
     states = [(str(file), file.stat().st_mtime_ns, file.stat().st_size) for file in files]
     camera = view.camera
     lens = camera.size, camera.matrix, camera.distortions, camera.fisheye
-    return pickle.dumps((states, lens, view.offset, view.fields, factor))
+    return pickle.dumps((states, lens, view.offset, view.fields, view.gaps, factor))

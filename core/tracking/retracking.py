@@ -15,8 +15,10 @@ from ..errors import KFMocapError
 from ..runtime.progress import Progress, report_progress, share
 from ..runtime.worker_memory import WorkerMemory
 from ..shot.fingerprint import ValueBytes, checksum
+from ..shot.frame_numbers import without_gaps_beyond
 from ..shot.grips import completed
 from ..shot.shot import KeyPoses, Performer, Shot
+from .footage_gaps import with_found_gaps
 from .run_context import NOTHING_KEPT, RunContext
 from .schedule import SegmentShown
 from .segment_stages import Around
@@ -118,6 +120,7 @@ def track_excerpts(
                 earlier=part.earlier,
             )
         )
+        shot = with_found_gaps(shot, results[-1].gaps)
     return results
 
 
@@ -187,7 +190,11 @@ def digests(shot: Shot, segments: Iterable[Segment]) -> dict[Segment, str]:
         part = shot.between(*segment)
         holds = tuple(replace(h, prop=numbers.get(h.prop, ""), holder=numbers.get(h.holder, "")) for h in part.holds)
         asked = replace(
-            part, name="", performers=tuple(_asked(performer) for performer in part.performers), holds=holds
+            part,
+            name="",
+            views=tuple(without_gaps_beyond(view, *part.frames) for view in part.views),
+            performers=tuple(_asked(performer) for performer in part.performers),
+            holds=holds,
         )
         found[segment] = checksum(values.of(asked))
     return found

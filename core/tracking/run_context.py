@@ -9,6 +9,7 @@ from typing import Any
 from ..keypoints.observations import ShotKeypoints
 from ..runtime.worker_memory import WorkerMemory
 from ..runtime.worker_pool import WorkerPool
+from ..shot.shot import Gap
 from .journal import Journal
 from .schedule import SegmentShown
 
@@ -19,17 +20,23 @@ class SolvedShot:
 
     Attributes
     ----------
-    pictures, observed, footage_offset
+    pictures, observed, footage_offset, gaps
         See `core.tracking.track_result.TrackResult`.
     """
 
     pictures: tuple[dict[int, Any], ...]
     observed: ShotKeypoints
     footage_offset: float
+    gaps: tuple[tuple[Gap, ...], ...]
 
     def of_views(self, views: Sequence[int]) -> SolvedShot:
         """Return the same of some views, in that order."""
-        return replace(self, pictures=tuple(self.pictures[v] for v in views), observed=self.observed.of_views(views))
+        return replace(
+            self,
+            pictures=tuple(self.pictures[v] for v in views),
+            observed=self.observed.of_views(views),
+            gaps=tuple(self.gaps[v] for v in views),
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,11 @@ from .track_result import TrackResult
 
 
 def result_of_segments(
-    shot: Shot, state: TrackState, done: Sequence[FinishedSegment], observed: ShotKeypoints
+    shot: Shot,
+    state: TrackState,
+    done: Sequence[FinishedSegment],
+    observed: ShotKeypoints,
+    torn: tuple[tuple[int, ...], ...],
 ) -> TrackResult:
     """Put the result of a shot together, without times, pictures and what decoding the footage has shown.
 
@@ -38,8 +42,11 @@ def result_of_segments(
     done : sequence of FinishedSegment
         All segments of the shot.
     observed : ShotKeypoints
+    torn : tuple of tuple of int
+        See `TrackResult`.
     """
-    return _with_unknown_parts(_joined(shot, state, done, observed), shot)
+    late = late_views([(one.result.first, one.lateness) for one in done], torn)
+    return replace(_with_unknown_parts(_joined(shot, state, done, observed), shot), torn=torn, late=late)
 
 
 def _joined(shot: Shot, state: TrackState, done: Sequence[FinishedSegment], observed: ShotKeypoints) -> TrackResult:
@@ -68,7 +75,6 @@ def _joined(shot: Shot, state: TrackState, done: Sequence[FinishedSegment], obse
         observed=observed,
         planted=tuple(_planted(shot, motion, done, i) for i, motion in enumerate(state.motions)),
         footage_offset=state.footage_offset(shot),
-        late=late_views([(one.result.first, one.lateness) for one in done]),
     )
 
 

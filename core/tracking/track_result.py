@@ -13,6 +13,7 @@ from ..keypoints.observations import ShotKeypoints
 from ..numerics.arrays import Array, Bools
 from ..shot.footage_faults.footage_damage import FootageDamage
 from ..shot.footage_faults.footage_times import FootageRate
+from ..shot.shot import Gap
 from .expected_errors.uncertainty import JointErrors
 from .late_views import LateView
 
@@ -75,8 +76,10 @@ class TrackResult:
     torn : tuple of tuple of int
         Per view: frames, counted from the shot's first, that do not continue the frame before; see
         `core.shot.footage_faults.continuity`.
+    gaps : tuple of tuple of Gap
+        Per view: where its footage lacks frames or has them once too often, as its frames were counted.
     late : tuple of LateView or None
-        Per view: from which frame on it is early or late, if it is.
+        Per view: from which frame on it is early or late with these gaps, if it is.
     rates : tuple of FootageRate or None
         Per view: its frame rate; None if the container does not state times.
     damage : tuple of FootageDamage or None
@@ -96,6 +99,7 @@ class TrackResult:
     planted: tuple[Bools | None, ...] = ()
     footage_offset: float = 0.0
     torn: tuple[tuple[int, ...], ...] = ()
+    gaps: tuple[tuple[Gap, ...], ...] = ()
     late: tuple[LateView | None, ...] = ()
     rates: tuple[FootageRate | None, ...] = ()
     damage: tuple[FootageDamage | None, ...] = ()
@@ -109,6 +113,7 @@ class TrackResult:
             pictures=tuple(self.pictures[v] for v in order),
             observed=self.observed.of_views(order),
             torn=tuple(self.torn[v] for v in order),
+            gaps=tuple(self.gaps[v] for v in order) if self.gaps else (),
             late=tuple(self.late[v] for v in order) if self.late else (),
             rates=tuple(self.rates[v] for v in order),
             damage=tuple(self.damage[v] for v in order) if self.damage else (),

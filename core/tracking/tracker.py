@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..body.motion import Motion
@@ -31,7 +31,8 @@ from ..shot.grips import completed
 from ..shot.keypose_spline import spline
 from ..shot.shot import Shot, fixed_degrees
 from ..shot.shot_spec import ShotSpec
-from .journal import KeptSegments
+from .footage_gaps import MOST_GAPS, fits_better, unaffected, with_found_gaps, with_gaps, with_timed_gaps
+from .journal import FinishedSegment, KeptSegments
 from .picture_store import fits_in_memory, picture_folder
 from .reader import is_kept, kept_rate
 from .run_context import NOTHING_KEPT, RunContext, SolvedShot
@@ -94,14 +95,51 @@ def track(
     """
     _check(shot)
     shot, views_as_given = _in_order(shot)
+    asked = _Asked(progress, observe, pictures, around, run, earlier, views_as_given)
+    result, done = _tracked(shot, asked)
+    for _ in range(MOST_GAPS):
+        corrected = with_gaps(shot, result)
+        if corrected is None:
+            break
+        asked = replace(asked, run=replace(run, solved=None))
+        kept = unaffected(done, with_found_gaps(shot, result.gaps), corrected)
+        again, done_again = _tracked(corrected, asked, kept)
+        seconds = Seconds(result.seconds)
+        seconds.add(again.seconds)
+        if not fits_better(again, result):
+            result = replace(result, seconds=seconds)
+            break
+        shot, result, done = corrected, replace(again, seconds=seconds), done_again
+    return result.of_views(views_as_given)
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """The parameters of `track`, and the index of each of the given views in the shot as it is tracked."""
+
+    progress: Progress | None
+    observe: Observer | None
+    pictures: Sequence[int]
+    around: Around
+    run: RunContext
+    earlier: Sequence[Motion]
+    views_as_given: Sequence[int]
+
+
+def _tracked(
+    shot: Shot, asked: _Asked, known: Sequence[FinishedSegment] = ()
+) -> tuple[TrackResult, list[FinishedSegment]]:
+    """Track a shot whose views are in order; returns its segments, too. Some may be known."""
+    run, progress = asked.run, asked.progress
     solver, seconds = solver_named(shot.settings.solver), Seconds()
     with _footage_checked(shot, run) as rates:  # loading SciPy's splines takes as long
         curves = tuple(spline(p.key_poses, shot.length) for p in shot.performers)
+    shot = with_timed_gaps(shot, [rate.result() for rate in rates])
     observed = _first_pass(shot, solver, seconds, progress)
-    begin = TrackState(tuple(own.motion for own in observed.performers) or curves, around)
-    finished = KeptSegments.of(run.journal, shot, around)
+    begin = TrackState(tuple(own.motion for own in observed.performers) or curves, asked.around)
+    finished = KeptSegments.of(run.journal, shot, asked.around).joined(known)
     threads = worker_count(shot.settings.threads)
-    workers = 1 if observe is not None else _workers(shot, threads)
+    workers = 1 if asked.observe is not None else _workers(shot, threads)
     with _places_to_work(shot, run, workers) as (pool, folder):
         schedule = SegmentSchedule(
             shot,
@@ -111,32 +149,33 @@ def track(
             finished=finished,
             threads=max(1, threads // workers),
             progress=progress,
-            observe=observe,
+            observe=asked.observe,
             show=run.show,
-            earlier=_carried(begin, shot, earlier),
+            earlier=_carried(begin, shot, asked.earlier),
         )
-        footage = SegmentFootage(shot, solver, pictures, folder=folder, memory=run.memory)
+        footage = SegmentFootage(shot, solver, asked.pictures, folder=folder, memory=run.memory)
         started = time.perf_counter()
         for views in footage.by_segment(begin.motions, finished.known, seconds):
             schedule.add(views)
 
         def solved(state: TrackState) -> None:
             if run.solved is not None and pool.workers > 1:
-                known = SolvedShot(footage.pictures, observed, state.footage_offset(shot))
-                run.solved(pool, known.of_views(views_as_given))
+                gaps = tuple(view.gaps for view in shot.views)
+                found = SolvedShot(footage.pictures, observed, state.footage_offset(shot), gaps)
+                run.solved(pool, found.of_views(asked.views_as_given))
 
         state, done = schedule.finish(solved)
         passed = time.perf_counter() - started - seconds["footage"]
     seconds.add(_side_by_side(schedule.seconds, passed))
     report_progress(progress, "tracking", 1.0)
     result = replace(
-        result_of_segments(shot, state, done, observed),
+        result_of_segments(shot, state, done, observed, tuple(tuple(frames) for frames in footage.torn)),
         seconds=seconds,
         pictures=footage.pictures,
-        torn=tuple(tuple(frames) for frames in footage.torn),
+        gaps=tuple(view.gaps for view in shot.views),
         rates=tuple(rate.result() for rate in rates),
     )
-    return result.of_views(views_as_given)
+    return result, done
 
 
 def _in_order(shot: Shot) -> tuple[Shot, list[int]]:

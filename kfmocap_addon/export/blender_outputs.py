@@ -104,7 +104,7 @@ def write_blender_outputs(
     if finish is not None:
         finish(scene)
     review_data.write_review(scene, [(shot, result, 0)])
-    tracked_segments.remember_offset(scene, result)
+    tracked_segments.remember_footage(scene, result)
     options = ExportOptions(leave_out_unknown=leave_out_unknown)
     paths = export_performers(scene, folder, options)
     paths_from_home = nullcontext() if shown else _portable_paths(Path(home or folder).resolve())

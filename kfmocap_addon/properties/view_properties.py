@@ -1,5 +1,7 @@
 """What a scene knows of a view beyond its camera object."""
 
+from typing import Any
+
 import bpy
 
 from .pointer_polls import is_camera
@@ -76,9 +78,22 @@ class KFMocapView(bpy.types.PropertyGroup):
     faults: bpy.props.StringProperty(
         name="Faults", description="What tracking found wrong with the footage; empty where nothing is"
     )
+    found_gaps: bpy.props.StringProperty(
+        name="Gaps",
+        description="Frames of the footage before which others are missing, with how many; negative where so many are "
+        "there once too often",
+        update=_show_in_time,
+    )
     misfit: bpy.props.StringProperty(
         name="Misfit", description="How far the camera is off the key poses or the other cameras; empty where it fits"
     )
+
+    @property
+    def gaps(self) -> tuple[Any, ...]:
+        """Where the footage lacks frames or has them once too often, see `core.shot.shot.Gap`."""
+        from ..scene_io.cameras.view_gaps import unpacked_gaps
+
+        return unpacked_gaps(self.found_gaps)
 
     @property
     def has_camera(self) -> bool:

@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from ...core.body.motion import Motion
 from ...core.errors import ShotError
 from ...core.shot.shot import KeyPoses, Performer, Shot
+from ...core.tracking.footage_gaps import with_found_gaps
 from ...core.tracking.retracking import Excerpt, digests, joined
 from ...core.tracking.segments import Segment, segments
 from ...core.tracking.track_result import TrackResult
 from . import lossless, prop_holds
 from . import scene as scenes
+from .cameras.view_gaps import remember_gaps
 from .keys import motion_curves
 from .review import bone_confidence, plant_lists, review_data
 
@@ -141,19 +143,20 @@ def write(
     shot, slots = asked.shot, list(asked.slots.values())
     for part, result in zip(parts, results, strict=True):
         scenes.write_motions(scene, [result.motions[i] for i in asked.slots], first=part.first, slots=slots)
-        if part.footage_offset is None:
-            remember_offset(scene, result)
+        remember_footage(scene, result, offset=part.footage_offset is None)
     tracked = [(shot.between(p.first, p.last), result, p.first) for p, result in zip(parts, results, strict=True)]
     review_data.write_review(scene, tracked, slots=asked.slots, whole=whole)
     if len(slots) == len(asked.whole.performers):
-        done = [s for s in segments(shot) if any(p.first <= s[0] and s[1] <= p.last for p in parts)]
-        _remember(scene, shot, done)
+        _remember(scene, shot, _digests(shot, parts, results))
     scene.frame_set(scene.frame_current, subframe=scene.frame_subframe)  # the tracked pose is shown
     return whole
 
 
-def remember_offset(scene: bpy.types.Scene, result: TrackResult) -> None:
-    """Store the footage offset that a track has found, for tracking parts again and for showing it."""
+def remember_footage(scene: bpy.types.Scene, result: TrackResult, *, offset: bool = True) -> None:
+    """Store the footage's gaps and offset that a track has found, for tracking parts again and for showing it."""
+    remember_gaps(scene, result.gaps)
+    if not offset:
+        return
     scene.kfmocap.footage_offset = result.footage_offset
     lossless.keep(scene, _OFFSET, result.footage_offset)
 
@@ -184,11 +187,20 @@ def _unchanged(scene: bpy.types.Scene, shot: Shot, parts: Sequence[Excerpt]) -> 
     return now
 
 
-def _remember(scene: bpy.types.Scene, shot: Shot, tracked: Sequence[Segment]) -> None:
+def _digests(shot: Shot, parts: Sequence[Excerpt], results: Sequence[TrackResult]) -> dict[Segment, str]:
+    """Return from what the segments of some excerpts were tracked: gaps were found in one after the other."""
+    found = {}
+    for part, result in zip(parts, results, strict=True):
+        done = [s for s in segments(shot) if part.first <= s[0] and s[1] <= part.last]
+        found.update(digests(with_found_gaps(shot, result.gaps), done))
+    return found
+
+
+def _remember(scene: bpy.types.Scene, shot: Shot, tracked: Mapping[Segment, str]) -> None:
     """Keep from what segments were tracked; frames that are no longer a segment of the shot are forgotten."""
     zero = shot.frames[0]
     kept = {(slot.first - zero, slot.last - zero): slot.digest for slot in scene.kfmocap.stretches}
-    kept.update(digests(shot, tracked))
+    kept.update(tracked)
     scene.kfmocap.stretches.clear()
     for first, last in segments(shot):
         if (first, last) in kept:

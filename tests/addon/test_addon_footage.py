@@ -15,11 +15,14 @@ bpy = pytest.importorskip("bpy")
 from addon_shots import SIZE, blender, camera, video  # noqa: E402, F401
 from bpy_extras.io_utils import ImportHelper  # noqa: E402
 from kfmocap.core.formats.calibrations.toml_cameras import save_cameras  # noqa: E402
+from kfmocap.core.shot.frame_numbers import file_index  # noqa: E402
+from kfmocap.core.shot.shot import Gap  # noqa: E402
 from kfmocap.kfmocap_addon import registration  # noqa: E402
 from kfmocap.kfmocap_addon.operators.mixin import BesideFootage  # noqa: E402
 from kfmocap.kfmocap_addon.panels import footage_panel  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene, solved_cameras  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.cameras import footage_background, view_cameras  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.cameras.view_gaps import packed_gaps  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -232,6 +235,23 @@ def test_moving_a_views_offset_moves_its_footage(take):
     assert 6 - clip.frame_start == (5 + 2) // 2
     view.fields = "progressive"
     assert clip.animation_data is None or not clip.animation_data.drivers
+
+
+@pytest.mark.parametrize("fields", ["progressive", "top-first"])
+def test_footage_goes_on_behind_a_gap_as_the_tracker_counts_it(take, fields):
+    add(take, "walk_cam01.mp4")
+    current, (view,) = bpy.context.scene, shot().views
+    view.offset, view.fields, view.found_gaps = 1.0, fields, packed_gaps([Gap(6, 2), Gap(12, -1)])
+    clip = footage_background.clip_behind(view.camera)
+    for frame in range(1, 25):
+        current.frame_set(frame)
+        assert frame - clip.frame_start == file_index(view, shot().first + frame - shot().frame_start)
+    for gaps in ((), (Gap(6, 2, timed=True),)):
+        view.found_gaps = packed_gaps(gaps)
+        assert view.gaps == gaps
+        current.frame_set(20)
+        view_without = replace(view_cameras.read_specs(current)[0], gaps=())
+        assert 20 - clip.frame_start == file_index(view_without, shot().first + 20 - shot().frame_start)
 
 
 def test_one_opacity_serves_all_views(take):

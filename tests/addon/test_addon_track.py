@@ -20,7 +20,7 @@ from kfmocap.core.errors import CancelledError, CaptureError, ShotError  # noqa:
 from kfmocap.core.runtime.job import Job, duration  # noqa: E402
 from kfmocap.core.runtime.worker_memory import Remembering  # noqa: E402
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate  # noqa: E402
-from kfmocap.core.shot.shot import Settings  # noqa: E402
+from kfmocap.core.shot.shot import Gap, Settings  # noqa: E402
 from kfmocap.core.tracking.late_views import LateView  # noqa: E402
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts  # noqa: E402
 from kfmocap.kfmocap_addon.operators import job_operator  # noqa: E402
@@ -634,6 +634,31 @@ def test_what_is_wrong_with_footage_is_shown_until_a_whole_track_finds_nothing(
     tracker.torn = nothing
     bpy.ops.kfmocap.track()
     assert not any(view.faults for view in views)
+
+
+def test_a_gap_that_tracking_finds_stays_with_the_view(built, tracker, monkeypatch):  # noqa: F811
+    monkeypatch.setattr(faulty_footage, "container_rate", lambda view: 0.0)
+    view, zero = built.kfmocap.views[1], scene.shot_from_scene(built).frames[0]
+    tracker.gaps = [(), (Gap(zero + 7, 1),)]
+    bpy.ops.kfmocap.track()
+    assert f"frame {FRAME + 7} is missing (corrected)" in view.faults
+    now = scene.shot_from_scene(built)
+    assert now.views[1].gaps == tracker.gaps[1]
+    assert not tracked_segments.out_of_date(built, now)
+    built.frame_set(7 + FRAME)
+    bpy.ops.kfmocap.track_here()
+    assert tracker.shots[-1].views[1].gaps == tracker.gaps[1]
+    view.found_gaps = ""
+    assert tracked_segments.out_of_date(built, scene.shot_from_scene(built)) == [(5, 11)]
+
+
+def test_segments_behind_a_gap_that_were_not_tracked_with_it_are_out_of_date(built, tracker):  # noqa: F811
+    bpy.ops.kfmocap.track()
+    zero = scene.shot_from_scene(built).frames[0]
+    tracker.gaps = [(), (Gap(zero + 3, 1),)]
+    built.frame_set(3 + FRAME)
+    bpy.ops.kfmocap.track_here()
+    assert tracked_segments.out_of_date(built, scene.shot_from_scene(built)) == [(5, 11)]
 
 
 def test_footage_of_another_frame_rate_is_said(built, tracker, monkeypatch):  # noqa: F811

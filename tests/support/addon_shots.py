@@ -120,6 +120,7 @@ def track_result(
         footage_offset=footage_offset,
         observed=ShotKeypoints(),
         torn=(),
+        gaps=(),
         late=(),
         planted=(),
         rates=(),
@@ -135,7 +136,9 @@ def tracker(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
 
     Its cameras fit: they are not compared with footage that shows nothing.
     """
-    stand_in = SimpleNamespace(shots=[], error=None, footage_offset=0.0, frames=FRAMES, torn=(), late=(), rates=())
+    stand_in = SimpleNamespace(
+        shots=[], error=None, footage_offset=0.0, frames=FRAMES, torn=(), late=(), gaps=(), rates=()
+    )
 
     def track(
         given: Shot, progress: Progress | None = None, around: Around = (None, None), **_more: object
@@ -149,7 +152,8 @@ def tracker(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
         here, length = slice(first, first + given.length), max(stand_in.frames, first + given.length)
         motions = tuple(motion(length, seed)[here] for seed in range(len(given.performers)))
         result = track_result(given, motions, footage_offset=stand_in.footage_offset)
-        result.torn, result.late, result.rates = stand_in.torn, stand_in.late, stand_in.rates
+        result.torn, result.late, result.gaps = stand_in.torn, stand_in.late, stand_in.gaps
+        result.rates = stand_in.rates
         return result
 
     monkeypatch.setattr(retracking, "track", track)

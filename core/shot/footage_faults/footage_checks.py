@@ -62,6 +62,16 @@ def camera_at_size(camera: Camera, size: tuple[int, int], *, resized: bool, decl
     return camera.resized(size)
 
 
+def stored_frames(view: View, footage: Footage, wanted: int) -> int:
+    """Return how many frames, or fields, a view's footage has: at least `wanted`, or exactly."""
+    each = frames_per_file_frame(view)
+    count = each * footage.count
+    if count < wanted and image_files(view.footage) is None:
+        # Some containers understate their length; only decoding shows it.
+        count = each * decodable(view.footage, (wanted - 1) // each + 1)
+    return count
+
+
 def _check_range(view: View, footage: Footage, first: int, length: int) -> None:
     start, end = footage_index(view, first), footage_index(view, first + length - 1)
     last, offset, each = first + length - 1, view.offset, frames_per_file_frame(view)
@@ -70,10 +80,7 @@ def _check_range(view: View, footage: Footage, first: int, length: int) -> None:
     where = f"{view.footage} (camera '{view.camera.name}')"
     if start < 0:
         raise FootageError(f"the shot begins before the footage: {asked}", where=where)
-    count, images = each * footage.count, image_files(view.footage)
-    if end >= count and images is None:
-        # Some containers understate their length; only decoding shows it.
-        count = each * decodable(view.footage, end // each + 1)
+    count, images = stored_frames(view, footage, end + 1), image_files(view.footage)
     if end >= count:
         raise FootageError(f"the footage has only {count} {unit}: {asked}", where=where)
     if images is not None:

@@ -54,13 +54,12 @@ class FootageRate:
 
     @property
     def text(self) -> str:
-        """Message that the frame rate varies, or which frames are missing, and what to do."""
+        """Message that the frame rate varies and what to do, or which frames are missing."""
         if self.missing:
             gaps = listed([f"{count} before frame {frame}" for frame, count in self.missing], _SHOWN)
-            what = f"frames are missing in it, by their times: {gaps} of the file; what follows comes early"
-        else:
-            off = f"{self.astray:.1f} frames off a constant rate of {self.rate:.4g}"
-            what = f"its frame rate varies: frame {self.frame} of the file is {off}"
+            return f"frames are missing in it, by their times: {gaps} of the file"
+        off = f"{self.astray:.1f} frames off a constant rate of {self.rate:.4g}"
+        what = f"its frame rate varies: frame {self.frame} of the file is {off}"
         return f"{what}; convert it, as with: ffmpeg -i FOOTAGE -vf fps={self.rate:.4g} -crf 14 CONVERTED.mp4"
 
 

@@ -9,8 +9,16 @@ from typing import Any
 import bpy
 
 from ....core.errors import FootageError
-from ....core.shot.frame_numbers import file_index, footage_index, is_interlaced
+from ....core.shot.frame_numbers import (
+    frames_per_file_frame,
+    gap_frame,
+    is_interlaced,
+    whole_offset,
+)
 from ....core.shot.image_sequences import image_files
+
+_LONGEST = 220
+"""Number of characters that Blender stores of a driver's expression, 255, without those around."""
 
 
 def load_clip(path: Path) -> bpy.types.MovieClip:
@@ -98,20 +106,29 @@ def show_in_time(slot: Any, first: int, frame_start: int) -> None:
     if clip is None:
         return
     clip.driver_remove("frame_start")
-    clip.frame_start = frame_start - file_index(slot, first)
-    if is_interlaced(slot):
-        _play_at_half_rate(clip, footage_index(slot, first) - frame_start)
+    clip.frame_start = frame_start - (first + whole_offset(slot)) // frames_per_file_frame(slot)
+    if is_interlaced(slot) or not all(gap.timed for gap in slot.gaps):
+        # Of functions that Blender evaluates itself: a file may drive it where Python is not trusted.
+        clip.driver_add("frame_start").driver.expression = _start(slot, first - frame_start)
 
 
-def _play_at_half_rate(clip: bpy.types.MovieClip, ahead: int) -> None:
-    """Show each frame of interlaced footage, with both fields interleaved, on the two scene frames that are its fields.
+def _start(slot: Any, ahead: int) -> str:
+    """Return a clip's start as an expression of the scene's frame: a movie clip has neither a playback rate nor gaps.
 
-    A movie clip has no playback rate, so its start is driven instead. `ahead` is the number of fields that the footage
-    is ahead of scene frames.
+    Each frame of interlaced footage, with both fields interleaved, is shown on the two scene frames that are its
+    fields, and the picture before missing frames in their place; Blender shows videos by the times in their files, so
+    that it does so by itself where these tell. `ahead` is by how much the shot's frames are ahead of the scene's.
     """
-    driver = clip.driver_add("frame_start").driver
-    # Of functions that Blender evaluates itself: a file may drive it where Python is not trusted.
-    driver.expression = f"frame - floor((frame {ahead:+d}) / 2)"
+    shown = f"frame {ahead + whole_offset(slot):+d}"
+    for gap in slot.gaps:
+        frame, count = gap_frame(slot, gap) - ahead, gap.missing
+        steps = [f" - (frame >= {frame + i})" for i in range(count)] or [f" + {-count} * (frame >= {frame})"]
+        if gap.timed:
+            continue
+        if len(shown) + len("".join(steps)) > _LONGEST:
+            break
+        shown += "".join(steps)
+    return f"frame - floor(({shown}) / {frames_per_file_frame(slot)})"
 
 
 def look_through(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:

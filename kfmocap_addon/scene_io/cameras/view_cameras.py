@@ -18,6 +18,7 @@ from ....core.shot.image_sequences import image_files
 from ....core.shot.shot import View
 from ....core.shot.shot_spec import ViewSpec
 from . import camera_poses, distortion, footage_background, scene_cameras
+from .view_gaps import packed_gaps
 
 if TYPE_CHECKING:
     from ....core.fitting.shot_cameras import CameraFit
@@ -48,7 +49,7 @@ def build_view(
     owner = scene_cameras.new_camera_object(camera.name, collection, clip)
     slot.name, slot.camera = camera.name, owner
     show_camera(slot, camera, frame_start)
-    slot.offset, slot.fields = view.offset, view.fields
+    slot.offset, slot.fields, slot.found_gaps = view.offset, view.fields, packed_gaps(view.gaps)
     footage_background.show_in_time(slot, first, frame_start)
     slot.sequence = view.footage.name if image_files(view.footage) is not None else ""
     slot.keypoints = "" if view.keypoints is None else _relative(view.keypoints, view.footage.parent)
@@ -140,14 +141,16 @@ def known_lenses(scene: bpy.types.Scene) -> dict[str, Camera]:
 
 def _read_view(slot: bpy.types.PropertyGroup, R_cam_world: Array, t_cam_world: Array) -> View:
     spec = _read_spec(slot)
-    return View(_read_camera(slot, R_cam_world, t_cam_world), spec.footage, spec.offset, spec.fields, spec.keypoints)
+    camera = _read_camera(slot, R_cam_world, t_cam_world)
+    return View(camera, spec.footage, spec.offset, spec.fields, spec.keypoints, spec.gaps)
 
 
 def _read_spec(slot: bpy.types.PropertyGroup) -> ViewSpec:
     footage_background.background_clip(slot)
     footage = footage_background.footage_path(slot)
     keypoints = Path(os.path.normpath(footage.parent / slot.keypoints)) if slot.keypoints else None
-    return ViewSpec(slot.name, footage, round(slot.offset, 5), slot.fields, keypoints, f"view {slot.name}")
+    where = f"view {slot.name}"
+    return ViewSpec(slot.name, footage, round(slot.offset, 5), slot.fields, keypoints, where, slot.gaps)
 
 
 def _read_camera(slot: bpy.types.PropertyGroup, R_cam_world: Array, t_cam_world: Array) -> Camera:

@@ -10,6 +10,7 @@ from ....core.errors import listed
 from ....core.review.report_text import rate_text, torn_text
 from ....core.shot.footage import container_rate
 from ....core.shot.shot import Shot, View
+from ....core.tracking.footage_gaps import found_gaps
 from ....core.tracking.retracking import Excerpt
 from ....core.tracking.track_result import TrackResult
 
@@ -27,7 +28,9 @@ def show_faults(
     slots = {slot.name: slot for slot in scene.kfmocap.views}
     messages = []
     for v, view in enumerate(shot.views):
-        found = list(_faults(scene.kfmocap.frame_start, v, parts, results))
+        zero = scene.kfmocap.frame_start - shot.frames[0]
+        gaps = [gap.counted_from(zero) for gap in found_gaps(shot, results[-1])[v]]
+        found = [(gap.brief, gap.text) for gap in gaps] + list(_faults(scene.kfmocap.frame_start, v, parts, results))
         if rate := rate_text(_rate(view, v, results), shot.fps):
             found.append((rate, rate))
         messages += [f"{view.camera.name}: {text}" for _, text in found]

@@ -18,6 +18,7 @@ from kfmocap.core.errors import KFMocapError
 from kfmocap.core.formats import save_cameras, shot_toml, write_trc
 from kfmocap.core.formats.shot_toml import read_shot_spec
 from kfmocap.core.numerics import rotations
+from kfmocap.core.shot.shot import Gap
 from kfmocap.core.tracking.prepare import load_shot, prepare_shot
 from kfmocap.core.tracking.selection import selected
 from kfmocap.core.tracking.tracker import track
@@ -136,6 +137,12 @@ def test_arguments_override_the_file(folder: Path) -> None:
     assert shot.settings.solver == "gauss-newton"
 
 
+def test_frames_that_footage_lacks_or_has_twice_are_listed(folder: Path) -> None:
+    (folder / "shot.toml").write_text(TEXT.replace("offset = 1.0", "missing = [8, 4, 4]\ntwice = [6]"))
+    shot = load_shot(folder / "shot.toml")
+    assert [view.gaps for view in shot.views] == [(), (Gap(4, 2), Gap(6, -1), Gap(8, 1))]
+
+
 def test_fields_of_interlaced_footage_are_frames(folder: Path) -> None:
     (folder / "shot.toml").write_text(TEXT.replace("offset = 1.0", 'offset = 12\nfields = "bottom-first"'))
     shot = load_shot(folder / "shot.toml")
@@ -200,6 +207,10 @@ BAD = [
     ("offset = 1.0", 'offset = "one"', r"\[\[view\]\] 2 offset: must be a number"),
     ("offset = 1.0", 'fields = "top"', r"\[\[view\]\] 2 fields: unknown value 'top'.*top-first"),
     ("offset = 1.0", 'offset = 15\nfields = "top-first"', "'cam02' footage.*only 22 fields: .*its fields 17 to 24"),
+    ("offset = 1.0", "missing = [0]", r"\[\[view\]\] 2 missing: 0 cannot be one of them"),
+    ("offset = 1.0", "missing = [5]\ntwice = [5]", r"\[\[view\]\] 2 twice: 5 cannot be one of them"),
+    ("offset = 1.0", "twice = 5", r"\[\[view\]\] 2 twice: must be a list of whole numbers"),
+    ("offset = 1.0", f"missing = {[5] * 1001}", r"\[\[view\]\] 2 missing: 1001 frames are more than 1000"),
     ("offset = 1.0", 'keypoints = "pose"', r"\[\[view\]\] 2 keypoints: there is no such"),
     ("keyframes = [9, 3, 6]", "keyframes = []", r"\[\[performer\]\] 1 keyframes: at least one key frame"),
     ("keyframes = [9, 3, 6]", "keyframes = [1, 3]", r"1 keyframes: key frame 1 lies outside .* 2 to 9"),

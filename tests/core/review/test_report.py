@@ -20,7 +20,7 @@ from kfmocap.core.review.track_report import report
 from kfmocap.core.runtime.files import write_json
 from kfmocap.core.shot.footage_faults.footage_damage import FootageDamage
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate
-from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
+from kfmocap.core.shot.shot import Gap, KeyPoses, Performer, Shot, View
 from kfmocap.core.tracking.expected_errors.uncertainty import JointErrors
 from kfmocap.core.tracking.late_views import LateView
 
@@ -61,6 +61,7 @@ def tracked() -> tuple[Shot, type]:
         planted = (None,)
         torn = ()
         late = ()
+        gaps = ()
         damage = ()
         rates = ()
         segments = (Segment(0, 23, 3, (5.0, 2.0, 1.5)),)
@@ -193,11 +194,13 @@ def test_problems_of_the_footage_are_reported(
     shot, result = tracked
     result.torn = ((), (3, 4))
     result.late = (LateView(17, 0.6, 14.2), None)
+    result.gaps = ((), (Gap(shot.frames[0] + 4, 1),))
     result.damage = (None, FootageDamage((61, 64), "error while decoding MB 10 74"))
     monkeypatch.setattr("kfmocap.core.review.track_report.container_rate", lambda view: 29.97)
     result.rates = (FootageRate(25.0, 0.1, 5), FootageRate(25.0, 2.3, 117))
     lines = report_lines(report(shot, result()))
     assert "cam01: its footage has 29.97 frames per second, the shot 25" in lines
+    assert [line for line in lines if line.startswith(f"cam02: frame {shot.frames[0] + 4} is missing")]
     assert [line for line in lines if line.startswith("cam02: its frame rate varies: frame 117 of the file")]
     assert [line for line in lines if "frames 61, 64 of the file (error while decoding MB 10 74)" in line]
     assert [line for line in lines if line.startswith("cam02: pictures that") and "frames 103, 104" in line]

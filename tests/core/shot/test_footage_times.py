@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from threading import Event
@@ -16,37 +15,13 @@ from kfmocap.core.shot.footage_faults.footage_times import footage_rate, frame_t
 from kfmocap.core.shot.shot import Shot, View
 from kfmocap.core.tracking.picture_store import PictureStore
 from kfmocap.core.tracking.reader import SegmentReader
+from retimed_videos import retimed
 from synthetic import figure, look_at, shot_of, swing
 
 FRAMES, FPS = 24, 30.0
 BODY = figure()
 TRUTH = swing(BODY, FRAMES)
 CAMERA = look_at("front", (0.5, -2.8, 1.5))
-PATH = (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stts")
-
-
-def boxes(data: bytes, begin: int, end: int) -> Iterator[tuple[int, int, bytes]]:
-    while begin < end:
-        size, name = struct.unpack(">I4s", data[begin : begin + 8])
-        yield begin, size, name
-        begin += size
-
-
-def retimed(data: bytes, durations: Sequence[float]) -> bytes:
-    """An MP4 whose frames last so many times as long, in the box of durations at its end."""
-    places, begin, end = [], 0, len(data)
-    for wanted in PATH:
-        place, size = next((p, n) for p, n, name in boxes(data, begin, end) if name == wanted)
-        places.append(place)
-        begin, end = place + 8, place + size
-    (each,) = struct.unpack(">I", data[places[-1] + 20 : places[-1] + 24])
-    rows = b"".join(struct.pack(">II", 1, round(each * d)) for d in durations)
-    new = struct.pack(">I4sII", 16 + len(rows), b"stts", 0, len(durations)) + rows
-    out = bytearray(data[: places[-1]] + new + data[end:])
-    for place in places[:-1]:
-        (size,) = struct.unpack(">I", out[place : place + 4])
-        out[place : place + 4] = struct.pack(">I", size + len(new) - (end - places[-1]))
-    return bytes(out)
 
 
 @pytest.fixture(scope="module")

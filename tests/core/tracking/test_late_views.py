@@ -6,34 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kfmocap.core.shot.shot import Shot
-from kfmocap.core.tracking.late_views import LateView
+from kfmocap.core.shot.shot import Settings, Shot
+from kfmocap.core.tracking.late_views import Lateness, LateView, late_views
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
 from kfmocap.core.tracking.tracker import track
-from synthetic import figure, film, look_at, shot_of, swing
+from late_footage import CAMERAS, LENGTH, PLACE, SHIFTS, late_film
 
-BODY, LENGTH, PLACE = figure(), 19, 12
-TRUTH = swing(BODY, LENGTH + 1, size=1.2)
-FRAMES = np.arange(LENGTH)
-CAMERAS = {
-    "front": look_at("front", (0.5, -2.8, 1.5)),
-    "side": look_at("side", (-2.4, -1.4, 1.3)),
-    "back": look_at("back", (1.5, 2.4, 1.4)),
-}
-SHIFTS = {"whole": 0, "missing": 1, "twice": -1}
+GIVEN = Settings(correct_gaps=False)
 
 
 @pytest.fixture(scope="module", params=SHIFTS)
 def filmed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Shot]:
     """By how many frames what the camera at the side shows is ahead from one frame on, and the shot."""
-    home, shift = tmp_path_factory.mktemp("film"), SHIFTS[request.param]
-    shown = FRAMES + np.where(FRAMES >= PLACE, shift, 0)
-    views = [
-        view
-        for name, camera in CAMERAS.items()
-        for view in film(home / name, [BODY], [TRUTH[shown if name == "side" else FRAMES]], [camera])
-    ]
-    return shift, shot_of(views, [BODY], [TRUTH[FRAMES]], (0, 6, LENGTH - 1))
+    shift = SHIFTS[request.param]
+    return shift, late_film(tmp_path_factory.mktemp("film"), shift, GIVEN)
 
 
 def found(late: tuple[LateView | None, ...]) -> dict[str, LateView]:
@@ -48,6 +34,31 @@ def test_the_view_and_the_frame_are_told(filmed: tuple[int, Shot]) -> None:
         assert abs(one.frame - PLACE) <= 1
         assert np.sign(one.delay) == shift
         assert ("missing" in one.text) == (shift > 0)
+
+
+def lateness(delays: list[float], deviations: list[float]) -> Lateness:
+    """What a segment of ten frames says if views are off by some delays from frame 5 on, that many deviations sure."""
+    precision = np.full((len(delays), 10), 400.0)
+    gradient, coupling = np.zeros_like(precision), np.zeros_like(precision)
+    precision[:, 0] = 0.0
+    precision[:, 5] = (np.array(deviations) / delays) ** 2
+    gradient[:, 5] = -precision[:, 5] * delays
+    return Lateness(np.arange(10), gradient, precision, coupling)
+
+
+@pytest.mark.parametrize(
+    ("other", "torn", "view", "clear"),
+    [(-7.5, [(), ()], 0, True), (-9.5, [(), ()], 0, False), (-9.5, [(), (5,)], 1, True), (-9.5, [(), (7,)], 0, False)],
+)
+def test_it_is_clear_which_of_two_views_is_wrong_only_where_one_is_likelier(
+    other: float, torn: list[tuple[int, ...]], view: int, clear: bool
+) -> None:
+    late = late_views([(20, lateness([0.5, -0.5], [10.0, other]))], [tuple(20 + f for f in frames) for frames in torn])
+    assert [own is not None for own in late] == [view == 0, view == 1]
+    own = late[view]
+    assert own is not None
+    assert (own.frame, own.clear) == (25, clear)
+    assert ("another view" in own.text) == (not clear)
 
 
 def test_what_is_told_follows_the_views_whatever_their_order(filmed: tuple[int, Shot]) -> None:

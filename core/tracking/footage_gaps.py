@@ -1,0 +1,155 @@
+"""Correcting the frame numbers of a view that is early or late from some frame on.
+
+Everything behind a missing frame is early by one (`core.tracking.late_views`). Once that is found, the count of the
+view's frames is corrected, pairs of pictures across the gap get no weight, and the segments that this affects are
+tracked again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+from ..shot.footage import probe
+from ..shot.footage_faults.continuity import AROUND
+from ..shot.footage_faults.footage_checks import stored_frames
+from ..shot.footage_faults.footage_times import FootageRate
+from ..shot.frame_numbers import footage_index, frames_per_file_frame, gap_frame
+from ..shot.shot import Gap, Shot, View
+from .journal import FinishedSegment
+from .track_result import TrackResult
+
+MOST_GAPS = 4
+"""How often a shot is tracked again with one more gap, at most: of several frames that are missing, one is found at a
+time."""
+NEAR = 2
+"""Distance in frames within which gaps are one: at most so far from its true place one was found, with one exception
+(docs/bench.md)."""
+
+
+def with_timed_gaps(shot: Shot, rates: Sequence[FootageRate | None]) -> Shot:
+    """Return a shot in which frames are missing in views without known gaps where the times in their files say so."""
+    if not shot.settings.correct_gaps:
+        return shot
+    views = []
+    for view, rate in zip(shot.views, rates, strict=True):
+        each, missing = frames_per_file_frame(view), () if rate is None else rate.missing
+        timed = tuple(Gap(each * frame, each * count, timed=True) for frame, count in missing)
+        views.append(replace(view, gaps=view.gaps or timed))
+    return replace(shot, views=tuple(views))
+
+
+def with_gaps(shot: Shot, result: TrackResult) -> Shot | None:
+    """Return a shot with one more frame missing, or one less, in the views that its result shows to be early or late;
+    None if none is, or it is not clear which.
+    """
+    if not (shot.settings.correct_gaps and any(own is not None and own.clear for own in result.late)):
+        return None
+    views = []
+    for view, own in zip(with_found_gaps(shot, result.gaps).views, result.late, strict=True):
+        if own is not None:
+            view = _with_gap(view, footage_index(view, shot.frames[0] + own.frame), 1 if own.delay > 0 else -1)
+            view = _ended(view, shot.frames[1])
+        views.append(view)
+    return replace(shot, views=tuple(views))
+
+
+def _with_gap(view: View, place: int, missing: int) -> View:
+    """Return a view of whose footage more frames are missing before one of its frames, or there too often if less than
+    none are. They belong to a gap that is known nearby.
+    """
+    near = min(view.gaps, key=lambda gap: abs(gap.frame - place), default=Gap(place, 0))
+    if abs(near.frame - place) > NEAR:
+        near = Gap(place, 0)
+    changed = Gap(near.frame, near.missing + missing)
+    gaps = [gap for gap in (*view.gaps, changed) if gap != near and gap.missing]
+    return replace(view, gaps=tuple(sorted(gaps, key=lambda gap: gap.frame)))
+
+
+def _ended(view: View, last: int) -> View:
+    """Return a view without the shot's last frames, up to frame `last`, where its footage ends before it."""
+    end = footage_index(view, last)
+    count = stored_frames(view, probe(view.footage), end + 1)
+    return view if end < count else _with_gap(view, count, end + 1 - count)
+
+
+def unaffected(done: Sequence[FinishedSegment], before: Shot, after: Shot) -> list[FinishedSegment]:
+    """Return the segments of a shot that would be tracked to the same result after the views' gaps have changed.
+
+    A segment knows of the one after it, which begins on its last frame, and pictures are compared with some after them.
+    Keypoints are fitted to the shot as a whole.
+    """
+    if any(view.keypoints for view in before.views):
+        return []
+    first, length = before.frames[0], before.length
+    changed = [
+        frame
+        for frame in range(length)
+        if any(
+            footage_index(a, first + frame) != footage_index(b, first + frame)
+            for a, b in zip(before.views, after.views, strict=True)
+        )
+    ]
+    safe = min(changed, default=length) - 1 - AROUND
+    return [one for one, following in pairwise(done) if following.result.last < safe]
+
+
+@dataclass(frozen=True)
+class FoundGap:
+    """A gap in a view's footage, as it is reported.
+
+    Attributes
+    ----------
+    frame : int
+        The shot's first frame that is missing in the footage; or the one behind the frame that is there more than once.
+    missing : int
+        See `Gap`.
+    """
+
+    frame: int
+    missing: int
+
+    def counted_from(self, first: int) -> FoundGap:
+        """Return the same with frames in a count in which the shot's first has a number."""
+        return replace(self, frame=first + self.frame)
+
+    @property
+    def brief(self) -> str:
+        """Short message, for a panel."""
+        if self.missing < 0:
+            often = "twice" if self.missing == -1 else f"{1 - self.missing} times"
+            return f"frame {self.frame - 1} is there {often} (corrected)"
+        if self.missing == 1:
+            return f"frame {self.frame} is missing (corrected)"
+        return f"frames {self.frame} to {self.frame + self.missing - 1} are missing (corrected)"
+
+    @property
+    def text(self) -> str:
+        """Message that says what was done, too."""
+        what = self.brief.removesuffix(" (corrected)")
+        return (
+            f"{what}, as everything after it shows; from there on, its frames were counted correctly and tracked "
+            "again; pairs of pictures across the gap had no weight"
+        )
+
+
+def found_gaps(shot: Shot, result: TrackResult) -> list[list[FoundGap]]:
+    """Return the gaps of every view as they are reported, with frames in the count of `Shot.frames`."""
+    return [
+        [FoundGap(gap_frame(replace(view, gaps=gaps), gap), gap.missing) for gap in gaps]
+        for view, gaps in zip(shot.views, result.gaps or [()] * len(shot.views), strict=True)
+    ]
+
+
+def with_found_gaps(shot: Shot, gaps: Sequence[tuple[Gap, ...]]) -> Shot:
+    """Return a shot with the gaps of its views that tracking has found."""
+    if not gaps:
+        return shot
+    return replace(shot, views=tuple(replace(view, gaps=own) for view, own in zip(shot.views, gaps, strict=True)))
+
+
+def fits_better(again: TrackResult, before: TrackResult) -> bool:
+    """Whether a result with one more gap in a view is right: not if the view is now as wrong the other way."""
+    pairs = zip(again.late, before.late, strict=True)
+    return not any(now is not None and then is not None and now.delay * then.delay < 0 for now, then in pairs)
