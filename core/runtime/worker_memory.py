@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 KEPT_BYTES = 384 << 20
 """Largest size of the cached pictures: about 1000 frames at the usual working size."""
-KEPT_VALUES = 1000
-"""Largest number of cached small values."""
+KEPT_VALUES = 10000
+"""Largest number of cached small values, mostly of one or two kilobytes."""
 
 
 class WorkerMemory:

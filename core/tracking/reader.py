@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import partial
 from threading import Event
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -87,7 +86,10 @@ class SegmentReader:
         self._gaps = frames_missing(kept_rate(shot, view, memory), view, frames) | across_gaps(view, frames)
         self._ahead: list[Image] = []
         self._read = 0
+        self._before: Image | None = None
         self._small: Array | None = None
+        self._memory, self._first = memory, shot.frames[0]
+        self._made_of = b"" if memory is None else _made_of(view, factor)
         self._changes: list[NDArray[np.float16]] = []
         self._points = PointsFollowed()
 
@@ -116,18 +118,34 @@ class SegmentReader:
 
     def _take(self, image: Image) -> None:
         """Take the next frame, and measure how much it differs from the one before."""
-        grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-        blocks, change = small(grey), 0.0
-        if self._small is not None:
-            known = self._gaps[len(self._changes)] and len(self._changes) > 0
-            # What is known to be no continuation must not make the pairs beside it stand out.
-            found = self._changes[-1] if known else block_change(self._small, blocks).astype(np.float16)
-            self._changes.append(found)
+        change = 0.0
+        if self._before is not None:
+            if self._changes and self._gaps[len(self._changes)]:
+                # What is known to be no continuation must not make the pairs beside it stand out.
+                self._changes.append(self._changes[-1])
+                self._small = None
+            else:
+                self._changes.append(self._change(self._before, image))
             change = most_changed(self._changes[-1].astype(float))
-        self._points.add(grey, change)
-        self._small = blocks
+        self._points.add(image, change)
+        self._before = image
         self._ahead.append(image)
         self._read += 1
+
+    def _change(self, before: Image, image: Image) -> NDArray[np.float16]:
+        """Return the `block_change` of the next frame, from memory if it was measured in an earlier job."""
+        blocks: Array | None = None
+
+        def measured() -> NDArray[np.float16]:
+            nonlocal blocks
+            blocks = small(image)
+            change = block_change(small(before) if self._small is None else self._small, blocks)
+            return np.asarray(change, np.float16)
+
+        key = "change", self._made_of, self._first + self._read
+        change: NDArray[np.float16] = measured() if self._memory is None else self._memory.value(key, measured)
+        self._small = blocks
+        return change
 
     def _continuity(self, first: int, last: int) -> tuple[Bools, PairChanges]:
         """Return which pairs of a segment's frames do not continue each other, and how much they stand out."""

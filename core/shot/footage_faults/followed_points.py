@@ -67,9 +67,10 @@ class Ways:
         return float(ratio[order][np.searchsorted(share, share[-1] / 2)])
 
 
-def reduced(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Reduce a picture to the size in which points are followed."""
-    height, width = grey.shape
+def reduced(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Reduce a picture, grey or in colour, to the grey one in which points are followed."""
+    height, width = picture.shape[:2]
+    grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 else picture
     scale = SIZE / max(height, width)
     size = max(round(width * scale), 16), max(round(height * scale), 16)
     return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), np.uint8)

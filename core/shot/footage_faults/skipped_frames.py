@@ -43,14 +43,16 @@ class PointsFollowed:
         self._changes: deque[float] = deque(maxlen=AROUND + 2)
         self._found = [False] * AROUND
 
-    def add(self, grey: NDArray[np.uint8], change: float) -> None:
-        """Add a picture, and how much its most changed blocks differ from the picture before; 0 for the first."""
-        self._pictures.append(reduced(grey))
+    def add(self, picture: NDArray[np.uint8], change: float) -> None:
+        """Add a picture, grey or in colour, and how much its most changed blocks differ from the picture before; 0 for
+        the first.
+        """
+        self._pictures.append(picture)
         self._changes.append(change)
         if len(self._pictures) == self._pictures.maxlen:
             before, here, after, _ = self._changes
             stands_out = here > STANDS_OUT * np.sqrt(before * after)
-            self._found.append(bool(stands_out and followed(self._pictures).excess > EXCESS))
+            self._found.append(bool(stands_out and followed([*map(reduced, self._pictures)]).excess > EXCESS))
 
     def between(self, first: int, last: int) -> Bools:
         """Return whether frames are missing after each of some pictures, shape (last - first,)."""

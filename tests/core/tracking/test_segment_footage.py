@@ -8,7 +8,10 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.runtime.timing import Seconds
+from kfmocap.core.runtime.worker_memory import WorkerMemory
+from kfmocap.core.shot.footage_faults.continuity import block_change
 from kfmocap.core.shot.shot import View
+from kfmocap.core.tracking import reader
 from kfmocap.core.tracking.segment_footage import SegmentFootage
 from kfmocap.core.tracking.solvers.registry import solver_named
 from synthetic import figure, look_at, shot_of, swing
@@ -35,3 +38,21 @@ def test_a_frame_that_is_missing_in_one_view_gets_no_weight_there(tmp_path: Path
     assert footage.torn == ([], [FRAMES // 2])
     torn = np.concatenate([part[1].opened().torn if hasattr(part[1], "opened") else part[1].torn for part in parts])
     assert np.flatnonzero(torn).tolist() == [FRAMES // 2 - 1]
+
+
+def test_how_much_frames_change_is_measured_once_for_several_jobs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    views = [view(tmp_path, "left", film(3.0)), view(tmp_path, "right", film(3.0, moved=1, seed=2))]
+    shot = shot_of(views, [BODY], [TRUTH], (0, 7, FRAMES - 1))
+    compared: list[int] = []
+    monkeypatch.setattr(reader, "block_change", lambda *of: compared.append(1) or block_change(*of))
+
+    def torn(memory: WorkerMemory | None) -> tuple[list[int], ...]:
+        footage = SegmentFootage(shot, solver_named("relaxation"), (), memory=memory)
+        list(footage.by_segment([TRUTH], (), Seconds()))
+        return footage.torn
+
+    memory = WorkerMemory()
+    assert torn(memory) == torn(memory) == torn(None) == ([], [FRAMES // 2])
+    assert len(compared) == 2 * 2 * (FRAMES - 1), "of two views, with the memory once, and once without"
