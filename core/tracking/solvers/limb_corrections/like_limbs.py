@@ -26,6 +26,8 @@ PARTED = 0.75
 """Two minima of the distance count as meetings if both are smaller than this share of its maximum between them."""
 BESIDE = 0.2
 """Time before and after a meeting over which velocities are compared, seconds."""
+AROUND = 0.1
+"""Time before and after a meeting within which the motion may change from one limb to the other, seconds."""
 
 
 def untangled_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[Motion]:
@@ -58,7 +60,7 @@ def untangled(
     free : ndarray of bool, shape (F,), optional
         Frames on which the limbs may be exchanged; by default all.
     """
-    apart, meetings = _meetings(body, motion, pair, fps)
+    apart, meetings = _meetings(_apart(body, motion, pair), fps)
     frames = np.zeros(len(motion), dtype=bool)
     for (a, b), swapped in zip(
         zip(meetings, [*meetings, len(motion)][1:], strict=True), _exchanges(apart, meetings, fps), strict=True
@@ -72,7 +74,8 @@ def exchanges(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[tu
     """Generate motions in which one pair of limbs is exchanged between two of its meetings.
 
     A solver that mistook the limbs at both meetings has made the motion between them smooth, so only the images can
-    show that they were exchanged. Key poses count as meetings, too: limbs may be mistaken right beside them.
+    show that they were exchanged. Key poses count as meetings, too: limbs may be mistaken right beside them. The limbs
+    change places near a meeting where that makes the motion smoothest.
 
     Yields
     ------
@@ -82,7 +85,8 @@ def exchanges(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[tu
     for i in problem.sought:
         body, motion = problem.bodies[i], motions[i]
         for pair in limb_pairs(body):
-            apart, meetings = _meetings(body, motion, pair, problem.fps)
+            each = _apart(body, motion, pair)
+            apart, meetings = _meetings(each, problem.fps)
             distance = np.linalg.norm(apart, axis=1)
             fixed = problem.fixed[i][:, 3:].reshape(len(motion), -1, 3)[:, pair[0] + pair[1]].any(axis=(1, 2))
             ends = np.flatnonzero(fixed[[0, -1]]) * (len(motion) - 1)
@@ -90,6 +94,8 @@ def exchanges(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[tu
                 frames = np.zeros(len(motion), dtype=bool)
                 frames[a + fixed[a] : b] = True
                 if not (fixed & frames).any() and max(distance[a], distance[b]) < PARTED * distance[a:b].max():
+                    begin, end = _smoothest(each, (a, b), fixed, problem.fps)
+                    frames = (np.arange(len(motion)) >= begin) & (np.arange(len(motion)) < end)
                     new = exchanged(body, motion, pair, frames)
                     yield (*motions[:i], new, *motions[i + 1 :])
 
@@ -107,17 +113,47 @@ def exchanged(body: Body, motion: Motion, pair: tuple[list[int], list[int]], fra
     return Motion(motion.translations, Q)
 
 
-def _meetings(
-    body: Body, motion: Motion, pair: tuple[list[int], list[int]], fps: float
-) -> tuple[Array, NDArray[np.intp]]:
-    """Smoothed differences between the bone directions of two limbs, (F, d), and the frames where they are smallest."""
+def _apart(body: Body, motion: Motion, pair: tuple[list[int], list[int]]) -> Array:
+    """Differences between the bone directions of two limbs, relative to the trunk, (F, d)."""
     R, _ = part_poses(body, motion)
     trunk = np.flatnonzero(body.ancestry[pair[0][0]] & body.ancestry[pair[1][0]])[-1]
     left, right = (np.swapaxes(R[:, [trunk]], -1, -2) @ R[:, chain] for chain in pair)
-    apart = (right - left)[..., 1].reshape(len(motion), -1)
+    return np.asarray((right - left)[..., 1].reshape(len(motion), -1))
+
+
+def _meetings(apart: Array, fps: float) -> tuple[Array, NDArray[np.intp]]:
+    """Smoothed differences between two limbs, (F, d), and the frames where they are smallest."""
     apart = scipy.ndimage.gaussian_filter1d(apart, MEETING * fps, axis=0, mode="nearest")
     distance = np.linalg.norm(apart, axis=1)
     return apart, 1 + np.flatnonzero((distance[1:-1] < distance[:-2]) & (distance[1:-1] < distance[2:]))
+
+
+def _smoothest(apart: Array, between: tuple[int, int], fixed: NDArray[np.bool_], fps: float) -> tuple[int, int]:
+    """Return the frames from which on, and up to which, two limbs are to be exchanged between two meetings.
+
+    Parameters
+    ----------
+    apart : ndarray, shape (F, d)
+        Differences between the limbs, which change their signs where they are exchanged.
+    between : tuple of int
+        The meetings' frames.
+    fixed : ndarray of bool, shape (F,)
+        Frames on which the limbs stay as they are.
+    fps : float
+    """
+    (a, b), reach, F = between, max(1, round(AROUND * fps)), len(apart)
+    bends = np.zeros((2, F + 1))  # squared changes of velocity: with a change of sign there, less those without
+    plain = ((apart[2:] - 2 * apart[1:-1] + apart[:-2]) ** 2).sum(axis=1)
+    bends[0, 2:F] = ((-apart[2:] - 2 * apart[1:-1] + apart[:-2]) ** 2).sum(axis=1) - plain
+    bends[1, 1 : F - 1] = ((apart[2:] - 2 * apart[1:-1] - apart[:-2]) ** 2).sum(axis=1) - plain
+    cost = bends.sum(axis=0)
+    middle = (a + b) // 2
+    before, after = np.flatnonzero(fixed[: middle + 1]), middle + np.flatnonzero(fixed[middle:])
+    first = max(a - reach, int(before[-1]) + 1 if len(before) else 1)
+    last = min(b + reach, int(after[0]) if len(after) else F - 1)
+    begin = first + int(np.argmin(cost[first : min(a + reach, middle) + 1]))
+    end = max(b - reach, middle + 1)
+    return begin, end + int(np.argmin(cost[end : last + 1]))
 
 
 def _exchanges(apart: Array, meetings: NDArray[np.intp], fps: float) -> list[bool]:

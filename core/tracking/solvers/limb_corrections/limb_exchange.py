@@ -22,6 +22,7 @@ from ..solution_ranking import (
     likeliest_at_rest,
     likelihood,
     noise_of,
+    settled_further,
     tells_likelihood,
 )
 from .like_limbs import exchanges
@@ -144,9 +145,13 @@ def _exchange_settled(
 ) -> SegmentSolution | None:
     """Solve from exchanged limbs. For one of several performers, return None if after the first iterations the cover is
     so much smaller that the exchange cannot be better (`is_hopeless`).
+
+    For a single performer it is solved until it is at rest: limbs that do not quite meet where they are exchanged take
+    long to get there.
     """
     if problem.only is None:
-        return descend(problem, motions, workspace, (*SETTLING, *SETTLED), noise)
+        found = descend(problem, motions, workspace, (*SETTLING, *SETTLED), noise)
+        return settled_further(problem, noise, found, workspace)
     settled, *_ = approach(problem, motions, workspace.part(0.0, 0.3), SETTLING)
     if is_hopeless(best, cover_at(problem, best, settled, workspace), best.cover):
         return None

@@ -265,6 +265,18 @@ def test_like_limbs_are_exchanged_between_a_meeting_and_a_key_pose_where_they_ar
     assert problem.fixed[0][[0, -1]].all() and changed == [(1, 5), (7, 13)]
 
 
+@pytest.mark.parametrize("late", [(2, 0), (0, -2), (-2, 2)])
+def test_like_limbs_change_places_where_that_makes_the_motion_smoothest(late: tuple[int, int]) -> None:
+    """They were mistaken for each other two frames off a meeting: the smoothed distance does not show when."""
+    truth = walk(20)
+    (legs,) = [pair for pair in limb_pairs(BODY) if BODY.index("thigh.L") in pair[0]]
+    meetings = np.flatnonzero(np.diff(np.sign(np.sin(2 * np.pi * (np.arange(20) / FPS + 0.1))))) + 1
+    first, end = (int(meeting) + by for meeting, by in zip(meetings, late, strict=True))
+    mixed = exchanged(truth, legs, slice(first, end))
+    ways = [motion for (motion,) in exchanges(problem_of(truth), [mixed])]
+    assert min(np.abs(motion.rotations - truth.rotations).max() for motion in ways) < 1e-9
+
+
 def test_limbs_that_slowly_turn_back_are_not_exchanged() -> None:
     motion = at_rest(BODY, 40)
     Q = motion.rotations.copy()

@@ -509,6 +509,26 @@ def test_legs_are_exchanged_where_that_is_likelier_though_they_cover_less() -> N
     assert np.abs(found.motions[0].difference(truth)).max() < 0.05
 
 
+def test_legs_are_exchanged_though_they_become_likelier_only_once_they_are_at_rest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    truth = striding(40)
+    problem = SegmentProblem((), (HUMAN,), 0, FPS, (ends_held(HUMAN, 40),))
+    landscape = Landscape(truth=truth)
+    (motion,) = next(exchanges(problem, [truth]))
+    wrong = landscape.solution(problem, motion)
+    legs = [HUMAN.index(name) for name in ("thigh.L", "thigh.R", "shin.L", "shin.R")]
+
+    def soon(_problem: SegmentProblem, motions: Sequence[Motion], *_: object) -> SegmentSolution:
+        at_first = motions[0] if motions[0] is motion else off(motions[0], legs, 2.0)
+        return landscape.solution(problem, at_first)
+
+    monkeypatch.setattr(limb_exchange, "descend", soon)
+    monkeypatch.setattr(solution_ranking, "descend", lambda *_: landscape.solution(problem, truth))
+    found = limb_exchange.with_limbs_exchanged(problem, wrong, landscape)
+    assert np.abs(found.motions[0].difference(truth)).max() < 0.05
+
+
 def test_motions_are_alike_only_if_those_of_every_performer_are() -> None:
     motion = swing(HUMAN, 5)
     near, far = (off(motion, list(range(len(HUMAN))), angle * solution_ranking.ALIKE) for angle in (0.5, 1.5))
