@@ -1,4 +1,8 @@
-"""Fitting the shapes of the parts to the key frames: parts are stretched and shifted until their outlines fit."""
+"""Fitting the shapes of the parts to the key frames: parts are stretched and shifted until their outlines fit.
+
+Two key frames show a limb from two sides at best. What a segment's own key frames say is therefore joined with what the
+key frames of the segments beside it say, once these are solved (`FittedShape.joined`).
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ import numpy as np
 
 from ..body.kinematics import Poses
 from ..cameras.camera import Camera
-from ..numerics.arrays import Array, Bools
+from ..numerics.arrays import Array, Bools, Ints
 from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
 from ..numerics.normal_equations import DenseEquations
 from .gradient_evidence.image_wrenches import camera_twist
@@ -34,13 +38,65 @@ TOLERANCE = 2.0
 _STRIDE = 2
 
 
+@dataclass(frozen=True, eq=False)
+class ShapeEvidence:
+    """What the outlines on K frames say about the shapes of P parts.
+
+    Frame k adds x H x / 2 + g x to the cost of a further change x of a part, (6,), without the prior.
+
+    Attributes
+    ----------
+    frames : ndarray of int, shape (K,)
+        Shot frames.
+    change : ndarray, shape (P, 6)
+        Stretches and shifts that were fitted to these frames: where the cost is expanded.
+    matrix : ndarray, shape (K, P, 6, 6)
+        H.
+    gradient : ndarray, shape (K, P, 6)
+        g.
+    """
+
+    frames: Ints
+    change: Array
+    matrix: Array
+    gradient: Array
+
+
+@dataclass(frozen=True, eq=False)
+class FittedShape:
+    """The shapes of all parts, and what the frames to which they were fitted say about them."""
+
+    geometry: Geometry
+    evidence: ShapeEvidence
+
+    def joined(self, others: Sequence[ShapeEvidence]) -> FittedShape:
+        """Return the shape that fits frames of others as well; frames that are among one's own count once.
+
+        The pictures are not looked at again. The evidence stays one's own.
+        """
+        own, known = self.evidence, set(self.evidence.frames.tolist())
+        parts = [(own.change, own.matrix.sum(axis=0), own.gradient.sum(axis=0))]
+        for other in others:
+            new = [k for k, frame in enumerate(other.frames.tolist()) if frame not in known]
+            known.update(other.frames.tolist())
+            if new:
+                parts.append((other.change, other.matrix[new].sum(axis=0), other.gradient[new].sum(axis=0)))
+        if len(parts) == 1:
+            return self
+        matrix, change = sum((H for _, H, _ in parts), PRIOR), own.change
+        for _ in range(ITERATIONS):
+            gradient = sum(g + np.einsum("pij,pj->pi", H, further(at, change)) for at, H, g in parts)
+            change = compose(change, -np.linalg.solve(matrix, gradient[..., None]))
+        return replace(self, geometry=stretched(self.geometry, further(own.change, change)))
+
+
 def fitted_shape(
     views: Sequence[ViewFrames],
     geometry: Geometry,
     poses: Mapping[float, Poses],
     frames: Sequence[int],
     known: Bools | None = None,
-) -> Geometry:
+) -> FittedShape:
     """Fit the parts' shapes to outlines on frames whose poses are known; joints stay where they are.
 
     Every part is stretched along its three axes and shifted, six unknowns, by Gauss-Newton over the lines of
@@ -68,7 +124,9 @@ def fitted_shape(
         damping=GAUSS_NEWTON,
         stopping=StoppingRule(ITERATIONS, relative_gain=0.0),
     )
-    return stretched(geometry, result.state)
+    at_end = result.linearised().by_frame
+    evidence = ShapeEvidence(np.array(frames), result.state, at_end[..., :6, :6], at_end[..., :6, -1])
+    return FittedShape(stretched(geometry, result.state), evidence)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,17 +137,19 @@ class ShapeEquations(DenseEquations):
     ----------
     change : ndarray, shape (P, 6)
         Stretches and shifts at which they are linearised.
+    by_frame : ndarray, shape (K, P, 7 or 8, 7 or 8)
+        Products of the lines' rows, the last column of which is the residual, per frame and part.
     held : tuple
         For every view: its outlines, its camera on the key frames, and its delay.
     """
 
     change: Array
+    by_frame: Array
     held: tuple[tuple[HeldOutlines, Camera, float], ...]
 
     def cost_at(self, change: Array, poses: Mapping[float, Poses]) -> float:
         """Return the cost of another shape and other poses by the same outlines, with that of the step there."""
-        ratio = (1 + change[:, :3]) / (1 + self.change[:, :3])
-        step = np.concatenate([ratio - 1, change[:, 3:] - ratio * self.change[:, 3:]], axis=1)
+        step = further(self.change, change)
         cost = sum(outlines.cost(camera, poses[delay], step) for outlines, camera, delay in self.held)
         return cost + float(np.einsum("pi,ij,pj->", step, PRIOR, step))
 
@@ -99,6 +159,12 @@ def compose(change: Array, step: Array) -> Array:
     further = step.reshape(change.shape)
     ratio = 1 + further[:, :3]
     return np.concatenate([(1 + change[:, :3]) * ratio - 1, change[:, 3:] * ratio + further[:, 3:]], axis=1)
+
+
+def further(change: Array, after: Array) -> Array:
+    """Return the stretches and shifts (P, 6) that lead from some to others, see `compose`."""
+    ratio = (1 + after[:, :3]) / (1 + change[:, :3])
+    return np.concatenate([ratio - 1, after[:, 3:] - ratio * change[:, 3:]], axis=1)
 
 
 def shape_equations(
@@ -125,15 +191,16 @@ def shape_equations(
     """
     P, own = len(geometry.spans), 6 if twists is None else 7
     shape = stretched(geometry, change)
-    sums, held = np.zeros((P, own + 1, own + 1)), []
+    by_frame, held = np.zeros((len(frames), P, own + 1, own + 1)), []
     for view in views:
         camera, there = view.camera.at(frames), poses[view.delay]
         lines = _lines(view, shape, there, frames)
         if known is not None:
             lines = lines.where(known[lines.frame, lines.part])
         rows = _rows(lines, camera, there, None if twists is None else twists[view.delay])
-        sums += lines.products(np.column_stack([rows, -lines.shift]), len(frames), P).sum(axis=0)
+        by_frame += lines.products(np.column_stack([rows, -lines.shift]), len(frames), P)
         held.append((HeldOutlines.at(lines, camera, there, 1.0), camera, view.delay))
+    sums = by_frame.sum(axis=0)
     H, g = sums[:, :-1, :-1], sums[:, :-1, -1]
     n = 6 * P
     matrix, gradient = np.zeros((n + own - 6,) * 2), np.zeros(n + own - 6)
@@ -143,7 +210,7 @@ def shape_equations(
         gradient[block] = g[p, :6]
         matrix[block, n:], matrix[n:, block] = H[p, :6, 6:], H[p, 6:, :6]
     matrix[n:, n:], gradient[n:] = H[:, 6:, 6:].sum(axis=0), g[:, 6:].sum(axis=0)
-    return ShapeEquations(matrix, gradient, float(sums[:, -1, -1].sum()), change, tuple(held))
+    return ShapeEquations(matrix, gradient, float(sums[:, -1, -1].sum()), change, by_frame, tuple(held))
 
 
 def _lines(view: ViewFrames, geometry: Geometry, poses: Poses, frames: Sequence[int]) -> Lines:

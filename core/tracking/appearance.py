@@ -16,7 +16,7 @@ from ..evidence.foreground_images.foreground import HALO, performer_foregrounds
 from ..evidence.foreground_images.known_pixels import MARGIN, KnownPixels
 from ..evidence.foreground_images.masks import beyond, within
 from ..evidence.foreground_images.part_colours import PartColours
-from ..evidence.part_shapes import fitted_shape
+from ..evidence.part_shapes import FittedShape, fitted_shape
 from ..evidence.rendering.label_images import render_labels
 from ..evidence.rendering.part_geometry import Geometry
 from ..evidence.view_frames import ViewFrames, views_with_foreground
@@ -156,7 +156,7 @@ def key_frame_shape(
     motions: Sequence[Motion],
     keys: PosedFrames,
     footage_offset: float,
-) -> Geometry | None:
+) -> FittedShape | None:
     """Fit the shapes of all performers' parts to the frames with known poses; None if no view has foreground images.
 
     Parameters as in `frames_with_foreground`.

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ..body.motion import Motion
 from ..errors import CancelledError
+from ..evidence.part_shapes import ShapeEvidence
 from ..evidence.time_offset import Offset
 from ..numerics.arrays import Array, Bools
 from ..runtime.interrupts import WRITTEN
@@ -61,6 +62,8 @@ class FinishedSegment:
         Per performer: when points of the soles are planted, see `core.tracking.solvers.protocol.SettledMotions`.
     lateness : Lateness
         What its footage says about delays of the views.
+    shape : ShapeEvidence, optional
+        What its key frames say about the shapes of all performers' parts.
     """
 
     result: SegmentResult
@@ -72,6 +75,7 @@ class FinishedSegment:
     uncertainties: tuple[SegmentUncertainty, ...]
     planted: tuple[Bools | None, ...]
     lateness: Lateness
+    shape: ShapeEvidence | None = None
 
     @property
     def segment(self) -> Segment:
@@ -238,6 +242,8 @@ def _bytes_of(finished: FinishedSegment, key: str) -> bytes:
             arrays[f"accelerations {i}"] = result.accelerations[i]
         if (planted := finished.planted[i]) is not None:
             arrays[f"planted {i}"] = planted
+    if (shape := finished.shape) is not None:
+        arrays |= {f"shape {f.name}": getattr(shape, f.name) for f in fields(ShapeEvidence)}
     stream = io.BytesIO()
     np.savez(stream, **arrays)
     return _checksum(key, stream.getvalue()) + stream.getvalue()
@@ -279,4 +285,10 @@ def _of_bytes(data: bytes, key: str, segment: Segment) -> FinishedSegment:
             arrays["lateness places"].astype(int),
             *(arrays[f"lateness {name}"] for name in ("gradient", "precision", "coupling")),
         ),
+        ShapeEvidence(
+            arrays["shape frames"].astype(int),
+            *(arrays[f"shape {name}"] for name in ("change", "matrix", "gradient")),
+        )
+        if "shape frames" in arrays
+        else None,
     )

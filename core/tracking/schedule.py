@@ -14,6 +14,7 @@ from threading import Lock
 from typing import Any
 
 from ..body.motion import Motion
+from ..evidence.part_shapes import ShapeEvidence
 from ..evidence.view_frames import ViewFrames
 from ..keypoints.observations import ShotKeypoints
 from ..runtime.progress import Progress, report_progress
@@ -161,13 +162,19 @@ class SegmentSchedule:
             if self._goes_on[k]:
                 self._finish(k)
                 state = state.with_solution(self._segments[k - 1], self._done[k - 1].motions)
-            work = partial(refine_task, self._task(k, state), solved, watch=self._watcher(k))
+            work = partial(refine_task, self._task(k, state), solved, self._shapes_beside(k), watch=self._watcher(k))
             refining: Future[RefinedSegment] = self._pool.submit(
                 work, self._report.part(self._segments[k], 1 - SOLVING)
             )
             refining.add_done_callback(lambda done: self._show_motions(done, k, lambda r: r.finished.motions))
             self._refining.append(refining)
         self._finish(k - 2 * self._pool.workers)
+
+    def _shapes_beside(self, k: int) -> list[ShapeEvidence]:
+        """What the key frames of the segments beside a segment, which are solved, say about the shapes of the parts."""
+        beside = [self._solving[j] for j in (k - 1, k + 1) if 0 <= j < len(self._solving)]
+        each = [found.shape if isinstance(found, FinishedSegment) else found.result().shape for found in beside]
+        return [shape for shape in each if shape is not None]
 
     def _finish(self, count: int) -> None:
         """Wait until `count` segments are refined, write them to the journal, and release their pictures."""

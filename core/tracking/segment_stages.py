@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..body.motion import Motion
+from ..evidence.part_shapes import FittedShape, ShapeEvidence
 from ..evidence.rendering.part_geometry import Geometry
 from ..evidence.time_offset import Offset, key_frame_offset
 from ..evidence.view_frames import ViewFrames, views_with_foreground
@@ -103,7 +104,7 @@ class SegmentData:
         Per performer: the degrees of freedom that key poses fix.
     keypoints : tuple of KeypointFactor
         One per performer; empty without keypoints.
-    shape : Geometry or None
+    shape : FittedShape or None
         Shapes of all performers' parts as estimated on the key frames.
     typical_variances : tuple of ndarray, shape (G,)
         Per performer: variances of the accelerations at which their estimation starts, from keypoints or key poses.
@@ -113,7 +114,7 @@ class SegmentData:
     views: tuple[ViewFrames, ...]
     fixed: tuple[NDArray[np.bool_], ...]
     keypoints: tuple[KeypointFactor, ...] = ()
-    shape: Geometry | None = None
+    shape: FittedShape | None = None
     typical_variances: tuple[Array, ...] | None = None
 
 
@@ -201,6 +202,7 @@ def segment_problem(shot: Shot, data: SegmentData, state: TrackState) -> Segment
     first, last = data.segment
     bodies = tuple(performer.body for performer in shot.performers)
     keeps_out = shot.settings.contact and len(bodies) > 1
+    shape = None if data.shape is None else data.shape.geometry
     holds = hold_factors(shot.holds, shot.performers, first, last)
     return SegmentProblem(
         data.views,
@@ -210,12 +212,12 @@ def segment_problem(shot: Shot, data: SegmentData, state: TrackState) -> Segment
         data.fixed,
         state.poses_at(first - 1),
         state.poses_at(last + 1),
-        data.shape,
+        shape,
         data.keypoints,
         state.footage_offset(shot),
         shot.settings,
         typical_variances=data.typical_variances,
-        contact=ContactFactor.of(data.shape or Geometry.of(bodies), bodies, touching_parts(holds, bodies))
+        contact=ContactFactor.of(shape or Geometry.of(bodies), bodies, touching_parts(holds, bodies))
         if keeps_out
         else None,
         search=_acceleration_search(shot, data),
@@ -267,6 +269,11 @@ def refine_segment(
     problem = problem.with_smoothness(solved.variances)
     refined = (solver.refine or solver.solve)(problem, _on(data.segment, state.motions), workspace)
     return SegmentState(data, problem, refined, (solved,))
+
+
+def with_shape_beside(data: SegmentData, beside: Sequence[ShapeEvidence]) -> SegmentData:
+    """Return a segment whose parts also fit the key frames of the segments beside it."""
+    return data if data.shape is None else replace(data, shape=data.shape.joined(beside))
 
 
 def measured_offset(shot: Shot, data: SegmentData, state: TrackState) -> Offset | None:

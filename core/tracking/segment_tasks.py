@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.motion import Motion
+from ..evidence.part_shapes import ShapeEvidence
 from ..evidence.time_offset import Offset
 from ..evidence.view_frames import ViewFrames
 from ..keypoints.observations import ShotKeypoints
@@ -30,6 +31,7 @@ from .segment_stages import (
     resume_segment,
     segment_data,
     solve_segment,
+    with_shape_beside,
 )
 from .segments import Segment
 from .solvers.equations.measurement import StepCallback, Workspace
@@ -107,6 +109,11 @@ class SolvedSegment:
     seconds: dict[str, float]
     finished: FinishedSegment | None = None
 
+    @property
+    def shape(self) -> ShapeEvidence | None:
+        """What its key frames say about the shapes of the parts."""
+        return None if self.data.shape is None else self.data.shape.evidence
+
 
 @one_library_thread()
 def solve_task(
@@ -149,11 +156,18 @@ def solve_task(
 
 @one_library_thread()
 def refine_task(
-    task: SegmentTask, solved: SolvedSegment, progress: Progress | None = None, watch: Watcher | None = None
+    task: SegmentTask,
+    solved: SolvedSegment,
+    beside: Sequence[ShapeEvidence],
+    progress: Progress | None = None,
+    watch: Watcher | None = None,
 ) -> RefinedSegment:
-    """Refine a solved segment once the motion on both sides of it is known; parameters as in `solve_task`."""
+    """Refine a solved segment once the motion on both sides of it is known.
+
+    Parameters as in `solve_task`; `beside` is what key frames of the neighbouring segments say about shapes.
+    """
     shot, seconds = task.shot, Seconds()
-    data = replace(solved.data, views=task.opened())
+    data = with_shape_beside(replace(solved.data, views=task.opened()), beside)
     workspace = Workspace(task.threads, on_step=_steps(progress, watch, solved.solution.iterations))
     refined = refine_segment(
         shot, solver_named(shot.settings.solver), data, solved.solution, task.state, workspace=workspace
@@ -218,4 +232,5 @@ def _finished(
         tuple(uncertainties),
         settled.planted,
         lateness,
+        None if ended.data.shape is None else ended.data.shape.evidence,
     )

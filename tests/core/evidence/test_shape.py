@@ -8,11 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kfmocap.core.body import Body
+from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.evidence.part_shapes import fitted_shape, stretched
 from kfmocap.core.evidence.rendering.label_images import render_labels
 from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.evidence.view_frames import ViewFrames
+from kfmocap.core.numerics import rotations
 from scipy.spatial import ConvexHull
 from synthetic import CAMERAS, at_rest, figure, look_at, poses_of, rigidly_moved, silhouette, swing
 
@@ -43,7 +45,7 @@ def fitted(truth: Body, cameras: Sequence[Camera] = CAMERAS) -> Geometry:
     poses = poses_of([BODY], [MOTION])
     frames = list(KEYS)
     views = filmed([truth], [MOTION], cameras)
-    return fitted_shape(views, Geometry.of([BODY]), {0.0: (poses[0][frames], poses[1][frames])}, frames)
+    return fitted_shape(views, Geometry.of([BODY]), {0.0: (poses[0][frames], poses[1][frames])}, frames).geometry
 
 
 def extents(geometry: Geometry) -> Array:
@@ -99,7 +101,7 @@ def test_what_no_camera_shows_stays_as_it_is() -> None:
     R, T = poses_of(bodies, motions)
     views = filmed([widened(BODY, (1.2, 1, 1))] * 2, motions, CAMERAS)
     start = Geometry.of(bodies)
-    found = fitted_shape(views, start, {0.0: (R[frames], T[frames])}, frames)
+    found = fitted_shape(views, start, {0.0: (R[frames], T[frames])}, frames).geometry
     changed = apart_mm(found, start)
     np.testing.assert_allclose(changed[4:], 0, atol=1e-9)
     assert (changed[:4] > 2).all()
@@ -111,8 +113,32 @@ def test_a_single_camera_leaves_the_depth_it_does_not_show() -> None:
     truth = widened(BODY, (1.2, 1, 1.2))
     R, T = poses_of([BODY], [pose])
     [view] = filmed([truth], [pose], [camera])
-    ratio = extents(fitted_shape([view], Geometry.of([BODY]), {0.0: (R, T)}, [0])) / extents(Geometry.of([BODY]))
+    found = fitted_shape([view], Geometry.of([BODY]), {0.0: (R, T)}, [0]).geometry
+    ratio = extents(found) / extents(Geometry.of([BODY]))
     assert abs(ratio[0, 0] - 1.2) < 0.03 and abs(ratio[0, 2] - 1) < 0.1
+
+
+def test_shapes_fitted_to_single_frames_join_to_the_one_that_fits_all() -> None:
+    """A single camera sees the width on one frame and, the body having turned, the depth on the other."""
+    camera = look_at("front", (0, -6.0, 1.1), focal=420)
+    quarter = rotations.exp(np.array([0, 0, np.pi / 2]))
+    ahead = at_rest(BODY)
+    motions = [ahead, rigidly_moved(BODY, ahead, quarter, np.zeros(3))]
+    both = Motion(*(np.concatenate([getattr(m, name) for m in motions]) for name in ("translations", "rotations")))
+    truth, start = widened(BODY, (1.2, 1, 1.2)), Geometry.of([BODY])
+    R, T = poses_of([BODY], [both])
+    views = filmed([truth], [both], [camera])
+    first, second = (fitted_shape(views, start, {0.0: (R[[f]], T[[f]])}, [f]) for f in (0, 1))
+    together = fitted_shape(views, start, {0.0: (R, T)}, [0, 1])
+    joined = first.joined([second.evidence])
+    ratio = extents(joined.geometry) / extents(start)
+    assert abs(ratio[0, 0] - 1.2) < 0.03 and abs(ratio[0, 2] - 1.2) < 0.03
+    alone, after = (apart_mm(each.geometry, together.geometry)[0] for each in (first, joined))
+    assert after < 0.2 * alone
+    assert joined.evidence is first.evidence
+    assert first.joined([]) is first and first.joined([first.evidence]) is first
+    again = first.joined([second.evidence, second.evidence])  # a frame counts once
+    np.testing.assert_array_equal(again.geometry.vertices, joined.geometry.vertices)
 
 
 def test_stretched_planes_are_those_of_the_stretched_vertices() -> None:
