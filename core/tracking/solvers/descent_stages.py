@@ -83,6 +83,8 @@ SETTLING = (
     DescentStage(Sampling(1.0, 1.0, 3, REACH), 1),
 )
 """After a search for limbs: the body adapts to them, before `SETTLED`."""
+STIRRED = (DescentStage(Sampling(1.0, 4.0, 4, 0.15), 4),)
+"""From a minimum that may not be the best to one beside it, before `SETTLED`: coarse steps are not tested."""
 SETTLED = (DescentStage(Sampling(1.0, 1.0, 3, REACH), 3),)
 """From there to the minimum."""
 RESUMED = (

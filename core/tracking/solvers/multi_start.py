@@ -90,7 +90,7 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
     if problem.keypoints:
         with seconds.measure("initial solution"):
             best = with_limbs_mirrored(problem, best, workspace.silent())
-    return replace(best, seconds=seconds)
+    return replace(best, seconds=seconds, doubted=() if dispelled else tuple(doubted))
 
 
 def resumed(

@@ -5,6 +5,9 @@ Two signs show that a limb is lost, even in front of the body, where it covers f
 - Its velocity changes abruptly at a key pose. The performer knows nothing of the frames that the animator chose, so a
   fist that moves steadily up to a key pose and turns away exactly there has been lost on one side of it.
 - Brightness does not change across its sides as on key poses, or its pixels look as if it were not there.
+
+Others show no sign. If the images contradicted the first solution of a single performer, the whole body is therefore
+led out of its minimum once, and each of its limbs is searched for.
 """
 
 from __future__ import annotations
@@ -22,15 +25,15 @@ from ...evidence.occlusion import LONG
 from ...numerics.arrays import Array
 from ...runtime.timing import Seconds
 from . import gauss_newton
-from .descent_stages import POLISH, SETTLED
+from .descent_stages import POLISH, SETTLED, STIRRED
 from .equations.measurement import Workspace
 from .equations.problem import SegmentProblem, SegmentSolution
 from .gauss_newton import UNDER_WAY, descend, farthest_joint
 from .limb_corrections.limb_likelihood import LimbOfPerformer, support_of_limbs
 from .limb_corrections.limb_search import LEAST_GAIN, freed_limb, is_elsewhere, pictures_find_limbs
 from .multi_start import LOOKS, VAIN_LOOKS
-from .settled_solutions import SettledSolutions
-from .solution_ranking import RESTING, likeliest_at_rest, likelihood
+from .settled_solutions import SettledSolution, SettledSolutions
+from .solution_ranking import RESTING, likeliest_at_rest, likelihood, settled_further, tells_likelihood
 
 BENT = 3.0
 """Ratio of a limb's acceleration at a key pose to its root mean square between key poses, from which on the motion
@@ -40,6 +43,8 @@ SUPPORTED = 0.8
 RETURNS = 2
 """Rounds of the search in a row after which a limb is where it was, and the search ends: it is right there. With
 several performers one is enough."""
+MORE_LOOKS = 3
+"""Further searches for a limb of a doubtful performer that stays refuted."""
 KEY_ERROR = 0.01
 """Possible error of a key pose, metres: it changes the velocity by twice as much per frame."""
 
@@ -67,7 +72,82 @@ def _with_limbs_regained(problem: SegmentProblem, start: Sequence[Motion], works
     for k, (i, chain) in enumerate(lost):
         part = workspace.part(0.3 + 0.7 * k / len(lost), 0.3 + 0.7 * (k + 1) / len(lost))
         solution = with_limb_regained(problem, solution, (i, chain), part, known)
+    if problem.doubted and len(problem.bodies) == 1 and tells_likelihood(problem):
+        solution = _looked_at_again(problem, solution, known, workspace.silent())
     return solution
+
+
+def _looked_at_again(
+    problem: SegmentProblem, solution: SegmentSolution, known: SettledSolutions, workspace: Workspace
+) -> SegmentSolution:
+    """Look for the likelier solution of a single performer: from beside the minimum, and with each limb elsewhere."""
+    solution = _stirred(problem, solution, known, workspace)
+    for chain in limbs(problem.bodies[0]):
+        solution = _with_limb_looked_for(problem, solution, (0, chain), known, workspace=workspace)
+    for i, chain in refuted_limbs(problem, solution.motions):
+        present = solution.motions[i]
+        for more in range(1, 1 + MORE_LOOKS):  # one look of several finds a limb that moves fast
+            solution = _with_limb_looked_for(problem, solution, (i, chain), known, workspace=workspace, more=more)
+            if is_elsewhere(problem.bodies[i], chain, present, solution.motions[i]):
+                break
+    return solution
+
+
+def _stirred(
+    problem: SegmentProblem, solution: SegmentSolution, known: SettledSolutions, workspace: Workspace
+) -> SegmentSolution:
+    """Lead a single performer out of its minimum by coarse steps, and return the likelier solution.
+
+    A trunk and a leg may be wrong together, so that neither is found while the other stays.
+    """
+    first = known.after(problem, solution, workspace)
+    found = descend(problem, first.solution.motions, workspace, (*STIRRED, *SETTLED), first.noise)
+    return _likelier(problem, solution, first, settled_further(problem, first.noise, found, workspace), workspace)
+
+
+def _with_limb_looked_for(
+    problem: SegmentProblem,
+    solution: SegmentSolution,
+    place: LimbOfPerformer,
+    known: SettledSolutions,
+    *,
+    workspace: Workspace,
+    more: int = 0,
+) -> SegmentSolution:
+    """Search for a limb of a single performer, however well it is seen, for as long as it is found elsewhere.
+
+    `more` numbers repetitions, which draw other poses.
+    """
+    i, chain = place
+    for look in range(LOOKS):
+        before, first = solution.motions[i], known.after(problem, solution, workspace)
+        found = freed_limb(problem, first.solution.motions, place, (1 + more) * LOOKS + look)
+        if found is first.solution.motions[i]:
+            break
+        there = descend(problem, (found,), workspace, SETTLED, first.noise)
+        if _leads_elsewhere(problem, place, first.solution.motions, there.motions):
+            there = settled_further(problem, first.noise, there, workspace)
+        solution = _likelier(problem, solution, first, there, workspace)
+        if not is_elsewhere(problem.bodies[i], chain, before, solution.motions[i]):
+            break
+    return solution
+
+
+def _likelier(
+    problem: SegmentProblem,
+    solution: SegmentSolution,
+    settled: SettledSolution,
+    found: SegmentSolution,
+    workspace: Workspace,
+) -> SegmentSolution:
+    """Return a solution, or what was found beside it, refined, if that is likelier than the solution when settled."""
+    seconds = Seconds(solution.seconds)
+    seconds.add(found.seconds)
+    if likelihood(problem, settled.noise, found) <= likelihood(problem, settled.noise, settled.solution) + RESTING:
+        return replace(solution, seconds=dict(seconds))
+    ended = gauss_newton.refine(problem, found.motions, workspace)
+    seconds.add(ended.seconds)
+    return replace(gauss_newton.continued(solution, ended), seconds=dict(seconds))
 
 
 def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[LimbOfPerformer]:

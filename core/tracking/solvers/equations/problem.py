@@ -78,6 +78,8 @@ class SegmentProblem:
         Keeps the bodies of different performers from passing through each other.
     holds : tuple of HoldFactor
         Tie props to the parts that hold them.
+    doubted : tuple of int
+        Performers whose images contradicted an earlier solution, see `SegmentSolution.doubted`.
     """
 
     views: tuple[ViewFrames, ...]
@@ -97,6 +99,7 @@ class SegmentProblem:
     only: int | None = None
     contact: ContactFactor | None = None
     holds: tuple[HoldFactor, ...] = ()
+    doubted: tuple[int, ...] = ()
 
     @property
     def length(self) -> int:
@@ -198,6 +201,8 @@ class SegmentSolution:
         Per performer: estimated variances of the accelerations; empty where the solver does not estimate them.
     only : int, optional
         Index of the performer that was solved for, see `SegmentProblem`; None for all.
+    doubted : tuple of int
+        Performers whose images contradicted the first solution, so that others were searched for.
     """
 
     motions: tuple[Motion, ...]
@@ -211,6 +216,7 @@ class SegmentSolution:
     evidence: SegmentEvidence | None = None
     variances: tuple[AccelerationVariances, ...] = ()
     only: int | None = None
+    doubted: tuple[int, ...] = ()
 
     @classmethod
     def of(

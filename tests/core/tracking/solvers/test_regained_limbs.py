@@ -110,7 +110,7 @@ def without_descent(monkeypatch: pytest.MonkeyPatch) -> None:
         return SegmentSolution.of(motions, evidence, iterations=1, energy=[0.0])
 
     monkeypatch.setattr("kfmocap.core.tracking.solvers.gauss_newton.refine", measured)
-    for module in ("regained_limbs", "settled_solutions"):
+    for module in ("regained_limbs", "settled_solutions", "solution_ranking"):
         monkeypatch.setattr(f"kfmocap.core.tracking.solvers.{module}.descend", measured)
 
 
@@ -121,6 +121,19 @@ def test_a_bent_limb_is_found_where_the_pictures_show_it(problem: SegmentProblem
     assert error_mm(found) < 0.7 * error_mm(astray())
     np.testing.assert_allclose(found.rotations[[0, -1]], TRUTH.rotations[[0, -1]], atol=1e-12)
     assert error_mm(refined(problem, [TRUTH], Workspace()).motions[0]) == 0
+
+
+@pytest.mark.usefixtures("without_descent")
+def test_limbs_without_a_sign_are_looked_for_if_the_pictures_contradicted_the_performer(
+    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(regained_limbs, "bent_limbs", lambda *_: [])
+    monkeypatch.setattr(regained_limbs, "refuted_limbs", lambda *_: [])
+    sure, unsure = (refined(replace(problem, doubted=who), [astray()], Workspace()).motions[0] for who in ((), (0,)))
+    assert error_mm(sure) == error_mm(astray())
+    assert error_mm(unsure) < 0.7 * error_mm(astray())
+    true = refined(replace(problem, doubted=(0,)), [TRUTH], Workspace()).motions[0]
+    assert error_mm(true) < 0.2 * error_mm(astray())
 
 
 @pytest.mark.usefixtures("without_descent")
