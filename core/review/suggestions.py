@@ -104,8 +104,8 @@ def suggest_keys_by_error(
 ) -> list[KeySuggestion]:
     """Suggest the key frames that would lower the expected error most.
 
-    A correction is assumed to spread to the key poses on both sides, fading linearly. The frame whose correction
-    removes most of the expected error comes first; the next is found as if that one were keyed.
+    Between two key poses the error of the motion is assumed to drift like a random walk (Brownian bridge). The frame
+    where a key pose removes most of the expected error comes first; the next is found as if that one were keyed.
 
     Parameters
     ----------
@@ -135,37 +135,36 @@ def suggest_keys_by_error(
         worst = [int(joints[p]) for p in np.argsort(-row, kind="stable")[:NAMED] if row[p] >= DOUBTFUL * row.max()]
         gain = float(gains[best]) / len(expected)
         found.append(KeySuggestion(best, tuple(worst), deviation=float(row.mean()), gain=gain))
-        expected = expected * (1 - _spread(best, keyed, len(expected)))
+        expected = expected * _kept(best, keyed, len(expected))
         keyed.add(best)
     return found
 
 
 def _gains(expected: Array, keyed: set[int]) -> Array:
-    """Return by how much a correction on each frame would lower the sum of the expected errors (F,), shape (F,): its
-    product with the frame's `_spread`, and 0 beside key frames.
+    """Return by how much a key pose on each frame would lower the sum of the expected errors (F,), shape (F,); 0 within
+    `APART` frames of other key frames.
     """
-    frames, keys = np.arange(len(expected)), np.array(sorted(keyed), np.int64)
-    # Sums of the errors before each frame, plain and times their frames: a spread is linear on either side.
-    below, moment = (np.concatenate([[0.0], np.cumsum(e)]) for e in (expected, frames * expected))
-    ends = np.concatenate([[-1], keys, [len(expected)]])
-    place = np.searchsorted(keys, frames)
-    a, b = ends[place], ends[place + 1]
-    start, middle = np.maximum(a, 0), frames + 1
-    rising = (moment[middle] - moment[start] - a * (below[middle] - below[start])) / np.maximum(frames - a, 1)
-    falling = (b * (below[b] - below[middle]) - (moment[b] - moment[middle])) / np.maximum(b - frames, 1)
-    rising = np.where(place > 0, rising, below[middle])
-    falling = np.where(place < len(keys), falling, below[-1] - below[middle])
-    apart = np.abs(frames[:, None] - keys).min(axis=1, initial=len(expected))
-    return np.where((apart >= APART) | (len(keys) == 0), rising + falling, 0.0)
+    length = len(expected)
+    gains = np.zeros(length)
+    for frame in _away_from(range(length), sorted(keyed)):
+        gains[frame] = expected.sum() - expected @ _kept(frame, keyed, length)
+    return gains
 
 
-def _spread(frame: int, keyed: set[int], length: int) -> Array:
-    """Return the effect of a correction on every frame, shape (F,): 1 on its frame, falling linearly to 0 at the key
-    frames on both sides. Before the first and after the last key frame it stays 1.
+def _kept(frame: int, keyed: set[int], length: int) -> Array:
+    """Return how much of the expected error a key pose would leave on every frame, relative to what is there, shape
+    (F,): the standard deviation of a random walk that is also known on `frame`, relative to that of one that is known
+    on the key frames on both sides alone.
+
+    Before the first and after the last key frame, the walk counts as known as many frames away as the shot is long.
     """
-    sides = [max((k for k in keyed if k < frame), default=None), min((k for k in keyed if k > frame), default=None)]
-    knots = sorted([frame, *(key for key in sides if key is not None)])
-    return np.interp(np.arange(length), knots, [float(knot == frame) for knot in knots])
+    a = max((key for key in keyed if key < frame), default=-length)
+    b = min((key for key in keyed if key > frame), default=2 * length)
+    frames = np.arange(length)
+    before = (frame - frames) * (b - a) / ((frame - a) * np.maximum(b - frames, 1))
+    after = (frames - frame) * (b - a) / ((b - frame) * np.maximum(frames - a, 1))
+    between = (frames > a) & (frames < b)
+    return np.where(between, np.sqrt(np.maximum(np.where(frames < frame, before, after), 0.0)), 1.0)
 
 
 def _longest_hidden(hidden: NDArray[np.bool_], keys: KeyPoses) -> list[tuple[int, int, int]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -154,11 +155,26 @@ def test_suggestions_lose_in_gain_and_keep_apart() -> None:
     assert all(abs(a - b) >= APART for i, a in enumerate(frames) for b in frames[:i])
 
 
-def test_the_gain_is_what_a_correction_that_fades_to_the_key_poses_beside_it_takes_away() -> None:
-    deviation = np.full((11, P), 0.02)
-    (best, *_) = suggest_keys_by_error(deviation, keys_at(0, 10))
-    assert best.frame == 5
-    assert best.gain == pytest.approx(0.02 * (1 + 2 * (0.2 + 0.4 + 0.6 + 0.8)) / 11)
+def walk_errors(length: int, known: Sequence[int]) -> Array:
+    """Return the standard deviation on every frame of a random walk that is zero on some frames, and one shot's length
+    before and after the shot.
+    """
+    at = np.arange(length) + length
+    covariance = np.minimum.outer(at, at)
+    seen = length + np.array([*known, 2 * length])
+    towards = np.minimum.outer(at, seen)
+    explained = towards @ np.linalg.solve(np.minimum.outer(seen, seen), towards.T)
+    return np.sqrt(np.maximum(np.diagonal(covariance - explained), 0))
+
+
+@pytest.mark.parametrize("known", [(0, 30), (12,), (20, 30), ()])
+def test_the_gain_is_what_a_key_pose_takes_from_errors_that_drift_like_a_random_walk(known: tuple[int, ...]) -> None:
+    before = walk_errors(31, known)
+    allowed = [f for f in range(31) if all(abs(f - k) >= APART for k in known)]
+    after = {f: walk_errors(31, [*known, f]).mean() for f in allowed}
+    (best, *_) = suggest_keys_by_error(0.001 * before[:, None] * np.ones(P), keys_at(*known))
+    assert best.frame in allowed and after[best.frame] == pytest.approx(min(after.values()))
+    assert best.gain == pytest.approx(0.001 * (before.mean() - after[best.frame]))
 
 
 def test_the_parts_that_are_farthest_off_are_named() -> None:
