@@ -248,7 +248,7 @@ def _tracked(shot: Shot, progress: Progress | None, context: RunContext) -> Trac
     pictures = sorted({*sheet_frames(shot), *checked_frames(shot)})
     with DecoderLog() as log:
         result = track(shot, progress, pictures=pictures, run=context)
-    return replace(result, damage=shot_damage(shot)) if log.complaints else result
+    return replace(result, damage=shot_damage(shot, result.torn, reported=bool(log.complaints)))
 
 
 def _draw_overlay(shot: Shot, result: TrackResult, file: Path, progress: Progress | None, times: Seconds) -> None:

@@ -203,9 +203,11 @@ def track_and_check(
         preview_segment(shot, excerpts, looking_at, show, progress=progress, memory=memory)
     with DecoderLog() as log:
         results = track_excerpts(shot, excerpts, tracking, run=RunContext(journal, memory, show))
-    if log.complaints:
-        damage = shot_damage(shot)
-        results = [replace(result, damage=damage) for result in results]
+    reported = shot_damage(shot) if log.complaints else ()
+    for k, part in enumerate(excerpts):
+        shown = shot_damage(shot.between(part.first, part.last), results[k].torn, reported=False)
+        if any(damage := reported or shown):
+            results[k] = replace(results[k], damage=damage)
     if not whole:
         return CheckedTrack(results, None)
     return CheckedTrack(results, camera_fits(shot, for_camera_fits(shot, results[0]), share(progress, 0.9, 1.0)))

@@ -154,7 +154,7 @@ def test_what_the_decoder_says_while_tracking_is_put_down_to_a_view(
         return made_result(shot)
 
     monkeypatch.setattr(track_command, "track", complaining)
-    monkeypatch.setattr(track_command, "shot_damage", lambda shot: (FootageDamage((4,), "error while decoding"),))
+    monkeypatch.setattr(track_command, "shot_damage", lambda *_, **__: (FootageDamage((4,), "error while decoding"),))
     assert track(folder) == 0
     assert "cam01: the footage is damaged at or near frames 4 of the file" in capsys.readouterr().err
 

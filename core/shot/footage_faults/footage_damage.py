@@ -2,32 +2,52 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise, zip_longest
 
 import cv2
+import numpy as np
 
 from ...errors import listed
 from ...runtime.decoder_log import DecoderLog
 from ..frame_numbers import file_index
 from ..image_sequences import image_files
 from ..shot import Shot, View
+from .footage_times import whole_pictures
 
 _SHOWN = 5
 
 
 @dataclass(frozen=True)
 class FootageDamage:
-    """The damage that the decoder of a view's footage reported: on which frames of the file, and its first message.
+    """The damage of a view's footage.
 
-    The frames are those being read at the time: at the damage, or just before it if the decoder reads ahead.
+    Attributes
+    ----------
+    frames : tuple of int
+        Frames of the file that were being read when its decoder reported damage: at it, or just before it if the
+        decoder reads ahead. Otherwise the first and the last that may be damaged.
+    said : str
+        The decoder's first message, or else what shows the damage.
+    reported : bool
+        Whether the decoder reported it.
     """
 
     frames: tuple[int, ...]
     said: str
+    reported: bool = True
 
     @property
     def text(self) -> str:
         """Message on where the footage is damaged, what that affects, and what to do."""
+        if not self.reported:
+            first, last = self.frames
+            return (
+                f"its pictures may be damaged between frames {first} and {last} of the file, though its decoder does "
+                f"not say so: {self.said}; they may mislead the tracking: look at them, and copy the file from the "
+                "camera again"
+            )
         return (
             f"the footage is damaged at or near frames {listed(self.frames, _SHOWN)} of the file ({self.said}); "
             "pictures from there on may be wrong and mislead the tracking: copy the file from the camera again, or "
@@ -35,9 +55,43 @@ class FootageDamage:
         )
 
 
-def shot_damage(shot: Shot) -> tuple[FootageDamage | None, ...]:
-    """Return the damage of every view's footage; see `footage_damage`."""
-    return tuple(footage_damage(shot, view) for view in shot.views)
+def shot_damage(
+    shot: Shot, torn: Sequence[Sequence[int]] = (), *, reported: bool = True
+) -> tuple[FootageDamage | None, ...]:
+    """Return the damage of every view's footage.
+
+    Parameters
+    ----------
+    shot : Shot
+    torn : sequence of sequence of int, optional
+        Per view: shot frames that do not continue the one before, see `unreported_damage`.
+    reported : bool
+        Whether the decoder of one of them has reported any, see `footage_damage`.
+    """
+    found = [footage_damage(shot, view) if reported else None for view in shot.views]
+    shown = [unreported_damage(shot, view, own) for view, own in zip(shot.views, torn, strict=False)]
+    return tuple(own or other for own, other in zip_longest(found, shown))
+
+
+def unreported_damage(shot: Shot, view: View, torn: Sequence[int]) -> FootageDamage | None:
+    """Return damage that a view's pictures show where they do not continue to one that is stored whole; None if there
+    is none.
+
+    A decoder may not notice a changed bit. All pictures that are made from a wrong one are wrong, too, up to the next
+    that is stored whole. Encoders also store one whole where the picture changes, but then sooner than the usual
+    interval.
+    """
+    if not torn:
+        return None
+    jumps = [file_index(view, shot.frames[0] + frame) for frame in torn]
+    whole = whole_pictures(view.footage, max(jumps) + 1)
+    apart = np.diff(whole)
+    for before, here in pairwise(whole.tolist()):
+        if here in jumps and here - before == apart.max() > 1:
+            said = f"they do not continue to frame {here}, which is stored whole"
+            first = min((jump for jump in jumps if before < jump < here), default=before)
+            return FootageDamage((first, here - 1), said, reported=False)
+    return None
 
 
 def footage_damage(shot: Shot, view: View) -> FootageDamage | None:

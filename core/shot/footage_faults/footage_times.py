@@ -127,13 +127,24 @@ def frame_times(path: Path, count: int) -> Array:
 
     These are the packets' presentation times, in the order in which the frames are shown.
     """
+    return np.array([time for time, _ in _packets(path, count)])
+
+
+def whole_pictures(path: Path, count: int) -> Ints:
+    """Return which of a video's first `count` frames are stored whole, not as what has changed since others."""
+    return np.flatnonzero([is_whole for _, is_whole in _packets(path, count)])
+
+
+def _packets(path: Path, count: int) -> list[tuple[float, bool]]:
+    """Return the times of a video's first frames, seconds, and whether they are stored whole; none if unknown."""
     if not path.is_file() or image_files(path) is not None:
-        return np.zeros(0)
+        return []
     video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
-    times: list[float] = []
+    found: list[tuple[float, bool]] = []
     try:
-        while video.isOpened() and len(times) < count + _AHEAD and video.grab():
-            times.append(video.get(cv2.CAP_PROP_POS_MSEC) / 1000)
+        while video.isOpened() and len(found) < count + _AHEAD and video.grab():
+            is_whole = video.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME) > 0
+            found.append((video.get(cv2.CAP_PROP_POS_MSEC) / 1000, is_whole))
     finally:
         video.release()
-    return np.sort(times)[:count]
+    return sorted(found)[:count]

@@ -59,6 +59,6 @@ def _faults(
     if late := [off.counted_from(begin) for begin, r in pairs if r.late and (off := r.late[v]) is not None]:
         yield late[0].brief, late[0].text
     if damage := [own for r in results if r.damage and (own := r.damage[v]) is not None]:
-        yield "its file is damaged", damage[0].text
+        yield "its file is damaged" if damage[0].reported else "its pictures may be damaged", damage[0].text
     if rates := [rate for r in results if r.rates and (rate := r.rates[v]) is not None and rate.varies]:
         yield "frames are missing in it" if rates[0].missing else "its frame rate varies", rates[0].text

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from kfmocap.core.runtime.decoder_log import DecoderLog
 from kfmocap.core.shot.footage_faults.footage_damage import footage_damage, shot_damage
+from kfmocap.core.shot.footage_faults.footage_times import whole_pictures
 from kfmocap.core.shot.shot import Shot, View
 from synthetic import figure, look_at, shot_of, swing
 
@@ -48,6 +49,26 @@ def damaged(film: Path) -> Path:
 def shot(*paths: Path) -> Shot:
     views = [View(camera, path) for camera, path in zip(CAMERAS, paths, strict=False)]
     return shot_of(views, [BODY], [TRUTH], (0, FRAMES - 1), fps=FPS)
+
+
+@pytest.mark.parametrize(
+    ("torn", "frames"), [((12,), (0, 11)), ((4, 5, 12), (4, 11)), ((7,), None), ((), None), ((14,), None)]
+)
+def test_pictures_that_jump_to_one_that_is_stored_whole_may_be_damaged(
+    tmp_path: Path, torn: tuple[int, ...], frames: tuple[int, int] | None
+) -> None:
+    path = tmp_path / "calm.mp4"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), FPS, CAMERAS[0].size)
+    coarse = np.random.default_rng(1).integers(0, 255, (12, 16, 3)).astype(np.uint8)
+    picture = cv2.resize(coarse, CAMERAS[0].size, interpolation=cv2.INTER_CUBIC)
+    for f in range(FRAMES):
+        writer.write(np.roll(picture, f, axis=1))
+    writer.release()
+    assert whole_pictures(path, FRAMES).tolist() == [0, 12]
+    [found] = shot_damage(shot(path), [torn], reported=False)
+    assert (found and found.frames) == frames
+    if found is not None:
+        assert f"between frames {found.frames[0]} and 11 of the file" in found.text
 
 
 def test_damage_is_put_down_to_its_view_and_frame(film: Path, damaged: Path) -> None:
