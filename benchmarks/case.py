@@ -20,7 +20,7 @@ from ..core.shot.shot import Shot
 from ..core.tracking.prepare import load_shot
 from ..core.tracking.segments import Segment
 from ..core.tracking.tracker import track
-from .shot_scores import interval_cover, plants_found, triangulated_error
+from .shot_scores import interval_cover, plants_found, plants_moved, triangulated_error
 
 
 class Reference:
@@ -86,6 +86,7 @@ def measure(case: dict[str, Any], folder: Path) -> dict[str, Any]:
         "triangulated": triangulated and triangulated.mean,
         "cover": reference.cover(result.motions[0], result.errors[0].interval),
         "plants": plants_found(body, planted, reference.landmarks),
+        "plants_moved": plants_moved(body, result.motions[0], planted),
         "spline": reference.score(spline(reference.performer.key_poses, shot.length)).mean,
         "blender": _blender_error(shot, reference),
         "way": [reference.score(m).mean for m in watch.way(result.motions[0])] if watch else None,

@@ -10,6 +10,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from ..core.body import Body, landmark_positions
 from ..core.body.foot_plants import runs
+from ..core.body.kinematics import part_poses
 from ..core.body.limbs import MAIN_JOINTS
 from ..core.body.motion import Motion
 from ..core.body.soles import BALL, Soles
@@ -112,3 +113,31 @@ def plants_found(body: Body, planted: NDArray[np.bool_] | None, truth: Landmarks
         for first, last in runs(steps):
             column[first : last + 2] = (last + 1 - first) / truth.fps >= BRIEF
     return float(np.mean(stands == planted))
+
+
+def plants_moved(body: Body, motion: Motion, planted: NDArray[np.bool_] | None) -> tuple[float, float] | None:
+    """Return how far planted points of the soles move in a motion, millimetres: at most from one frame to the next, and
+    from where they are planted.
+
+    Parameters
+    ----------
+    body : Body
+    motion : Motion
+    planted : ndarray of bool, shape (F, C), optional
+        See `plants_found`.
+
+    Returns
+    -------
+    tuple of float, optional
+        None where plants were not tested.
+    """
+    soles = Soles.of(body)
+    if soles is None or planted is None:
+        return None
+    steps, ways = [0.0], [0.0]
+    for path, column in zip(np.moveaxis(soles.world(part_poses(body, motion)), 1, 0), planted.T, strict=True):
+        for first, last in runs(column):
+            stood = path[first : last + 1]
+            steps.append(np.linalg.norm(np.diff(stood, axis=0), axis=1).max(initial=0.0))
+            ways.append(np.linalg.norm(stood - stood[0], axis=1).max())
+    return 1000 * float(max(steps)), 1000 * float(max(ways))

@@ -10,7 +10,7 @@ import pytest
 from kfmocap.__main__ import main
 from kfmocap.benchmarks import bench, shot_set
 from kfmocap.benchmarks.rows import Case
-from kfmocap.benchmarks.shot_scores import interval_cover, low_passed, plants_found
+from kfmocap.benchmarks.shot_scores import interval_cover, low_passed, plants_found, plants_moved
 from kfmocap.benchmarks.shot_set import DECIDING, MADE, REPORTING, JudgedShot, judged_shots
 from kfmocap.core.body import human, landmark_positions
 from kfmocap.core.body.motion import Motion
@@ -167,3 +167,8 @@ def test_plants_are_right_where_the_true_foot_stands() -> None:
     assert plants_found(body, stands, truth) == 1.0
     assert plants_found(body, ~stands, truth) == 0.0
     assert plants_found(body, None, truth) is None
+    steps = 1000 * np.diff(walked)
+    late = np.tile((np.arange(F) < 24)[:, None], (1, 4))
+    assert plants_moved(body, motion, stands) == (0.0, 0.0)
+    assert plants_moved(body, motion, late) == pytest.approx((steps.max(), 1000 * walked[23]))
+    assert plants_moved(body, motion, None) is None
