@@ -30,41 +30,41 @@ _CENTRE = "C"
 _HELPERS = re.compile(
     r"^(ik|ikhandle|mch|tgt|target|pole|tweak|twist\d*|twk|roll|share|corrective|cor|helper|helpers|volume|jiggle|spring"
     r"|nub|end|tip|eff|effector|sec|adj|metacarpals?|carpals?|metatarsals?|vis|driver|offset|stretch|scale|parent|prop"
-    r"|pec|pectoral|breast|out|in|bck|fwd|lat|latissimus|scap|weapon|ＩＫ|捩|親|キャンセル)$",
+    r"|pec|pectoral|breast|out|in|bck|fwd|lat|latissimus|scap|weapon|drehung|ＩＫ|捩|親|キャンセル)$",
     re.IGNORECASE,
 )
 _BENT = re.compile(r"(bend|base)$")
 
 _WORDS: tuple[tuple[str, str], ...] = (
-    ("root", r"root|master|reference|armature|全|全て"),
-    ("hips", r"hips?|pelvis|cog|bip\d*pelvis|lowertorso|lowerbody|下半身"),
-    ("toe", r"toes?(base)?\d*|ball|toebone|つま先"),
-    ("foot", r"foot|feet|足首"),
+    ("root", r"root|master|reference|armature|全|全て|wurzel"),
+    ("hips", r"hips?|pelvis|cog|bip\d*pelvis|lowertorso|lowerbody|下半身|becken|hüfte|huefte"),
+    ("toe", r"toes?(base)?\d*|ball|toebone|つま先|zehen?"),
+    ("foot", r"foot|feet|足首|fu(ß|ss)"),
     ("ankle", r"ankle"),
-    ("shin", r"shin|calf|lowerleg|leglower|lowleg|crus"),
-    ("knee", r"knee|ひざ|膝"),
-    ("leg", r"leg"),
-    ("thigh", r"thigh|upleg|upperleg|legupper|femur|足"),
-    ("thumb", r"(hand)?thumb\d*|親指"),
-    ("index", r"(hand|f)?(index|pointer|fore)(finger)?\d*|人指|人差指|人差し指"),
-    ("middle", r"(hand|f)?(middle|mid)(finger)?\d*|中指"),
+    ("shin", r"shin|calf|lowerleg|leglower|lowleg|crus|unterschenkel"),
+    ("knee", r"knee|ひざ|膝|knie"),
+    ("leg", r"leg|bein"),
+    ("thigh", r"thigh|upleg|upperleg|legupper|femur|足|oberschenkel"),
+    ("thumb", r"(hand)?thumb\d*|親指|daumen\d*"),
+    ("index", r"(hand|f)?(index|pointer|fore)(finger)?\d*|人指|人差指|人差し指|zeigefinger\d*"),
+    ("middle", r"(hand|f)?(middle|mid)(finger)?\d*|中指|mittelfinger\d*"),
     ("ring", r"(hand|f)?ring(finger)?\d*|薬指"),
-    ("pinky", r"(hand|f)?(pinky|little|pinkie|small)(finger)?\d*|小指"),
+    ("pinky", r"(hand|f)?(pinky|little|pinkie|small)(finger)?\d*|小指|kleine?finger\d*"),
     ("finger", r"finger\d+"),
     ("hand", r"hand"),
-    ("wrist", r"wrist|手首"),
-    ("forearm", r"forearm|lowerarm|armlower|lowarm|ひじ|肘"),
-    ("elbow", r"elbow"),
-    ("upper_arm", r"upperarm|uparm|armupper|humerus|腕|shldr"),
+    ("wrist", r"wrist|手首|handgelenk"),
+    ("forearm", r"forearm|lowerarm|armlower|lowarm|ひじ|肘|unterarm"),
+    ("elbow", r"elbow|ell(en)?bogen"),
+    ("upper_arm", r"upperarm|uparm|armupper|humerus|腕|shldr|oberarm"),
     ("arm", r"arm"),
-    ("shoulder", r"shoulder|肩"),
-    ("collar", r"clavicle|collar|clav|collarbone|scapula"),
-    ("head", r"head\d*|頭"),
-    ("neck", r"neck(lower|upper)?\d*|首"),
+    ("shoulder", r"shoulder|肩|schulter"),
+    ("collar", r"clavicle|collar|clav|collarbone|scapula|schl(ü|ue)sselbein"),
+    ("head", r"head\d*|頭|kopf"),
+    ("neck", r"neck(lower|upper)?\d*|首|hals|nacken"),
     (
         "spine",
         r"(spine|(upper|lower)?chest|(upper|lower)?torso|abdomen|waist|lowerback|back|ribcage|thorax|trunk|belly|(upper)?body"
-        r"|上半身)(lower|upper)?\d*",
+        r"|wirbels(ä|ae)ule|brust(korb)?|bauch|r(ü|ue)cken|上半身)(lower|upper)?\d*",
     ),
 )
 """Parts of a body and patterns of their words, matched with names without namespace, side and function."""

@@ -342,6 +342,30 @@ SKELETONS = {
         nilkka{S} | sääri{S} | ankle | foot
         varpaat{S} | nilkka{S} | ball | toe
         """,
+    "german": """
+        Wurzel | | ground | root
+        Becken | Wurzel | hips | hips
+        Wirbelsäule1 | Becken | spine1 | spine
+        Wirbelsäule2 | Wirbelsäule1 | spine2 | spine
+        Brust | Wirbelsäule2 | spine3 | spine
+        Hals | Brust | neck | neck
+        Kopf | Hals | head | head
+        Schlüsselbein_{S} | Brust | collar | shoulder
+        Oberarm_{S} | Schlüsselbein_{S} | shoulder | upper_arm
+        OberarmDrehung_{S} | Oberarm_{S} | armtwist
+        Unterarm_{S} | Oberarm_{S} | elbow | forearm
+        UnterarmDrehung_{S} | Unterarm_{S} | foretwist
+        Hand_{S} | Unterarm_{S} | wrist | hand
+        Daumen1_{S} | Hand_{S} | thumb0 | thumb
+        Zeigefinger1_{S} | Hand_{S} | index0 | index
+        Mittelfinger1_{S} | Hand_{S} | middle0 | middle
+        Ringfinger1_{S} | Hand_{S} | ring0 | ring
+        Kleinfinger1_{S} | Hand_{S} | pinky0 | pinky
+        Oberschenkel_{S} | Becken | thigh | thigh
+        Unterschenkel_{S} | Oberschenkel_{S} | knee | shin
+        Fuß_{S} | Unterschenkel_{S} | ankle | foot
+        Zehen_{S} | Fuß_{S} | ball | toe
+        """,
 }
 
 
