@@ -30,8 +30,9 @@ LEAST, SURE = 0.3, 7.0
 """Smallest delay that is reported, frames, and in standard deviations. A frame that is missing gives 0.33 to 0.74
 frames, as outlines are farther away than their equations reach, and 8.8 to 26 deviations. Where none is, delays of 0.3
 frames have at most 4.9 deviations, and those of 7 at most 0.24 frames (docs/bench.md)."""
-TORN = 1.5
-"""How many times as sure a delay counts that begins where pictures do not continue from the one before."""
+TORN, TORN_VIEW = 1.25, 1.5
+"""How many times as sure a delay counts that begins where pictures do not continue from the one before: among those of
+its view, and against those of other views."""
 CLEARLY = 1.15
 """How many times as sure a delay must be as those of all other views for it to be clear whose it is."""
 
@@ -233,7 +234,9 @@ def _surest(segments: Sequence[tuple[int, Lateness]], view: int, torn: Ints) -> 
             k = int(np.argmax(sureness))
             most = float(sureness[k])
             best = LateView(int(frames[k]), float(delays[k]), float(delays[k] / deviation[k]))
-    return most, best
+    if best is None:
+        return 0.0, None
+    return abs(best.deviations) * (TORN_VIEW if best.frame in torn else 1.0), best
 
 
 def _torn_near(places: Ints, torn: Ints) -> Ints:
