@@ -64,8 +64,8 @@ MOTION_TERMS = (
     Term(
         "(8)",
         "core/evidence/gradient_evidence/compared_pixels.py",
-        "there, there[0] - here[0], seen)",
-        "there, here[0] - there[0], seen)",
+        "there[0] - here[0], standing, seen",
+        "here[0] - there[0], standing, seen",
         f"{IMAGES}::test_standing_still_before_a_flash_the_sums_are_the_derivatives",
     ),
     Term(
