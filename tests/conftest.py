@@ -68,6 +68,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: item.get_closest_marker("long") is None)
 
 
+ENDS_WITHIN = 300
+"""Time in which a Blender with the extension must have done its work and ended, seconds."""
+
+
 @dataclass(frozen=True)
 class InstalledExtension:
     """The built zip, installed in an environment that holds Blender and nothing of ours."""
@@ -85,7 +89,12 @@ class InstalledExtension:
         environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
         environment |= {"BLENDER_USER_RESOURCES": str(self.resources), "PYTHONNOUSERSITE": "1"}
         process = subprocess.run(
-            [self.python, "-c", code], env=environment, cwd=self.resources, capture_output=True, text=True
+            [self.python, "-c", code],
+            env=environment,
+            cwd=self.resources,
+            capture_output=True,
+            text=True,
+            timeout=ENDS_WITHIN,
         )
         assert process.returncode == 0, process.stdout + process.stderr
         return (process.stdout.strip().splitlines() or [""])[-1]

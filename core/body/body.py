@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +25,15 @@ AT_EASE = 2.0
 """Standard deviation of a free joint's rotation from its rest orientation, radians."""
 
 
+class _Caching:
+    """What has cached properties, and can be pickled while another thread stores them."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        return dict(vars(self))
+
+
 @dataclass(frozen=True, eq=False)
-class Part:
+class Part(_Caching):
     """A rigid part: a bone and the closed convex polyhedron that it carries.
 
     Attributes
@@ -73,7 +81,7 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class Body(_Caching):
     """A tree of parts and the landmarks on them.
 
     Attributes

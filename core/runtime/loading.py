@@ -1,4 +1,4 @@
-"""Loading modules without searching what they make for cycles of objects that nothing refers to."""
+"""Loading modules without searching what they make, meanwhile, for cycles of objects that nothing refers to."""
 
 from __future__ import annotations
 
@@ -9,16 +9,15 @@ from contextlib import contextmanager
 
 @contextmanager
 def uncollected() -> Iterator[None]:
-    """Keep the garbage collector from going through the objects made in the block, now and later.
+    """Keep the garbage collector from going through objects while the block makes them.
 
     Modules are loaded in two thirds of the time: they make many objects, hardly any of which are not needed until the
-    end.
+    end. Later they are searched like others (no `gc.freeze`): Blender's module ends Blender when it is collected.
     """
     enabled = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
-        gc.freeze()
         if enabled:
             gc.enable()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -34,6 +36,23 @@ def at(body: Body, name: str) -> np.ndarray:
 
 def distance(body: Body, a: str, b: str) -> float:
     return float(np.linalg.norm(at(body, a) - at(body, b)))
+
+
+class Meanwhile(str):
+    """A name during whose pickling another value of a body is cached, as by another thread."""
+
+    body: Body
+
+    def __reduce__(self) -> tuple[type[str], tuple[str]]:
+        _ = self.body.ancestry
+        return str, (str(self),)
+
+
+def test_a_body_is_pickled_while_its_cached_properties_are_stored() -> None:
+    name = Meanwhile("point")
+    name.body = Body(figure().parts, {name: (0, np.zeros(3))})
+    copy = pickle.loads(pickle.dumps(name.body))
+    assert copy.names == figure().names and list(copy.landmarks) == ["point"]
 
 
 def test_the_default_body_is_a_tree_of_the_named_parts() -> None:
