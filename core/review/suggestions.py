@@ -6,6 +6,7 @@ error of the motion is large there.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..evidence.occlusion import LONG, intervals
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, Ints
 from ..shot.shot import KeyPoses
 from ..tracking.expected_errors.uncertainty import expected_errors, joint_parts
 
@@ -135,7 +136,9 @@ def suggest_keys_by_error(
         worst = [int(joints[p]) for p in np.argsort(-row, kind="stable")[:NAMED] if row[p] >= DOUBTFUL * row.max()]
         gain = float(gains[best]) / len(expected)
         found.append(KeySuggestion(best, tuple(worst), deviation=float(row.mean()), gain=gain))
-        expected = expected * _kept(best, keyed, len(expected))
+        a, b = next((a, b) for a, b in _gaps(keyed, len(expected)) if a < best < b)
+        frames = _between(a, b, len(expected))
+        expected[frames] *= _kept(best, a, b, frames)
         keyed.add(best)
     return found
 
@@ -146,25 +149,34 @@ def _gains(expected: Array, keyed: set[int]) -> Array:
     """
     length = len(expected)
     gains = np.zeros(length)
-    for frame in _away_from(range(length), sorted(keyed)):
-        gains[frame] = expected.sum() - expected @ _kept(frame, keyed, length)
+    for a, b in _gaps(keyed, length):
+        frames = _between(a, b, length)
+        for frame in range(a + APART if a >= 0 else 0, b + 1 - APART if b < length else length):
+            gains[frame] = expected[frames] @ (1 - _kept(frame, a, b, frames))
     return gains
 
 
-def _kept(frame: int, keyed: set[int], length: int) -> Array:
-    """Return how much of the expected error a key pose would leave on every frame, relative to what is there, shape
-    (F,): the standard deviation of a random walk that is also known on `frame`, relative to that of one that is known
-    on the key frames on both sides alone.
+def _gaps(keyed: set[int], length: int) -> list[tuple[int, int]]:
+    """Return pairs of key frames between which there is none.
 
-    Before the first and after the last key frame, the walk counts as known as many frames away as the shot is long.
+    Before the first and after the last, a walk (`_kept`) counts as known as many frames away as the shot is long.
     """
-    a = max((key for key in keyed if key < frame), default=-length)
-    b = min((key for key in keyed if key > frame), default=2 * length)
-    frames = np.arange(length)
-    before = (frame - frames) * (b - a) / ((frame - a) * np.maximum(b - frames, 1))
-    after = (frames - frame) * (b - a) / ((b - frame) * np.maximum(frames - a, 1))
-    between = (frames > a) & (frames < b)
-    return np.where(between, np.sqrt(np.maximum(np.where(frames < frame, before, after), 0.0)), 1.0)
+    return list(itertools.pairwise([-length, *sorted(keyed), 2 * length]))
+
+
+def _between(a: int, b: int, length: int) -> Ints:
+    """Return the frames of a shot that lie between two others."""
+    return np.arange(max(a + 1, 0), min(b, length))
+
+
+def _kept(frame: int, a: int, b: int, frames: Ints) -> Array:
+    """Return how much of the expected error a key pose would leave on N frames between key frames a and b, relative to
+    what is there, shape (N,): the standard deviation of a random walk that is also known on `frame`, relative to that
+    of one that is known on a and b alone.
+    """
+    before = (frame - frames) * (b - a) / ((frame - a) * (b - frames))
+    after = (frames - frame) * (b - a) / ((b - frame) * (frames - a))
+    return np.asarray(np.sqrt(np.where(frames < frame, before, after)))
 
 
 def _longest_hidden(hidden: NDArray[np.bool_], keys: KeyPoses) -> list[tuple[int, int, int]]:

@@ -120,11 +120,9 @@ def _start(slot: Any, ahead: int) -> str:
     that it does so by itself where these tell. `ahead` is by how much the shot's frames are ahead of the scene's.
     """
     shown = f"frame {ahead + whole_offset(slot):+d}"
-    for gap in slot.gaps:
+    for gap in (gap for gap in slot.gaps if not gap.timed):
         frame, count = gap_frame(slot, gap) - ahead, gap.missing
         steps = [f" - (frame >= {frame + i})" for i in range(count)] or [f" + {-count} * (frame >= {frame})"]
-        if gap.timed:
-            continue
         if len(shown) + len("".join(steps)) > _LONGEST:
             break
         shown += "".join(steps)

@@ -26,10 +26,9 @@ def show_faults(
     """
     whole = sum(part.last - part.first for part in parts) >= shot.length - 1
     slots = {slot.name: slot for slot in scene.kfmocap.views}
-    messages = []
-    for v, view in enumerate(shot.views):
-        zero = scene.kfmocap.frame_start - shot.frames[0]
-        gaps = [gap.counted_from(zero) for gap in found_gaps(shot, results[-1])[v]]
+    messages, zero = [], scene.kfmocap.frame_start - shot.frames[0]
+    for v, (view, own) in enumerate(zip(shot.views, found_gaps(shot, results[-1]), strict=True)):
+        gaps = [gap.counted_from(zero) for gap in own]
         found = [(gap.brief, gap.text) for gap in gaps] + list(_faults(scene.kfmocap.frame_start, v, parts, results))
         if rate := rate_text(_rate(view, v, results), shot.fps):
             found.append((rate, rate))
