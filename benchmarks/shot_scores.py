@@ -13,7 +13,7 @@ from ..core.body.foot_plants import runs
 from ..core.body.kinematics import part_poses
 from ..core.body.limbs import MAIN_JOINTS
 from ..core.body.motion import Motion
-from ..core.body.soles import BALL, Soles
+from ..core.body.soles import BALL_SHARE, Soles
 from ..core.formats import Landmarks
 from ..core.formats.keypoint_files import read_shot_keypoints
 from ..core.keypoints.observations import performer_keypoints
@@ -105,7 +105,7 @@ def plants_found(body: Body, planted: NDArray[np.bool_] | None, truth: Landmarks
         truth.points_world[: len(planted), [truth.names.index(f"{name[-1]}{tip}") for name in soles.names]]
         for tip in ("Heel", "BigToe")
     )
-    along = np.array([BALL if name.startswith("ball") else 0.0 for name in soles.names])
+    along = np.array([BALL_SHARE if name.startswith("ball") else 0.0 for name in soles.names])
     points = heels + along[:, None] * (toes - heels)
     still = np.linalg.norm(np.diff(points, axis=0), axis=2) * truth.fps < STANDING
     stands = np.zeros(planted.shape, bool)

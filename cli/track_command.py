@@ -51,7 +51,7 @@ from ..core.tracking.reader import kept_rate
 from ..core.tracking.run_context import RunContext, SolvedShot
 from ..core.tracking.selection import selected
 from ..core.tracking.track_result import TrackResult
-from ..core.tracking.tracker import SOLVING, track, workers_for
+from ..core.tracking.tracker import WORKER_MODULES, track, workers_for
 from .printed import print_outcome
 from .progress_bar import progress_bar
 from .services import BlenderWriter, OutputRequest, Services
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace, services: Services) -> int:
             if worker_count(spec.settings.threads if args.threads is None else args.threads) == 1:
                 memory.close()
             # Other processes load their modules while this one fits the key poses.
-            memory.expect(workers_for(spec, args.threads), (*SOLVING, camera_fits.__module__))
+            memory.expect(workers_for(spec, args.threads), (*WORKER_MODULES, camera_fits.__module__))
         with nullcontext() if args.no_blender else services.blender_beside() as blender:
             return _run(args, services, memory, blender)
 

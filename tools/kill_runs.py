@@ -39,7 +39,7 @@ from kfmocap.cli.batch_outcome import STATUS
 from kfmocap.core.runtime import worker, worker_process
 from kfmocap.core.runtime.files import check_writable
 from kfmocap.core.runtime.interrupts import WRITTEN
-from kfmocap.core.tracking.journal import UNFINISHED, journal_beside
+from kfmocap.core.tracking.journal import JOURNAL_SUFFIX, journal_beside
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 OLD = "old"
@@ -199,13 +199,13 @@ def faults_of(out: Path, names: Sequence[Path], number: int, *, apart: bool) -> 
     # In a batch each shot has its folder and its state.
     groups = {name: name if name.parent.name == STATUS else name.parent for name in names}
     folders = sorted({out / name.parent for name in names})
-    if number != signal.SIGKILL and not apart and list(out.parent.rglob(f"*{UNFINISHED}")):
+    if number != signal.SIGKILL and not apart and list(out.parent.rglob(f"*{JOURNAL_SUFFIX}")):
         faults.append("it left a journal")
     for folder in folders:  # as the next run begins and ends
         check_writable(folder)
         with journal_beside(folder, resume=apart):
             pass
-    if stay := [*out.parent.rglob(".kfmocap-*"), *out.parent.rglob(f"*{UNFINISHED}")]:
+    if stay := [*out.parent.rglob(".kfmocap-*"), *out.parent.rglob(f"*{JOURNAL_SUFFIX}")]:
         faults.append(f"{', '.join(entry.name for entry in stay)} stayed after the next run")
     found = contents(out)
     kinds: dict[Path, set[str]] = {}

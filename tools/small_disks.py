@@ -24,7 +24,7 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import numpy as np
-from kfmocap.core.tracking.journal import UNFINISHED
+from kfmocap.core.tracking.journal import JOURNAL_SUFFIX
 from kill_runs import OLD, Ended, contents, forked_workers, run
 
 LARGE = 4096.0
@@ -92,7 +92,7 @@ def faults_of(ended: Ended, place: Path, old: bool, whole: Mapping[Path, bytes],
         faults.append(f"a traceback: {ended.text[-300:]}")
     if ended.code and not (str(place) in ended.text and any(sign in ended.text for sign in _SIGNS)):
         faults.append(f"its message does not say where there is no room: {ended.text[-300:]}")
-    new = {name for name, content in found.items() if content != OLD.encode() and UNFINISHED not in str(name)}
+    new = {name for name, content in found.items() if content != OLD.encode() and JOURNAL_SUFFIX not in str(name)}
     faults += [
         f"{name} is not whole"
         for name in sorted(new)
@@ -153,7 +153,7 @@ def _tried(args: argparse.Namespace) -> int:
                 faults += [
                     f"{fault} (after the disk grew)" for fault in faults_of(ended, place, old, whole, apart=False)
                 ]
-                faults += [f"{journal.name} stayed" for journal in place.rglob(f"*{UNFINISHED}")]
+                faults += [f"{journal.name} stayed" for journal in place.rglob(f"*{JOURNAL_SUFFIX}")]
                 faults += [f"it fails on the disk that grew: {ended.said}"] if ended.code else []
             for fault in faults:
                 print(f"{size:g} MB: {fault}", flush=True)

@@ -21,13 +21,13 @@ from ...core.body import Body, landmark_positions
 from ...core.body.motion import Motion
 from ...core.body.smoothness import acceleration, smoothness
 from ...core.shot.keypose_spline import spline
-from ...core.tracking.prediction import PAST, predict_unseen
+from ...core.tracking.prediction import FILTER_STEPS, predict_unseen
 from ...core.tracking.prepare import load_shot
 from ..tables import markdown
 
 GAPS = (3, 6, 9, 12, 18)
 """Numbers of hidden frames."""
-LEAST_PAST, LEAST_AFTER = PAST + 4, 4
+LEAST_PAST, LEAST_AFTER = FILTER_STEPS + 4, 4
 """Frames that are seen before and after a gap, at least."""
 LIMBS = MappingProxyType(
     {

@@ -27,7 +27,7 @@ def _with_drift(initial: Motion, *_: object) -> Motion:
 
 VARIANTS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
-        "as it is": {"PRINTED": relaxation.PRINTED},
+        "as it is": {"PRINTED": relaxation.PRINTED_SHARE},
         "no sweep as printed": {"PRINTED": 0.0},
         "a quarter of the sweeps as printed": {"PRINTED": 0.25},
         "three quarters of the sweeps as printed": {"PRINTED": 0.75},

@@ -21,7 +21,7 @@ from ..numerics.arrays import Array
 
 UNLIMITED = ((-np.pi, np.pi),) * 3
 """Limits of a joint that turns as it likes, radians: lowest and highest about each axis."""
-AT_EASE = 2.0
+REST_SIGMA = 2.0
 """Standard deviation of a free joint's rotation from its rest orientation, radians."""
 
 
@@ -62,7 +62,7 @@ class Part(_Caching):
     R_world_rest: Array
     vertices: Array
     limits: Array = field(default_factory=lambda: np.array(UNLIMITED))
-    departure: float = AT_EASE
+    departure: float = REST_SIGMA
 
     @cached_property
     def faces(self) -> NDArray[np.int64]:
@@ -159,7 +159,7 @@ class Body(_Caching):
     @cached_property
     def is_stiff(self) -> NDArray[np.bool_]:
         """Which parts usually stay near their rest orientation, as trunk and collar bones do, shape (P,)."""
-        return np.asarray(self.departures < AT_EASE)
+        return np.asarray(self.departures < REST_SIGMA)
 
     def landmark_arrays(self, names: list[str]) -> tuple[NDArray[np.int64], Array]:
         """Part indices (L,) of the named landmarks, and their positions in the frames of these parts, metres, (L,

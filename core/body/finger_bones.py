@@ -21,10 +21,10 @@ _KNUCKLES = {
 }
 """For each finger of an average adult, in hand lengths: the position of its knuckle along the hand and across it
 towards the thumb, and the length of the finger."""
-_SHARES = (0.50, 0.28, 0.22)
+_BONE_SHARES = (0.50, 0.28, 0.22)
 """Lengths of a finger's bones as shares of the finger's length."""
 _THUMB, _THUMB_BONES = (0.12, 0.12), (0.22, 0.17, 0.14)
-_THUMB_WAY = np.array([1.0, 1.0]) / np.sqrt(2)
+_THUMB_DIRECTION = np.array([1.0, 1.0]) / np.sqrt(2)
 """Where the thumb begins, how long its bones are, and where it points, along the hand and across it."""
 
 
@@ -66,10 +66,10 @@ def finger_bones(body: Body) -> list[FingerBone]:
             raise BodyError("the hands do not point to the sides in the rest pose", where=f"part hand.{side}")
         axes = length * np.stack([along, across / size], axis=1)
         chains = {
-            name: [np.array([start, aside]) + [reach * sum(_SHARES[:k]), 0.0] for k in range(4)]
+            name: [np.array([start, aside]) + [reach * sum(_BONE_SHARES[:k]), 0.0] for k in range(4)]
             for name, (start, aside, reach) in _KNUCKLES.items()
         }
-        chains["thumb"] = [np.array(_THUMB) + sum(_THUMB_BONES[:k]) * _THUMB_WAY for k in range(4)]
+        chains["thumb"] = [np.array(_THUMB) + sum(_THUMB_BONES[:k]) * _THUMB_DIRECTION for k in range(4)]
         for name, joints in chains.items():
             places = [hand.head_world + axes @ joint for joint in joints]
             above = hand.name

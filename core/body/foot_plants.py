@@ -14,15 +14,15 @@ import numpy as np
 
 from ..numerics.arrays import Array, Bools
 
-_DWELL = 0.25  # seconds: mean time in a state that transitions are as likely as
-_SHORTEST = 0.08  # seconds: shorter plants and swings are noise
-_ROUNDS = 12
+_MEAN_DWELL = 0.25  # seconds: mean time in a state that transitions are as likely as
+_MIN_DURATION = 0.08  # seconds: shorter plants and swings are noise
+_ITERATIONS = 12
 # In legs, and legs per second: bounds of what is estimated.
 _SPEED_PLANTED, _SPEED_SWINGING = (0.015, 0.2), (0.6, 4.0)
 _HEIGHT_PLANTED, _HEIGHT_SWINGING = (0.008, 0.04), 0.12
-_MEDIAN = 1.5382  # of the length of a vector of three normal components; slow parts of steps do not shift it much
-_STILL = 3.0  # times the typical speed of planted points: the largest speed of points that stand still
-_HIGH = 4.0  # at most this much does height speak against a plant: steps and stairs are above the floor
+_MEDIAN_LENGTH = 1.5382  # of a vector of three normal components; slow parts of steps do not shift the median much
+_STILL_RATIO = 3.0  # times the typical speed of planted points: the largest speed of points that stand still
+_MAX_HEIGHT_COST = 4.0  # limit of what height contributes against a plant: steps and stairs are above the floor
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,16 +74,16 @@ def find_plants(
     doubt = np.zeros(speed.shape) if deviation is None else _beyond_usual(deviation / leg)
     height = x[..., 2] if by_height else np.zeros(speed.shape)
     sizes = _Sizes(0.05, 1.2, 0.02, float(np.quantile(height, 0.05)))
-    for _ in range(_ROUNDS):
+    for _ in range(_ITERATIONS):
         weight = 1 / (1 + np.exp(-np.clip(_gain(speed, height, sizes, doubt, fps), -50, 50)))
         renewed = sizes.renewed(speed, height, weight)
         if np.allclose(renewed.values(), sizes.values(), rtol=1e-3, atol=1e-5):
             break
         sizes = renewed
     gain = _gain(speed, height, sizes, doubt, fps)
-    change = np.log(_DWELL * fps)
+    change = np.log(_MEAN_DWELL * fps)
     planted = np.stack([_most_likely(column, change) for column in gain.T], axis=1)
-    shortest = round(_SHORTEST * fps)
+    shortest = round(_MIN_DURATION * fps)
     planted = np.stack([_without_short(_without_short(c, shortest, False), shortest, True) for c in planted.T], axis=1)
     return Plants(planted, sizes.floor * leg, sizes.planted * leg)
 
@@ -99,7 +99,7 @@ def with_ends(planted: Bools, points: Array, speed: float, fps: float) -> Bools:
         Typical speed of a planted point, in the unit of the points per second.
     """
     found = planted.copy()
-    near = np.linalg.norm(np.diff(points, axis=0), axis=2) < _STILL * speed / fps
+    near = np.linalg.norm(np.diff(points, axis=0), axis=2) < _STILL_RATIO * speed / fps
     found[:-1] |= planted[1:] & near
     found[1:] |= planted[:-1] & near
     return found
@@ -128,7 +128,7 @@ class _Sizes:
         floor = _weighted_median(height.ravel(), weight.ravel()) if on > 1 else self.floor
         near = weight * (np.abs(height - floor) < 3 * _HEIGHT_PLANTED[1])
         return _Sizes(
-            float(np.clip(_weighted_median(speed.ravel(), weight.ravel()) / _MEDIAN, *_SPEED_PLANTED)),
+            float(np.clip(_weighted_median(speed.ravel(), weight.ravel()) / _MEDIAN_LENGTH, *_SPEED_PLANTED)),
             float(np.clip(np.sqrt(((1 - weight) * speed**2).sum() / (3 * off)), *_SPEED_SWINGING)),
             float(np.clip(np.sqrt((near * (height - floor) ** 2).sum() / (near.sum() + 1e-9)), *_HEIGHT_PLANTED)),
             floor,
@@ -143,7 +143,7 @@ def _gain(speed: Array, height: Array, sizes: _Sizes, doubt: Array, fps: float) 
     narrow = np.sqrt(sizes.height**2 + doubt**2)
     wide = np.sqrt(_HEIGHT_SWINGING**2 + doubt**2)
     by_height = np.log(wide / narrow) - (height - sizes.floor) ** 2 / 2 * (1 / narrow**2 - 1 / wide**2)
-    return np.asarray(by_speed + np.maximum(by_height, -_HIGH))
+    return np.asarray(by_speed + np.maximum(by_height, -_MAX_HEIGHT_COST))
 
 
 def _weighted_median(values: Array, weights: Array) -> float:

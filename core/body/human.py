@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import BodyError
 from ..numerics.arrays import Array
-from .body import AT_EASE, Body, Part
+from .body import REST_SIGMA, Body, Part
 
 FRACTIONS: dict[str, float] = {
     "hip_width": 0.115,
@@ -63,7 +63,7 @@ _LIMITS: dict[str, Array] = {
     "foot": _limits((-50, 50), (-30, 30), (-30, 30)),
 }
 _FREE = _limits((-180, 180), (-180, 180), (-180, 180))
-_DEPARTURES = {"spine": 0.7, "chest": 0.7, "shoulder": 0.5}
+_REST_SIGMAS = {"spine": 0.7, "chest": 0.7, "shoulder": 0.5}
 """Standard deviations of stiff parts from rest, radians. If landmarks do not show which parts bend, spine and chest
 share the bend equally, and the arms turn rather than the collar bones."""
 
@@ -81,7 +81,7 @@ _RINGS: dict[str, list[tuple[float, float, float, float]]] = {
     "thigh": [(-0.1, 0.06, 0.065, 0.0), (0.12, 0.085, 0.085, 0.0), (1.0, 0.053, 0.055, 0.0)],
     "shin": [(0.0, 0.052, 0.055, 0.0), (0.3, 0.056, 0.06, -0.012), (1.0, 0.034, 0.036, 0.0)],
 }
-_COLLAR_BEGINS = 0.15
+_COLLAR_START = 0.15
 """Start of the collar bones, as a share of the way from the middle of the body to the shoulder joints."""
 _SIDES = 10
 _FORWARD, _UP = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
@@ -163,7 +163,7 @@ class _Assembly:
         if self._solid and kind in _RINGS:
             rings = [(y * length, *(self._girth * r for r in ring)) for y, *ring in _RINGS[kind]]
             vertices = tapered(rings, _SIDES)
-        departure = _DEPARTURES.get(kind, AT_EASE)
+        departure = _REST_SIGMAS.get(kind, REST_SIGMA)
         self.parts.append(Part(name, index, head, tail, axes, vertices, limits, departure))
         return len(self.parts) - 1
 
@@ -187,7 +187,7 @@ class _Assembly:
         joint, parent = middle + out * m["shoulder_width"] / 2, "chest"
         if collar_bone:
             parent = f"shoulder.{side}"
-            self.add(parent, "chest", middle + _COLLAR_BEGINS * (joint - middle), joint)
+            self.add(parent, "chest", middle + _COLLAR_START * (joint - middle), joint)
         for bone, landmark in (("upper_arm", "Shoulder"), ("forearm", "Elbow"), ("hand", "Wrist")):
             name, tip = f"{bone}.{side}", joint + out * m[f"{bone}.{side}"]
             index = self.add(name, parent, joint, tip)

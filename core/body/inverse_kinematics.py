@@ -18,25 +18,25 @@ from .motion import Motion, stacked
 
 LANDMARK_SIGMA = 0.01
 """Expected error of a landmark, metres."""
-SETTLED = 1e-9
+FINE_TOLERANCE = 1e-9
 """Relative change at which a pose has converged. Smaller changes depend on rounding, which differs between
 processors."""
-ROUGH = 1e-4
+COARSE_TOLERANCE = 1e-4
 """Relative change at which a pose has converged if it is fitted again afterwards: between fits of measures, and from
 random starts."""
-EVALUATIONS = 200
+MAX_EVALUATIONS = 200
 """Upper bound of the evaluations for a pose: landmarks that no pose fits would take thousands."""
 ACCEPTED_MISFIT = 0.03
 """If a landmark of the body ends up farther than this from its target, metres, further starts with other poses of the
 limbs are tried; if farther than its expected error, only starts with the arms turned."""
-DRAWS = 12
+RANDOM_STARTS = 12
 """Number of random starts. For a man who gets up from the floor, six in ten lead to the right pose."""
-CLEARLY = 0.5
+MAX_MISFIT_RATIO = 0.5
 """A pose from a random start replaces the first one only if its misfit is below this share of the first one's: on a
 body of other proportions, all poses have a misfit."""
-ON_A_LINE = 1e-9
+COLLINEAR_SPREAD = 1e-9
 """Landmarks whose spread across a line is below this share of that along it, squared, leave the turn about it open."""
-LIMIT_SIGMA = 0.02
+SEARCH_LIMIT_SIGMA = 0.02
 """Standard deviation of a joint beyond its limits while the fit is searching, radians."""
 
 
@@ -63,7 +63,7 @@ def fit_poses(body: Body, names: Sequence[str], targets_world: Array, start: Mot
     LandmarkError
         If a pose has fewer than three landmarks.
     """
-    return searched_poses(body, names, targets_world, start, search=True, draw=start is None, tolerance=SETTLED)
+    return searched_poses(body, names, targets_world, start, search=True, draw=start is None, tolerance=FINE_TOLERANCE)
 
 
 def searched_poses(
@@ -103,7 +103,7 @@ def searched_poses(
         if not len(tried):
             continue
         turned = _elbow_turned(body, poses[tried], side)
-        rough = _descended(body, known, targets[tried], turned, ROUGH)
+        rough = _descended(body, known, targets[tried], turned, COARSE_TOLERANCE)
         better = pose_costs(body, known, targets[tried], rough) < pose_costs(body, known, targets[tried], poses[tried])
         if better.any():
             tried = tried[better]
@@ -111,11 +111,11 @@ def searched_poses(
     if draw and _limited(body).any():
         misfit = _misfits(body, known, targets, poses)
         for k in np.flatnonzero(misfit > ACCEPTED_MISFIT):
-            aims = np.repeat(targets[k : k + 1], DRAWS, axis=0)
-            found = _descended(body, known, aims, _limbs_drawn(body, start[k : k + 1]), ROUGH)
+            aims = np.repeat(targets[k : k + 1], RANDOM_STARTS, axis=0)
+            found = _descended(body, known, aims, _limbs_drawn(body, start[k : k + 1]), COARSE_TOLERANCE)
             best = int(np.argmin(_misfits(body, known, aims, found)))
             other = _descended(body, known, targets[k : k + 1], found[best : best + 1], tolerance)
-            if _misfits(body, known, targets[k : k + 1], other)[0] < CLEARLY * misfit[k]:
+            if _misfits(body, known, targets[k : k + 1], other)[0] < MAX_MISFIT_RATIO * misfit[k]:
                 _replace(poses, np.array([k]), other)
     return poses
 
@@ -134,15 +134,15 @@ def _limited(body: Body) -> NDArray[np.bool_]:
 
 
 def _limbs_drawn(body: Body, pose: Motion) -> Motion:
-    """`DRAWS` copies of one pose whose limited joints are drawn at random within their limits.
+    """`RANDOM_STARTS` copies of one pose whose limited joints are drawn at random within their limits.
 
     The draws are the same for every pose. They are needed because limits separate poses: a fit that starts from rest
     may end with a leg on the wrong side of a limit, and the trunk turned to make up for it.
     """
     low, high = body.limits[:, :, 0], body.limits[:, :, 1]
-    drawn = np.random.default_rng(0).uniform(low, high, size=(DRAWS, len(body), 3))
+    drawn = np.random.default_rng(0).uniform(low, high, size=(RANDOM_STARTS, len(body), 3))
     Q = np.where(_limited(body)[:, None, None], rotations.exp(drawn), pose.rotations)
-    return Motion(np.repeat(pose.translations, DRAWS, axis=0), Q)
+    return Motion(np.repeat(pose.translations, RANDOM_STARTS, axis=0), Q)
 
 
 def _misfits(body: Body, names: list[str], targets: Array, poses: Motion) -> Array:
@@ -195,7 +195,7 @@ def _turn_onto(model: Array, points: Array, weight: Array) -> Rotation:
     of them lie, such as that of the straight arm of the rest pose, it is the shortest.
     """
     U, spread, Vt = np.linalg.svd(points.T @ (weight[:, None] * model))
-    if spread[0] > 0 and spread[1] < ON_A_LINE * spread[0]:
+    if spread[0] > 0 and spread[1] < COLLINEAR_SPREAD * spread[0]:
         return Rotation.align_vectors(U[:, 0], Vt[0])[0]
     return Rotation.align_vectors(points, model, weights=weight)[0]
 
@@ -205,7 +205,7 @@ def _descended(body: Body, names: list[str], targets: Array, start: Motion, tole
     parts, local = body.landmark_arrays(names)
     low, high = np.full(body.dof, -np.inf), np.full(body.dof, np.inf)
     low[6:], high[6:] = body.limits[1:, :, 0].ravel(), body.limits[1:, :, 1].ravel()
-    posture, stop = posture_weights(body), (LANDMARK_SIGMA / LIMIT_SIGMA) ** 2
+    posture, stop = posture_weights(body), (LANDMARK_SIGMA / SEARCH_LIMIT_SIGMA) ** 2
     moves = body.ancestry[parts].astype(float)  # which joints move each landmark, (L, P)
     known = np.isfinite(targets).all(axis=2)
     aims = np.where(known[..., None], targets, 0.0)
@@ -232,6 +232,6 @@ def _descended(body: Body, names: list[str], targets: Array, start: Motion, tole
         return cost, A, g
 
     x0 = np.concatenate([start.translations, rotations.log(start.rotations).reshape(len(start), -1)], axis=1)
-    x = minimise_each(x0, linearise, tolerance=tolerance, evaluations=EVALUATIONS)
+    x = minimise_each(x0, linearise, tolerance=tolerance, evaluations=MAX_EVALUATIONS)
     x = np.clip(on_grid(x), low, high)
     return Motion(x[:, :3], rotations.exp(x[:, 3:].reshape(len(x), -1, 3)))

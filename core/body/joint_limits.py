@@ -10,7 +10,7 @@ from ..numerics.banded_blocks import BandedBlocks, block_diagonal
 from .body import Body
 from .motion import Motion
 
-LIMIT_DEVIATION = 0.05
+LIMIT_SIGMA = 0.05
 """Standard deviation of a joint beyond its limits, radians."""
 
 
@@ -29,7 +29,7 @@ def posture_prior(body: Body, motion: Motion, *, rest: bool = True) -> BandedBlo
     """
     turns = rotations.log(motion.rotations[:, 1:])
     beyond = turns - np.clip(turns, body.limits[1:, :, 0], body.limits[1:, :, 1])
-    stop, ease = (beyond != 0) / LIMIT_DEVIATION**2, rest / (len(motion) * body.departures[1:, None] ** 2)
+    stop, ease = (beyond != 0) / LIMIT_SIGMA**2, rest / (len(motion) * body.departures[1:, None] ** 2)
     energy = float(np.sum(stop * beyond**2 + ease * turns**2))
     return _turn_equations(turns, stop + ease, stop * beyond + ease * turns, energy)
 

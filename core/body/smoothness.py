@@ -117,15 +117,15 @@ def smoothness(motion: Motion, weights: Array, expected: Array | None = None) ->
     return SecondDifferences.of(motion).normal_equations(weights, expected)
 
 
-LONGEST_STEP = 0.5
+MAX_STEP = 0.5
 """Largest rotation of a joint in one iteration, radians (and movement of the root, metres). Beyond it, the images'
 gradients are meaningless."""
 
 
 def limited(step: Array) -> Array:
     """Return the step (F, D) with the rotation of every joint (and the root's translation) limited to
-    `LONGEST_STEP`.
+    `MAX_STEP`.
     """
     turns = step.reshape(len(step), -1, 3)
     length = np.linalg.norm(turns, axis=-1, keepdims=True)
-    return np.asarray((turns * np.minimum(1.0, LONGEST_STEP / np.maximum(length, 1e-12))).reshape(step.shape))
+    return np.asarray((turns * np.minimum(1.0, MAX_STEP / np.maximum(length, 1e-12))).reshape(step.shape))

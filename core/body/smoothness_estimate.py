@@ -31,22 +31,22 @@ from .body import Body
 from .motion import Motion
 from .smoothness import SecondDifferences, acceleration, limited
 
-TAILS = 4.0
+ACCELERATIONS_T_DOF = 4.0
 """Degrees of freedom of Student's t."""
-POOLED = 30.0
+POOLING_COUNT = 30.0
 """Number of accelerations at which a joint's own estimate weighs as much as that of all joints: three axes, ten frames.
 """
-ROOT_MEMORY = 6.0
+ROOT_PRIOR_COUNT = 6.0
 """Weight of the root's earlier estimate, as a number of accelerations: it has no other joints to be pooled with."""
-LEAST_MOBILITY = 0.05
+MIN_MOBILITY = 0.05
 """Lower bound of the acceleration about an axis about which a joint can hardly turn, as a share of the usual one."""
-_LEAST_VARIANCE = 1e-12  # of what stands still, (rad/frame^2)^2 or (m/frame^2)^2
+_MIN_VARIANCE = 1e-12  # of what stands still, (rad/frame^2)^2 or (m/frame^2)^2
 _POOL_ITERATIONS = 20
 _SCALE_STEP = 2.0
 """Ratio between neighbouring scales of accelerations that are compared."""
-_MOST_STEPS = 7
+_MAX_SCALE_STEPS = 7
 """Largest number of steps from the scale at which the search begins."""
-_SCALE_SPREAD = np.log(8.0)
+_LOG_SCALE_SIGMA = np.log(8.0)
 """Prior standard deviation of the logarithm of the scale. It covers wrongly stated frame rates, slow motion and
 kicks."""
 
@@ -97,7 +97,7 @@ def axis_mobility(body: Body) -> Array:
     The less a joint can turn about an axis, the smaller its acceleration about it: knees and elbows are almost hinges.
     """
     ranges = np.concatenate([np.ptp(part.limits, axis=1) for part in body.parts])
-    return np.concatenate([np.ones(3), np.clip(ranges / np.pi, LEAST_MOBILITY, 1)])
+    return np.concatenate([np.ones(3), np.clip(ranges / np.pi, MIN_MOBILITY, 1)])
 
 
 def updated_variances(
@@ -120,18 +120,18 @@ def updated_variances(
     gamma = np.clip(axes - uncertain / before.local, 0, axes)
     total = (squares * before.typical / before.local).sum(axis=0)
     known = gamma.sum(axis=0)
-    typical = (POOLED * before.typical + total) / (POOLED + known)
-    typical[0] = (ROOT_MEMORY * before.typical[0] + total[0]) / (ROOT_MEMORY + known[0])
+    typical = (POOLING_COUNT * before.typical + total) / (POOLING_COUNT + known)
+    typical[0] = (ROOT_PRIOR_COUNT * before.typical[0] + total[0]) / (ROOT_PRIOR_COUNT + known[0])
     joints = np.arange(1, len(axes))[axes[1:] > 0]
     if len(joints):
         pool = float(np.exp(np.mean(np.log(before.typical[joints]))))
         for _ in range(_POOL_ITERATIONS):  # the likeliest scale of inverse gamma distributions is the harmonic mean
-            pool = 1 / float(np.mean((POOLED + known[joints]) / (POOLED * pool + total[joints])))
-        typical[1:] = (POOLED * pool + total[1:]) / (POOLED + known[1:])
-    typical = np.maximum(typical, _LEAST_VARIANCE)
+            pool = 1 / float(np.mean((POOLING_COUNT + known[joints]) / (POOLING_COUNT * pool + total[joints])))
+        typical[1:] = (POOLING_COUNT * pool + total[1:]) / (POOLING_COUNT + known[1:])
+    typical = np.maximum(typical, _MIN_VARIANCE)
     if not bursts:
         return AccelerationVariances.constant(typical, len(squares))
-    return AccelerationVariances(typical, (TAILS * typical + squares) / (TAILS + gamma))
+    return AccelerationVariances(typical, (ACCELERATIONS_T_DOF * typical + squares) / (ACCELERATIONS_T_DOF + gamma))
 
 
 def estimate_variances(
@@ -235,7 +235,7 @@ def likeliest_scale(
         factor = BandedFactor(system, fixed)
         gained = float(np.sum(system.gradient * factor.solve(system.gradient)))
         likelihood = smooth.energy / scale**2 - gained + factor.log_determinant() + 2 * count * np.log(scale)
-        return float(likelihood + (np.log(scale) / _SCALE_SPREAD) ** 2)
+        return float(likelihood + (np.log(scale) / _LOG_SCALE_SIGMA) ** 2)
 
     costs: dict[int, float] = {}
 
@@ -245,7 +245,7 @@ def likeliest_scale(
         return costs[step]
 
     best = 0
-    while abs(best) < _MOST_STEPS:
+    while abs(best) < _MAX_SCALE_STEPS:
         lower = min((best - 1, best + 1), key=at)
         if at(lower) >= at(best):
             break

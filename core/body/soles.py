@@ -14,7 +14,7 @@ from .kinematics import Poses
 
 SOLE_POINTS = tuple(f"{point}.{side}" for side in "LR" for point in ("heel", "ball"))
 """Names of the points, in order."""
-BALL = 0.7
+BALL_SHARE = 0.7
 """Place of the ball of the foot, as a share of the way from the heel to the tip of the big toe."""
 
 
@@ -51,7 +51,7 @@ class Soles:
             _, toe = body.landmarks[f"{side}BigToe"]
             hip, _ = body.landmarks[f"{side}Hip"]
             parts += [part, part]
-            points += [heel, heel + BALL * (toe - heel)]
+            points += [heel, heel + BALL_SHARE * (toe - heel)]
             legs.append(float(body.parts[hip].head_world[2] - body.parts[part].head_world[2]))
         names = tuple(name for name in SOLE_POINTS if name[-1] in sides)
         return cls(names, np.array(parts), np.array(points), max(float(np.mean(legs)), 1e-3))

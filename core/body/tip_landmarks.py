@@ -11,7 +11,7 @@ from .body import Body
 from .kinematics import landmark_positions
 from .motion import Motion
 
-SAME_PLACE = 0.01
+MAX_TIP_DISTANCE = 0.01
 """A landmark belongs to the tip of a part if their distance in the rest pose is below this, metres."""
 
 
@@ -22,7 +22,7 @@ def tip_landmarks(body: Body) -> dict[int, str]:
     for name, (part, point) in body.landmarks.items():
         place = body.parts[part].head_world + body.parts[part].R_world_rest @ point
         apart = np.linalg.norm(tails - place, axis=1)
-        for tip in np.flatnonzero(apart < SAME_PLACE).tolist():
+        for tip in np.flatnonzero(apart < MAX_TIP_DISTANCE).tolist():
             found.setdefault(tip, name)
     return found
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .body import Body
 
-NO_SIZE = 2e-3
+INVISIBLE_HALF_SIZE = 2e-3
 """Half the size of the solid of a part that should be invisible, metres."""
 
 
@@ -65,7 +65,7 @@ def without_hidden_solids(body: Body, unknown: Collection[str]) -> Body:
     """
     hidden = np.array([name in unknown for name in body.names])
     parts = [
-        replace(part, vertices=NO_SIZE * part.vertices / np.abs(part.vertices).max())
+        replace(part, vertices=INVISIBLE_HALF_SIZE * part.vertices / np.abs(part.vertices).max())
         if hidden[body.ancestry[:, i]].all()
         else part
         for i, part in enumerate(body.parts)

@@ -26,7 +26,7 @@ from .sampling import Sampling
 from .still_evidence import StillEvidence, StillPartsCache
 from .view_frames import GradientImageCache, ViewFrames
 
-KEPT_LOOKS = 8 << 20
+MAX_CACHED_BYTES = 8 << 20
 """Largest size of what is kept of one view, bytes."""
 
 
@@ -155,7 +155,7 @@ class LookCache:
         return None
 
     def keep(self, look: FrameLook) -> None:
-        """Keep a look, unless those at its view would take more than `KEPT_LOOKS`."""
+        """Keep a look, unless those at its view would take more than `MAX_CACHED_BYTES`."""
         frames, count = look.frames, len(look.frames)
         windows = 1 + (frames.first - frames.view.first) / max(count - 1, 1)
         kept = self._kept.setdefault(frames.view, {})
@@ -163,7 +163,7 @@ class LookCache:
             shared = min(first + length, frames.first + count) - max(first, frames.first)
             if shared > 1 and (first, length) != (frames.first, count):
                 kept.pop((first, length), None)  # another thread may have done it
-        if 2 * windows * look.compared.nbytes <= KEPT_LOOKS:
+        if 2 * windows * look.compared.nbytes <= MAX_CACHED_BYTES:
             kept[frames.first, count] = [*kept.get((frames.first, count), [])[-1:], look]
 
 

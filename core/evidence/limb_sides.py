@@ -18,18 +18,18 @@ from ..body import Part
 from ..cameras.camera import Camera
 from ..numerics.arrays import Bools
 from ..numerics.repeatable import transformed
-from .rendering.label_images import NEAR
+from .rendering.label_images import NEAR_PLANE
 from .view_frames import smoothed_slopes
 
-PLACES = np.array([0.2, 0.5, 0.8])
+BONE_POSITIONS = np.array([0.2, 0.5, 0.8])
 """Positions along a part's bone at which its sides are sampled, as shares of the bone's length."""
-DIRECTIONS = 16
+WIDTH_DIRECTIONS = 16
 """Number of directions around the bone for which a part's width is stored."""
-NEAREST = (-1.5, 0.0, 1.5)
+SEARCH_OFFSETS = (-1.5, 0.0, 1.5)
 """Offsets across a side at which the steepest change is searched for, pixels."""
-SLOPE_LIMITS = np.array([1.0, 2.0, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0, 35.0, 50.0])
+SLOPE_BIN_EDGES = np.array([1.0, 2.0, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0, 35.0, 50.0])
 """Limits between the bins of changes of brightness, grey levels (of 256) per pixel."""
-UNSURE = 8.0
+PRIOR_COUNT = 8.0
 """Number of prior observations with equal likelihoods, since a few sides teach little."""
 _SMOOTHING = 1.0  # pixels
 _SCALE = 2.0  # steps per grey level
@@ -44,8 +44,8 @@ class PartSides:
     ----------
     length : float
         Length of its bone, metres.
-    half_width : ndarray of float32, shape (DIRECTIONS, n)
-        Distance of the part's surface from the bone in each direction, at `PLACES`, metres.
+    half_width : ndarray of float32, shape (WIDTH_DIRECTIONS, n)
+        Distance of the part's surface from the bone in each direction, at `BONE_POSITIONS`, metres.
     """
 
     length: float
@@ -55,10 +55,10 @@ class PartSides:
     def of(cls, part: Part) -> PartSides:
         """Compute the sides of a part's polyhedron."""
         length = float(np.linalg.norm(part.tail_world - part.head_world))
-        angle = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-        across = np.stack([np.cos(angle), np.zeros(DIRECTIONS), np.sin(angle)], axis=1)
-        width = np.zeros((DIRECTIONS, len(PLACES)), np.float32)
-        for k, y in enumerate(PLACES * length):
+        angle = 2 * np.pi * np.arange(WIDTH_DIRECTIONS) / WIDTH_DIRECTIONS
+        across = np.stack([np.cos(angle), np.zeros(WIDTH_DIRECTIONS), np.sin(angle)], axis=1)
+        width = np.zeros((WIDTH_DIRECTIONS, len(BONE_POSITIONS)), np.float32)
+        for k, y in enumerate(BONE_POSITIONS * length):
             below, above = (part.vertices[side] for side in (part.vertices[:, 1] <= y, part.vertices[:, 1] > y))
             if len(below) and len(above):
                 share = (y - below[:, None, 1]) / (above[None, :, 1] - below[:, None, 1])
@@ -90,10 +90,10 @@ class PartSides:
         across = np.stack([axis[:, i - 2] * view[:, i - 1] - axis[:, i - 1] * view[:, i - 2] for i in range(3)], axis=1)
         across /= np.maximum(np.sqrt((across**2).sum(axis=1, keepdims=True)), np.float32(1e-9))
         x, z = ((turned[:, :, k] * across).sum(axis=1) for k in (0, 2))
-        direction = np.rint(np.arctan2(z, x) * np.float32(DIRECTIONS / (2 * np.pi))).astype(np.intp)
-        both = np.stack([direction, direction + DIRECTIONS // 2], axis=1) % DIRECTIONS
+        direction = np.rint(np.arctan2(z, x) * np.float32(WIDTH_DIRECTIONS / (2 * np.pi))).astype(np.intp)
+        both = np.stack([direction, direction + WIDTH_DIRECTIONS // 2], axis=1) % WIDTH_DIRECTIONS
         reach = np.moveaxis(self.half_width[both], 3, 2) * np.array([1, -1], np.float32)[:, None, None]
-        along = (self.length * PLACES).astype(np.float32)[:, None]
+        along = (self.length * BONE_POSITIONS).astype(np.float32)[:, None]
         bone = head[:, :, None] + along * axis[:, :, None]
         return bone[:, :, None] + reach[:, None] * across[:, :, None, None], across
 
@@ -149,14 +149,14 @@ class SlopeImages:
         to_picture = (self.camera.matrix @ Rc).astype(np.float32)
         seen = transformed(to_picture, points_world.reshape(len(points_world), 3, -1)).reshape(points_world.shape)
         seen += (tc @ self.camera.matrix.T).astype(np.float32)[:, :, None, None, None]
-        np.maximum(seen[:, 2], np.float32(NEAR), out=seen[:, 2])
+        np.maximum(seen[:, 2], np.float32(NEAR_PLANE), out=seen[:, 2])
         seen[:, :2] /= seen[:, 2:]
         # The direction in the picture in which a point moves that moves across the bone.
         turned = transformed(to_picture, across)[:, :, None, None]
         way = turned[:, :2] - seen[:, :2] * turned[:, 2:]
         way /= np.maximum(np.sqrt((way**2).sum(axis=1, keepdims=True)), np.float32(1e-9))
         corner = np.array(self.origin, np.float32)[:, None, None, None]
-        places = np.stack([seen[:, :2] - corner + np.float32(step) * way for step in NEAREST], axis=2)
+        places = np.stack([seen[:, :2] - corner + np.float32(step) * way for step in SEARCH_OFFSETS], axis=2)
         change = np.empty(way[:, 0].shape, np.float32)
         for image, place, (du, dv), out in zip(self.slopes[frames], places, way, change, strict=True):
             u, v = place.reshape(2, -1, place.shape[-1])
@@ -173,7 +173,7 @@ class SideRatios:
     Attributes
     ----------
     ratio : ndarray of float32, shape (L + 1,)
-        Ratio for each bin between the L limits `SLOPE_LIMITS`.
+        Ratio for each bin between the L limits `SLOPE_BIN_EDGES`.
     """
 
     ratio: NDArray[np.float32]
@@ -181,12 +181,14 @@ class SideRatios:
     @classmethod
     def learned(cls, sides: NDArray[np.floating[Any]], elsewhere: NDArray[np.floating[Any]]) -> SideRatios:
         """Learn the ratios from changes of brightness at sides and elsewhere, grey levels per pixel."""
-        bins = len(SLOPE_LIMITS) + 1
-        right, wrong = (np.bincount(np.digitize(found, SLOPE_LIMITS), minlength=bins) for found in (sides, elsewhere))
+        bins = len(SLOPE_BIN_EDGES) + 1
+        right, wrong = (
+            np.bincount(np.digitize(found, SLOPE_BIN_EDGES), minlength=bins) for found in (sides, elsewhere)
+        )
         usual = (wrong + 1) / (wrong + 1).sum()
-        own = (right + UNSURE * usual) / (right.sum() + UNSURE)
+        own = (right + PRIOR_COUNT * usual) / (right.sum() + PRIOR_COUNT)
         return cls(np.log(own / usual).astype(np.float32))
 
     def of(self, change: NDArray[np.float32], visible: Bools) -> NDArray[np.float32]:
         """Look up the ratios of changes; 0 for hidden ones."""
-        return self.ratio[np.digitize(change, SLOPE_LIMITS)] * visible
+        return self.ratio[np.digitize(change, SLOPE_BIN_EDGES)] * visible

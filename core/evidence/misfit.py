@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
 from ..numerics.arrays import Array
-from .foreground_images.foreground import SURE, background_share, log_ratio
+from .foreground_images.foreground import SURE_LOG_RATIO, background_share, log_ratio
 from .rendering.label_images import render_labels
 from .rendering.part_geometry import Geometry
 from .view_frames import ViewFrames, views_with_foreground
@@ -22,9 +22,9 @@ NEAR, FAR = 0.2, 0.4
 """Distances from the model up to which uncovered foreground counts as the performer's, and up to which a lost limb is
 searched for, metres.
 """
-BESIDE = 0.04
+OUTSIDE_MARGIN = 0.04
 """Distance from the model from which on foreground cannot be clothes or hair of the part there, metres."""
-INSIDE = 0.02
+INSIDE_MARGIN = 0.02
 """Distance within the model's outline from which on pixels count as covered by a part, metres: the model is inexact."""
 _STRIDE = 4
 
@@ -39,8 +39,8 @@ class Misfit:
         Area of uncovered foreground near each of N performers divided by the length of the model's outline, metres; NaN
         where the view does not see the performer.
     areas : ndarray, shape (V, N, F)
-        Area of foreground from `BESIDE` to `FAR` from a performer and farther than `BESIDE` from all others, square
-        metres at the performer's distance.
+        Area of foreground from `OUTSIDE_MARGIN` to `FAR` from a performer and farther than `OUTSIDE_MARGIN` from all
+        others, square metres at the performer's distance.
     visible : ndarray, shape (V, F, P)
         Visible area of each part without a margin along the outline, square metres.
     background : ndarray, shape (V, F, P)
@@ -173,18 +173,18 @@ def _view_misfit(
     pixels, background = np.zeros((2, len(T), P))
     # What hangs over the outline of one performer, hair or clothes, lies beside another one.
     nobody = background_share(log_ratio(foreground.max(axis=0)[window]))
-    apart = [_distance(image >= 0) > BESIDE * scale for image in part] if len(spans) > 1 else None
+    apart = [_distance(image >= 0) > OUTSIDE_MARGIN * scale for image in part] if len(spans) > 1 else None
     for n, span in enumerate(spans):
         ratio = log_ratio(foreground[n][window])
-        shown = np.where(part < 0, np.clip(ratio / SURE, 0, 1), np.float32(0))
+        shown = np.where(part < 0, np.clip(ratio / SURE_LOG_RATIO, 0, 1), np.float32(0))
         models = (part >= span.start) & (part < span.stop)
         for f in np.flatnonzero(models.any(axis=(1, 2))):
             beyond = _distance(models[f])
             outline = np.count_nonzero((beyond > 0) & (beyond < 1.2))
             gaps[n, f] = float(shown[f][beyond < NEAR * scale].sum()) / max(outline, 1) / scale
-            beside = apart[f] if apart is not None else beyond > BESIDE * scale
+            beside = apart[f] if apart is not None else beyond > OUTSIDE_MARGIN * scale
             areas[n, f] = float(shown[f][beside & (beyond < FAR * scale)].sum()) / scale**2
-            within = cv2.distanceTransform(models[f].astype(np.uint8), cv2.DIST_L2, 3) > max(INSIDE * scale, 1.0)
+            within = cv2.distanceTransform(models[f].astype(np.uint8), cv2.DIST_L2, 3) > max(INSIDE_MARGIN * scale, 1.0)
             whose = part[f][within]
             pixels[f] += np.bincount(whose, minlength=P)
             background[f] += np.bincount(whose, nobody[f][within], P)

@@ -9,7 +9,7 @@ from ..numerics.arrays import Array
 
 OCCLUDED_BELOW = 0.3
 """A part is occluded in a view where less than this share of its area is seen (paper 1, section 5.3)."""
-LONG = 6
+LONG_GAP = 6
 """Number of frames out of sight from which on a part may be lost; prediction bridges shorter gaps."""
 
 

@@ -23,13 +23,13 @@ from .rendering.label_images import render_labels
 from .rendering.part_geometry import Geometry
 from .view_frames import ViewFrames
 
-STRETCH = 0.2
+STRETCH_SIGMA = 0.2
 """Standard deviation of the stretch of a part along each of its axes, relative to the default body."""
-SHIFT = 0.015
+SHIFT_SIGMA = 0.015
 """Standard deviation of the shift of a part along each of its axes, metres."""
-REACH = 0.12
+KEY_OUTLINE_REACH = 0.12
 """Distance from the model's outline within which that of the performer is searched for, metres."""
-PRIOR = np.diag([1 / STRETCH**2] * 3 + [1 / SHIFT**2] * 3)
+STEP_PRIOR = np.diag([1 / STRETCH_SIGMA**2] * 3 + [1 / SHIFT_SIGMA**2] * 3)
 """Precision of every step, not of their sum: parts that are hardly seen stay as they are, others may change by more."""
 ITERATIONS = 4
 """Number of iterations of the fit."""
@@ -83,7 +83,7 @@ class FittedShape:
                 parts.append((other.change, other.matrix[new].sum(axis=0), other.gradient[new].sum(axis=0)))
         if len(parts) == 1:
             return self
-        matrix, change = sum((H for _, H, _ in parts), PRIOR), own.change
+        matrix, change = sum((H for _, H, _ in parts), STEP_PRIOR), own.change
         for _ in range(ITERATIONS):
             gradient = sum(g + np.einsum("pij,pj->pi", H, further(at, change)) for at, H, g in parts)
             change = compose(change, -np.linalg.solve(matrix, gradient[..., None]))
@@ -151,7 +151,7 @@ class ShapeEquations(DenseEquations):
         """Return the cost of another shape and other poses by the same outlines, with that of the step there."""
         step = further(self.change, change)
         cost = sum(outlines.cost(camera, poses[delay], step) for outlines, camera, delay in self.held)
-        return cost + float(np.einsum("pi,ij,pj->", step, PRIOR, step))
+        return cost + float(np.einsum("pi,ij,pj->", step, STEP_PRIOR, step))
 
 
 def compose(change: Array, step: Array) -> Array:
@@ -206,7 +206,7 @@ def shape_equations(
     matrix, gradient = np.zeros((n + own - 6,) * 2), np.zeros(n + own - 6)
     for p in range(P):
         block = slice(6 * p, 6 * p + 6)
-        matrix[block, block] = H[p, :6, :6] + PRIOR
+        matrix[block, block] = H[p, :6, :6] + STEP_PRIOR
         gradient[block] = g[p, :6]
         matrix[block, n:], matrix[n:, block] = H[p, :6, 6:], H[p, 6:, :6]
     matrix[n:, n:], gradient[n:] = H[:, 6:, 6:].sum(axis=0), g[:, 6:].sum(axis=0)
@@ -219,7 +219,7 @@ def _lines(view: ViewFrames, geometry: Geometry, poses: Poses, frames: Sequence[
     foreground = np.concatenate([view.foreground_at(frame, 1) for frame in frames], axis=1)
     labels = render_labels(geometry, camera.subsampled(_STRIDE), 0, R, T)
     scale = max(view.pixels_per_metre(places.mean(axis=0), frame) for places, frame in zip(T, frames, strict=True))
-    reach = max(4, round(REACH * scale))
+    reach = max(4, round(KEY_OUTLINE_REACH * scale))
     return outline_lines(camera, foreground, labels, stride=_STRIDE, reach=reach, tolerance=TOLERANCE, halo=view.halo)
 
 

@@ -21,10 +21,10 @@ from .rendering.part_geometry import Geometry
 from .sampling import Sampling
 from .view_frames import ViewFrames
 
-RUN = 32
+PAIRS_PER_BATCH = 32
 """Approximate number of pairs of frames that are processed at a time: large enough for NumPy, small enough for the
 processor's cache."""
-OWN_SHARE = 2.0
+BY_PART_SHARE = 2.0
 """How many pixels count as independent where each part has a noise and a change of brightness of its own, relative to
 where it has not. What the pixels of a part have in common is then taken out, which accounts for 1.1 to 1.35; the rest
 was chosen by the errors of 24 shots (docs/evidence.md)."""
@@ -71,10 +71,10 @@ class SegmentEvidence:
         observation, shape (V,).
 
         Weighted sums over pixels then depend neither on the size of the footage nor on the stride. Where parts have
-        noise and changes of brightness of their own, neighbouring pixels have less in common (`OWN_SHARE`).
+        noise and changes of brightness of their own, neighbouring pixels have less in common (`BY_PART_SHARE`).
         """
         density = np.maximum(np.median(self.gradients.density, axis=1), 1.0)
-        count = OWN_SHARE if self.sampling.by_part else 1.0
+        count = BY_PART_SHARE if self.sampling.by_part else 1.0
         return np.asarray(count * self.sampling.stride**2 / (density * correlation_length**2))
 
     def without(self, hidden: NDArray[np.bool_]) -> SegmentEvidence:
@@ -123,7 +123,7 @@ def accumulate_evidence(
     """
     caches, own = caches or EvidenceCaches(), None if sought is None else tuple(sought)
     F = len(next(iter(poses.values()))[0])
-    runs = max(round((F - 1) / RUN), 1)
+    runs = max(round((F - 1) / PAIRS_PER_BATCH), 1)
     bounds = [(F - 1) * k // runs for k in range(runs + 1)]
     spans = [(v, a, b) for v in range(len(views)) for a, b in pairwise(bounds)]
 

@@ -18,14 +18,14 @@ from ..body.motion import Motion
 from ..numerics.arrays import Array, Bools
 from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
 from ..shot.shot import LARGEST_OFFSET
-from .outline_evidence.outline_lines import KEY_PIECE
+from .outline_evidence.outline_lines import KEY_FRAME_PIECE
 from .part_shapes import ShapeEquations, compose, shape_equations
 from .rendering.part_geometry import Geometry
 from .view_frames import ViewFrames
 
-DEVIATION = 0.5 / np.sqrt(3)
+OFFSET_SIGMA = 0.5 / np.sqrt(3)
 """Prior standard deviation of the offset, frames: that of a uniform distribution over half a frame either way."""
-LEAST = 0.1
+MIN_OFFSET = 0.1
 """Smaller offsets are taken as zero, frames: they hardly matter, and poses between frames cost time."""
 ITERATIONS = 2
 
@@ -39,11 +39,13 @@ class Offset:
 
     @classmethod
     def likeliest(cls, measured: Iterable[Offset]) -> Offset:
-        """Combine measurements with the prior; the offset is 0 if the result is smaller than `LEAST`."""
+        """Combine measurements with the prior; the offset is 0 if the result is smaller than `MIN_OFFSET`."""
         found = list(measured)
-        precision = sum(offset.precision for offset in found) + DEVIATION**-2
+        precision = sum(offset.precision for offset in found) + OFFSET_SIGMA**-2
         value = sum(offset.precision * offset.value for offset in found) / precision
-        return cls(float(np.clip(value, -LARGEST_OFFSET, LARGEST_OFFSET)) if abs(value) >= LEAST else 0.0, precision)
+        return cls(
+            float(np.clip(value, -LARGEST_OFFSET, LARGEST_OFFSET)) if abs(value) >= MIN_OFFSET else 0.0, precision
+        )
 
 
 def key_frame_offset(
@@ -108,7 +110,7 @@ def key_frame_offset(
         variance = result.linearised().factor().covariance()[-1, -1]
     except np.linalg.LinAlgError:  # nothing moves, or no outline shows it
         return Offset()
-    return Offset(result.state.offset, float(1 / (variance * KEY_PIECE)))
+    return Offset(result.state.offset, float(1 / (variance * KEY_FRAME_PIECE)))
 
 
 @dataclass(frozen=True, eq=False)

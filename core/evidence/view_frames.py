@@ -17,9 +17,9 @@ from .foreground_images.part_colours import ColouredFrames, PartColours
 
 Image = NDArray[np.float32]
 
-MARGIN = 6
+BOX_MARGIN = 6
 """Margin around a requested box for which gradient images are computed as well, pixels."""
-KEPT_BYTES = 32 << 20
+MAX_CACHED_BYTES = 32 << 20
 """Largest size of one view's gradient images in a cache."""
 _NEAREST = 0.5  # metres before the camera: nearer points have the scale of this distance
 _ROW = 256
@@ -224,23 +224,23 @@ class GradientImageCache:
 
     def images(self, view: ViewFrames, frames: range, sigma: float, box: tuple[int, int, int, int]) -> GradientImages:
         """Return the gradient images of consecutive shot frames in a box (left, top, right, bottom) and around it."""
-        margin, (height, width) = MARGIN + int(np.ceil(2 * sigma)), view.grey.shape[1:]
+        margin, (height, width) = BOX_MARGIN + int(np.ceil(2 * sigma)), view.grey.shape[1:]
         left, top = max(box[0] - margin, 0), max(box[1] - margin, 0)
         right, bottom = min(box[2] + margin, width), min(box[3] + margin, height)
         kept = self._kept.setdefault(view, {})
         kept_sigma, images = kept.get((frames.start, len(frames)), (0.0, None))
         if images is not None and kept_sigma == sigma and images.shows((left, top, right, bottom)):
             return images
-        left, top = max(left - MARGIN, 0), max(top - MARGIN, 0)  # a little more, for the next time
+        left, top = max(left - BOX_MARGIN, 0), max(top - BOX_MARGIN, 0)  # a little more, for the next time
         start = frames.start - view.first
-        window = looked_at(view.grey[start : start + len(frames), top : bottom + MARGIN, left : right + MARGIN])
+        window = looked_at(view.grey[start : start + len(frames), top : bottom + BOX_MARGIN, left : right + BOX_MARGIN])
         images = GradientImages.of(window, sigma, (left, top))
         for first, count in list(kept):  # those that show some of the same pairs of frames are replaced
             if min(first + count, frames.stop) - max(first, frames.start) > 1:
                 kept.pop((first, count), None)  # another thread may have done it
         # The same are kept whichever thread comes first: what lies beyond a window's edge depends on it.
         windows = 1 + start / max(images.count - 1, 1)
-        if windows * images.values.nbytes <= KEPT_BYTES:
+        if windows * images.values.nbytes <= MAX_CACHED_BYTES:
             kept[frames.start, len(frames)] = sigma, images
         return images
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..body import Body, part_poses
 from ..body.measures.shaping import mirrored_parts, shaped
 from ..body.motion import Motion
-from ..evidence.part_shapes import SHIFT, STRETCH
+from ..evidence.part_shapes import SHIFT_SIGMA, STRETCH_SIGMA
 from ..keypoints.keypoint_places import Places
 from ..keypoints.keypoint_rays import Keypoints
 from ..numerics.arrays import Array
@@ -19,7 +19,7 @@ GROWTH = 0.08
 """Standard deviation of a performer's size, relative to the body's."""
 LENGTH = 0.08
 """Standard deviation of a part's length, relative to what the size suggests; for widths see
-`core.evidence.part_shapes.STRETCH`."""
+`core.evidence.part_shapes.STRETCH_SIGMA`."""
 SIDES_STRETCH, SIDES_SHIFT = 0.02, 0.004
 """Standard deviation of the difference between left and right parts: relative for lengths, in metres for shifts."""
 OFFSET, LIMB_OFFSET = 0.03, 0.01
@@ -86,7 +86,9 @@ class BodyEstimate:
         """Return the inverse covariance of the shape, shape (n, n)."""
         P = len(self.body)
         deviation = np.full(len(self.shape), GROWTH)
-        deviation[1 : 1 + PART_DOF * P] = np.tile([STRETCH, LENGTH, STRETCH, SHIFT, SHIFT, SHIFT], P)
+        deviation[1 : 1 + PART_DOF * P] = np.tile(
+            [STRETCH_SIGMA, LENGTH, STRETCH_SIGMA, SHIFT_SIGMA, SHIFT_SIGMA, SHIFT_SIGMA], P
+        )
         names = self.keypoints.names
         limbs = [name.endswith(("Elbow", "Wrist", "Knee", "Ankle")) for name in names]
         deviation[1 + PART_DOF * P :] = np.repeat(np.where(limbs, LIMB_OFFSET, OFFSET), 3)

@@ -27,7 +27,7 @@ from ..evidence.gradient_evidence.image_wrenches import camera_twist
 from ..evidence.outline_evidence.held_outlines import HeldOutlines
 from ..evidence.rendering.part_geometry import Geometry
 from ..formats.keypoint_files import read_shot_keypoints
-from ..keypoints.keypoint_deviations import USUAL_DEVIATION, robust_weights
+from ..keypoints.keypoint_deviations import USUAL_SIGMA, robust_weights
 from ..keypoints.keypoint_places import Places
 from ..keypoints.keypoint_rays import Keypoints
 from ..keypoints.left_right import correct_sides
@@ -262,7 +262,7 @@ class _HeldKeypoints:
         points = estimate.keypoint_places()
         keypoints, _ = correct_sides(estimate.keypoints, points)
         residual = keypoints.residuals(points)
-        usual = np.full((residual.shape[0], residual.shape[2]), USUAL_DEVIATION)
+        usual = np.full((residual.shape[0], residual.shape[2]), USUAL_SIGMA)
         return cls(keypoints, robust_weights(residual, keypoints.confidence, usual, tolerance))
 
     def cost(self, estimate: BodyEstimate) -> float:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..body.kinematics import Poses
 from ..cameras.camera import Camera
 from ..evidence.foreground_images.foreground import foreground_images
-from ..evidence.outline_evidence.outline_lines import KEY_PIECE, Lines, outline_lines
+from ..evidence.outline_evidence.outline_lines import KEY_FRAME_PIECE, Lines, outline_lines
 from ..evidence.part_shapes import shape_columns, stretched
 from ..evidence.rendering.label_images import render_labels
 from ..evidence.rendering.part_geometry import Geometry
@@ -55,8 +55,8 @@ class RefinementStage:
     learns_once: bool = False
 
     def precision(self) -> float:
-        """Return the weight of squared distances from outlines, metres^-2; see `KEY_PIECE`."""
-        return 1 / (KEY_PIECE * self.tolerance**2)
+        """Return the weight of squared distances from outlines, metres^-2; see `KEY_FRAME_PIECE`."""
+        return 1 / (KEY_FRAME_PIECE * self.tolerance**2)
 
 
 State = TypeVar("State")

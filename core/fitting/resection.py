@@ -22,8 +22,8 @@ from ..body.motion import Motion
 from ..cameras.camera import Camera
 from ..evidence.gradient_evidence.image_wrenches import camera_twist
 from ..evidence.outline_evidence.held_outlines import HeldOutlines
-from ..evidence.outline_evidence.outline_lines import EDGE_DEVIATION, MODEL_DEVIATION, Lines
-from ..evidence.part_shapes import SHIFT, STRETCH, stretched
+from ..evidence.outline_evidence.outline_lines import EDGE_SIGMA, MODEL_SIGMA, Lines
+from ..evidence.part_shapes import SHIFT_SIGMA, STRETCH_SIGMA, stretched
 from ..evidence.rendering.part_geometry import Geometry
 from ..numerics import rotations
 from ..numerics.arrays import Array, slices_of
@@ -111,7 +111,7 @@ class CameraState:
         """Return the prior's inverse variances of the change, shape (n,)."""
         deviation = np.empty(len(self.change))
         deviation[: CAMERA * len(self.cameras)] = np.tile([POSITION] * 3 + [ROTATION] * 3 + [FOCAL], len(self.cameras))
-        deviation[self.shape_columns()] = [STRETCH] * 3 + [SHIFT] * 3
+        deviation[self.shape_columns()] = [STRETCH_SIGMA] * 3 + [SHIFT_SIGMA] * 3
         for columns in self.pose_columns():
             deviation[columns[:, :3]], deviation[columns[:, 3:]] = POSED_ROOT, POSED_JOINT
         return 1 / deviation**2
@@ -227,8 +227,8 @@ def _columns(camera: Columns, shape: Columns, pose: Columns) -> Columns:
 
 def _clearness(lines: Lines, camera: Camera) -> float:
     """Return the information in outlines, relative to that of sharp edges in their places."""
-    model = MODEL_DEVIATION * camera.matrix[[0, 1], [0, 1]].mean() / lines.points_cam[:, 2]
-    sharp = lines.length / (model**2 + EDGE_DEVIATION**2)
+    model = MODEL_SIGMA * camera.matrix[[0, 1], [0, 1]].mean() / lines.points_cam[:, 2]
+    sharp = lines.length / (model**2 + EDGE_SIGMA**2)
     return float((lines.weight * lines.length).sum() / sharp.sum()) if len(sharp) else 0.0
 
 

@@ -20,9 +20,9 @@ from .keypoint_rays import Keypoints
 from .observations import on_shot_frames, on_time
 from .triangulation import triangulate
 
-NEAR = 0.15
+MAX_WRIST_DISTANCE = 0.15
 """A detected hand belongs to the performer if its wrist is seen within this of the tracked wrist, metres."""
-ACCEPTED = 0.03
+HAND_INLIER_DISTANCE = 0.03
 """A point of a hand is accepted if at least two views agree on it to within this, metres."""
 
 
@@ -67,7 +67,7 @@ def hand_points(shot: Shot, detections: Sequence[Detections], wrists_world: Arra
     keypoints = on_time(Keypoints(HAND_NAMES, rays, confidence, R, t), [footage_delay(view) for view in shot.views])
     points, inliers = triangulate(keypoints)
     distance = np.linalg.norm(keypoints.residuals(points), axis=-1)
-    agree = inliers & (np.nan_to_num(distance, nan=np.inf) < ACCEPTED)
+    agree = inliers & (np.nan_to_num(distance, nan=np.inf) < HAND_INLIER_DISTANCE)
     sure = replace(keypoints, confidence=np.where(agree, keypoints.confidence, 0.0))
     points, _ = triangulate(sure)
     points[agree.sum(axis=0) < 2] = np.nan
@@ -109,7 +109,7 @@ def _take(seen: ViewDetections, wrists_cam: Array, rays: Array, confidence: Arra
             away = np.linalg.norm(seen.rays[:, count * side] - wrist[:, :2] / wrist[:, 2:], axis=-1) * wrist[:, 2]
         away[~(wrist[:, 2] > 0)] = np.nan
         for frame in np.unique(seen.frames):
-            rows = np.flatnonzero((seen.frames == frame) & (np.nan_to_num(away, nan=np.inf) < NEAR))
+            rows = np.flatnonzero((seen.frames == frame) & (np.nan_to_num(away, nan=np.inf) < MAX_WRIST_DISTANCE))
             if len(rows):
                 row = rows[np.argmin(away[rows])]
                 rays[frame, hand], confidence[frame, hand] = seen.rays[row, hand], seen.confidence[row, hand]

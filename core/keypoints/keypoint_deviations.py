@@ -7,16 +7,16 @@ import numpy as np
 from ..numerics.arrays import Array
 from ..numerics.robust_kernels import RAYLEIGH_MEDIAN, GemanMcClure
 
-LEAST_DEVIATION = 0.006
+MIN_SIGMA = 0.006
 """Lower bound of the standard deviation of keypoints, metres."""
-USUAL_DEVIATION = 0.02
+USUAL_SIGMA = 0.02
 """Standard deviation of keypoints that are seen too seldom to estimate it, metres."""
 PRIOR_COUNT = 10.0
-"""Weight of `USUAL_DEVIATION` in each estimate, as a number of keypoints that are added to those found."""
-LIFTED_DEVIATION = 0.3
+"""Weight of `USUAL_SIGMA` in each estimate, as a number of keypoints that are added to those found."""
+LIFTED_SIGMA = 0.3
 """Standard deviation of depths that follow from the lengths of bones, metres. It is large because their errors last for
 many frames, over which they do not average out."""
-GROSS = 3.0
+GEMAN_MCCLURE_SCALE = 3.0
 """Residual, in standard deviations, at which a keypoint has a quarter of its full weight (Geman and McClure's
 kernel)."""
 
@@ -32,8 +32,8 @@ def deviations_of_lengths(lengths: Array, confidence: Array) -> Array:
     seen = np.isfinite(lengths).sum(axis=1)
     medians = np.nanquantile(np.where(seen[:, None] > 0, lengths, 0.0), 0.5, axis=1)
     own = np.nan_to_num(medians) / RAYLEIGH_MEDIAN
-    mean = (seen * own + PRIOR_COUNT * USUAL_DEVIATION) / (seen + PRIOR_COUNT)
-    return np.asarray(np.maximum(mean, LEAST_DEVIATION))
+    mean = (seen * own + PRIOR_COUNT * USUAL_SIGMA) / (seen + PRIOR_COUNT)
+    return np.asarray(np.maximum(mean, MIN_SIGMA))
 
 
 def robust_energy(residuals: Array, confidence: Array, deviation: Array) -> float:
@@ -47,7 +47,7 @@ def robust_energy(residuals: Array, confidence: Array, deviation: Array) -> floa
     deviation : ndarray, shape (V, L)
         Metres.
     """
-    kernel = GemanMcClure(GROSS)
+    kernel = GemanMcClure(GEMAN_MCCLURE_SCALE)
     error = np.sum(residuals**2, axis=-1) / deviation[:, None] ** 2
     return float(np.sum(confidence * np.where(np.isfinite(error), kernel.cost(error), kernel.scale**2)))
 
@@ -58,7 +58,7 @@ def robust_weights(residuals: Array, confidence: Array, deviation: Array, tolera
     Parameters as in `robust_energy`.
     """
     error = np.sum(residuals**2, axis=-1) / deviation[:, None] ** 2
-    weight = confidence * GemanMcClure(GROSS * tolerance).weight(error) / deviation[:, None] ** 2
+    weight = confidence * GemanMcClure(GEMAN_MCCLURE_SCALE * tolerance).weight(error) / deviation[:, None] ** 2
     return np.nan_to_num(weight)
 
 
@@ -80,5 +80,5 @@ def trusted_weights(residuals: Array, agreed: Array, deviation: Array, tolerance
     """
     size = np.linalg.norm(residuals, axis=-1) / deviation[:, None]
     with np.errstate(invalid="ignore", divide="ignore"):
-        huber = np.minimum(1.0, GROSS * tolerance / size)
+        huber = np.minimum(1.0, GEMAN_MCCLURE_SCALE * tolerance / size)
     return np.nan_to_num(agreed * huber / deviation[:, None] ** 2)

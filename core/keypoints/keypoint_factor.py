@@ -18,7 +18,14 @@ from ..body.joint_limits import habitual_prior
 from ..body.kinematics import Poses, motion_of_poses
 from ..numerics.arrays import Array
 from ..numerics.banded_blocks import BandedBlocks
-from .keypoint_deviations import GROSS, LIFTED_DEVIATION, USUAL_DEVIATION, deviations, robust_weights, trusted_weights
+from .keypoint_deviations import (
+    GEMAN_MCCLURE_SCALE,
+    LIFTED_SIGMA,
+    USUAL_SIGMA,
+    deviations,
+    robust_weights,
+    trusted_weights,
+)
 from .keypoint_places import Places, offset_precision
 from .keypoint_rays import Keypoints
 
@@ -133,15 +140,15 @@ class KeypointFactor:
     def agreement(self, poses: Poses) -> float:
         """Return the mean robust weight of the keypoints, from 0 to 1 (all agree with the poses)."""
         residual, confidence = self.keypoints.residuals(self.places.world(poses)), self.keypoints.confidence
-        usual = np.full((confidence.shape[0], confidence.shape[2]), USUAL_DEVIATION)
-        weights = robust_weights(residual, confidence, usual) * USUAL_DEVIATION**2
+        usual = np.full((confidence.shape[0], confidence.shape[2]), USUAL_SIGMA)
+        weights = robust_weights(residual, confidence, usual) * USUAL_SIGMA**2
         return float(weights.sum() / max(confidence.sum(), 1e-9))
 
     def views_near(self, poses: Poses) -> Array:
         """Return in how many views each keypoint is near its position on the posed body, shape (F, L)."""
         residual = self.keypoints.residuals(self.places.world(poses))
         with np.errstate(invalid="ignore"):
-            near = np.linalg.norm(residual, axis=-1) < GROSS * USUAL_DEVIATION
+            near = np.linalg.norm(residual, axis=-1) < GEMAN_MCCLURE_SCALE * USUAL_SIGMA
         return np.asarray((near & (self.keypoints.confidence > 0)).sum(axis=0))
 
     def blocks(self, body: Body, poses: Poses, tolerance: float) -> BandedBlocks:
@@ -162,6 +169,6 @@ class KeypointFactor:
     def _depth_blocks(self, body: Body, poses: Poses, imagined: Keypoints, tolerance: float) -> BandedBlocks:
         """Normal equations of the imagined view at the poses."""
         residual = imagined.residuals(self.places.world(poses))
-        usual = np.full((1, len(imagined.names)), LIFTED_DEVIATION)
+        usual = np.full((1, len(imagined.names)), LIFTED_SIGMA)
         weights = trusted_weights(residual, imagined.confidence, usual, tolerance)
         return keypoint_system(body, poses, imagined, self.places, weights).blocks

@@ -13,11 +13,11 @@ from ..body.kinematics import Poses
 from ..formats.keypoint_layouts import is_sided, mirrored_name
 from ..numerics.arrays import Array
 
-HIP_OFFSET_DEVIATION = 0.045
+HIP_OFFSET_SIGMA = 0.045
 """Standard deviation of the offset of a hip's keypoint along each axis, metres: hips lie deep in the body."""
-OFFSET_DEVIATION = 0.03
+OFFSET_SIGMA = 0.03
 """Standard deviation of the offsets of shoulders and of keypoints on the head and the feet, metres."""
-LIMB_OFFSET_DEVIATION = 0.02
+LIMB_OFFSET_SIGMA = 0.02
 """Standard deviation of the offsets of a limb's joints along the limb, metres."""
 THINNESS = (2.0, 1.0, 2.0)
 """Divisors of a limb's offset deviation along the x, y and z axes of the part: across a thin limb, offsets are smaller.
@@ -88,8 +88,8 @@ def has_keypoint(body: Body, name: str) -> bool:
 def offset_deviation(name: str) -> float:
     """Standard deviation of a keypoint's offset from its landmark along each axis, metres."""
     if name.endswith("Hip"):
-        return HIP_OFFSET_DEVIATION
-    return LIMB_OFFSET_DEVIATION if name.endswith(_LIMB) else OFFSET_DEVIATION
+        return HIP_OFFSET_SIGMA
+    return LIMB_OFFSET_SIGMA if name.endswith(_LIMB) else OFFSET_SIGMA
 
 
 def offset_precision(names: Sequence[str]) -> Array:

@@ -11,11 +11,11 @@ from ..formats.keypoint_layouts import is_sided, mirrored_name
 from ..numerics.arrays import Array
 from .keypoint_rays import Keypoints
 
-GROUPS = (("Hip", "Knee", "Ankle", "BigToe", "Heel"), ("Shoulder", "Elbow", "Wrist", "Hand"), ("Eye", "Ear"))
+EXCHANGED_GROUPS = (("Hip", "Knee", "Ankle", "BigToe", "Heel"), ("Shoulder", "Elbow", "Wrist", "Hand"), ("Eye", "Ear"))
 """Landmarks that are exchanged together."""
-FARTHEST = 0.15
+MAX_DISTANCE = 0.15
 """A keypoint that is farther from its expected position than this says nothing about its side, metres."""
-CLEAR = 0.6
+MAX_ERROR_RATIO = 0.6
 """Left and right are exchanged if this lowers the error to less than this share."""
 
 
@@ -38,10 +38,10 @@ def correct_sides(keypoints: Keypoints, points_world: Array) -> tuple[Keypoints,
     other = swap_sides(keypoints)
     own, turned = (_cost(k, points_world) for k in (keypoints, other))
     changed = np.zeros(keypoints.confidence.shape, bool)
-    for group in GROUPS:
+    for group in EXCHANGED_GROUPS:
         columns = [i for i, n in enumerate(keypoints.names) if is_sided(n) and n[1:] in group]
         kept, given = own[..., columns].sum(axis=-1), turned[..., columns].sum(axis=-1)
-        changed[..., columns] = (given < CLEAR * kept)[..., None]
+        changed[..., columns] = (given < MAX_ERROR_RATIO * kept)[..., None]
     return _chosen(keypoints, other, changed), changed
 
 
@@ -62,4 +62,4 @@ def _chosen(keypoints: Keypoints, other: Keypoints, changed: NDArray[np.bool_]) 
 def _cost(keypoints: Keypoints, points_world: Array) -> Array:
     """Truncated squared errors of the keypoints, weighted by confidence, shape (V, F, L)."""
     error = np.sum(keypoints.residuals(points_world) ** 2, axis=-1)
-    return np.asarray(np.nan_to_num(keypoints.confidence * np.minimum(error, FARTHEST**2)))
+    return np.asarray(np.nan_to_num(keypoints.confidence * np.minimum(error, MAX_DISTANCE**2)))

@@ -23,7 +23,7 @@ from .keypoint_motion.keypoint_fit import KeypointFit
 from .observations import correlated_frames, identified_keypoints, performer_keypoints
 from .seen_landmarks import unseen_parts
 
-EVERY = 0.6
+KEY_INTERVAL = 0.6
 """Seconds between proposed key poses, about."""
 
 
@@ -146,20 +146,22 @@ def poses_from_keypoints(
 
 def away_from_keys(chosen: NDArray[np.int64], keys: NDArray[np.int64], fps: float) -> NDArray[np.int64]:
     """Return those of the chosen frames that are not near a key pose."""
-    apart = EVERY * fps / 2
+    apart = KEY_INTERVAL * fps / 2
     return np.array([f for f in chosen if not len(keys) or abs(keys - f).min() > apart], np.int64)
 
 
 def chosen_frames(fit: KeypointFit, fps: float) -> NDArray[np.int64]:
-    """Return, for every interval of `EVERY` seconds, the frame in its middle half that keypoints show best."""
+    """Return, for every interval of `KEY_INTERVAL` seconds, the frame in its middle half that keypoints show best."""
     return best_frames(seen_quality(fit), fps)
 
 
 def best_frames(quality: Array, fps: float) -> NDArray[np.int64]:
-    """Return, for every interval of `EVERY` seconds, the frame in its middle half with the highest quality (F,)."""
+    """Return, for every interval of `KEY_INTERVAL` seconds, the frame in its middle half with the highest quality
+    (F,).
+    """
     if not len(quality):
         return np.zeros(0, np.int64)
-    count = max(1, round(len(quality) / (EVERY * fps)))
+    count = max(1, round(len(quality) / (KEY_INTERVAL * fps)))
     edges = np.linspace(0, len(quality), count + 1)
     frames = []
     for start, stop in pairwise(edges):

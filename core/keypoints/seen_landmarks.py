@@ -14,11 +14,11 @@ from ..numerics.arrays import Array, Bools
 from .keypoint_places import Places
 from .keypoint_rays import Keypoints
 
-LEAST_CONFIDENCE = 0.3
+MIN_CONFIDENCE = 0.3
 """A keypoint counts as seen from this confidence on; below, most detectors' own programs do not draw it."""
-SEEN_OFTEN = 3
+MIN_FRAMES = 3
 """A landmark counts as seen if it has that confidence on at least this many frames of one view."""
-HABIT_DEVIATION = 0.5
+HABIT_SIGMA = 0.5
 """Standard deviation of a part that is out of sight from its mean rotation on frames on which it is seen, radians."""
 HABIT_TIME = 0.2
 """How long such a deviation lasts, seconds: the frames of this time count as one."""
@@ -29,8 +29,8 @@ def without_guesses(keypoints: Keypoints) -> Keypoints:
 
     Some detectors give a position to every keypoint whatever they see; these are guesses.
     """
-    often = min(SEEN_OFTEN, len(keypoints))
-    seen = (keypoints.confidence >= LEAST_CONFIDENCE).any(axis=0).sum(axis=0) >= often
+    often = min(MIN_FRAMES, len(keypoints))
+    seen = (keypoints.confidence >= MIN_CONFIDENCE).any(axis=0).sum(axis=0) >= often
     return replace(keypoints, confidence=keypoints.confidence * seen)
 
 
@@ -53,7 +53,7 @@ def habit_precision(body: Body, keypoints: Keypoints, fps: float) -> Array:
     """
     carried = body.ancestry[Places.on(body, keypoints.names).parts]  # (L, P): what a landmark shows
     shown = (keypoints.confidence.any(axis=0)[:, :, None] & carried).any(axis=1)
-    return (~shown & shown.any(axis=0)) / (HABIT_DEVIATION**2 * HABIT_TIME * fps)
+    return (~shown & shown.any(axis=0)) / (HABIT_SIGMA**2 * HABIT_TIME * fps)
 
 
 def usual_turns(motion: Motion, precision: Array) -> Array:

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from ..numerics.arrays import Array, Ints
 from .keypoint_rays import Keypoints
 
-ACCEPTED = 0.06
+INLIER_DISTANCE = 0.06
 """A view agrees with a point if its ray passes the point within this distance, metres."""
-LEAST_ANGLE = np.radians(3)
+MIN_ANGLE = np.radians(3)
 """Two rays that meet at a smaller angle do not give a depth, radians."""
-MOST_CANDIDATES = 6
+MAX_CANDIDATES = 6
 """How many candidate points are kept for each keypoint and frame, at most."""
-LEAP = 0.25
+LEAP_DISTANCE = 0.25
 """A point leaps if it is farther than this from its position on the frames around, metres."""
 LEAP_TIME = 0.1
 """A leap is accepted if one view of full confidence agrees with it for this long, seconds."""
@@ -48,12 +48,12 @@ def triangulate(keypoints: Keypoints, fps: float | None = None) -> tuple[Array, 
         both = np.zeros_like(weight)
         both[list(pair)] = weight[list(pair)].min(axis=0)
         points = _solved(rows, values, both)
-        points[~(_angle(keypoints, pair) > LEAST_ANGLE)] = np.nan
+        points[~(_angle(keypoints, pair) > MIN_ANGLE)] = np.nan
         found.append(points)
         agreements.append(np.nan_to_num(_agreement(keypoints, points, weight)))
     candidates, agreed = np.array(found).reshape(-1, F, L, 3), np.array(agreements).reshape(-1, F, L)
-    if len(agreed) > MOST_CANDIDATES:
-        kept = np.argsort(-agreed, axis=0, kind="stable")[:MOST_CANDIDATES]
+    if len(agreed) > MAX_CANDIDATES:
+        kept = np.argsort(-agreed, axis=0, kind="stable")[:MAX_CANDIDATES]
         candidates = np.take_along_axis(candidates, kept[..., None], axis=0)
         agreed = np.take_along_axis(agreed, kept, axis=0)
     best = np.full((F, L, 3), np.nan)
@@ -66,12 +66,12 @@ def triangulate(keypoints: Keypoints, fps: float | None = None) -> tuple[Array, 
             choice = _steadiest(candidates[:, known, i], agreed[:, known, i], LEAP_TIME * fps)
         best[known, i] = candidates[choice, known, i]
     for _ in range(2):
-        inliers = _distance(keypoints, best) < ACCEPTED
+        inliers = _distance(keypoints, best) < INLIER_DISTANCE
         depth = _depth(keypoints, best)
         sure = np.where(inliers, weight / np.maximum(depth, 0.1) ** 2, 0.0)
         refined = _solved(rows, values, sure)
         best = np.where(np.isfinite(refined), refined, best)
-    inliers = _distance(keypoints, best) < ACCEPTED
+    inliers = _distance(keypoints, best) < INLIER_DISTANCE
     best[inliers.sum(axis=0) < 2] = np.nan
     return best, inliers & np.isfinite(best).all(axis=-1)
 
@@ -90,7 +90,7 @@ def _steadiest(candidates: Array, agreed: Array, leap_cost: float) -> Ints:
     path = cost[:, 0, None] + cost[None, :, 1]
     for f in range(2, F):
         a, b, c = places[:, f - 2, None, None], places[None, :, f - 1, None], places[None, None, :, f]
-        leap = np.minimum(np.linalg.norm(a - 2 * b + c, axis=-1) / LEAP, 1.0)
+        leap = np.minimum(np.linalg.norm(a - 2 * b + c, axis=-1) / LEAP_DISTANCE, 1.0)
         paths = path[:, :, None] + leap_cost * leap + cost[None, None, :, f]
         before.append(paths.argmin(axis=0))
         path = paths.min(axis=0)
@@ -133,7 +133,7 @@ def _distance(keypoints: Keypoints, points: Array) -> Array:
 
 
 def _agreement(keypoints: Keypoints, points: Array, weight: Array) -> Array:
-    error = np.minimum(_distance(keypoints, points) / ACCEPTED, 1.0)
+    error = np.minimum(_distance(keypoints, points) / INLIER_DISTANCE, 1.0)
     return np.asarray(np.sum(weight * (1 - error**2), axis=0))
 
 

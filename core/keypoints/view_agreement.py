@@ -18,13 +18,13 @@ from ..numerics.resampling import gaps_filled
 from .keypoint_deviations import deviations_of_lengths
 from .keypoint_rays import Keypoints
 from .left_right import correct_sides
-from .triangulation import LEAP, triangulate
+from .triangulation import LEAP_DISTANCE, triangulate
 
-COMPARED_WITHIN = 0.1
+COMPARISON_WINDOW = 0.1
 """A point is compared with those up to this long before and after it, seconds."""
-AVERAGED_OVER = 0.04
+AVERAGING_TIME = 0.04
 """Time over which points are averaged before a body is posed on them, seconds."""
-BRIDGED = 0.6
+MAX_BRIDGED_TIME = 0.6
 """Longest time between two certain positions of a point across which a straight line decides on left and right,
 seconds.
 """
@@ -127,16 +127,18 @@ def _expected(points_world: Array, inliers: NDArray[np.bool_], fps: float) -> Ar
         if len(known) < 2:
             continue
         after = np.clip(np.searchsorted(known, frames), 1, len(known) - 1)
-        between = (frames > known[0]) & (frames < known[-1]) & (known[after] - known[after - 1] <= BRIDGED * fps)
+        between = (
+            (frames > known[0]) & (frames < known[-1]) & (known[after] - known[after - 1] <= MAX_BRIDGED_TIME * fps)
+        )
         expected[between, i] = gaps_filled(sure[:, i])[between]
     return expected
 
 
 def running_median(points_world: Array, fps: float) -> Array:
-    """Return running medians of points (F, L, 3) over `COMPARED_WITHIN` before and after; NaN if none is known
+    """Return running medians of points (F, L, 3) over `COMPARISON_WINDOW` before and after; NaN if none is known
     there.
     """
-    half = max(1, round(COMPARED_WITHIN * fps))
+    half = max(1, round(COMPARISON_WINDOW * fps))
     padded = np.pad(points_world, ((half, half), (0, 0), (0, 0)), constant_values=np.nan)
     around = np.stack([padded[k : k + len(points_world)] for k in range(2 * half + 1)])
     with warnings.catch_warnings():
@@ -146,7 +148,7 @@ def running_median(points_world: Array, fps: float) -> Array:
 
 def without_leaps(points_world: Array, fps: float) -> Array:
     """Return points (F, L, 3) with NaN for those that leap away from their positions before and after."""
-    leaps = np.linalg.norm(points_world - running_median(points_world, fps), axis=-1) > LEAP
+    leaps = np.linalg.norm(points_world - running_median(points_world, fps), axis=-1) > LEAP_DISTANCE
     return np.where(leaps[..., None], np.nan, points_world)
 
 
@@ -158,4 +160,4 @@ def averaged(points_world: Array, fps: float) -> Array:
     lasting = np.isfinite(points_world).all(axis=(0, 2))
     carrier = points_world[:, lasting].mean(axis=1) if lasting.any() else np.zeros((len(points_world), 3))
     filled = np.stack([gaps_filled(points - carrier) + carrier for points in np.moveaxis(points_world, 1, 0)], axis=1)
-    return np.asarray(scipy.ndimage.gaussian_filter1d(filled, AVERAGED_OVER * fps / 2, axis=0, mode="nearest"))
+    return np.asarray(scipy.ndimage.gaussian_filter1d(filled, AVERAGING_TIME * fps / 2, axis=0, mode="nearest"))

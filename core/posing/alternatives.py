@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..body import Body, landmark_positions, part_poses
-from ..body.joint_limits import LIMIT_DEVIATION
+from ..body.joint_limits import LIMIT_SIGMA
 from ..body.motion import Motion
 from ..body.soles import Soles
 from ..numerics import rotations
@@ -215,7 +215,7 @@ def _strain(turns: Array, limits: Array) -> Array:
     squared standard deviations, shape (F,).
     """
     beyond = turns - np.clip(turns, limits[..., 0], limits[..., 1])
-    return np.asarray(np.sum((beyond / LIMIT_DEVIATION) ** 2 + (turns / EASE) ** 2, axis=(1, 2)))
+    return np.asarray(np.sum((beyond / LIMIT_SIGMA) ** 2 + (turns / EASE) ** 2, axis=(1, 2)))
 
 
 def _limb_landmarks(body: Body) -> list[str]:

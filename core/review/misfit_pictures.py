@@ -13,7 +13,7 @@ from ..body.kinematics import scene_poses
 from ..body.motion import Motion
 from ..body.time_shift import poses_after
 from ..errors import ShotError
-from ..evidence.foreground_images.foreground import SURE, foreground_images, log_ratio
+from ..evidence.foreground_images.foreground import SURE_LOG_RATIO, foreground_images, log_ratio
 from ..evidence.misfit import NEAR
 from ..evidence.rendering.label_images import render_labels
 from ..evidence.rendering.part_geometry import Geometry
@@ -97,8 +97,8 @@ def misfit_picture(shot: Shot, view: View, motions: Sequence[Motion], frame: int
 def _tinted(picture: Image, ratio: NDArray[np.float32], model: NDArray[np.bool_], near: float) -> MisfitPicture:
     """Tint a picture where log likelihood ratios (h, w) contradict the model, up to `near` pixels from it."""
     beside = cv2.distanceTransform((~model).astype(np.uint8), cv2.DIST_L2, 3) < near
-    uncovered = np.where(beside & ~model, np.clip(ratio / SURE, 0, 1), 0)
-    beyond = np.where(model, np.clip(-ratio / SURE, 0, 1), 0)
+    uncovered = np.where(beside & ~model, np.clip(ratio / SURE_LOG_RATIO, 0, 1), 0)
+    beyond = np.where(model, np.clip(-ratio / SURE_LOG_RATIO, 0, 1), 0)
     grey = cv2.cvtColor(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR) * _DARKENED
     for share, tint in ((uncovered, UNCOVERED), (beyond, BEYOND)):
         grey = grey + share[..., None] * (np.array(tint) - grey)

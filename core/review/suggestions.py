@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..evidence.occlusion import LONG, intervals
+from ..evidence.occlusion import LONG_GAP, intervals
 from ..numerics.arrays import Array, Ints
 from ..shot.shot import KeyPoses
 from ..tracking.expected_errors.uncertainty import expected_errors, joint_parts
@@ -185,7 +185,7 @@ def _longest_hidden(hidden: NDArray[np.bool_], keys: KeyPoses) -> list[tuple[int
     for part in range(hidden.shape[1]):
         unknown = hidden[:, part].copy()
         unknown[_keyed(keys, part)] = False
-        spans += [(part, a, b) for a, b in intervals(unknown) if b + 1 - a >= LONG]
+        spans += [(part, a, b) for a, b in intervals(unknown) if b + 1 - a >= LONG_GAP]
     return sorted(spans, key=lambda span: (span[1] - span[2], span[1]))
 
 

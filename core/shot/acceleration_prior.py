@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..body import Body
-from ..body.smoothness_estimate import POOLED, axis_mobility, precision_of
+from ..body.smoothness_estimate import POOLING_COUNT, axis_mobility, precision_of
 from ..numerics.arrays import Array, Bools
 from .shot import KeyPoses, Settings
 
@@ -58,5 +58,5 @@ def variances_from_key_poses(body: Body, keys: KeyPoses, fps: float, settings: S
     squares = (np.diff(speed, axis=0) / axis_mobility(body)) ** 2 / weight[:, None]
     seen = squares.reshape(len(m), -1, 3).mean(axis=(0, 2)) / usual
     count = 3 * len(m)
-    likely = usual * np.maximum((POOLED * seen.mean() + count * seen) / (POOLED + count), _LEAST_CHANGE)
+    likely = usual * np.maximum((POOLING_COUNT * seen.mean() + count * seen) / (POOLING_COUNT + count), _LEAST_CHANGE)
     return np.where(given_groups(body, settings), usual, likely)

@@ -12,8 +12,8 @@ from ..body import Body
 from ..body.kinematics import Poses, scene_poses
 from ..body.motion import Motion
 from ..body.time_shift import poses_after
-from ..evidence.foreground_images.foreground import HALO, performer_foregrounds
-from ..evidence.foreground_images.known_pixels import MARGIN, KnownPixels
+from ..evidence.foreground_images.foreground import EDGE_HALO, performer_foregrounds
+from ..evidence.foreground_images.known_pixels import CLOTHES_MARGIN, KnownPixels
 from ..evidence.foreground_images.masks import beyond, within
 from ..evidence.foreground_images.part_colours import PartColours
 from ..evidence.part_shapes import FittedShape, fitted_shape
@@ -26,12 +26,11 @@ from .picture_store import FOREGROUND, GREY, PALETTE, PictureStore
 from .reader import ColourFrames
 from .segments import PosedFrames
 
-AWAY = 0.1
-"""Distance by which a performer may differ from its nearest key poses, metres; it grows by `DRIFT` per second of the
-time between.
-"""
-DRIFT = 0.5
-FARTHEST = 1.0
+KEY_POSE_REACH = 0.1
+"""Distance by which a performer may differ from its nearest key poses, metres; it grows by `REACH_GROWTH` per second of
+the time between. """
+REACH_GROWTH = 0.5
+MAX_REACH = 1.0
 """Upper limit of that distance, metres."""
 
 
@@ -84,14 +83,14 @@ def frames_with_foreground(
     if not len(keys.frames):
         return view
     poses = scene_poses(bodies, poses_after(motions, view.delay - footage_offset, keys.frames))
-    margins = np.minimum(AWAY + DRIFT * keys.apart / fps, FARTHEST)
+    margins = np.minimum(KEY_POSE_REACH + REACH_GROWTH * keys.apart / fps, MAX_REACH)
     geometry = Geometry.of(bodies)
     known = known_pixels(view, geometry, poses, keys, margins)
     if not any(mask.any() for shown in known.shown for mask in shown.values()):
         return view
     images = performer_foregrounds(frames.colour, known, view.camera.stands_still)
     foreground = np.moveaxis(store.kept(FOREGROUND, images, len(frames.colour)), 1, 0)
-    view = replace(view, foreground=foreground, halo=HALO)
+    view = replace(view, foreground=foreground, halo=EDGE_HALO)
     colours = PartColours.learned(
         frames.colour, known.parts, geometry.performer, parts_apart(bodies), known.pixels_per_metre
     )
@@ -142,7 +141,7 @@ def known_pixels(view: ViewFrames, geometry: Geometry, poses: Poses, keys: Posed
     shown: list[dict[int, Bools]] = [{} for _ in range(M)]
     behind, parts = {}, {}
     for k, row in enumerate((keys.frames - view.first).tolist()):
-        behind[row] = beyond(labels[k] >= 0, MARGIN * scale) & ~unsure[k]
+        behind[row] = beyond(labels[k] >= 0, CLOTHES_MARGIN * scale) & ~unsure[k]
         whose = np.where(labels[k] >= 0, geometry.performer[labels[k]], -1)
         parts[row] = np.where(np.isin(whose, np.flatnonzero(keys.posed[k])) & ~unsure[k], labels[k], np.int16(-1))
         for m in np.flatnonzero(keys.posed[k]):

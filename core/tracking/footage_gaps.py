@@ -20,10 +20,10 @@ from ..shot.shot import Gap, Shot, View
 from .journal import FinishedSegment
 from .track_result import TrackResult
 
-MOST_GAPS = 4
+MAX_GAPS = 4
 """How often a shot is tracked again with one more gap, at most: of several frames that are missing, one is found at a
 time."""
-NEAR = 2
+SAME_GAP_FRAMES = 2
 """Distance in frames within which gaps are one: at most so far from its true place one was found, with one exception
 (docs/bench.md)."""
 
@@ -60,7 +60,7 @@ def _with_gap(view: View, place: int, missing: int) -> View:
     none are. They belong to a gap that is known nearby.
     """
     near = min(view.gaps, key=lambda gap: abs(gap.frame - place), default=Gap(place, 0))
-    if abs(near.frame - place) > NEAR:
+    if abs(near.frame - place) > SAME_GAP_FRAMES:
         near = Gap(place, 0)
     changed = Gap(near.frame, near.missing + missing)
     gaps = [gap for gap in (*view.gaps, changed) if gap != near and gap.missing]

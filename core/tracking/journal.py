@@ -32,9 +32,9 @@ from .late_views import Lateness
 from .segments import Segment, segments
 from .track_result import SegmentResult
 
-UNFINISHED = ".unfinished"
+JOURNAL_SUFFIX = ".unfinished"
 """Suffix that is added to the name of the results' folder for that of the journal."""
-SPARE = 20
+DISK_RESERVE = 20
 """A file is written only if the disk has room for this many times its size, as the results need room, too."""
 _FILE = re.compile(r"[0-9a-f]{16}_\d+_\d+\.segment(\.new)?")
 _CHECKSUM = hashlib.sha256().digest_size
@@ -121,7 +121,7 @@ class Journal:
         with suppress(OSError):
             data = _bytes_of(finished, key)
             self.folder.mkdir(mode=0o700, exist_ok=True)
-            if not _is_own(self.folder) or shutil.disk_usage(self.folder).free < SPARE * len(data):
+            if not _is_own(self.folder) or shutil.disk_usage(self.folder).free < DISK_RESERVE * len(data):
                 return
             file = self.folder / _name(key, finished.segment)
             new = file.with_suffix(".segment.new")
@@ -182,7 +182,7 @@ def journal_beside(folder: Path, *, resume: bool) -> Iterator[Journal]:
     If the block fails, the journal stays. If the run is interrupted, it stays only if `resume` is set.
     """
     whole = folder.absolute()
-    journal = Journal(whole.with_name(whole.name + UNFINISHED) if whole.name else whole, resume=resume)
+    journal = Journal(whole.with_name(whole.name + JOURNAL_SUFFIX) if whole.name else whole, resume=resume)
     if not resume:
         journal.discard()
     try:

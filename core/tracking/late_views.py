@@ -22,9 +22,9 @@ from .solvers.equations.measurement import Instants, MeasuredMotion
 from .solvers.equations.problem import SegmentProblem
 from .solvers.equations.segment_equations import paired_sums, weighted_evidence
 
-MOST_PLACES = 48
+MAX_STARTS = 48
 """Number of frames of a segment on which a delay may begin, at most."""
-CONSTANT = 0.3
+CONSTANT_DELAY_SIGMA = 0.3
 """Prior standard deviation of a view's delay over the whole shot, frames: cameras may be synchronised inexactly."""
 LEAST, SURE = 0.3, 7.0
 """Smallest delay that is reported, frames, and in standard deviations. A frame that is missing gives 0.33 to 0.74
@@ -33,7 +33,7 @@ frames have at most 4.9 deviations, and those of 7 at most 0.24 frames (docs/ben
 TORN, TORN_VIEW = 1.25, 1.5
 """How many times as sure a delay counts that begins where pictures do not continue from the one before: among those of
 its view, and against those of other views."""
-CLEARLY = 1.15
+CLEAR_RATIO = 1.15
 """How many times as sure a delay must be as those of all other views for it to be clear whose it is."""
 
 
@@ -116,7 +116,7 @@ def segment_lateness(
         Normal equations of all performers at the solution.
     """
     F = problem.length
-    places = np.unique(np.linspace(0, F - 1, min(F, MOST_PLACES)).round().astype(int))
+    places = np.unique(np.linspace(0, F - 1, min(F, MAX_STARTS)).round().astype(int))
     evidence, weights = weighted_evidence(problem, measured.evidence, hidden)
     factors, spans = [system.factor() for system in tied.systems], problem.spans()
     found = np.zeros((3, len(problem.views), len(places)))
@@ -209,7 +209,7 @@ def late_views(segments: Sequence[tuple[int, Lateness]], torn: Sequence[Sequence
     """
     found = [_surest(segments, v, np.array(frames, int)) for v, frames in enumerate(torn)]
     best = max(sureness for sureness, _ in found)
-    clear = sum(CLEARLY * sureness > best for sureness, _ in found) == 1
+    clear = sum(CLEAR_RATIO * sureness > best for sureness, _ in found) == 1
     return tuple(None if one is None or sureness < best else replace(one, clear=clear) for sureness, one in found)
 
 
@@ -219,7 +219,7 @@ def _surest(segments: Sequence[tuple[int, Lateness]], view: int, torn: Ints) -> 
     """
     whole = np.array([[own.gradient[view, 0], own.precision[view, 0]] for _, own in segments])
     gradient, precision = whole.sum(axis=0)
-    precision += CONSTANT**-2
+    precision += CONSTANT_DELAY_SIGMA**-2
     best, most = None, 0.0
     for (first, own), behind in zip(segments, np.cumsum(whole[::-1], axis=0)[::-1] - whole, strict=True):
         share = (own.coupling[view, 1:] + behind[1]) / precision

@@ -21,7 +21,7 @@ from .segments import segments
 
 Images = NDArray[np.uint8]
 
-HELD_BYTES = 256 << 20
+MAX_MEMORY_BYTES = 256 << 20
 """Largest size of a segment's pictures in memory; those of longer segments are in files."""
 
 COLOUR, GREY, FOREGROUND, PALETTE = "colour", "grey", "foreground", "palette"
@@ -114,11 +114,11 @@ class StoredView:
 
 
 def fits_in_memory(shot: Shot) -> bool:
-    """Whether the pictures of the longest segment of a shot take no more than `HELD_BYTES`."""
+    """Whether the pictures of the longest segment of a shot take no more than `MAX_MEMORY_BYTES`."""
     longest = max(last + 1 - first for first, last in segments(shot))
     images = 3 + 1 + len(shot.performers)  # colour, grey, and the foreground of each performer
     sizes = [view.camera.reduced(working_factor(view, shot.settings.working_size)).size for view in shot.views]
-    return longest * images * sum(width * height for width, height in sizes) <= HELD_BYTES
+    return longest * images * sum(width * height for width, height in sizes) <= MAX_MEMORY_BYTES
 
 
 @contextmanager

@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from filterpy.kalman import KalmanFilter as Filter
 
 
-ORDER = 12
+MAX_ORDER = 12
 """Largest order of a model; it is never more than a third of the number of steps that the model is learnt from.
 
 Akaike's criterion would choose lower orders on series this short, where estimates of the autocovariance damp every
 model, and predict less well: the error of limbs hidden for 12 frames at 30 frames/s would be a quarter larger."""
-PAST = 16
+FILTER_STEPS = 16
 """Number of steps before a gap that the filter runs over; more make no difference."""
-_SMALLEST = 1e-12  # variance of a parameter that stands still, (rad/frame)^2 or (m/frame)^2
+_MIN_VARIANCE = 1e-12  # variance of a parameter that stands still, (rad/frame)^2 or (m/frame)^2
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,17 +115,17 @@ def autoregression(runs: Sequence[Array], order: int | None = None) -> AutoRegre
     runs : sequence of ndarray, shape (n_k,)
         Runs of the series, rad/frame or m/frame. If there are too few samples, or all are zero, the model stands still.
     order : int, optional
-        Order h, by default `ORDER`; never more than a third of the samples.
+        Order h, by default `MAX_ORDER`; never more than a third of the samples.
     """
-    h = min(ORDER if order is None else order, sum(len(run) for run in runs) // 3)
+    h = min(MAX_ORDER if order is None else order, sum(len(run) for run in runs) // 3)
     r = autocovariance(runs, h)
-    if r[0] <= _SMALLEST:
-        return AutoRegression(np.zeros(0), _SMALLEST, _SMALLEST, np.array([_SMALLEST]))
+    if r[0] <= _MIN_VARIANCE:
+        return AutoRegression(np.zeros(0), _MIN_VARIANCE, _MIN_VARIANCE, np.array([_MIN_VARIANCE]))
     a, variance = levinson(r)
     return AutoRegression(
         a,
         max(variance, 1e-9 * r[0]),
-        max(min(observation_noise(runs), r[0] / 2), _SMALLEST),
+        max(min(observation_noise(runs), r[0] / 2), _MIN_VARIANCE),
         r[: max(len(a), 1)],
     )
 
@@ -186,7 +186,7 @@ def predict_unseen(motion: Motion, unseen: NDArray[np.bool_], *, since: int = 0)
 
 def _filled(part: Motion, unseen: NDArray[np.bool_], since: int) -> Motion:
     """Predict the unseen frames of a single part's motion, where they depend on poses from frame `since` on."""
-    gaps = [(a, b) for a, b in intervals(unseen) if b + 1 + PAST >= since]
+    gaps = [(a, b) for a, b in intervals(unseen) if b + 1 + FILTER_STEPS >= since]
     if not gaps:
         return part
     runs = [_steps(part[a : b + 1]) for a, b in intervals(~unseen)]
@@ -211,7 +211,7 @@ def _seen_before(past: Motion, unseen: NDArray[np.bool_]) -> Motion:
     """Return the last run of past frames that was seen without a break."""
     hidden = np.flatnonzero(unseen)
     start = hidden[-1] + 1 if len(hidden) else 0
-    return past[max(start, len(past) - 1 - PAST) :]
+    return past[max(start, len(past) - 1 - FILTER_STEPS) :]
 
 
 def _continued(seen: Motion, steps: int, models: Sequence[AutoRegression], drift: Array) -> tuple[Motion, Array]:

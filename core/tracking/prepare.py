@@ -43,7 +43,7 @@ from .solvers.registry import REGISTRY, solver_named
 
 MAIN_LANDMARKS = tuple(side + joint for joint in MAIN_JOINTS for side in "LR")
 """The main joints of both sides."""
-LEAST_LANDMARKS = 4
+MIN_LANDMARKS = 4
 """Fewest main joints that a key pose needs; for people who are not wholly in the picture some are unknown."""
 
 
@@ -274,8 +274,8 @@ def _landmarks_at(landmarks: Landmarks, keys: NDArray[np.int64], first: int) -> 
     points = landmarks.points_world[keys - first]
     main = [i for i, name in enumerate(landmarks.names) if name in MAIN_LANDMARKS]
     for key, known in zip(keys, np.isfinite(points[:, main]).all(axis=-1).sum(axis=1), strict=True):
-        if known < LEAST_LANDMARKS:
-            what = f"only {known} of the main joints are known at key frame {key}; a key pose needs {LEAST_LANDMARKS}"
+        if known < MIN_LANDMARKS:
+            what = f"only {known} of the main joints are known at key frame {key}; a key pose needs {MIN_LANDMARKS}"
             raise LandmarkError(what, todo=f"choose another key frame; main joints are {', '.join(MAIN_LANDMARKS)}")
     return np.asarray(points)
 

@@ -19,14 +19,14 @@ from ..shot.frame_numbers import without_gaps_beyond
 from ..shot.grips import completed
 from ..shot.shot import KeyPoses, Performer, Shot
 from .footage_gaps import with_found_gaps
-from .run_context import NOTHING_KEPT, RunContext
+from .run_context import PLAIN_RUN, RunContext
 from .schedule import SegmentShown
 from .segment_stages import Around
 from .segments import Segment, segments
 from .track_result import TrackResult
 from .tracker import track
 
-PREVIEWED = 4
+PREVIEW_ITERATIONS = 4
 """Number of iterations that a preview shows; the first is the initial solution."""
 
 
@@ -82,7 +82,7 @@ def track_excerpts(
     excerpts: Sequence[Excerpt],
     progress: Progress | None = None,
     *,
-    run: RunContext = NOTHING_KEPT,
+    run: RunContext = PLAIN_RUN,
 ) -> list[TrackResult]:
     """Track excerpts of a shot; the time depends on the excerpts alone, not on the length of the shot.
 
@@ -162,7 +162,7 @@ def preview_segment(
 
     def looked(_what: str, _fraction: float) -> bool:
         report_progress(progress, "looking ahead", 0.0)
-        return len(seen) < PREVIEWED
+        return len(seen) < PREVIEW_ITERATIONS
 
     asked = completed(shot).between(first, last).with_footage_offset(part.footage_offset)
     with contextlib.suppress(KFMocapError):  # cancelled, or an error that the tracking that follows reports

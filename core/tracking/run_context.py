@@ -65,4 +65,4 @@ class RunContext:
     footage_checked: bool = False
 
 
-NOTHING_KEPT = RunContext()
+PLAIN_RUN = RunContext()

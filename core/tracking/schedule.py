@@ -30,7 +30,7 @@ from .segments import Segment, segments, whole_keys
 Observer = Callable[[Segment, int, Sequence[Motion]], None]
 SegmentShown = Callable[[Segment, tuple[Motion, ...]], None]
 """Called with a segment and its motions as soon as it is solved, and again once it is refined."""
-SOLVING = 0.7
+SOLVING_SHARE = 0.7
 """Share of the work on a segment that is done before refinement, for reports of progress."""
 
 
@@ -103,7 +103,9 @@ class SegmentSchedule:
         else:
             state = self.state if self._goes_on[k] else self._begin
             work = partial(solve_task, self._task(k, state), self._observed, self._earlier, watch=self._watcher(k))
-            solving: Future[SolvedSegment] = self._pool.submit(work, self._report.part(self._segments[k], SOLVING))
+            solving: Future[SolvedSegment] = self._pool.submit(
+                work, self._report.part(self._segments[k], SOLVING_SHARE)
+            )
             solving.add_done_callback(lambda done: self._show_motions(done, k, lambda s: s.solution.motions))
             self._solving.append(solving)
         if self._pool.workers == 1:
@@ -164,7 +166,7 @@ class SegmentSchedule:
                 state = state.with_solution(self._segments[k - 1], self._done[k - 1].motions)
             work = partial(refine_task, self._task(k, state), solved, self._shapes_beside(k), watch=self._watcher(k))
             refining: Future[RefinedSegment] = self._pool.submit(
-                work, self._report.part(self._segments[k], 1 - SOLVING)
+                work, self._report.part(self._segments[k], 1 - SOLVING_SHARE)
             )
             refining.add_done_callback(lambda done: self._show_motions(done, k, lambda r: r.finished.motions))
             self._refining.append(refining)

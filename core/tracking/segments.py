@@ -14,7 +14,7 @@ from ..shot.shot import Shot
 
 Segment = tuple[int, int]
 """First and last shot frame of a range that is solved together."""
-LONGEST = 150
+MAX_LENGTH = 150
 """Largest length of segments where key poses are only proposed, or on different frames for different performers."""
 
 NEVER = 1 << 30
@@ -53,15 +53,15 @@ def segments(shot: Shot) -> list[Segment]:
 
     They meet where every performer has a key pose of the whole body; those before the first and after the last of these
     frames have a key pose at one end only. Where key poses are only proposed, or performers have theirs on different
-    frames, segments longer than `LONGEST` are divided on some of these, so that fewer pictures are held at a time.
+    frames, segments longer than `MAX_LENGTH` are divided on some of these, so that fewer pictures are held at a time.
     """
     cuts = sorted({*whole_keys(shot, 0, shot.length - 1).tolist(), 0, shot.length - 1})
     proposed = posed_frames(shot, 0, shot.length - 1).frames
     found = []
     for start, last in pairwise(cuts):
         first = start
-        while last - first > LONGEST:
-            near = [int(f) for f in proposed if first < f <= first + LONGEST]
+        while last - first > MAX_LENGTH:
+            near = [int(f) for f in proposed if first < f <= first + MAX_LENGTH]
             if not near:
                 break
             found.append((first, near[-1]))

@@ -31,11 +31,11 @@ from ..shot.grips import completed
 from ..shot.keypose_spline import spline
 from ..shot.shot import Shot, fixed_degrees
 from ..shot.shot_spec import ShotSpec
-from .footage_gaps import MOST_GAPS, fits_better, unaffected, with_found_gaps, with_gaps, with_timed_gaps
+from .footage_gaps import MAX_GAPS, fits_better, unaffected, with_found_gaps, with_gaps, with_timed_gaps
 from .journal import FinishedSegment, KeptSegments
 from .picture_store import fits_in_memory, picture_folder
 from .reader import is_kept, kept_rate
-from .run_context import NOTHING_KEPT, RunContext, SolvedShot
+from .run_context import PLAIN_RUN, RunContext, SolvedShot
 from .schedule import Observer, SegmentSchedule
 from .segment_footage import SegmentFootage
 from .segment_stages import Around, EarlierTrack, TrackState
@@ -46,10 +46,10 @@ from .solvers.protocol import Solver
 from .solvers.registry import solver_named
 from .track_result import TrackResult
 
-WORTH_PROCESSES = 80
+MIN_PARALLEL_WORK = 80
 """Frames x views x performers from which segments are solved in several processes: about a second of work, which is
 twice what it takes to start one."""
-SOLVING = (solve_task.__module__,)
+WORKER_MODULES = (solve_task.__module__,)
 """Modules that these processes import while the first footage is decoded."""
 
 
@@ -61,7 +61,7 @@ def track(
     pictures: Sequence[int] = (),
     around: Around = (None, None),
     *,
-    run: RunContext = NOTHING_KEPT,
+    run: RunContext = PLAIN_RUN,
     earlier: Sequence[Motion] = (),
 ) -> TrackResult:
     """Track every performer of a shot.
@@ -97,7 +97,7 @@ def track(
     shot, views_as_given = _in_order(shot)
     asked = _Asked(progress, observe, pictures, around, run, earlier, views_as_given)
     result, done = _tracked(shot, asked)
-    for _ in range(MOST_GAPS):
+    for _ in range(MAX_GAPS):
         corrected = with_gaps(shot, result)
         if corrected is None:
             break
@@ -244,7 +244,7 @@ def _footage_checked(shot: Shot, run: RunContext) -> Iterator[list[Future[Footag
 def _places_to_work(shot: Shot, run: RunContext, workers: int) -> Iterator[tuple[WorkerPool, Path | None]]:
     """Provide a pool of workers, and a folder for the segments' pictures unless these are held in memory."""
     with ExitStack() as stack:
-        pool = stack.enter_context((WorkerPool if run.memory is None else run.memory.pool)(workers, SOLVING))
+        pool = stack.enter_context((WorkerPool if run.memory is None else run.memory.pool)(workers, WORKER_MODULES))
         in_memory = workers == 1 and fits_in_memory(shot)
         yield pool, None if in_memory else stack.enter_context(picture_folder())
 
@@ -284,7 +284,7 @@ def workers_for(spec: ShotSpec, threads: int | None = None) -> int:
 
 def _worth(frames: int, views: Sequence[object], performers: Sequence[object]) -> bool:
     """Whether there is enough work for several processes."""
-    return frames * len(views) * len(performers) >= WORTH_PROCESSES
+    return frames * len(views) * len(performers) >= MIN_PARALLEL_WORK
 
 
 def _side_by_side(seconds: Seconds, passed: float) -> dict[str, float]:

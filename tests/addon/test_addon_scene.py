@@ -13,7 +13,7 @@ bpy = pytest.importorskip("bpy")
 from addon_shots import blender, joint_error, keys_of, motion, shot, tracker  # noqa: E402, F401
 from kfmocap import kfmocap_addon  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
-from kfmocap.core.body.body import AT_EASE  # noqa: E402
+from kfmocap.core.body.body import REST_SIGMA  # noqa: E402
 from kfmocap.core.choices import FEET, HAND_SHAPES, ROOT_MOTIONS, SOLVERS  # noqa: E402
 from kfmocap.core.errors import CancelledError, FootageError, ShotError  # noqa: E402
 from kfmocap.core.retargeting.hand_shapes import BENDS  # noqa: E402
@@ -362,5 +362,5 @@ def test_usual_departures_survive_saving_and_old_bodies_have_none(blender, tmp_p
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "body.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "body.blend"))
     read = body_armature.body_from_armature(bpy.data.objects["man"])
-    assert read.departures.tolist() == (body.departures.tolist() if collar_bones else [AT_EASE] * len(body))
+    assert read.departures.tolist() == (body.departures.tolist() if collar_bones else [REST_SIGMA] * len(body))
     assert read.is_stiff.any() == collar_bones

@@ -12,7 +12,7 @@ bpy = pytest.importorskip("bpy")
 from addon_shots import blender  # noqa: E402, F401
 from conftest import ROOT  # noqa: E402
 from kfmocap.core.body import human, landmark_positions  # noqa: E402
-from kfmocap.core.body.body import AT_EASE  # noqa: E402
+from kfmocap.core.body.body import REST_SIGMA  # noqa: E402
 from kfmocap.core.body.measures import measures_from_landmarks  # noqa: E402
 from kfmocap.core.formats import read_trc  # noqa: E402
 from kfmocap.core.tracking.prepare import load_shot  # noqa: E402
@@ -44,7 +44,7 @@ def tracked_frames(armature) -> set[int]:
 def human_of_then(*arguments, **options):
     """The default body of version 0.1.0: no collar bones, and a trunk that turns as it likes."""
     body = human(*arguments, **options, collar_bones=False)
-    return replace(body, parts=tuple(replace(part, departure=AT_EASE) for part in body.parts))
+    return replace(body, parts=tuple(replace(part, departure=REST_SIGMA) for part in body.parts))
 
 
 def test_the_saved_shot_is_that_of_the_shot_file(opened, monkeypatch) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from kfmocap.__main__ import main
-from kfmocap.core.tracking.journal import UNFINISHED
+from kfmocap.core.tracking.journal import JOURNAL_SUFFIX
 from short_walk import short_walk
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="processes are killed by signals")
@@ -28,7 +28,7 @@ def killed(folder: Path) -> int:
     """Start a run and kill it once it has finished a segment."""
     process = subprocess.Popen([sys.executable, "-m", "kfmocap", *arguments(folder, "out")])
     until = time.monotonic() + LIMIT
-    while not list(folder.glob(f"out{UNFINISHED}/*.segment")) and time.monotonic() < until:
+    while not list(folder.glob(f"out{JOURNAL_SUFFIX}/*.segment")) and time.monotonic() < until:
         time.sleep(0.01)
     process.kill()
     return process.wait()

@@ -65,8 +65,8 @@ SYSTEM_TERMS = (
     Term(
         "paper 2, section 3.2: the model is laid over the outline",
         "core/fitting/outline_fit.py",
-        "return 1 / (KEY_PIECE * self.tolerance**2)",
-        "return 0 / (KEY_PIECE * self.tolerance**2)",
+        "return 1 / (KEY_FRAME_PIECE * self.tolerance**2)",
+        "return 0 / (KEY_FRAME_PIECE * self.tolerance**2)",
         "tests/core/fitting/test_body_fit.py::test_a_body_of_another_size_is_found_from_its_outlines",
     ),
     Term(

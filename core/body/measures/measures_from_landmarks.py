@@ -15,18 +15,25 @@ from ...numerics.normal_equations import DenseEquations
 from ...numerics.repeatable import on_grid
 from .. import Body, default_measures, human, landmark_positions, part_poses, point_jacobian
 from ..human import FRACTIONS, SHIFTS
-from ..inverse_kinematics import LANDMARK_SIGMA, ROUGH, SETTLED, pose_costs, posture_weights, searched_poses
+from ..inverse_kinematics import (
+    COARSE_TOLERANCE,
+    FINE_TOLERANCE,
+    LANDMARK_SIGMA,
+    pose_costs,
+    posture_weights,
+    searched_poses,
+)
 from ..motion import Motion
 
 MEASURE_SIGMA = 0.12
 """Standard deviation of a measure from the average person's, as a share of it."""
 SHIFT_SIGMA = 0.03
 """Standard deviation of a shift (`body.human.SHIFTS`) from the average person's, metres."""
-LITTLE_GAIN = 1e-3
+MIN_GAIN = 1e-3
 """The fit of measures ends when a step lowers the cost by less than this share."""
-AT_LIMIT = 1e-6
+LIMIT_TOLERANCE = 1e-6
 """A joint this near to its limit is held while measures change, radians."""
-TINY = 1e-12
+UNOBSERVED_WEIGHT = 1e-12
 """Square metres per square unit of a degree of freedom that no landmark shows."""
 
 
@@ -49,7 +56,7 @@ def fit_body(names: Sequence[str], targets_world: Array, height: float | None = 
     targets = np.asarray(targets_world, float)
     stature = estimate_height(names, targets) if height is None else height
     problem = _MeasureProblem.of(stature, names, targets)
-    rough = problem.minimised(problem.posed(problem.average, None, tolerance=ROUGH), 1)
+    rough = problem.minimised(problem.posed(problem.average, None, tolerance=COARSE_TOLERANCE), 1)
     # With the second round the body nearly fits.
     found = problem.minimised(problem.posed(rough.values, rough.poses, search=True), rounds - 1)
     return human(stature, problem.measures(found.values))
@@ -127,7 +134,7 @@ class _MeasureProblem:
         return dict(zip(default_measures(self.stature), values.tolist(), strict=True))
 
     def posed(
-        self, values: Array, start: Motion | None, *, search: bool = False, tolerance: float = SETTLED
+        self, values: Array, start: Motion | None, *, search: bool = False, tolerance: float = FINE_TOLERANCE
     ) -> _MeasuredPoses:
         """Return the body with some measures, posed on the landmarks from given poses; with `search` from others as
         well.
@@ -138,7 +145,7 @@ class _MeasureProblem:
 
     def minimised(self, start: _MeasuredPoses, steps: int) -> _MeasuredPoses:
         """Return the measures after at most `steps` steps, each of which lowers the cost."""
-        stopping: StoppingRule[_MeasuredPoses] = StoppingRule(steps, LITTLE_GAIN)
+        stopping: StoppingRule[_MeasuredPoses] = StoppingRule(steps, MIN_GAIN)
         return minimise(start, self._linearised, self._moved, damping=GAUSS_NEWTON, stopping=stopping).state
 
     def _moved(self, state: _MeasuredPoses, step: Array) -> _MeasuredPoses:
@@ -160,7 +167,7 @@ class _MeasureProblem:
         J = (np.stack(columns, axis=-1) * seen[..., None]).reshape(K, -1, len(columns))
         posing = (_free_jacobian(state.body, state.poses, self.labels) * seen[..., None]).reshape(K, -1, state.body.dof)
         across = np.swapaxes(posing, 1, 2)
-        follow = np.linalg.solve(across @ posing + np.diag(posture_weights(state.body) + TINY), across @ J)
+        follow = np.linalg.solve(across @ posing + np.diag(posture_weights(state.body) + UNOBSERVED_WEIGHT), across @ J)
         departure = (state.values - self.average) / self.sigma
         cost = pose_costs(state.body, self.labels, self.targets, state.poses).sum() / LANDMARK_SIGMA**2
         return DenseEquations(
@@ -176,5 +183,5 @@ def _free_jacobian(body: Body, poses: Motion, names: list[str]) -> Array:
     R, T = part_poses(body, poses)
     J = point_jacobian(body, R, T, parts, np.einsum("klab,lb->kla", R[:, parts], local) + T[:, parts])
     turns, (low, high) = rotations.log(poses.rotations[:, 1:]), np.moveaxis(body.limits[1:], 2, 0)
-    J[..., 6:] *= ((turns > low + AT_LIMIT) & (turns < high - AT_LIMIT)).reshape(len(turns), 1, 1, -1)
+    J[..., 6:] *= ((turns > low + LIMIT_TOLERANCE) & (turns < high - LIMIT_TOLERANCE)).reshape(len(turns), 1, 1, -1)
     return J

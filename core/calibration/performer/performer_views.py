@@ -9,7 +9,7 @@ import numpy as np
 
 from ...cameras.camera import Camera
 from ...keypoints.observations import image_rays
-from ...keypoints.seen_landmarks import LEAST_CONFIDENCE
+from ...keypoints.seen_landmarks import MIN_CONFIDENCE
 from ...numerics.arrays import Array
 from ...shot.detections import Detections
 from .limb_residuals import JOINTS, JointSightings
@@ -71,7 +71,7 @@ def joint_sightings(views: Sequence[PerformerView], frames: tuple[int, int], cor
         largest = np.zeros(shape[1])
         for i, frame in enumerate(view.detections.frames - round(view.offset) - first):
             own, sure = view.detections.points[i, columns], view.detections.confidence[i, columns]
-            there = np.isfinite(own).all(axis=-1) & (sure >= LEAST_CONFIDENCE)
+            there = np.isfinite(own).all(axis=-1) & (sure >= MIN_CONFIDENCE)
             if not 0 <= frame < shape[1] or there.sum() < 2:
                 continue
             size = float(np.linalg.norm(np.ptp(own[there], axis=0))) * sure[there].sum()

@@ -20,21 +20,21 @@ from .masks import near, without_specks
 Bytes = NDArray[np.uint8]
 Array = NDArray[np.float32]
 
-REACH = 0.4
+SHADOW_REACH = 0.4
 """Distance from the performers within which the frequency of shadows is learned, metres, the same as that within which
 performers are searched for; and distance from known shadows within which others are searched for."""
-SPECK = 0.02
+MIN_SHADOW_RADIUS = 0.02
 """Smallest radius of a shadow, metres; anything smaller may be noise."""
-LEAST = 0.02
+MIN_SHADOW_AREA = 0.02
 """Smallest area seen both in the light and in shadow from which shadows can be learned, square metres at the distance
 of the performers."""
-AGREEMENT = 3.0
+MAX_LIGHT_DIFFERENCE = 3.0
 """Difference in standard deviations up to which two frames show the same light."""
-_UNUSUAL = 0.05
+_OUTLIER_SHARE = 0.05
 """Share of shadows that may dim by any factor."""
-_STEPS = 64
+_FACTOR_STEPS = 64
 """Steps of a factor per unit."""
-_DARKEST = 8
+_MIN_LEVEL = 8
 """Darker colours, grey levels of 255, do not show what dimmed them."""
 _LOGARITHMS = np.log(np.maximum(np.arange(256), 1)).astype(np.float32)
 
@@ -87,20 +87,20 @@ class ShadowModel:
         ShadowModel or None
             None if fewer samples, or less than half of them, are dimmed alike: then the cause is no shadow.
         """
-        known = (np.minimum(samples, lit) >= _DARKEST).all(axis=1)
+        known = (np.minimum(samples, lit) >= _MIN_LEVEL).all(axis=1)
         samples, lit = samples[known], lit[known].astype(float)
         if not len(samples):
             return None
         factor = samples.mean(axis=1) / lit.mean(axis=1)
         tint = np.median(np.log(samples / lit) / np.log(factor)[:, None], axis=0)
         miss = np.abs(samples - lit * factor[:, None] ** tint).max(axis=1)
-        alike = miss < AGREEMENT * deviation
+        alike = miss < MAX_LIGHT_DIFFERENCE * deviation
         if alike.sum() < max(least, len(samples) / 2):
             return None
-        steps = np.arange(_STEPS + 1) / _STEPS
-        counts = np.bincount(np.rint(factor[alike] * _STEPS).astype(int), minlength=len(steps)).astype(float)
+        steps = np.arange(_FACTOR_STEPS + 1) / _FACTOR_STEPS
+        counts = np.bincount(np.rint(factor[alike] * _FACTOR_STEPS).astype(int), minlength=len(steps)).astype(float)
         counts = cv2.GaussianBlur(counts[:, None], (1, 0), 0, sigmaY=1.5, borderType=cv2.BORDER_REFLECT)[:, 0]
-        density = (1 - _UNUSUAL) * counts / counts.sum() * _STEPS + _UNUSUAL
+        density = (1 - _OUTLIER_SHARE) * counts / counts.sum() * _FACTOR_STEPS + _OUTLIER_SHARE
         share = min(alike.sum() / max(seen, 1), 0.5)
         cost = -np.log(share / (1 - share) * density)
         return cls(cost.astype(np.float32), (steps[:, None] ** tint).astype(np.float32), deviation)
@@ -132,7 +132,7 @@ class ShadowModel:
         """Whether colours (N, 3) can be those of shadows on places with known colours in the light, (N, 3)."""
         dark, light = colours.T, lit.T
         k, _, miss = self._explained(dark, light, _brightness(dark), _brightness(light))
-        return (np.abs(miss).max(axis=0, initial=0) < AGREEMENT * self.deviation) & (k < _STEPS)
+        return (np.abs(miss).max(axis=0, initial=0) < MAX_LIGHT_DIFFERENCE * self.deviation) & (k < _FACTOR_STEPS)
 
     def _explained(
         self, dark: Bytes, lit: Bytes, darkness: Array, light: Array
@@ -141,7 +141,7 @@ class ShadowModel:
         colours (3, N).
         """
         light = np.maximum(light, np.float32(1))
-        k = np.minimum(np.rint(darkness / light * np.float32(_STEPS)), _STEPS).astype(np.intp)
+        k = np.minimum(np.rint(darkness / light * np.float32(_FACTOR_STEPS)), _FACTOR_STEPS).astype(np.intp)
         miss = np.stack([dimmed.take(k) for dimmed in self.dimmed.T])
         miss *= lit
         return k, np.rint(light).astype(np.intp), np.subtract(dark, miss, out=miss)
@@ -182,7 +182,7 @@ class CastShadows:
         pixels_per_metre : float
             Scale at the performers.
         """
-        alike = AGREEMENT * deviation
+        alike = MAX_LIGHT_DIFFERENCE * deviation
         changing, count = _changes(colour, behind, plate.shape[:2], alike)
         places = np.flatnonzero(changing)
         if not len(places):
@@ -195,11 +195,11 @@ class CastShadows:
         dimmed, close, seen = shown & (light < level - alike), np.empty_like(shown), 0
         for k, region in enumerate(behind.values()):
             apart = cv2.distanceTransform(region.astype(np.uint8), cv2.DIST_L2, 3)
-            beside = region & (apart < REACH * pixels_per_metre)
+            beside = region & (apart < SHADOW_REACH * pixels_per_metre)
             close[k] = beside.take(places)
             seen += int(np.count_nonzero(beside & (count > 1)))
         sure = dimmed & close
-        least = LEAST * pixels_per_metre**2
+        least = MIN_SHADOW_AREA * pixels_per_metre**2
         model = ShadowModel.of(colours[sure], lit[sure], seen=seen, deviation=deviation, least=least)
         if model is None:
             return None
@@ -208,7 +208,7 @@ class CastShadows:
         plate, fall = plate.copy(), np.zeros(plate.shape[:2], bool)
         plate.reshape(-1, 3)[places[relit]] = _mean_colours(colours[:, relit], (shown & ~dimmed)[:, relit])
         fall.ravel()[places[relit]] = True
-        fall = near(without_specks(fall, SPECK * pixels_per_metre), REACH * pixels_per_metre)
+        fall = near(without_specks(fall, MIN_SHADOW_RADIUS * pixels_per_metre), SHADOW_REACH * pixels_per_metre)
         return cls(model, plate, fall)
 
     def shade(self, distance: Bytes, image: Bytes, steps: int) -> None:

@@ -24,31 +24,31 @@ from .strangers import strangers_on, without_strangers
 Bytes = NDArray[np.uint8]
 Array = NDArray[np.float32]
 
-STRONGEST = 4.0
+MAX_LOG_RATIO = 4.0
 """Largest absolute value of a log likelihood ratio: no single pixel decides more."""
-SURE = 2.0
+SURE_LOG_RATIO = 2.0
 """Log likelihood ratio at which a pixel counts as foreground, or as background, in full."""
-SCALE = 31.0
+LEVELS_PER_UNIT = 31.0
 """Grey levels of a foreground image per unit of the log likelihood ratio; level 128 is zero."""
-HALO = 0.25
+EDGE_HALO = 0.25
 """Distance beyond the body's edge up to which pixels show enough of it to differ from the background, pixels."""
-LEVELS = 16
+HISTOGRAM_BINS = 16
 """Histogram bins of each of the three colour channels."""
-_STEPS = 16
+_DISTANCE_STEPS = 16
 """Steps of the distance from the background per unit of negative log likelihood; 255 is the largest."""
-_UNKNOWN = 0.1
+_OUTLIER_SHARE = 0.1
 """Share of pixels that show something that neither model predicts: bystanders, shadows, highlights."""
-_LEAST_DEVIATION = 4.0
+_MIN_SIGMA = 4.0
 
 
 def log_ratio(foreground: Bytes) -> Array:
     """Decode foreground images to log likelihood ratios, positive where the performer is likelier."""
-    return (foreground.astype(np.float32) - np.float32(128)) / np.float32(SCALE)
+    return (foreground.astype(np.float32) - np.float32(128)) / np.float32(LEVELS_PER_UNIT)
 
 
 def background_share(ratio: Array) -> Array:
     """Weight of pixels as background, 0 to 1, by their log likelihood ratios; undecided pixels count 0."""
-    return np.asarray(np.clip(-ratio / np.float32(SURE), 0, 1))
+    return np.asarray(np.clip(-ratio / np.float32(SURE_LOG_RATIO), 0, 1))
 
 
 def foreground_images(
@@ -104,7 +104,7 @@ def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Ite
     plate, there = _plate(colour, known.behind)
     there &= fixed
     deviation = _deviation(colour, plate, there)
-    unlike = float(np.sqrt(2 * STRONGEST)) * deviation
+    unlike = float(np.sqrt(2 * MAX_LOG_RATIO)) * deviation
     passing = strangers_on(colour, known.behind, plate, there, unlike=unlike, scale=known.pixels_per_metre)
     strangers = _histogram(colour, passing) if passing else None
     bodies = [_histogram(colour, shown, strangers) for shown in known.shown]
@@ -115,13 +115,13 @@ def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Ite
         _table(own, background, deviation, [other for j, other in enumerate(bodies) if j != i], strangers)
         for i, own in enumerate(bodies)
     ]
-    squares = np.minimum(np.round(np.arange(256) ** 2 * _STEPS / (2 * deviation**2)), 255).astype(np.uint8)
+    squares = np.minimum(np.round(np.arange(256) ** 2 * _DISTANCE_STEPS / (2 * deviation**2)), 255).astype(np.uint8)
     unknown = np.where(there, 0, 255).astype(np.uint8)
     for image in each_row(colour):
         b, g, r = cv2.split(cv2.LUT(cv2.absdiff(image, plate), squares))
         distance = cv2.min(cv2.add(cv2.add(b, g), r), 254) | unknown  # these sums end at 255
         if shadows is not None:
-            shadows.shade(distance, image, _STEPS)
+            shadows.shade(distance, image, _DISTANCE_STEPS)
         places = bins(image).astype(np.intp) << 8 | distance
         images = np.empty((len(tables), *places.shape), np.uint8)
         for table, result in zip(tables, images, strict=True):
@@ -135,53 +135,57 @@ def _table(body: Array, background: Array, deviation: float, others: Sequence[Ar
     The last distance is for pixels where no plate is known. Colours of other performers weigh so little that a colour
     that all wear may still reach the largest value, and so do those of strangers that the performer wears as well.
     """
-    volume = (256 / LEVELS) ** 3  # of a bin of the histograms, whose values are per bin
-    nearness = volume * np.exp(-np.arange(255) / _STEPS) / (np.sqrt(2 * np.pi) * deviation) ** 3
-    still = ((1 - _UNKNOWN) * np.minimum(nearness, 1)).astype(np.float32)
+    volume = (256 / HISTOGRAM_BINS) ** 3  # of a bin of the histograms, whose values are per bin
+    nearness = volume * np.exp(-np.arange(255) / _DISTANCE_STEPS) / (np.sqrt(2 * np.pi) * deviation) ** 3
+    still = ((1 - _OUTLIER_SHARE) * np.minimum(nearness, 1)).astype(np.float32)
     values = np.empty((len(body), len(still) + 1), np.float32)  # a million: worked on in place
-    np.add(_UNKNOWN * background[:, None], still, out=values[:, :-1])
+    np.add(_OUTLIER_SHARE * background[:, None], still, out=values[:, :-1])
     values[:, -1] = background
     for other in others:
-        values += np.float32(np.exp(-STRONGEST)) * other[:, None]
+        values += np.float32(np.exp(-MAX_LOG_RATIO)) * other[:, None]
     if strangers is not None:
-        values += np.float32(_UNKNOWN) * np.maximum(strangers - body, 0)[:, None]
+        values += np.float32(_OUTLIER_SHARE) * np.maximum(strangers - body, 0)[:, None]
     np.divide(body[:, None], values, out=values)
     cv2.log(values, values)
-    np.clip(values, -STRONGEST, STRONGEST, out=values)
-    values *= np.float32(SCALE)
+    np.clip(values, -MAX_LOG_RATIO, MAX_LOG_RATIO, out=values)
+    values *= np.float32(LEVELS_PER_UNIT)
     values += np.float32(128.5)
     return values.astype(np.uint8)
 
 
 def bins(image: Bytes) -> NDArray[np.uint16]:
     """Histogram bin of every pixel of an image (h, w, 3)."""
-    b, g, r = cv2.split(image // (256 // LEVELS))
+    b, g, r = cv2.split(image // (256 // HISTOGRAM_BINS))
     places = b.astype(np.uint16)
     for channel in (g, r):
-        places *= LEVELS
+        places *= HISTOGRAM_BINS
         places += channel
     return places
 
 
 def _histogram(colour: Bytes, regions: Mapping[int, Bools], strangers: Array | None = None) -> Array:
-    """Smoothed colour histogram of regions of frames, shape (`LEVELS`^3,); uniform without any pixels. The colours of
-    strangers, who may stand in the regions, count less.
+    """Smoothed colour histogram of regions of frames, shape (`HISTOGRAM_BINS`^3,); uniform without any pixels. The
+    colours of strangers, who may stand in the regions, count less.
     """
-    frames = [np.bincount(bins(colour[frame])[region], minlength=LEVELS**3) for frame, region in regions.items()]
+    frames = [
+        np.bincount(bins(colour[frame])[region], minlength=HISTOGRAM_BINS**3) for frame, region in regions.items()
+    ]
     frames = [counts for counts in frames if counts.any()]
-    share = smoothed(np.sum(frames, axis=0, dtype=float) if frames else np.ones(LEVELS**3))
+    share = smoothed(np.sum(frames, axis=0, dtype=float) if frames else np.ones(HISTOGRAM_BINS**3))
     share /= max(float(share.sum()), 1e-9)
     if strangers is not None and len(frames) > 1:
         share = without_strangers(share, [smoothed(counts / counts.sum()) for counts in frames], strangers)
-    return ((1 - _UNKNOWN) * share + _UNKNOWN / len(share)).astype(np.float32)
+    return ((1 - _OUTLIER_SHARE) * share + _OUTLIER_SHARE / len(share)).astype(np.float32)
 
 
 def smoothed(counts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Blur a colour histogram, (LEVELS^3,), over neighbouring bins."""
-    cube = counts.reshape(LEVELS, -1)  # in double precision: see `view_frames`
+    """Blur a colour histogram, (HISTOGRAM_BINS^3,), over neighbouring bins."""
+    cube = counts.reshape(HISTOGRAM_BINS, -1)  # in double precision: see `view_frames`
     for _ in range(3):  # blurs one axis of colour, then goes on to the next
         cube = cv2.GaussianBlur(cube, (1, 0), 0, sigmaY=0.7, borderType=cv2.BORDER_REPLICATE)
-        cube = cube.reshape(LEVELS, LEVELS, LEVELS).transpose(1, 2, 0).reshape(LEVELS, -1)
+        cube = (
+            cube.reshape(HISTOGRAM_BINS, HISTOGRAM_BINS, HISTOGRAM_BINS).transpose(1, 2, 0).reshape(HISTOGRAM_BINS, -1)
+        )
     return np.asarray(cube.ravel())
 
 
@@ -198,8 +202,8 @@ def _plate(colour: Bytes, behind: Mapping[int, Bools]) -> tuple[Bytes, Bools]:
 def _deviation(colour: Bytes, plate: Bytes, known: Bools) -> float:
     """Robust standard deviation of the frames from the plate, grey levels (of 255); most pixels show background."""
     if not known.any():
-        return _LEAST_DEVIATION
+        return _MIN_SIGMA
     some = colour[:: max(1, len(colour) // 8)]
     places = np.flatnonzero(known)[::7]
     apart = np.concatenate([cv2.absdiff(image, plate).reshape(-1, 3).take(places, axis=0) for image in some])
-    return max(2 * NORMAL_MAD * float(np.median(apart)), _LEAST_DEVIATION)
+    return max(2 * NORMAL_MAD * float(np.median(apart)), _MIN_SIGMA)

@@ -7,11 +7,11 @@ import numpy as np
 
 from ...numerics.arrays import Bools
 
-RIM = 2
+EDGE_WIDTH = 2
 """Width of a mask's edge in which pixels show something of both sides, pixels."""
 
 
-def within(mask: Bools, rim: int = RIM) -> Bools:
+def within(mask: Bools, rim: int = EDGE_WIDTH) -> Bools:
     """Return a mask eroded by some pixels."""
     return np.asarray(cv2.erode(mask.astype(np.uint8), _disc(rim)) > 0)
 

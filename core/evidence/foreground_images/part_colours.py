@@ -16,17 +16,17 @@ from scipy.spatial import KDTree
 
 from ...numerics.arrays import Bools, Ints
 from ...runtime.shared_arrays import each_row
-from .foreground import LEVELS, STRONGEST, bins, smoothed
+from .foreground import HISTOGRAM_BINS, MAX_LOG_RATIO, bins, smoothed
 from .masks import within
 
 Bytes = NDArray[np.uint8]
 
 PALETTE_SIZE = 255
 """Largest number of colours of a palette."""
-PATCH = 0.06
+PRIOR_PATCH = 0.06
 """Side of a square, metres, whose pixels the colours of the whole performer weigh in those of a part: a part of which
 hardly more is seen has no distinct colours."""
-_RIM = 1  # narrower than that of masks: a forearm is a few pixels wide
+_EDGE_WIDTH = 1  # narrower than that of masks: a forearm is a few pixels wide
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class PartColours:
 
     Attributes
     ----------
-    nearest : ndarray of uint8, shape (LEVELS^3,)
+    nearest : ndarray of uint8, shape (HISTOGRAM_BINS^3,)
         Index of the palette's colour for each histogram bin.
     ratio : ndarray of float32, shape (P, K)
         Log likelihood ratio (part against its whole performer) of each of the palette's K colours; 0 for parts of which
@@ -65,25 +65,25 @@ class PartColours:
         scale : float
             Pixels per metre at the performers.
         """
-        counts = np.zeros((len(performer), LEVELS**3))
+        counts = np.zeros((len(performer), HISTOGRAM_BINS**3))
         for frame, label in parts.items():
             places = bins(colour[frame])
             for part in np.unique(label[label >= 0]).tolist():
-                counts[part] += np.bincount(places[within(label == part, _RIM)], minlength=LEVELS**3)
+                counts[part] += np.bincount(places[within(label == part, _EDGE_WIDTH)], minlength=HISTOGRAM_BINS**3)
         total = counts.sum(axis=0)
         if not total.any():
             return None
         palette = np.sort(np.argsort(-total, kind="stable")[: min(PALETTE_SIZE, np.count_nonzero(total))])
-        cube = (LEVELS, LEVELS, LEVELS)
+        cube = (HISTOGRAM_BINS, HISTOGRAM_BINS, HISTOGRAM_BINS)
         _, nearest = KDTree(np.transpose(np.unravel_index(palette, cube))).query(
-            np.transpose(np.unravel_index(np.arange(LEVELS**3), cube))
+            np.transpose(np.unravel_index(np.arange(HISTOGRAM_BINS**3), cube))
         )
         ratio = np.zeros((len(performer), len(palette)), np.float32)
         for part in np.flatnonzero(counts.any(axis=1)):
             usual = smoothed(counts[performer == performer[part]].sum(axis=0))[palette]
             usual = (usual + 1) / (usual + 1).sum()
-            own = smoothed(counts[part])[palette] + (PATCH * scale) ** 2 * usual
-            ratio[part] = np.clip(np.log(own / own.sum() / usual), -STRONGEST, STRONGEST)
+            own = smoothed(counts[part])[palette] + (PRIOR_PATCH * scale) ** 2 * usual
+            ratio[part] = np.clip(np.log(own / own.sum() / usual), -MAX_LOG_RATIO, MAX_LOG_RATIO)
         return cls(nearest.astype(np.uint8), ratio, distinct)
 
     def images(self, colour: Bytes) -> Iterator[Bytes]:

@@ -18,15 +18,15 @@ from .masks import without_specks
 Bytes = NDArray[np.uint8]
 Array = NDArray[np.float64]
 
-LEAST_AREA = 0.15
+MIN_AREA = 0.15
 """Smallest area of strangers on the mean key frame, square metres, half of what a person covers from the side: less may
 be clothes or shadows."""
-TELLING = 10.0
+MIN_SHARE_RATIO = 10.0
 """Ratio of a colour's shares on strangers and on a performer from which on it tells one from the other: in equal
 clothes the shares differ less."""
-_SPECK = 0.05
+_MIN_RADIUS = 0.05
 """What is thinner than twice this is no stranger, metres: clothes that hang loosely, edges of shadows."""
-_INSTANTS = 8
+_SAMPLED_FRAMES = 8
 
 
 def strangers_on(
@@ -54,7 +54,7 @@ def strangers_on(
     Returns
     -------
     dict of int to ndarray of bool, shape (h, w)
-        By frame; empty where strangers cover less than `LEAST_AREA`.
+        By frame; empty where strangers cover less than `MIN_AREA`.
     """
     changed = np.zeros(known.shape, bool)
     for frame, region in behind.items():
@@ -64,7 +64,7 @@ def strangers_on(
     if not changed.any():
         return {}
     places = np.nonzero(changed)
-    some = colour[:: max(1, len(colour) // _INSTANTS)]
+    some = colour[:: max(1, len(colour) // _SAMPLED_FRAMES)]
     usual = np.median([image[places] for image in some], axis=0)
     off = {frame: _apart(colour[frame][places], usual) > unlike for frame in behind}
     seen = {frame: region[places] for frame, region in behind.items()}
@@ -73,19 +73,19 @@ def strangers_on(
     for frame in behind:
         image = np.zeros(known.shape, bool)
         image[places] = seen[frame] & off[frame] & confirmed
-        found[frame] = without_specks(image, _SPECK * scale)
+        found[frame] = without_specks(image, _MIN_RADIUS * scale)
     area = sum(np.count_nonzero(image) for image in found.values()) / scale**2
-    return found if area > LEAST_AREA * len(behind) else {}
+    return found if area > MIN_AREA * len(behind) else {}
 
 
 def without_strangers(share: Array, each: Sequence[Array], strangers: NDArray[np.float32]) -> Array:
     """Share of each colour on a performer, (bins,), less what strangers who stood before it on some frames have added.
 
     `share` is that on all frames together, and `each` those on single frames. Of colours that strangers have far more
-    often (`TELLING`) than the performer usually has, the median over the frames is taken.
+    often (`MIN_SHARE_RATIO`) than the performer usually has, the median over the frames is taken.
     """
     usual = np.sort(each, axis=0)[(len(each) - 1) // 2]
-    share = np.where(strangers > TELLING * usual, np.minimum(usual, share), share)
+    share = np.where(strangers > MIN_SHARE_RATIO * usual, np.minimum(usual, share), share)
     return np.asarray(share / max(float(share.sum()), 1e-9))
 
 

@@ -20,15 +20,15 @@ from ...numerics.robust_kernels import NORMAL_MAD
 from ..view_frames import Image
 from .compared_pixels import ComparedPixels
 from .image_wrenches import camera_twist, wrenches
-from .pixel_gains import LEAST_NOISE, gains
+from .pixel_gains import MIN_NOISE, gains
 
-HUBER = 1.345
+HUBER_LIMIT = 1.345
 """Limit of Huber's loss between its quadratic and linear parts, standard deviations (95 % efficiency for normal
 noise)."""
-PART_PIXELS = 20.0
+PART_PRIOR_PIXELS = 20.0
 """A part's own noise is drawn toward that of its pair of frames, and its change of brightness toward none, as by so
 many pixels."""
-_AT_A_TIME = 16  # groups of pixels, few enough to stay in the processor's cache
+_BATCH = 16  # groups of pixels, few enough to stay in the processor's cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ def brightness_constancy(
     compared : ComparedPixels
         Those of n frames.
     tolerance : float
-        Huber's limit in units of `HUBER` standard deviations: 1 near the solution, more far from it.
+        Huber's limit in units of `HUBER_LIMIT` standard deviations: 1 near the solution, more far from it.
     given_noise : ndarray, shape (n - 1, 1 + P), optional
         The noise under which the cost is measured, see `GradientSums`; by default their own.
     by_part : bool
@@ -110,7 +110,7 @@ def brightness_constancy(
     error = relative * huber_errors(residual - change, deviation)
     count = np.bincount(pixels.frame, seen, minlength=m).astype(float)
     error_sum = np.bincount(pixels.frame, error * seen, minlength=m).astype(float)
-    error_sum += PART_PIXELS * ((given[:, :1] / given[:, 1:]) ** 2 * changes**2).sum(axis=1)
+    error_sum += PART_PRIOR_PIXELS * ((given[:, :1] / given[:, 1:]) ** 2 * changes**2).sum(axis=1)
     gain = gains(compared, (tolerance * given[pixels.frame, 0]).astype(np.float32))
 
     rows = np.empty((13, len(residual)), np.float32)
@@ -119,7 +119,7 @@ def brightness_constancy(
         rows = np.concatenate([rows, np.ones((1, len(residual)), np.float32)])
     sums = summed_products(rows, weight, pixels.ends).reshape(m, P, len(rows), len(rows))
     if by_part:
-        sums = _without_change(sums, PART_PIXELS * (noise[:, :1] / noise[:, 1:]) ** 2)
+        sums = _without_change(sums, PART_PRIOR_PIXELS * (noise[:, :1] / noise[:, 1:]) ** 2)
     A = _pair_twists(*to_camera)[:, None]
     A_t = np.swapaxes(A, -1, -2)
     return GradientSums(
@@ -145,8 +145,8 @@ def summed_products(
     The shape is (len(ends) - 1, k, k). Sums in single precision might not be positive definite.
     """
     sums = np.zeros((len(ends) - 1, len(rows), len(rows)))
-    for first in range(0, len(sums), _AT_A_TIME):
-        bounds = ends[first : first + _AT_A_TIME + 1]
+    for first in range(0, len(sums), _BATCH):
+        bounds = ends[first : first + _BATCH + 1]
         some = rows[:, bounds[0] : bounds[-1]].astype(float)
         weighted = (some * weight[bounds[0] : bounds[-1]]).T
         for i, (a, b) in enumerate(pairwise((bounds - bounds[0]).tolist()), first):
@@ -162,17 +162,17 @@ def _residuals_of_parts(
     gets brighter, and all parts have the noise of their pair of frames.
     """
     of_pairs = [_robust_deviation(residual[a:b][seen[a:b]]) for a, b in pairwise(ends[::parts])]
-    noise = np.repeat(np.maximum(of_pairs, LEAST_NOISE)[:, None], 1 + parts, axis=1)
+    noise = np.repeat(np.maximum(of_pairs, MIN_NOISE)[:, None], 1 + parts, axis=1)
     change = np.zeros((len(of_pairs), parts))
     if by_part:
         own, count = residual[seen], np.diff(np.concatenate([[0], np.cumsum(seen)])[ends])
-        share = count / (count + PART_PIXELS)
+        share = count / (count + PART_PRIOR_PIXELS)
         brighter = share * _medians(own, count)
         apart = _medians(np.abs(own - np.repeat(brighter.astype(np.float32), count)), count)
         own_noise = np.sqrt(share * (NORMAL_MAD * apart) ** 2 + (1 - share) * np.repeat(noise[:, 0], parts) ** 2)
         change = brighter.reshape(change.shape)
         noise[:, 1:] = np.where(count > 0, own_noise, noise[:, 1:].ravel()).reshape(change.shape)
-    return change, np.maximum(noise, LEAST_NOISE)
+    return change, np.maximum(noise, MIN_NOISE)
 
 
 def _deviations(noise: Array, tolerance: float, ends: NDArray[np.intp]) -> tuple[Image, Image]:
@@ -223,15 +223,15 @@ def _medians(values: Image, counts: NDArray[np.intp]) -> Array:
 
 
 def huber_weights(residual: Image, deviation: Image) -> Image:
-    """Return the weights of Huber's loss: 1 up to `HUBER` deviations, then falling as 1/|r|."""
+    """Return the weights of Huber's loss: 1 up to `HUBER_LIMIT` deviations, then falling as 1/|r|."""
     return np.asarray(
-        np.minimum(np.float32(1), np.float32(HUBER) * deviation / np.maximum(np.abs(residual), np.float32(1e-12)))
+        np.minimum(np.float32(1), np.float32(HUBER_LIMIT) * deviation / np.maximum(np.abs(residual), np.float32(1e-12)))
     )
 
 
 def huber_errors(residual: Image, deviation: Image) -> Image:
-    """Return Huber's loss: quadratic up to `HUBER` deviations, then linear."""
-    size, limit = np.abs(residual), np.float32(HUBER) * deviation
+    """Return Huber's loss: quadratic up to `HUBER_LIMIT` deviations, then linear."""
+    size, limit = np.abs(residual), np.float32(HUBER_LIMIT) * deviation
     inner = np.minimum(size, limit)
     return np.asarray(inner * (2 * size - inner))
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from ...numerics.arrays import Array
 from .compared_pixels import ComparedPixels, LabelledFrames, compare
 
-OUTLIERS = 0.05
+OUTLIER_SHARE = 0.05
 """Fraction of pixels whose brightness changes arbitrarily, because of occlusion or shading."""
-LEAST_NOISE = 2e-4
+MIN_NOISE = 2e-4
 """Least standard deviation of the noise of brightness, from 0 to 1."""
-_LEAST_DEVIATION = 1e-3  # of the residuals of a frame whose pixels show next to nothing
+_MIN_SIGMA = 1e-3  # of the residuals of a frame whose pixels show next to nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class PixelGains:
     ) -> PixelGains:
         """Return the gains of the parts in label images; parameters as in `brightness_constancy`."""
         compared, labels = compare(frames), frames.labels
-        pixels, deviation = compared.pixels, tolerance * np.maximum(noise, LEAST_NOISE)
+        pixels, deviation = compared.pixels, tolerance * np.maximum(noise, MIN_NOISE)
         gain = gains(compared, deviation[pixels.frame, 0])
         kept = np.flatnonzero(compared.seen)
         _, height, width = labels.part.shape
@@ -71,16 +71,16 @@ class PixelGains:
 
 def gains(compared: ComparedPixels, deviation: NDArray[np.floating[Any]]) -> Array:
     """Return how much likelier each pixel is than if its point stood still, natural units, (N,); 0 for unused ones."""
-    deviation = np.maximum(deviation, _LEAST_DEVIATION)
+    deviation = np.maximum(deviation, _MIN_SIGMA)
     moved, stood = (log_likelihoods(residual, deviation) for residual in (compared.residual, compared.standing))
     return np.asarray((moved - stood) * compared.seen)
 
 
 def log_likelihoods(residual: NDArray[np.floating[Any]], deviation: NDArray[np.floating[Any]]) -> Array:
-    """Return the log likelihoods of residuals, up to a constant: normal, or with probability `OUTLIERS` uniform.
+    """Return the log likelihoods of residuals, up to a constant: normal, or with probability `OUTLIER_SHARE` uniform.
 
     No single pixel can then cost more than an outlier. With Huber's loss, a pixel on an edge counts as much as eighty
     that are off by one standard deviation, and a few such pixels outweigh all else.
     """
-    outliers = OUTLIERS / (1 - OUTLIERS) * np.sqrt(2 * np.pi) * deviation.astype(float)
+    outliers = OUTLIER_SHARE / (1 - OUTLIER_SHARE) * np.sqrt(2 * np.pi) * deviation.astype(float)
     return np.asarray(np.log(np.exp(-0.5 * (residual.astype(float) / deviation) ** 2) + outliers))

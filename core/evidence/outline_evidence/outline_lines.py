@@ -24,18 +24,18 @@ from ..rendering.label_images import LabelImages, pixels_at
 from ..view_frames import interpolated, stacked_places
 from .outline_pieces import OnOutlines, OutlinePieces, seen_pieces
 
-CONTRAST = 0.5
+CORRELATION_FACTOR = 0.5
 """Factor on log likelihood ratios along a line, as neighbouring pixels are correlated."""
-MODEL_DEVIATION = 0.012
+MODEL_SIGMA = 0.012
 """Standard deviation of the performer's outline from that of the rigid model, metres."""
-EDGE_DEVIATION = 1.0
+EDGE_SIGMA = 1.0
 """Standard deviation of an edge in the foreground image from the body's, pixels."""
-BISQUARE = 4.0
+BISQUARE_LIMIT = 4.0
 """Residual in standard deviations from which on a line has no influence (Tukey's bisquare)."""
-KEY_PIECE = 0.25
+KEY_FRAME_PIECE = 0.25
 """Length of outline that counts as one measurement where the shape of the model is fitted to key frames, metres. It is
 longer than in tracking, as the model is wrong in the same way on the few frames."""
-_FARTHEST = 0.75  # share of a line's half length: an edge found beyond is the line's end
+_MAX_EDGE_SHARE = 0.75  # share of a line's half length: an edge found beyond is the line's end
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,13 +133,13 @@ def outline_lines(
     if coloured is not None:
         ratio[:, own] = _along_within(coloured, labels, pieces.where(own), places, stride).T
     mean, spread = _ends(ratio, places)
-    shift, variance = mean - np.where(own, 0.0, halo), spread + EDGE_DEVIATION**2
-    ignorance = len(places) ** 2 / 12 + EDGE_DEVIATION**2  # of a line along which nothing is seen
+    shift, variance = mean - np.where(own, 0.0, halo), spread + EDGE_SIGMA**2
+    ignorance = len(places) ** 2 / 12 + EDGE_SIGMA**2  # of a line along which nothing is seen
     information = np.maximum(1 / variance - 1 / ignorance, 0)
     focal = camera.matrix[[0, 1], [0, 1]]
     z = pieces.depth
-    model = (MODEL_DEVIATION * focal.mean() / z) ** 2
-    farthest = np.minimum(BISQUARE * tolerance * np.sqrt(model + EDGE_DEVIATION**2), _FARTHEST * reach)
+    model = (MODEL_SIGMA * focal.mean() / z) ** 2
+    farthest = np.minimum(BISQUARE_LIMIT * tolerance * np.sqrt(model + EDGE_SIGMA**2), _MAX_EDGE_SHARE * reach)
     robust = np.maximum(1 - (shift / farthest) ** 2, 0)
     precision = information / (1 + information * model)
     points = np.concatenate([(pieces.uv - camera.matrix[:2, 2]) / focal * z[:, None], z[:, None]], axis=1)
@@ -163,7 +163,7 @@ def _ends(ratio: Array, places: NDArray[np.int_]) -> tuple[Array, Array]:
     score = np.cumsum(ratio, axis=0)
     score -= score[-1] / 2  # of an end between a place and the next: inside less outside
     score -= score.max(axis=0, initial=-np.inf)
-    score *= 2 * CONTRAST
+    score *= 2 * CORRELATION_FACTOR
     likely = np.exp(score, out=score)
     end = places + 0.5
     total, first, second = np.stack([np.ones(len(end)), end, end**2]) @ likely

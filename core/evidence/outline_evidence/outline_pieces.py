@@ -13,7 +13,7 @@ from ..rendering.label_images import LabelImages
 
 Indices = NDArray[np.intp]
 
-SPACING = 1.5
+PIECE_SPACING = 1.5
 """Distance between pieces along an outline, in strides of pixels."""
 
 
@@ -68,7 +68,7 @@ def seen_pieces(labels: LabelImages, stride: int, distinct: Bools | None) -> Out
     a, z_a = stride * outlines.uv, outlines.depth
     step, z_b = a[after] - a, z_a[after]
     length = np.hypot(*step.T)
-    spacing = SPACING * stride
+    spacing = PIECE_SPACING * stride
     pieces = np.where(length > 0.1 * spacing, np.ceil(length / spacing), 0).astype(np.intp)
     edge = np.repeat(np.arange(len(a)), pieces)
     t = (np.arange(len(edge)) - np.repeat(np.cumsum(pieces) - pieces, pieces) + 0.5) / pieces[edge]

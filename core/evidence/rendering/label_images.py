@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from ...cameras.camera import Camera
 from ...numerics.arrays import Array, Ints
-from .part_geometry import TOUCHING, Geometry
+from .part_geometry import PLANE_TOLERANCE, Geometry
 from .part_outlines import FRACTION_BITS, Outlines
 
-NEAR = 0.05
+NEAR_PLANE = 0.05
 """Parts with a vertex nearer to the camera plane than this, metres, are not drawn."""
 
 
@@ -221,10 +221,10 @@ def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: A
     points = _turned(geometry.vertices, geometry.owner, R_cam) + np.swapaxes(T_cam, 1, 2)[..., geometry.owner]
     normals = _turned(geometry.planes[:, :3], geometry.face_owner, R_cam)
     distance = geometry.planes[:, 3] - (normals * np.swapaxes(T_cam, 1, 2)[..., geometry.face_owner]).sum(axis=1)
-    facing = distance > TOUCHING
+    facing = distance > PLANE_TOLERANCE
     starts = [span.start for span in geometry.spans]
     nearest, farthest = (f.reduceat(points[:, 2], starts, axis=1) for f in (np.minimum, np.maximum))
-    outlines = Outlines.of(geometry, camera, points, facing, nearest >= NEAR)
+    outlines = Outlines.of(geometry, camera, points, facing, nearest >= NEAR_PLANE)
     corners = outlines.fixed_point
 
     label = np.full((n, camera.size[1], camera.size[0]), -1, dtype=np.int16)
@@ -247,7 +247,7 @@ def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: A
     faces = Faces(
         linear.astype(np.float32),
         np.searchsorted(frame * P + geometry.face_owner[face], np.arange(len(ends))),
-        (1 / np.maximum(farthest, NEAR)).astype(np.float32).ravel(),
+        (1 / np.maximum(farthest, NEAR_PLANE)).astype(np.float32).ravel(),
     )
     share = np.minimum(np.diff(ends) / outlines.areas, 1.0).reshape(n, P)
     return LabelImages(label, index, ends, share, outlines, faces, geometry.performer, middle)

@@ -11,7 +11,7 @@ from scipy import sparse
 from ...body import Body
 from ...numerics.arrays import Array, Ints, slices_of
 
-TOUCHING = 1e-6
+PLANE_TOLERANCE = 1e-6
 """Largest distance of a point on a plane, metres."""
 
 
@@ -62,7 +62,7 @@ class Geometry:
     def joined(cls, vertices: Sequence[Array], planes: Sequence[Array], performer: Ints | None = None) -> Geometry:
         """Join vertices and planes of parts; by default all parts belong to one performer."""
         count = np.arange(len(vertices))
-        touching = [v @ p[:, :3].T + p[:, 3] > -TOUCHING for v, p in zip(vertices, planes, strict=True)]
+        touching = [v @ p[:, :3].T + p[:, 3] > -PLANE_TOLERANCE for v, p in zip(vertices, planes, strict=True)]
         return cls(
             np.concatenate(vertices),
             np.repeat(count, [len(v) for v in vertices]),

@@ -13,7 +13,7 @@ from .part_geometry import Geometry
 
 FRACTION_BITS = 4
 """Bits after the point of the corners that OpenCV fills."""
-_FARTHEST = 1 << 20
+_MAX_COORDINATE = 1 << 20
 _APART = 8  # between groups whose elements are sorted by angles
 
 
@@ -71,7 +71,7 @@ class Outlines:
     @property
     def fixed_point(self) -> NDArray[np.int32]:
         """The corners as OpenCV fills them: whole numbers, with `FRACTION_BITS` after the point, shape (K, 2)."""
-        return np.clip(np.round(self.uv * (1 << FRACTION_BITS)), -_FARTHEST, _FARTHEST).astype(np.int32)
+        return np.clip(np.round(self.uv * (1 << FRACTION_BITS)), -_MAX_COORDINATE, _MAX_COORDINATE).astype(np.int32)
 
     @property
     def areas(self) -> Array:

@@ -20,13 +20,13 @@ from ...numerics.arrays import Array
 from ..keypoint_rays import Keypoints
 from ..left_right import swap_sides
 from ..triangulation import triangulate
-from .located_people import NEAR, find_people
+from .located_people import MAX_TRACK_DISTANCE, find_people
 from .person import LocatedPerson, distance_to, prominence
 from .person_detections import detections_of
 from .tracks import Track, ViewDetections, detection_tracks, without_sides
 
 Reason = Literal["number", "key poses", "order of appearance", "nobody else"]
-SAME = 0.5
+MAX_PERSON_DISTANCE = 0.5
 """A person is the performer if the median distance of its points from the performer's key poses is below this, metres.
 """
 
@@ -145,7 +145,7 @@ def _matched(
         reasons[i] = "order of appearance" if clues[i].proposed else "key poses"
         cost[row] = [distance_to(people[p], without_sides(names, places)[1]) for p in left]
     for row, column in zip(*scipy.optimize.linear_sum_assignment(np.minimum(cost, 1e3)), strict=True):
-        if cost[row, column] < SAME:
+        if cost[row, column] < MAX_PERSON_DISTANCE:
             persons[posed[row]] = left[column]
     nobody = [i for i in range(len(clues)) if persons[i] is None and i not in posed]
     left = [p for p in range(len(people)) if p not in persons]
@@ -181,7 +181,7 @@ def _by_key_poses(
     if known is None or not np.isfinite(known).any():
         one_view = len({track.view for track in free}) == 1
         return [max(free, key=lambda track: len(track.frames))] if one_view else []
-    own = [t for t in free if _distance(detections, empty, t, known) < NEAR]
+    own = [t for t in free if _distance(detections, empty, t, known) < MAX_TRACK_DISTANCE]
     while True:
         places = _places(detections, empty, own, known)
         offers = [
@@ -189,7 +189,7 @@ def _by_key_poses(
             for k, track in enumerate(free)
             if not any(track is t for t in own)
             and not _doubled(own, track)
-            and (distance := _distance(detections, empty, track, places)) < NEAR
+            and (distance := _distance(detections, empty, track, places)) < MAX_TRACK_DISTANCE
         ]
         if not offers:
             return own

@@ -16,13 +16,13 @@ from ..triangulation import triangulate
 from .detected_points import DetectedPoints, median_known
 from .person import LocatedPerson
 from .track_pairs import agreement, overlapping_tracks
-from .tracks import GAP, Track, ViewDetections
+from .tracks import MAX_GAP, Track, ViewDetections
 
-NEAR = 0.25
+MAX_TRACK_DISTANCE = 0.25
 """A track belongs to a person if its median distance from the person's points is below this, metres."""
-LEAST = 0.2
+MIN_DURATION = 0.2
 """A person counts if two views agree on it for at least this long, seconds."""
-SPEED = 2.0
+MAX_SPEED = 2.0
 """Greatest speed of a person while it is not seen, m/s."""
 
 
@@ -31,7 +31,7 @@ def find_people(
 ) -> list[LocatedPerson]:
     """Group tracks by person, in the order in which people appear.
 
-    People who are there at the beginning, or who appear within `tracks.GAP` of each other, are ordered from left to
+    People who are there at the beginning, or who appear within `tracks.MAX_GAP` of each other, are ordered from left to
     right as seen by the first view.
 
     Parameters
@@ -46,7 +46,7 @@ def find_people(
     Returns
     -------
     list of LocatedPerson
-        Everybody on whom two views agree for `LEAST` seconds.
+        Everybody on whom two views agree for `MIN_DURATION` seconds.
     """
     detected = DetectedPoints.of(detections, empty)
     rays, together = [detected.directions(track) for track in tracks], overlapping_tracks(tracks)
@@ -55,7 +55,7 @@ def find_people(
             (score, int(a), int(b))
             for a, b in np.argwhere(np.triu(together))
             if (score := agreement(detected, tracks, rays, (a, b), np.flatnonzero(together[a] & together[b])))
-            > LEAST * fps
+            > MIN_DURATION * fps
         ),
         reverse=True,
     )
@@ -64,7 +64,7 @@ def find_people(
     for _, a, b in seeds:
         if {a, b} <= free:
             person, own = _grown(detected, tracks, {a, b}, free)
-            if len(person.frames) >= LEAST * fps:
+            if len(person.frames) >= MIN_DURATION * fps:
                 people.append(person)
                 free -= own
     people = _joined(detected, people, fps)
@@ -83,7 +83,7 @@ def _grown(
         offers = sorted(
             (distance, k)
             for k in free - own
-            if (distance := _track_distance(detected, tracks[k], person.places)) < NEAR
+            if (distance := _track_distance(detected, tracks[k], person.places)) < MAX_TRACK_DISTANCE
         )
         added = False
         for _, k in offers:
@@ -125,7 +125,7 @@ def _goes_on(before: LocatedPerson, after: LocatedPerson, fps: float) -> bool:
     last, first = before.frames[-1], after.frames[0]
     seconds = (first - last) / fps
     away = np.linalg.norm(_middle(after.places[first]) - _middle(before.places[last]))
-    return bool(0 < seconds <= 2 * GAP and away < NEAR + SPEED * seconds)
+    return bool(0 < seconds <= 2 * MAX_GAP and away < MAX_TRACK_DISTANCE + MAX_SPEED * seconds)
 
 
 def _appearance(detected: DetectedPoints, person: LocatedPerson, fps: float) -> tuple[int, int, float]:
@@ -133,7 +133,7 @@ def _appearance(detected: DetectedPoints, person: LocatedPerson, fps: float) -> 
     begin = int(person.frames[0])
     view = min(track.view for track in person.tracks)
     track = min((t for t in person.tracks if t.view == view), key=lambda t: int(t.frames[0]))
-    return round(begin / max(GAP * fps, 1)), view, float(np.nanmedian(detected.points[view][track.rows[0], :, 0]))
+    return round(begin / max(MAX_GAP * fps, 1)), view, float(np.nanmedian(detected.points[view][track.rows[0], :, 0]))
 
 
 def _middle(points: Array) -> Array:

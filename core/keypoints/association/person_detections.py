@@ -11,9 +11,9 @@ import scipy  # its parts are loaded when they are used
 from ...numerics.arrays import Array
 from ..keypoint_rays import Keypoints
 from .detected_points import DetectedPoints
-from .located_people import NEAR
+from .located_people import MAX_TRACK_DISTANCE
 from .person import LocatedPerson
-from .tracks import GAP, Track, ViewDetections
+from .tracks import MAX_GAP, Track, ViewDetections
 
 
 def detections_of(
@@ -41,7 +41,7 @@ def detections_of(
         One list per person.
     """
     detected = DetectedPoints.of(detections, empty)
-    places = [_filled_in(person.places, round(GAP * fps)) for person in people]
+    places = [_filled_in(person.places, round(MAX_GAP * fps)) for person in people]
     owned: list[list[Track]] = [[] for _ in people]
     for v, found in enumerate(detections):
         rows_of = np.full((len(people), len(empty)), -1)
@@ -54,7 +54,7 @@ def detections_of(
             known = [p for p in range(len(people)) if np.isfinite(places[p][frame]).any()]
             cost = np.array([[detected.apart(v, row, frame, places[p][frame]) for row in rows] for p in known])
             chosen = zip(*scipy.optimize.linear_sum_assignment(np.minimum(cost, 1e3)), strict=True) if known else ()
-            given = {known[i]: int(rows[j]) for i, j in chosen if cost[i, j] < NEAR}
+            given = {known[i]: int(rows[j]) for i, j in chosen if cost[i, j] < MAX_TRACK_DISTANCE}
             for p in known:
                 rows_of[p, frame] = given.get(p, -1)
             for p in set(range(len(people))) - set(known):

@@ -16,11 +16,11 @@ from ...numerics.arrays import Array, Bools, Ints
 from .detected_points import DetectedPoints, median_known
 from .tracks import Track
 
-MEETING = 0.15
+MAX_RAY_DISTANCE = 0.15
 """Largest distance between two rays to the same point of one person, metres."""
-TRUNK = (0.2, 0.9)
+TRUNK_LENGTH_RANGE = (0.2, 0.9)
 """Least and greatest distance between the middle of the shoulders and the middle of the hips, metres."""
-LONGEST_BONE = 0.8
+MAX_BONE_LENGTH = 0.8
 """Greatest distance between the middle of two joints and the middle of the next two along the body, metres."""
 _CHAIN = ("Shoulder", "Hip", "Knee", "Ankle")
 
@@ -48,7 +48,7 @@ def agreement(
         detected.origins(second.view, frames)[:, None],
         rays[pair[1]][rows_b],
     )
-    agreed = np.maximum(1 - median_known(gap) / MEETING, 0) * _bodily(detected.empty.names, points)
+    agreed = np.maximum(1 - median_known(gap) / MAX_RAY_DISTANCE, 0) * _bodily(detected.empty.names, points)
     if not agreed.any():
         return 0.0
     best: dict[int, Array] = {}
@@ -59,7 +59,7 @@ def agreement(
             from_camera = points[here] - detected.origins(other.view, shared)[:, None]
             away = np.linalg.norm(np.cross(from_camera, rays[k][there]), axis=-1)
             confirmed = best.setdefault(other.view, np.zeros(len(frames)))
-            confirmed[here] = np.maximum(confirmed[here], np.maximum(1 - median_known(away) / MEETING, 0))
+            confirmed[here] = np.maximum(confirmed[here], np.maximum(1 - median_known(away) / MAX_RAY_DISTANCE, 0))
     return float((agreed * (1 + sum(best.values(), np.zeros(len(frames))))).sum())
 
 
@@ -84,6 +84,6 @@ def _bodily(names: Sequence[str], points: Array) -> Bools:
     for upper, lower in pairwise(_CHAIN):
         if upper in names and lower in names:
             length = np.linalg.norm(points[:, names.index(upper)] - points[:, names.index(lower)], axis=-1)
-            low, high = TRUNK if upper == "Shoulder" else (0.0, LONGEST_BONE)
+            low, high = TRUNK_LENGTH_RANGE if upper == "Shoulder" else (0.0, MAX_BONE_LENGTH)
             fine &= ~((length < low) | (length > high))
     return fine

@@ -11,13 +11,13 @@ import scipy  # its parts are loaded when they are used
 from ...formats.keypoint_layouts import is_sided, mirrored_name
 from ...numerics.arrays import Array, Ints
 
-LEAP = 0.5
+MAX_STEP = 0.5
 """Greatest movement of a person from one frame to the next, as a share of its size."""
-GAP = 0.5
+MAX_GAP = 0.5
 """Longest time without detections after which a track is continued, seconds."""
-ALIKE = 0.1
+AMBIGUOUS_DIFFERENCE = 0.1
 """Tracks end where it is unclear who is who: where two possible continuations differ by less than this, in units of
-`LEAP`, and by less than half of the worse one."""
+`MAX_STEP`, and by less than half of the worse one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ def detection_tracks(names: Sequence[str], found: ViewDetections, view: int, fps
     _, points = without_sides(names, found.rays)
     open_tracks: list[list[int]] = []
     done: list[list[int]] = []
-    patience = max(1, round(GAP * fps))
+    patience = max(1, round(MAX_GAP * fps))
     for frame in np.unique(found.frames):
         rows = np.flatnonzero(found.frames == frame)
         done += [t for t in open_tracks if frame - found.frames[t[-1]] > patience]
@@ -120,11 +120,11 @@ def _unclear(cost: Array, track: int, row: int) -> bool:
     """Whether the track might as well continue with another detection, or the detection belong to another track."""
     others = np.concatenate([np.delete(cost[track], row), np.delete(cost[:, row], track)])
     least = others.min(initial=np.inf)
-    return bool(least - cost[track, row] < ALIKE and cost[track, row] > 0.5 * least)
+    return bool(least - cost[track, row] < AMBIGUOUS_DIFFERENCE and cost[track, row] > 0.5 * least)
 
 
 def _movement(found: ViewDetections, points: Array, before: int, after: int) -> float:
-    """Median movement of the points that two detections share, in units of `LEAP` times the person's size; at most
+    """Median movement of the points that two detections share, in units of `MAX_STEP` times the person's size; at most
     2.
     """
     same = found.tracks[before] == found.tracks[after]
@@ -138,4 +138,4 @@ def _movement(found: ViewDetections, points: Array, before: int, after: int) -> 
     every = found.rays[before]
     size = float(np.linalg.norm(np.ptp(every[np.isfinite(every).all(axis=-1)], axis=0)))
     moved = np.median(np.linalg.norm(a[both] - b[both], axis=-1))
-    return float(min(moved / (LEAP * max(size, 1e-9) * np.sqrt(steps)), 2.0))
+    return float(min(moved / (MAX_STEP * max(size, 1e-9) * np.sqrt(steps)), 2.0))

@@ -17,22 +17,22 @@ from ...numerics import rotations
 from ...numerics.arrays import Array
 from ...numerics.resampling import gaps_filled
 
-TRUNK = ("LHip", "RHip", "LShoulder", "RShoulder")
-LIMBS = (
+TRUNK_LANDMARKS = ("LHip", "RHip", "LShoulder", "RShoulder")
+LIMB_CHAINS = (
     ("upper_arm", "forearm", "Shoulder", "Elbow", "Wrist", 1.0, -0.3),
     ("thigh", "shin", "Hip", "Knee", "Ankle", -1.0, 0.3),
 )
 """Upper and lower part, their three joints, the sign of the rotation about the x axis that bends the limb, and the
 cosine of the farthest twist that is possible: points that show more are taken to be wrong."""
 POSED_PARTS = frozenset(
-    {"pelvis", "spine", "chest", *(f"{part}.{side}" for two in LIMBS for part in two[:2] for side in "LR")}
+    {"pelvis", "spine", "chest", *(f"{part}.{side}" for two in LIMB_CHAINS for part in two[:2] for side in "LR")}
 )
 """Parts that a body needs to be posed in closed form; the default body has them."""
-STRAIGHT = (0.1, 0.3)
+STRAIGHT_SINES = (0.1, 0.3)
 """Below the first sine of its bend a limb counts as straight; above the second, its bend alone gives its twist."""
 TWIST_TIME = 0.07
 """Time over which the hinge axis of a limb is averaged, seconds. Frames are weighted by how far the limb is bent."""
-LEAST_EVIDENCE = 0.02
+NO_TWIST_WEIGHT = 0.02
 """Squared sine of a bend at which the bend and the prior (no twist) have equal weight in the limb's twist."""
 
 
@@ -60,7 +60,7 @@ def closed_form_pose(body: Body, names: Sequence[str], points_world: Array, fps:
     if not set(body.names) >= POSED_PARTS:
         return None
     known = _with_trunk(body, known)
-    if not set(TRUNK) <= set(known):
+    if not set(TRUNK_LANDMARKS) <= set(known):
         return None
     hips, shoulders = (0.5 * (known["L" + joint] + known["R" + joint]) for joint in ("Hip", "Shoulder"))
     pelvis = along_and_across(shoulders - hips, known["LHip"] - known["RHip"])
@@ -71,7 +71,7 @@ def closed_form_pose(body: Body, names: Sequence[str], points_world: Array, fps:
     for i, parent in enumerate(body.parents):
         rest = body.R_parent_rest[i] if parent < 0 else R[:, parent] @ body.R_parent_rest[i]
         R[:, i] = world.get(i, rest)
-        for upper, lower, *joints, sign, farthest in LIMBS:
+        for upper, lower, *joints, sign, farthest in LIMB_CHAINS:
             for side in "LR":
                 if body.names[i] != f"{upper}.{side}":
                     continue
@@ -110,7 +110,7 @@ def closed_form_limb(
     points_world : ndarray, shape (F, 2, 3)
         Elbow and wrist, or knee and ankle; NaN where not known.
     sign, farthest : float
-        See `LIMBS`.
+        See `LIMB_CHAINS`.
     fps : float
     """
     (R, T), Q = part_poses(body, motion), motion.rotations.copy()
@@ -191,11 +191,11 @@ def limb_orientations(
     least = (_swing(rest[..., 1], a) @ rest[..., :1])[..., 0]
     likely = np.sum(hinge * least, axis=-1, keepdims=True) > farthest * bend
     if fps is None:
-        share = np.clip((bend - STRAIGHT[0]) / (STRAIGHT[1] - STRAIGHT[0]), 0.0, 1.0) * likely
+        share = np.clip((bend - STRAIGHT_SINES[0]) / (STRAIGHT_SINES[1] - STRAIGHT_SINES[0]), 0.0, 1.0) * likely
         across = share * hinge / np.maximum(bend, 1e-9) + (1 - share) * least
     else:
         across = scipy.ndimage.gaussian_filter1d(hinge * bend * likely, TWIST_TIME * fps, axis=0, mode="nearest")
-        across = across + LEAST_EVIDENCE * least
+        across = across + NO_TWIST_WEIGHT * least
     return along_and_across(a, across), along_and_across(b, across)
 
 

@@ -18,7 +18,7 @@ from ..keypoint_rays import Keypoints
 from ..seen_landmarks import resting_degrees, with_resting
 from ..view_agreement import ViewAgreement
 from .first_pose import posed_start, posing_frames
-from .keypoint_fit import CONTINUED, FitProblem, KeypointFit, fit_motion
+from .keypoint_fit import STEPS_CONTINUED, FitProblem, KeypointFit, fit_motion
 from .lifting import lone_view
 from .limb_safeguard import repose_lost_limbs
 from .person_depth import likely_height
@@ -140,6 +140,6 @@ def _with_lost_limbs_found(problem: FitProblem, fit: KeypointFit) -> KeypointFit
         )
         if reposed is not None:
             held = np.where(problem.fixed, reposed.difference(fit.motion), 0.0)
-            again = fit_motion(problem, fit.body, reposed.moved(held), steps=CONTINUED, earlier=fit)
+            again = fit_motion(problem, fit.body, reposed.moved(held), steps=STEPS_CONTINUED, earlier=fit)
             best = min(fit, again, key=lambda one: one.energy)
     return replace(best, changed=best.changed ^ agreement.changed)

@@ -16,23 +16,25 @@ from ..keypoint_rays import Keypoints
 from ..view_agreement import averaged
 from .closed_form import closed_form_pose
 
-POSED_EVERY = 0.2
+POSE_INTERVAL = 0.2
 """Interval at which a body other than the default is posed by inverse kinematics, seconds; a curve joins these
 poses."""
-ENOUGH = 2 / 3
+MIN_JOINT_SHARE = 2 / 3
 """To pose the body on a frame, this share of those main joints must be known there that are known on any frame."""
-LEAST = 3
+MIN_JOINTS = 3
 """To pose the body on a frame, at least this many main joints must be known there."""
-LOST = 0.25
+MAX_START_DISTANCE = 0.25
 """A start is rejected if the median distance of its landmarks from the points is greater, metres."""
 
 
 def posing_frames(keypoints: Keypoints, points_world: Array, fps: float) -> NDArray[np.intp]:
-    """Return the frames to pose the body on: in each interval `POSED_EVERY`, the one on which most joints are known."""
+    """Return the frames to pose the body on: in each interval `POSE_INTERVAL`, the one on which most joints are
+    known.
+    """
     main = [i for i, name in enumerate(keypoints.names) if name.endswith(MAIN_JOINTS) and name not in MAIN_JOINTS]
     finite = np.isfinite(points_world[:, main]).all(axis=-1)
-    known, enough = finite.sum(axis=1), max(LEAST, ENOUGH * finite.any(axis=0).sum())
-    count = max(1, round(len(known) / (POSED_EVERY * fps)))
+    known, enough = finite.sum(axis=1), max(MIN_JOINTS, MIN_JOINT_SHARE * finite.any(axis=0).sum())
+    count = max(1, round(len(known) / (POSE_INTERVAL * fps)))
     best = [part[np.argmax(known[part])] for part in np.array_split(np.arange(len(known)), count)]
     return np.array([f for f in best if known[f] >= enough], dtype=np.intp)
 
@@ -40,19 +42,19 @@ def posing_frames(keypoints: Keypoints, points_world: Array, fps: float) -> NDAr
 def posed_start(body: Body, keypoints: Keypoints, points_world: Array, fps: float) -> Motion:
     """Return poses of all F frames on triangulated points (F, L, 3), from which leaps were removed.
 
-    The default body is posed in closed form on every frame: a blow is shorter than `POSED_EVERY`, so a curve through
+    The default body is posed in closed form on every frame: a blow is shorter than `POSE_INTERVAL`, so a curve through
     fewer poses would miss it. Any other body is posed by inverse kinematics on some frames, each starting from the one
     before, and a curve joins these poses.
     """
     names = list(keypoints.names)
     closed_form = closed_form_pose(body, names, averaged(points_world, fps), fps)
-    if closed_form is not None and landmark_distance(body, names, points_world, closed_form) < LOST:
+    if closed_form is not None and landmark_distance(body, names, points_world, closed_form) < MAX_START_DISTANCE:
         return closed_form
     frames = posing_frames(keypoints, points_world, fps)
     poses: list[Motion] = []
     for frame in frames:
         target = points_world[[frame]]
-        lost = bool(poses) and landmark_distance(body, names, target, poses[-1]) > LOST
+        lost = bool(poses) and landmark_distance(body, names, target, poses[-1]) > MAX_START_DISTANCE
         poses.append(fit_poses(body, names, target, poses[-1] if poses and not lost else None))
     return spline(KeyPoses.whole(frames, stacked(poses)), len(keypoints))
 

@@ -13,13 +13,13 @@ from ...body import Body, part_poses
 from ...body.joint_limits import habitual_prior, posture_prior
 from ...body.measures.body_measures import BodyMeasures
 from ...body.motion import Motion
-from ...body.smoothness import LONGEST_STEP, limited, smoothness
+from ...body.smoothness import MAX_STEP, limited, smoothness
 from ...body.smoothness_estimate import AccelerationVariances, axis_mobility, estimate_variances
 from ...numerics.arrays import Array
 from ...numerics.banded import BandedFactor, bordered_solution
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.repeatable import on_grid
-from ..keypoint_deviations import USUAL_DEVIATION, deviations, robust_energy, robust_weights, trusted_weights
+from ..keypoint_deviations import USUAL_SIGMA, deviations, robust_energy, robust_weights, trusted_weights
 from ..keypoint_factor import keypoint_system
 from ..keypoint_places import Places
 from ..keypoint_rays import Keypoints
@@ -49,14 +49,14 @@ class FitStep:
     counted: Counted
 
 
-FROM_START = (
+STEPS_FROM_START = (
     *[FitStep(4.0, Counted.AGREED)] * 2,
     *[FitStep(2.0, Counted.BOTH)] * 2,
     *[FitStep(1.0, Counted.BOTH)] * 3,
     *[FitStep(1.0, Counted.FITTING)] * 3,
 )
 """The iterations from a start that may be far off."""
-CONTINUED = (FitStep(2.0, Counted.BOTH), *[FitStep(1.0, Counted.FITTING)] * 3)
+STEPS_CONTINUED = (FitStep(2.0, Counted.BOTH), *[FitStep(1.0, Counted.FITTING)] * 3)
 """The iterations from an earlier fit some of whose limbs were posed anew."""
 SIDES_TOLERANCE = 2.0
 """Left and right are corrected once the tolerance has come down to this: before, the motion may be farther off than the
@@ -65,7 +65,7 @@ REPEATED_POSES = 4.0
 """A detector's errors repeat when a pose does. For unknowns that are the same on all frames (offsets, measures), the
 frames therefore count this many times less than if errors were only correlated in time. With complete key poses the
 factor is not applied, as these show the constants by themselves."""
-WIDER_START = 4.0
+START_SCALE = 4.0
 """The estimate of smoothness starts with this many times the usual accelerations, because movement that is smoothed
 away at the start cannot be found again."""
 
@@ -119,7 +119,7 @@ class FitProblem:
         kept.
         """
         typical = (1 / (self.precision * mobility**2)).reshape(-1, 3).mean(axis=1)
-        widened = typical * WIDER_START**2 if self.views_agree else typical
+        widened = typical * START_SCALE**2 if self.views_agree else typical
         return AccelerationVariances.constant(widened, max(frames - 2, 0))
 
 
@@ -197,7 +197,7 @@ def fit_motion(
     start: Motion,
     *,
     measures: BodyMeasures | None = None,
-    steps: Sequence[FitStep] = FROM_START,
+    steps: Sequence[FitStep] = STEPS_FROM_START,
     earlier: KeypointFit | None = None,
 ) -> KeypointFit:
     """Fit the motion on all frames and the keypoints' offsets by robust least squares, from coarse to fine.
@@ -254,7 +254,7 @@ def _iterated(
         )
     # Of what keypoints say little about, as the twist of a stretched arm, the linear model asks for steps far beyond
     # where it holds: they would lead to and fro without end, and each would multiply the roundings of those before.
-    blocks = (evidence + smoothness(motion, variances.precision(mobility))).near(LONGEST_STEP)
+    blocks = (evidence + smoothness(motion, variances.precision(mobility))).near(MAX_STEP)
     moved, others = bordered_solution(
         BandedFactor(blocks, problem.fixed), blocks.gradient, system.border, system.corner, system.gradient
     )
@@ -271,7 +271,7 @@ def _finished(problem: FitProblem, found: _Estimate) -> KeypointFit:
     """Return the fit of a final estimate."""
     body, motion, places = found.body, found.motion, found.places
     comparison = compared(problem.agreement, places.world(part_poses(body, motion)))
-    usual = np.full_like(comparison.deviation, USUAL_DEVIATION)
+    usual = np.full_like(comparison.deviation, USUAL_SIGMA)
     energy = robust_energy(comparison.residual, comparison.keypoints.confidence, usual)
     return KeypointFit(
         body,

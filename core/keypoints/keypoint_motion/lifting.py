@@ -18,35 +18,35 @@ import numpy as np
 from ...body import Body
 from ...numerics import rotations
 from ...numerics.arrays import Array, Ints
-from ..keypoint_deviations import LIFTED_DEVIATION, USUAL_DEVIATION
+from ..keypoint_deviations import LIFTED_SIGMA, USUAL_SIGMA
 from ..keypoint_rays import Keypoints
 from ..view_agreement import ViewAgreement, without_midpoints
-from .closed_form import LIMBS, POSED_PARTS, TRUNK, along_and_across, limb_orientations
+from .closed_form import LIMB_CHAINS, POSED_PARTS, TRUNK_LANDMARKS, along_and_across, limb_orientations
 from .person_depth import Rays, floor_ratio, rest_places, root_depth, torso_length
 
-LEANING = 0.5
+LEAN_SIGMA = 0.5
 """Standard deviation of the angle between the trunk and the vertical, radians."""
-TWISTED = 0.4
+TRUNK_TWIST_SIGMA = 0.4
 """Standard deviation of the rotation of the shoulders relative to the hips, radians."""
-NOSE_DEVIATION = 0.08
+NOSE_SIGMA = 0.08
 """Standard deviation of the nose from its position on a head that looks ahead, metres."""
-LIMIT_DEVIATION = 0.2
+LIMIT_SIGMA = 0.2
 """Standard deviation of a joint beyond its limits, radians; it is wide because depths are rough."""
-POSTURE_DEVIATION = 1.5
+POSTURE_SIGMA = 1.5
 """Standard deviation of a joint from its rest rotation, radians."""
-SPEED = 2.0
+SPEED_SIGMA = 2.0
 """Standard deviation of the velocity of a joint relative to the trunk, metres per second."""
-ROUGH = 0.06
+LIFTED_JOINT_SIGMA = 0.06
 """Standard deviation of a lifted joint, metres: for a bone seen at nearly its full length, little noise changes the
 depth much."""
-LEAP = 16.0
+MAX_CHANGE_COST = 16.0
 """Upper bound of the cost of a change between two frames, in units of the variance."""
-FLOOR_DEVIATION = 0.05
+FLOOR_SIGMA = 0.05
 """Standard deviation of feet below the floor, metres."""
-FLOOR_AGREES = 0.15
+FLOOR_TOLERANCE = 0.15
 """Feet are assumed to be on the floor, z = 0, if the distance that follows from this differs from the one by the
 lengths of the bones by less than this share."""
-LEAST_DEPTH = 0.1
+MIN_DEPTH = 0.1
 """Points that are nearer to the imagined camera than this are left out, metres."""
 _NEVER = 1e6
 _ASIDE = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
@@ -56,7 +56,9 @@ def lone_view(body: Body, keypoints: Keypoints) -> int | None:
     """Return the only view that has keypoints, if it shows the hips and the shoulders of the default body."""
     views = np.flatnonzero(keypoints.confidence.any(axis=(1, 2)))
     found = {name for i, name in enumerate(keypoints.names) if keypoints.confidence[:, :, i].any()}
-    return int(views[0]) if len(views) == 1 and set(TRUNK) <= found and set(body.names) >= POSED_PARTS else None
+    return (
+        int(views[0]) if len(views) == 1 and set(TRUNK_LANDMARKS) <= found and set(body.names) >= POSED_PARTS else None
+    )
 
 
 def lifted_points(body: Body, keypoints: Keypoints, fps: float, *, mirrored: bool = False) -> tuple[Array, float]:
@@ -82,7 +84,7 @@ def lifted_points(body: Body, keypoints: Keypoints, fps: float, *, mirrored: boo
     places = rest_places(body)
     root = root_depth(rays, places, fps)
     ratio = floor_ratio(rays, root)
-    standing = abs(np.log(ratio)) < FLOOR_AGREES
+    standing = abs(np.log(ratio)) < FLOOR_TOLERANCE
     root = root * (ratio if standing else 1.0)
     points, total = _trunk_points(rays, places, root, fps, mirrored=mirrored)
     hips, shoulders = (0.5 * (points["L" + joint] + points["R" + joint]) for joint in ("Hip", "Shoulder"))
@@ -102,7 +104,7 @@ def lifted_points(body: Body, keypoints: Keypoints, fps: float, *, mirrored: boo
 
 
 def _limb_joints() -> list[tuple[str, str, str, str, str]]:
-    return [(upper, lower, a, b, c) for upper, lower, a, b, c, _, _ in LIMBS]
+    return [(upper, lower, a, b, c) for upper, lower, a, b, c, _, _ in LIMB_CHAINS]
 
 
 def _trunk_points(
@@ -116,7 +118,7 @@ def _trunk_points(
     hips = middles["Hip"].at("Hip", root)
     tops = middles["Shoulder"].at("Shoulder", middles["Shoulder"].depths_from(hips, "Shoulder", torso_length(places)))
     states = list(product(range(2), repeat=3))  # the lean, the sides of the hips and of the shoulders
-    found: dict[str, list[Array]] = {name: [] for name in TRUNK}
+    found: dict[str, list[Array]] = {name: [] for name in TRUNK_LANDMARKS}
     for lean, turned, twisted in states:
         for joint, middle, side in (("Hip", hips, turned), ("Shoulder", tops[lean], twisted)):
             half = 0.5 * float(np.linalg.norm(places["L" + joint] - places["R" + joint]))
@@ -127,14 +129,14 @@ def _trunk_points(
     up = 0.5 * (points["LShoulder"] + points["RShoulder"] - points["LHip"] - points["RHip"])
     chest = along_and_across(up, points["LShoulder"] - points["RShoulder"])
     pelvis = along_and_across(up, points["LHip"] - points["RHip"])
-    cost = (np.arccos(np.clip(chest[..., 2, 1], -1, 1)) / LEANING) ** 2
+    cost = (np.arccos(np.clip(chest[..., 2, 1], -1, 1)) / LEAN_SIGMA) ** 2
     twist = np.linalg.norm(rotations.log(np.swapaxes(pelvis, -1, -2) @ chest), axis=-1)
-    cost = cost + (twist / TWISTED) ** 2
+    cost = cost + (twist / TRUNK_TWIST_SIGMA) ** 2
     if "Nose" in rays.directions:
         top = 0.5 * (places["LShoulder"] + places["RShoulder"])
         ahead = (places["Nose"] - top)[[0, 2, 1]] * [1, 1, -1]  # the rest pose faces -Y
         nose = 0.5 * (points["LShoulder"] + points["RShoulder"]) + chest @ ahead
-        cost = cost + np.minimum((_distance(rays, "Nose", nose) / NOSE_DEVIATION) ** 2, LEAP)
+        cost = cost + np.minimum((_distance(rays, "Nose", nose) / NOSE_SIGMA) ** 2, MAX_CHANGE_COST)
     moving = np.concatenate([points["LShoulder"] - points["RShoulder"], points["LHip"] - points["RHip"], up], axis=-1)
     path, total = _cheapest_path(cost, moving, fps)
     if mirrored:
@@ -181,7 +183,7 @@ class Limb:
         3).
         """
         name = self.body.names[self.parts[0]]
-        sign, farthest = next((float(s), float(f)) for part, *_, s, f in LIMBS if name.startswith(part))
+        sign, farthest = next((float(s), float(f)) for part, *_, s, f in LIMB_CHAINS if name.startswith(part))
         # The arms hang on the chest through collar bones, which rest here.
         carrier = self.body.parts[self.body.index("chest" if name.startswith("upper_arm") else "pelvis")]
         R0_upper = carrier.R_world_rest.T @ self.body.parts[self.parts[0]].R_world_rest
@@ -208,10 +210,10 @@ def _limb_points(
     cost = np.zeros(ends.shape[:2])
     for part, turns in zip(limb.parts, limb.turns(trunk, middles - start, ends - middles), strict=True):
         low, high = limb.body.limits[part].T
-        cost += np.sum(((turns - np.clip(turns, low, high)) / LIMIT_DEVIATION) ** 2, axis=-1)
-        cost += np.sum((turns / POSTURE_DEVIATION) ** 2, axis=-1)
+        cost += np.sum(((turns - np.clip(turns, low, high)) / LIMIT_SIGMA) ** 2, axis=-1)
+        cost += np.sum((turns / POSTURE_SIGMA) ** 2, axis=-1)
     if standing:
-        cost += (np.minimum(ends[..., 2], 0.0) / FLOOR_DEVIATION) ** 2
+        cost += (np.minimum(ends[..., 2], 0.0) / FLOOR_SIGMA) ** 2
     path, total = _cheapest_path(cost, np.concatenate([middles - start, ends - start], axis=-1), fps)
     chosen = path, np.arange(len(path))
     return {middle: middles[chosen], last: ends[chosen]}, total
@@ -228,11 +230,11 @@ def _cheapest_path(cost: Array, moving: Array, fps: float) -> tuple[Ints, float]
         Coordinates that should not leap from one frame to the next, metres.
     fps : float
     """
-    variance = (SPEED / fps) ** 2 + ROUGH**2
+    variance = (SPEED_SIGMA / fps) ** 2 + LIFTED_JOINT_SIGMA**2
     total, before = cost[:, 0], np.zeros(cost.shape, np.int64)
     for f in range(1, cost.shape[1]):
         leaps = np.sum((moving[:, None, f] - moving[None, :, f - 1]) ** 2, axis=-1) / variance
-        ways = total + np.minimum(leaps, LEAP)
+        ways = total + np.minimum(leaps, MAX_CHANGE_COST)
         before[:, f] = ways.argmin(axis=1)
         total = ways.min(axis=1) + cost[:, f]
     path = np.empty(cost.shape[1], np.int64)
@@ -249,13 +251,13 @@ def with_imagined_view(keypoints: Keypoints, points_world: Array, fps: float) ->
     the camera, where residuals in metres are smaller, and turn the limbs away.
     """
     R, t = keypoints.R_cam_world[0], keypoints.t_cam_world[0]
-    trunk = [i for i, name in enumerate(keypoints.names) if name in TRUNK]
+    trunk = [i for i, name in enumerate(keypoints.names) if name in TRUNK_LANDMARKS]
     middle = np.einsum("fab,fb->fa", R, points_world[:, trunk].mean(axis=1)) + t
     distance = np.linalg.norm(middle, axis=-1, keepdims=True)
     R_side, t_side = _ASIDE @ R, (t - middle) @ _ASIDE.T + distance * [0.0, 0.0, 1.0]
     x = np.einsum("fab,flb->fla", R_side, points_world) + t_side[:, None]
     with np.errstate(invalid="ignore"):
-        known = x[..., 2] > LEAST_DEPTH
+        known = x[..., 2] > MIN_DEPTH
     both = Keypoints(
         keypoints.names,
         np.stack([keypoints.rays[0], np.where(known[..., None], x[..., :2] / x[..., 2:], np.nan)]),
@@ -264,5 +266,5 @@ def with_imagined_view(keypoints: Keypoints, points_world: Array, fps: float) ->
         np.stack([t, t_side]),
     )
     own = without_midpoints(both)
-    deviation = np.outer([USUAL_DEVIATION, LIFTED_DEVIATION], np.ones(len(own.names)))
+    deviation = np.outer([USUAL_SIGMA, LIFTED_SIGMA], np.ones(len(own.names)))
     return ViewAgreement(own, np.zeros(own.confidence.shape, bool), points_world, own.confidence, deviation, fps)

@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 from ...body import Body, part_poses
 from ...body.motion import Motion
 from ...numerics.arrays import Array
-from ..keypoint_deviations import GROSS
+from ..keypoint_deviations import GEMAN_MCCLURE_SCALE
 from ..keypoint_places import Places
 from ..keypoint_rays import Keypoints
-from .closed_form import LIMBS, closed_form_limb
+from .closed_form import LIMB_CHAINS, closed_form_limb
 
-WORSE = 2.0
+LOST_EXCESS = 2.0
 """A limb is lost if its squared error in the views exceeds that of the triangulated points by this, in units of the
-variance, averaged over `LOST_FOR`. With errors of the usual size the excess is below one."""
-LOST_FOR = 0.1
+variance, averaged over `LOST_WINDOW`. With errors of the usual size the excess is below one."""
+LOST_WINDOW = 0.1
 """Window of that average, seconds. A lost limb is posed again for the same time before and after as well."""
 
 
@@ -50,7 +50,7 @@ def repose_lost_limbs(
     aims = points_world - np.einsum("flab,lb->fla", poses[0][:, places.parts], places.offsets)
     worse = _mean_error(keypoints, places.world(poses), deviation) - _mean_error(keypoints, points_world, deviation)
     rotations = motion.rotations
-    for upper, lower, _, *joints, sign, farthest in LIMBS:
+    for upper, lower, _, *joints, sign, farthest in LIMB_CHAINS:
         for side in "LR":
             ends = [side + str(joint) for joint in joints]
             if f"{upper}.{side}" not in body.names or not set(ends) <= set(names):
@@ -73,14 +73,14 @@ def _mean_error(keypoints: Keypoints, points_world: Array, deviation: Array) -> 
     """Mean over the views of robust squared errors, in units of the variance, (F, L); 0 where nothing is known."""
     error = np.sum(keypoints.residuals(points_world) ** 2, axis=-1) / deviation[:, None] ** 2
     known = keypoints.confidence * np.isfinite(error)
-    total = np.sum(known * np.nan_to_num(np.minimum(error, GROSS**2)), axis=0)
+    total = np.sum(known * np.nan_to_num(np.minimum(error, GEMAN_MCCLURE_SCALE**2)), axis=0)
     return np.asarray(total / np.maximum(known.sum(axis=0), 1e-9))
 
 
 def _lost_frames(worse: Array, fps: float) -> NDArray[np.bool_]:
-    """Return the frames on which the mean of `worse` (F,) over `LOST_FOR` exceeds `WORSE`, and their neighbours,
-    (F,).
+    """Return the frames on which the mean of `worse` (F,) over `LOST_WINDOW` exceeds `LOST_EXCESS`, and their
+    neighbours, (F,).
     """
-    span = max(1, round(LOST_FOR * fps))
-    lost = scipy.ndimage.uniform_filter1d(worse, span, mode="nearest") > WORSE
+    span = max(1, round(LOST_WINDOW * fps))
+    lost = scipy.ndimage.uniform_filter1d(worse, span, mode="nearest") > LOST_EXCESS
     return np.asarray(scipy.ndimage.binary_dilation(lost, iterations=span)) if lost.any() else lost

@@ -15,14 +15,14 @@ from ..keypoint_factor import KeypointSystem
 from ..keypoint_places import Places
 from ..keypoint_rays import Keypoints
 
-PROPORTION_DEVIATION = 0.08
+PROPORTION_SIGMA = 0.08
 """Standard deviation of a measure from that of an average person of the same height, as a share of it. It includes what
 different rigs and laboratories mean by the centre of a joint."""
 MEASURE_ASYMMETRY = 0.02
 """Standard deviation of the difference between a measure of the left side and the same of the right, as a share."""
-SHIFT_DEVIATION = 0.02
+SHIFT_SIGMA = 0.02
 """Standard deviation of the measures in `core.body.human.SHIFTS` from those of an average person, metres."""
-STATURE_DEVIATION = 0.07
+STATURE_SIGMA = 0.07
 """Standard deviation of a person's height from the height at which the fit starts, as a share."""
 
 
@@ -34,8 +34,8 @@ def measures_prior(measures: BodyMeasures) -> tuple[Array, Array]:
     how far each step changes it.
     """
     average, names = default_measures(measures.stature), list(measures.values)
-    deviation = [SHIFT_DEVIATION if name in SHIFTS else PROPORTION_DEVIATION * average[name] for name in names]
-    covariance = np.diag(np.square([STATURE_DEVIATION, *deviation]))
+    deviation = [SHIFT_SIGMA if name in SHIFTS else PROPORTION_SIGMA * average[name] for name in names]
+    covariance = np.diag(np.square([STATURE_SIGMA, *deviation]))
     for i, name in enumerate(names, 1):
         if name.endswith(".L"):
             j = names.index(f"{name[:-2]}.R") + 1

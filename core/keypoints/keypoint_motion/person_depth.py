@@ -14,23 +14,23 @@ from ...numerics.arrays import Array
 from ...numerics.resampling import gaps_filled
 from ..keypoint_rays import Keypoints
 
-DEPTH_TIME = 0.3
+MEDIAN_WINDOW = 0.3
 """Window of the running median of the person's distance, seconds."""
-FORESHORTENED = 0.2
+MAX_OVERLONG_SHARE = 0.2
 """When the person's distance is estimated, this share of the bones may come out longer than they are."""
 AVERAGE_HEIGHT = 1.7
 """Height of a person of whom nothing is known, metres."""
 HEIGHTS = (1.4, 2.05)
 """Range of plausible heights, metres; if a height outside follows from the floor, the floor is probably not at z =
 0."""
-LENGTH_DEVIATION = 0.08
+LENGTH_SIGMA = 0.08
 """Standard deviation of a bone's length as seen from that of the body, as a share: proportions differ, and detectors
 err.
 """
-TURNED_AWAY = 0.25
+DEPTH_EXTENT_SIGMA = 0.25
 """Standard deviation of a bone's extent in depth, as a share of its length."""
 _DEPTHS = 65  # nodes of an integral
-SOLE = 0.08
+ANKLE_HEIGHT = 0.08
 """Height of an ankle above the floor, metres."""
 _BONES = (
     *((side + a, side + b) for a, b in (("Shoulder", "Elbow"), ("Elbow", "Wrist")) for side in "LR"),
@@ -88,12 +88,12 @@ def expected_depth(seen: Array) -> Array:
     """Share of a bone's length along the ray, from the share that is seen across it; the shape is the same.
 
     If 95 % of a bone's length are seen, it is more likely to be 5 % shorter than assumed than to be turned away by 18
-    degrees. The result is therefore the mean over the distributions of turns (`TURNED_AWAY`) and of lengths
-    (`LENGTH_DEVIATION`).
+    degrees. The result is therefore the mean over the distributions of turns (`DEPTH_EXTENT_SIGMA`) and of lengths
+    (`LENGTH_SIGMA`).
     """
     depths = np.linspace(0.0, 1.0, _DEPTHS)
-    off = (np.sqrt(1 - depths**2) - np.minimum(seen, 1.0)[..., None]) / LENGTH_DEVIATION
-    cost = 0.5 * (off**2 + (depths / TURNED_AWAY) ** 2)
+    off = (np.sqrt(1 - depths**2) - np.minimum(seen, 1.0)[..., None]) / LENGTH_SIGMA
+    cost = 0.5 * (off**2 + (depths / DEPTH_EXTENT_SIGMA) ** 2)
     weight = np.exp(cost.min(axis=-1, keepdims=True) - cost)
     return np.asarray((weight * depths).sum(axis=-1) / weight.sum(axis=-1))
 
@@ -115,8 +115,8 @@ def root_depth(rays: Rays, places: Mapping[str, Array], fps: float) -> Array:
     seen.append(np.linalg.norm(hips - shoulders, axis=-1))
     lengths.append(torso_length(places))
     farthest = np.array(lengths)[:, None] / np.maximum(seen, 1e-6)
-    depth = np.quantile(farthest, FORESHORTENED, axis=0)
-    depth = scipy.ndimage.median_filter(depth, max(1, round(DEPTH_TIME * fps)), mode="nearest")
+    depth = np.quantile(farthest, MAX_OVERLONG_SHARE, axis=0)
+    depth = scipy.ndimage.median_filter(depth, max(1, round(MEDIAN_WINDOW * fps)), mode="nearest")
     return depth
 
 
@@ -133,7 +133,7 @@ def floor_ratio(rays: Rays, depth: Array) -> float:
         if name in rays.directions:
             falling = -rays.directions[name][:, 2]
             with np.errstate(divide="ignore", invalid="ignore"):
-                reached = np.where(falling > 1e-3, (rays.centre[:, 2] - SOLE) / falling, np.inf)
+                reached = np.where(falling > 1e-3, (rays.centre[:, 2] - ANKLE_HEIGHT) / falling, np.inf)
             standing = np.where(reached > 0, np.minimum(standing, reached), standing)  # a raised foot is nearer
     if not np.isfinite(standing).any():
         return np.inf

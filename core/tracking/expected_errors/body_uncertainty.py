@@ -10,12 +10,12 @@ from ...body import part_poses
 from ...body.kinematics import tip_positions
 from ...body.motion import Motion
 from ...body.tip_landmarks import tip_landmarks
-from ...keypoints.keypoint_places import OFFSET_DEVIATION, THINNESS, keypoint_on_body, offset_deviation
+from ...keypoints.keypoint_places import OFFSET_SIGMA, THINNESS, keypoint_on_body, offset_deviation
 from ...keypoints.observations import PerformerKeypoints
 from ...numerics.arrays import Array
 from ...shot.shot import KeyPoses, Performer
 
-USUAL_JOINT_DEVIATION = 0.003
+USUAL_JOINT_SIGMA = 0.003
 """Usual distance of the model's joints from the performer's where key poses were set by hand, metres."""
 LIFTED_ERROR = 0.15
 """Usual error of joints whose depth follows from the lengths of bones in a single view, metres."""
@@ -50,7 +50,7 @@ def body_covariances(
     if observed is not None and not performer.key_poses.fixed.any():
         found = _offset_covariances(performer, motion)
     else:
-        joints = np.full(len(body), USUAL_JOINT_DEVIATION)
+        joints = np.full(len(body), USUAL_JOINT_SIGMA)
         joints = joints if performer.joint_deviation is None else performer.joint_deviation
         found = np.broadcast_to((joints**2 / 3)[:, None, None] * np.eye(3), (F, len(body), 3, 3))
     if observed is not None and observed.is_lifted:
@@ -84,7 +84,7 @@ def frames_to_key_poses(keys: KeyPoses, length: int) -> Array:
 def _offset_covariances(performer: Performer, motion: Motion) -> Array:
     """Covariances of a detector's usual offsets from the joints, in the world, by the orientations of the parts."""
     body = performer.body
-    at, usual = tip_landmarks(body), np.full((len(body), 3), OFFSET_DEVIATION)
+    at, usual = tip_landmarks(body), np.full((len(body), 3), OFFSET_SIGMA)
     carriers = np.arange(len(body))
     for part, name in at.items():
         carriers[part], _ = keypoint_on_body(body, name)

@@ -22,13 +22,13 @@ from .joint_covariances import tip_covariances, tip_jacobian
 
 USUAL_RATIO = 2.0
 """Ratio of squared errors to expected ones where no key pose measures it."""
-KNOWN_RATIO = 6.0
+USUAL_RATIO_COUNT = 6.0
 """Weight of `USUAL_RATIO`, as a number of squared errors along an axis."""
-VAGUE = 0.5
+MAX_EXPECTED_ERROR = 0.5
 """Axes along which the expected error of a prediction is larger than this are left out, metres."""
-ALIKE = 4.0
+PARTS_PER_OBSERVATION = 4.0
 """Number of parts that count as one observation for the ratio of the body, as parts miss a key pose together."""
-OWN_RATIO = 6.0
+BODY_RATIO_COUNT = 6.0
 """Number of squared errors along an axis at which a part's own ratio weighs as much as that of the body."""
 
 
@@ -86,9 +86,9 @@ def covariance_ratios(misses: Array, joints: Sequence[int]) -> Array:
         Parts whose tips are joints; the ratio of the body is taken over these.
     """
     total, each = misses.sum(axis=0), 3.0 * len(misses)
-    body = KNOWN_RATIO * USUAL_RATIO + total[list(joints)].sum() / ALIKE
-    body /= KNOWN_RATIO + each * len(joints) / ALIKE
-    return np.asarray((OWN_RATIO * body + total) / (OWN_RATIO + each))
+    body = USUAL_RATIO_COUNT * USUAL_RATIO + total[list(joints)].sum() / PARTS_PER_OBSERVATION
+    body /= USUAL_RATIO_COUNT + each * len(joints) / PARTS_PER_OBSERVATION
+    return np.asarray((BODY_RATIO_COUNT * body + total) / (BODY_RATIO_COUNT + each))
 
 
 def _without_key(
@@ -110,13 +110,13 @@ def _without_key(
 
 def _miss(jacobian: Array, step: Array, covariance: Array, growth: Array | float = 1.0) -> Array:
     """Squared error of each tip after a step (D,) in units of its covariance, (P,), over the axes on which the
-    covariance (D, D), times `growth` (P,), determines the tip; see `VAGUE`.
+    covariance (D, D), times `growth` (P,), determines the tip; see `MAX_EXPECTED_ERROR`.
     """
     apart = jacobian @ step
     variances, axes = np.linalg.eigh(tip_covariances(jacobian[None], covariance[None])[0])
     variances = variances * np.broadcast_to(growth, len(variances))[:, None]
     along = np.einsum("pab,pa->pb", axes, apart)
-    determined = (variances > 1e-6 * variances[:, -1:]) & (variances < VAGUE**2)
+    determined = (variances > 1e-6 * variances[:, -1:]) & (variances < MAX_EXPECTED_ERROR**2)
     squares = np.where(determined, along**2 / np.maximum(variances, 1e-30), 0.0).sum(axis=1)
     count = determined.sum(axis=1)
     return np.asarray(np.where(count > 0, 3 * squares / np.maximum(count, 1), 3 * USUAL_RATIO))

@@ -9,7 +9,7 @@ from ...body.kinematics import point_jacobian, tip_positions
 from ...body.motion import Motion
 from ...numerics.arrays import Array
 
-STEADY = 0.015
+DOUBLING_DISPLACEMENT = 0.015
 """Displacement between two frames at which the squared error of a tip is twice that at rest, metres: because of motion
 blur, brightness that is not linear over such distances, and clothes that lag."""
 
@@ -34,4 +34,4 @@ def growth_by_speed(body: Body, motion: Motion) -> Array:
     if len(motion) < 2:
         return np.ones((len(motion), len(body)))
     speed = np.linalg.norm(np.gradient(tip_positions(body, part_poses(body, motion)), axis=0), axis=2)
-    return np.asarray(1 + (speed / STEADY) ** 2)
+    return np.asarray(1 + (speed / DOUBLING_DISPLACEMENT) ** 2)

@@ -21,18 +21,18 @@ from ...numerics.arrays import Array, Bools, Ints
 
 LOSING, FINDING = 0.002, 0.1
 """Probabilities per frame that a part that is found gets lost, and that a lost one is found again."""
-PIECE = 0.05
+PATCH_SIDE = 0.05
 """Side of a square on the body whose pixels count as one observation, metres; of somebody far away every pixel does."""
-TOGETHER = 2.0
+FRAMES_PER_OBSERVATION = 2.0
 """Number of frames in a row that count as one observation."""
-USUAL_BACKGROUND = 0.05
+PRIOR_BACKGROUND_SHARE = 0.05
 """Prior mean of the share of a part's pixels that look like background though the part is right; it weighs as much as
 one observation."""
-LEAST_USUAL = 0.02
+SHARE_MARGIN = 0.02
 """This share is kept from 0 and 1 by this much."""
-STEADINESS = 20.0
+SHARE_PRECISION = 20.0
 """How little this share varies, as a number of observations (precision of a beta distribution)."""
-SHOWN = 0.5
+REVEAL_PROBABILITY = 0.5
 """Probability that a view reveals that a part is lost; otherwise it lies in front of or behind the rest of the body."""
 
 
@@ -54,9 +54,9 @@ def lost_probabilities(body: Body, misfit: Misfit, span: slice, *, held: Bools, 
         is right. Without any, it is the median over all frames.
     """
     visible, background = misfit.visible[..., span], misfit.background[..., span]
-    pieces = np.minimum(visible / PIECE**2, misfit.pixels[..., span])
+    pieces = np.minimum(visible / PATCH_SIDE**2, misfit.pixels[..., span])
     usual = _usual_background(background, pieces, keys)
-    doubt = _log_odds(background, pieces, usual).sum(axis=0) / TOGETHER
+    doubt = _log_odds(background, pieces, usual).sum(axis=0) / FRAMES_PER_OBSERVATION
     lost = np.zeros(held.shape)
     for chain in limbs(body):
         sure = np.ones(len(lost))
@@ -92,8 +92,8 @@ def _usual_background(background: Array, pieces: Array, keys: Ints) -> Array:
         seen = (pieces > 0).any(axis=1, keepdims=True)
         with np.errstate(all="ignore"):
             usual = np.nanmedian(np.where(seen, usual, 0.0), axis=1, keepdims=True)
-        return np.broadcast_to(np.maximum(usual, USUAL_BACKGROUND), background.shape)
-    known = (USUAL_BACKGROUND + background[:, keys] * pieces[:, keys]) / (1 + pieces[:, keys])
+        return np.broadcast_to(np.maximum(usual, PRIOR_BACKGROUND_SHARE), background.shape)
+    known = (PRIOR_BACKGROUND_SHARE + background[:, keys] * pieces[:, keys]) / (1 + pieces[:, keys])
     frames = np.arange(background.shape[1])
     after = np.clip(np.searchsorted(keys, frames), 1, max(len(keys) - 1, 1))
     a, b = after - 1, np.minimum(after, len(keys) - 1)
@@ -103,11 +103,11 @@ def _usual_background(background: Array, pieces: Array, keys: Ints) -> Array:
 
 def _log_odds(background: Array, pieces: Array, usual: Array) -> Array:
     """Log likelihood ratio (lost against found) of the share of background on each part."""
-    hits, usual = background * pieces, np.clip(usual, LEAST_USUAL, 1 - LEAST_USUAL)
-    a, b = usual * STEADINESS, (1 - usual) * STEADINESS
+    hits, usual = background * pieces, np.clip(usual, SHARE_MARGIN, 1 - SHARE_MARGIN)
+    a, b = usual * SHARE_PRECISION, (1 - usual) * SHARE_PRECISION
     right = betaln(hits + a, pieces - hits + b) - betaln(a, b)
     lost = betaln(hits + 1, pieces - hits + 1)
-    return np.asarray(np.logaddexp(np.log(1 - SHOWN), np.log(SHOWN) + lost - right))
+    return np.asarray(np.logaddexp(np.log(1 - REVEAL_PROBABILITY), np.log(REVEAL_PROBABILITY) + lost - right))
 
 
 def _chain_probabilities(log_odds: Array) -> Array:

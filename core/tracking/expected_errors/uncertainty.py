@@ -28,13 +28,13 @@ from .held_out_keys import USUAL_RATIO, covariance_ratios, missed_key_poses
 from .joint_covariances import growth_by_speed, tip_covariances, tip_jacobian
 from .lost_limbs import confirmed_parts, limb_reach, lost_probabilities
 
-MISPLACED = 2.0
+ERROR_PER_GAP = 2.0
 """Ratio of a joint's error to the mean gap between the outlines: a few misplaced limbs cause the gap of the whole."""
-INTERVAL = 0.9
+COVERAGE = 0.9
 """Fraction of the errors that the interval should contain."""
-MAYBE = 0.5
+REPORTED_PROBABILITY = 0.5
 """Probability from which a part is reported as possibly lost."""
-TAILS = 20.0
+ERRORS_T_DOF = 20.0
 """Degrees of freedom of the errors' t distribution, as the ratio estimated from key poses is a mean over frames with
 smaller and larger errors."""
 
@@ -102,7 +102,7 @@ class JointErrors:
 
     def maybe_lost(self) -> Bools:
         """Return where each part may be lost, shape (F, P)."""
-        return np.asarray(self.lost >= MAYBE)
+        return np.asarray(self.lost >= REPORTED_PROBABILITY)
 
 
 def segment_uncertainties(
@@ -170,7 +170,7 @@ def joint_errors(body: Body, uncertainties: Sequence[SegmentUncertainty], beside
     for one in uncertainties:
         frames = slice(int(one.first), int(one.first) + len(one.held))
         found = one.covariances * ratios[:, None, None]
-        found += ((MISPLACED * one.gaps) ** 2 / 3)[:, None, None, None] * np.eye(3)
+        found += ((ERROR_PER_GAP * one.gaps) ** 2 / 3)[:, None, None, None] * np.eye(3)
         covariances[frames] = beside[frames] + found
         lost[frames], held[frames] = one.lost, one.held
     covariances[held] = 0.0
@@ -179,7 +179,7 @@ def joint_errors(body: Body, uncertainties: Sequence[SegmentUncertainty], beside
     near = np.sqrt(np.maximum(np.trace(covariances, axis1=2, axis2=3), 0.0))
     return JointErrors(
         (1 - lost) * near + lost * reach,
-        length_quantile(covariances, INTERVAL, tails=TAILS, gross=lost, gross_length=reach),
+        length_quantile(covariances, COVERAGE, tails=ERRORS_T_DOF, gross=lost, gross_length=reach),
         lost,
     )
 

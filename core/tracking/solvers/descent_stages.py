@@ -10,15 +10,15 @@ SMALL_STEP = 0.007
 """Root mean square of a step, radians and metres, below which a stage ends: what remains is about a third of it."""
 ROUGH_STEP = 0.025
 """The same for stages that another one follows, which will move joints by more than what remains."""
-STILL = 0.005
+MIN_JOINT_MOVE = 0.005
 """Largest motion of any joint in a step, metres, below which a refinement ends: the next step would be a fraction of
 it."""
-NOTICED = 0.2
+MIN_STEP_SIGMAS = 0.2
 """Root mean square of a step, in posterior standard deviations, below which it is not made: it would reduce the
 expected error by 2 % at most."""
-REACH = 0.07
+OUTLINE_REACH = 0.07
 """Usual distance from the model's outlines within which those of the performer are searched for, metres."""
-COARSEST = 4
+MAX_STRIDE = 4
 """Largest stride between pixels, however many views there are: parts are hardly wider than that."""
 
 
@@ -41,7 +41,7 @@ class DescentStage:
     still : float
         It also ends after a step that moves no joint by more than this on any frame, metres.
     noticed : float
-        It also ends before a step that is shorter, see `NOTICED`.
+        It also ends before a step that is shorter, see `MIN_STEP_SIGMAS`.
     plants : bool
         Soles that seem planted are kept still. That guides a descent, but would also hold feet that creep, so it is off
         in stages that are the last; with a single view, which hardly shows creeping, plants are used all the same.
@@ -58,43 +58,55 @@ class DescentStage:
 
     def sampling_of(self, views: int) -> Sampling:
         """Return the sampling for a number of views: the more there are, the fewer pixels of each are needed."""
-        return replace(self.sampling, stride=max(self.sampling.stride, min(views, COARSEST)))
+        return replace(self.sampling, stride=max(self.sampling.stride, min(views, MAX_STRIDE)))
 
 
 STAGES = (
     DescentStage(Sampling(2.0, 8.0, 4, 0.10), 2, views=2, small=ROUGH_STEP),
-    DescentStage(Sampling(1.0, 4.0, 4, REACH), 3, views=2, small=ROUGH_STEP),
-    DescentStage(Sampling(1.0, 1.0, 3, REACH), 2),
+    DescentStage(Sampling(1.0, 4.0, 4, OUTLINE_REACH), 3, views=2, small=ROUGH_STEP),
+    DescentStage(Sampling(1.0, 1.0, 3, OUTLINE_REACH), 2),
 )
 """From the curve through the key poses to the solution."""
 REFINEMENT = (
-    DescentStage(Sampling(1.0, 1.0, 2, REACH), 6, small=0.004, small_refused=True, still=STILL, plants=False),
+    DescentStage(
+        Sampling(1.0, 1.0, 2, OUTLINE_REACH), 6, small=0.004, small_refused=True, still=MIN_JOINT_MOVE, plants=False
+    ),
 )
 """From a solution to the better one that motion known on both sides allows."""
 POLISH = (
     DescentStage(
-        Sampling(1.0, 1.0, 2, REACH, by_part=True), 4, small=0.004, small_refused=True, still=STILL, plants=False
+        Sampling(1.0, 1.0, 2, OUTLINE_REACH, by_part=True),
+        4,
+        small=0.004,
+        small_refused=True,
+        still=MIN_JOINT_MOVE,
+        plants=False,
     ),
 )
 """The last stage, once limbs are where they belong: a limb elsewhere would pass for one with much noise, which counts
 little."""
 SETTLING = (
-    DescentStage(Sampling(1.0, 4.0, 3, REACH), 2, small=ROUGH_STEP),
-    DescentStage(Sampling(1.0, 1.0, 3, REACH), 1),
+    DescentStage(Sampling(1.0, 4.0, 3, OUTLINE_REACH), 2, small=ROUGH_STEP),
+    DescentStage(Sampling(1.0, 1.0, 3, OUTLINE_REACH), 1),
 )
 """After a search for limbs: the body adapts to them, before `SETTLED`."""
-STIRRED = (DescentStage(Sampling(1.0, 4.0, 4, 0.15), 4),)
+COARSE_RESTART = (DescentStage(Sampling(1.0, 4.0, 4, 0.15), 4),)
 """From a minimum that may not be the best to one beside it, before `SETTLED`: coarse steps are not tested."""
-SETTLED = (DescentStage(Sampling(1.0, 1.0, 3, REACH), 3),)
+SETTLED = (DescentStage(Sampling(1.0, 1.0, 3, OUTLINE_REACH), 3),)
 """From there to the minimum."""
 RESUMED = (
     DescentStage(
-        Sampling(1.0, 1.0, 2, REACH, by_part=True), 5, small=0.003, small_refused=True, noticed=NOTICED, plants=False
+        Sampling(1.0, 1.0, 2, OUTLINE_REACH, by_part=True),
+        5,
+        small=0.003,
+        small_refused=True,
+        noticed=MIN_STEP_SIGMAS,
+        plants=False,
     ),
 )
 """From the motion that was found before key poses changed to the one with the present key poses."""
-WINDOW = (
+WINDOW_STAGES = (
     DescentStage(Sampling(2.0, 4.0, 4, 0.10), 2, small=ROUGH_STEP),
-    DescentStage(Sampling(1.0, 1.0, 4, REACH), 2),
+    DescentStage(Sampling(1.0, 1.0, 4, OUTLINE_REACH), 2),
 )
 """For each window of `sequential_start.follow`."""

@@ -31,19 +31,19 @@ from .equations.problem import SegmentProblem, SegmentSolution
 from .equations.segment_equations import SegmentNoise, evidence_equations, hidden_and_expected, with_priors
 from .equations.smoothness_factor import SegmentSmoothness
 
-UNDER_WAY = 0.02
+UNCONVERGED_MOVE = 0.02
 """Metres. While steps still move some joint by more than this, a fast limb has not arrived: a tested stage goes on
 beyond its iterations, and a refinement is repeated."""
-LONGER = 6
+MAX_EXTRA_ITERATIONS = 6
 """Most iterations by which a tested stage goes on."""
-AGAIN = 3
+MAX_REPEATS = 3
 """Most repetitions of a refinement."""
 SMALL_GAIN = 1e-6
 """Relative decrease of the cost below which a stage ends."""
 OVERRELAXATION = 1.5
 """Factor by which every step of a stage but the last is lengthened, where all views are evaluated. Robust weights, and
 gradients measured away from the solution, make all steps too short by about the same factor."""
-ROUNDS = 2
+SMOOTHNESS_ROUNDS = 2
 """How often the smoothness is estimated between two evaluations of the images."""
 DAMPING = Damping(initial=0.0, grow=1e4, most=1.0)
 """Steps are damped only after one was refused: smoothness makes the diagonal of the normal matrix so large that even a
@@ -85,7 +85,7 @@ class _TestedStage:
         """Descend from the start."""
         stage = self._stage
         stopping = StoppingRule(
-            stage.iterations + LONGER,
+            stage.iterations + MAX_EXTRA_ITERATIONS,
             SMALL_GAIN,
             stage.small,
             self._distance,
@@ -115,7 +115,7 @@ class _TestedStage:
                     self._plants = plants_of(problem, motions)
             images = evidence_equations(problem, measured, self._hidden, self._noise)
             if begins:
-                self.smooth = self.smooth.estimated(problem, motions, images, self._expected, rounds=ROUNDS)
+                self.smooth = self.smooth.estimated(problem, motions, images, self._expected, rounds=SMOOTHNESS_ROUNDS)
             systems = with_priors(problem, motions, images, self.smooth, self._expected)
             systems = with_plants(systems, self._plants, problem.bodies, motions)
             systems = with_contact(systems, problem.contact, problem.bodies, motions, problem.sought)
@@ -131,10 +131,10 @@ class _TestedStage:
         """Root mean square of the step between two motions, radians and metres.
 
         It is 0, which ends the stage, if no joint has moved by more than `DescentStage.still` or, once the stage's
-        iterations are over, by more than `UNDER_WAY`.
+        iterations are over, by more than `UNCONVERGED_MOVE`.
         """
         over = self.trials >= self._stage.iterations
-        if farthest_joint(self._problem, before, after) < (UNDER_WAY if over else self._stage.still):
+        if farthest_joint(self._problem, before, after) < (UNCONVERGED_MOVE if over else self._stage.still):
             return 0.0
         return _size([before[i].difference(after[i]) for i in self._problem.sought])
 
@@ -151,15 +151,15 @@ def refine(
 ) -> SegmentSolution:
     """Refine a solution once the motion on both sides of the segment is known.
 
-    A descent keeps the noise and the smoothness of its start. If it moves some joint by more than `UNDER_WAY`, they no
-    longer fit, and it is repeated, up to `AGAIN` times. Parameters as in `descend`.
+    A descent keeps the noise and the smoothness of its start. If it moves some joint by more than `UNCONVERGED_MOVE`,
+    they no longer fit, and it is repeated, up to `MAX_REPEATS` times. Parameters as in `descend`.
     """
-    share = 1 / (1 + AGAIN)
+    share = 1 / (1 + MAX_REPEATS)
     found = descend(problem, start, workspace.part(0.0, share), stages)
     seconds = Seconds(found.seconds)
     moved = farthest_joint(problem, start, found.motions)
-    for again in range(1, 1 + AGAIN):
-        if moved < UNDER_WAY:
+    for again in range(1, 1 + MAX_REPEATS):
+        if moved < UNCONVERGED_MOVE:
             break
         further = descend(problem, found.motions, workspace.part(again * share, (again + 1) * share), stages)
         moved = farthest_joint(problem, found.motions, further.motions)
@@ -260,7 +260,7 @@ def approach(
                 if not hidden:
                     hidden, expected = hidden_and_expected(seen, motions, measured.evidence)
                 images = evidence_equations(seen, measured, hidden)
-                smooth = smooth.estimated(seen, motions, images, expected, rounds=ROUNDS, bursts=False)
+                smooth = smooth.estimated(seen, motions, images, expected, rounds=SMOOTHNESS_ROUNDS, bursts=False)
                 systems = with_priors(seen, motions, images, smooth, expected)
                 tied = seen.tied(systems, motions)
                 steps = increments_of(tied, [system.solve(0.0) for system in tied.systems], pace)

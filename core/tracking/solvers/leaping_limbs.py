@@ -24,16 +24,16 @@ from .equations.problem import SegmentProblem, SegmentSolution
 from .gauss_newton import continued, descend
 from .limb_corrections.faded_limbs import with_faded_limbs_found
 from .limb_corrections.limb_search import pictures_find_limbs
-from .multi_start import IN_SIGHT, best_of_starts
+from .multi_start import MIN_FOLLOWED_SHARE, best_of_starts
 from .solution_ranking import likeliest, noise_of
 
-LEAP = 6.0
+LEAP_RATIO = 6.0
 """Smallest ratio of the acceleration at a leap to the limb's median acceleration."""
-LEAST = 0.05
+MIN_LEAP_ACCELERATION = 0.05
 """Smallest acceleration of a leap, metres per frame squared; a heel is stopped as abruptly when it meets the floor."""
-LONGEST = 0.3
+MAX_ABSENCE = 0.3
 """Longest time that a limb may be away, seconds: over a longer one, a straight path is far from the true one."""
-NEXT = 0.1
+MAX_LEAP_INTERVAL = 0.1
 """Two leaps within this time are one away and one back, seconds."""
 
 BRIDGING = (*SETTLING, *SETTLED, *SETTLED)
@@ -67,7 +67,7 @@ def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspac
     solution = best_of_starts(problem, start, workspace.part(0.0, 0.8))
     if not pictures_find_limbs(problem):
         return solution
-    if solution.unhidden.min() <= IN_SIGHT:
+    if solution.unhidden.min() <= MIN_FOLLOWED_SHARE:
         solution = with_faded_limbs_found(problem, solution, workspace.part(0.8, 0.9))
     return with_leaps_bridged(problem, solution, workspace.part(0.9, 1.0))
 
@@ -128,17 +128,19 @@ def leaps(problem: SegmentProblem, performer: int, motion: Motion) -> list[Leap]
     for chain in limbs(body):
         joints = T[:, chain[1:]] - T[:, [chain[0]]]
         change = np.linalg.norm(np.diff(joints, 2, axis=0), axis=-1).max(axis=1)
-        leaping = np.concatenate([[False], change > max(LEAP * float(np.median(change)), LEAST), [False]])
+        leaping = np.concatenate(
+            [[False], change > max(LEAP_RATIO * float(np.median(change)), MIN_LEAP_ACCELERATION), [False]]
+        )
         for f in np.flatnonzero(leaping & ~held[:, chain].any(axis=1)).tolist():
             away.setdefault(f, []).extend(chain)
     found: list[Leap] = []
     for f in sorted(away):
-        near = found and f - found[-1].last <= max(1, round(NEXT * problem.fps))
+        near = found and f - found[-1].last <= max(1, round(MAX_LEAP_INTERVAL * problem.fps))
         if near and not held[found[-1].last : f].any():
             found[-1] = Leap(found[-1].first, f, tuple(sorted({*found[-1].parts, *away[f]})))
         else:
             found.append(Leap(f, f, tuple(sorted(away[f]))))
-    return [leap for leap in found if 1 <= leap.last - leap.first <= max(2, round(LONGEST * problem.fps))]
+    return [leap for leap in found if 1 <= leap.last - leap.first <= max(2, round(MAX_ABSENCE * problem.fps))]
 
 
 def bridged_motion(motion: Motion, leap: Leap, fixed: Bools) -> Motion:

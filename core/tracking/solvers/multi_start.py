@@ -18,7 +18,7 @@ import numpy as np
 
 from ...body.motion import Motion
 from ...runtime.timing import Seconds
-from .descent_stages import REACH, RESUMED, SETTLED, SETTLING, WINDOW
+from .descent_stages import OUTLINE_REACH, RESUMED, SETTLED, SETTLING, WINDOW_STAGES
 from .equations.measurement import Workspace
 from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .equations.segment_equations import SegmentNoise
@@ -31,16 +31,16 @@ from .limb_corrections.strayed_limbs import with_limbs_returned
 from .sequential_start import blended, excerpt, follow
 from .settled_solutions import SettledSolution
 from .solution_doubts import doubted_performers, explains_little, speaks_against, worst_first
-from .solution_ranking import RESTING, alike, better, equals, likeliest_at_rest, likelihood, noise_of
+from .solution_ranking import RESTING_GAIN, alike, better, equals, likeliest_at_rest, likelihood, noise_of
 from .whole_turns import with_whole_turn
 
-IN_SIGHT = 0.9
+MIN_FOLLOWED_SHARE = 0.9
 """Share of a performer that must be unhidden by others on every frame for its motion to be followed frame by frame: a
 window of a few frames shows too little of somebody whom others pass in front of. Where less of any performer is
 unhidden, limbs of all may have been led astray, see `faded_limbs`."""
-LOOKS = 5
+MAX_SEARCH_ROUNDS = 5
 """Most rounds of the search for limbs."""
-VAIN_LOOKS = 2
+MAX_VAIN_ROUNDS = 2
 """Rounds in a row without a better solution after which the search ends."""
 LimbSearch = Callable[[SegmentProblem, SegmentProblem, Sequence[Motion], int, Workspace], SegmentSolution]
 """See `look_for_limbs`."""
@@ -104,7 +104,7 @@ def resumed(
     Parameters as in `gauss_newton.descend`; `before` as in `protocol.Resume`.
     """
     found = descend(problem, start, workspace, RESUMED)
-    searched = start if farthest_joint(problem, before, start) < REACH else None
+    searched = start if farthest_joint(problem, before, start) < OUTLINE_REACH else None
     return None if doubted_performers(problem, start, found, searched) else found
 
 
@@ -146,7 +146,7 @@ def best_of_own_starts(
             first_look = FirstLook.around(problem, first, workspace.part(0.0, 0.1))
         if not first_look.explains(problem):
             return replace(first, seconds=seconds)
-    if not looks or first.unhidden[performer].min() > IN_SIGHT:
+    if not looks or first.unhidden[performer].min() > MIN_FOLLOWED_SHARE:
         with seconds.measure("initial solution"):
             initial = followed(problem, start, workspace.part(0.0, 0.15))
         solutions.append(descend(problem, initial, workspace.part(0.15, 0.25)))
@@ -191,7 +191,7 @@ class FirstLook:
         """
         noise, settled = self.settled.noise, self.settled.solution
         gain = likelihood(problem, noise, self.found) - likelihood(problem, noise, settled)
-        return gain > RESTING and not alike(self.found.motions, settled.motions)
+        return gain > RESTING_GAIN and not alike(self.found.motions, settled.motions)
 
 
 def searched(
@@ -209,8 +209,9 @@ def searched(
        best explains little. They are first solved a little further; those that then have the same motion count once.
     2. If the best still explains little, there is one search with the trunk held to its motion at the start, which
        misplaced limbs cannot have led astray.
-    3. Further rounds search around the best so far. They end once the best has an equal, after `VAIN_LOOKS` rounds that
-       did not improve on the given solutions, or after `LOOKS` rounds in all.
+    3. Further rounds search around the best so far. They end once the best has an equal, after `MAX_VAIN_ROUNDS` rounds
+    that
+       did not improve on the given solutions, or after `MAX_SEARCH_ROUNDS` rounds in all.
 
     For one of several performers, the rounds end with the first that found a better solution: where others are in the
     way, every solution explains little, and what is still lost is searched for limb by limb later.
@@ -249,9 +250,9 @@ def searched(
             begins.append((solution.motions, problem))
     found: list[SegmentSolution] = []
     looking, exchanging = workspace.part(0.0, 0.7), workspace.part(0.7, 1.0)
-    while begins and len(found) < LOOKS:
+    while begins and len(found) < MAX_SEARCH_ROUNDS:
         motions, around = begins.pop(0)
-        part = looking.part(len(found) / LOOKS, (len(found) + 1) / LOOKS)
+        part = looking.part(len(found) / MAX_SEARCH_ROUNDS, (len(found) + 1) / MAX_SEARCH_ROUNDS)
         if looked is not None and around is problem and motions is looked.settled.solution.motions:
             found.append(looked.found)
             looked = None
@@ -262,7 +263,7 @@ def searched(
             continue
         if explains_little(problem, best) and around is not held:
             begins.append((start, held))
-        elif not _met(problem, best, [*settled, *found]) and (best in found or len(found) < VAIN_LOOKS):
+        elif not _met(problem, best, [*settled, *found]) and (best in found or len(found) < MAX_VAIN_ROUNDS):
             begins.append((best.motions, problem))
     best = likeliest_at_rest(problem, noise, better(problem, *settled), *settled, *found, workspace=workspace)
     return recombined(problem, best, [*settled, *found], noise, exchanging)
@@ -339,4 +340,4 @@ def followed(problem: SegmentProblem, start: Sequence[Motion], workspace: Worksp
 
 def _solve_window(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
     without_prediction = replace(problem.settings, prediction=False)
-    return descend(replace(problem, settings=without_prediction), start, workspace, WINDOW)
+    return descend(replace(problem, settings=without_prediction), start, workspace, WINDOW_STAGES)

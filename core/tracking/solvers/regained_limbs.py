@@ -21,29 +21,29 @@ import numpy as np
 from ...body import part_poses
 from ...body.limbs import limbs
 from ...body.motion import Motion, stacked
-from ...evidence.occlusion import LONG
+from ...evidence.occlusion import LONG_GAP
 from ...numerics.arrays import Array
 from ...runtime.timing import Seconds
 from . import gauss_newton
-from .descent_stages import POLISH, SETTLED, STIRRED
+from .descent_stages import COARSE_RESTART, POLISH, SETTLED
 from .equations.measurement import Workspace
 from .equations.problem import SegmentProblem, SegmentSolution
-from .gauss_newton import UNDER_WAY, descend, farthest_joint
+from .gauss_newton import UNCONVERGED_MOVE, descend, farthest_joint
 from .limb_corrections.limb_likelihood import LimbOfPerformer, support_of_limbs
-from .limb_corrections.limb_search import LEAST_GAIN, freed_limb, is_elsewhere, pictures_find_limbs
-from .multi_start import LOOKS, VAIN_LOOKS
+from .limb_corrections.limb_search import MIN_GAIN, freed_limb, is_elsewhere, pictures_find_limbs
+from .multi_start import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
 from .settled_solutions import SettledSolution, SettledSolutions
-from .solution_ranking import RESTING, likeliest_at_rest, likelihood, settled_further, tells_likelihood
+from .solution_ranking import RESTING_GAIN, likeliest_at_rest, likelihood, settled_further, tells_likelihood
 
-BENT = 3.0
+BEND_RATIO = 3.0
 """Ratio of a limb's acceleration at a key pose to its root mean square between key poses, from which on the motion
 counts as bent there."""
-SUPPORTED = 0.8
+MIN_SUPPORT = 0.8
 """Share of the evidence of a limb's pixels on key poses from which on its sides alone do not refute it."""
-RETURNS = 2
+MAX_RETURNS = 2
 """Rounds of the search in a row after which a limb is where it was, and the search ends: it is right there. With
 several performers one is enough."""
-MORE_LOOKS = 3
+MAX_FURTHER_SEARCHES = 3
 """Further searches for a limb of a doubtful performer that stays refuted."""
 KEY_ERROR = 0.01
 """Possible error of a key pose, metres: it changes the velocity by twice as much per frame."""
@@ -86,7 +86,7 @@ def _looked_at_again(
         solution = _with_limb_looked_for(problem, solution, (0, chain), known, workspace=workspace)
     for i, chain in refuted_limbs(problem, solution.motions):
         present = solution.motions[i]
-        for more in range(1, 1 + MORE_LOOKS):  # one look of several finds a limb that moves fast
+        for more in range(1, 1 + MAX_FURTHER_SEARCHES):  # one look of several finds a limb that moves fast
             solution = _with_limb_looked_for(problem, solution, (i, chain), known, workspace=workspace, more=more)
             if is_elsewhere(problem.bodies[i], chain, present, solution.motions[i]):
                 break
@@ -101,7 +101,7 @@ def _stirred(
     A trunk and a leg may be wrong together, so that neither is found while the other stays.
     """
     first = known.after(problem, solution, workspace)
-    found = descend(problem, first.solution.motions, workspace, (*STIRRED, *SETTLED), first.noise)
+    found = descend(problem, first.solution.motions, workspace, (*COARSE_RESTART, *SETTLED), first.noise)
     return _likelier(problem, solution, first, settled_further(problem, first.noise, found, workspace), workspace)
 
 
@@ -119,9 +119,9 @@ def _with_limb_looked_for(
     `more` numbers repetitions, which draw other poses.
     """
     i, chain = place
-    for look in range(LOOKS):
+    for look in range(MAX_SEARCH_ROUNDS):
         before, first = solution.motions[i], known.after(problem, solution, workspace)
-        found = freed_limb(problem, first.solution.motions, place, (1 + more) * LOOKS + look)
+        found = freed_limb(problem, first.solution.motions, place, (1 + more) * MAX_SEARCH_ROUNDS + look)
         if found is first.solution.motions[i]:
             break
         there = descend(problem, (found,), workspace, SETTLED, first.noise)
@@ -143,7 +143,7 @@ def _likelier(
     """Return a solution, or what was found beside it, refined, if that is likelier than the solution when settled."""
     seconds = Seconds(solution.seconds)
     seconds.add(found.seconds)
-    if likelihood(problem, settled.noise, found) <= likelihood(problem, settled.noise, settled.solution) + RESTING:
+    if likelihood(problem, settled.noise, found) <= likelihood(problem, settled.noise, settled.solution) + RESTING_GAIN:
         return replace(solution, seconds=dict(seconds))
     ended = gauss_newton.refine(problem, found.motions, workspace)
     seconds.add(ended.seconds)
@@ -153,11 +153,11 @@ def _likelier(
 def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[LimbOfPerformer]:
     """Find the limbs without which the images would be likelier on some run of frames.
 
-    This holds if the log likelihood ratio of the brightness across a limb's sides is below -`LEAST_GAIN` in sum, while
-    the limb's pixels show it less than on the key poses (`SUPPORTED`). Sides alone do not refute it: how they look was
-    learned on the few key poses, so that over a long time between them small errors add up to any sum. It also holds if
-    both this ratio and that of sides and pixels together are negative over `LONG` frames, longer than prediction
-    bridges. A limb that is hidden in all views is not refuted.
+    This holds if the log likelihood ratio of the brightness across a limb's sides is below -`MIN_GAIN` in sum, while
+    the limb's pixels show it less than on the key poses (`MIN_SUPPORT`). Sides alone do not refute it: how they look
+    was learned on the few key poses, so that over a long time between them small errors add up to any sum. It also
+    holds if both this ratio and that of sides and pixels together are negative over `LONG_GAP` frames, longer
+    than prediction bridges. A limb that is hidden in all views is not refuted.
 
     Parameters
     ----------
@@ -168,8 +168,8 @@ def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[Li
     found = []
     for i, chain, sides, shown in support_of_limbs(problem, motions):
         shown, (first, end) = cache(shown), _worst_run(sides)
-        refuted = sides[first:end].sum() < -LEAST_GAIN and (
-            (pixels := shown() - sides)[first:end].mean() < SUPPORTED * pixels[problem.whole_keys(i)].mean()
+        refuted = sides[first:end].sum() < -MIN_GAIN and (
+            (pixels := shown() - sides)[first:end].mean() < MIN_SUPPORT * pixels[problem.whole_keys(i)].mean()
         )
         if refuted or (_against_for_long(sides) and _against_for_long(shown())):
             found.append((i, chain))
@@ -184,9 +184,9 @@ def _worst_run(ratios: Array) -> tuple[int, int]:
 
 
 def _against_for_long(shown: Array) -> bool:
-    """Whether log likelihood ratios (F,) are negative in sum over some `LONG` frames."""
+    """Whether log likelihood ratios (F,) are negative in sum over some `LONG_GAP` frames."""
     upto = np.cumsum([0.0, *shown])
-    return bool((upto[LONG:] < upto[:-LONG]).any())
+    return bool((upto[LONG_GAP:] < upto[:-LONG_GAP]).any())
 
 
 def bent_limbs(problem: SegmentProblem, performer: int, motion: Motion) -> list[list[int]]:
@@ -221,7 +221,7 @@ def bend_of(problem: SegmentProblem, performer: int, motion: Motion, chain: Sequ
     frames = np.arange(1, len(known) - 1) - start
     between = change[(np.abs(frames[:, None] - keys[None]) > 1).all(axis=1)]
     usual = np.sqrt(np.sum(between**2, axis=0) / max(len(between), 1))
-    least = np.maximum(BENT * usual, 2 * KEY_ERROR)
+    least = np.maximum(BEND_RATIO * usual, 2 * KEY_ERROR)
     ends = np.isin(frames, [end for end in (0, F - 1) if end in keys])
     return float((change[ends] / least).max(initial=0.0))
 
@@ -258,21 +258,23 @@ def with_limb_regained(
     first = (known or SettledSolutions()).after(alone, solution, workspace.silent())
     noise, settled = first.noise, [first.solution]
     most, vain, returned = likelihood(alone, noise, settled[0]), 0, 0
-    for look in range(LOOKS):
+    for look in range(MAX_SEARCH_ROUNDS):
         motions, reached, elsewhere = settled[-1].motions, most, False
         with seconds.measure("initial solution"):
             found = freed_limb(alone, motions, place, look)
         begin = (*motions[:i], found, *motions[i + 1 :])
         if found is not motions[i] and (not several or _leads_elsewhere(alone, place, motions, begin)):
-            there = descend(alone, begin, workspace.part(look / LOOKS, (look + 1) / LOOKS), SETTLED, noise)
+            there = descend(
+                alone, begin, workspace.part(look / MAX_SEARCH_ROUNDS, (look + 1) / MAX_SEARCH_ROUNDS), SETTLED, noise
+            )
             elsewhere = _leads_elsewhere(alone, place, motions, there.motions)
             if elsewhere or not several:
                 settled.append(there)
                 reached = likelihood(alone, noise, there)
         returned = 0 if elsewhere else returned + 1
-        most, vain = max(most, reached), 0 if elsewhere and reached > most + RESTING else vain + 1
+        most, vain = max(most, reached), 0 if elsewhere and reached > most + RESTING_GAIN else vain + 1
         # Where people pass, much is out of sight for good.
-        if returned == (1 if several else RETURNS) or (several and vain == VAIN_LOOKS):
+        if returned == (1 if several else MAX_RETURNS) or (several and vain == MAX_VAIN_ROUNDS):
             break
     for each in settled:
         seconds.add(each.seconds)
@@ -293,4 +295,4 @@ def _leads_elsewhere(
     i, chain = place
     if len(alone.bodies) > 1:
         return is_elsewhere(alone.bodies[i], chain, before[i], after[i])
-    return farthest_joint(alone, before, after) > UNDER_WAY
+    return farthest_joint(alone, before, after) > UNCONVERGED_MOVE

@@ -21,7 +21,7 @@ from .equations.problem import SegmentProblem, SegmentSolution
 
 WINDOW = 10
 """Frames that are solved together."""
-STEP = 5
+WINDOW_STEP = 5
 """Frames by which the window moves on."""
 PERSISTENCE = 0.9
 """Share of its velocity that an extrapolated motion keeps from one frame to the next."""
@@ -80,7 +80,7 @@ def follow(
                 hidden[i][new] = unseen(solution.share[:, [f - first for f in new]][..., span])
                 so_far = order[: known + len(new)]
                 motions[i] = _predicted(motions[i], so_far, hidden[i], problem.fixed[i])
-        known += STEP if known + len(new) < F else len(new)
+        known += WINDOW_STEP if known + len(new) < F else len(new)
     return motions
 
 

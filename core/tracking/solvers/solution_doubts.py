@@ -9,28 +9,28 @@ import numpy as np
 from ...body.limbs import limbs, without_end
 from ...body.motion import Motion
 from ...evidence.misfit import beyond_known, measured_misfit, most_explained
-from ...evidence.occlusion import LONG, intervals
+from ...evidence.occlusion import LONG_GAP, intervals
 from ...evidence.view_frames import views_with_foreground
 from ...numerics.arrays import Array, Bools, Ints
 from .equations.measurement import hidden_parts, keypoint_agreement, poses_by_delay, view_instants
 from .equations.problem import SegmentProblem, SegmentSolution
 from .limb_corrections.limb_images import shown_areas
 from .limb_corrections.limb_likelihood import support_of_limbs
-from .limb_corrections.limb_search import LEAST_GAIN
+from .limb_corrections.limb_search import MIN_GAIN
 
-EXPLAINED = 0.8
+MIN_EXPLAINED_RATIO = 0.8
 """Smallest ratio between what a solution explains of a frame's image and what the key poses explain of theirs."""
-SHOWN = 0.5
+MIN_UNHIDDEN_SHARE = 0.5
 """Share of a performer that must be unhidden by others for this ratio to count on a frame."""
 LIMB_SHARE = 0.5
 """Area of uncovered foreground beside a performer, relative to the area of its smallest limb, from which on it may be a
 lost limb."""
-ASTRAY = 0.2
+MISPLACED_SHARE = 0.2
 """Share of a limb that lies on the background in some view, beyond what does so on the key frames, from which on the
 limb counts as misplaced."""
-BRIEF = 0.1
+MIN_DURATION = 0.1
 """Shorter intervals on the background do not count, seconds: motion blur causes them on single frames."""
-CONFIRMED = 0.9
+CONFIRMED_SHARE = 0.9
 """A solution counts as confirmed by keypoints if they agree with it at least by this share of their agreement with the
 first pass."""
 
@@ -75,7 +75,7 @@ def confirmed(problem: SegmentProblem, start: Sequence[Motion], solution: Segmen
     """Whether keypoints agree with a solution nearly as well as with the start, which was fitted to them."""
     if not problem.keypoints:
         return False
-    return keypoint_agreement(problem, solution.motions) >= CONFIRMED * keypoint_agreement(problem, start)
+    return keypoint_agreement(problem, solution.motions) >= CONFIRMED_SHARE * keypoint_agreement(problem, start)
 
 
 def doubtful(problem: SegmentProblem, solution: SegmentSolution) -> bool:
@@ -99,7 +99,7 @@ def _frames_explained_little(problem: SegmentProblem, solution: SegmentSolution,
     keys = problem.whole_keys(performer)
     if len(keys) < 2:  # with a single key pose the start stands still
         return np.arange(problem.length if len(keys) else 0)
-    return np.flatnonzero(explained_share(problem, solution, performer) < EXPLAINED)
+    return np.flatnonzero(explained_share(problem, solution, performer) < MIN_EXPLAINED_RATIO)
 
 
 def _unexplained(problem: SegmentProblem, solution: SegmentSolution, performer: int) -> bool:
@@ -117,7 +117,7 @@ def _unexplained(problem: SegmentProblem, solution: SegmentSolution, performer: 
     ]
     most = np.sum(each, axis=0)
     usual = (explained[keys] / np.maximum(most[: len(keys)], 1.0)).max()
-    return bool((explained[low] < EXPLAINED * usual * most[len(keys) :]).any())
+    return bool((explained[low] < MIN_EXPLAINED_RATIO * usual * most[len(keys) :]).any())
 
 
 def explained_share(problem: SegmentProblem, solution: SegmentSolution, performer: int) -> Array:
@@ -128,15 +128,17 @@ def explained_share(problem: SegmentProblem, solution: SegmentSolution, performe
     """
     keys = problem.whole_keys(performer)
     explained, seen = solution.explained[performer], solution.unhidden[performer]
-    shown = keys[seen[keys] > SHOWN]
+    shown = keys[seen[keys] > MIN_UNHIDDEN_SHARE]
     if not len(shown):
         return np.full(problem.length, np.nan)
     expected = seen * np.interp(np.arange(problem.length), shown, explained[shown] / seen[shown])
-    return np.where((seen > SHOWN) & (expected > 0), explained / np.where(expected > 0, expected, 1.0), np.nan)
+    return np.where(
+        (seen > MIN_UNHIDDEN_SHARE) & (expected > 0), explained / np.where(expected > 0, expected, 1.0), np.nan
+    )
 
 
 def limb_astray(problem: SegmentProblem, solution: SegmentSolution) -> bool:
-    """Whether a view shows background, for longer than `BRIEF`, where a solution has part of a limb.
+    """Whether a view shows background, for longer than `MIN_DURATION`, where a solution has part of a limb.
 
     This detects limbs that follow the images of one view but not those of another; they are too small to show in the
     cover of the whole body. What is on the background on key frames as well, such as behind furniture, does not count.
@@ -146,7 +148,7 @@ def limb_astray(problem: SegmentProblem, solution: SegmentSolution) -> bool:
         return False
     unlike = solution.evidence.share * (1 - solution.evidence.agreeing)
     geometry, spans = problem.geometry(), problem.spans()
-    long = max(2, round(BRIEF * problem.fps))
+    long = max(2, round(MIN_DURATION * problem.fps))
     for i in problem.sought:
         keys = problem.whole_keys(i)
         if len(keys) < 2:
@@ -154,7 +156,7 @@ def limb_astray(problem: SegmentProblem, solution: SegmentSolution) -> bool:
         for chain in limbs(problem.bodies[i]):
             parts = [spans[i].start + part for part in chain]
             size = shown_areas(geometry, parts)
-            astray = beyond_known(unlike[..., parts] @ (size / size.sum()), [keys] * len(unlike)) > ASTRAY
+            astray = beyond_known(unlike[..., parts] @ (size / size.sum()), [keys] * len(unlike)) > MISPLACED_SHARE
             if any(last + 1 - first >= long for first, last in intervals(astray.any(axis=0))):
                 return True
     return False
@@ -165,9 +167,9 @@ def performers_uncovered(
 ) -> list[int]:
     """Return the performers beside whom some view shows foreground of half a limb or more that nobody covers.
 
-    It must last for `LONG` frames, longer than prediction bridges. A lost arm is found by this; it is too small a part
-    of the performer to show in the cover of the whole body. What is as large beside motions around which limbs were
-    searched for already, if there are any, is something else, such as a bystander.
+    It must last for `LONG_GAP` frames, longer than prediction bridges. A lost arm is found by this; it is too
+    small a part of the performer to show in the cover of the whole body. What is as large beside motions around which
+    limbs were searched for already, if there are any, is something else, such as a bystander.
     """
     held = [i for i in problem.sought if len(problem.whole_keys(i)) > 1]
     if not (held and views_with_foreground(problem.views)):
@@ -188,15 +190,18 @@ def _areas_beside(problem: SegmentProblem, motions: Sequence[Motion]) -> Array:
 
 
 def _limb_for_long(problem: SegmentProblem, performer: int, areas: Array) -> bool:
-    """Whether areas (V, F) beside a performer could be one of its limbs in some view, for `LONG` frames."""
+    """Whether areas (V, F) beside a performer could be one of its limbs in some view, for `LONG_GAP`
+    frames.
+    """
     geometry, begin = problem.geometry(), problem.spans()[performer].start
     chains = [[begin + part for part in chain] for chain in limbs(problem.bodies[performer])]
     smallest = min((shown_areas(geometry, parts).sum() for parts in chains), default=np.inf)
-    return any(last + 1 - first >= LONG for row in areas > LIMB_SHARE * smallest for first, last in intervals(row))
+    return any(last + 1 - first >= LONG_GAP for row in areas > LIMB_SHARE * smallest for first, last in intervals(row))
 
 
 def concealed(problem: SegmentProblem, solution: SegmentSolution) -> bool:
-    """Whether no view sees part of a limb for `LONG` frames, longer than prediction bridges, between whole key poses.
+    """Whether no view sees part of a limb for `LONG_GAP` frames, longer than prediction bridges, between
+    whole key poses.
 
     When it comes into sight again, it may be elsewhere than in the solution, which only a search in foreground images
     can correct; with keypoints it is not needed. Nor is it where the images show the limb clearly, just before and just
@@ -219,15 +224,16 @@ def concealed(problem: SegmentProblem, solution: SegmentSolution) -> bool:
 
 
 def _long_gaps(hidden: Bools) -> list[list[int]]:
-    return [gap for gap in intervals(hidden) if gap[1] + 1 - gap[0] >= LONG]
+    return [gap for gap in intervals(hidden) if gap[1] + 1 - gap[0] >= LONG_GAP]
 
 
 def _seen_beside(gaps: Sequence[Sequence[int]], support: Array) -> bool:
     """Whether a limb is clearly seen before and after each of the gaps, by the log likelihood ratio (F,) of the images
-    with it against without it: on average at a rate at which `LONG` frames would have it moved (`LEAST_GAIN`).
+    with it against without it: on average at a rate at which `LONG_GAP` frames would have it moved
+    (`MIN_GAIN`).
     """
-    sides = [side for a, b in gaps for side in (support[max(a - LONG, 0) : a], support[b + 1 : b + 1 + LONG])]
-    return all(len(side) > 0 and LONG * side.mean() > LEAST_GAIN for side in sides)
+    sides = [side for a, b in gaps for side in (support[max(a - LONG_GAP, 0) : a], support[b + 1 : b + 1 + LONG_GAP])]
+    return all(len(side) > 0 and LONG_GAP * side.mean() > MIN_GAIN for side in sides)
 
 
 def speaks_against(problem: SegmentProblem, solution: SegmentSolution) -> bool:

@@ -13,17 +13,17 @@ from .equations.problem import SegmentProblem, SegmentSolution
 from .equations.segment_equations import SegmentNoise
 from .gauss_newton import continued, descend
 
-EQUAL = 0.005
+EQUAL_COVER = 0.005
 """Relative difference of cover up to which solutions count as equals: which of them covers more is chance."""
-ALIKE = np.radians(8)
+SAME_SOLUTION_ANGLE = np.radians(8)
 """Root mean square difference of the parts' rotations, radians, up to which two motions lead to the same solution."""
 FINALISTS = 2
 """Number of the likeliest solutions that are solved further before they are compared."""
-FURTHER = 4
+MAX_REPEATS = 4
 """Most repetitions of that, for each of them."""
-RESTING = 10.0
+RESTING_GAIN = 10.0
 """A solution is at rest once solving it further raises the log likelihood of the images by less, in natural units."""
-HOPELESS = 0.06
+HOPELESS_LOSS = 0.06
 """Relative loss of cover from which on another motion, for one of several performers, is not solved further."""
 
 
@@ -38,7 +38,7 @@ def better(problem: SegmentProblem, *solutions: SegmentSolution) -> SegmentSolut
     return solutions[int(np.argmax(merit))]
 
 
-def equals(solutions: Sequence[SegmentSolution], share: float = EQUAL) -> list[SegmentSolution]:
+def equals(solutions: Sequence[SegmentSolution], share: float = EQUAL_COVER) -> list[SegmentSolution]:
     """Return the solutions whose cover is within a relative difference (`share`) of the largest one."""
     covers = [solution.cover for solution in solutions]
     least = max(covers) - share * max(abs(solution.sought_cover) for solution in solutions)
@@ -46,9 +46,11 @@ def equals(solutions: Sequence[SegmentSolution], share: float = EQUAL) -> list[S
 
 
 def alike(motions: Sequence[Motion], others: Sequence[Motion]) -> bool:
-    """Whether two motions of all performers are so similar that solving leads to the same one; see `ALIKE`."""
+    """Whether two motions of all performers are so similar that solving leads to the same one; see
+    `SAME_SOLUTION_ANGLE`.
+    """
     turns = [a.difference(b)[:, 3:] for a, b in zip(motions, others, strict=True)]
-    return all(np.sqrt(3 * np.mean(turn**2)) < ALIKE for turn in turns)
+    return all(np.sqrt(3 * np.mean(turn**2)) < SAME_SOLUTION_ANGLE for turn in turns)
 
 
 def cover_at(
@@ -60,8 +62,8 @@ def cover_at(
 
 
 def is_hopeless(solution: SegmentSolution, cover: float, usual: float) -> bool:
-    """Whether a motion that covers so much less than usual cannot lead to a better solution (`HOPELESS`)."""
-    return cover < usual - HOPELESS * abs(solution.sought_cover)
+    """Whether a motion that covers so much less than usual cannot lead to a better solution (`HOPELESS_LOSS`)."""
+    return cover < usual - HOPELESS_LOSS * abs(solution.sought_cover)
 
 
 def noise_of(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentNoise:
@@ -136,12 +138,12 @@ def likeliest_at_rest(
 def settled_further(
     problem: SegmentProblem, noise: SegmentNoise, solution: SegmentSolution, workspace: Workspace
 ) -> SegmentSolution:
-    """Solve a solution further until it is at rest (`RESTING`), at most `FURTHER` times."""
-    for _ in range(FURTHER):
+    """Solve a solution further until it is at rest (`RESTING_GAIN`), at most `MAX_REPEATS` times."""
+    for _ in range(MAX_REPEATS):
         found = descend(problem, solution.motions, workspace.silent(), SETTLED, noise)
         gain = likelihood(problem, noise, found) - likelihood(problem, noise, solution)
         if gain > 0:
             solution = continued(solution, found)
-        if gain < RESTING:
+        if gain < RESTING_GAIN:
             break
     return solution

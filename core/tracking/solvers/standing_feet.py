@@ -35,11 +35,11 @@ from .equations.segment_equations import equations_at
 from .gauss_newton import increments_of, moved_by
 from .protocol import SettledMotions
 
-REFUSED = 0.01
+SIGNIFICANCE = 0.01
 """Significance level of the test: share of true plants that it rejects if the covariance is right."""
-REST = 0.005
+REST_SPEED_SIGMA = 0.005
 """Standard deviation of the velocity of a standing point along each axis, metres per second."""
-STEPS = 4
+NEWTON_STEPS = 4
 """Gauss-Newton steps, all on the same normal equations."""
 
 
@@ -137,12 +137,12 @@ class _Evidence:
                         found |= steps
                         break
         keyed = replace(seeming, steps=seeming.steps & ~movable)
-        return keyed, PlantFactor(seeming.soles, found, REST / problem.fps, Quadratic())
+        return keyed, PlantFactor(seeming.soles, found, REST_SPEED_SIGMA / problem.fps, Quadratic())
 
     def with_plants_held(self, plants: Mapping[int, PlantFactor]) -> tuple[Motion, ...]:
         """Solve for the motions with the planted points of members at rest."""
         motions = self.motions
-        for _ in range(STEPS):
+        for _ in range(NEWTON_STEPS):
             tied = self._with_plants(plants, motions)
             motions = moved_by(motions, increments_of(tied, [system.solve(0.0) for system in tied.systems]))
         return motions
@@ -157,14 +157,14 @@ class _Evidence:
             return True
         poses = part_poses(self.problem.bodies[performer], self.motions[performer][keyed[[0, -1]]])
         drift = np.diff(plant.soles.world(poses)[:, column], axis=0)
-        return bool(np.sum(drift**2) < np.ptp(keyed) * plant.deviation**2 * chdtri(3, REFUSED))
+        return bool(np.sum(drift**2) < np.ptp(keyed) * plant.deviation**2 * chdtri(3, SIGNIFICANCE))
 
     def _evidence_agrees(self, performer: int, plant: PlantFactor, ratio: float) -> bool:
         """Test a plant against the evidence, whose covariance is multiplied by a ratio."""
         # All costs are divided by the ratio; this deviation gives the plant its own again.
         scaled = replace(plant, deviation=plant.deviation / np.sqrt(ratio))
         increase = self._least_cost({performer: scaled}) - self._least_without
-        return increase / ratio < chdtri(3 * np.count_nonzero(plant.steps), REFUSED)
+        return increase / ratio < chdtri(3 * np.count_nonzero(plant.steps), SIGNIFICANCE)
 
     @cached_property
     def _least_without(self) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from mathutils import Vector
 
 from ....core.body import Body, Part
-from ....core.body.body import AT_EASE, UNLIMITED
+from ....core.body.body import REST_SIGMA, UNLIMITED
 from ....core.errors import BodyError
 from ....core.numerics import rotations
 from ....core.numerics.arrays import Array
@@ -250,7 +250,7 @@ def body_from_armature(armature: bpy.types.Object) -> Body:
             limits=np.array(json.loads(bone[LIMITS]))
             if LIMITS in bone
             else joint_limits(armature.pose.bones[bone.name]),
-            departure=bone.get(DEPARTURE, AT_EASE),
+            departure=bone.get(DEPARTURE, REST_SIGMA),
         )
         part_meshes.check_solid(read.vertices, armature, bone)
         rest = lossless.recall(bone, REST, _rest(read), 1.0 + float(np.abs(head).max()))

@@ -6,7 +6,12 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.evidence.foreground_images.cast_shadows import ShadowModel
-from kfmocap.core.evidence.foreground_images.foreground import SCALE, STRONGEST, foreground_images, log_ratio
+from kfmocap.core.evidence.foreground_images.foreground import (
+    LEVELS_PER_UNIT,
+    MAX_LOG_RATIO,
+    foreground_images,
+    log_ratio,
+)
 from synthetic import cast, figure, look_at, pixel_grid, poses_of, swing, texture
 
 Array = np.ndarray
@@ -128,12 +133,12 @@ def test_one_key_frame_is_enough() -> None:
 
 def test_ratios_are_kept_to_a_step_and_cut() -> None:
     steps = np.arange(256, dtype=np.uint8)
-    back = np.round(128 + SCALE * log_ratio(steps))
+    back = np.round(128 + LEVELS_PER_UNIT * log_ratio(steps))
     np.testing.assert_array_equal(back, steps)
     assert log_ratio(np.uint8([128]))[0] == 0
     images = foreground_images(*_args(footage(RED, BLUE)))
     assert images.dtype == np.uint8 and images.shape == (LENGTH, HEIGHT, WIDTH)
-    assert np.abs(log_ratio(images)).max() <= STRONGEST + 1e-6
+    assert np.abs(log_ratio(images)).max() <= MAX_LOG_RATIO + 1e-6
 
 
 def _args(made: tuple[Array, Array]) -> tuple[Array, dict[int, Array], float, bool]:

@@ -96,7 +96,7 @@ def test_a_descent_finds_its_end_again_after_a_step_that_was_refused(view: ViewF
 def test_looks_that_would_take_much_memory_are_not_kept(
     view: ViewFrames, drawn: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(frame_looks, "KEPT_LOOKS", 1000)
+    monkeypatch.setattr(frame_looks, "MAX_CACHED_BYTES", 1000)
     caches = EvidenceCaches()
     for _ in range(2):
         evidence_of(view, moved(1.0), caches)

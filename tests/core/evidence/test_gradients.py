@@ -16,7 +16,7 @@ from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.evidence import segment_evidence
 from kfmocap.core.evidence.gradient_evidence.compared_pixels import LabelledFrames, compare
 from kfmocap.core.evidence.gradient_evidence.gradients import (
-    HUBER,
+    HUBER_LIMIT,
     GradientSums,
     brightness_constancy,
     huber_errors,
@@ -308,7 +308,7 @@ def test_evidence_in_runs_is_the_evidence_at_once(monkeypatch: pytest.MonkeyPatc
     moving = moving_camera(*((0.8 + 0.02 * f, -2.2, 1.6) for f in range(5)))
     views = [replace(view, grey=view.grey[[0, 1, 1, 0, 1]], camera=moving) for view in views]
     whole = evidence_of(views, motion)
-    monkeypatch.setattr(segment_evidence, "RUN", 3)
+    monkeypatch.setattr(segment_evidence, "PAIRS_PER_BATCH", 3)
     parts = evidence_of(views, motion)
     for name in ("gradients.H", "gradients.g", "gradients.energy", "gradients.weight", "gradients.noise", "share"):
         a, b = attrgetter(name)(parts), attrgetter(name)(whole)
@@ -427,7 +427,7 @@ def test_points_hidden_in_the_next_frame_do_not_count() -> None:
 
 
 def test_huber_weighs_small_residuals_fully_and_large_ones_by_their_inverse() -> None:
-    r = np.float32([0.0, 0.1, HUBER, 2 * HUBER, -10 * HUBER])
+    r = np.float32([0.0, 0.1, HUBER_LIMIT, 2 * HUBER_LIMIT, -10 * HUBER_LIMIT])
     np.testing.assert_allclose(huber_weights(r, np.ones(5, np.float32)), [1, 1, 1, 0.5, 0.1], rtol=1e-6)
     np.testing.assert_allclose(huber_weights(r, np.full(5, 2, np.float32)), [1, 1, 1, 1, 0.2], rtol=1e-6)
 
@@ -451,8 +451,8 @@ def test_the_cost_is_hubers_error_under_the_noise_that_is_given() -> None:
 
 
 def test_hubers_error_is_square_then_linear() -> None:
-    r, deviation = np.float32([0.5, HUBER, 2 * HUBER, -10 * HUBER]), np.ones(4, np.float32)
-    expected = [0.25, HUBER**2, 3 * HUBER**2, 19 * HUBER**2]
+    r, deviation = np.float32([0.5, HUBER_LIMIT, 2 * HUBER_LIMIT, -10 * HUBER_LIMIT]), np.ones(4, np.float32)
+    expected = [0.25, HUBER_LIMIT**2, 3 * HUBER_LIMIT**2, 19 * HUBER_LIMIT**2]
     np.testing.assert_allclose(huber_errors(r, deviation), expected, rtol=1e-6)
 
 
@@ -536,7 +536,7 @@ def test_gradient_images_are_cached_while_they_cover_what_is_needed() -> None:
 def test_no_more_gradient_images_are_kept_than_the_bound_allows(monkeypatch: pytest.MonkeyPatch) -> None:
     view, box, cache = ViewFrames(CAMERA, np.zeros((12, 90, 120), np.uint8), 0), (0, 0, 120, 90), GradientImageCache()
     one = cache.images(view, range(2), 1.0, box).values.nbytes
-    monkeypatch.setattr("kfmocap.core.evidence.view_frames.KEPT_BYTES", 3 * one)
+    monkeypatch.setattr("kfmocap.core.evidence.view_frames.MAX_CACHED_BYTES", 3 * one)
     for order in (range(10), reversed(range(10))):  # as threads come
         runs = {f: cache.images(view, range(f, f + 2), 1.0, box) for f in order}
         kept = [f for f, run in sorted(runs.items()) if cache.images(view, range(f, f + 2), 1.0, box) is run]

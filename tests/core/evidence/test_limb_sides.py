@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.body import Body, human
-from kfmocap.core.evidence.limb_sides import PLACES, PartSides, SideRatios, SlopeImages
+from kfmocap.core.evidence.limb_sides import BONE_POSITIONS, PartSides, SideRatios, SlopeImages
 from kfmocap.core.evidence.rendering.label_images import render_labels
 from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.numerics import rotations
@@ -61,8 +61,8 @@ def test_the_two_sides_are_as_far_apart_as_the_part_is_wide() -> None:
     points, across = PartSides.of(BAR).seen_from(CENTRE, *standing())
     apart = points[0, :, 0] - points[0, :, 1]
     assert np.allclose(np.abs(across[0, :, 0]), [1, 0, 0], atol=1e-6)
-    assert np.allclose(np.linalg.norm(apart, axis=0)[:, 0], 0.1 * (1 - 0.2 * PLACES), atol=1e-6)
-    assert np.allclose(points[0, 2, 0, :, 0], 0.9 + 0.4 * PLACES, atol=1e-6)
+    assert np.allclose(np.linalg.norm(apart, axis=0)[:, 0], 0.1 * (1 - 0.2 * BONE_POSITIONS), atol=1e-6)
+    assert np.allclose(points[0, 2, 0, :, 0], 0.9 + 0.4 * BONE_POSITIONS, atol=1e-6)
 
 
 def test_brightness_changes_most_where_the_sides_are() -> None:

@@ -12,7 +12,7 @@ from kfmocap.core.body import Body
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.evidence.occlusion import (
-    LONG,
+    LONG_GAP,
     OCCLUDED_BELOW,
     intervals,
     occluded,
@@ -120,8 +120,8 @@ def test_limbs_that_are_hidden_together_share_a_suggestion() -> None:
 
 
 def test_there_is_nothing_to_suggest_for_what_is_hidden_shortly() -> None:
-    assert not suggest_keys_beside_hidden(hidden((1, 30, 29 + LONG - 1)), keys(0, 79))
-    assert suggest_keys_beside_hidden(hidden((1, 30, 29 + LONG)), keys(0, 79))
+    assert not suggest_keys_beside_hidden(hidden((1, 30, 29 + LONG_GAP - 1)), keys(0, 79))
+    assert suggest_keys_beside_hidden(hidden((1, 30, 29 + LONG_GAP)), keys(0, 79))
 
 
 def test_a_glimpse_is_too_short_for_a_key_pose() -> None:

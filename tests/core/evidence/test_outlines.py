@@ -13,9 +13,9 @@ from kfmocap.core.body.motion import Motion, stacked
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.evidence.gradient_evidence.image_wrenches import camera_twist
 from kfmocap.core.evidence.outline_evidence.outline_lines import (
-    BISQUARE,
-    EDGE_DEVIATION,
-    MODEL_DEVIATION,
+    BISQUARE_LIMIT,
+    EDGE_SIGMA,
+    MODEL_SIGMA,
     Lines,
     outline_lines,
 )
@@ -273,8 +273,8 @@ def test_behind_the_camera_there_is_no_line() -> None:
 
 def test_weights_fall_to_zero_at_the_bisquares_limit() -> None:
     camera = look_at("front", (0, -2.5, 1.1))
-    pixels = MODEL_DEVIATION * 190 / (2.5 - 0.14)
-    limit = BISQUARE * np.hypot(pixels, EDGE_DEVIATION)
+    pixels = MODEL_SIGMA * 190 / (2.5 - 0.14)
+    limit = BISQUARE_LIMIT * np.hypot(pixels, EDGE_SIGMA)
     mean = []
     for d in (0.0, 0.4 * limit, 0.8 * limit, 1.15 * limit):
         lines = lines_of(TRUNK, at_rest(TRUNK), camera, (d, 0))

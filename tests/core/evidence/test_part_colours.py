@@ -10,7 +10,7 @@ import pytest
 from kfmocap.core.body import Body, human, landmark_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.evidence.foreground_images.foreground import STRONGEST
+from kfmocap.core.evidence.foreground_images.foreground import MAX_LOG_RATIO
 from kfmocap.core.evidence.foreground_images.part_colours import ColouredFrames, PartColours
 from kfmocap.core.evidence.outline_evidence.outline_lines import Lines, outline_lines
 from kfmocap.core.evidence.rendering.label_images import render_labels
@@ -88,7 +88,7 @@ def test_colours_are_likely_on_the_parts_that_have_them() -> None:
     bare, dressed = (KNOWN.nearest[int(np.array([16 * 16, 16, 1]) @ (COLOURS[p] // 16))] for p in (FOREARM, 0))
     assert KNOWN.ratio[FOREARM, bare] > 1 > 0 > -1 > KNOWN.ratio[FOREARM, dressed]
     assert KNOWN.ratio[0, dressed] > 0 > -1 > KNOWN.ratio[0, bare]
-    assert np.abs(KNOWN.ratio).max() <= STRONGEST
+    assert np.abs(KNOWN.ratio).max() <= MAX_LOG_RATIO
 
 
 def test_parts_that_no_frame_shows_have_no_colours_of_their_own() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from keypoint_shots import NAMES, cameras, joint_errors, keypoints_of, seen_places, strolling
 from kfmocap.core.body import Body, default_measures, human, part_poses
-from kfmocap.core.body.joint_limits import LIMIT_DEVIATION, posture_prior
+from kfmocap.core.body.joint_limits import LIMIT_SIGMA, posture_prior
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.keypoints import keypoint_factor as evidence
 from kfmocap.core.keypoints.keypoint_deviations import deviations, robust_weights
@@ -133,7 +133,7 @@ def test_limits_and_ease_have_their_slopes() -> None:
         turns = rotations.log(motion.moved(x.reshape(2, -1)).rotations[:, 1:])
         beyond = turns - np.clip(turns, limits[..., 0], limits[..., 1])
         ease = turns / (np.sqrt(2) * body.departures[1:, None])  # once for the whole shot, of two frames
-        return np.concatenate([beyond.ravel() / LIMIT_DEVIATION, ease.ravel()])
+        return np.concatenate([beyond.ravel() / LIMIT_SIGMA, ease.ravel()])
 
     x0 = np.zeros(2 * body.dof)
     J, r = numeric_jacobian(residuals, x0), residuals(x0)

@@ -15,7 +15,7 @@ from kfmocap.core.errors import CancelledError, ShotError
 from kfmocap.core.fitting.shot_cameras import track_and_check
 from kfmocap.core.shot.shot import KeyPoses, Shot, View
 from kfmocap.core.tracking import retracking
-from kfmocap.core.tracking.retracking import PREVIEWED, Excerpt, digest, digests, joined, track_excerpts
+from kfmocap.core.tracking.retracking import PREVIEW_ITERATIONS, Excerpt, digest, digests, joined, track_excerpts
 from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.track_result import TrackResult
 from kfmocap.core.tracking.tracker import track
@@ -115,8 +115,8 @@ def test_the_frame_on_screen_is_shown_first_without_changing_the_result(views: l
         s, [Excerpt(0, 15)], show=lambda segment, motions: shown.append((segment, motions[0])), looking_at=12
     )
     assert np.array_equal(tracked.results[0].motions[0].rotations, whole.motions[0].rotations)
-    assert [segment for segment, _ in shown[:PREVIEWED]] == [(10, 15)] * PREVIEWED
-    solved = list(dict.fromkeys(segment for segment, _ in shown[PREVIEWED:]))
+    assert [segment for segment, _ in shown[:PREVIEW_ITERATIONS]] == [(10, 15)] * PREVIEW_ITERATIONS
+    solved = list(dict.fromkeys(segment for segment, _ in shown[PREVIEW_ITERATIONS:]))
     assert solved == [(0, 5), (5, 10), (10, 15)]
     for first, last in solved:
         motions = [motion for segment, motion in shown if segment == (first, last)]

@@ -18,11 +18,11 @@ from kfmocap.core.numerics.rotations import exp
 from kfmocap.core.shot.shot import KeyPoses, Performer
 from kfmocap.core.tracking.expected_errors.body_uncertainty import body_covariances
 from kfmocap.core.tracking.expected_errors.held_out_keys import USUAL_RATIO, _miss, covariance_ratios
-from kfmocap.core.tracking.expected_errors.joint_covariances import STEADY, growth_by_speed, tip_jacobian
-from kfmocap.core.tracking.expected_errors.lost_limbs import PIECE, limb_reach, lost_probabilities
+from kfmocap.core.tracking.expected_errors.joint_covariances import DOUBLING_DISPLACEMENT, growth_by_speed, tip_jacobian
+from kfmocap.core.tracking.expected_errors.lost_limbs import PATCH_SIDE, limb_reach, lost_probabilities
 from kfmocap.core.tracking.expected_errors.uncertainty import (
-    MAYBE,
-    TAILS,
+    ERRORS_T_DOF,
+    REPORTED_PROBABILITY,
     SegmentUncertainty,
     joint_errors,
     joint_parts,
@@ -63,7 +63,7 @@ def test_errors_larger_than_the_solver_expects_are_covered_as_key_poses_show_the
         uncertainty_of(F // 2, covariances[F // 2 :], misses[keys // 2 :]),
     ]
     found = joint_errors(BODY, halves, np.zeros((F, P, 3, 3)))
-    spread = np.sqrt(wrong / (rng.chisquare(TAILS, (F, P)) / TAILS))
+    spread = np.sqrt(wrong / (rng.chisquare(ERRORS_T_DOF, (F, P)) / ERRORS_T_DOF))
     errors = spread * np.linalg.norm((A @ rng.normal(size=(F, P, 3, 1)))[..., 0], axis=-1)
     rows = np.setdiff1d(np.arange(F), [0, F // 2 - 1, F // 2, F - 1])
     assert np.mean(errors[rows] <= found.interval[rows]) == pytest.approx(0.9, abs=0.025)
@@ -117,7 +117,7 @@ def test_what_moves_is_less_sure_and_misses_a_key_pose_by_more_before_that_count
     still = at_rest(BODY, 5)
     np.testing.assert_allclose(growth_by_speed(BODY, still), 1)
     np.testing.assert_allclose(growth_by_speed(BODY, at_rest(BODY, 1)), 1)
-    path = still.translations + np.outer(STEADY * np.arange(5), [0.6, 0, 0.8])
+    path = still.translations + np.outer(DOUBLING_DISPLACEMENT * np.arange(5), [0.6, 0, 0.8])
     growth = growth_by_speed(BODY, Motion(path, still.rotations))
     np.testing.assert_allclose(growth, 2)
     jacobian, step = tip_jacobian(BODY, still)[0], np.full(BODY.dof, 0.01)
@@ -158,7 +158,7 @@ def lost_in(misfit: Misfit, held: Array | None = None) -> Array:
 
 def test_an_arm_that_lies_on_background_may_be_lost_on_these_frames_and_no_other_part_ever() -> None:
     """Where it is lost and found again is known to two frames."""
-    said = lost_in(misfit_of(arm_turned_away())) >= MAYBE
+    said = lost_in(misfit_of(arm_turned_away())) >= REPORTED_PROBABILITY
     assert said[LOST, ARM[0]].all() and said[LOST, ARM[1]].all()
     assert not said[: LOST.start - 2].any() and not said[LOST.stop + 2 :].any()
     assert not np.delete(said, ARM, axis=1).any()
@@ -192,14 +192,14 @@ def test_a_part_of_a_few_pixels_is_not_lost_because_of_one_of_them() -> None:
             replace(
                 misfit,
                 background=background,
-                visible=np.full_like(background, 40 * PIECE**2),
+                visible=np.full_like(background, 40 * PATCH_SIDE**2),
                 pixels=np.full_like(background, count),
             )
         )
         for count in (4, 400)
     )
-    assert few.max() < MAYBE < many[LOST, ARM[1]].min()
+    assert few.max() < REPORTED_PROBABILITY < many[LOST, ARM[1]].min()
 
 
 def test_without_foreground_images_nothing_is_called_lost() -> None:
-    assert lost_in(misfit_of(arm_turned_away(), cameras=())).max() < MAYBE
+    assert lost_in(misfit_of(arm_turned_away(), cameras=())).max() < REPORTED_PROBABILITY

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from kfmocap.core.errors import CancelledError
 from kfmocap.core.shot.shot import Shot
-from kfmocap.core.tracking.journal import UNFINISHED, Journal, KeptSegments, journal_beside, run_key
+from kfmocap.core.tracking.journal import JOURNAL_SUFFIX, Journal, KeptSegments, journal_beside, run_key
 from kfmocap.core.tracking.run_context import RunContext
 from kfmocap.core.tracking.track_result import TrackResult
 from kfmocap.core.tracking.tracker import track
@@ -135,7 +135,7 @@ def test_segments_of_another_shot_are_not_taken(tmp_path: Path, shot: Shot, ende
 @pytest.mark.parametrize("resume", [False, True])
 def test_what_stays_of_a_run(tmp_path: Path, ended: Path, error: type[BaseException] | None, resume: bool) -> None:
     """All of it where it failed; what was interrupted stays where it was asked for; nothing of what ended well."""
-    folder = copied(ended, tmp_path / f"out{UNFINISHED}")
+    folder = copied(ended, tmp_path / f"out{JOURNAL_SUFFIX}")
     with suppress(BaseException), journal_beside(tmp_path / "out", resume=resume) as journal:
         assert folder.exists() == resume
         if not resume:

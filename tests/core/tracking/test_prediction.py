@@ -10,8 +10,8 @@ from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.keypose_spline import spline
 from kfmocap.core.shot.shot import KeyPoses
 from kfmocap.core.tracking.prediction import (
-    ORDER,
-    PAST,
+    FILTER_STEPS,
+    MAX_ORDER,
     autocovariance,
     autoregression,
     levinson,
@@ -141,10 +141,10 @@ def test_gaps_that_changed_poses_do_not_reach_stay_as_they_were_filled() -> None
     """Following a motion fills the same gaps again and again: only what lies at the end of it changes."""
     motion = swing(figure(), 90)
     mask = hidden(motion, [1], 12, 18) | hidden(motion, [1], 70, 75)
-    every, late = predict_unseen(motion, mask), predict_unseen(motion, mask, since=18 + PAST + 2)
+    every, late = predict_unseen(motion, mask), predict_unseen(motion, mask, since=18 + FILTER_STEPS + 2)
     np.testing.assert_array_equal(late.rotations[:40], motion.rotations[:40])
     np.testing.assert_array_equal(late.rotations[40:], every.rotations[40:])
-    np.testing.assert_array_equal(predict_unseen(motion, mask, since=18 + PAST + 1).rotations, every.rotations)
+    np.testing.assert_array_equal(predict_unseen(motion, mask, since=18 + FILTER_STEPS + 1).rotations, every.rotations)
 
 
 def test_a_part_that_is_never_seen_is_left_alone() -> None:
@@ -250,6 +250,6 @@ def test_filled_poses_join_the_seen_ones() -> None:
 
 
 def test_the_order_is_at_most_a_third_of_the_samples() -> None:
-    assert len(autoregression([noisy_waves(100)]).coefficients) == ORDER
+    assert len(autoregression([noisy_waves(100)]).coefficients) == MAX_ORDER
     assert len(autoregression([noisy_waves(10), noisy_waves(5)]).coefficients) == 5
     assert len(autoregression([noisy_waves(100)], order=4).coefficients) == 4

@@ -22,7 +22,7 @@ from kfmocap.core.shot.shot import KeyPoses
 from kfmocap.core.tracking.appearance import frames_with_foreground, key_frame_shape
 from kfmocap.core.tracking.picture_store import PictureStore, StoredView
 from kfmocap.core.tracking.reader import ColourFrames
-from kfmocap.core.tracking.segments import LONGEST, PosedFrames, posed_frames, segments
+from kfmocap.core.tracking.segments import MAX_LENGTH, PosedFrames, posed_frames, segments
 from kfmocap.core.tracking.solvers import (
     gauss_newton,
     multi_start,
@@ -165,7 +165,7 @@ def test_performers_need_no_common_key_frame() -> None:
     found = posed_frames(s, 0, 299)
     assert found.frames.tolist() == sorted([*keys[0], *keys[1]])
     assert (found.posed.sum(axis=1) == 1).all() and (found.apart == np.where(found.posed, 0, 20)).all()
-    assert segments(s) == [(0, 140), (140, 280), (280, 299)], f"no segment is longer than {LONGEST} frames"
+    assert segments(s) == [(0, 140), (140, 280), (280, 299)], f"no segment is longer than {MAX_LENGTH} frames"
 
 
 def landmarks_of(motions: Sequence[Motion]) -> Array:
@@ -203,7 +203,9 @@ def test_a_performer_is_doubted_by_what_it_explains_itself() -> None:
     beside[3, 0] = 0.1
     wrong = solution(problem, [TRUTHS[0], TRUTHS[1].moved(beside)])
     pooled, keys = wrong.explained.sum(axis=0), [0, FRAMES - 1]
-    assert pooled[3] > solution_doubts.EXPLAINED * np.interp(3, keys, pooled[keys]), "both together cover nearly all"
+    assert pooled[3] > solution_doubts.MIN_EXPLAINED_RATIO * np.interp(3, keys, pooled[keys]), (
+        "both together cover nearly all"
+    )
     assert [solution_doubts.doubtful(problem.alone(i), wrong) for i in range(2)] == [False, True]
     assert not solution_doubts.doubtful(problem, solution(problem, TRUTHS))
 
@@ -220,7 +222,7 @@ def test_what_others_hide_of_a_performer_is_not_expected_of_it() -> None:
     problem = SegmentProblem(views, (BODY, BODY), 0, 30.0, HELD)
     true = solution(problem, motions)
     assert true.unhidden[0].min() < 0.4 and true.unhidden[1].min() == 1
-    assert true.explained[0].min() < solution_doubts.EXPLAINED * true.explained[0][[0, -1]].min()
+    assert true.explained[0].min() < solution_doubts.MIN_EXPLAINED_RATIO * true.explained[0][[0, -1]].min()
     assert not solution_doubts.doubtful(problem, true)
 
 
@@ -399,7 +401,7 @@ def test_limbs_are_exchanged_by_solving_their_own_performer_and_all_settle_at_la
     """What is tried for one of many does not cost as much as solving all of them; what covers far less once it has
     settled is not solved at all.
     """
-    cover = [-less * solution_ranking.HOPELESS]
+    cover = [-less * solution_ranking.HOPELESS_LOSS]
     best = told.found(BOTH, WRONG)
 
     def measured(problem: SegmentProblem, solution: SegmentSolution, *_: object) -> float:
@@ -469,7 +471,7 @@ def test_the_motion_of_a_performer_whom_others_hide_is_not_followed(
     first = told.found(alone, WRONG)
     first.unhidden[1, 3] = in_sight
     multi_start.best_of_own_starts(alone, WRONG, first, Workspace())
-    assert followed == ([1] if in_sight > multi_start.IN_SIGHT else [])
+    assert followed == ([1] if in_sight > multi_start.MIN_FOLLOWED_SHARE else [])
 
 
 @pytest.mark.parametrize(("gain", "turned"), [(0.0, False), (100.0, False), (0.0, True)])

@@ -9,7 +9,7 @@ import pytest
 from kfmocap.core.body import landmark_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import ShotError
-from kfmocap.core.evidence.time_offset import DEVIATION, Offset
+from kfmocap.core.evidence.time_offset import OFFSET_SIGMA, Offset
 from kfmocap.core.shot.frame_numbers import shown_delay
 from kfmocap.core.shot.shot import KeyPoses, Performer, Settings, Shot
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
@@ -104,13 +104,13 @@ def test_relaxation_looks_for_no_offset_and_takes_one_that_is_given(shots: dict[
 def test_an_offset_that_is_next_to_nothing_or_hardly_measured_is_none() -> None:
     assert Offset.likeliest([]).value == 0
     assert Offset.likeliest([Offset(0.09, 1e6)]).value == 0
-    assert Offset.likeliest([Offset(0.4, 0.3 * DEVIATION**-2)]).value == 0
-    assert Offset.likeliest([Offset(0.4, 100.0)]).value == pytest.approx(0.4 * 100 / (100 + DEVIATION**-2))
+    assert Offset.likeliest([Offset(0.4, 0.3 * OFFSET_SIGMA**-2)]).value == 0
+    assert Offset.likeliest([Offset(0.4, 100.0)]).value == pytest.approx(0.4 * 100 / (100 + OFFSET_SIGMA**-2))
 
 
 def test_measurements_count_by_their_precision_and_end_at_half_a_frame() -> None:
     both = Offset.likeliest([Offset(0.4, 300.0), Offset(0.2, 100.0)])
-    assert both.value == pytest.approx((0.4 * 300 + 0.2 * 100) / (400 + DEVIATION**-2))
+    assert both.value == pytest.approx((0.4 * 300 + 0.2 * 100) / (400 + OFFSET_SIGMA**-2))
     assert Offset.likeliest([Offset(-1.0, 500.0)]).value == -0.5
 
 

@@ -39,7 +39,7 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> Shot:
 
 
 def tracked_by(workers: int, shot: Shot, monkeypatch: pytest.MonkeyPatch) -> TrackResult:
-    monkeypatch.setattr(tracker, "WORTH_PROCESSES", 0)
+    monkeypatch.setattr(tracker, "MIN_PARALLEL_WORK", 0)
     return tracker.track(replace(shot, settings=replace(shot.settings, threads=workers)))
 
 
@@ -67,7 +67,7 @@ def test_what_is_known_once_all_is_solved_is_handed_out_before_all_is_refined(
     workers: int, filmed: Shot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With more than one worker; it is what the result says at last."""
-    monkeypatch.setattr(tracker, "WORTH_PROCESSES", 0)
+    monkeypatch.setattr(tracker, "MIN_PARALLEL_WORK", 0)
     shot = replace(filmed, settings=replace(filmed.settings, threads=workers))
     found: list[SolvedShot] = []
     refined: list[int] = []
@@ -100,7 +100,7 @@ def test_a_worker_that_is_killed_ends_the_tracking_with_a_message(
         return True
 
     monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path))
-    monkeypatch.setattr(tracker, "WORTH_PROCESSES", 0)
+    monkeypatch.setattr(tracker, "MIN_PARALLEL_WORK", 0)
     monkeypatch.setattr(tracker, "WorkerPool", kept)
     with pytest.raises(WorkerEndedError, match="ended unexpectedly"):
         tracker.track(replace(filmed, settings=replace(filmed.settings, threads=2)), kill)
@@ -143,7 +143,7 @@ def test_the_number_of_workers_follows_from_the_shot_file(
     monkeypatch.setattr(tracker, "worker_count", lambda given=None: given or 8)
     spec = read_shot_spec(Path(__file__).parents[3] / "examples/walk/shot.toml")
     for least in (1, 100_000):
-        monkeypatch.setattr(tracker, "WORTH_PROCESSES", least)
+        monkeypatch.setattr(tracker, "MIN_PARALLEL_WORK", least)
         posed = spec.selected(keyframes=keys)
         shot = prepare_shot(posed)
         assert tracker.workers_for(posed, threads) == tracker._workers(shot, threads or 8)

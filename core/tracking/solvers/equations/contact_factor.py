@@ -22,14 +22,14 @@ from ....numerics.arrays import Array, Ints, slices_of
 from ....numerics.banded_blocks import BandedBlocks
 from ....numerics.robust_kernels import Huber
 
-SLACK = 0.02
+FREE_DEPTH = 0.02
 """Depth up to which parts may penetrate each other at no cost, metres: flesh and clothes give way, and polyhedra are
 simple shapes. Hands are thinner than twice this, so they can hold each other."""
-DEVIATION = 0.01
+DEPTH_SIGMA = 0.01
 """Standard deviation of the depth beyond that, metres."""
-LIMIT = 3.0
+HUBER_LIMIT = 3.0
 """Depth, in standard deviations, beyond which the cost grows linearly (Huber)."""
-SPACING = 0.04  # metres: largest distance between points on the edges of a polyhedron
+POINT_SPACING = 0.04  # metres: largest distance between points on the edges of a polyhedron
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,15 +100,15 @@ class ContactFactor:
         R, T = poses
         F, P = T.shape[:2]
         H, g, energy = np.zeros((F, P, 6, 6)), np.zeros((F, P, 6)), np.zeros(len(bodies))
-        kernel = Huber(LIMIT)
+        kernel = Huber(HUBER_LIMIT)
         for i, j in permutations(range(len(bodies)), 2):
             if sought is not None and i not in sought and j not in sought:
                 continue
             for part, other, near in self._near(poses, i, j):
                 frames, depth, rows = self._deepest(poses, part, other, near)
-                r = np.maximum(depth - SLACK, 0.0) / DEVIATION
+                r = np.maximum(depth - FREE_DEPTH, 0.0) / DEPTH_SIGMA
                 weight = np.where(r > 0, kernel.weight(r**2), 0.0)
-                rows = rows / DEVIATION
+                rows = rows / DEPTH_SIGMA
                 both = 2 * weight[:, None, None] * rows[:, :, None] * rows[:, None, :]
                 pull = (weight * r)[:, None] * rows
                 for where, sign in ((part, 1.0), (other, -1.0)):
@@ -176,7 +176,7 @@ def surface_points(vertices: Array) -> Array:
     edges = np.unique(np.sort(np.concatenate([hull.simplices[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))])), axis=0)
     points = [vertices[hull.vertices]]
     for a, b in edges:
-        count = int(np.linalg.norm(vertices[b] - vertices[a]) / SPACING)
+        count = int(np.linalg.norm(vertices[b] - vertices[a]) / POINT_SPACING)
         share = np.arange(1, count + 1)[:, None] / (count + 1)
         points.append((1 - share) * vertices[a] + share * vertices[b])
     return np.concatenate(points)

@@ -15,7 +15,7 @@ from ....numerics.arrays import Array
 from ....numerics.banded_blocks import BandedBlocks
 from .problem import SegmentProblem
 
-ON_A_FRAME = 1 / 3
+FRAME_SIGMA_RATIO = 1 / 3
 """Usual departure from the curve on a frame, relative to the part's usual departure from its rest orientation."""
 
 
@@ -60,5 +60,5 @@ def near_curve(problem: SegmentProblem, performer: int, motion: Motion) -> Bande
             share = np.clip((frames - keys[last]) / np.diff(keys)[last], 0, 1)
             turns = rotations.log(np.swapaxes(known[:-1], -1, -2) @ known[1:])
             curve[:, part] = known[last] @ rotations.exp(share[:, None] * turns[last])
-        precision[:, part] = 1 / (ON_A_FRAME * body.departures[part]) ** 2
+        precision[:, part] = 1 / (FRAME_SIGMA_RATIO * body.departures[part]) ** 2
     return habitual_prior(motion, precision, curve)

@@ -16,13 +16,13 @@ from ....evidence.frame_looks import EvidenceCaches
 from ....evidence.occlusion import unseen
 from ....evidence.sampling import Sampling
 from ....evidence.segment_evidence import SegmentEvidence, accumulate_evidence
-from ....evidence.view_frames import KEPT_BYTES
+from ....evidence.view_frames import MAX_CACHED_BYTES
 from ....numerics.arrays import Array
 from ....numerics.banded_blocks import BandedBlocks
 from ....runtime.progress import step_share
 from .problem import SegmentProblem, SegmentSolution
 
-LOOKS_KEPT = 4
+CACHED_EVALUATIONS = 4
 """Number of evaluations that are kept: the end of a descent is still among them when the next descent starts there,
 even if later steps were evaluated and refused."""
 StepCallback = Callable[[float, Sequence[Motion]], None]
@@ -82,7 +82,9 @@ class RecentLooks:
     """A small cache of evaluations: a descent often starts where another one ended, and need not repeat that."""
 
     def __init__(self) -> None:
-        self._looks: deque[tuple[tuple[object, ...], list[Array | None], SegmentEvidence]] = deque(maxlen=LOOKS_KEPT)
+        self._looks: deque[tuple[tuple[object, ...], list[Array | None], SegmentEvidence]] = deque(
+            maxlen=CACHED_EVALUATIONS
+        )
 
     def evidence(self, of: tuple[object, ...], arrays: list[Array | None]) -> SegmentEvidence | None:
         """Return the evidence that was measured with the same objects and equal arrays; None if it is not kept."""
@@ -92,8 +94,8 @@ class RecentLooks:
         return None
 
     def keep(self, of: tuple[object, ...], arrays: list[Array | None], evidence: SegmentEvidence) -> None:
-        """Keep evidence in the place of the oldest, unless it takes too much memory (`KEPT_BYTES`)."""
-        if LOOKS_KEPT * evidence.gradients.H.nbytes <= KEPT_BYTES:
+        """Keep evidence in the place of the oldest, unless it takes too much memory (`MAX_CACHED_BYTES`)."""
+        if CACHED_EVALUATIONS * evidence.gradients.H.nbytes <= MAX_CACHED_BYTES:
             self._looks.append((of, arrays, evidence))
 
 

@@ -23,10 +23,10 @@ from ....numerics.banded_blocks import BandedBlocks
 from ....numerics.robust_kernels import GemanMcClure, RobustKernel
 from .problem import SegmentProblem
 
-SPEED = 0.02
+PLANT_SPEED_SIGMA = 0.02
 """Standard deviation of the velocity of a planted point along each axis, metres per second: shoes give way and roll,
 and a foot is not quite rigid."""
-GROSS = 4.0
+GEMAN_MCCLURE_SCALE = 4.0
 """Residual, in standard deviations, at which the Geman-McClure kernel gives a weight of one quarter."""
 
 
@@ -65,7 +65,7 @@ class PlantFactor:
             return None
         planted = soles.planted(part_poses(body, motion), fps)
         steps = planted[1:] & planted[:-1]
-        return cls(soles, steps, SPEED / fps, GemanMcClure(GROSS)) if steps.any() else None
+        return cls(soles, steps, PLANT_SPEED_SIGMA / fps, GemanMcClure(GEMAN_MCCLURE_SCALE)) if steps.any() else None
 
     def blocks(self, body: Body, poses: Poses) -> BandedBlocks:
         """Build the normal equations around world poses (R, T) of the parts on F frames."""

@@ -15,7 +15,7 @@ from ....numerics.banded_blocks import BandedBlocks
 from ....shot.acceleration_prior import given_groups
 from .problem import AccelerationSearch, SegmentProblem
 
-TRUSTED = (0.05, 1.0)
+USUAL_SCALE_RANGE = (0.05, 1.0)
 """Range of the likeliest scale of all accelerations, relative to usual ones, within which the usual ones are kept. Most
 joints rest while a few move, so at usual speed the scale is 0.13 to 0.55; slow motion or a wrong frame rate leads out
 of the range."""
@@ -107,8 +107,10 @@ class SegmentSmoothness:
                     expected=allowed,
                     guess=float(np.sqrt(before.typical[0] / usual[0])),
                 )
-                larger = SPARSENESS if scale < TRUSTED[0] and problem.search is AccelerationSearch.SCALE else 1.0
-                contradicted |= not TRUSTED[0] <= scale <= TRUSTED[1]
+                larger = (
+                    SPARSENESS if scale < USUAL_SCALE_RANGE[0] and problem.search is AccelerationSearch.SCALE else 1.0
+                )
+                contradicted |= not USUAL_SCALE_RANGE[0] <= scale <= USUAL_SCALE_RANGE[1]
                 found.append(AccelerationVariances.constant((larger * scale) ** 2 * usual, count))
                 continue
             found.append(

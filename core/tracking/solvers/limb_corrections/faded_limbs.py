@@ -22,15 +22,15 @@ from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import approach, continued, descend
 from ..settled_solutions import SettledSolutions
-from ..solution_ranking import RESTING, likelihood
+from ..solution_ranking import RESTING_GAIN, likelihood
 from .limb_likelihood import LimbOfPerformer, support_of_limbs
 from .limb_search import freed_limb, is_elsewhere
 
-FADED = 0.5
+FADED_RATIO = 0.5
 """Ratio of the support of a limb on a frame to its median over the segment, below which it has faded."""
-BRIEF = 0.1
+MIN_DURATION = 0.1
 """Shorter intervals do not count, seconds."""
-SEARCHES = 2
+MAX_SEARCHES = 2
 """Most searches for one limb."""
 
 
@@ -45,11 +45,11 @@ def faded_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[Limb
         F poses per performer.
     """
     found = []
-    long = max(2, int(np.ceil(BRIEF * problem.fps)))
+    long = max(2, int(np.ceil(MIN_DURATION * problem.fps)))
     for performer in problem.sought:
         for i, chain, _, shown in support_of_limbs(problem.alone(performer), motions):
             lowest = _lowest_support(shown(), long)
-            if lowest < FADED:
+            if lowest < FADED_RATIO:
                 found.append((lowest, (i, chain)))
     return [place for _, place in sorted(found, key=lambda one: one[0])]
 
@@ -59,7 +59,7 @@ def _lowest_support(support: Array, long: int) -> float:
     which it has faded; 1 if there is none.
     """
     usual = max(float(np.median(support)), 1e-9)
-    faded = intervals(support < FADED * usual)
+    faded = intervals(support < FADED_RATIO * usual)
     means = [support[first : last + 1].mean() / usual for first, last in faded if last + 1 - first >= long]
     return float(min(means, default=1.0))
 
@@ -78,10 +78,10 @@ def with_faded_limbs_found(problem: SegmentProblem, solution: SegmentSolution, w
     """
     motions, seconds = solution.motions, Seconds(solution.seconds)
     settled = SettledSolutions()
-    for look in range(SEARCHES):
+    for look in range(MAX_SEARCHES):
         places, before = faded_limbs(problem, motions), motions
         for k, place in enumerate(places):
-            share = (look + k / len(places)) / SEARCHES, (look + (k + 1) / len(places)) / SEARCHES
+            share = (look + k / len(places)) / MAX_SEARCHES, (look + (k + 1) / len(places)) / MAX_SEARCHES
             with seconds.measure("initial solution"):
                 own = replace(solution, motions=motions)
                 motions = _with_limb_found(problem, own, place, look, settled=settled, workspace=workspace.part(*share))
@@ -120,5 +120,5 @@ def _with_limb_found(
     kept = settled.after(alone, replace(solution, only=alone.only), workspace.part(0.3, 0.6))
     there = descend(alone, settling, workspace.part(0.6, 1.0), SETTLED, kept.noise)
     gain = likelihood(alone, kept.noise, there) - likelihood(alone, kept.noise, kept.solution)
-    likelier = gain > RESTING and is_elsewhere(body, chain, kept.solution.motions[i], there.motions[i])
+    likelier = gain > RESTING_GAIN and is_elsewhere(body, chain, kept.solution.motions[i], there.motions[i])
     return there.motions if likelier else motions

@@ -20,13 +20,13 @@ from ....numerics import rotations
 from ....numerics.arrays import Array
 from ..equations.problem import SegmentProblem
 
-MEETING = 0.05
+SMOOTHING_SIGMA = 0.05
 """Standard deviation of the Gaussian that smooths the difference between two limbs over time, seconds."""
-PARTED = 0.75
+MEETING_RATIO = 0.75
 """Two minima of the distance count as meetings if both are smaller than this share of its maximum between them."""
-BESIDE = 0.2
+VELOCITY_WINDOW = 0.2
 """Time before and after a meeting over which velocities are compared, seconds."""
-AROUND = 0.1
+SWITCH_WINDOW = 0.1
 """Time before and after a meeting within which the motion may change from one limb to the other, seconds."""
 
 
@@ -93,7 +93,7 @@ def exchanges(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[tu
             for a, b in pairwise(sorted({*meetings.tolist(), *ends.tolist()})):
                 frames = np.zeros(len(motion), dtype=bool)
                 frames[a + fixed[a] : b] = True
-                if not (fixed & frames).any() and max(distance[a], distance[b]) < PARTED * distance[a:b].max():
+                if not (fixed & frames).any() and max(distance[a], distance[b]) < MEETING_RATIO * distance[a:b].max():
                     begin, end = _smoothest(each, (a, b), fixed, problem.fps)
                     frames = (np.arange(len(motion)) >= begin) & (np.arange(len(motion)) < end)
                     new = exchanged(body, motion, pair, frames)
@@ -123,7 +123,7 @@ def _apart(body: Body, motion: Motion, pair: tuple[list[int], list[int]]) -> Arr
 
 def _meetings(apart: Array, fps: float) -> tuple[Array, NDArray[np.intp]]:
     """Smoothed differences between two limbs, (F, d), and the frames where they are smallest."""
-    apart = scipy.ndimage.gaussian_filter1d(apart, MEETING * fps, axis=0, mode="nearest")
+    apart = scipy.ndimage.gaussian_filter1d(apart, SMOOTHING_SIGMA * fps, axis=0, mode="nearest")
     distance = np.linalg.norm(apart, axis=1)
     return apart, 1 + np.flatnonzero((distance[1:-1] < distance[:-2]) & (distance[1:-1] < distance[2:]))
 
@@ -141,7 +141,7 @@ def _smoothest(apart: Array, between: tuple[int, int], fixed: NDArray[np.bool_],
         Frames on which the limbs stay as they are.
     fps : float
     """
-    (a, b), reach, F = between, max(1, round(AROUND * fps)), len(apart)
+    (a, b), reach, F = between, max(1, round(SWITCH_WINDOW * fps)), len(apart)
     bends = np.zeros((2, F + 1))  # squared changes of velocity: with a change of sign there, less those without
     plain = ((apart[2:] - 2 * apart[1:-1] + apart[:-2]) ** 2).sum(axis=1)
     bends[0, 2:F] = ((-apart[2:] - 2 * apart[1:-1] + apart[:-2]) ** 2).sum(axis=1) - plain
@@ -161,7 +161,7 @@ def _exchanges(apart: Array, meetings: NDArray[np.intp], fps: float) -> list[boo
 
     Dynamic programming over both possible assignments minimises the squared changes of velocity at the meetings.
     """
-    reach, last = max(2, round(BESIDE * fps)), len(apart) - 1
+    reach, last = max(2, round(VELOCITY_WINDOW * fps)), len(apart) - 1
     ways: dict[int, tuple[float, list[bool]]] = {1: (0.0, [])}
     for f in meetings:
         p, q = max(f - reach, 0), min(f + reach, last)

@@ -14,7 +14,7 @@ from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
 from ..gauss_newton import approach, continued, descend
 from ..solution_ranking import (
-    RESTING,
+    RESTING_GAIN,
     alike,
     cover_at,
     equals,
@@ -27,7 +27,7 @@ from ..solution_ranking import (
 )
 from .like_limbs import exchanges
 
-LENDING = 0.03
+LENDER_TOLERANCE = 0.03
 """Relative difference of cover up to which a solution may lend its limbs to the best one."""
 
 
@@ -52,7 +52,7 @@ def recombined(
         All are compared under this noise.
     workspace : Workspace
     """
-    lenders = equals(others, LENDING)
+    lenders = equals(others, LENDER_TOLERANCE)
     tried = [solution.motions for solution in lenders]
     places = [(i, left + right) for i in problem.sought for left, right in limb_pairs(problem.bodies[i])]
     for k, (i, parts) in enumerate(places):
@@ -133,7 +133,7 @@ def _exchange_counts(
     """
     if not tells_likelihood(problem):
         return found.cover > best.cover and found.energy[-1] < best.energy[-1]
-    return likelihood(problem, noise, found) > likelihood(problem, noise, best) + RESTING
+    return likelihood(problem, noise, found) > likelihood(problem, noise, best) + RESTING_GAIN
 
 
 def _exchange_settled(

@@ -14,10 +14,10 @@ from scipy.spatial import ConvexHull
 from ....body.kinematics import scene_poses
 from ....body.motion import Motion
 from ....cameras.camera import Camera
-from ....evidence.foreground_images.foreground import SCALE, STRONGEST, log_ratio
+from ....evidence.foreground_images.foreground import LEVELS_PER_UNIT, MAX_LOG_RATIO, log_ratio
 from ....evidence.foreground_images.part_colours import ColouredFrames
 from ....evidence.limb_sides import PartSides, SideRatios, SlopeImages
-from ....evidence.rendering.label_images import NEAR, LabelImages, render_labels
+from ....evidence.rendering.label_images import NEAR_PLANE, LabelImages, render_labels
 from ....evidence.rendering.part_geometry import Geometry
 from ....evidence.rendering.still_parts import StillParts
 from ....evidence.view_frames import ViewFrames
@@ -27,19 +27,19 @@ from ..equations.problem import SegmentProblem
 
 PartPoses = tuple[Array, Array]
 """K world orientations and positions of a part on each of m frames: (m, K, 3, 3) and (m, K, 3)."""
-ZERO = 128
+EVEN_LEVEL = 128
 """Value of a foreground image whose log likelihood ratio is 0: performer and background are equally likely."""
 DEPTH_STEP = 0.002
 """Unit of depth images, metres."""
-NOBODY = (1 << 16) - 1
+EMPTY_DEPTH = (1 << 16) - 1
 """Depth where there is no part, in units of `DEPTH_STEP`."""
-STRIDE = 3
+PIXEL_STRIDE = 3
 """Distance between the pixels that are used, in rows and in columns."""
 
 
 @dataclass(frozen=True, eq=False)
 class ViewRatios:
-    """What a view shows of a performer, at every STRIDE-th pixel.
+    """What a view shows of a performer, at every PIXEL_STRIDE-th pixel.
 
     Attributes
     ----------
@@ -67,9 +67,9 @@ class ViewRatios:
     @classmethod
     def of(cls, view: ViewFrames, problem: SegmentProblem, performer: int, motions: Sequence[Motion]) -> ViewRatios:
         """Collect what a view shows of a performer on the frames of a problem; the others are posed as in `motions`."""
-        foreground = view.foreground_at(problem.first, problem.length, STRIDE)[performer]
-        coloured = view.part_colours(problem.first, problem.length, STRIDE)
-        camera, still = view.camera.subsampled(STRIDE), None
+        foreground = view.foreground_at(problem.first, problem.length, PIXEL_STRIDE)[performer]
+        coloured = view.part_colours(problem.first, problem.length, PIXEL_STRIDE)
+        camera, still = view.camera.subsampled(PIXEL_STRIDE), None
         if problem.only is not None:
             geometry = problem.geometry()
             others = np.flatnonzero(geometry.performer != performer)
@@ -94,7 +94,7 @@ class ViewRatios:
         shown, foreground = labels.part[window], self.foreground[window]
         nobody, beside = shown < 0, log_ratio(np.arange(256, dtype=np.uint8))
         if self.coloured is None:
-            image = np.where(nobody, _as_steps(beside)[foreground], np.uint8(ZERO))
+            image = np.where(nobody, _as_steps(beside)[foreground], np.uint8(EVEN_LEVEL))
             return UncoveredImages(self.camera, self.first, (image,) * len(parts), None, None, origin=corner)
         colours, palette = self.coloured.colours, self.coloured.palette[window]
         others = np.arange(len(geometry.spans))
@@ -120,7 +120,7 @@ class ViewRatios:
         x = np.einsum("fij,fj->fi", Rc, joints[:, 0]) + tc
         near, far = x[:, 2] - reach, x[:, 2] + reach
         _, *size = self.foreground.shape
-        if near.min() <= NEAR:
+        if near.min() <= NEAR_PLANE:
             return slice(0, size[0]), slice(0, size[1])
         edges = []
         for axis, pixels in ((1, size[0]), (0, size[1])):
@@ -133,12 +133,12 @@ class ViewRatios:
 
 def _slopes_around(view: ViewFrames, problem: SegmentProblem, foreground: NDArray[np.uint8]) -> SlopeImages | None:
     """Slopes of brightness within the box of pixels that may show the performer on some frame."""
-    shown = (foreground > ZERO).any(axis=0)
+    shown = (foreground > EVEN_LEVEL).any(axis=0)
     if not shown.any():
         return None
     rows, columns = (np.flatnonzero(shown.any(axis=axis)) for axis in (1, 0))
-    left, top = STRIDE * int(columns[0]), STRIDE * int(rows[0])
-    right, bottom = STRIDE * (int(columns[-1]) + 1), STRIDE * (int(rows[-1]) + 1)
+    left, top = PIXEL_STRIDE * int(columns[0]), PIXEL_STRIDE * int(rows[0])
+    right, bottom = PIXEL_STRIDE * (int(columns[-1]) + 1), PIXEL_STRIDE * (int(rows[-1]) + 1)
     start = problem.first - view.first
     grey = view.grey[start : start + problem.length, top:bottom, left:right]
     return SlopeImages.of(view.camera, problem.first, grey, (left, top))
@@ -154,7 +154,7 @@ class UncoveredImages:
     first : int
         Shot frame of the first image.
     ratio : tuple of ndarray of uint8, shape (F, h, w)
-        Per part: log likelihood ratios, encoded as in foreground images (`ZERO`).
+        Per part: log likelihood ratios, encoded as in foreground images (`EVEN_LEVEL`).
     depth : ndarray of uint16, shape (F, h, w), or None
         Depth of all other parts in units of `DEPTH_STEP`; None where it does not matter.
     slopes : SlopeImages or None
@@ -181,7 +181,7 @@ class UncoveredImages:
         centre = -np.einsum("mji,mj->mi", Rc, tc).astype(np.float32)
         R, T = (each.astype(np.float32) for each in poses)
         change, seen = self.slopes.steepest(frames, *sides.seen_from(centre, R, T))
-        pixels = seen[:, :2].reshape(len(seen), 2, -1, seen.shape[-1]) / np.float32(STRIDE)
+        pixels = seen[:, :2].reshape(len(seen), 2, -1, seen.shape[-1]) / np.float32(PIXEL_STRIDE)
         others = self._looked_up(self.depth[frames], pixels[:, 0], pixels[:, 1], 0).reshape(change.shape)
         return change, seen[:, 2] < others * np.float32(DEPTH_STEP)
 
@@ -200,13 +200,15 @@ class UncoveredImages:
         K = self.camera.matrix
         x = transformed((K @ Rc).astype(np.float32), points_world.reshape(len(points_world), 3, -1))
         x += (tc @ K.T).astype(np.float32)[..., None]
-        depth = np.maximum(x[:, 2:], np.float32(NEAR))
+        depth = np.maximum(x[:, 2:], np.float32(NEAR_PLANE))
         columns, rows = (x[:, :2] / depth).reshape(points_world[:, :2].shape).swapaxes(0, 1)
-        steps = self._looked_up(self.ratio[part][frames], columns, rows, ZERO).astype(np.int16) - np.int16(ZERO)
+        steps = self._looked_up(self.ratio[part][frames], columns, rows, EVEN_LEVEL).astype(np.int16) - np.int16(
+            EVEN_LEVEL
+        )
         if self.depth is not None:
             others = self._looked_up(self.depth[frames], columns, rows, 0)
             steps *= depth.reshape(others.shape) < others * np.float32(DEPTH_STEP)
-        return np.asarray(steps.mean(axis=-1, dtype=np.float32) / np.float32(SCALE))
+        return np.asarray(steps.mean(axis=-1, dtype=np.float32) / np.float32(LEVELS_PER_UNIT))
 
     def _looked_up(self, images: NDArray[Any], columns: Array, rows: Array, beyond: float) -> NDArray[Any]:
         """Look up the nearest pixels of images (m, h, w) at positions (m, K, points) in the view."""
@@ -220,7 +222,7 @@ class UncoveredImages:
 def depth_steps(labels: LabelImages) -> NDArray[np.uint16]:
     """Depth of the parts at every pixel of label images, in units of `DEPTH_STEP`."""
     if labels.still is None:
-        images = np.full(labels.part.shape, NOBODY, np.uint16)
+        images = np.full(labels.part.shape, EMPTY_DEPTH, np.uint16)
     else:
         images = _in_depth_steps(labels.still.depth)
     images.ravel()[labels.index] = _in_depth_steps(1 / labels.inverse_depth)
@@ -228,12 +230,14 @@ def depth_steps(labels: LabelImages) -> NDArray[np.uint16]:
 
 
 def _in_depth_steps(depth: NDArray[np.float32]) -> NDArray[np.uint16]:
-    return np.minimum(depth / np.float32(DEPTH_STEP), np.float32(NOBODY)).astype(np.uint16)
+    return np.minimum(depth / np.float32(DEPTH_STEP), np.float32(EMPTY_DEPTH)).astype(np.uint16)
 
 
 def _as_steps(ratio: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Encode log likelihood ratios as bytes, as in foreground images, to save memory."""
-    return np.rint(np.clip(ratio, -STRONGEST, STRONGEST) * np.float32(SCALE) + np.float32(ZERO)).astype(np.uint8)
+    return np.rint(
+        np.clip(ratio, -MAX_LOG_RATIO, MAX_LOG_RATIO) * np.float32(LEVELS_PER_UNIT) + np.float32(EVEN_LEVEL)
+    ).astype(np.uint8)
 
 
 def shown_areas(geometry: Geometry, parts: Sequence[int]) -> Array:

@@ -20,22 +20,22 @@ from ....evidence.view_frames import views_with_foreground
 from ....numerics import rotations
 from ....numerics.arrays import Array
 from ..equations.problem import SegmentProblem
-from .limb_images import NOBODY, PartPoses, UncoveredImages, ViewRatios, depth_steps, shown_areas
+from .limb_images import EMPTY_DEPTH, PartPoses, UncoveredImages, ViewRatios, depth_steps, shown_areas
 
 LimbOfPerformer = tuple[int, list[int]]
 """Index of a performer, and a limb of it as a chain of its parts."""
-PATCH = 0.06
+PATCH_RADIUS = 0.06
 """Pixels within this distance of each other on the body count as one observation, metres."""
-LEAST_HELD = 0.02
+MIN_HELD_WEIGHT = 0.02
 """Weight with which a limb that is not seen is kept where it is: among poses that the images cannot distinguish, the
 present one is preferred."""
-ELSEWHERE_SPREAD = 0.5
+RANDOM_POSE_SIGMA = 0.5
 """Standard deviation of poses drawn around each key pose, radians, for a joint with a range of half a circle."""
-ELSEWHERE = 60
+RANDOM_POSES = 60
 """Poses drawn around each key pose, to learn how brightness changes where no limb has its side."""
 _POINTS = 16
 _AT_A_TIME, _FRAMES = 256, 16  # poses, but at least so many frames
-_LEAST_RANGE = 0.05
+_MIN_RANGE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,12 +88,12 @@ def limb_of(
     limb = LimbModel(
         body,
         chain,
-        np.clip(np.ptp(body.limits[chain], axis=2) / np.pi, _LEAST_RANGE, 1.0),
+        np.clip(np.ptp(body.limits[chain], axis=2) / np.pi, _MIN_RANGE, 1.0),
         *_samples(problem.geometry(), parts, rng),
         (R[:, body.parents[chain[0]]], T[:, body.parents[chain[0]]]),
         rotations.log(motions[i].rotations[:, chain]),
         problem.fixed[i][:, 3:].reshape(problem.length, -1, 3)[:, chain],
-        np.full((problem.length, len(chain)), LEAST_HELD),
+        np.full((problem.length, len(chain)), MIN_HELD_WEIGHT),
         tuple(PartSides.of(body.parts[part]) for part in without_end(chain)),
     )
     return limb, parts
@@ -133,7 +133,7 @@ def support_of_limbs(
             limb, parts = limb_of(problem, motions, (i, chain), rng)
             own = np.isin(np.arange(len(geometry.spans) + 1), parts)  # the last is nobody
             beside = [
-                UncoveredImages(look.camera, look.first, (), np.where(own[shown.part], NOBODY, depth), look.slopes)
+                UncoveredImages(look.camera, look.first, (), np.where(own[shown.part], EMPTY_DEPTH, depth), look.slopes)
                 for look, shown, depth in zip(looks, labels, depths, strict=True)
             ]
             sides = sides_shown(limb, with_sides_learned(limb, beside, problem.whole_keys(i), rng))
@@ -161,7 +161,7 @@ def with_sides_learned(
 def _with_learned(limb: LimbModel, look: UncoveredImages, keys: NDArray[np.intp], rng: Generator) -> UncoveredImages:
     if look.slopes is None or not len(keys):
         return look
-    drawn = rng.normal(size=(len(keys), ELSEWHERE, *limb.range.shape)) * ELSEWHERE_SPREAD * limb.range
+    drawn = rng.normal(size=(len(keys), RANDOM_POSES, *limb.range.shape)) * RANDOM_POSE_SIGMA * limb.range
     drawn += limb.begin[keys, None]
     found: list[list[NDArray[np.float32]]] = [[], []]
     for k, key in enumerate(keys.tolist()):
@@ -207,7 +207,7 @@ def covered(limb: LimbModel, uncovered: Sequence[UncoveredImages], drawn: Array)
         for part, (area, poses) in enumerate(zip(limb.areas, _posed(limb, some, chosen), strict=True)):
             world = _placed(limb.points[part], poses)
             for look in uncovered:
-                score[some] += area / PATCH**2 * look.at(part, some, world)
+                score[some] += area / PATCH_RADIUS**2 * look.at(part, some, world)
                 if part < len(limb.sides):
                     score[some] += look.beside(limb.sides[part], some, poses)
     return score

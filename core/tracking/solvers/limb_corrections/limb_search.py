@@ -27,30 +27,38 @@ from ....numerics import rotations
 from ....numerics.arrays import Array
 from ....numerics.likeliest_path import likeliest_path, place_probabilities
 from ....numerics.repeatable import on_grid
-from ..descent_stages import REACH
+from ..descent_stages import OUTLINE_REACH
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem
 from .like_limbs import untangled_limbs
-from .limb_images import ZERO, UncoveredImages, ViewRatios
-from .limb_likelihood import LEAST_HELD, LimbModel, LimbOfPerformer, covered, limb_of, sides_shown, with_sides_learned
+from .limb_images import EVEN_LEVEL, UncoveredImages, ViewRatios
+from .limb_likelihood import (
+    MIN_HELD_WEIGHT,
+    LimbModel,
+    LimbOfPerformer,
+    covered,
+    limb_of,
+    sides_shown,
+    with_sides_learned,
+)
 
-SPREADS = (1.0, 0.5, 0.25, 0.12)
+ROUND_SIGMAS = (1.0, 0.5, 0.25, 0.12)
 """Standard deviation of the poses drawn in each round, radians, for a joint with a range of half a circle; for others
 in proportion to their range."""
-DRAWS = 80
+DRAWS_PER_ROUND = 80
 """Poses drawn per round; those at one and two thirds of the way to each are scored as well."""
-ANYWHERE = 60
-"""Poses of the first round that are drawn from the whole range of the joints; each is the best of `HEAT` draws, judged
-by a few points."""
-HEAT = 32
-SPEED = 3.0
+UNIFORM_DRAWS = 60
+"""Poses of the first round that are drawn from the whole range of the joints; each is the best of `CANDIDATES_PER_DRAW`
+draws, judged by a few points."""
+CANDIDATES_PER_DRAW = 32
+ERROR_RATE = 3.0
 """Usual rate of change of the error of a joint with a range of half a circle, rad/s: half the speed of the joint."""
-HELD = 0.1
+HELD_SIGMA = 0.1
 """Standard deviation, radians, of the departure of a limb that is clearly seen where it is."""
-SEEN = 0.1
+MIN_SEEN_SHARE = 0.1
 """A limb of which a smaller share is seen on pixels of its own colours may be elsewhere."""
 _FEW_POINTS = 2
-LEAST_GAIN = 50.0
+MIN_GAIN = 50.0
 """Smallest gain in log likelihood, in natural units, for which a limb's motion is changed."""
 
 
@@ -116,7 +124,7 @@ def is_elsewhere(body: Body, chain: Sequence[int], before: Motion, after: Motion
     """Whether some joint of a limb, relative to its first, is farther from where it was than a descent reaches."""
     joints = [part_poses(body, motion)[1][:, chain] for motion in (before, after)]
     a, b = (each - each[:, :1] for each in joints)
-    return float(np.linalg.norm(b - a, axis=-1).max()) > REACH
+    return float(np.linalg.norm(b - a, axis=-1).max()) > OUTLINE_REACH
 
 
 def _with_limb_found(
@@ -137,11 +145,11 @@ def _with_limb_found(
     uncovered = with_sides_learned(limb, uncovered, problem.whole_keys(i), rng)
     if not free:
         shown = scipy.special.expit(sides_shown(limb, uncovered))[:, None]
-        limb = replace(limb, held=np.maximum(_held(looks, geometry, poses, parts) * shown, LEAST_HELD))
+        limb = replace(limb, held=np.maximum(_held(looks, geometry, poses, parts) * shown, MIN_HELD_WEIGHT))
         if problem.only is not None and not _doubted(limb):
             return motion
     path, gain = _likeliest(limb, uncovered, problem.fps, rng)
-    if gain < LEAST_GAIN:
+    if gain < MIN_GAIN:
         return motion
     Q = motion.rotations.copy()
     Q[:, chain] = np.where(limb.fixed.all(axis=-1)[..., None, None], Q[:, chain], rotations.exp(path))
@@ -149,8 +157,8 @@ def _with_limb_found(
 
 
 def _doubted(limb: LimbModel) -> bool:
-    """Whether a limb is hardly seen where it is (`SEEN`) on two or more frames in a row."""
-    unsure = limb.held[:, : len(limb.sides)].mean(axis=1) < SEEN
+    """Whether a limb is hardly seen where it is (`MIN_SEEN_SHARE`) on two or more frames in a row."""
+    unsure = limb.held[:, : len(limb.sides)].mean(axis=1) < MIN_SEEN_SHARE
     return any(last > first for first, last in intervals(unsure))
 
 
@@ -163,7 +171,7 @@ def _held(looks: Sequence[ViewRatios], geometry: Geometry, poses: tuple[Array, A
     held = np.zeros((len(poses[0]), len(parts)))
     free = np.zeros(held.shape)
     for look in looks:
-        labels, performer = look.labels(geometry, poses), look.foreground > ZERO
+        labels, performer = look.labels(geometry, poses), look.foreground > EVEN_LEVEL
         for k, part in enumerate(parts):
             seen = labels.part == part
             like = 1.0 if look.coloured is None else np.exp(np.minimum(look.coloured.of(part), 0).astype(float))
@@ -179,30 +187,31 @@ def _likeliest(
 ) -> tuple[Array, float]:
     """Return the likeliest rotation vectors (F, n, 3) of the limb, and by how much likelier they are than the present.
 
-    Their difference from the present ones should change slowly (`SPEED`); how fast the limb itself moves costs nothing.
+    Their difference from the present ones should change slowly (`ERROR_RATE`); how fast the limb itself moves costs
+    nothing.
     """
     begin = limb.begin
     low = np.minimum(limb.body.limits[limb.chain, :, 0], begin.min(axis=0))
     high = np.maximum(limb.body.limits[limb.chain, :, 1], begin.max(axis=0))
-    cost = SPEED * limb.range / fps
+    cost = ERROR_RATE * limb.range / fps
     path = begin
     values: list[float] = []
-    for spread in SPREADS:
-        offsets = rng.normal(size=(DRAWS, *limb.range.shape)) * spread * limb.range
+    for spread in ROUND_SIGMAS:
+        offsets = rng.normal(size=(DRAWS_PER_ROUND, *limb.range.shape)) * spread * limb.range
         offsets = np.concatenate([np.zeros((1, *limb.range.shape)), offsets / 3, 2 * offsets / 3, offsets])
         drawn = path[:, None] + offsets
         if not values:
             drawn = np.concatenate([drawn, _anywhere(limb, uncovered, (low, high), rng.spawn(1)[0])], axis=1)
         drawn = np.where(limb.fixed[:, None], path[:, None], np.clip(drawn, low, high))
         score = covered(limb, uncovered, drawn)
-        score -= 0.5 * np.einsum("fn,fkna->fk", limb.held, ((drawn - begin[:, None]) / (HELD * limb.range)) ** 2)
+        score -= 0.5 * np.einsum("fn,fkna->fk", limb.held, ((drawn - begin[:, None]) / (HELD_SIGMA * limb.range)) ** 2)
         places = ((drawn - begin[:, None]) / cost).reshape(*score.shape, -1)
         best, value = likeliest_path(score, places)
         if not values:
             values.append(float(score[:, 0].sum()))
         values.append(value)
         # Draws that are far apart are different poses, so the best is taken; later their mean is smoother.
-        wide = spread > SPREADS[len(SPREADS) // 2]
+        wide = spread > ROUND_SIGMAS[len(ROUND_SIGMAS) // 2]
         frames = np.arange(len(drawn))
         path = drawn[frames, best] if wide else np.einsum("fk,fkna->fna", place_probabilities(score, places), drawn)
         path = np.where(limb.fixed, begin, on_grid(path))
@@ -212,10 +221,12 @@ def _likeliest(
 def _anywhere(
     limb: LimbModel, uncovered: Sequence[UncoveredImages], bounds: tuple[Array, Array], rng: Generator
 ) -> NDArray[np.float64]:
-    """Poses of the limb (F, `ANYWHERE`, n, 3) from between bounds (n, 3), as drawing around its present pose rarely
-    reaches far: of poses drawn once for all frames, each frame has the best of every `HEAT`.
+    """Poses of the limb (F, `UNIFORM_DRAWS`, n, 3) from between bounds (n, 3), as drawing around its present pose
+    rarely reaches far: of poses drawn once for all frames, each frame has the best of every `CANDIDATES_PER_DRAW`.
     """
-    drawn = rng.uniform(*bounds, size=(ANYWHERE * HEAT, *limb.range.shape))
+    drawn = rng.uniform(*bounds, size=(UNIFORM_DRAWS * CANDIDATES_PER_DRAW, *limb.range.shape))
     score = covered(replace(limb, points=limb.points[:, :_FEW_POINTS], sides=()), uncovered, drawn[None])
-    winner = score.reshape(len(score), ANYWHERE, HEAT).argmax(axis=2) + HEAT * np.arange(ANYWHERE)
+    winner = score.reshape(len(score), UNIFORM_DRAWS, CANDIDATES_PER_DRAW).argmax(
+        axis=2
+    ) + CANDIDATES_PER_DRAW * np.arange(UNIFORM_DRAWS)
     return np.asarray(drawn[winner])

@@ -26,18 +26,18 @@ from ..equations.segment_equations import SegmentNoise
 from ..gauss_newton import approach, continued, descend
 from ..solution_ranking import likelihood, noise_of
 
-FAR = 0.4
+MIN_TIP_MOVE = 0.4
 """Smallest distance by which the tip of a long bone moves on some frame, metres. A descent reaches what is nearer."""
-STRETCHED = 0.75
+MIN_MIRROR_DISTANCE = 0.75
 """Limbs of which no mirror image is farther away than this are not mirrored, metres: a limb that reaches less far
 toward the camera is mostly where it seems to be, and trying all of them takes half as long as everything else."""
-BEYOND = 2.0
+MAX_LIMIT_EXCESS = 2.0
 """Largest excess of the mirrored joints over their limits, radians, which is cut off; a knee or an elbow that is bent
 by more the wrong way is no other reading of the picture."""
 MIRRORED_GAIN = 100.0
 """Smallest gain in log likelihood, in natural units, for which a limb is mirrored: kicking legs that were on the wrong
 side gained 146 to 196, mirror images of limbs that were not (or that were lost altogether) up to 66."""
-ONSET = 0.1
+ONSET_TIME = 0.1
 """Time from a frame on which a key pose fixes the limb within which it turns to its mirror image, seconds."""
 
 
@@ -100,8 +100,8 @@ def _nearly_solved(
 def mirror_images(problem: SegmentProblem, performer: int, motion: Motion) -> Iterator[Motion]:
     """Generate the motions with one limb of a performer mirrored, one, the other or both of its long bones.
 
-    Left out are those that hardly differ (`FAR`) or bend a joint far beyond its limits (`BEYOND`), and limbs that reach
-    neither far toward the camera nor far away from it (`STRETCHED`).
+    Left out are those that hardly differ (`MIN_TIP_MOVE`) or bend a joint far beyond its limits (`MAX_LIMIT_EXCESS`),
+    and limbs that reach neither far toward the camera nor far away from it (`MIN_MIRROR_DISTANCE`).
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def mirror_images(problem: SegmentProblem, performer: int, motion: Motion) -> It
     for chain in limbs(body):
         keyed = held[:, chain].any(axis=1)
         images = list(_images_of_limb(body, motion, chain, eye=eye, keyed=keyed, share=_share(keyed, problem.fps)))
-        if max((moved for moved, _ in images), default=0.0) >= STRETCHED:
+        if max((moved for moved, _ in images), default=0.0) >= MIN_MIRROR_DISTANCE:
             yield from (other for _, other in images)
 
 
@@ -129,7 +129,7 @@ def _images_of_limb(
         image = mirrored(body, motion, (chain, bones), eye, share)
         other, beyond = _within_limits(body, motion, chain, image, keyed)
         moved = np.linalg.norm(tip_positions(body, part_poses(body, other)) - tips, axis=-1)[:, long].max()
-        if moved >= FAR and beyond <= BEYOND:
+        if moved >= MIN_TIP_MOVE and beyond <= MAX_LIMIT_EXCESS:
             yield float(moved), other
 
 
@@ -156,10 +156,10 @@ def _some_of(bones: Sequence[int]) -> Iterator[tuple[int, ...]]:
 
 
 def _share(held: Bools, fps: float) -> Array:
-    """By how much a limb is mirrored on each frame, (F,): 0 where it is held, 1 from `ONSET` on."""
+    """By how much a limb is mirrored on each frame, (F,): 0 where it is held, 1 from `ONSET_TIME` on."""
     frames, known = np.arange(len(held)), np.flatnonzero(held)
     away = np.abs(frames[:, None] - known).min(axis=1, initial=len(held))
-    return np.asarray(np.minimum(away / max(ONSET * fps, 1.0), 1.0))
+    return np.asarray(np.minimum(away / max(ONSET_TIME * fps, 1.0), 1.0))
 
 
 def mirrored(body: Body, motion: Motion, limb: tuple[Sequence[int], Sequence[int]], eye: Array, share: Array) -> Motion:

@@ -22,11 +22,11 @@ from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import continued, descend
 from ..solution_ranking import better
 
-STRAYED = 4.0
+STRAYED_RATIO = 4.0
 """Ratio of a limb's distance from the first pass to the performer's median, from which on it has strayed."""
-LEAST = 0.05
+MIN_DISTANCE = 0.05
 """Smaller distances do not count, metres."""
-BRIEF = 0.1
+MIN_DURATION = 0.1
 """Shorter intervals do not count, seconds: keypoints leap for single frames."""
 
 
@@ -47,10 +47,10 @@ def strayed_limbs(problem: SegmentProblem, performer: int, first_pass: Motion, f
     if not chains:
         return []
     usual = float(np.median(np.concatenate([away[:, joints] for _, joints in chains], axis=1)))
-    long = max(2, round(BRIEF * problem.fps))
+    long = max(2, round(MIN_DURATION * problem.fps))
     strayed = []
     for chain, joints in chains:
-        far = away[:, joints].max(axis=1) > max(STRAYED * usual, LEAST)
+        far = away[:, joints].max(axis=1) > max(STRAYED_RATIO * usual, MIN_DISTANCE)
         if any(last + 1 - first >= long for first, last in intervals(far)):
             strayed.append(chain)
     return strayed

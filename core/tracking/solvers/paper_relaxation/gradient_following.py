@@ -21,7 +21,7 @@ from ....evidence.sampling import Sampling
 from ....numerics.arrays import Array
 from ....numerics.banded_blocks import BandedBlocks
 from ....numerics.repeatable import on_grid
-from ...prediction import PAST, autoregression, predict
+from ...prediction import FILTER_STEPS, autoregression, predict
 from ..equations.measurement import Workspace, hidden_parts
 from ..equations.problem import SegmentProblem
 from .motion_steps import Steps
@@ -30,11 +30,11 @@ from .step_rows import pixel_counts
 DAMPING = 0.01
 """Damping of the steps of the initial solution, so that a direction that no pixel measures stands still: the variance
 of a patch's grey level (standard deviation about 0.01) over that of a step (about 0.1 radians or metres)."""
-STRIDE = 2
+PIXEL_STRIDE = 2
 """Distance between the pixels whose gradients are used, in rows and in columns."""
-INITIAL = (Sampling(2.0, 8.0, STRIDE), Sampling(1.0, 4.0, STRIDE), Sampling(1.0, 4.0, STRIDE))
+STEP_SAMPLINGS = (Sampling(2.0, 8.0, PIXEL_STRIDE), Sampling(1.0, 4.0, PIXEL_STRIDE), Sampling(1.0, 4.0, PIXEL_STRIDE))
 """Samplings for each step of the initial solution, from coarse to fine."""
-FIRST = (Sampling(8.0, 8.0, STRIDE), Sampling(4.0, 8.0, STRIDE), *INITIAL)
+FIRST_STEP_SAMPLINGS = (Sampling(8.0, 8.0, PIXEL_STRIDE), Sampling(4.0, 8.0, PIXEL_STRIDE), *STEP_SAMPLINGS)
 """Samplings for the first step, which has no earlier step to start from: gradients reach about as far as the images are
 smoothed."""
 
@@ -66,7 +66,7 @@ def follow_gradients(problem: SegmentProblem, start: Sequence[Motion], workspace
             gone = out_of_sight(pair, [_advanced(h, step) for h, step in zip(here, x, strict=True)])
             begun = [np.where(_degrees(g), step, own) for g, step, own in zip(gone, x, begun, strict=True)]
         here = [_advanced(h, step) for h, step in zip(here, begun, strict=True)]
-        here = _moved_by_gradients(pair, here, gone, workspace, FIRST if j == 1 else INITIAL)
+        here = _moved_by_gradients(pair, here, gone, workspace, FIRST_STEP_SAMPLINGS if j == 1 else STEP_SAMPLINGS)
         motions = [stacked([motion, h[1:]]) for motion, h in zip(motions, here, strict=True)]
         hidden = [np.concatenate([h, g[None]]) for h, g in zip(hidden, gone, strict=True)]
     return motions
@@ -100,7 +100,7 @@ def predicted_step(motion: Motion, hidden: NDArray[np.bool_]) -> Array:
         runs = [x[a : b + 1, own] for a, b in intervals(~hidden[:, p])]
         models = [autoregression([run[:, d] for run in runs]) for d in range(own.stop - own.start)]
         seen = np.flatnonzero(~hidden[:, p]).max(initial=-1) + 1
-        step[own] = predict(x[max(seen - PAST, 0) : seen, own], len(x) + 1 - seen, models)[0][-1]
+        step[own] = predict(x[max(seen - FILTER_STEPS, 0) : seen, own], len(x) + 1 - seen, models)[0][-1]
     return on_grid(step)
 
 
@@ -118,7 +118,7 @@ def out_of_sight(pair: SegmentProblem, motions: Sequence[Motion]) -> list[NDArra
         Two poses per performer: the present one and the predicted one.
     """
     poses, geometry = scene_poses(pair.bodies, motions), pair.geometry()
-    labels = [render_labels(geometry, v.camera.subsampled(STRIDE), pair.first, *poses) for v in pair.views]
+    labels = [render_labels(geometry, v.camera.subsampled(PIXEL_STRIDE), pair.first, *poses) for v in pair.views]
     share = np.stack([view.share for view in labels])
     carried = block_diag(*(body.ancestry for body in pair.bodies))
     shown = (share[..., None] * carried).max(axis=2)

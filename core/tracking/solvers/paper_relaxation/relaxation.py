@@ -19,7 +19,7 @@ derivative (22).
 its numbers by trial, without stating the scale of grey levels, the number of pixels, or the unit of length. For the
 numbers to mean the same on all footage, all pixels within a square of `Settings.correlation_length` on the body count
 as one: then the sums depend neither on the resolution, nor on the stride, nor on the distance. Grey levels run from 0
-to 1, rotations are in radians, lengths in metres in the first sweeps and in units of `LENGTH` in the others.
+to 1, rotations are in radians, lengths in metres in the first sweeps and in units of `LENGTH_UNIT` in the others.
 
 With u = 1/n of equation (27) the sweeps converge to the minimum of (21) for lambda / n and nu / n, but slowly (section
 4.3), as lambda and nu hold each step near its former value. The first sweeps do so, while the key pose is far away. The
@@ -44,7 +44,7 @@ from ....runtime.timing import Seconds
 from ....shot.acceleration_prior import USUAL_JOINT, USUAL_ROOT
 from ..equations.measurement import Workspace, hidden_parts
 from ..equations.problem import SegmentProblem, SegmentSolution
-from .gradient_following import STRIDE, follow_gradients, without_drift
+from .gradient_following import PIXEL_STRIDE, follow_gradients, without_drift
 from .motion_steps import StepEquations, Steps
 from .step_rows import printed_rows, rows_of_steps
 
@@ -54,14 +54,14 @@ NU = 20.0
 """Weight of the root's terminal constraint."""
 SMOOTHNESS = 1.0
 """Weight of the smoothness of every motion parameter."""
-PRINTED = 0.5
+PRINTED_SHARE = 0.5
 """Share of the sweeps, the first ones, that solve equation (23) as printed, with lengths in metres."""
-LENGTH = USUAL_ROOT / USUAL_JOINT
+LENGTH_UNIT = USUAL_ROOT / USUAL_JOINT
 """Unit of length in the other sweeps, metres. The paper weighs the smoothness of translations and rotations equally,
 which is right in the unit in which the root's usual acceleration equals that of a joint in radians."""
-RELINEARISE = 10
+SWEEPS_PER_LINEARISATION = 10
 """Sweeps between two measurements of the gradients around the present motion."""
-FINE = Sampling(1.0, 1.0, STRIDE)
+SWEEP_SAMPLING = Sampling(1.0, 1.0, PIXEL_STRIDE)
 """Sampling for the sweeps."""
 
 
@@ -78,25 +78,25 @@ def relaxed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
         ends = zip(motions, start, problem.fixed, strict=True)
         motions = [_rounded(motion, without_drift(motion, keyed, fixed)) for motion, keyed, fixed in ends]
     energies: list[float] = []
-    for sweep in range(0, settings.sweeps, RELINEARISE):
+    for sweep in range(0, settings.sweeps, SWEEPS_PER_LINEARISATION):
         if sweep:
             workspace.report(0.2 + 0.8 * sweep / settings.sweeps, motions)
-        measured = workspace.measure(problem, motions, FINE)
+        measured = workspace.measure(problem, motions, SWEEP_SAMPLING)
         evidence = measured.evidence
         seconds.add(evidence.seconds)
         energies.append(float(evidence.gradients.energy.sum()))
         if settings.prediction:
             evidence = evidence.without(np.concatenate(hidden_parts(problem, evidence.share), axis=1))
-        count = min(RELINEARISE, settings.sweeps - sweep)
+        count = min(SWEEPS_PER_LINEARISATION, settings.sweeps - sweep)
         with seconds.measure("solve"):
-            whole = sweep >= PRINTED * settings.sweeps
+            whole = sweep >= PRINTED_SHARE * settings.sweeps
             rows = (rows_of_steps if whole else printed_rows)(problem, measured, evidence)
             motions = [
                 _rounded(motion, relax(motion, keyed, fixed, own, count, whole=whole))
                 for motion, keyed, fixed, own in zip(motions, start, problem.fixed, rows, strict=True)
             ]
     held = tuple(_held(m, s, fixed) for m, s, fixed in zip(motions, start, problem.fixed, strict=True))
-    evidence = workspace.measure(problem, held, FINE).evidence
+    evidence = workspace.measure(problem, held, SWEEP_SAMPLING).evidence
     seconds.add(evidence.seconds)
     energies.append(float(evidence.gradients.energy.sum()))
     return SegmentSolution.of(held, evidence, iterations=settings.sweeps, energy=energies, seconds=seconds)
@@ -124,10 +124,10 @@ def relax(
         Gradient terms, linearised around the motion.
     sweeps : int
     whole : bool
-        Use u = 1 and the unit `LENGTH`, as in the second half of the sweeps.
+        Use u = 1 and the unit `LENGTH_UNIT`, as in the second half of the sweeps.
     """
     n, D = rows.steps.shape
-    u, length = (1.0, LENGTH) if whole else (1.0 / n, 1.0)
+    u, length = (1.0, LENGTH_UNIT) if whole else (1.0 / n, 1.0)
     units = np.concatenate([np.full(3, length), np.ones(D - 3)])
     smooth = SMOOTHNESS / units**2
     weight = fixed[-1] * np.concatenate([np.full(3, NU), np.full(D - 3, LAMBDA)]) / (units**2 * n * u)

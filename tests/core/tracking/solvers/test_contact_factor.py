@@ -15,7 +15,7 @@ from kfmocap.core.numerics.banded import BandedFactor
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.shot.shot import KeyPoses, Performer, Settings, Shot
 from kfmocap.core.tracking.segment_stages import SegmentData, TrackState, segment_problem
-from kfmocap.core.tracking.solvers.equations.contact_factor import SLACK, ContactFactor
+from kfmocap.core.tracking.solvers.equations.contact_factor import FREE_DEPTH, ContactFactor
 
 Array = np.ndarray
 BODIES = (human(1.8), human(1.65))
@@ -51,7 +51,7 @@ def energy(motions: list[Motion]) -> float:
 @pytest.mark.parametrize("performer", [0, 1])
 def test_its_gradient_is_the_slope_of_its_energy(performer: int) -> None:
     motions = side_by_side(0.14)
-    assert deepest(motions).min() > SLACK + 0.01
+    assert deepest(motions).min() > FREE_DEPTH + 0.01
     way, step = np.random.default_rng(5).normal(0, 1, (FRAMES, BODIES[performer].dof)), 1e-6
 
     def moved(size: float) -> list[Motion]:
@@ -74,7 +74,7 @@ def test_performers_who_are_in_each_other_both_give_way() -> None:
             system = own + replace(BandedBlocks.zeros(FRAMES, body.dof), diagonal=precision, gradient=pull)
             motions[i : i + 1] = [motions[i].moved(-BandedFactor(system, FREE[i]).solve(system.gradient))]
     assert deepest(side_by_side(0.14)).min() > 0.045
-    assert deepest(motions).max() < SLACK + 0.005
+    assert deepest(motions).max() < FREE_DEPTH + 0.005
     for before, after in zip(side_by_side(0.14), motions, strict=True):
         assert np.abs(before.difference(after)).max() > 0.005
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kfmocap.core.body import human
-from kfmocap.core.body.body import AT_EASE, Body
+from kfmocap.core.body.body import REST_SIGMA, Body
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
-from kfmocap.core.tracking.solvers.equations.curve_factor import ON_A_FRAME, near_curve, with_curves
+from kfmocap.core.tracking.solvers.equations.curve_factor import FRAME_SIGMA_RATIO, near_curve, with_curves
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
 from synthetic import at_rest, numeric_jacobian, random_motion
 
@@ -83,7 +83,7 @@ def test_only_stiff_parts_are_held_and_as_near_before_between_and_after_key_pose
     assert not np.delete(held, stiff, axis=1).any()
     departures = np.repeat([BODY.departures[BODY.index(name)] for name in STIFF], 3)
     usual = near_curve(problem_of(), 0, at_rest(BODY, F)).diagonal  # at rest, rotation vectors are metric
-    expected = 1 / (ON_A_FRAME * departures) ** 2
+    expected = 1 / (FRAME_SIGMA_RATIO * departures) ** 2
     np.testing.assert_allclose(np.diagonal(usual, axis1=1, axis2=2)[:, stiff], [expected] * F)
     np.testing.assert_allclose(held[4, stiff], held[0, stiff], rtol=1e-9)
 
@@ -92,14 +92,14 @@ def test_without_key_poses_stiff_parts_stay_near_rest() -> None:
     found = near_curve(problem_of(keys=[]), 0, at_rest(BODY, F))
     assert found.energy == 0.0
     turned = random_motion(BODY, F, turn=0.2)
-    usual = ON_A_FRAME * BODY.departures[:, None]
+    usual = FRAME_SIGMA_RATIO * BODY.departures[:, None]
     expected = np.sum((rotations.log(turned.rotations) / usual) ** 2 * BODY.is_stiff[:, None])
     assert near_curve(problem_of(keys=[]), 0, turned).energy == pytest.approx(expected)
 
 
 def test_a_body_of_an_earlier_version_is_left_alone() -> None:
     body = human(collar_bones=False)
-    body = replace(body, parts=tuple(replace(part, departure=AT_EASE) for part in body.parts))
+    body = replace(body, parts=tuple(replace(part, departure=REST_SIGMA) for part in body.parts))
     system = BandedBlocks.zeros(F, body.dof)
     assert not body.is_stiff.any()
     assert with_curves(problem_of(body), [system], (random_motion(body, F),))[0] is system

@@ -137,7 +137,7 @@ def test_the_limbs_of_a_performer_are_compared_with_one_solution_until_one_is_fo
 ) -> None:
     """Three limbs have faded, of which the second is found elsewhere."""
     supported(monkeypatch, {(1, 0): support(0.1, 4, 7), (1, 1): support(0.2, 4, 7), (1, 2): support(0.3, 4, 7)})
-    monkeypatch.setattr(faded_limbs, "SEARCHES", 1)
+    monkeypatch.setattr(faded_limbs, "MAX_SEARCHES", 1)
     places = {tuple(chain): turned(RIGHT[1], chain[0], 0.6) for chain in LIMBS}
     monkeypatch.setattr(faded_limbs, "freed_limb", lambda _p, _m, place, _look: places[tuple(place[1])])
     right = places[tuple(LIMBS[1])]

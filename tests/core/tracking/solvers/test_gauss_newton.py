@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from kfmocap.core.body import landmark_positions
 from kfmocap.core.body.motion import Motion, stacked
-from kfmocap.core.body.smoothness import LONGEST_STEP, acceleration, limited, smoothness
-from kfmocap.core.body.smoothness_estimate import LEAST_MOBILITY
+from kfmocap.core.body.smoothness import MAX_STEP, acceleration, limited, smoothness
+from kfmocap.core.body.smoothness_estimate import MIN_MOBILITY
 from kfmocap.core.evidence.sampling import Sampling
-from kfmocap.core.evidence.segment_evidence import OWN_SHARE, SegmentEvidence
+from kfmocap.core.evidence.segment_evidence import BY_PART_SHARE, SegmentEvidence
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded import BandedFactor
@@ -20,7 +20,7 @@ from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.shot.acceleration_prior import USUAL_JOINT, USUAL_ROOT, acceleration_precision
 from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers import gauss_newton
-from kfmocap.core.tracking.solvers.descent_stages import REACH, REFINEMENT, STAGES, STILL, DescentStage
+from kfmocap.core.tracking.solvers.descent_stages import MIN_JOINT_MOVE, OUTLINE_REACH, REFINEMENT, STAGES, DescentStage
 from kfmocap.core.tracking.solvers.equations import segment_equations
 from kfmocap.core.tracking.solvers.equations.measurement import MeasuredMotion, Workspace, hidden_parts
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, frame_residual
@@ -44,7 +44,7 @@ BODY = figure()
 D = BODY.dof
 SETTINGS = Settings()
 FPS = 30.0
-CONVERGED = (DescentStage(Sampling(1.0, 1.0, 2, REACH), 20, small=1e-4),)
+CONVERGED = (DescentStage(Sampling(1.0, 1.0, 2, OUTLINE_REACH), 20, small=1e-4),)
 """How soon it comes there is not what is tested here."""
 
 
@@ -157,7 +157,7 @@ def test_steps_are_limited_joint_by_joint_and_keep_their_direction() -> None:
     step = np.zeros((2, D))
     step[0, 3:6], step[1, 6:9] = [3.0, 0, 4.0], [0.1, 0.2, 0.2]
     cut = limited(step)
-    longest = LONGEST_STEP
+    longest = MAX_STEP
     np.testing.assert_allclose(cut[0, 3:6], longest * np.array([0.6, 0, 0.8]))
     np.testing.assert_array_equal(cut[1], step[1])
 
@@ -191,7 +191,7 @@ def test_a_joint_that_hardly_turns_is_accelerated_the_less() -> None:
     limits = np.array([[-np.pi / 2, np.pi / 2], [0.0, 0.0], [-np.pi / 8, np.pi / 8]])
     parts = (*BODY.parts[:2], replace(BODY.parts[2], limits=limits), BODY.parts[3])
     free, hinge = (acceleration_precision(b, FPS, SETTINGS) for b in (BODY, replace(BODY, parts=parts)))
-    np.testing.assert_allclose(hinge[9:12] / free[9:12], [1, LEAST_MOBILITY**-2, 16])
+    np.testing.assert_allclose(hinge[9:12] / free[9:12], [1, MIN_MOBILITY**-2, 16])
     np.testing.assert_array_equal(np.delete(hinge, range(9, 12)), np.delete(free, range(9, 12)))
 
 
@@ -434,7 +434,7 @@ def test_frames_with_more_noise_count_less_near_the_solution(tolerance: float, b
     others = np.delete(precision.ravel(), 8)
     whole = replace(made, gradients=gradients, sampling=replace(sampling, by_part=False))
     alone = segment_equations.pixel_precision(whole, SETTINGS)[0, 0]
-    assert others[0] == pytest.approx((OWN_SHARE if by_part else 1) * alone)
+    assert others[0] == pytest.approx((BY_PART_SHARE if by_part else 1) * alone)
     np.testing.assert_allclose(others, others[0])
     assert precision[1, 3] == pytest.approx(others[0] / (1 if tolerance > 1 else 16))
 
@@ -468,7 +468,7 @@ def arm_to_be_turned() -> tuple[Motion, NDArray[np.float64], SegmentProblem, Lan
 def test_the_last_stage_continues_while_a_joint_still_moves() -> None:
     truth, turn, problem, landscape = arm_to_be_turned()
     once = (replace(CONVERGED[0], iterations=1),)
-    for share, least in ((4.0 * LONGEST_STEP, 4), (0.001, 1)):
+    for share, least in ((4.0 * MAX_STEP, 4), (0.001, 1)):
         found = gauss_newton.descend(problem, [truth.moved(share * turn)], landscape, once)
         assert found.iterations >= least and (least > 1 or found.iterations == 1)
         assert np.abs(found.motions[0].difference(truth)).max() < 0.05
@@ -481,10 +481,10 @@ def test_a_refinement_ends_once_a_step_leaves_all_joints_nearly_still() -> None:
     for angle in (0.004, 0.2):
         start = [truth.moved(angle * turn)]
         far = gauss_newton.farthest_joint(problem, start, [truth])
-        assert (far < STILL) == (angle < 0.1)
+        assert (far < MIN_JOINT_MOVE) == (angle < 0.1)
         found, further = (gauss_newton.descend(problem, start, landscape, stages) for stages in ((stage,), on))
         assert found.iterations < further.iterations
-        assert gauss_newton.farthest_joint(problem, found.motions, further.motions) < STILL
+        assert gauss_newton.farthest_joint(problem, found.motions, further.motions) < MIN_JOINT_MOVE
 
 
 def test_coarse_stages_end_early_and_the_last_looks_at_every_view() -> None:

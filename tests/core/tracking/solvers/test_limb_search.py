@@ -11,8 +11,8 @@ from kfmocap.core.body import human, landmark_positions, part_poses
 from kfmocap.core.body.limbs import limb_pairs, limbs
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import CancelledError
-from kfmocap.core.evidence.foreground_images.foreground import SCALE
-from kfmocap.core.evidence.rendering.label_images import NEAR, render_labels
+from kfmocap.core.evidence.foreground_images.foreground import LEVELS_PER_UNIT
+from kfmocap.core.evidence.rendering.label_images import NEAR_PLANE, render_labels
 from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
@@ -129,13 +129,13 @@ def test_points_show_the_pixel_nearest_to_them_and_nothing_beyond_the_picture_or
     x = points @ R.T + t
     far = x[..., 2]
     x = x @ CAMERA.matrix.T
-    column, row = np.rint(x[..., :2] / np.maximum(x[..., 2:], NEAR)).astype(int).transpose(3, 0, 1, 2)
+    column, row = np.rint(x[..., :2] / np.maximum(x[..., 2:], NEAR_PLANE)).astype(int).transpose(3, 0, 1, 2)
     inside = (column >= 0) & (column < CAMERA.size[0]) & (row >= 0) & (row < CAMERA.size[1])
     frame = np.broadcast_to(np.arange(1, 4)[:, None, None], inside.shape)
     assert 0.2 < inside.mean() < 0.8
     for part, others in product((0, 1), (None, depth)):
         expected, place = np.zeros(inside.shape), (frame[inside], row[inside], column[inside])
-        expected[inside] = (images[part][place] - 128.0) / SCALE
+        expected[inside] = (images[part][place] - 128.0) / LEVELS_PER_UNIT
         if others is not None:
             expected[inside] *= far[inside] < others[place] * DEPTH_STEP
         found = UncoveredImages(CAMERA, 0, tuple(images), others, None).at(part, slice(1, 4), world)

@@ -10,7 +10,7 @@ from kfmocap.core.body import human
 from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.tracking.solvers.equations import measurement
-from kfmocap.core.tracking.solvers.equations.measurement import LOOKS_KEPT, Workspace
+from kfmocap.core.tracking.solvers.equations.measurement import CACHED_EVALUATIONS, Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
 from synthetic import coloured, ends_held, look_at, random_motion
 
@@ -43,7 +43,7 @@ def test_recent_looks_are_not_taken_again(monkeypatch: pytest.MonkeyPatch) -> No
     for a, b in zip(first, again, strict=True):
         assert a.gradients is b.gradients
         assert not any(b.seconds.values())
-    for k in range(LOOKS_KEPT):
+    for k in range(CACHED_EVALUATIONS):
         workspace.measure(problem, [motion], SAMPLING, noise + 0.01 * (k + 1))
     workspace.measure(problem, [motion], SAMPLING)
-    assert len(taken) == 3 + LOOKS_KEPT + 1
+    assert len(taken) == 3 + CACHED_EVALUATIONS + 1

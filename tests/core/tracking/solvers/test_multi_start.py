@@ -11,7 +11,7 @@ import pytest
 from kfmocap.core.body import human
 from kfmocap.core.body.limbs import limb_pairs, limbs
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.evidence.occlusion import LONG
+from kfmocap.core.evidence.occlusion import LONG_GAP
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
@@ -20,7 +20,7 @@ from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.limb_corrections import limb_exchange
 from kfmocap.core.tracking.solvers.limb_corrections.like_limbs import exchanges
-from kfmocap.core.tracking.solvers.limb_corrections.limb_search import LEAST_GAIN
+from kfmocap.core.tracking.solvers.limb_corrections.limb_search import MIN_GAIN
 from kfmocap.core.tracking.solvers.settled_solutions import SettledSolution
 from made_evidence import Landscape
 from synthetic import CAMERAS, at_rest, coloured, dark, ends_held, figure, swing
@@ -29,7 +29,7 @@ BODY = figure()
 HUMAN = human(1.75)
 ARMS, LEGS = (left + right for left, right in limb_pairs(HUMAN))
 FPS = 30.0
-LENGTH = LONG + 2
+LENGTH = LONG_GAP + 2
 
 
 def test_fixed_degrees_of_freedom_do_not_move() -> None:
@@ -104,7 +104,7 @@ def test_a_body_that_shows_less_of_itself_than_on_the_key_frames_is_not_doubted_
     assert solution_doubts.doubtful(problem, explained(problem, truth.moved(beside)))
 
 
-@pytest.mark.parametrize(("wrong", "expected"), [(0, False), (LONG - 1, False), (LONG, True)])
+@pytest.mark.parametrize(("wrong", "expected"), [(0, False), (LONG_GAP - 1, False), (LONG_GAP, True)])
 def test_a_view_that_shows_a_limb_where_the_solution_has_none_for_long_calls_for_a_search(
     wrong: int, expected: bool
 ) -> None:
@@ -184,7 +184,7 @@ def test_whether_a_solution_is_doubtful_is_judged_by_the_key_poses() -> None:
 
 def covering(cover: float, share: np.ndarray | None = None) -> SegmentSolution:
     """A solution that covers so much of the performers on every frame."""
-    share = np.ones((1, LONG + 2, len(BODY))) if share is None else share
+    share = np.ones((1, LONG_GAP + 2, len(BODY))) if share is None else share
     frames = share.shape[1]
     none = np.zeros(frames)
     return SegmentSolution(
@@ -192,9 +192,9 @@ def covering(cover: float, share: np.ndarray | None = None) -> SegmentSolution:
     )
 
 
-@pytest.mark.parametrize(("hidden", "expected"), [(LONG, True), (LONG - 1, False)])
+@pytest.mark.parametrize(("hidden", "expected"), [(LONG_GAP, True), (LONG_GAP - 1, False)])
 def test_a_limb_that_no_view_sees_for_longer_than_prediction_bridges_is_concealed(hidden: int, expected: bool) -> None:
-    frames = LONG + 2
+    frames = LONG_GAP + 2
     problem = SegmentProblem(
         coloured(BODY, at_rest(BODY, frames), CAMERAS), (BODY,), 0, FPS, (ends_held(BODY, frames),)
     )
@@ -223,25 +223,29 @@ def test_a_limb_that_no_view_sees_for_longer_than_prediction_bridges_is_conceale
 def test_a_limb_that_is_clearly_seen_before_and_after_is_not_concealed(
     before: float, after: float, expected: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    frames, arm = 3 * LONG, BODY.index("forearm.L")
+    frames, arm = 3 * LONG_GAP, BODY.index("forearm.L")
     [chain] = [chain for chain in limbs(BODY) if arm in chain]
     problem = SegmentProblem(
         coloured(BODY, at_rest(BODY, frames), CAMERAS[:1]), (BODY,), 0, FPS, (ends_held(BODY, frames),)
     )
-    clear = 2 * LEAST_GAIN / LONG
-    support = np.repeat([before * clear, 0.0, after * clear], LONG)
+    clear = 2 * MIN_GAIN / LONG_GAP
+    support = np.repeat([before * clear, 0.0, after * clear], LONG_GAP)
     monkeypatch.setattr(solution_doubts, "support_of_limbs", lambda *_: [(0, chain, support, lambda: support)])
     share = np.ones((1, frames, len(BODY)))
-    share[0, LONG : 2 * LONG, arm] = 0
+    share[0, LONG_GAP : 2 * LONG_GAP, arm] = 0
     assert solution_doubts.concealed(problem, covering(1, share)) == expected
-    share[0, : 2 * LONG, arm] = 0
+    share[0, : 2 * LONG_GAP, arm] = 0
     assert solution_doubts.concealed(problem, covering(1, share)) == expected, "the key frame is enough"
 
 
 def test_solutions_are_equals_of_the_best_within_what_is_chance() -> None:
     best, near, far = (
         covering(cover)
-        for cover in (1000, 1000 * (1 - 0.9 * solution_ranking.EQUAL), 1000 * (1 - 1.1 * solution_ranking.EQUAL))
+        for cover in (
+            1000,
+            1000 * (1 - 0.9 * solution_ranking.EQUAL_COVER),
+            1000 * (1 - 1.1 * solution_ranking.EQUAL_COVER),
+        )
     )
     assert solution_ranking.equals([far, best, near]) == [best, near]
     assert solution_ranking.equals([covering(0.0)] * 2)  # views that show nothing
@@ -312,7 +316,7 @@ def test_with_one_moving_camera_limbs_are_replaced_only_if_others_cover_more_tha
     places = CAMERAS[0].t_cam_world + np.linspace(0, 0.1, LENGTH)[:, None]
     panned = replace(CAMERAS[0], R_cam_world=np.repeat(CAMERAS[0].R_cam_world, LENGTH, axis=0), t_cam_world=places)
     problem = replace(PROBLEM, views=dark(panned, LENGTH))
-    turn = gain * solution_ranking.EQUAL * len(HUMAN) / len(ARMS) * np.pi * LENGTH / (LENGTH - 2)
+    turn = gain * solution_ranking.EQUAL_COVER * len(HUMAN) / len(ARMS) * np.pi * LENGTH / (LENGTH - 2)
     landscape = Landscape(truth=TRUTH, reach=0.0)
     before, right = (landscape.solution(problem, motion) for motion in (off(TRUTH, ARMS, turn), TRUTH))
     noise = solution_ranking.noise_of(problem, before, Workspace())
@@ -328,7 +332,7 @@ def test_limbs_are_searched_for_around_the_best_solution_until_another_is_equal(
     first, worse = (landscape.solution(PROBLEM, off(TRUTH, ARMS, angle)) for angle in (LOST, 2 * LOST))
     found = multi_start.searched(PROBLEM, first.motions, [worse, first], landscape, Finding(landscape, 0.5))
     halvings = np.log2(LOST / error(found))
-    assert 2 < halvings <= multi_start.LOOKS
+    assert 2 < halvings <= multi_start.MAX_SEARCH_ROUNDS
     one_before, two_before = (landscape.solution(PROBLEM, off(TRUTH, ARMS, k * error(found))) for k in (2, 4))
     assert found in solution_ranking.equals([found, one_before])
     assert len(solution_ranking.equals([one_before, two_before])) == 1
@@ -362,7 +366,7 @@ def test_a_search_ends_after_rounds_without_success() -> None:
         return landscape.solution(PROBLEM, off(TRUTH, ARMS, LOST))
 
     assert error(multi_start.searched(PROBLEM, before.motions, [before], landscape, look)) < 1.01 * error(before)
-    assert looks == list(range(multi_start.VAIN_LOOKS))
+    assert looks == list(range(multi_start.MAX_VAIN_ROUNDS))
 
 
 @pytest.mark.parametrize(("only", "most"), [(None, 3), (0, 1)])
@@ -449,7 +453,9 @@ def test_arms_right_in_one_solution_and_legs_right_in_another_are_put_together()
 
 def test_limbs_are_lent_only_where_that_covers_more_than_chance_would() -> None:
     landscape = Landscape(truth=TRUTH, reach=0.0)
-    best, other = (off(TRUTH, parts, 2.2 * solution_ranking.ALIKE / np.sqrt(3)) for parts in (ARMS[:2], LEGS[:2]))
+    best, other = (
+        off(TRUTH, parts, 2.2 * solution_ranking.SAME_SOLUTION_ANGLE / np.sqrt(3)) for parts in (ARMS[:2], LEGS[:2])
+    )
     found, solutions = recombined(landscape, best, other)
     assert found is solutions[0]
 
@@ -458,7 +464,7 @@ def test_limbs_of_what_covers_too_little_or_lies_in_the_same_places_are_not_trie
     landscape = Landscape(truth=TRUTH)
     best, same, far = off(TRUTH, ARMS, 0.8), off(TRUTH, ARMS, 0.85), off(TRUTH, [*LEGS, 0, 1, 2], 2.5)
     covers = [landscape.solution(PROBLEM, motion).explained.sum() for motion in (best, same, far)]
-    assert covers[1] > (1 - limb_exchange.LENDING) * covers[0] > covers[2]
+    assert covers[1] > (1 - limb_exchange.LENDER_TOLERANCE) * covers[0] > covers[2]
     found, solutions = recombined(landscape, best, same, far)
     assert found is solutions[0] and not landscape.measured
 
@@ -531,6 +537,8 @@ def test_legs_are_exchanged_though_they_become_likelier_only_once_they_are_at_re
 
 def test_motions_are_alike_only_if_those_of_every_performer_are() -> None:
     motion = swing(HUMAN, 5)
-    near, far = (off(motion, list(range(len(HUMAN))), angle * solution_ranking.ALIKE) for angle in (0.5, 1.5))
+    near, far = (
+        off(motion, list(range(len(HUMAN))), angle * solution_ranking.SAME_SOLUTION_ANGLE) for angle in (0.5, 1.5)
+    )
     assert solution_ranking.alike([motion] * 4, [near] * 4)
     assert not solution_ranking.alike([motion] * 4, [near, far, near, near])

@@ -16,10 +16,10 @@ from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers import regained_limbs
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.limb_corrections.limb_search import LEAST_GAIN
-from kfmocap.core.tracking.solvers.multi_start import LOOKS, VAIN_LOOKS
+from kfmocap.core.tracking.solvers.limb_corrections.limb_search import MIN_GAIN
+from kfmocap.core.tracking.solvers.multi_start import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
 from kfmocap.core.tracking.solvers.regained_limbs import (
-    RETURNS,
+    MAX_RETURNS,
     bend_of,
     bent_limbs,
     refined,
@@ -149,7 +149,8 @@ def test_a_bent_limb_stays_where_it_covers_more_than_anything_that_is_found(prob
 
 @pytest.mark.usefixtures("without_descent")
 @pytest.mark.parametrize(
-    ("performers", "turn", "looks"), [(1, 0.0, RETURNS), (1, 0.3, LOOKS), (2, 0.3, VAIN_LOOKS), (2, 0.05, 1)]
+    ("performers", "turn", "looks"),
+    [(1, 0.0, MAX_RETURNS), (1, 0.3, MAX_SEARCH_ROUNDS), (2, 0.3, MAX_VAIN_ROUNDS), (2, 0.05, 1)],
 )
 def test_the_search_ends_once_the_limb_comes_to_rest_where_it_was_or_with_several_performers_without_success(
     problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch, performers: int, turn: float, looks: int
@@ -182,7 +183,7 @@ def test_sides_refute_a_limb_that_its_pixels_show_less_than_on_the_key_poses(
 ) -> None:
     """How sides look is learned on few key poses: over many frames the error of that adds up."""
     between = np.arange(FRAMES) % (FRAMES - 1) > 0
-    sides = np.where(between, -against * LEAST_GAIN / between.sum(), 1.0)
+    sides = np.where(between, -against * MIN_GAIN / between.sum(), 1.0)
     shown = sides + np.where(between, pixels, 100.0)
     monkeypatch.setattr(regained_limbs, "support_of_limbs", lambda *_: [(0, ARM, sides, lambda: shown)])
     assert bool(refuted_limbs(problem, [TRUTH])) == expected

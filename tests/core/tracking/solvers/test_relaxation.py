@@ -25,7 +25,7 @@ from kfmocap.core.tracking.solvers.paper_relaxation.gradient_following import (
 from kfmocap.core.tracking.solvers.paper_relaxation.motion_steps import StepEquations, Steps
 from kfmocap.core.tracking.solvers.paper_relaxation.relaxation import (
     LAMBDA,
-    LENGTH,
+    LENGTH_UNIT,
     NU,
     SMOOTHNESS,
     axis_vector,
@@ -237,14 +237,14 @@ def test_of_translations_alone_it_finds_the_minimum_of_the_energy_as_a_dense_sol
 
     Where sweeps of equation (30) stand still, x' = x + u (x_e - x) leaves nu u (x - x_e) of the terminal term: it is
     the minimum of (21) for nu / n. Written with x_j as unknowns: sum A_j x_j^2 - 2 b_j x_j + (nu / n) |sum x_j - T|^2
-    + 1/2 sum |x_j - x_{j-1}|^2. Lengths count in units of `LENGTH`.
+    + 1/2 sum |x_j - x_{j-1}|^2. Lengths count in units of `LENGTH_UNIT`.
     """
     n = 8
     rng = np.random.default_rng(3)
     A, b = np.zeros((n, D, D)), np.zeros((n, D))
-    nu, smoothness = NU / LENGTH**2, SMOOTHNESS / LENGTH**2
+    nu, smoothness = NU / LENGTH_UNIT**2, SMOOTHNESS / LENGTH_UNIT**2
     for j in range(n):
-        rows = rng.normal(0, 1.5 / LENGTH, (3, 3))
+        rows = rng.normal(0, 1.5 / LENGTH_UNIT, (3, 3))
         A[j, :3, :3] = rows.T @ rows
         b[j, :3] = A[j, :3, :3] @ rng.normal(0.05, 0.05, 3)
     keyed, target = at_rest(BODY, n + 1), np.array([0.7, 0.4, -0.2])
@@ -272,7 +272,7 @@ def test_of_translations_alone_it_finds_the_minimum_of_the_energy_as_a_dense_sol
 def test_no_sweep_of_the_second_half_raises_the_energy_and_few_of_them_suffice() -> None:
     """Of shifts along one axis that the images hardly measure, as depth is with one camera."""
     n, target = 12, 0.3
-    a, wanted = np.full(n, 0.2 / LENGTH**2), np.random.default_rng(4).normal(0.02, 0.02, n)
+    a, wanted = np.full(n, 0.2 / LENGTH_UNIT**2), np.random.default_rng(4).normal(0.02, 0.02, n)
     A, b = np.zeros((n, D, D)), np.zeros((n, D))
     A[:, 0, 0], b[:, 0] = a, a * wanted
     start, keyed = at_rest(BODY, n + 1), at_rest(BODY, n + 1)
@@ -281,7 +281,7 @@ def test_no_sweep_of_the_second_half_raises_the_energy_and_few_of_them_suffice()
 
     def energy(sweeps: int, whole: bool) -> float:
         x = Steps.of(relax(start, keyed, ends_held(BODY, n + 1), rows, sweeps, whole=whole)).shifts[:, 0]
-        unit = LENGTH if whole else 1.0
+        unit = LENGTH_UNIT if whole else 1.0
         smooth, terminal = SMOOTHNESS / 2 * (np.diff(x) ** 2).sum(), NU / n * (x.sum() - target) ** 2
         return float((a * (x - wanted) ** 2).sum() + (smooth + terminal) / unit**2)
 
@@ -367,7 +367,7 @@ def test_a_sweep_solves_each_step_for_the_whole_derivative() -> None:
 
         at_zero = derivative(np.zeros(D))
         A = np.stack([derivative(e) - at_zero for e in each], axis=1)
-        smooth = SMOOTHNESS / np.concatenate([np.full(3, LENGTH), np.ones(D - 3)]) ** 2
+        smooth = SMOOTHNESS / np.concatenate([np.full(3, LENGTH_UNIT), np.ones(D - 3)]) ** 2
         beside = x[max(j - 1, 0)] + x[min(j + 1, n - 1)]
         x[j] = np.linalg.solve(A + np.diag(smooth), smooth * beside / 2 - at_zero)
     np.testing.assert_allclose(rotations.exp(found.turns), rotations.exp(x[:, 3:].reshape(n, -1, 3)), atol=1e-8)

@@ -59,7 +59,7 @@ def views() -> tuple[ViewFrames, ...]:
 
 def in_window(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
     unpredicted = replace(problem, settings=replace(problem.settings, prediction=False))
-    return gauss_newton.descend(unpredicted, start, workspace, descent_stages.WINDOW)
+    return gauss_newton.descend(unpredicted, start, workspace, descent_stages.WINDOW_STAGES)
 
 
 @pytest.mark.parametrize(("backward", "limit_mm"), [(False, 25), (True, 60)])
@@ -78,7 +78,7 @@ def test_from_one_pose_alone_the_motion_is_followed_to_the_other_end(
 def short_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Several of them in a short motion."""
     monkeypatch.setattr(sequential_start, "WINDOW", 6)
-    monkeypatch.setattr(sequential_start, "STEP", 3)
+    monkeypatch.setattr(sequential_start, "WINDOW_STEP", 3)
 
 
 class Halfway:
