@@ -36,7 +36,7 @@ from ..core.review.report_text import report_lines
 from ..core.review.track_report import report
 from ..core.runtime.decoder_log import DecoderLog
 from ..core.runtime.files import check_inputs_kept, check_writable, staged, write_json
-from ..core.runtime.interrupts import REPORT, results_are_written
+from ..core.runtime.interrupts import REPORT_FILE, results_are_written
 from ..core.runtime.progress import Progress, share
 from ..core.runtime.threads import worker_count
 from ..core.runtime.timing import Seconds
@@ -116,7 +116,7 @@ def _run(
         if args.resume:
             count = len(journal.taken) or "no"
             print(f"kfmocap: {count} finished segments were taken from a run that was ended", file=sys.stderr)
-        print_outcome(files, report_lines(json.loads((args.out / REPORT).read_text(encoding="utf-8"))))
+        print_outcome(files, report_lines(json.loads((args.out / REPORT_FILE).read_text(encoding="utf-8"))))
     return 0
 
 
@@ -130,7 +130,7 @@ def check_shot_kept(spec: ShotSpec, out: Path) -> None:
     """
     motions = result_names(spec.name, [performer.name for performer in spec.performers])
     names = [f"{name}{ending}" for name in motions for ending in (".trc", ".bvh", ".fbx")]
-    results = [out / name for name in (*names, SCENE, REFINED, OVERLAY, REPORT)]
+    results = [out / name for name in (*names, SCENE, REFINED, OVERLAY, REPORT_FILE)]
     check_inputs_kept(results, [spec.path, *spec.files()])
 
 
@@ -189,7 +189,7 @@ def run_track(
     motions = result_names(shot.name, [performer.name for performer in shot.performers])
     endings, scene = ((".trc",), ()) if blender is None else ((".trc", ".bvh", ".fbx"), (SCENE,))
     cameras = () if refined is None else (REFINED,)
-    names = [*(f"{name}{ending}" for name in motions for ending in endings), *scene, *cameras, OVERLAY, REPORT]
+    names = [*(f"{name}{ending}" for name in motions for ending in endings), *scene, *cameras, OVERLAY, REPORT_FILE]
     times = Seconds(seconds or {})
     with staged(out_dir, names) as stage, ExitStack() as stack:
         if blender is not None and not open_scene:
@@ -217,7 +217,7 @@ def run_track(
                 fits = check.result()
         if refined is not None:
             save_cameras(stage / REFINED, refined.cameras)
-        write_json(stage / REPORT, report(shot, result, times, fits=fits, refined=refined))
+        write_json(stage / REPORT_FILE, report(shot, result, times, fits=fits, refined=refined))
         written = sorted(file.name for file in stage.iterdir())
     return [out_dir / name for name in written]
 

@@ -38,7 +38,7 @@ from kfmocap.cli import batch_command, calibrate_command, track_command  # noqa:
 from kfmocap.cli.batch_outcome import STATUS
 from kfmocap.core.runtime import worker, worker_process
 from kfmocap.core.runtime.files import check_writable
-from kfmocap.core.runtime.interrupts import WRITTEN
+from kfmocap.core.runtime.interrupts import WRITTEN_NOTE
 from kfmocap.core.tracking.journal import JOURNAL_SUFFIX, journal_beside
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
@@ -184,7 +184,7 @@ def untrue(ended: Ended, number: int, found: str, *, apart: bool) -> list[str]:
         return [f"exit code {ended.code}: {ended.said}"]
     if number == signal.SIGKILL or apart:
         return []
-    said = {"old": "nothing was written", "new": WRITTEN}.get(found, "")
+    said = {"old": "nothing was written", "new": WRITTEN_NOTE}.get(found, "")
     return [] if said in ended.said else [f"'{ended.said}' with {found} results"]
 
 

@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 REPORT_FILES = ("report.json", "report.png", "report.html")
 """Names of the report's files."""
 _WIDTH = 1200
-_WORST = 1.0
+_MAX_RESIDUAL = 1.0
 """Residual that has the last colour of the scale, pixels."""
 _AXES = ((40, 40, 220), (40, 160, 40), (200, 90, 30))
-_FRUSTUM = 0.35
+_FRUSTUM_DEPTH = 0.35
 _SPACE_HEIGHT = 420
 
 
@@ -138,7 +138,7 @@ def _coverage(solution: CalibrationResult, c: int, name: str, width: int) -> Ima
     low = np.array([6, 28])
     cv2.rectangle(picture, low, (low + size * scale).astype(int), GREY, 1)
     for uv, distance in zip(solution.seen.uv[own], off, strict=True):
-        cv2.circle(picture, (low + uv * scale).astype(int), 2, heat_colour(distance / _WORST), -1, cv2.LINE_AA)
+        cv2.circle(picture, (low + uv * scale).astype(int), 2, heat_colour(distance / _MAX_RESIDUAL), -1, cv2.LINE_AA)
     median = f"{np.median(off):.2f} px" if len(off) else "not used"
     text(picture, f"{name}: {len(off)} balls, {median}", (8, 18))
     return picture
@@ -146,7 +146,7 @@ def _coverage(solution: CalibrationResult, c: int, name: str, width: int) -> Ima
 
 def _residuals(solution: CalibrationResult, names: Sequence[str], width: int) -> Image:
     """Draw a histogram of the residuals of every camera."""
-    off, most = _wand_residuals(solution), 2 * _WORST
+    off, most = _wand_residuals(solution), 2 * _MAX_RESIDUAL
     edges = np.linspace(0, most, 41)
     shares = []
     for c in range(len(names)):
@@ -224,4 +224,4 @@ def _frustum(camera: Any) -> Array:
     rays = corners @ np.linalg.inv(camera.matrix).T
     R, _ = camera.pose(0)
     centre = camera.centre_world()
-    return np.concatenate([centre[None], centre + _FRUSTUM * rays @ R])
+    return np.concatenate([centre[None], centre + _FRUSTUM_DEPTH * rays @ R])

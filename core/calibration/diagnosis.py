@@ -15,7 +15,7 @@ from . import findings
 from .findings import Finding
 from .quality import coverage, depths, path_error, seen_points, thickness
 from .solving.camera_rig import FOCAL, OFFSET
-from .solving.first_cameras import FEWEST_SHARED, FLAT, Link
+from .solving.first_cameras import MAX_PLANE_SHARE, MIN_LINK_FRAMES, Link
 from .solving.wand_motion import Wand
 from .solving.wand_tracks import Tracks
 
@@ -23,23 +23,23 @@ if TYPE_CHECKING:
     from .calibration_result import CalibrationResult
 
 
-LEAST_AGREEING = 0.3
+MIN_AGREEING_SHARE = 0.3
 """Least fraction of the balls that must agree with two views' epipolar geometry, as some always do by chance."""
-LEAST_USED = 0.3
+MIN_USED_SHARE = 0.3
 """Least fraction of a camera's balls that the solution must explain as the wand's."""
 SMALL_SHARE, TOO_SMALL_SHARE = 0.02, 0.1
 """Noise of the balls, relative to the wand's length in the picture, from which a capture is flagged, and refused."""
-SHALLOW = 1.15
+MIN_DEPTH_RATIO = 1.15
 """Ratio of the wand's largest to its smallest distance from a camera, below which it stayed at one depth."""
-THIN = 0.03
+MIN_THICKNESS = 0.03
 """Ratio of thickness to width below which a cloud of balls is a plane."""
 VAGUE_FOCAL, VAGUE_OFFSET = 0.01, 0.1
 """Standard deviations from which a focal length (relative) and an offset (frames) are flagged as uncertain."""
-LITTLE_COVERED = 0.12
+MIN_COVERAGE = 0.12
 """Fraction of a picture covered by the wand, below which distortion elsewhere is a guess."""
-FEW_SHARED = 60
+FEW_SHARED_FRAMES = 60
 """Number of frames shared with other cameras, below which a camera is flagged."""
-NOISY = 4.0
+MAX_NOISE_RATIO = 4.0
 """Noise of the balls, as a multiple of their sigma, from which it is flagged."""
 
 
@@ -64,8 +64,8 @@ def check_capture(capture: Capture) -> None:
         _check_lframe(capture.lframe_points)
     for view in capture.views:
         whole = int(view.wand.seen.all(axis=1).sum())
-        if whole < FEWEST_SHARED:
-            raise findings.few_shared(view.camera, whole, FEWEST_SHARED).error()
+        if whole < MIN_LINK_FRAMES:
+            raise findings.few_shared(view.camera, whole, MIN_LINK_FRAMES).error()
         pixels, share = _wand_in_picture(view.wand.points, view.wand.sigma)
         if share > TOO_SMALL_SHARE:
             raise findings.too_small(view.camera, pixels, share).error()
@@ -94,12 +94,12 @@ def check_links(names: Sequence[str], links: Sequence[Link], tracks: Tracks) -> 
         They do not, or it did.
     """
     _check_joined(names, [link.views for link in links], tracks)
-    agreeing = [link for link in links if link.agreeing >= LEAST_AGREEING * 2 * len(link.frames)]
+    agreeing = [link for link in links if link.agreeing >= MIN_AGREEING_SHARE * 2 * len(link.frames)]
     joined = {v for link in agreeing for v in link.views}
     for v, name in enumerate(names):
         if v not in joined:
             raise findings.no_geometry(name).error()
-    flat = [link.geometry is not None and link.geometry.flatness > FLAT for link in agreeing]
+    flat = [link.geometry is not None and link.geometry.flatness > MAX_PLANE_SHARE for link in agreeing]
     if all(flat):
         raise findings.in_a_plane().error()
     _check_joined(names, [link.views for link in agreeing], tracks)
@@ -107,7 +107,7 @@ def check_links(names: Sequence[str], links: Sequence[Link], tracks: Tracks) -> 
 
 def unsolved(names: Sequence[str], links: Sequence[Link]) -> Finding:
     """Return why no cameras were found: the wand in a plane, if such views connect all cameras, or no agreement."""
-    flat = [link.views for link in links if link.geometry is not None and link.geometry.flatness > FLAT]
+    flat = [link.views for link in links if link.geometry is not None and link.geometry.flatness > MAX_PLANE_SHARE]
     return findings.in_a_plane() if len(set(_groups(len(names), flat))) == 1 else findings.nothing_agrees()
 
 
@@ -127,8 +127,8 @@ def _check_joined(names: Sequence[str], pairs: Sequence[tuple[int, int]], tracks
     whole = tracks.seen.all(axis=2)
     for v, name in enumerate(names):
         shared = int((whole[v] & (whole.sum(axis=0) >= 2)).sum())
-        if group.count(group[v]) == 1 and 0 < shared < FEWEST_SHARED:
-            raise findings.few_shared(name, shared, FEWEST_SHARED).error()
+        if group.count(group[v]) == 1 and 0 < shared < MIN_LINK_FRAMES:
+            raise findings.few_shared(name, shared, MIN_LINK_FRAMES).error()
     small = min(set(group), key=group.count)
     inside = [name for name, g in zip(names, group, strict=True) if g == small]
     raise findings.unlinked(inside, [name for name in names if name not in inside]).error()
@@ -142,12 +142,12 @@ def check_solution(names: Sequence[str], used: Array, wand: Wand) -> None:
     CaptureError
         They do not, or they were.
     """
-    if np.median(used) < LEAST_USED:
+    if np.median(used) < MIN_USED_SHARE:
         raise findings.nothing_agrees().error()
     for name, share in zip(names, used, strict=True):
-        if share < LEAST_USED / 2:
+        if share < MIN_USED_SHARE / 2:
             raise findings.no_geometry(name).error()
-    if thickness(wand.ends_world.reshape(-1, 3)) < THIN:
+    if thickness(wand.ends_world.reshape(-1, 3)) < MIN_THICKNESS:
         raise findings.in_a_plane().error()
 
 
@@ -160,23 +160,23 @@ def doubts(solution: CalibrationResult) -> Iterator[Finding]:
         if share > SMALL_SHARE:
             yield findings.too_small(view.camera, pixels, share)
         shared = _shared_frames(solution, c)
-        if shared < FEW_SHARED:
-            yield findings.few_shared(view.camera, shared, FEW_SHARED)
-        if thickness(seen_points(solution, c)) < THIN:
+        if shared < FEW_SHARED_FRAMES:
+            yield findings.few_shared(view.camera, shared, FEW_SHARED_FRAMES)
+        if thickness(seen_points(solution, c)) < MIN_THICKNESS:
             yield findings.in_a_plane(view.camera)
-        if far[c] < SHALLOW * near[c]:
+        if far[c] < MIN_DEPTH_RATIO * near[c]:
             yield findings.one_depth(view.camera, near[c], far[c])
         if sigma[c, FOCAL] > VAGUE_FOCAL:
             yield findings.focal_vague(view.camera, sigma[c, FOCAL])
         if sigma[c, OFFSET] > VAGUE_OFFSET:
             yield findings.offset_vague(view.camera, sigma[c, OFFSET])
-        if covered[c] < LITTLE_COVERED:
+        if covered[c] < MIN_COVERAGE:
             yield findings.little_covered(view.camera, covered[c])
     for c, pixels in solution.moved.items():
         what = f"it sees the L-frame {pixels:.1f} pixels beside where the others do, as if moved between the takes"
         yield findings.camera_moved(solution.rig.names[c], what)
     yield from _moved(solution)
-    if solution.noise > NOISY:
+    if solution.noise > MAX_NOISE_RATIO:
         yield findings.noisy(solution.noise)
 
 

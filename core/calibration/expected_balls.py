@@ -15,10 +15,10 @@ from .solving.wand_motion import Wand
 from .solving.wand_triangulation import projected
 from .video_markers import VideoMarkers
 
-_BRIDGED = 15  # frames: longest gap over which the wand's path is interpolated
-_LARGEST = 5.0
+_MAX_GAP = 15  # frames: longest gap over which the wand's path is interpolated
+_MAX_RADIUS = 5.0
 """Largest radius of a ball that is measured by a model of its image, pixels; for larger ones the outline is as good."""
-FEWEST = 4
+MIN_WAND_FRAMES = 4
 """Least number of frames with the wand from which its path, or the colours of its balls, are determined."""
 
 
@@ -60,7 +60,7 @@ class ExpectedBalls:
     @property
     def small(self) -> Bools:
         """Which balls are small, shape (n, m)."""
-        return np.asarray(self.radii < _LARGEST) & np.isfinite(self.centres).all(axis=-1)
+        return np.asarray(self.radii < _MAX_RADIUS) & np.isfinite(self.centres).all(axis=-1)
 
     def rods(self, row: int, ball: int, others: Sequence[int]) -> tuple[Array, Array]:
         """Return the rods from a ball to others, see `BallGuess.rods` and `BallGuess.starts`."""
@@ -80,11 +80,11 @@ class ExpectedBalls:
 def wand_path(wand: Wand, times: Array) -> Array:
     """Return the wand's ends at some times, shape (n, 2, 3); NaN in longer gaps."""
     ends = np.full((len(times), 2, 3), np.nan)
-    if len(wand) < FEWEST:
+    if len(wand) < MIN_WAND_FRAMES:
         return ends
     after = np.clip(np.searchsorted(wand.frames, times), 1, len(wand) - 1)
     known = (times >= wand.frames[0]) & (times <= wand.frames[-1])
-    known &= wand.frames[after] - wand.frames[after - 1] <= _BRIDGED
+    known &= wand.frames[after] - wand.frames[after - 1] <= _MAX_GAP
     middle, direction = (CubicSpline(wand.frames, x)(times[known]) for x in (wand.middle, wand.direction))
     half = wand.length / 2 * direction / np.linalg.norm(direction, axis=1, keepdims=True)
     ends[known] = np.stack([middle + half, middle - half], axis=1)

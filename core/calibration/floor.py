@@ -19,10 +19,10 @@ from .lframe.lframe_pose import resting
 from .solving.camera_rig import Rig
 from .solving.wand_triangulation import rays, triangulated
 
-_MOVED = 4.0
+_MAX_MOVEMENT = 4.0
 """Largest apparent movement of a ball at rest, standard deviations."""
-_LEAST_PIXELS = 1.0  # apparent movement that is always tolerated
-_LEAST_ASIDE = 0.2
+_MOVEMENT_TOLERANCE = 1.0  # apparent movement that is always tolerated
+_MIN_SEPARATION = 0.2
 """Least distance of the second place from the line through the first, relative to the wand's length."""
 
 
@@ -53,7 +53,7 @@ def with_wand_on_floor(capture: Capture, rig: Rig) -> tuple[Capture, findings.Fi
         missing = int(np.flatnonzero(~np.isfinite(balls).all(axis=1))[0])
         raise findings.floor_unseen(*capture.floor[missing // WAND_BALLS]).error()
     measures, misfit = _on_floor(balls, rig.centres_world, capture.floor_height)
-    if abs(measures[2:, 1]).max() < _LEAST_ASIDE * capture.wand_length:
+    if abs(measures[2:, 1]).max() < _MIN_SEPARATION * capture.wand_length:
         raise findings.floor_in_a_line().error()
     views = tuple(replace(view, lframe=markers) for view, markers in zip(capture.views, lying, strict=True))
     return replace(capture, lframe_points=measures, views=views), findings.floor_by_wand(misfit)
@@ -69,7 +69,7 @@ def _at_rest(floor: Sequence[tuple[int, int]], wand: Markers, rig: Rig, c: int) 
         own = slice(WAND_BALLS * place, WAND_BALLS * (place + 1))
         middle = np.median(wand.points[during & wand.seen.all(axis=1)], axis=0) if during.any() else np.nan
         aside = np.linalg.norm(wand.points - middle, axis=-1)
-        during = during[:, None] & (aside < np.maximum(_MOVED * wand.sigma, _LEAST_PIXELS))
+        during = during[:, None] & (aside < np.maximum(_MAX_MOVEMENT * wand.sigma, _MOVEMENT_TOLERANCE))
         points[:, own][during], sigma[:, own][during] = wand.points[during], wand.sigma[during]
     return Markers(wand.frames, points, sigma)
 

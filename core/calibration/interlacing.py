@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 Image = NDArray[Any]
 
-_STEP = 72
+_MIN_DIFFERENCE = 72
 """Difference of neighbouring lines, summed over the colours, that is larger than noise, levels."""
-_ALIKE = 0.5
+_MAX_FIELD_DIFFERENCE = 0.5
 """Largest difference between the lines of one field, relative to that."""
 _FEWEST, _COMBED = 60, 0.05
 """Number of combed pixels, and their fraction of all such steps, from which a video is interlaced: thin rods cause
@@ -34,7 +34,7 @@ def shows_two_fields(images: Sequence[Image], background: Image) -> bool:
         added = (image.astype(np.int16) - background).sum(axis=2, dtype=np.int32)
         a, b, c, d = added[:-3], added[1:-2], added[2:-1], added[3:]
         step = np.abs(b - a)
-        comb = (step > _STEP) & ((b - a) * (b - c) > 0)
-        comb &= (np.abs(a - c) < _ALIKE * step) & (np.abs(b - d) < _ALIKE * step)
-        combed, steps = combed + int(comb.sum()), steps + int((step > _STEP).sum())
+        comb = (step > _MIN_DIFFERENCE) & ((b - a) * (b - c) > 0)
+        comb &= (np.abs(a - c) < _MAX_FIELD_DIFFERENCE * step) & (np.abs(b - d) < _MAX_FIELD_DIFFERENCE * step)
+        combed, steps = combed + int(comb.sum()), steps + int((step > _MIN_DIFFERENCE).sum())
     return combed >= _FEWEST and combed > _COMBED * steps

@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 
 _QUANTILES = (0.05, 0.5, 0.95)
-_BLOCK = 40
+_BLOCK_BALLS = 40
 """Number of consecutive balls by which it is tested whether a camera was moved."""
-_SURE = 8.0  # standard deviations
-_LEAST_ASIDE = 1.5
+_SIGNIFICANT_SIGMAS = 8.0  # standard deviations
+_MIN_SHIFT = 1.5
 """Shift, in standard deviations of a ball, from which a camera is reported as moved."""
-_NEAR = 100.0
+_MAX_DISTANCE = 100.0
 """Distance from its expected position within which a ball may still be the wand's, pixels."""
 
 
@@ -106,12 +106,12 @@ def path_error(solution: CalibrationResult, c: int) -> tuple[float, int, int] | 
     noise.
     """
     markers = solution.capture.views[c].wand
-    near = matched(solution.scene, c, markers, np.full((len(markers), 2), _NEAR))
-    count = len(near.row) // _BLOCK
+    near = matched(solution.scene, c, markers, np.full((len(markers), 2), _MAX_DISTANCE))
+    count = len(near.row) // _BLOCK_BALLS
     if count == 0:
         return None
     sigma = float(np.nanmedian(markers.sigma)) * max(solution.noise, 1.0)
-    least = max(_LEAST_ASIDE, _SURE * 1.25 / np.sqrt(_BLOCK)) * sigma
+    least = max(_MIN_SHIFT, _SIGNIFICANT_SIGMAS * 1.25 / np.sqrt(_BLOCK_BALLS)) * sigma
     sizes = [float(np.linalg.norm(np.median(aside, axis=0))) for aside in np.array_split(near.aside, count)]
     bad = [k for k, size in enumerate(sizes) if size > least]
     if not bad:

@@ -20,26 +20,26 @@ from ..shot.footage import pictures
 from .balls.ball_images import fit_ball
 from .balls.ball_looks import BallGuess, BallImage, BallLooks
 from .calibration_result import CalibrationResult
-from .expected_balls import FEWEST, ExpectedBalls, ball_diameter, wand_path
+from .expected_balls import MIN_WAND_FRAMES, ExpectedBalls, ball_diameter, wand_path
 from .lframe.lframe_markers import SeenBalls, still_picture
 from .video_markers import SeenView, VideoMarkers
 
 Image = NDArray[Any]
 
-_ASIDE = 4.0
+_MAX_DISTANCE = 4.0
 """Largest distance of a ball from its expected position, pixels."""
-_EXPLAINED = 0.75
+_MIN_EXPLAINED = 0.75
 """Least fraction of a window's difference from the background that a ball must explain."""
-_LIGHT_RATIO = 3.0
+_MAX_LIGHT_RATIO = 3.0
 """Largest factor between a ball's colour and its usual colour in that video, in linear light."""
 _PLATE_FRAMES, _SAMPLES = 15, 12  # frames: for the background; for the balls' colours
 _EXPOSURE = 0.5
 """Exposure as a fraction of the time between frames, before it is known."""
 _EXPOSURE_SIGMA = 0.08  # standard deviation of a known exposure, relative
-_FAST = 3.0  # pixels per frame from which motion blur shows the exposure
-_SAME_LEVELS = 10.0
+_MIN_BLUR_SPEED = 3.0  # pixels per frame from which motion blur shows the exposure
+_MAX_LEVEL_DIFFERENCE = 10.0
 """Difference of levels below which the L-frame is still in the background picture."""
-_UNMEASURED = 0.1  # standard deviation of radii if no diameter is given, relative
+_UNMEASURED_RADIUS_SIGMA = 0.1  # standard deviation of radii if no diameter is given, relative
 
 
 def remeasured(found: VideoMarkers, solution: CalibrationResult, progress: Progress | None = None) -> VideoMarkers:
@@ -153,14 +153,14 @@ class _RemeasuredView:
         for f in sorted(sampled & set(kept)):
             for end in range(2):
                 ball = fit_ball(kept[f], plate, self._guess(f, end, found.points[f, end], _Looks()))
-                if ball is None or ball.explained < _EXPLAINED:
+                if ball is None or ball.explained < _MIN_EXPLAINED:
                     continue
                 lights[end].append(np.log(ball.light))
                 speed = float(np.linalg.norm(self.wand.velocities[f, end]))
-                if speed > _FAST:
+                if speed > _MIN_BLUR_SPEED:
                     shares.append(float(np.linalg.norm(ball.path)) / speed)
-        usual = [np.exp(np.median(own, axis=0)) if len(own) >= FEWEST else None for own in lights]
-        if len(shares) < FEWEST:
+        usual = [np.exp(np.median(own, axis=0)) if len(own) >= MIN_WAND_FRAMES else None for own in lights]
+        if len(shares) < MIN_WAND_FRAMES:
             return plate, _Looks((usual[0], usual[1]))
         return plate, _Looks((usual[0], usual[1]), min(float(np.median(shares)), 1.0), _EXPOSURE_SIGMA)
 
@@ -203,13 +203,13 @@ class _RemeasuredView:
         frame, end, aside = where
         expected = self.wand.centres[frame, end]
         usual = looks.lights[end]
-        was_seen = bool(np.linalg.norm(before - expected) < _ASIDE)
+        was_seen = bool(np.linalg.norm(before - expected) < _MAX_DISTANCE)
         if usual is None and not was_seen:
             return None
         ball = fit_ball(image, plate, self._guess(frame, end, before if was_seen else expected + aside, looks))
-        if ball is None or ball.explained < _EXPLAINED or np.linalg.norm(ball.centre - expected) > _ASIDE:
+        if ball is None or ball.explained < _MIN_EXPLAINED or np.linalg.norm(ball.centre - expected) > _MAX_DISTANCE:
             return None
-        if usual is not None and np.abs(np.log(ball.light / usual)).max() > np.log(_LIGHT_RATIO):
+        if usual is not None and np.abs(np.log(ball.light / usual)).max() > np.log(_MAX_LIGHT_RATIO):
             return None
         return ball
 
@@ -229,7 +229,7 @@ class _RemeasuredView:
             fitted |= self._lframe_balls(image, empty, m.points[0], looks)
         usual = np.median([np.log(ball.light) for ball in fitted.values()], axis=0) if fitted else np.zeros(3)
         for k, ball in fitted.items():
-            alike = np.abs(np.log(ball.light) - usual).max() < np.log(_LIGHT_RATIO)
+            alike = np.abs(np.log(ball.light) - usual).max() < np.log(_MAX_LIGHT_RATIO)
             if alike or not np.isnan(m.points[0, k]).any():
                 rows.put(0, k, ball)
         if np.isnan(rows.points).any(axis=-1).all():
@@ -247,8 +247,8 @@ class _RemeasuredView:
             expected, radius = self.lframe.centres[0, k], float(self.lframe.radii[0, k])
             guess = BallGuess(expected if missed else found[k], radius, self.radius_sigma[0], looks=looks)
             ball = fit_ball(image, empty, replace(guess, rods=rods, starts=starts))
-            far = missed and ball is not None and np.linalg.norm(ball.centre - expected) > _ASIDE
-            if ball is not None and ball.explained > _EXPLAINED and not far:
+            far = missed and ball is not None and np.linalg.norm(ball.centre - expected) > _MAX_DISTANCE
+            if ball is not None and ball.explained > _MIN_EXPLAINED and not far:
                 fitted[k] = ball
         return fitted
 
@@ -264,7 +264,7 @@ class _RemeasuredView:
         size = np.array(plate.shape[1::-1])
         places = np.round(np.nan_to_num(self.lframe.centres[0], nan=-1.0)).astype(int)
         u, v = places[((places >= 0) & (places < size)).all(axis=1)].T
-        same = np.abs(image[v, u] - plate[v, u]).max(axis=1) < _SAME_LEVELS
+        same = np.abs(image[v, u] - plate[v, u]).max(axis=1) < _MAX_LEVEL_DIFFERENCE
         return bool(same.sum() > len(same) / 2)
 
 
@@ -297,4 +297,4 @@ class _Looks:
 
 def _sigma(diameter: float | None) -> float:
     """Return the standard deviation of predicted radii, relative."""
-    return _UNMEASURED if diameter is None else BallGuess.radius_sigma
+    return _UNMEASURED_RADIUS_SIGMA if diameter is None else BallGuess.radius_sigma

@@ -16,12 +16,12 @@ from .solving.bundle import adjust, covariance
 from .solving.bundle_scene import BundleEvidence, Scene
 from .solving.camera_rig import CAMERA_DOF, DRIFT, OFFSET, rig_of
 from .solving.clocks import Clocks
-from .solving.first_cameras import FEWEST_SHARED
+from .solving.first_cameras import MIN_LINK_FRAMES
 from .solving.synchrony import synchrony, with_capture_clock
 from .solving.wand_triangulation import sight
 from .wand_matching import labelled
 
-_LOOSE = 10.0  # standard deviations, while the clocks are still inexact
+_LOOSE_GATE = 10.0  # standard deviations, while the clocks are still inexact
 _ROUNDS = 4  # of selecting the wand's balls and estimating the clocks
 
 
@@ -58,13 +58,13 @@ def synchronise(
     rig = replace(rig, rate=together.rate, offset=together.offset)
     free = np.zeros((len(rig), CAMERA_DOF), bool)
     free[:, OFFSET], free[:, DRIFT] = together.loose, together.loose & drift
-    noise = _LOOSE
+    noise = _LOOSE_GATE
     for _ in range(_ROUNDS):
         tracks = together.tracks(rig)
         wand = sight(with_capture_clock(rig), tracks, capture.wand_length, noise).wand(
             tracks.frames, capture.wand_length
         )
-        if len(wand) < FEWEST_SHARED:
+        if len(wand) < MIN_LINK_FRAMES:
             raise findings.nothing_agrees().error()
         scene = Scene(rig, wand)
         seen, _ = labelled(scene, capture.views, noise)

@@ -22,14 +22,14 @@ from .lframe.lframe_markers import SeenBalls, SeenLFrame, expected_lframe, find_
 from .solving.wand_triangulation import projected
 from .wand_detection import Pairs, WandLooks, find_pairs, likeliest_pairs, swapped_ends
 
-FEWEST_LFRAMES = 2
+MIN_LFRAME_VIEWS = 2
 """Least number of views in which the L-frame must be found."""
-_SAMPLES = 24
+_SAMPLED_FRAMES = 24
 """Number of frames from which a video's background and balls are learned."""
-_LFRAMES = 0.05
+_LFRAME_WORK = 0.05
 """Fraction of the work that the L-frame's videos take."""
-_LEAST_SHARE = 0.02  # least fraction of a video's frames that must show the wand
-_FEWEST_CANDIDATES = 3
+_MIN_WAND_SHARE = 0.02  # least fraction of a video's frames that must show the wand
+_MIN_CANDIDATES = 3
 """Least number of candidates for the L-frame's balls in a view that takes part in the identification by all views."""
 
 
@@ -160,15 +160,15 @@ def find_all(videos: CaptureVideos, progress: Progress | None = None) -> VideoMa
     footages = [_footage(view) for view in videos.views]
     lframes: list[SeenLFrame] = []
     for k, (view, footage) in enumerate(zip(videos.views, footages, strict=True)):
-        part = share(progress, _LFRAMES * k / count, _LFRAMES * (k + 1) / count)
+        part = share(progress, _LFRAME_WORK * k / count, _LFRAME_WORK * (k + 1) / count)
         lframes.append(find_lframe(view, videos, footage.size, part))
     missed = [lframe.unidentified for lframe in lframes if lframe.unidentified is not None]
-    showing = [len(own.balls.markers) > 0 or len(own.candidates) >= _FEWEST_CANDIDATES for own in lframes]
-    if missed and sum(showing) < FEWEST_LFRAMES:
+    showing = [len(own.balls.markers) > 0 or len(own.candidates) >= _MIN_CANDIDATES for own in lframes]
+    if missed and sum(showing) < MIN_LFRAME_VIEWS:
         raise missed[0]
     seen = []
     for k, (view, footage, lframe) in enumerate(zip(videos.views, footages, lframes, strict=True)):
-        begin, end = (_LFRAMES + (1 - _LFRAMES) * done / count for done in (k, k + 1))
+        begin, end = (_LFRAME_WORK + (1 - _LFRAME_WORK) * done / count for done in (k, k + 1))
         part = share(progress, begin, end)
         wand = find_wand(view, videos, footage.count, part)
         seen.append(SeenView(view, footage, lframe.balls, wand, lframe.candidates))
@@ -194,14 +194,14 @@ def find_wand(view: CaptureVideoView, videos: CaptureVideos, count: int, progres
         They are seen on too few frames; names the video.
     """
     longest = videos.wand_length / videos.wand_diameter if videos.wand_diameter else None
-    looks = WandLooks.learned(list(spread_out(view.wand, _SAMPLES)), videos.wand_colours)
+    looks = WandLooks.learned(list(spread_out(view.wand, _SAMPLED_FRAMES)), videos.wand_colours)
     seen: list[Pairs] = []
     for k, image in enumerate(pictures(view.wand)):
         report_progress(progress, f"{view.camera}: wand", min(k / max(count, 1), 1.0))
         seen.append(find_pairs(image, videos.wand_colours, longest, looks))
     path = likeliest_pairs(seen, longest)
     frames = np.flatnonzero(path >= 0)
-    if len(frames) < max(3, _LEAST_SHARE * len(seen)):
+    if len(frames) < max(3, _MIN_WAND_SHARE * len(seen)):
         raise CalibrationError(
             f"the wand is seen on {len(frames)} of {len(seen)} frames",
             where=f"{view.wand} (camera {view.camera})",

@@ -24,7 +24,7 @@ from .solving.ball_observations import BallObservations
 from .solving.bundle import adjust, covariance, variance_inflation
 from .solving.bundle_scene import BundleEvidence, Scene
 from .solving.camera_rig import DRIFT, OFFSET, Rig
-from .solving.first_cameras import FEWEST_SHARED, crossed_views, find_links, first_rig, unknown_lens
+from .solving.first_cameras import MIN_LINK_FRAMES, crossed_views, find_links, first_rig, unknown_lens
 from .solving.pairwise import FOCAL_GRID
 from .solving.synchrony import Synchrony, synchrony, with_capture_clock
 from .solving.wand_motion import Wand
@@ -33,15 +33,15 @@ from .wand_matching import labelled
 
 FOCAL_SIGMA = 0.1
 """Standard deviation of a given focal length, relative."""
-_EXACT = 1e-6
+_EXACT_SIGMA = 1e-6
 """Standard deviation of the L-frame's measures in the covariance, metres: they define the world exactly."""
-_ROUNDS = 4
+_MAX_ROUNDS = 4
 """Largest number of rounds of adjusting the cameras and selecting the wand's balls again."""
-_SETTLED = 0.01
+_CONVERGED_CHANGE = 0.01
 """Relative change of the number of balls, and of their noise, below which these rounds end."""
-_ROBUST = 4.0
+_ROBUST_SCALE = 4.0
 """Scale of the robust loss, in standard deviations, while there may still be wrong balls."""
-_LEAST_NOISE = 0.2  # lower limit, as a multiple of sigma: balls are hardly ever much better than stated
+_MIN_NOISE = 0.2  # lower limit, as a multiple of sigma: balls are hardly ever much better than stated
 _HELD_OUT, _HELD_OUT_RUN = 10, 10
 """One in this many runs of this many frames is held out; runs, because errors of neighbouring frames are correlated."""
 
@@ -131,21 +131,24 @@ def _polished(rig: Rig, capture: Capture, together: Synchrony, free: Bools, step
     """Adjust cameras on all frames and select the wand's balls, in turn; None if no wand is seen."""
     noise = 3.0
     draft: _Draft | None = None
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         before = draft
         wand = _sighted(rig, together, capture.wand_length, noise)
-        if len(wand) < FEWEST_SHARED:
+        if len(wand) < MIN_LINK_FRAMES:
             return None
         scene = Scene(rig, wand)
         noise = max(noise if draft is None else draft.noise, 1.0)
         for _ in range(2):
             seen, used = labelled(scene, capture.views, noise)
             evidence = _evidence(capture, seen, together)
-            fit = adjust(scene, evidence, free, scale=_ROBUST * noise, tolerance=1e-4, cancel=steps.check)
-            scene, noise = fit.scene, max(fit.noise, _LEAST_NOISE)
+            fit = adjust(scene, evidence, free, scale=_ROBUST_SCALE * noise, tolerance=1e-4, cancel=steps.check)
+            scene, noise = fit.scene, max(fit.noise, _MIN_NOISE)
         draft = _Draft(scene, seen, used, noise)
         rig = scene.rig
-        if before is not None and abs(len(seen) / len(before.seen) - 1) + abs(noise / before.noise - 1) < _SETTLED:
+        if (
+            before is not None
+            and abs(len(seen) / len(before.seen) - 1) + abs(noise / before.noise - 1) < _CONVERGED_CHANGE
+        ):
             break
     return draft
 
@@ -261,7 +264,7 @@ def _finished(
         BallObservations.joined([seen, world.resting]).in_pixels(fit.residual),
         used,
         free,
-        covariance(scene, replace(evidence, lframe_sigma=_EXACT), fit.free) * max(noise, 1.0) ** 2 * inflation,
+        covariance(scene, replace(evidence, lframe_sigma=_EXACT_SIGMA), fit.free) * max(noise, 1.0) ** 2 * inflation,
         noise,
         world.placement.scale if floor.given.has_lframe else np.nan,
         world.moved,

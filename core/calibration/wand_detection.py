@@ -20,25 +20,25 @@ from ..numerics.arrays import Array
 from .balls.ball_detection import Picture, background_of, find_balls, without_rods
 from .balls.found_balls import Balls
 from .balls.passing_balls import Backdrop, BallSample, PassingBalls, PassingFrame
-from .balls.small_balls import LARGEST_SMALL
+from .balls.small_balls import MAX_RADIUS
 from .interlacing import shows_two_fields
 
 Image = NDArray[Any]
 
-_MOST_OF_A_COLOUR = 8  # balls on a frame, the largest
-_MOST_PAIRS = 40  # of these, the likeliest: the path through them takes the square of it
-_PIECE = 0.5  # of a trace's length that a small ball of its colour in it is, at most
-_MOST_UNLIKE = 1.8  # the one ball's size to the other's
-_LONGER = 1.5  # than the wand seen from the side, by the ball's sizes
-_MISSED = 8.0  # what a frame without a pair costs
-_UNLIKE = 0.2  # deviation of the logarithm of the balls' sizes, one to the other
-_FAST = 2.0  # diameters from frame to frame that cost as much as one standard deviation; or, where they are known,
-_FAST_LENGTHS = 0.3  # lengths of the wand
-_LEAP = 60.0  # the most that a step costs
-_CELL = 3.0  # pixels
-_STILL = 20.0  # what a ball costs that lies on the same place on all frames
-_STAYS = 0.25  # share of the frames that a waved ball may be on one place
-_CROSSING = 2.5  # radii between balls of one colour that may be taken for each other
+_MAX_BALLS_OF_A_COLOUR = 8  # balls on a frame, the largest
+_MAX_PAIRS = 40  # of these, the likeliest: the path through them takes the square of it
+_MAX_PIECE_SHARE = 0.5  # of a trace's length that a small ball of its colour in it is, at most
+_MAX_SIZE_RATIO = 1.8  # the one ball's size to the other's
+_MAX_LENGTH_RATIO = 1.5  # than the wand seen from the side, by the ball's sizes
+_MISSING_COST = 8.0  # what a frame without a pair costs
+_LOG_SIZE_SIGMA = 0.2  # deviation of the logarithm of the balls' sizes, one to the other
+_STEP_SIGMA_DIAMETERS = 2.0  # diameters from frame to frame that cost as much as one standard deviation
+_STEP_SIGMA_LENGTHS = 0.3  # the same in lengths of the wand, where these are known
+_MAX_STEP_COST = 60.0  # the most that a step costs
+_CELL_SIZE = 3.0  # pixels
+_STILL_COST = 20.0  # what a ball costs that lies on the same place on all frames
+_MAX_STILL_SHARE = 0.25  # share of the frames that a waved ball may be on one place
+_CROSSING_DISTANCE = 2.5  # radii between balls of one colour that may be taken for each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,10 +137,10 @@ def find_pairs(image: Image, colours: Sequence[Colour], longest: float | None, l
     i, j = np.triu_indices(len(a), 1) if len(found) == 1 else np.indices((len(a), len(b))).reshape(2, -1)
     r, s = a.semi_axes[i, 1], b.semi_axes[j, 1]
     apart = np.linalg.norm(a.centres[i] - b.centres[j], axis=1)
-    likely = (np.maximum(r, s) < _MOST_UNLIKE * np.minimum(r, s)) & (apart > 0.8 * np.minimum(r, s))
+    likely = (np.maximum(r, s) < _MAX_SIZE_RATIO * np.minimum(r, s)) & (apart > 0.8 * np.minimum(r, s))
     if longest is not None:
-        likely &= apart < _LONGER * longest * (r + s)
-    i, j = i[likely][:_MOST_PAIRS], j[likely][:_MOST_PAIRS]
+        likely &= apart < _MAX_LENGTH_RATIO * longest * (r + s)
+    i, j = i[likely][:_MAX_PAIRS], j[likely][:_MAX_PAIRS]
     ends = first.measured(picture, i, b.centres[j]), second.measured(picture, j, a.centres[i])
     good = ends[0][1] & ends[1][1]
     return Pairs((ends[0][0][good], ends[1][0][good]), (a.centres, b.centres))
@@ -166,28 +166,28 @@ def _found(picture: Picture, colour: Colour, frame: PassingFrame | None, passing
     """Return the balls of a colour: those that are seen by themselves, and those that pass before the background."""
     balls = find_balls(picture, colour)
     if passing is None or frame is None:
-        balls = balls[:_MOST_OF_A_COLOUR]
+        balls = balls[:_MAX_BALLS_OF_A_COLOUR]
         return _FoundBalls(balls, len(balls))
     small = passing.find(frame)
     others = Balls(small.centres, small.shapes, small.sigma)
     # A clear ball is measured best by itself; a small piece of one that its motion makes pale is not.
     apart = np.linalg.norm(balls.centres[:, None] - others.centres, axis=-1)
     length, long = balls.semi_axes[:, :1], others.semi_axes[:, 0]
-    piece = (length < LARGEST_SMALL) & (length < _PIECE * long) & (apart < long + 1)
+    piece = (length < MAX_RADIUS) & (length < _MAX_PIECE_SHARE * long) & (apart < long + 1)
     whole = ~piece.any(axis=1)
-    balls, apart = balls[whole][:_MOST_OF_A_COLOUR], apart[whole][:_MOST_OF_A_COLOUR]
+    balls, apart = balls[whole][:_MAX_BALLS_OF_A_COLOUR], apart[whole][:_MAX_BALLS_OF_A_COLOUR]
     others = others[~(apart < np.maximum(balls.semi_axes[:, :1], others.semi_axes[:, 0]) + 1).any(axis=0)]
     return _FoundBalls(Balls.joined([balls, others]), len(balls))
 
 
 def likeliest_pairs(seen: Sequence[Pairs], longest: float | None = None) -> NDArray[np.int64]:
     """Return which pair of every frame is the wand, -1 where none is, shape (frames,); `longest` as of `find_pairs`."""
-    fast = max(_FAST, _FAST_LENGTHS * (longest or 0.0))
+    fast = max(_STEP_SIGMA_DIAMETERS, _STEP_SIGMA_LENGTHS * (longest or 0.0))
     before, reached, back = _Reached.nowhere(), np.zeros(1), []
     for pairs, own in zip(seen, _own_costs(seen), strict=True):
         costs = reached[:, None] + before.steps_to(pairs, fast)
         previous = np.argmin(costs, axis=0)
-        reached = costs[previous, np.arange(len(previous))] + np.append(own, _MISSED)
+        reached = costs[previous, np.arange(len(previous))] + np.append(own, _MISSING_COST)
         before = before.followed(pairs, int(previous[-1]))
         back.append(previous)
     path = []
@@ -202,8 +202,11 @@ def _own_costs(seen: Sequence[Pairs]) -> list[Array]:
     """Return what the pairs of every frame cost by themselves: balls of unlike sizes, balls that lie still."""
     crowds = [_Crowd.of([pairs.found[end] for pairs in seen]) for end in range(2)]
     return [
-        (np.diff(np.log(pairs.radii), axis=1)[:, 0] / _UNLIKE) ** 2
-        + sum(_STILL * np.maximum(crowds[end].shares(pairs.centres[:, end]) - _STAYS, 0) for end in range(2))
+        (np.diff(np.log(pairs.radii), axis=1)[:, 0] / _LOG_SIZE_SIGMA) ** 2
+        + sum(
+            _STILL_COST * np.maximum(crowds[end].shares(pairs.centres[:, end]) - _MAX_STILL_SHARE, 0)
+            for end in range(2)
+        )
         for pairs in seen
     ]
 
@@ -217,13 +220,13 @@ class _Crowd:
 
     @classmethod
     def of(cls, places: Sequence[Array]) -> _Crowd:
-        cells = [np.unique(np.floor(p / _CELL).astype(int), axis=0) for p in places]
+        cells = [np.unique(np.floor(p / _CELL_SIZE).astype(int), axis=0) for p in places]
         return cls(Counter(map(tuple, np.concatenate([*cells, np.empty((0, 2), int)]).tolist())), len(places))
 
     def shares(self, places: Array) -> Array:
         """On what share of the frames there is a ball at each place, shape (n,)."""
         around = [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
-        cells = np.floor(places / _CELL).astype(int)
+        cells = np.floor(places / _CELL_SIZE).astype(int)
         return np.array([sum(self.counts[u + a, v + b] for a, b in around) / self.frames for u, v in cells])
 
 
@@ -257,7 +260,7 @@ class _Reached:
         far = np.linalg.norm(pairs.centres[None] - self.centres[:, None], axis=-1)
         diameters = 2 * self.radii * np.sqrt(self.ago)
         costs = np.sum((far / (fast * diameters[:, None, None])) ** 2, axis=-1)
-        costs = np.minimum(np.where(np.isnan(costs), 0, costs), _LEAP)
+        costs = np.minimum(np.where(np.isnan(costs), 0, costs), _MAX_STEP_COST)
         return np.column_stack([costs, np.zeros(len(costs))])
 
     def followed(self, pairs: Pairs, missed_from: int) -> _Reached:
@@ -287,7 +290,7 @@ def swapped_ends(centres: Array, radii: Array) -> NDArray[np.bool_]:
     ndarray of bool, shape (n,)
     """
     swapped = np.zeros(len(centres), bool)
-    sure = np.linalg.norm(centres[:, 1] - centres[:, 0], axis=1) > _CROSSING * radii
+    sure = np.linalg.norm(centres[:, 1] - centres[:, 0], axis=1) > _CROSSING_DISTANCE * radii
     for run in np.split(np.arange(len(centres)), np.flatnonzero(~sure | ~np.roll(sure, 1))):
         for before, frame in pairwise(run):
             stay, change = (

@@ -12,7 +12,7 @@ from ..numerics.arrays import Array, Ints
 from .solving.ball_observations import BallObservations
 from .solving.bundle_residuals import predicted
 from .solving.bundle_scene import Scene
-from .solving.wand_triangulation import GATE
+from .solving.wand_triangulation import GATE_SIGMAS
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ def matched(scene: Scene, view: int, markers: Markers, reach: Array) -> Matches:
 
 def labelled(scene: Scene, views: Sequence[CaptureView], noise: float) -> tuple[BallObservations, Array]:
     """Return the balls of all views that the scene's wand explains, with ends in order, and their fraction per view."""
-    matches = [matched(scene, v, view.wand, GATE * noise * view.wand.sigma) for v, view in enumerate(views)]
+    matches = [matched(scene, v, view.wand, GATE_SIGMAS * noise * view.wand.sigma) for v, view in enumerate(views)]
     parts = [found.observations(v, views[v].wand) for v, found in enumerate(matches)]
     shares = [len(found.row) / max(view.wand.seen.sum(), 1) for found, view in zip(matches, views, strict=True)]
     return BallObservations.joined(parts), np.array(shares)

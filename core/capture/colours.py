@@ -22,9 +22,9 @@ _NAMED_SATURATION = (0.5, 1.0)
 _PICKED_WIDTH = 18.0  # half the range of hues of a picked colour, degrees
 _STEPS = 255.0
 _WHOLE_HUE = (0.0, 360.0)
-_ANY_HUE = 180.0
+_MAX_HUE_WIDTH = 180.0
 """Width of a range of hues from which on it has no middle to speak of, degrees."""
-PALER = 0.5
+MIN_RELATIVE_SATURATION = 0.5
 """Least saturation of small things, relative to that of the colour itself."""
 
 
@@ -63,13 +63,17 @@ class Colour:
 
     def paler(self) -> Colour:
         """Return the colour for small things, whose pixels mix it with a grey background."""
-        return replace(self, saturation=(PALER * self.saturation[0], self.saturation[1]), value=(0.0, self.value[1]))
+        return replace(
+            self,
+            saturation=(MIN_RELATIVE_SATURATION * self.saturation[0], self.saturation[1]),
+            value=(0.0, self.value[1]),
+        )
 
     def pure(self) -> NDArray[np.float64] | None:
         """Blue, green and red, 0 to 1, of the middle of its hues at full saturation; None where it is of any hue."""
         first, last = self.hue
         width = last - first if last >= first else last - first + 360
-        if width >= _ANY_HUE:
+        if width >= _MAX_HUE_WIDTH:
             return None
         middle = np.array([[[_STEPS * ((first + width / 2) % 360) / 360, _STEPS, _STEPS]]])
         return np.asarray(cv2.cvtColor(middle.round().astype(np.uint8), cv2.COLOR_HSV2BGR_FULL)[0, 0] / _STEPS)

@@ -17,7 +17,7 @@ from ..body.kinematics import scene_poses
 from ..body.motion import Motion
 from ..numerics.arrays import Array, Bools
 from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
-from ..shot.shot import LARGEST_OFFSET
+from ..shot.shot import MAX_OFFSET
 from .outline_evidence.outline_lines import KEY_FRAME_PIECE
 from .part_shapes import ShapeEquations, compose, shape_equations
 from .rendering.part_geometry import Geometry
@@ -43,9 +43,7 @@ class Offset:
         found = list(measured)
         precision = sum(offset.precision for offset in found) + OFFSET_SIGMA**-2
         value = sum(offset.precision * offset.value for offset in found) / precision
-        return cls(
-            float(np.clip(value, -LARGEST_OFFSET, LARGEST_OFFSET)) if abs(value) >= MIN_OFFSET else 0.0, precision
-        )
+        return cls(float(np.clip(value, -MAX_OFFSET, MAX_OFFSET)) if abs(value) >= MIN_OFFSET else 0.0, precision)
 
 
 def key_frame_offset(

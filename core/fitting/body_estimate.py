@@ -15,9 +15,9 @@ from ..keypoints.keypoint_places import Places
 from ..keypoints.keypoint_rays import Keypoints
 from ..numerics.arrays import Array
 
-GROWTH = 0.08
+SIZE_SIGMA = 0.08
 """Standard deviation of a performer's size, relative to the body's."""
-LENGTH = 0.08
+LENGTH_SIGMA = 0.08
 """Standard deviation of a part's length, relative to what the size suggests; for widths see
 `core.evidence.part_shapes.STRETCH_SIGMA`."""
 SIDES_STRETCH, SIDES_SHIFT = 0.02, 0.004
@@ -85,9 +85,9 @@ class BodyEstimate:
     def prior(self) -> Array:
         """Return the inverse covariance of the shape, shape (n, n)."""
         P = len(self.body)
-        deviation = np.full(len(self.shape), GROWTH)
+        deviation = np.full(len(self.shape), SIZE_SIGMA)
         deviation[1 : 1 + PART_DOF * P] = np.tile(
-            [STRETCH_SIGMA, LENGTH, STRETCH_SIGMA, SHIFT_SIGMA, SHIFT_SIGMA, SHIFT_SIGMA], P
+            [STRETCH_SIGMA, LENGTH_SIGMA, STRETCH_SIGMA, SHIFT_SIGMA, SHIFT_SIGMA, SHIFT_SIGMA], P
         )
         names = self.keypoints.names
         limbs = [name.endswith(("Elbow", "Wrist", "Knee", "Ankle")) for name in names]

@@ -44,12 +44,12 @@ from .outline_fit import OutlineProblem, RefinementStage, coarse_to_fine, key_fo
 
 POSED_ROOT, POSED_JOINT = 0.03, 0.08
 """Standard deviation of a key pose that was set with a body of other proportions, metres and radians."""
-STAGES = (
+FIT_STAGES = (
     RefinementStage(0.25, 4.0, 8, excess=0.4),
     RefinementStage(0.15, 2.0, 6, excess=0.2),
     RefinementStage(0.10, 1.0, 8, excess=0.1),
 )
-SETTLED = 0.001
+CONVERGED_MOVE = 0.001
 """A stage ends when no joint moves by more than this, metres."""
 _ROWS = 9  # of an outline's row: wrench in camera axes, and by the part's stretches
 
@@ -97,9 +97,9 @@ def fit_bodies(shot: Shot, progress: Progress | None = None) -> BodyFit:
         return _equations(state, stage, shot, views)
 
     problem = OutlineProblem(
-        linearise, _moved, lambda state, equations: equations.cost_at(state), _largest_movement, SETTLED
+        linearise, _moved, lambda state, equations: equations.cost_at(state), _largest_movement, CONVERGED_MOVE
     )
-    estimates = coarse_to_fine(_start(shot, views, frames), problem, STAGES, "fitting the body", progress).state
+    estimates = coarse_to_fine(_start(shot, views, frames), problem, FIT_STAGES, "fitting the body", progress).state
     return BodyFit(
         tuple(estimate.body for estimate in estimates),
         tuple(estimate.motions[0.0] for estimate in estimates),

@@ -30,16 +30,16 @@ from .key_frame_views import KeyFrameView, on_frames, posed_key_frames, read_key
 from .outline_fit import OutlineProblem, RefinementStage, coarse_to_fine
 from .resection import CameraEquations, CameraState, camera_equations
 
-SETTLED = 0.05
+CONVERGED_PIXELS = 0.05
 """A stage ends when no camera moves the body's picture by more than this, pixels of the reduced frames."""
-CHANCE = 1e-3
+SIGNIFICANCE = 1e-3
 """Probability that a camera that fits is reported as one that does not."""
-LOST = 0.3
+MIN_OUTLINE_SHARE = 0.3
 """A camera is left unchanged if its view shows the performers' outlines less clearly than this near the model's: the
 performers must be elsewhere in the picture."""
 
 
-STAGES = (
+REFINEMENT_STAGES = (
     RefinementStage(0.40, 4.0, 8),
     RefinementStage(0.25, 4.0, 4),
     RefinementStage(0.15, 2.0, 4),
@@ -81,7 +81,7 @@ class RefinedCamera:
     @property
     def lost(self) -> bool:
         """Whether the view does not show the performers at the key poses; the camera is then unchanged."""
-        return self.clearness < LOST
+        return self.clearness < MIN_OUTLINE_SHARE
 
     @property
     def summary(self) -> str:
@@ -123,8 +123,8 @@ def refine_cameras(
     progress: Progress | None = None,
     *,
     views: Sequence[KeyFrameView] | None = None,
-    stages: Sequence[RefinementStage] = STAGES,
-    settled: float = SETTLED,
+    stages: Sequence[RefinementStage] = REFINEMENT_STAGES,
+    settled: float = CONVERGED_PIXELS,
 ) -> Refinement:
     """Refine the pose and the focal length of every camera of a shot from its key poses of the whole body.
 
@@ -141,7 +141,7 @@ def refine_cameras(
         footage.
     stages : sequence of RefinementStage
     settled : float
-        See `SETTLED`.
+        See `CONVERGED_PIXELS`.
 
     Raises
     ------
@@ -204,7 +204,7 @@ def _described(
 ) -> RefinedCamera:
     """Describe how camera v changed from the first state to the last."""
     start, end = states
-    state = start if clearness < LOST else end
+    state = start if clearness < MIN_OUTLINE_SHARE else end
     columns = state.camera_columns(v)
     own = covariance[np.ix_(columns, columns)]
     rows = _picture_rows(on_frames(state.cameras[v].rectified(), view.frames), state.joints(view.delay))
@@ -224,7 +224,7 @@ def _described(
 
 
 def chance_quantile(shares: Array, samples: int | None = None) -> float:
-    """Return the ratio of a squared shift to its mean that chance exceeds with probability `CHANCE`.
+    """Return the ratio of a squared shift to its mean that chance exceeds with probability `SIGNIFICANCE`.
 
     The sum of squares of independent normal errors is distributed nearly as a multiple of chi-squared with fewer
     degrees of freedom (F. E. Satterthwaite, An approximate distribution of estimates of variance components,
@@ -239,8 +239,8 @@ def chance_quantile(shares: Array, samples: int | None = None) -> float:
     """
     degrees = max(float(shares.sum()) ** 2 / max(float((shares**2).sum()), 1e-300), 1.0)
     if samples is None:
-        return float(chdtri(degrees, CHANCE)) / degrees
-    return float(fdtri(degrees, samples - 1, 1 - CHANCE))
+        return float(chdtri(degrees, SIGNIFICANCE)) / degrees
+    return float(fdtri(degrees, samples - 1, 1 - SIGNIFICANCE))
 
 
 def _picture_rows(camera: Camera, points_world: Array) -> Array:

@@ -14,11 +14,18 @@ import numpy as np
 
 from ..numerics.robust_kernels import RAYLEIGH_MEDIAN, GemanMcClure
 from .camera_refinement import chance_quantile
-from .resection import CAMERA
-from .shared_cameras import GROSS, ReducedSystem, camera_columns, camera_prior, fitted_cameras, picture_matrix
+from .resection import CAMERA_DOF
+from .shared_cameras import (
+    GEMAN_MCCLURE_SCALE,
+    ReducedSystem,
+    camera_columns,
+    camera_prior,
+    fitted_cameras,
+    picture_matrix,
+)
 from .shared_keypoints import CameraEstimate, SharedKeypoints
 
-LEAST_KINDS = 6  # of joints, from which a camera's seven unknowns are estimated
+MIN_JOINTS = 6  # of joints, from which a camera's seven unknowns are estimated
 
 
 @dataclass(frozen=True)
@@ -54,7 +61,7 @@ def _shift(system: ReducedSystem, estimate: CameraEstimate, free: Sequence[int],
     gradient = g.sum(axis=0) + (prior * estimate.change.ravel())[columns]
     without = np.array([-np.linalg.solve(total - H[k], gradient - g[k]) for k in kinds])
     spread = without - without.mean(axis=0)
-    own = CAMERA * list(free).index(view) + np.arange(CAMERA)
+    own = CAMERA_DOF * list(free).index(view) + np.arange(CAMERA_DOF)
     covariance = (len(kinds) - 1) / len(kinds) * (spread.T @ spread)[np.ix_(own, own)]
     picture = picture_matrix(system, view)
     shares = np.maximum(np.linalg.eigvals(picture @ covariance).real, 0)
@@ -82,8 +89,8 @@ def contradictions(shared: SharedKeypoints) -> tuple[dict[int, PictureShift], Ca
     CameraEstimate
         The estimate in which the cameras that are off have been moved.
     """
-    able = [v for v, count in enumerate(shared.kinds_seen()) if count >= LEAST_KINDS]
-    estimate = CameraEstimate(np.zeros((len(shared.focal), CAMERA)), np.nan_to_num(shared.points_world))
+    able = [v for v, count in enumerate(shared.kinds_seen()) if count >= MIN_JOINTS]
+    estimate = CameraEstimate(np.zeros((len(shared.focal), CAMERA_DOF)), np.nan_to_num(shared.points_world))
     shifts: dict[int, PictureShift] = {}
     if len(able) < 3:
         return {}, estimate
@@ -100,7 +107,7 @@ def contradictions(shared: SharedKeypoints) -> tuple[dict[int, PictureShift], Ca
             found = _shift(system, moved, [*off, view], view)
             if not off or found.off:
                 shifts[view] = found
-            cost = float(np.nansum(GemanMcClure(GROSS).cost((system.size / scale) ** 2)))
+            cost = float(np.nansum(GemanMcClure(GEMAN_MCCLURE_SCALE).cost((system.size / scale) ** 2)))
             if best is None or cost < best[0]:
                 best = cost, view, found, moved
         if best is None or not best[2].off:

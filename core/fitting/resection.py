@@ -34,17 +34,17 @@ from .outline_fit import RefinementStage, key_foreground, key_outlines, outline_
 
 Columns = NDArray[np.intp]
 
-POSITION = 0.1
+POSITION_SIGMA = 0.1
 """Prior standard deviation of a camera's position along each axis, metres."""
-ROTATION = 0.05
+ROTATION_SIGMA = 0.05
 """Prior standard deviation of a camera's orientation about each axis, radians."""
-FOCAL = 0.02
+FOCAL_SIGMA = 0.02
 """Prior standard deviation of a focal length, relative."""
-POSED_ROOT = 0.01
+POSED_ROOT_SIGMA = 0.01
 """Prior standard deviation of a key pose's root along each axis, metres."""
-POSED_JOINT = 0.05
+POSED_JOINT_SIGMA = 0.05
 """Prior standard deviation of a key pose's joint about each axis, radians."""
-CAMERA = 7
+CAMERA_DOF = 7
 """Number of unknowns of a camera: a twist (v, omega) in its axes, metres and radians, and the logarithm of its focal
 length."""
 _SHAPE = 6  # of a part: stretch and shift along its axes
@@ -64,8 +64,8 @@ class CameraState:
     motions : mapping of float to tuple of Motion
         The K key poses per performer, by the delay of the views that show them.
     change : ndarray, shape (n,)
-        Change of the unknowns since the start: `CAMERA` for every view, six for every part (stretch and shift), D for
-        every key pose of every performer.
+        Change of the unknowns since the start: `CAMERA_DOF` for every view, six for every part (stretch and shift), D
+        for every key pose of every performer.
     """
 
     cameras: tuple[Camera, ...]
@@ -80,7 +80,7 @@ class CameraState:
     ) -> CameraState:
         """Return the estimate before any change."""
         frames = len(next(iter(motions.values()))[0])
-        size = CAMERA * len(cameras) + sum(_SHAPE * len(body) + frames * body.dof for body in bodies)
+        size = CAMERA_DOF * len(cameras) + sum(_SHAPE * len(body) + frames * body.dof for body in bodies)
         return cls(tuple(cameras), tuple(bodies), Geometry.of(bodies), motions, np.zeros(size))
 
     @property
@@ -94,26 +94,28 @@ class CameraState:
 
     def camera_columns(self, view: int) -> Columns:
         """Return the columns of a view's camera, shape (7,)."""
-        return CAMERA * view + np.arange(CAMERA)
+        return CAMERA_DOF * view + np.arange(CAMERA_DOF)
 
     def shape_columns(self) -> Columns:
         """Return the columns of the shapes of all parts, shape (P, 6)."""
-        first, P = CAMERA * len(self.cameras), len(self.geometry.spans)
+        first, P = CAMERA_DOF * len(self.cameras), len(self.geometry.spans)
         return first + np.arange(_SHAPE * P).reshape(P, _SHAPE)
 
     def pose_columns(self) -> list[Columns]:
         """Return the columns of every performer's key poses, shape (K, D) each."""
-        first = CAMERA * len(self.cameras) + _SHAPE * len(self.geometry.spans)
+        first = CAMERA_DOF * len(self.cameras) + _SHAPE * len(self.geometry.spans)
         ends = first + np.cumsum([0] + [self.frames * body.dof for body in self.bodies])
         return [np.arange(a, b).reshape(self.frames, -1) for a, b in pairwise(ends.tolist())]
 
     def prior(self) -> Array:
         """Return the prior's inverse variances of the change, shape (n,)."""
         deviation = np.empty(len(self.change))
-        deviation[: CAMERA * len(self.cameras)] = np.tile([POSITION] * 3 + [ROTATION] * 3 + [FOCAL], len(self.cameras))
+        deviation[: CAMERA_DOF * len(self.cameras)] = np.tile(
+            [POSITION_SIGMA] * 3 + [ROTATION_SIGMA] * 3 + [FOCAL_SIGMA], len(self.cameras)
+        )
         deviation[self.shape_columns()] = [STRETCH_SIGMA] * 3 + [SHIFT_SIGMA] * 3
         for columns in self.pose_columns():
-            deviation[columns[:, :3]], deviation[columns[:, 3:]] = POSED_ROOT, POSED_JOINT
+            deviation[columns[:, :3]], deviation[columns[:, 3:]] = POSED_ROOT_SIGMA, POSED_JOINT_SIGMA
         return 1 / deviation**2
 
     def moved(self, step: Array) -> CameraState:
@@ -133,7 +135,7 @@ class CameraState:
 
 
 def adjusted(camera: Camera, step: Array) -> Camera:
-    """Return a camera after a change of its seven unknowns, see `CAMERA`; the twist moves the world in its axes."""
+    """Return a camera after a change of its seven unknowns, see `CAMERA_DOF`; the twist moves the world in its axes."""
     turn = rotations.exp(step[3:6])
     K = camera.matrix.copy()
     K[:2, :2] *= np.exp(step[6])
@@ -237,8 +239,8 @@ def _jacobian(body: Body, camera: Camera, poses: Poses) -> Array:
     (K, P, 10, 13 + D).
     """
     (R, T), (Rc, tc) = poses, camera.poses(0, len(poses[0]))
-    known = CAMERA + 3
-    B = np.zeros((*T.shape[:2], known, CAMERA + _SHAPE + body.dof))
+    known = CAMERA_DOF + 3
+    B = np.zeros((*T.shape[:2], known, CAMERA_DOF + _SHAPE + body.dof))
     B[..., range(known), range(known)] = 1
     B[..., :3, known : known + 3] = Rc[:, None] @ R
     B[..., :6, known + 3 :] = camera_twist(Rc, tc)[:, None] @ twist_jacobian(body, R, T)

@@ -17,16 +17,16 @@ from ..numerics.arrays import Array, Bools, Ints
 from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
 from ..numerics.normal_equations import DenseFactor
 from ..numerics.robust_kernels import RAYLEIGH_MEDIAN, GemanMcClure
-from .resection import CAMERA, FOCAL, POSITION, ROTATION
+from .resection import CAMERA_DOF, FOCAL_SIGMA, POSITION_SIGMA, ROTATION_SIGMA
 from .shared_keypoints import CameraEstimate, SharedKeypoints
 
-GROSS = 3.0
+GEMAN_MCCLURE_SCALE = 3.0
 """Residual, in standard deviations, at which a keypoint has a quarter of the full weight (Geman-McClure kernel)."""
-LEAST_DEVIATION = 0.3
+MIN_SIGMA = 0.3
 """Least standard deviation of a keypoint, pixels."""
 _ITERATIONS = 12
-_SETTLED = 0.05  # pixels
-_NEAREST = 0.1  # metres
+_CONVERGED_PIXELS = 0.05  # pixels
+_MIN_DEPTH = 0.1  # metres
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,12 +129,12 @@ class FreeCameras:
 
 def camera_prior(views: int) -> Array:
     """Return the prior's inverse variances of the cameras' changes, shape (7 V,)."""
-    return np.tile(1 / np.array([POSITION] * 3 + [ROTATION] * 3 + [FOCAL]) ** 2, views)
+    return np.tile(1 / np.array([POSITION_SIGMA] * 3 + [ROTATION_SIGMA] * 3 + [FOCAL_SIGMA]) ** 2, views)
 
 
 def camera_columns(views: Sequence[int]) -> Ints:
     """Return the indices of some views' cameras in the system."""
-    return (CAMERA * np.asarray(views, np.int64)[:, None] + np.arange(CAMERA)).ravel()
+    return (CAMERA_DOF * np.asarray(views, np.int64)[:, None] + np.arange(CAMERA_DOF)).ravel()
 
 
 def _weights(shared: SharedKeypoints, size: Array) -> Array:
@@ -142,8 +142,8 @@ def _weights(shared: SharedKeypoints, size: Array) -> Array:
     known = np.isfinite(size)
     middle = np.nanmedian(np.where(known.any(axis=1, keepdims=True), size, 0.0), axis=1) / RAYLEIGH_MEDIAN
     usual = np.array([np.median(row[row > 0]) if (row > 0).any() else 0.0 for row in middle])
-    deviation = np.maximum(np.maximum(middle, 0.5 * usual[:, None]), LEAST_DEVIATION)[:, None]
-    kernel = GemanMcClure(GROSS).weight((np.nan_to_num(size) / deviation) ** 2)
+    deviation = np.maximum(np.maximum(middle, 0.5 * usual[:, None]), MIN_SIGMA)[:, None]
+    kernel = GemanMcClure(GEMAN_MCCLURE_SCALE).weight((np.nan_to_num(size) / deviation) ** 2)
     weights = np.where(known, shared.confidence * kernel / deviation**2, 0.0)
     return np.asarray(np.where((weights > 0).sum(axis=0) >= 2, weights, 0.0) / shared.correlated)
 
@@ -182,7 +182,7 @@ def _projected(shared: SharedKeypoints, estimate: CameraEstimate) -> _Projected:
     turned = np.einsum("vfab,flb->vfla", R, estimate.points_world)
     turned += np.einsum("vab,vfb->vfa", turn, shared.t_cam_world)[:, :, None]
     x = turned + change[:, None, None, :3]
-    known = shared.found() & (x[..., 2] > _NEAREST)
+    known = shared.found() & (x[..., 2] > _MIN_DEPTH)
     turned, x = np.where(known[..., None], turned, 0.0), np.where(known[..., None], x, [0.0, 0.0, 1.0])
     rays = np.where(known[..., None], shared.rays, 0.0) * np.exp(-change[:, 6])[:, None, None, None]
     residual = shared.focal[:, None, None, None] * (x[..., :2] / x[..., 2:] - rays)
@@ -210,18 +210,18 @@ def _linearised(shared: SharedKeypoints, estimate: CameraEstimate) -> ReducedSys
     weighted_rows, weighted_across = weights[..., None, None] * rows, weights[..., None, None] * across
     own = np.swapaxes(weighted_rows, -1, -2)
     blocks = np.asarray(own @ across, dtype=np.float64)
-    coupling = np.moveaxis(blocks, 0, 2).reshape(*x.shape[1:3], CAMERA * V, 3)
+    coupling = np.moveaxis(blocks, 0, 2).reshape(*x.shape[1:3], CAMERA_DOF * V, 3)
     points = (np.swapaxes(weighted_across, -1, -2) @ across).sum(axis=0)
     points += np.eye(3) * (1e-9 * np.trace(points, axis1=-2, axis2=-1)[..., None, None] + 1e-9)
     gradient = (np.swapaxes(weighted_across, -1, -2) @ residual[..., None])[..., 0].sum(axis=0)
     inverse = np.linalg.inv(points)
     solved = coupling @ inverse
-    stacked = [np.moveaxis(a, 0, 2).reshape(x.shape[2], CAMERA * V, -1) for a in (solved, coupling)]
+    stacked = [np.moveaxis(a, 0, 2).reshape(x.shape[2], CAMERA_DOF * V, -1) for a in (solved, coupling)]
     H = -stacked[0] @ np.swapaxes(stacked[1], 1, 2)
     for v, block in enumerate((own @ rows).sum(axis=1)):
         columns = camera_columns([v])
         H[:, columns[:, None], columns] += block
-    by_camera = np.moveaxis((own @ residual[..., None])[..., 0].sum(axis=1), 0, 1).reshape(-1, CAMERA * V)
+    by_camera = np.moveaxis((own @ residual[..., None])[..., 0].sum(axis=1), 0, 1).reshape(-1, CAMERA_DOF * V)
     g = by_camera - (solved @ gradient[..., None])[..., 0].sum(axis=0)
     kinds = (shared.kind == np.arange(shared.kind.max() + 1)[:, None]).astype(float)
     H_kinds = np.tensordot(kinds, H, axes=1)
@@ -251,7 +251,9 @@ def fitted_cameras(
         CameraEstimate.moved,
         trial_cost=trial_cost,
         damping=GAUSS_NEWTON,
-        stopping=StoppingRule(iterations=_ITERATIONS, small_step=_SETTLED, step_size=shift, small_refused=True),
+        stopping=StoppingRule(
+            iterations=_ITERATIONS, small_step=_CONVERGED_PIXELS, step_size=shift, small_refused=True
+        ),
     )
     return found.state, found.linearised().system
 

@@ -17,7 +17,7 @@ from ..keypoints.triangulation import triangulate
 from ..numerics.arrays import Array, Bools, Ints
 from .resection import adjusted
 
-_PER_CORRELATED = 3  # frames used out of those with correlated errors; more add nothing
+_FRAMES_PER_CORRELATION = 3  # frames used out of those with correlated errors; more add nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class SharedKeypoints:
     @classmethod
     def of(cls, performers: Sequence[Keypoints], cameras: Sequence[Camera], correlated: float) -> SharedKeypoints:
         """Join the keypoints of all performers; `correlated` is a number of frames of the shot."""
-        step = max(1, int(correlated / _PER_CORRELATED))
+        step = max(1, int(correlated / _FRAMES_PER_CORRELATION))
         chosen = [keypoints[::step] for keypoints in performers]
         kinds = [name[1:] if name[0] in "LR" else name for keypoints in chosen for name in keypoints.names]
         numbers = {kind: i for i, kind in enumerate(dict.fromkeys(kinds))}

@@ -39,12 +39,12 @@ from .keypoint_cameras import PictureShift, contradictions
 from .outline_fit import RefinementStage
 from .shared_keypoints import CameraEstimate, SharedKeypoints
 
-CHECKED_KEYS = 8
+MAX_CHECKED_KEYS = 8
 """Largest number of key frames that cameras are compared with, evenly spaced over the shot."""
 CHECK_STAGES = (RefinementStage(0.25, 4.0, 4, learns_once=True), RefinementStage(0.10, 1.0, 4, learns_once=True))
 """Few stages: a camera that fits passes soon, and one that does not need not be corrected to be detected."""
-CHECK_SETTLED = 0.25
-"""As `SETTLED`, for these stages, pixels of the reduced frames: inexact key poses are off by pixels anyway."""
+CHECK_CONVERGED_PIXELS = 0.25
+"""As `CONVERGED_PIXELS`, for these stages, pixels of the reduced frames: inexact key poses are off by pixels anyway."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def fit_by_key_poses(
         shot = replace(shot, views=tuple(replace(view, camera=view.camera.rectified()) for view in shot.views))
         views = pictured_key_frames(shot, frames, pictures)
     try:
-        found = refine_cameras(shot, progress, views=views, stages=CHECK_STAGES, settled=CHECK_SETTLED)
+        found = refine_cameras(shot, progress, views=views, stages=CHECK_STAGES, settled=CHECK_CONVERGED_PIXELS)
     except CalibrationError:  # no view shows the performers clearly: nothing can be said
         return ()
     return tuple(
@@ -216,7 +216,7 @@ def track_and_check(
 def checked_frames(shot: Shot) -> list[int]:
     """Return the key frames on which cameras are compared with the key poses, as shot frames."""
     keys = whole_keys(shot, 0, shot.length - 1)
-    chosen = np.linspace(0, len(keys) - 1, min(CHECKED_KEYS, len(keys))).round().astype(int)
+    chosen = np.linspace(0, len(keys) - 1, min(MAX_CHECKED_KEYS, len(keys))).round().astype(int)
     return [int(frame) for frame in keys[chosen]]
 
 

@@ -11,7 +11,7 @@ from ..errors import BodyError
 from ..runtime.files import write_json
 from .reading import read_bytes, reading
 
-_LONGEST = 100  # characters of a preset's name
+_MAX_NAME_LENGTH = 100  # characters of a preset's name
 
 
 def read_bone_map(path: Path) -> tuple[str, dict[str, tuple[str, ...]]]:
@@ -38,7 +38,7 @@ def _bones(content: Any, path: Path) -> tuple[str, dict[str, tuple[str, ...]]]:
             raise BodyError("must be the name of a bone, or a list of them", where=f"{path}, bones.{role[:40]}")
         if listed:
             found[role] = tuple(listed)
-    return str(content.get("preset", ""))[:_LONGEST], found
+    return str(content.get("preset", ""))[:_MAX_NAME_LENGTH], found
 
 
 def write_bone_map(path: Path, bones: Mapping[str, Sequence[str]], preset: str = "") -> None:

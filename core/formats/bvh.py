@@ -15,10 +15,10 @@ from ..body.motion import Motion
 from ..body.skeleton_motion import RestSkeleton, SkeletonMotion
 from ..errors import BodyError, ShotError
 from ..numerics.arrays import Array
-from .reading import BEYOND, read_text, reading
+from .reading import NUMBER_LIMIT, read_text, reading
 
 _WORLD_OF_BVH = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-_MOST_JOINTS = 1000
+_MAX_JOINTS = 1000
 _TOLERANCE = 2e-3  # metres
 _LIMBS = ("upper_arm", "forearm", "thigh", "shin")
 
@@ -70,7 +70,7 @@ def _parsed(words: Iterator[str], name: str) -> SkeletonMotion:
     _expect(next(words) + next(words), "FrameTime:")
     frame_time = _number(next(words))
     numbers = np.array([_number(word) for word in words])
-    if not names or len(names) > _MOST_JOINTS or count * len(names) > max(len(numbers), 1):
+    if not names or len(names) > _MAX_JOINTS or count * len(names) > max(len(numbers), 1):
         raise ValueError(f"{len(numbers)} numbers for {count} frames of {len(names)} joints")
     columns = sum(map(len, channels))
     if columns and len(numbers) % columns == 0:  # some programs write one frame more than they state
@@ -90,7 +90,7 @@ def _parsed(words: Iterator[str], name: str) -> SkeletonMotion:
 
 def _number(word: str) -> float:
     value = float(word)
-    if not abs(value) <= BEYOND:
+    if not abs(value) <= NUMBER_LIMIT:
         raise ValueError(f"{word[:20]} is not finite, or too large to be true")
     return value
 

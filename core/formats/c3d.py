@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..errors import LandmarkError
 from ..numerics.arrays import Array
-from .reading import BEYOND, read_bytes, reading
+from .reading import NUMBER_LIMIT, read_bytes, reading
 from .trc import METRES, WORLD_OF_Y_UP, Landmarks
 
 UPRIGHT = ("auto", "z", "y")
@@ -107,7 +107,7 @@ def _landmarks(numbers: _Numbers, up: str, where: str) -> Landmarks:
     points = METRES[unit] * _points(numbers, _BLOCK * (start - 1), (frames, count, per_frame), scale)
     names = _names(point, count)
     rate = float(_first(point, "RATE", numbers.floats(20, 1)[0]))
-    if not 0 <= rate <= BEYOND:
+    if not 0 <= rate <= NUMBER_LIMIT:
         raise ValueError(f"a rate of {rate} frames per second")
     placed = points[:, : len(names)]
     return Landmarks(names, placed[..., WORLD_OF_Y_UP] if up == "y" else placed, rate)
@@ -190,7 +190,7 @@ def _points(numbers: _Numbers, place: int, counts: tuple[int, int, int], scale: 
     points = values.reshape(frames, row)[:, : 4 * count].reshape(frames, count, 4)
     # The residual of a point that was not seen is -1; some programs write NaN as its position.
     unseen = (points[..., 3] < 0) | np.isnan(points[..., :3]).any(axis=-1)
-    if not (np.abs(points[..., :3][~unseen]) <= BEYOND).all():
+    if not (np.abs(points[..., :3][~unseen]) <= NUMBER_LIMIT).all():
         raise ValueError("a coordinate is too large to be true")
     return np.where(unseen[..., None], np.nan, points[..., :3])
 

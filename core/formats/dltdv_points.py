@@ -16,7 +16,7 @@ import numpy as np
 from ..capture.capture import Markers
 from ..errors import CalibrationError
 from ..numerics.arrays import Array
-from .reading import BEYOND, read_text, reading
+from .reading import NUMBER_LIMIT, read_text, reading
 
 DIGITISED_SIGMA = 0.7
 """Standard deviation of a digitised coordinate, pixels."""
@@ -101,7 +101,7 @@ def _number(row: list[str], column: int, where: str) -> float:
         value = float(text) if text else np.nan
     except ValueError as error:
         raise CalibrationError(f"'{text[:40]}' is not a number", where=where) from error
-    if abs(value) > BEYOND:
+    if abs(value) > NUMBER_LIMIT:
         raise CalibrationError("a coordinate is too large to be true", where=where)
     return value
 

@@ -16,10 +16,10 @@ from ..shot.detections import Detections
 from ..shot.shot import Shot, View
 from .keypoint_documents import DetectedPerson, people, picture_number
 from .keypoint_layouts import HAND_NAMES, LAYOUTS, WHOLE_BODY, keypoint_layout
-from .reading import BEYOND, read_bytes, reading
+from .reading import NUMBER_LIMIT, read_bytes, reading
 
-_LARGEST = 10**15  # number of a frame or track: some programs number pictures by the time
-KNOWN = "OpenPose, COCO, AlphaPose, MMPose, MediaPipe or YOLO"
+_MAX_NUMBER = 10**15  # number of a frame or track: some programs number pictures by the time
+KNOWN_FORMATS = "OpenPose, COCO, AlphaPose, MMPose, MediaPipe or YOLO"
 
 
 def read_keypoints(
@@ -101,7 +101,7 @@ def _read(file: Path) -> list[DetectedPerson]:
     with reading(file, "a list of people", KeypointError, _SKIP):
         found = people(document)
         if found is None:
-            raise KeypointError("holds no keypoints", where=str(file), todo=f"known are files of {KNOWN}")
+            raise KeypointError("holds no keypoints", where=str(file), todo=f"known are files of {KNOWN_FORMATS}")
         for person in found:
             _check(person, file)
     return found
@@ -120,10 +120,10 @@ def _check(person: DetectedPerson, file: Path) -> None:
         raise KeypointError(f"a person has {count} keypoints, {len(person.names)} are named", where=str(file))
     if not all(type(v) is float or type(v) is int for v in person.values):
         raise KeypointError("a coordinate is not a number", where=str(file), todo=_SKIP)
-    if any(abs(v) > BEYOND for v in person.values):
+    if any(abs(v) > NUMBER_LIMIT for v in person.values):
         raise KeypointError("a coordinate is beyond all pictures", where=str(file), todo=_SKIP)
     for what, number in (("frame", person.frame or 0), ("number of a person", person.track)):
-        if abs(number) > _LARGEST:
+        if abs(number) > _MAX_NUMBER:
             raise KeypointError(f"a {what} has {len(str(abs(number)))} digits", where=str(file), todo=_SKIP)
 
 
@@ -133,7 +133,7 @@ def _numbered(found: list[DetectedPerson], file: Path) -> list[DetectedPerson]:
         return found
     try:
         frame = picture_number(file.name.replace("_keypoints", ""))
-        if frame > _LARGEST:
+        if frame > _MAX_NUMBER:
             raise ValueError(frame)
     except ValueError as error:
         todo = "name the files by the frames, as cam01_000012.json"

@@ -17,11 +17,11 @@ from ..capture.calibration_objects import LFRAME_BALLS, PERFORMER_POINTS, WAND_B
 from ..capture.capture import Capture, Markers
 from ..errors import CalibrationError
 from ..runtime.files import replacing
-from .reading import BEYOND, read_text, reading
+from .reading import NUMBER_LIMIT, read_text, reading
 
 TAKES = {"lframe": LFRAME_BALLS, "wand": WAND_BALLS, "performer": PERFORMER_POINTS}
 """Number of points of each take."""
-_MOST_COLUMNS = 100
+_MAX_COLUMNS = 100
 COLUMNS = ("camera", "take", "frame", "marker", "u", "v")
 USUAL_SIGMA = 0.5
 """Standard deviation of a coordinate if the file states none, pixels."""
@@ -67,7 +67,7 @@ def _rows(path: Path) -> Iterator[tuple[str, Mapping[str, str]]]:
     text = read_text(path, "the points", CalibrationError)
     reader = csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True)
     header = [name.strip() for name in reader.fieldnames or ()]
-    if len(header) > _MOST_COLUMNS:
+    if len(header) > _MAX_COLUMNS:
         raise CalibrationError(f"it has {len(header)} columns", where=str(path))
     for column in COLUMNS:
         if column not in header:
@@ -88,7 +88,7 @@ def _number(row: Mapping[str, str], column: str, where: str) -> float:
         raise CalibrationError(f"{column} '{row[column]}' is not a number", where=where) from error
     if not np.isfinite(value):
         raise CalibrationError(f"{column} '{row[column]}' is not a finite number", where=where)
-    if abs(value) > BEYOND:
+    if abs(value) > NUMBER_LIMIT:
         raise CalibrationError(f"{column} '{row[column]}' is too large to be true", where=where)
     return value
 

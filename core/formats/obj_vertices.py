@@ -8,9 +8,9 @@ import numpy as np
 
 from ..errors import BodyError
 from ..numerics.arrays import Array
-from .reading import BEYOND, read_text, reading
+from .reading import NUMBER_LIMIT, read_text, reading
 
-LEAST = 4
+MIN_VERTICES = 4
 """Number of vertices of the simplest solid, a tetrahedron."""
 
 
@@ -26,8 +26,8 @@ def read_obj_vertices(path: Path) -> Array:
     with reading(path, "an OBJ file", BodyError):
         lines = [line.split() for line in text.splitlines() if line.startswith(("v ", "v\t"))]
         vertices = np.array([[float(value) for value in words[1:4]] for words in lines])
-        if len(vertices) < LEAST or vertices.shape[1] != 3:
+        if len(vertices) < MIN_VERTICES or vertices.shape[1] != 3:
             raise ValueError(f"it has {len(vertices)} vertices of three coordinates")
-        if not (np.abs(vertices) < BEYOND).all():
+        if not (np.abs(vertices) < NUMBER_LIMIT).all():
             raise ValueError("a vertex is not finite, or too large to be true")
     return vertices

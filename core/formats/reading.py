@@ -20,11 +20,11 @@ from ..errors import KFMocapError, located
 
 Name = TypeVar("Name")
 
-MOST_BYTES = 1 << 30
+MAX_BYTES = 1 << 30
 """Largest file that is read; no legitimate file comes near."""
-DEEPEST = 100
+MAX_DEPTH = 100
 """Largest depth of nested lists and tables in a document."""
-BEYOND = 1e9
+NUMBER_LIMIT = 1e9
 """Upper limit to all numbers that are read: metres, pixels, frames."""
 _DAMAGE = (
     ArithmeticError,
@@ -41,7 +41,7 @@ _DAMAGE = (
     struct.error,
 )
 """Exceptions that Python and the libraries raise on damaged files."""
-_SHOWN = 120
+_SHOWN_CHARACTERS = 120
 
 
 @contextmanager
@@ -77,7 +77,7 @@ def reading(path: Path, what: str, error: type[KFMocapError], todo: str | None =
         raise error(f"is not {what}: it is nested too deeply", where=str(path), todo=todo) from problem
     except _DAMAGE as problem:
         kind = "" if isinstance(problem, ValueError) else f"{type(problem).__name__} "
-        reason = " ".join(f"{kind}{problem}".split())[:_SHOWN]
+        reason = " ".join(f"{kind}{problem}".split())[:_SHOWN_CHARACTERS]
         raise error(f"is not {what}, or not whole: {reason}", where=str(path), todo=todo) from problem
 
 
@@ -87,17 +87,17 @@ def read_bytes(path: Path, what: str, error: type[KFMocapError]) -> bytes:
     Raises
     ------
     KFMocapError
-        Of type `error`: the file cannot be read, is a folder or a device, or is larger than `MOST_BYTES`.
+        Of type `error`: the file cannot be read, is a folder or a device, or is larger than `MAX_BYTES`.
     """
     try:
         if path.exists() and not path.is_file():
             raise error(f"{what} cannot be read: it is not a file", where=str(path))
-        if path.stat().st_size > MOST_BYTES:
-            raise error(f"{what} cannot be read: it is larger than {MOST_BYTES >> 30} GB", where=str(path))
+        if path.stat().st_size > MAX_BYTES:
+            raise error(f"{what} cannot be read: it is larger than {MAX_BYTES >> 30} GB", where=str(path))
         return path.read_bytes()
     except (OSError, ValueError) as problem:
         reason = getattr(problem, "strerror", None) or problem
-        raise error(f"{what} cannot be read: {reason}", where=str(path)[:_SHOWN]) from problem
+        raise error(f"{what} cannot be read: {reason}", where=str(path)[:_SHOWN_CHARACTERS]) from problem
 
 
 def read_text(path: Path, what: str, error: type[KFMocapError]) -> str:
@@ -120,7 +120,7 @@ def first_repeated(names: Iterable[Name]) -> Name | None:
 
 
 def check_depth(text: str, path: Path, what: str, error: type[KFMocapError]) -> None:
-    """Check that lists and tables of a YAML or JSON document are not nested deeper than `DEEPEST`.
+    """Check that lists and tables of a YAML or JSON document are not nested deeper than `MAX_DEPTH`.
 
     Raises
     ------
@@ -129,5 +129,5 @@ def check_depth(text: str, path: Path, what: str, error: type[KFMocapError]) -> 
     """
     depth = np.cumsum([(c in "[{") - (c in "]}") for c in text if c in "[]{}"], dtype=np.int64)
     indented = max((len(line) - len(line.lstrip(" ")) for line in text.split("\n")), default=0)
-    if depth.max(initial=0) > DEEPEST or indented > 10 * DEEPEST:
+    if depth.max(initial=0) > MAX_DEPTH or indented > 10 * MAX_DEPTH:
         raise error(f"is not {what}: it is nested too deeply", where=str(path))

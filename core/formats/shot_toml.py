@@ -28,7 +28,7 @@ _TABLES = ("shot", "calibration", "view", "performer", "hold", "track")
 _VIEW = ("camera", "footage", "offset", "fields", "keypoints", "missing", "twice")
 _PERFORMER = ("name", "height", "landmarks", "keyframes", "keyposes", "person", "mesh", "fingers")
 _HOLD = ("prop", "holder", "part", "frames")
-_MOST_GAPS = 1000
+_MAX_GAPS = 1000
 
 
 def read_shot_spec(path: Path | str) -> ShotSpec:
@@ -107,8 +107,8 @@ def _gaps(table: Table) -> tuple[Gap, ...]:
     counts: Counter[int] = Counter()
     for key, each in (("missing", 1), ("twice", -1)):
         frames = table.integers(key, [])
-        if len(frames) > _MOST_GAPS:
-            raise table.error(key, f"{len(frames)} frames are more than {_MOST_GAPS}")
+        if len(frames) > _MAX_GAPS:
+            raise table.error(key, f"{len(frames)} frames are more than {_MAX_GAPS}")
         for frame in frames:
             if frame < 1 or counts[frame] * each < 0:
                 raise table.error(key, f"{frame} cannot be one of them", "number the footage's frames from 0")

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import KFMocapError, ShotError
-from .reading import BEYOND, read_text, reading
+from .reading import NUMBER_LIMIT, read_text, reading
 
 _REQUIRED: Any = object()
 _LONGEST_PATH, _LONGEST_NAME, _SHOWN = 4000, 255, 60
@@ -78,7 +78,7 @@ class Table:
         return value
 
     def number(self, key: str, default: Any = _REQUIRED) -> float:
-        """Return a finite number within `BEYOND`."""
+        """Return a finite number within `NUMBER_LIMIT`."""
         value: float = self.value(key, default)
         if key in self._values and not _is_number(value):
             raise self.error(key, f"must be a number, not {_shown(value)}")
@@ -110,11 +110,11 @@ class Table:
 
 
 def _is_integer(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and abs(value) <= BEYOND
+    return isinstance(value, int) and not isinstance(value, bool) and abs(value) <= NUMBER_LIMIT
 
 
 def _is_number(value: Any) -> bool:
-    return _is_integer(value) or (isinstance(value, float) and abs(value) <= BEYOND)
+    return _is_integer(value) or (isinstance(value, float) and abs(value) <= NUMBER_LIMIT)
 
 
 def _shown(value: Any) -> str:

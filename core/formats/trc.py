@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import LandmarkError
 from ..numerics.arrays import Array
 from ..runtime.files import replacing
-from .reading import BEYOND, first_repeated, read_text, reading
+from .reading import NUMBER_LIMIT, first_repeated, read_text, reading
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 """Metres per unit of a file."""
@@ -91,7 +91,7 @@ def _rate(header: dict[str, str], path: Path) -> float:
         rate = float(text)
     except ValueError:
         rate = np.nan
-    if not 0 <= rate <= BEYOND:
+    if not 0 <= rate <= NUMBER_LIMIT:
         raise LandmarkError(f"DataRate '{text[:40]}' is not a number of frames per second", where=f"{path} line 3")
     return rate
 
@@ -103,7 +103,7 @@ def _row(line: str, count: int, where: str) -> list[float]:
         values = [float(f) if f.strip() else np.nan for f in fields]
     except ValueError as error:
         raise LandmarkError(f"not a number: {str(error)[:80]}", where=where) from error
-    if any(abs(value) > BEYOND for value in values):
+    if any(abs(value) > NUMBER_LIMIT for value in values):
         raise LandmarkError("a coordinate is too large to be true", where=where)
     return values
 

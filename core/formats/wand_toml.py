@@ -17,7 +17,7 @@ from ..errors import CalibrationError, ShotError
 from ..numerics.arrays import Array
 from .dltdv_points import ORIGINS, from_bottom, is_dltdv_file, read_dltdv_points
 from .marker_points import TAKES, read_marker_points
-from .reading import BEYOND, first_repeated, reading
+from .reading import NUMBER_LIMIT, first_repeated, reading
 from .toml_tables import Table, read_toml
 
 _TABLES = ("lframe", "wand", "view", "points", "floor")
@@ -196,6 +196,6 @@ def _vectors(table: Table, key: str, shape: tuple[int, ...] | None) -> Array:
         raise table.error(key, f"has shape {values.shape}, not {wanted}")
     if not np.isfinite(values).all():
         raise table.error(key, "holds a value that is not a finite number")
-    if (np.abs(values) > BEYOND).any():
+    if (np.abs(values) > NUMBER_LIMIT).any():
         raise table.error(key, "holds a value too large to be true")
     return values

@@ -18,7 +18,7 @@ NormalSystems = tuple[Array, Array, Array]
 """Costs (n,), normal matrices (n, D, D) and gradients of half the costs (n, D) of n problems."""
 
 _FIRST_DAMPING = 1e-3  # share of the diagonal
-_LEAST_DAMPING = 1e-12
+_MIN_DAMPING = 1e-12
 _ROUNDING = 1e-12  # of a cost: steps that promise less cannot be tested
 
 
@@ -71,7 +71,7 @@ def minimise_each(
         for kept, new in zip((cost, A, g), there, strict=True):
             kept[taken] = new[better]
         shrink = np.clip(1 - (2 * np.minimum(share, 1.0) - 1) ** 3, 1 / 3, None)
-        damping[active] = np.maximum(damping[active] * np.where(better, shrink, growth[active]), _LEAST_DAMPING)
+        damping[active] = np.maximum(damping[active] * np.where(better, shrink, growth[active]), _MIN_DAMPING)
         growth[active] = np.where(better, 2.0, 2 * growth[active])
         active = active[~done]
     return x

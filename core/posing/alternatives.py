@@ -24,22 +24,22 @@ from ..numerics import rotations
 from ..numerics.arrays import Array
 from .depth import leading_part
 
-LIMBS = tuple((side + a, side + b) for side in "LR" for a, b in (("Elbow", "Wrist"), ("Knee", "Ankle")))
+LIMB_LANDMARKS = tuple((side + a, side + b) for side in "LR" for a, b in (("Elbow", "Wrist"), ("Knee", "Ankle")))
 """Landmarks at the ends of the two bones of each limb."""
-TWISTS = 36
+TRIED_TWISTS = 36
 """Number of twists of an upper bone that are tried: one view hardly shows them; the next joint's limits decide."""
-EASE = 1.0
+REST_SIGMA = 1.0
 """Standard deviation of a joint's rotation from rest, radians."""
-UNBALANCED = 0.1
+BALANCE_SIGMA = 0.1
 """Standard deviation of the horizontal distance between the centre of mass and the feet, metres."""
 MOVEMENT, SPEED = 0.05, 0.7
 """Standard deviation of a joint's distance from its position in a known pose: at the same time, metres, and growing
 with time, metres/s."""
-ALIKE = 0.05
+SAME_POSE_DISTANCE = 0.05
 """Poses count as the same if no joint of their limbs differs by more than this, metres."""
-CLEARLY = 10.0
+CLEAR_MARGIN = 10.0
 """By how much a pose is clearly likelier than another, in squared standard deviations."""
-_SAME = 1e-6  # radians, metres: rounding
+_ROUNDING = 1e-6  # radians, metres: rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,13 +70,13 @@ class Alternatives:
         turned = pose[[0] * len(self.poses)].difference(self.poses)
         apart = np.abs(turned).max(axis=1)
         nearest = int(np.argmin(apart))
-        return nearest if apart[nearest] < _SAME else None
+        return nearest if apart[nearest] < _ROUNDING else None
 
     def first_to_show(self, now: int | None) -> int:
         """Return the number of the pose to show first: the present one, which fits the picture best, unless the
-        likeliest is so by more than `CLEARLY`.
+        likeliest is so by more than `CLEAR_MARGIN`.
         """
-        return now if now is not None and self.energy[now] - self.energy[0] <= CLEARLY else 0
+        return now if now is not None and self.energy[now] - self.energy[0] <= CLEAR_MARGIN else 0
 
 
 def alternative_poses(
@@ -105,7 +105,7 @@ def alternative_poses(
         Largest number of poses.
     """
     free = np.ones(len(body), bool) if held is None else ~held[3:].reshape(-1, 3).any(axis=1)
-    found = [_LimbDepths.of(body, pose, centre_world, names, free) for names in LIMBS]
+    found = [_LimbDepths.of(body, pose, centre_world, names, free) for names in LIMB_LANDMARKS]
     limbs = [limb for limb in found if limb is not None]
     choices = list(product(*(range(len(limb.turns)) for limb in limbs)))
     Q = np.repeat(pose.rotations, len(choices), axis=0)
@@ -124,7 +124,7 @@ def implausibility(body: Body, poses: Motion, neighbours: Sequence[Neighbour] = 
     up), and with the distance of joints from their positions in known poses.
     """
     turns = rotations.log(poses.rotations[:, 1:])
-    energy = _strain(turns, body.limits[1:]) + (_off_balance(body, poses) / UNBALANCED) ** 2
+    energy = _strain(turns, body.limits[1:]) + (_off_balance(body, poses) / BALANCE_SIGMA) ** 2
     names = _limb_landmarks(body)
     for near in neighbours:
         apart = landmark_positions(body, poses, names) - landmark_positions(body, near.pose, names)
@@ -197,7 +197,7 @@ def _turned(body: Body, R: Array, parts: list[int], was: Array, bones: Array) ->
     upper, lower, *last = parts
     above = R[body.parents[upper]] @ body.R_parent_rest[upper]
     direction = bones[0] / np.linalg.norm(bones[0])
-    twists = np.linspace(-np.pi, np.pi, TWISTS, endpoint=False)[:, None] * direction
+    twists = np.linspace(-np.pi, np.pi, TRIED_TWISTS, endpoint=False)[:, None] * direction
     R_upper = rotations.exp(twists) @ _aligning(was[0], bones[0]) @ R[upper]
     # The lower bone keeps its rotation relative to the upper one, then turns the shortest way.
     carried = R_upper @ R[upper].T
@@ -215,11 +215,11 @@ def _strain(turns: Array, limits: Array) -> Array:
     squared standard deviations, shape (F,).
     """
     beyond = turns - np.clip(turns, limits[..., 0], limits[..., 1])
-    return np.asarray(np.sum((beyond / LIMIT_SIGMA) ** 2 + (turns / EASE) ** 2, axis=(1, 2)))
+    return np.asarray(np.sum((beyond / LIMIT_SIGMA) ** 2 + (turns / REST_SIGMA) ** 2, axis=(1, 2)))
 
 
 def _limb_landmarks(body: Body) -> list[str]:
-    return [name for names in LIMBS for name in names if name in body.landmarks]
+    return [name for names in LIMB_LANDMARKS for name in names if name in body.landmarks]
 
 
 def _aligning(a: Array, b: Array) -> Array:
@@ -257,7 +257,7 @@ def _distinct(body: Body, poses: Motion, order: NDArray[np.intp], count: int) ->
     kept: list[int] = []
     for i in order:
         apart = np.linalg.norm(points[kept] - points[i], axis=-1) if kept else np.empty((0, 1))
-        if not kept or (apart.max(axis=1) > ALIKE).all():
+        if not kept or (apart.max(axis=1) > SAME_POSE_DISTANCE).all():
             kept.append(int(i))
         if len(kept) == count:
             break

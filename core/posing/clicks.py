@@ -32,24 +32,24 @@ from ..numerics.banded_blocks import BandedBlocks, block_diagonal, with_translat
 from ..numerics.least_squares import Damping, StoppingRule, minimise
 from ..numerics.normal_equations import BandedEquations
 from ..runtime.threads import one_library_thread
-from .standing import COST, FLOATING, is_from_one_view, lowest_point, steps_to_floor
+from .standing import FLOATING_COST, FLOATING_HEIGHT, is_from_one_view, lowest_point, steps_to_floor
 
-CLICK_DEVIATION = 0.008
+CLICK_SIGMA = 0.008
 """Standard deviation of a click, metres across the ray: a pixel or two if the person fills the picture."""
-MOVEMENT_DEVIATION = 0.05
+MOVEMENT_SIGMA = 0.05
 """Standard deviation of the whole body's movement from the given pose, metres. A joint's rotation is weighted by the
 radius at which the whole body would have to turn to move as much."""
-LEAST_RADIUS = 0.03
+MIN_RADIUS = 0.03
 """Least such radius, metres, so that hands and feet, too, turn no more than necessary."""
-DEPTH_DEVIATION = 0.1
+DEPTH_SIGMA = 0.1
 """Standard deviation of the depth of a landmark clicked in one view alone, metres."""
 STEPS, FEW = 40, 10
 """Largest number of steps of a fit, and of a trial fit that is only compared with others."""
-LEAST_GAIN = 1e-4
+MIN_GAIN = 1e-4
 """A fit ends when a step lowers the energy by less than this, relative."""
-POOR = 10.0
+MAX_CLICK_ENERGY = 10.0
 """Energy per click, in squared standard deviations, above which other starting poses are tried."""
-ENOUGH = 4
+MIN_CLICKS = 4
 """Number of clicks that is enough to show which way the body faces."""
 
 
@@ -177,22 +177,22 @@ class ClickSolver:
             return self._fitted(clicks, ClickFit(self.given, self.given) if start is None else start, steps, search)
 
     def _fitted(self, clicks: Keypoints, begin: ClickFit, steps: int, search: bool) -> ClickFit:
-        problem = _Problem(self.body, clicks, self._held, begin.given, self._precision, 1 / DEPTH_DEVIATION**2)
+        problem = _Problem(self.body, clicks, self._held, begin.given, self._precision, 1 / DEPTH_SIGMA**2)
         best = problem.descended(begin.pose, steps)
         count = clicks.confidence.sum()
-        if search and count >= ENOUGH and best.energy > POOR * count and not self._held[0, :6].any():
+        if search and count >= MIN_CLICKS and best.energy > MAX_CLICK_ENERGY * count and not self._held[0, :6].any():
             others = [replace(problem, given=g).descended(g, FEW) for g in self._elsewhere(problem)]
             other = min(others, key=lambda fit: fit.energy)
             if other.energy < best.energy:
                 best = replace(problem, given=other.given).descended(other.pose, steps)
-        return self._standing(problem, best, steps) if search and count >= ENOUGH else best
+        return self._standing(problem, best, steps) if search and count >= MIN_CLICKS else best
 
     def _standing(self, problem: _Problem, fit: ClickFit, steps: int) -> ClickFit:
         """Return a fit in one view; if it floats above the floor, one that stands there and fits nearly as well."""
         if self.floor is None or self._held[0, :6].any() or not is_from_one_view(problem.clicks):
             return fit
         height = self._height(fit.pose)
-        if height < FLOATING:
+        if height < FLOATING_HEIGHT:
             return fit
         found = []
         for step in steps_to_floor(self.body, problem.clicks, fit.pose, self.floor):
@@ -200,7 +200,7 @@ class ClickSolver:
             found.append(replace(problem, given=given).descended(pose, steps))
         standing = [other for other in found if abs(self._height(other.pose)) < height / 2]
         best = min(standing, key=lambda other: other.energy, default=fit)
-        return best if best.energy < fit.energy + COST else fit
+        return best if best.energy < fit.energy + FLOATING_COST else fit
 
     def _height(self, pose: Motion) -> float:
         """Return how high the lowest point of a pose is above the floor, metres."""
@@ -221,7 +221,7 @@ class ClickSolver:
             found.append(rigid.descended(rigid.nearest(Motion(self.given.translations, Q)), FEW).pose)
         points, _ = triangulate(problem.clicks)
         known = [i for i, name in enumerate(problem.clicks.names) if name in self.body.landmarks]
-        if np.isfinite(points[0, known]).all(axis=-1).sum() >= ENOUGH:
+        if np.isfinite(points[0, known]).all(axis=-1).sum() >= MIN_CLICKS:
             found.append(fit_poses(self.body, [problem.clicks.names[i] for i in known], points[:, known]))
         # Held joints keep their given rotations, whatever the search proposes.
         return [self.given.moved(np.where(self._held, 0.0, self.given.difference(pose))) for pose in found]
@@ -240,7 +240,7 @@ class _Problem:
 
     def descended(self, pose: Motion, steps: int) -> ClickFit:
         """Run Levenberg-Marquardt from a pose."""
-        stopping: StoppingRule[Motion] = StoppingRule(iterations=steps, relative_gain=LEAST_GAIN)
+        stopping: StoppingRule[Motion] = StoppingRule(iterations=steps, relative_gain=MIN_GAIN)
         found = minimise(pose, self._linearised, _moved, damping=Damping(initial=1e-3), stopping=stopping)
         misses = np.linalg.norm(self._residuals(part_poses(self.body, found.state)), axis=-1)[self._seen]
         return ClickFit(found.state, self.given, float(np.sqrt(np.mean(misses**2))), found.cost)
@@ -269,7 +269,7 @@ class _Problem:
 
     def _linearised(self, pose: Motion) -> BandedEquations:
         poses = part_poses(self.body, pose)
-        weights = self.clicks.confidence / CLICK_DEVIATION**2
+        weights = self.clicks.confidence / CLICK_SIGMA**2
         blocks = keypoint_system(self.body, poses, self.clicks, self._places, weights).blocks
         blocks = blocks + posture_prior(self.body, pose, rest=False) + movement(self.given, pose, self.precision)
         blocks = blocks + self._depths(poses)
@@ -295,7 +295,7 @@ def movement_precision(body: Body) -> Array:
     """Return the inverse variance of every degree of freedom's movement, shape (D,): the inertia of what it moves.
 
     The body's mass is its volume, spread over the vertices of each part's polyhedron. The inertia is about the joint in
-    the rest pose, relative to the body's mass, and at least `LEAST_RADIUS` squared.
+    the rest pose, relative to the body's mass, and at least `MIN_RADIUS` squared.
     """
     volume = np.array([ConvexHull(part.vertices).volume for part in body.parts])
     volume /= volume.sum()
@@ -305,8 +305,8 @@ def movement_precision(body: Body) -> Array:
             part = body.parts[below]
             reach = part.vertices @ part.R_world_rest.T + part.head_world - joint.head_world
             inertia[k] += volume[below] * np.mean(np.sum(reach**2, axis=1))
-    turns = np.maximum(inertia, LEAST_RADIUS**2)
-    return np.asarray(np.concatenate([np.ones(3), np.repeat(turns, 3)]) / MOVEMENT_DEVIATION**2)
+    turns = np.maximum(inertia, MIN_RADIUS**2)
+    return np.asarray(np.concatenate([np.ones(3), np.repeat(turns, 3)]) / MOVEMENT_SIGMA**2)
 
 
 def movement(given: Motion, pose: Motion, precision: Array) -> BandedBlocks:

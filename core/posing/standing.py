@@ -15,12 +15,12 @@ from ..body.motion import Motion
 from ..keypoints.keypoint_rays import Keypoints
 from ..numerics.arrays import Array
 
-FLOATING = 0.15
+FLOATING_HEIGHT = 0.15
 """Height of the lowest point of a body above the floor, metres, from which it is taken to float by mistake."""
-COST = 30.0
+FLOATING_COST = 30.0
 """By how much a pose on the floor may fit the clicks worse than one that floats, in squared standard deviations."""
 _FEET = {"LAnkle": "foot.L", "RAnkle": "foot.R"}
-_LEVEL = 0.05
+_MIN_SLOPE = 0.05
 """Least slope of a ray that meets the floor."""
 
 
@@ -57,7 +57,7 @@ def steps_to_floor(body: Body, clicks: Keypoints, pose: Motion, floor: float) ->
         if name not in _FEET or name not in body.landmarks or not clicks.confidence[view, 0, i]:
             continue
         ray = R.T @ np.append(clicks.rays[view, 0, i], 1.0)
-        distance = (floor + _height_at_rest(body, name) - centre[2]) / ray[2] if abs(ray[2]) > _LEVEL else -1.0
+        distance = (floor + _height_at_rest(body, name) - centre[2]) / ray[2] if abs(ray[2]) > _MIN_SLOPE else -1.0
         if distance > 0:
             yield centre + distance * ray - landmark_positions(body, pose, [name])[0, 0]
 

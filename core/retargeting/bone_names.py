@@ -28,9 +28,9 @@ _FAMILIES: tuple[frozenset[str], ...] = tuple(
 )
 """Sets of kinds of bones among which a skeleton is searched for, in order. Bones moved by constraints come before
 controls, which are found later by moving them."""
-_ON_GROUND = 0.05
+_GROUND_SHARE = 0.05
 """Share of the hips' height below which a bone stands on the ground."""
-_MOST = {"spine": 9, "neck": 9, **dict.fromkeys(FINGERS, 3)}
+_MAX_BONES = {"spine": 9, "neck": 9, **dict.fromkeys(FINGERS, 3)}
 
 Named = Mapping[str, list[int]]
 
@@ -57,7 +57,7 @@ def _roles(
         if name.part and (name.kind in kinds or name.part == "root"):
             parts[name.side].setdefault(name.part, []).append(j)
     central = {role: parts[""][role][:1] for role in ("root", "hips", "head") if role in parts[""]}
-    central |= {role: tree.chain(parts[""][role], _MOST[role]) for role in ("spine", "neck") if role in parts[""]}
+    central |= {role: tree.chain(parts[""][role], _MAX_BONES[role]) for role in ("spine", "neck") if role in parts[""]}
     found = dict(central)
     for side in SIDES:
         limbs = _leg(parts[side], tree) | _arm(parts[side], tree) | _fingers(parts[side], names, tree)
@@ -75,7 +75,7 @@ def _root(rest: RestSkeleton, named: Sequence[int], hips: Sequence[int], tree: S
     if not hips:
         return list(named[:1])
     above, heights = tree.above(hips[0]), rest.heads[:, 2] - rest.heads[:, 2].min()
-    on_ground = [j for j in above if heights[j] < _ON_GROUND * heights[hips[0]]]
+    on_ground = [j for j in above if heights[j] < _GROUND_SHARE * heights[hips[0]]]
     beside = [j for j in named if not tree.is_above(hips[0], j)]
     return [j for j in named if j in above][:1] or beside[:1] or on_ground[:1]
 
@@ -112,7 +112,7 @@ def _arm(parts: Named, tree: SkeletonTree) -> dict[str, list[int]]:
 
 def _fingers(parts: Named, names: Sequence[BoneName], tree: SkeletonTree) -> dict[str, list[int]]:
     """Return the fingers of one side, by their names or by numbers from the thumb on."""
-    found = {finger: tree.chain(parts[finger], _MOST[finger]) for finger in FINGERS if finger in parts}
+    found = {finger: tree.chain(parts[finger], _MAX_BONES[finger]) for finger in FINGERS if finger in parts}
     numbered: dict[int, list[int]] = {}
     for j in parts.get("finger", []):
         numbered.setdefault(int(names[j].digits[0]), []).append(j)

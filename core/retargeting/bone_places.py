@@ -13,7 +13,7 @@ from .bone_words import read_name
 from .skeleton_tree import SkeletonTree
 
 _SYMMETRY = 0.03  # of the height: largest distance of a bone's partner from its mirror image
-_MINIMUM = 0.08  # of the height: least length of a thigh, shin, upper arm or forearm
+_MIN_LENGTH = 0.08  # of the height: least length of a thigh, shin, upper arm or forearm
 
 
 def roles_by_place(rest: RestSkeleton) -> dict[str, tuple[str, ...]]:
@@ -40,7 +40,7 @@ def roles_by_place(rest: RestSkeleton) -> dict[str, tuple[str, ...]]:
     for branch in (legs, arms):
         for one in branch:
             left = float(np.cross(np.array([0.0, 0.0, 1.0]), forward) @ (rest.heads[one] - _middle(rest, branch))) > 0
-            limb = _limb_roles(rest, one, branch == arms, lateral, _MINIMUM * height)
+            limb = _limb_roles(rest, one, branch == arms, lateral, _MIN_LENGTH * height)
             found |= {f"{role}.{'L' if left else 'R'}": (rest.names[j],) for role, j in limb.items()}
     found |= _trunk(rest, legs[0], arms[0])
     return found

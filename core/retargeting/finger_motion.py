@@ -11,9 +11,9 @@ from ..numerics.arrays import Array
 from .rest_alignment import palm_axes, shortest_turn
 from .roles import FINGERS, SIDES, BoneMap
 
-SMOOTHING = 0.04
+SMOOTHING_TIME = 0.04
 """Time scale of smoothing, seconds: detected fingers jitter by a few pixels from frame to frame."""
-UNSEEN = 0.01
+UNSEEN_WEIGHT = 0.01
 """Weight of frames without data, which are interpolated linearly: it keeps the smooth curve from overshooting in
 gaps."""
 _BONES, _SECOND = 3, (1.0, -2.0, 1.0)
@@ -64,11 +64,11 @@ def _smooth(directions: Array, fps: float) -> Array:
     filled = np.stack([np.interp(np.arange(F), at, directions[at, a]) for a in range(3)], axis=1)
     if F > 2:
         A = np.zeros((3, F))  # upper bands
-        A[2] = np.where(known, 1.0, UNSEEN)
+        A[2] = np.where(known, 1.0, UNSEEN_WEIGHT)
         for i, a in enumerate(_SECOND):
             for j, b in enumerate(_SECOND[i:], start=i):
-                A[2 - (j - i), j : F - 2 + j] += (SMOOTHING * fps) ** 4 * a * b
-        filled = solveh_banded(A, np.where(known, 1.0, UNSEEN)[:, None] * filled)
+                A[2 - (j - i), j : F - 2 + j] += (SMOOTHING_TIME * fps) ** 4 * a * b
+        filled = solveh_banded(A, np.where(known, 1.0, UNSEEN_WEIGHT)[:, None] * filled)
     return np.asarray(filled / np.maximum(np.linalg.norm(filled, axis=1, keepdims=True), 1e-12))
 
 

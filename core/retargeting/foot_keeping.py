@@ -25,11 +25,11 @@ from .transfer import Placement, leg_length
 HEEL, BALL = 0, 1
 """Indices of a sole's points."""
 _HEEL_BACK = 0.3  # of the horizontal distance from ankle to ball: from the ankle back to the heel, if it is unknown
-_FOOT = 0.17  # of the leg length: from the ankle to the ball, if it is unknown
+_FOOT_LENGTH = 0.17  # of the leg length: from the ankle to the ball, if it is unknown
 _SAME_FOOT = 0.03  # relative: foot lengths this close to proportional to the legs are taken to be exactly so
-_FADE = 0.25  # seconds over which a correction fades
-_BRIDGE = 1.0  # seconds: over shorter swings a correction is interpolated to the next plant's
-_SNAP = 0.06  # of the leg length: plants within this height stand on the floor
+_FADE_TIME = 0.25  # seconds over which a correction fades
+_MAX_BRIDGED_TIME = 1.0  # seconds: over shorter swings a correction is interpolated to the next plant's
+_FLOOR_TOLERANCE = 0.06  # of the leg length: plants within this height stand on the floor
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ def foot_paths(
         [ankle] = source.rest.indices(of_source.bones[f"foot.{side}"])
         offsets = sole_offsets(source.rest, of_source, side)
         if offsets is None:
-            forward = _FOOT * leg * (facing(source.rest, of_source) @ [0.0, -1.0, 0.0])
+            forward = _FOOT_LENGTH * leg * (facing(source.rest, of_source) @ [0.0, -1.0, 0.0])
             down = np.array([0.0, 0.0, source.rest.ground - source.rest.heads[ankle, 2]])
             offsets = np.stack([down - _HEEL_BACK * forward, down + forward])
         points = source.positions[:, None, ankle] + np.einsum("fij,cj->fci", source.turns[:, ankle], offsets)
@@ -141,7 +141,7 @@ def foot_goals(
             floor = float(placement.moved(np.array([0.0, 0.0, path.floor]))[2])
             leg = leg_length(rig.rest, rig.bones)
             turns[:, ankle] = _flattened(turns[:, ankle], path.planted.all(axis=1), offsets, motion.fps)
-            points = _still(points, path.planted, floor, _SNAP * leg)
+            points = _still(points, path.planted, floor, _FLOOR_TOLERANCE * leg)
         ways = np.einsum("fij,cj->fci", turns[:, ankle], offsets)
         wanted = _ankle_path(points, path.planted, ways, poses.places[:, ankle])
         held = path.planted.any(axis=1)
@@ -199,12 +199,12 @@ def spread(shift: Array, held: Bools, fps: float) -> Array:
     if held.all() or not held.any():
         return shift
     found = np.where(held[:, None], shift, 0.0)
-    fade = max(_FADE * fps, 1.0)
+    fade = max(_FADE_TIME * fps, 1.0)
     for first, last in runs(~held):
         frames = np.arange(first, last + 1)
         before = shift[first - 1] if first > 0 else None
         after = shift[last + 1] if last + 1 < len(shift) else None
-        if before is not None and after is not None and len(frames) <= _BRIDGE * fps:
+        if before is not None and after is not None and len(frames) <= _MAX_BRIDGED_TIME * fps:
             w = _ease((frames - first + 1) / (len(frames) + 1))[:, None]
             found[frames] = (1 - w) * before + w * after
             continue

@@ -21,7 +21,7 @@ def _shape(thumb: _Bends, index: _Bends, others: _Bends) -> Mapping[str, _Bends]
     return MappingProxyType({"thumb": thumb, "index": index, **dict.fromkeys(("middle", "ring", "pinky"), others)})
 
 
-BENDS: Mapping[str, Mapping[str, _Bends]] = MappingProxyType(
+FLEXIONS: Mapping[str, Mapping[str, _Bends]] = MappingProxyType(
     {
         "flat": _shape((0, 0, 0), (0, 0, 0), (0, 0, 0)),
         "relaxed": _shape((5, 10, 10), (15, 25, 15), (20, 30, 20)),
@@ -70,6 +70,6 @@ def finger_turns(rest: RestSkeleton, bones: BoneMap, side: str, shape: str, amou
             axis = np.cross(along, inward - across if finger == "thumb" else inward)
             length = np.linalg.norm(axis)
             if np.isfinite(length) and length > 0:
-                angle = amount * np.radians(BENDS[shape][finger][k])
+                angle = amount * np.radians(FLEXIONS[shape][finger][k])
                 found[rest.names[j]] = rotations.exp(angle * axis / length)
     return found

@@ -13,9 +13,9 @@ from ..numerics.arrays import Array, Bools
 from .control_rig import ControlRig, RigPoses, carried
 from .rest_alignment import shortest_turn
 
-_STRETCHED = 1 - 1e-9
+_MAX_STRETCH = 1 - 1e-9
 _SLACK = 1e-6
-_SETTLE = 0.2  # seconds over which the hips are lowered
+_LOWERING_TIME = 0.2  # seconds over which the hips are lowered
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ def _lowered(poses: RigPoses, goals: list[LimbGoal], places: list[Array], fps: f
         drop = np.maximum(drop, np.where(goal.held & far, way[:, 2] - high, 0.0))
     if not (drop > 0).any():
         return np.zeros((len(poses), 3))
-    frames = max(_SETTLE * fps, 1.0)
+    frames = max(_LOWERING_TIME * fps, 1.0)
     smooth = gaussian_filter1d(maximum_filter1d(drop, 2 * round(1.5 * frames) + 1), frames / 2, truncate=3.0)
     return np.stack([0 * smooth, 0 * smooth, smooth], axis=1)
 
@@ -106,7 +106,7 @@ def two_bone_turns(root: Array, middle: Array, end: Array, goal: Array) -> tuple
     way = goal - root
     far = np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
     u = way / far
-    d = np.clip(far, np.abs(a - b) * (1 + 1e-6) + 1e-9, (a + b) * _STRETCHED)
+    d = np.clip(far, np.abs(a - b) * (1 + 1e-6) + 1e-9, (a + b) * _MAX_STRETCH)
     aim = shortest_turn(_unit(end - root), u)
     upper, lower = (np.einsum("fij,fj->fi", aim, v) for v in (middle - root, end - middle))
     bend = upper - u * np.sum(upper * u, axis=1, keepdims=True)

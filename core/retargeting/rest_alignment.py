@@ -18,7 +18,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 _NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shin", "shin": "foot", "foot": "toe"}
 _LEAST_TOES, _TOES = 0.2, 0.5
 """Least length of toes that is not arbitrary, and usual length, in units of the distance from ankle to ball."""
-_STRAY = np.cos(np.radians(40))  # at a larger angle to the forearm, the tail of a hand's bone is arbitrary
+_STRAY_COSINE = np.cos(np.radians(40))  # at a larger angle to the forearm, the tail of a hand's bone is arbitrary
 
 
 def alignments(
@@ -142,7 +142,7 @@ def _hand(source: Rig, target: Rig, role: str, above: Array) -> Array:
     ways = []
     for rig in (source, target):
         along = direction(*rig, role)
-        if along @ direction(*rig, f"forearm.{side}") < _STRAY:
+        if along @ direction(*rig, f"forearm.{side}") < _STRAY_COSINE:
             return above
         ways.append(along)
     return _aligned(above, ways[1], ways[0])

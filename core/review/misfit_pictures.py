@@ -18,7 +18,7 @@ from ..evidence.misfit import NEAR
 from ..evidence.rendering.label_images import render_labels
 from ..evidence.rendering.part_geometry import Geometry
 from ..evidence.view_frames import ViewFrames
-from ..shot.footage import PICTURE_SIZE, frames_at, working_factor
+from ..shot.footage import MAX_PICTURE_SIDE, frames_at, working_factor
 from ..shot.footage_faults.footage_checks import check_view
 from ..shot.frame_numbers import shown_delay
 from ..shot.shot import Shot, View
@@ -78,7 +78,7 @@ def misfit_picture(shot: Shot, view: View, motions: Sequence[Motion], frame: int
     if not keys:
         raise ShotError("there is no key pose of the whole body around it", where=where, todo="set one, and track")
     frames = sorted({*keys, frame})
-    camera = view.camera.reduced(factor := working_factor(view, PICTURE_SIZE)).rectified()
+    camera = view.camera.reduced(factor := working_factor(view, MAX_PICTURE_SIDE)).rectified()
     check_view(view, shot.frames[0], shot.length)
     colour = np.stack(list(frames_at(view, [shot.frames[0] + f for f in frames], factor, grey=False)))
     bodies = [performer.body for performer in shot.performers]

@@ -36,13 +36,13 @@ SHEET_WIDTH = 2400
 COLUMNS = 7
 """Number of pictures side by side."""
 _CELL_HEIGHT = 460
-_GAP = 4
+_CELL_SPACING = 4
 _MARGIN = 1.2
-_LARGEST_ZOOM = 1.5
+_MAX_ZOOM = 1.5
 _WHITE, _HIDDEN, _KEY = (255, 255, 255), (150, 150, 150), (0, 215, 255)
 _BACKGROUND = 24
 _SUBPIXEL_BITS = 4
-_SPACING = 1.5
+_POINT_SPACING = 1.5
 
 
 def sheet_frames(shot: Shot) -> list[int]:
@@ -94,7 +94,7 @@ def contact_sheet(
     bodies = [without_hidden_solids(performer.body, performer.unknown) for performer in shot.performers]
     geometry = Geometry.of(bodies)
     poses = [scene_poses(bodies, poses_after(motions, shown_delay(view, shot.settings), chosen)) for view in shot.views]
-    width = (SHEET_WIDTH + _GAP) // max(len(chosen), 3) - _GAP
+    width = (SHEET_WIDTH + _CELL_SPACING) // max(len(chosen), 3) - _CELL_SPACING
     rows = []
     kept: Sequence[Mapping[int, Image] | None] = pictures or [None] * len(shot.views)
 
@@ -117,8 +117,8 @@ def picture_cells(
     Parameters are those of `contact_sheet`; frames are increasing.
     """
     sheet = contact_sheet(replace(shot, views=shot.views[:1]), motions, frames, progress, labelled=False)
-    step = (SHEET_WIDTH + _GAP) // max(len(frames), 3)
-    return [sheet[:, k * step : (k + 1) * step - _GAP] for k in range(len(frames))]
+    step = (SHEET_WIDTH + _CELL_SPACING) // max(len(frames), 3)
+    return [sheet[:, k * step : (k + 1) * step - _CELL_SPACING] for k in range(len(frames))]
 
 
 def write_contact_sheet(path: Path, sheet: Image) -> None:
@@ -152,7 +152,7 @@ def _row(
     camera = view.camera.rectified()
     boxes = [_framing(camera, f, geometry, R[k], T[k]) for k, f in enumerate(frames)]
     height = round(np.clip(np.max([e[1] / e[0] for _, e in boxes]) * width, 0.7 * width, _CELL_HEIGHT))
-    factors = [max(e[0] / width, e[1] / height, 1 / _LARGEST_ZOOM) for _, e in boxes]
+    factors = [max(e[0] / width, e[1] / height, 1 / _MAX_ZOOM) for _, e in boxes]
     images: Iterable[Image]
     if pictures is None:
         images = frames_at(view, [shot.frames[0] + f for f in frames], max(min(factors), 1.0), grey=False)
@@ -169,7 +169,7 @@ def _row(
         if labelled:
             _label(cell, view.camera.name, shot.frames[0] + frame, frame in keys)
         cells.append(cell)
-    gap = np.full((height, _GAP, 3), _BACKGROUND, np.uint8)
+    gap = np.full((height, _CELL_SPACING, 3), _BACKGROUND, np.uint8)
     return np.hstack([part for cell in cells for part in (cell, gap)][:-1])
 
 
@@ -210,10 +210,10 @@ def draw_outlines(image: Image, geometry: Geometry, camera: Camera, *, frame: in
 
 
 def _resampled(corners: NDArray[Any]) -> Array:
-    """Return points along a closed polygon, `_SPACING` pixels apart, shape (N, 2)."""
+    """Return points along a closed polygon, `_POINT_SPACING` pixels apart, shape (N, 2)."""
     closed = np.vstack([corners, corners[:1]])
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-    at = np.linspace(0, length[-1], max(8, int(length[-1] / _SPACING)))
+    at = np.linspace(0, length[-1], max(8, int(length[-1] / _POINT_SPACING)))
     return np.stack([np.interp(at, length, closed[:, c]) for c in range(2)], axis=1)
 
 
@@ -262,5 +262,5 @@ def _label(cell: Image, camera: str, frame: int, key: bool) -> None:
 
 
 def _stacked(rows: list[Image]) -> Image:
-    gap = np.full((_GAP, rows[0].shape[1], 3), _BACKGROUND, np.uint8)
+    gap = np.full((_CELL_SPACING, rows[0].shape[1], 3), _BACKGROUND, np.uint8)
     return np.vstack([part for row in rows for part in (row, gap)][:-1])

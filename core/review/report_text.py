@@ -12,7 +12,7 @@ from ..shot.frame_numbers import footage_offset_text
 from ..tracking.footage_gaps import FoundGap
 from ..tracking.late_views import LateView
 
-_MOST_LISTED = 10
+_MAX_LISTED = 10
 _RATE_TOLERANCE = 5e-4  # 29.97 and 30 frames per second differ by twice as much
 
 
@@ -103,7 +103,7 @@ def rate_text(rate: float, fps: float) -> str:
 
 def torn_text(frames: Sequence[int]) -> str:
     """Return a text that names the frames of a view which do not continue the one before."""
-    shown = listed(frames, _MOST_LISTED)
+    shown = listed(frames, _MAX_LISTED)
     return (
         "pictures that do not continue from the one before (damaged, repeated or missing, or the light changed) were "
         f"given no weight: on or before frames {shown}; where some are missing, what follows comes early in this view; "

@@ -19,21 +19,21 @@ from ..numerics.arrays import Array, Ints
 from ..shot.shot import KeyPoses
 from ..tracking.expected_errors.uncertainty import expected_errors, joint_parts
 
-APART = 5
+MIN_SPACING = 5
 """Least distance of a suggested key frame from other key frames, frames."""
-MOST_HIDDEN = 6
+MAX_HIDDEN_SUGGESTIONS = 6
 """Largest number of key frames suggested for one performer because parts are hidden."""
-GLIMPSE = 3
+MIN_VISIBLE_FRAMES = 3
 """Number of frames for which a part must be visible to be posed there."""
-REACH = 5
+MAX_FRAME_DISTANCE = 5
 """Largest distance of a suggested key frame from the frames on which a part is hidden, frames."""
-MOST_UNCERTAIN = 5
+MAX_ERROR_SUGGESTIONS = 5
 """Largest number of key frames suggested for one performer because of the expected error."""
-NAMED = 3
+MAX_NAMED_PARTS = 3
 """Largest number of parts named with an expected error."""
-DOUBTFUL = 0.7
+NAMED_ERROR_SHARE = 0.7
 """A part is named if its expected error is at least this, relative to the largest."""
-WORTH = 0.05
+MIN_GAIN = 0.05
 """Least share of the expected error that a suggestion must remove."""
 
 
@@ -78,16 +78,19 @@ def suggest_keys_beside_hidden(unseen: NDArray[np.bool_], keys: KeyPoses) -> lis
     Returns
     -------
     list of KeySuggestion
-        At most `MOST_HIDDEN`, those of the longest hidden parts first.
+        At most `MAX_HIDDEN_SUGGESTIONS`, those of the longest hidden parts first.
     """
-    glimpse = np.ones((GLIMPSE, 1), np.uint8)
+    glimpse = np.ones((MIN_VISIBLE_FRAMES, 1), np.uint8)
     within = cv2.morphologyEx(
         unseen.astype(np.uint8), cv2.MORPH_CLOSE, glimpse, borderType=cv2.BORDER_CONSTANT, borderValue=0
     )
     hidden = unseen | (within > 0)
     found: list[KeySuggestion] = []
     for part, first, last in _longest_hidden(hidden, keys):
-        for side in (range(first - 1, first - 1 - REACH, -1), range(last + 1, last + 1 + REACH)):
+        for side in (
+            range(first - 1, first - 1 - MAX_FRAME_DISTANCE, -1),
+            range(last + 1, last + 1 + MAX_FRAME_DISTANCE),
+        ):
             near = [f for f in side if 0 <= f < len(hidden) and not hidden[f, part]]
             near = _away_from(near, _keyed(keys, part))
             shared = next((i for i, other in enumerate(found) if other.frame in near), None)
@@ -97,7 +100,7 @@ def suggest_keys_beside_hidden(unseen: NDArray[np.bool_], keys: KeyPoses) -> lis
             elif free := _away_from(near, [other.frame for other in found]):
                 frame = min(free, key=lambda f: hidden[f].sum())
                 found.append(KeySuggestion(frame, (part,), hidden=(first, last)))
-    return found[:MOST_HIDDEN]
+    return found[:MAX_HIDDEN_SUGGESTIONS]
 
 
 def suggest_keys_by_error(
@@ -121,19 +124,23 @@ def suggest_keys_by_error(
     Returns
     -------
     list of KeySuggestion
-        At most `MOST_UNCERTAIN`, the most helpful first. Only parts whose tips are joints are named.
+        At most `MAX_ERROR_SUGGESTIONS`, the most helpful first. Only parts whose tips are joints are named.
     """
     expected, joints = expected_errors(deviation, parents, unknown), np.array(joint_parts(parents, unknown))
     keyed = {int(f) for f in keys.full()}
     found: list[KeySuggestion] = []
-    least = WORTH * float(expected.sum())
-    while len(found) < MOST_UNCERTAIN:
+    least = MIN_GAIN * float(expected.sum())
+    while len(found) < MAX_ERROR_SUGGESTIONS:
         gains = _gains(expected, keyed)
         best = int(np.argmax(gains)) if len(gains) else 0
         if not len(gains) or gains[best] <= least:
             break
         row = deviation[best, joints]
-        worst = [int(joints[p]) for p in np.argsort(-row, kind="stable")[:NAMED] if row[p] >= DOUBTFUL * row.max()]
+        worst = [
+            int(joints[p])
+            for p in np.argsort(-row, kind="stable")[:MAX_NAMED_PARTS]
+            if row[p] >= NAMED_ERROR_SHARE * row.max()
+        ]
         gain = float(gains[best]) / len(expected)
         found.append(KeySuggestion(best, tuple(worst), deviation=float(row.mean()), gain=gain))
         a, b = next((a, b) for a, b in _gaps(keyed, len(expected)) if a < best < b)
@@ -145,13 +152,13 @@ def suggest_keys_by_error(
 
 def _gains(expected: Array, keyed: set[int]) -> Array:
     """Return by how much a key pose on each frame would lower the sum of the expected errors (F,), shape (F,); 0 within
-    `APART` frames of other key frames.
+    `MIN_SPACING` frames of other key frames.
     """
     length = len(expected)
     gains = np.zeros(length)
     for a, b in _gaps(keyed, length):
         frames = _between(a, b, length)
-        for frame in range(a + APART if a >= 0 else 0, b + 1 - APART if b < length else length):
+        for frame in range(a + MIN_SPACING if a >= 0 else 0, b + 1 - MIN_SPACING if b < length else length):
             gains[frame] = expected[frames] @ (1 - _kept(frame, a, b, frames))
     return gains
 
@@ -194,5 +201,5 @@ def _keyed(keys: KeyPoses, part: int) -> list[int]:
 
 
 def _away_from(frames: Sequence[int], others: Sequence[int]) -> list[int]:
-    """Return the frames that are at least `APART` frames from all others."""
-    return [f for f in frames if all(abs(f - other) >= APART for other in others)]
+    """Return the frames that are at least `MIN_SPACING` frames from all others."""
+    return [f for f in frames if all(abs(f - other) >= MIN_SPACING for other in others)]

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import OutputError
-from .interrupts import WRITTEN, held_signals
+from .interrupts import WRITTEN_NOTE, held_signals
 from .placing import flush, put_file, put_folder
 from .workplaces import RESULTS, in_workplace, remove_leftovers, workplace
 
@@ -149,7 +149,7 @@ class Outputs:
                         flush(output.path.parent)
         except KeyboardInterrupt as interrupt:
             if done and not any(in_workplace(output.path) for output in self._places):
-                interrupt.add_note(WRITTEN)
+                interrupt.add_note(WRITTEN_NOTE)
             raise
 
 

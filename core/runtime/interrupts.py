@@ -12,9 +12,9 @@ from typing import Any
 
 ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name))
 """The signals that ask a program to end and let it clean up."""
-WRITTEN = "the results had been written"
+WRITTEN_NOTE = "the results had been written"
 """Note added to an interrupt that came afterwards."""
-REPORT = "report.json"
+REPORT_FILE = "report.json"
 """A file that is among the results whenever they are a folder."""
 
 
@@ -76,11 +76,11 @@ def held_signals() -> Iterator[None]:
 
 @contextmanager
 def results_are_written() -> Iterator[None]:
-    """Add the note `WRITTEN` to an interrupt that comes in the block."""
+    """Add the note `WRITTEN_NOTE` to an interrupt that comes in the block."""
     try:
         yield
     except KeyboardInterrupt as interrupt:
-        interrupt.add_note(WRITTEN)
+        interrupt.add_note(WRITTEN_NOTE)
         raise
 
 
@@ -97,7 +97,7 @@ def results_seen(out: object) -> tuple[int, int] | None:
     tuple of int, optional
         The file's inode number and modification time.
     """
-    for file in (out / REPORT, out) if isinstance(out, Path) else ():
+    for file in (out / REPORT_FILE, out) if isinstance(out, Path) else ():
         with suppress(OSError, ValueError):
             if file.is_file():
                 found = file.stat()
@@ -116,7 +116,7 @@ def interrupted_text(interrupt: BaseException, *, written: bool = False) -> str:
         Whether the results are in place.
     """
     notes: Sequence[str] = getattr(interrupt, "__notes__", ())
-    if written or WRITTEN in notes:
-        return f"interrupted when {WRITTEN}"
+    if written or WRITTEN_NOTE in notes:
+        return f"interrupted when {WRITTEN_NOTE}"
     partly = isinstance(interrupt, KeyboardInterrupt) and notes
     return f"interrupted: {notes[0]}" if partly else "interrupted, nothing was written"

@@ -18,7 +18,7 @@ from pathlib import Path
 from .exchange import exchanged
 from .workplaces import MOVING, RESULTS, move_files
 
-_MOST_LINKED = 1000  # largest number of other files in a folder that is exchanged
+_MAX_LINKED = 1000  # largest number of other files in a folder that is exchanged
 
 
 def flush(path: Path) -> None:
@@ -58,7 +58,7 @@ def _other_files(place: Path, folder: Path) -> list[str] | None:
     for entry in os.scandir(folder):
         if not (place / RESULTS / entry.name).exists():
             others.append(entry.name)
-        if len(others) > _MOST_LINKED or not stat.S_ISREG(entry.stat(follow_symlinks=False).st_mode):
+        if len(others) > _MAX_LINKED or not stat.S_ISREG(entry.stat(follow_symlinks=False).st_mode):
             return None
     return others
 

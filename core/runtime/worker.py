@@ -20,7 +20,7 @@ from types import ModuleType
 
 NICENESS = 5
 """Niceness of the process on systems that have it, so that the waiting program comes first."""
-GRACE = 0.6
+GRACE_SECONDS = 0.6
 """Seconds that a task has to clean up after the program has ended. Its own worker processes have nothing to clean up
 and end with it, so that no process is left two seconds after the program has ended."""
 LENGTH_BYTES = 8
@@ -93,7 +93,7 @@ def _receive(sent: "queue.SimpleQueue[bytes | None]", tidying: threading.Event) 
     if tidying.is_set():
         sent.put(None)
         _thread.interrupt_main(signal.SIGTERM)
-        time.sleep(GRACE)
+        time.sleep(GRACE_SECONDS)
     os._exit(1)
 
 

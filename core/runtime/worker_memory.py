@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
     from .progress import Progress
 
-KEPT_BYTES = 384 << 20
+MAX_PICTURE_BYTES = 384 << 20
 """Largest size of the cached pictures: about 1000 frames at the usual working size."""
-KEPT_VALUES = 10000
+MAX_VALUES = 10000
 """Largest number of cached small values, mostly of one or two kilobytes."""
 
 
@@ -35,7 +35,7 @@ class WorkerMemory:
         Largest size of the pictures, bytes; the least recently used are dropped first.
     """
 
-    def __init__(self, limit: int = KEPT_BYTES) -> None:
+    def __init__(self, limit: int = MAX_PICTURE_BYTES) -> None:
         self._limit, self._bytes = limit, 0
         self._pictures: OrderedDict[Hashable, NDArray[np.uint8]] = OrderedDict()
         self._values: OrderedDict[Hashable, Any] = OrderedDict()
@@ -72,7 +72,7 @@ class WorkerMemory:
         with self._lock:
             self._values[key] = value
             self._values.move_to_end(key)
-            if len(self._values) > KEPT_VALUES:
+            if len(self._values) > MAX_VALUES:
                 self._values.popitem(last=False)
         return value
 

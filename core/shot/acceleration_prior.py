@@ -13,7 +13,7 @@ USUAL_JOINT = 30.0
 """Typical angular acceleration of a joint in calm movement, rad/s^2; used if nothing is known of the shot."""
 USUAL_ROOT = 2.0
 """Typical acceleration of the root in calm movement, m/s^2."""
-_LEAST_CHANGE = 1e-6  # of a variance: equal key poses do not mean that nothing moves between them
+_MIN_CHANGE = 1e-6  # of a variance: equal key poses do not mean that nothing moves between them
 
 
 def usual_variances(body: Body, fps: float, settings: Settings) -> Array:
@@ -58,5 +58,5 @@ def variances_from_key_poses(body: Body, keys: KeyPoses, fps: float, settings: S
     squares = (np.diff(speed, axis=0) / axis_mobility(body)) ** 2 / weight[:, None]
     seen = squares.reshape(len(m), -1, 3).mean(axis=(0, 2)) / usual
     count = 3 * len(m)
-    likely = usual * np.maximum((POOLING_COUNT * seen.mean() + count * seen) / (POOLING_COUNT + count), _LEAST_CHANGE)
+    likely = usual * np.maximum((POOLING_COUNT * seen.mean() + count * seen) / (POOLING_COUNT + count), _MIN_CHANGE)
     return np.where(given_groups(body, settings), usual, likely)

@@ -334,7 +334,7 @@ def picture(path: Path | str, number: int) -> Image:
     return last[0]
 
 
-PICTURE_SIZE = 960
+MAX_PICTURE_SIDE = 960
 """Approximate limit of the longer side of pictures that are kept to be shown to people, pixels."""
 
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..numerics.arrays import Bools, Ints
-from .shot import LARGEST_OFFSET, Gap, Settings, View
+from .shot import MAX_OFFSET, Gap, Settings, View
 
 FIRST_PARITY = {"top-first": 0, "bottom-first": 1}
 """Parity of the lines that belong to the first field."""
@@ -92,7 +92,7 @@ def shown_delay(view: View, settings: Settings) -> float:
 def footage_offset_text(offset: float) -> str:
     """Return what the offset of all footage (see `Settings`, frames, not 0) means, and what to do about it."""
     when = "later" if offset > 0 else "earlier"
-    if abs(offset) < LARGEST_OFFSET:
+    if abs(offset) < MAX_OFFSET:
         measured = f"{abs(offset):.2f} frames {when} than on their frames"
         return f"the footage shows the key poses {measured}; tracking allows for it, nothing needs to be done"
     return (

@@ -19,11 +19,11 @@ Image = NDArray[Any]
 
 IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 PATTERNS = "a video, or a pattern of images such as frame_%04d.png, frame_####.png or frame_*.png"
-_LONGEST_NAME = 255  # of a file, in bytes, on the file systems in use
-_MOST_DIGITS = 18  # of a frame number
+_MAX_NAME_BYTES = 255  # of a file, in bytes, on the file systems in use
+_MAX_DIGITS = 18  # of a frame number
 _PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
 _ENDS = {PNG: _PNG_END, JPEG: b"\xff\xd9"}
-_SHOWN_GAPS = _SHOWN_SEQUENCES = 5
+_MAX_SHOWN_GAPS = _SHOWN_SEQUENCES = 5
 
 
 def image_files(path: Path) -> dict[int, Path] | None:
@@ -37,7 +37,7 @@ def image_files(path: Path) -> dict[int, Path] | None:
     FootageError
         No file matches the pattern, or the name is not a valid file name.
     """
-    if "\0" in str(path) or len(path.name.encode(errors="replace")) > _LONGEST_NAME:
+    if "\0" in str(path) or len(path.name.encode(errors="replace")) > _MAX_NAME_BYTES:
         shown = f"{str(path)[:60]!r}"
         raise FootageError("no file can have this name", where=shown, todo=f"name {PATTERNS}")
     if _is_file(path):
@@ -81,7 +81,7 @@ def _patterns_in(folder: Path) -> list[str]:
         if file.suffix.lower() in IMAGE_SUFFIXES and not file.name.startswith("."):
             number = re.search(r"\d+(?=\D*$)", file.stem)
             around = (file.name, "") if number is None else (file.stem[: number.start()], file.name[number.end() :])
-            digits[around] = min(digits.get(around, _MOST_DIGITS), 0 if number is None else len(number[0]))
+            digits[around] = min(digits.get(around, _MAX_DIGITS), 0 if number is None else len(number[0]))
     return sorted(before + "#" * count + after for (before, after), count in digits.items())
 
 
@@ -95,10 +95,10 @@ def _is_file(path: Path) -> bool:
 def _numbered(path: Path, number: re.Match[str]) -> dict[int, Path]:
     """Return the files by the number in place of printf's %04d or of ####."""
     digits = int(number[1] or 1) if number[0].startswith("%") else len(number[0])
-    if digits > _MOST_DIGITS:
+    if digits > _MAX_DIGITS:
         raise FootageError(f"a number of {digits} digits is too long", where=str(path), todo=f"name {PATTERNS}")
     before, after = re.escape(path.name[: number.start()]), re.escape(path.name[number.end() :])
-    regex = re.compile(f"{before}(\\d{{{digits},{_MOST_DIGITS}}}){after}")
+    regex = re.compile(f"{before}(\\d{{{digits},{_MAX_DIGITS}}}){after}")
     hits = [(int(hit[1]), file) for file in _listed(path.parent) if (hit := regex.fullmatch(file.name))]
     lowest = min((n for n, _ in hits), default=0)
     return {n - lowest: file for n, file in hits}
@@ -169,7 +169,7 @@ def check_images(path: Path, files: Mapping[int, Path], frames: range, size: tup
     """
     needed = sorted(number for number in files if number in frames)
     if gaps := _gaps(needed, frames):
-        what = f"images are missing in the sequence: frames {listed(gaps, _SHOWN_GAPS)}, counted from 0"
+        what = f"images are missing in the sequence: frames {listed(gaps, _MAX_SHOWN_GAPS)}, counted from 0"
         raise FootageError(what, where=str(path))
     first = _stored_size(files[min(files)])
     for number in needed:

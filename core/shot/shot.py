@@ -21,9 +21,9 @@ FIELD_ORDERS = ("progressive", "top-first", "bottom-first")
 ESTIMATING_SOLVERS = (BEST_SOLVER,)
 """Solvers that can estimate how smooth a motion is."""
 BROKEN_KEYPOINTS = ("refuse", "skip")
-MOST_THREADS = 256
+MAX_THREADS = 256
 """Largest number of threads: OpenCV starts as many for each video as it is told to."""
-LARGEST_OFFSET = 0.5
+MAX_OFFSET = 0.5
 """Largest offset between key poses and footage that is allowed for, frames: one that is larger is measured as this."""
 
 
@@ -255,12 +255,12 @@ class Settings:
             what, todo = f"unknown value '{self.broken_keypoints}'", f"use {either(BROKEN_KEYPOINTS)}"
             raise ShotError(what, where="[track] broken_keypoints", todo=todo)
         offset = self.footage_offset
-        if offset is not None and not abs(offset) <= LARGEST_OFFSET:
+        if offset is not None and not abs(offset) <= MAX_OFFSET:
             raise ShotError(f"it is {offset!r}", where="[track] footage_offset", todo="give -0.5 to 0.5 frames")
         if self.search_seed < 0:
             raise ShotError(f"it is {self.search_seed!r}", where="[track] search_seed", todo="give 0 or more")
-        if self.threads is not None and not 1 <= self.threads <= MOST_THREADS:
-            todo = f"give 1 to {MOST_THREADS}"
+        if self.threads is not None and not 1 <= self.threads <= MAX_THREADS:
+            todo = f"give 1 to {MAX_THREADS}"
             raise ShotError(shortened(f"it is {self.threads!r}", 60), where="[track] threads", todo=todo)
         for item in fields(self):
             value = getattr(self, item.name)

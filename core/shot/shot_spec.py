@@ -16,7 +16,7 @@ KeyFrames = tuple[int, ...] | Literal["auto"]
 """Increasing frame numbers of the footage, or "auto" to choose key frames from 2D keypoints."""
 
 _RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
-_LONGEST_NAME = 100  # bytes: two of them and an ending are well below the limit of file systems
+_MAX_NAME_BYTES = 100  # bytes: two of them and an ending are well below the limit of file systems
 
 
 @dataclass(frozen=True)
@@ -187,9 +187,9 @@ def checked_file_name(name: str, where: str) -> str:
         if _RESERVED.fullmatch(name):
             todo = "Windows keeps it for itself: choose another one"
         raise ShotError(f"'{name}' cannot be a file's name", where=f"{where} name", todo=todo)
-    if len(name.encode(errors="replace")) > _LONGEST_NAME:
+    if len(name.encode(errors="replace")) > _MAX_NAME_BYTES:
         what = f"'{name[:20]}...' is too long for a file's name"
-        raise ShotError(what, where=f"{where} name", todo=f"shorten it to {_LONGEST_NAME} letters")
+        raise ShotError(what, where=f"{where} name", todo=f"shorten it to {_MAX_NAME_BYTES} letters")
     return name
 
 

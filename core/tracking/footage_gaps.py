@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from ..shot.footage import probe
-from ..shot.footage_faults.continuity import AROUND
+from ..shot.footage_faults.continuity import COMPARED_PAIRS
 from ..shot.footage_faults.footage_checks import stored_frames
 from ..shot.footage_faults.footage_times import FootageRate
 from ..shot.frame_numbers import footage_index, frames_per_file_frame, gap_frame
@@ -91,7 +91,7 @@ def unaffected(done: Sequence[FinishedSegment], before: Shot, after: Shot) -> li
             for a, b in zip(before.views, after.views, strict=True)
         )
     ]
-    safe = min(changed, default=length) - 1 - AROUND
+    safe = min(changed, default=length) - 1 - COMPARED_PAIRS
     return [one for one, following in pairwise(done) if following.result.last < safe]
 
 

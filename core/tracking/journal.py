@@ -24,7 +24,7 @@ from ..errors import CancelledError
 from ..evidence.part_shapes import ShapeEvidence
 from ..evidence.time_offset import Offset
 from ..numerics.arrays import Array, Bools
-from ..runtime.interrupts import WRITTEN
+from ..runtime.interrupts import WRITTEN_NOTE
 from ..shot.fingerprint import checksum, file_bytes, value_bytes
 from ..shot.shot import Shot
 from .expected_errors.uncertainty import SegmentUncertainty
@@ -188,7 +188,7 @@ def journal_beside(folder: Path, *, resume: bool) -> Iterator[Journal]:
     try:
         yield journal
     except (KeyboardInterrupt, CancelledError) as interrupt:
-        if not resume or WRITTEN in getattr(interrupt, "__notes__", ()):
+        if not resume or WRITTEN_NOTE in getattr(interrupt, "__notes__", ()):
             journal.discard()
         elif count := len(journal.taken) + len(journal.kept):
             interrupt.add_note(f"{count} finished segments are kept; --resume goes on from there")

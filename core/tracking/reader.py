@@ -17,7 +17,7 @@ from ..numerics.arrays import Array, Bools
 from ..runtime.threads import worker_count
 from ..runtime.worker_memory import WorkerMemory
 from ..shot.footage import Album, frames_at, working_factor
-from ..shot.footage_faults.continuity import AROUND, block_change, most_changed, small, torn_pairs
+from ..shot.footage_faults.continuity import COMPARED_PAIRS, block_change, most_changed, small, torn_pairs
 from ..shot.footage_faults.footage_times import FootageRate, footage_rate, frames_missing
 from ..shot.footage_faults.skipped_frames import PairChanges, PointsFollowed
 from ..shot.frame_numbers import across_gaps, footage_delay
@@ -110,7 +110,7 @@ class SegmentReader:
     def _one_by_one(self, first: int, last: int) -> Iterator[Image]:
         """Generate the frames of a segment; the last one is also the first of the next segment."""
         for frame in range(first, last + 1):
-            while self._read < min(frame + 1 + AROUND, self._length):
+            while self._read < min(frame + 1 + COMPARED_PAIRS, self._length):
                 if self._stopped.is_set():
                     raise CancelledError
                 self._take(next(self._stream))
@@ -149,8 +149,8 @@ class SegmentReader:
 
     def _continuity(self, first: int, last: int) -> tuple[Bools, PairChanges]:
         """Return which pairs of a segment's frames do not continue each other, and how much they stand out."""
-        start = max(first - AROUND, 0)
-        changes = [change.astype(float) for change in self._changes[start : last + AROUND]]
+        start = max(first - COMPARED_PAIRS, 0)
+        changes = [change.astype(float) for change in self._changes[start : last + COMPARED_PAIRS]]
         torn = torn_pairs(changes)[first - start : last - start] | self._gaps[first:last]
         followed = self._points.between(start, start + len(changes))
         return torn, PairChanges.of(changes, followed, self._delay).cut(first - start, last - start)

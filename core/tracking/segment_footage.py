@@ -17,7 +17,7 @@ from ..numerics.arrays import Bools
 from ..runtime.threads import worker_count
 from ..runtime.timing import Seconds
 from ..runtime.worker_memory import WorkerMemory
-from ..shot.footage import PICTURE_SIZE, Album, Image, working_factor
+from ..shot.footage import MAX_PICTURE_SIDE, Album, Image, working_factor
 from ..shot.footage_faults.skipped_frames import PairChanges, skipped_pairs
 from ..shot.shot import Shot
 from .appearance import frames_with_foreground, grey_frames
@@ -57,7 +57,7 @@ class SegmentFootage:
         memory: WorkerMemory | None = None,
     ) -> None:
         kept = frozenset(shot.frames[0] + frame for frame in pictures)
-        self._albums = [Album(kept, working_factor(view, PICTURE_SIZE)) for view in shot.views]
+        self._albums = [Album(kept, working_factor(view, MAX_PICTURE_SIDE)) for view in shot.views]
         self._shot, self._solver, self._folder, self._memory = shot, solver, folder, memory
         self.torn: tuple[list[int], ...] = tuple([] for _ in shot.views)
 

@@ -16,7 +16,7 @@ from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.body.body import REST_SIGMA  # noqa: E402
 from kfmocap.core.choices import FEET, HAND_SHAPES, ROOT_MOTIONS, SOLVERS  # noqa: E402
 from kfmocap.core.errors import CancelledError, FootageError, ShotError  # noqa: E402
-from kfmocap.core.retargeting.hand_shapes import BENDS  # noqa: E402
+from kfmocap.core.retargeting.hand_shapes import FLEXIONS  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses, Settings, View  # noqa: E402
 from kfmocap.kfmocap_addon import registration  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
@@ -336,7 +336,7 @@ def test_menus_offer_what_the_core_knows(blender):  # noqa: F811
     for (owner, name), choices in menus.items():
         assert [item.identifier for item in owner.bl_rna.properties[name].enum_items] == list(choices)
     assert [item.identifier for item in hands.properties["shape"].enum_items] == list(HAND_SHAPES)
-    assert set(BENDS) == set(HAND_SHAPES)
+    assert set(FLEXIONS) == set(HAND_SHAPES)
 
 
 def test_every_tool_and_property_explains_itself(blender):  # noqa: F811

@@ -288,8 +288,8 @@ MOTION_TERMS = (
     Term(
         "paper 1, section 2.3: key poses by hand",
         "core/posing/clicks.py",
-        "weights = self.clicks.confidence / CLICK_DEVIATION**2",
-        "weights = 0 * self.clicks.confidence / CLICK_DEVIATION**2",
+        "weights = self.clicks.confidence / CLICK_SIGMA**2",
+        "weights = 0 * self.clicks.confidence / CLICK_SIGMA**2",
         "tests/core/posing/test_posing.py::test_clicks_in_two_views_with_a_pixel_of_noise_give_the_joints_to_15_mm",
     ),
     Term(

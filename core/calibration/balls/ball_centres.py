@@ -14,8 +14,8 @@ import numpy as np
 
 from ...numerics.arrays import Array
 
-_OUTLINE = 16  # points of a ball's outline that are projected
-_ROUNDS = 3  # of a fixed-point iteration
+_OUTLINE_POINTS = 16  # points of a ball's outline that are projected
+_ITERATIONS = 3  # of a fixed-point iteration
 _CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-10)
 
 
@@ -43,7 +43,7 @@ def centres_of(points: Array, radii: Array, matrix: Array, distortions: Array) -
         outlines = points[seen]
         b = radii[seen] / matrix[0, 0] * _unbent(outlines, matrix, distortions)
         middles = outlines.copy()
-        for _ in range(_ROUNDS):
+        for _ in range(_ITERATIONS):
             middles = middles + outlines - outline_centres(middles, b, matrix, distortions)
         corrected[seen] = middles
     return corrected
@@ -80,13 +80,13 @@ def outline_centres(middles: Array, b: Array, matrix: Array, distortions: Array)
     r = np.linalg.norm(xy, axis=1)
     out = np.where(r[:, None] > 1e-12, xy / np.maximum(r, 1e-12)[:, None], [1.0, 0.0])
     a = b * np.sqrt(1 + r**2 * (1 + b**2))
-    angles = 2 * np.pi * np.arange(_OUTLINE) / _OUTLINE
+    angles = 2 * np.pi * np.arange(_OUTLINE_POINTS) / _OUTLINE_POINTS
     across = np.stack([-out[:, 1], out[:, 0]], axis=1)
     ring = centre[:, None] + (a[:, None] * np.cos(angles))[..., None] * out[:, None]
     ring = ring + (b[:, None] * np.sin(angles))[..., None] * across[:, None]
     rays = np.concatenate([ring, np.ones((*ring.shape[:2], 1))], axis=-1).reshape(-1, 1, 3)
     seen = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), matrix, distortions)[0]
-    return _ellipse_centres(seen.reshape(len(middles), _OUTLINE, 2), angles)
+    return _ellipse_centres(seen.reshape(len(middles), _OUTLINE_POINTS, 2), angles)
 
 
 def _ellipse_centres(outlines: Array, angles: Array) -> Array:

@@ -23,26 +23,26 @@ from .ball_outlines import (
     CIRCLE_TERMS,
     ELLIPSE_TERMS,
     LIGHT,
-    MEASURED,
-    RAYS,
-    SEARCHED,
+    MEASURING_TOLERANCE,
+    RAY_COUNT,
+    SEARCH_TOLERANCE,
     refined_outlines,
 )
 from .coloured_spots import coloured_spots
 from .found_balls import Balls
-from .small_balls import LARGEST_SMALL, find_small_balls, without_rod
+from .small_balls import MAX_RADIUS, find_small_balls, without_rod
 
 Image = NDArray[Any]
 
-_EVEN = 1.0  # deviation of the blur, pixels
-_SPECKS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-_LEAST_AREA = 12  # pixels
-_LARGEST_SHARE = 0.4  # of the picture's height
-_LEAST_SOLIDITY = 0.6  # area over that of the convex hull: less is no disc, even half covered
-_MOST_BLOBS = 60  # the largest that are looked at: more are the room
+_BLUR_SIGMA = 1.0  # deviation of the blur, pixels
+_SPECK_KERNEL = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+_MIN_AREA = 12  # pixels
+_MAX_HEIGHT_SHARE = 0.4  # of the picture's height
+_MIN_SOLIDITY = 0.6  # area over that of the convex hull: less is no disc, even half covered
+_MAX_BLOBS = 60  # the largest that are looked at: more are the room
 _HOLD = np.cos(np.radians(42))
 _MIXED = 3.0  # how many times the share that a ball may have in a pixel is contained in the whole
-_LEAST_CHANGE, _SURE_CHANGE = 8.0, 5.0  # of what passes from the background: levels, and deviations of the noise
+_MIN_CHANGE, _MIN_CHANGE_SIGMAS = 8.0, 5.0  # of what passes from the background: levels, and deviations of the noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,13 +70,13 @@ class Picture:
 
         `background` is that of a stationary camera, by `background_of`.
         """
-        even = cv2.GaussianBlur(image, (0, 0), _EVEN)
+        even = cv2.GaussianBlur(image, (0, 0), _BLUR_SIGMA)
         return cls(even, to_hsv(image), None if background is None else to_hsv(_brought_out(even, background)))
 
 
 def background_of(images: Sequence[Image]) -> Image:
     """Return the background of a stationary camera, the median of some of its pictures, as `Picture.of` takes it."""
-    return cv2.GaussianBlur(np.median(images, axis=0).astype(np.uint8), (0, 0), _EVEN)
+    return cv2.GaussianBlur(np.median(images, axis=0).astype(np.uint8), (0, 0), _BLUR_SIGMA)
 
 
 def _brought_out(even: Image, background: Image) -> Image:
@@ -87,7 +87,7 @@ def _brought_out(even: Image, background: Image) -> Image:
     """
     differs = np.abs(even.astype(np.int16) - background).max(axis=2)
     noise = NORMAL_MAD * float(np.median(differs))
-    passes = differs > max(_LEAST_CHANGE, _SURE_CHANGE * noise)
+    passes = differs > max(_MIN_CHANGE, _MIN_CHANGE_SIGMAS * noise)
     out = np.zeros_like(even)
     behind = LINEAR_LIGHT[background[passes]]
     light = behind + _MIXED * (LINEAR_LIGHT[even[passes]] - behind)
@@ -98,12 +98,12 @@ def _brought_out(even: Image, background: Image) -> Image:
 def find_balls(picture: Picture, colour: Colour) -> Balls:
     """Return all balls of a colour in a picture, the largest first."""
     image, coloured = picture.even, colour.mask(picture.hsv)
-    mask = cv2.morphologyEx(coloured, cv2.MORPH_OPEN, _SPECKS)
+    mask = cv2.morphologyEx(coloured, cv2.MORPH_OPEN, _SPECK_KERNEL)
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    blobs = sorted(filter(_is_compact, outlines), key=len, reverse=True)[:_MOST_BLOBS]
+    blobs = sorted(filter(_is_compact, outlines), key=len, reverse=True)[:_MAX_BLOBS]
     balls = Balls.joined([_ellipse_of(cv2.convexHull(blob)) for blob in blobs])
-    balls = balls[2 * balls.semi_axes[:, 0] < _LARGEST_SHARE * image.shape[0]]
-    balls, good = refined_outlines(image, balls, np.zeros((len(balls), RAYS), bool), SEARCHED)
+    balls = balls[2 * balls.semi_axes[:, 0] < _MAX_HEIGHT_SHARE * image.shape[0]]
+    balls, good = refined_outlines(image, balls, np.zeros((len(balls), RAY_COUNT), bool), SEARCH_TOLERANCE)
     balls = balls[good & ~_is_small(balls)]
     masks = [coloured, colour.paler().mask(picture.hsv)]
     if picture.passing is not None:
@@ -124,7 +124,7 @@ def find_spots(picture: Picture, colour: Colour, most: int) -> Balls:
 
 def _is_small(balls: Balls) -> NDArray[np.bool_]:
     """Return which balls are measured by their colour's centroid: they are too small for an outline."""
-    return np.asarray(balls.semi_axes[:, 1] < LARGEST_SMALL)
+    return np.asarray(balls.semi_axes[:, 1] < MAX_RADIUS)
 
 
 def _within_others(balls: Balls, others: Balls) -> NDArray[np.bool_]:
@@ -162,7 +162,9 @@ def without_rods(
     spokes = CIRCLE @ balls.shapes
     spokes /= np.linalg.norm(spokes, axis=-1, keepdims=True)
     hidden = (spokes @ np.swapaxes(ways, 1, 2) > _HOLD).any(axis=-1)
-    measured, good = refined_outlines(picture.even, balls, hidden, MEASURED, CIRCLE_TERMS if still else ELLIPSE_TERMS)
+    measured, good = refined_outlines(
+        picture.even, balls, hidden, MEASURING_TOLERANCE, CIRCLE_TERMS if still else ELLIPSE_TERMS
+    )
     return balls.where(small, measured), small | good
 
 
@@ -186,7 +188,7 @@ def _is_compact(outline: Image) -> bool:
     hull = cv2.contourArea(cv2.convexHull(outline))
     # A contour goes through the outermost pixels' centres: the area of n of them is half a pixel less all round.
     edge = len(outline) / 2
-    return cv2.contourArea(outline) + edge >= max(_LEAST_AREA, _LEAST_SOLIDITY * (hull + edge))
+    return cv2.contourArea(outline) + edge >= max(_MIN_AREA, _MIN_SOLIDITY * (hull + edge))
 
 
 def _ellipse_of(outline: Image) -> Balls:

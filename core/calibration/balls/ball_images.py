@@ -18,8 +18,8 @@ from ...numerics.robust_kernels import Cauchy
 from .ball_looks import BallGuess, BallImage, BallLooks
 from .ball_rendering import (
     CENTRE,
-    DARKEST,
     LIGHT,
+    MIN_LIGHT,
     PATH,
     RADIUS,
     ROD_LIGHT,
@@ -33,10 +33,10 @@ from .ball_rendering import (
 )
 from .free_unknowns import FreeUnknowns, centre_step
 
-_LIMB = 3.0  # pixels beyond the outline that are compared
+_LIMB_WIDTH = 3.0  # pixels beyond the outline that are compared
 _STEPS = np.array([0.05, 0.05, 0.03, 0.02, 0.02, 0.05, 0.05, 0.05, 0.1, 0.1, 0.05, 0.1, 0.1, 0.1, 0.05, 0.05])
 """Steps of the finite differences, by unknown."""
-_FURTHEST = np.array([0.5, 0.5, 0.2, 0.15, 0.15, 0.5, 0.5, 0.5, 0.7, 0.7, 0.2, 0.7, 0.7, 0.7, 0.2, 0.2])
+_MAX_STEPS = np.array([0.5, 0.5, 0.2, 0.15, 0.15, 0.5, 0.5, 0.5, 0.7, 0.7, 0.2, 0.7, 0.7, 0.7, 0.2, 0.2])
 """Largest change in one iteration, by unknown."""
 _BRIGHTNESS, _COLOURS = 1.7, 0.8
 """Weights of brightness and of the two differences of colour of a ball that rests: of these, video keeps one for every
@@ -49,9 +49,9 @@ _COMPARED = np.array([_BRIGHTNESS, _COLOURS, _COLOURS])[:, None] * [
 """Brightness and differences of colour (ITU-R BT.601) of blue, green and red."""
 _PIXEL_SIGMA = 0.02  # of what the model leaves, levels from 0 to 1
 _KERNEL = Cauchy(3.0)
-_SHARED = 2.0  # blurred pixels share what they show: so many count as one
-_ALIKE = 0.1  # standard deviation of how balls of one view look, about what they have in common
-_FLOOR = 0.03  # standard deviation that the best of images leaves, pixels
+_PIXELS_PER_OBSERVATION = 2.0  # blurred pixels share what they show: so many count as one
+_LOOKS_SIGMA = 0.1  # standard deviation of how balls of one view look, about what they have in common
+_MIN_SIGMA = 0.03  # standard deviation that the best of images leaves, pixels
 _ROD_SIGMA = 0.1  # what the shape of a rod where it meets the ball adds along the rod, pixels
 _ROD_SHARE = 0.2  # and as a share of the path: a rod turns while the shutter is open
 _PATH_SHARE = 0.03  # of the path: its speed need not be even
@@ -83,7 +83,7 @@ def fit_ball(image: Image, plate: Array | None, guess: BallGuess) -> BallImage |
     found = minimise(fit.unknowns.start, fit.linearised, fit.moved, damping=GAUSS_NEWTON, stopping=_STOPPING)
     x, rod_sigma = found.state, np.hypot(_ROD_SIGMA, _ROD_SHARE * np.linalg.norm(found.state[PATH]))
     covariance = found.linearised().factor().covariance()[CENTRE, CENTRE]
-    covariance += _FLOOR**2 * np.eye(2) + _PATH_SHARE**2 * np.outer(x[PATH], x[PATH])
+    covariance += _MIN_SIGMA**2 * np.eye(2) + _PATH_SHARE**2 * np.outer(x[PATH], x[PATH])
     covariance += rod_sigma**2 * guess.rods.T @ guess.rods
     (least, most), ways = np.linalg.eigh(covariance)
     return BallImage(
@@ -124,9 +124,9 @@ class _BallFit:
     @classmethod
     def of(cls, window: BallWindow, guess: BallGuess) -> _BallFit:
         """Return the problem for the pixels around a ball."""
-        inside = np.linalg.norm(window.places - guess.centre, axis=-1) < guess.reach + _LIMB
+        inside = np.linalg.norm(window.places - guess.centre, axis=-1) < guess.reach + _LIMB_WIDTH
         start, deviation, free = _start(window, guess)
-        return cls(window, guess, FreeUnknowns(start, deviation, free, _STEPS, _FURTHEST), inside)
+        return cls(window, guess, FreeUnknowns(start, deviation, free, _STEPS, _MAX_STEPS), inside)
 
     def residuals(self, images: Array) -> Array:
         """Return by how much images (k, n, n, 3) differ from the one that was observed, standard deviations, (k, m)."""
@@ -137,9 +137,11 @@ class _BallFit:
         """Return the normal equations of the free unknowns at x."""
         values = self.residuals(self.window.rendered(self.unknowns.varied(x), self.guess))
         now, J = values[0], self.unknowns.derivatives(values)
-        weighted = J * (_KERNEL.weight(now**2) / _SHARED)
+        weighted = J * (_KERNEL.weight(now**2) / _PIXELS_PER_OBSERVATION)
         H, g = self.unknowns.with_prior(x, weighted @ J.T, weighted @ now)
-        return DenseEquations(H, g, float(_KERNEL.cost(now**2).sum()) / _SHARED + self.unknowns.prior_cost(x))
+        return DenseEquations(
+            H, g, float(_KERNEL.cost(now**2).sum()) / _PIXELS_PER_OBSERVATION + self.unknowns.prior_cost(x)
+        )
 
     def moved(self, x: Array, step: Array) -> Array:
         """Return the unknowns after a step."""
@@ -167,17 +169,17 @@ def _start(window: BallWindow, guess: BallGuess) -> tuple[Array, Array, Bools]:
     start[CENTRE], sigma[CENTRE] = guess.centre, 2.0
     start[RADIUS], sigma[RADIUS] = guess.radius, guess.radius_sigma * guess.radius
     sigma[SHADE] = 0.3
-    start[LIGHT], sigma[LIGHT] = np.log(np.maximum(light, DARKEST)), 1.0 if guess.light is None else 0.4
+    start[LIGHT], sigma[LIGHT] = np.log(np.maximum(light, MIN_LIGHT)), 1.0 if guess.light is None else 0.4
     start[PATH], sigma[PATH] = guess.path, 0.2 + guess.path_sigma * length
     start[WIDTH], sigma[WIDTH] = 0.3 * guess.radius, 0.1 * guess.radius
     start[ROD_LIGHT] = np.log(0.05)
     start[STARTS][:rods], sigma[STARTS] = guess.starts, 0.25
     if guess.looks is not None:
-        start[LIGHT], sigma[LIGHT] = guess.looks.light, _ALIKE
-        start[SHADE], sigma[SHADE] = guess.looks.shade, _ALIKE
+        start[LIGHT], sigma[LIGHT] = guess.looks.light, _LOOKS_SIGMA
+        start[SHADE], sigma[SHADE] = guess.looks.shade, _LOOKS_SIGMA
         if rods and np.isfinite(guess.looks.width):
-            start[WIDTH], sigma[WIDTH] = guess.looks.width * guess.radius, _ALIKE * guess.radius
-            start[ROD_LIGHT], sigma[ROD_LIGHT] = guess.looks.rod_light, _ALIKE
+            start[WIDTH], sigma[WIDTH] = guess.looks.width * guess.radius, _LOOKS_SIGMA * guess.radius
+            start[ROD_LIGHT], sigma[ROD_LIGHT] = guess.looks.rod_light, _LOOKS_SIGMA
     free = np.ones(UNKNOWNS, bool)
     free[PATH] = length > 0
     free[WIDTH] = free[ROD_LIGHT] = rods > 0

@@ -17,26 +17,26 @@ from ...capture.linear_light import LINEAR_LIGHT
 from ...numerics.arrays import Array
 from ...numerics.robust_kernels import NORMAL_MAD
 from .found_balls import Balls
-from .small_balls import BLUR_SHARE, LONGEST
+from .small_balls import BLUR_SHARE, MAX_ELONGATION
 
 Image = NDArray[Any]
 
 LIGHT = LINEAR_LIGHT + 0.02
 """Linear light of the levels 0 to 255, a little brighter: the colour of a black background would have no direction."""
-RAYS = 40
+RAY_COUNT = 40
 """Rays from the middle of a blob across its edge."""
-_ANGLES = 2 * np.pi * np.arange(RAYS) / RAYS
+_ANGLES = 2 * np.pi * np.arange(RAY_COUNT) / RAY_COUNT
 CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 """Points of the unit circle, in which the rays end."""
-_BASIS = np.column_stack([np.ones(RAYS), CIRCLE, np.cos(2 * _ANGLES), np.sin(2 * _ANGLES)])
+_BASIS = np.column_stack([np.ones(RAY_COUNT), CIRCLE, np.cos(2 * _ANGLES), np.sin(2 * _ANGLES)])
 CIRCLE_TERMS, ELLIPSE_TERMS = 3, 5
 """Terms of `_BASIS` that shift and scale an outline, and that also change its form."""
-_PLACES = 11  # on a ray
-_ENDS = 2  # of these, at either end of a ray, that are ball alone or background alone
+_RAY_SAMPLES = 11  # on a ray
+_END_SAMPLES = 2  # of these, at either end of a ray, that are ball alone or background alone
 _REACHES = (2.5, 1.5)  # how far to both sides of the outline a ray goes at least: first a search, then near the limb
-_LEAST_CONTRAST = 0.02  # squared sine of the angle between the colours of ball and background
-_SHARED = 3.0  # neighbouring rays share pixels: so many count as one
-_FLOOR = 0.1  # standard deviation that the best of outlines leaves, pixels
+_MIN_CONTRAST = 0.02  # squared sine of the angle between the colours of ball and background
+_RAYS_PER_OBSERVATION = 3.0  # neighbouring rays share pixels: so many count as one
+_MIN_SIGMA = 0.1  # standard deviation that the best of outlines leaves, pixels
 
 
 @dataclass(frozen=True)
@@ -56,9 +56,9 @@ class Tolerance:
     roundness: float
 
 
-SEARCHED = Tolerance(0.4, 0.45, 0.1)
+SEARCH_TOLERANCE = Tolerance(0.4, 0.45, 0.1)
 """When balls are searched for."""
-MEASURED = Tolerance(0.4, 0.3, 0.06)
+MEASURING_TOLERANCE = Tolerance(0.4, 0.3, 0.06)
 """When a ball that was found is measured again without the rods that hide it."""
 
 
@@ -73,11 +73,11 @@ def refined_outlines(
         fit = _outline_fit(image, balls, hidden, nearest, terms)
         axes = fit.balls.semi_axes
         with np.errstate(invalid="ignore"):
-            good &= (axes[:, 1] > 1) & (axes[:, 0] < LONGEST * axes[:, 1])
+            good &= (axes[:, 1] > 1) & (axes[:, 0] < MAX_ELONGATION * axes[:, 1])
         balls = fit.balls.where(good, balls)
     major, minor = balls.semi_axes.T
     good &= (fit.coverage >= tolerance.coverage) & (fit.residual <= tolerance.noise + tolerance.roundness * minor)
-    sigma = np.sqrt(balls.sigma**2 + _FLOOR**2 + (BLUR_SHARE * (major - minor)) ** 2)
+    sigma = np.sqrt(balls.sigma**2 + _MIN_SIGMA**2 + (BLUR_SHARE * (major - minor)) ** 2)
     return Balls(balls.centres, balls.shapes, sigma), good
 
 
@@ -111,7 +111,7 @@ def _outline_fit(image: Image, balls: Balls, hidden: NDArray[np.bool_], nearest:
     lengths = np.linalg.norm(spokes, axis=-1)
     major, minor = balls.semi_axes.T
     reach = np.minimum(np.maximum(nearest, 0.15 * minor) + 1.2 * (major - minor), major)
-    steps = reach[:, None] * np.linspace(-1, 1, _PLACES)
+    steps = reach[:, None] * np.linspace(-1, 1, _RAY_SAMPLES)
     along = (lengths[..., None] + steps[:, None]) / lengths[..., None]
     places = balls.centres[:, None, None] + along[..., None] * spokes[:, :, None]
     light = _light(image, places)
@@ -127,14 +127,14 @@ def _outline_fit(image: Image, balls: Balls, hidden: NDArray[np.bool_], nearest:
     r, e, f = x[:, 0], x[:, 3], x[:, 4]
     change = np.stack([np.stack([1 + r + e, f], axis=-1), np.stack([f, 1 + r - e], axis=-1)], axis=-2)
     shapes = balls.shapes @ change
-    enough = count >= SEARCHED.coverage * RAYS
+    enough = count >= SEARCH_TOLERANCE.coverage * RAY_COUNT
     shapes[~enough] = np.nan
     fitted = Balls(
         balls.centres + np.einsum("nij,nj->ni", balls.shapes, x[:, 1:3]),
         (shapes + np.swapaxes(shapes, 1, 2)) / 2,
-        scale * np.sqrt(_SHARED * _centre_variance(weights, terms)),
+        scale * np.sqrt(_RAYS_PER_OBSERVATION * _centre_variance(weights, terms)),
     )
-    return _EllipseFit(fitted, count / RAYS, scale)
+    return _EllipseFit(fitted, count / RAY_COUNT, scale)
 
 
 def _centre_variance(weights: Array, terms: int) -> Array:
@@ -192,9 +192,9 @@ def _inside_share(light: Array) -> tuple[Array, NDArray[np.bool_]]:
     light : ndarray, shape (n, K, S, 3)
         Along the rays.
     """
-    f, g = light[..., :_ENDS, :].mean(axis=-2), light[..., -_ENDS:, :].mean(axis=-2)
+    f, g = light[..., :_END_SAMPLES, :].mean(axis=-2), light[..., -_END_SAMPLES:, :].mean(axis=-2)
     ff, gg, fg = np.sum(f * f, axis=-1), np.sum(g * g, axis=-1), np.sum(f * g, axis=-1)
-    usable = ff * gg - fg**2 > _LEAST_CONTRAST * ff * gg
+    usable = ff * gg - fg**2 > _MIN_CONTRAST * ff * gg
     cf, cg = (np.einsum("nksc,nkc->nks", light, end) for end in (f, g))
     x = np.maximum(gg[..., None] * cf - fg[..., None] * cg, 0)
     y = np.maximum(ff[..., None] * cg - fg[..., None] * cf, 0)

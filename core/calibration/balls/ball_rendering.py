@@ -26,25 +26,25 @@ CENTRE, RADIUS, SHADE, LIGHT, PATH = slice(0, 2), 2, slice(3, 5), slice(5, 8), s
 WIDTH, ROD_LIGHT, STARTS = 10, slice(11, 14), slice(14, 16)
 """Indices of the unknowns: those of the ball, then those of its rods. The light is a logarithm."""
 UNKNOWNS = 16
-DARKEST = 1e-4
+MIN_LIGHT = 1e-4
 """Least linear light."""
 _FORM = np.r_[0:3, 8:11, 14:16]
 """The unknowns that change what covers what."""
-_LENS = 0.5  # standard deviation of the blur by the lens and the pixels' size, pixels
-_EVEN = 1.0  # of the blur that makes brightness as soft as subsampled colour, pixels
+_LENS_SIGMA = 0.5  # standard deviation of the blur by the lens and the pixels' size, pixels
+_CHROMA_SIGMA = 1.0  # of the blur that makes brightness as soft as subsampled colour, pixels
 _SUBSAMPLED = 0.3  # of what colour subsampling adds to it
 _MARGIN = 5  # pixels of background around a ball
-_CLEAR = 2.5  # pixels beyond the outline from which on there is background alone
-_ROD = 3.0  # pixels to both sides of a rod that may be its own
-_MOMENTS = 6  # of the exposure, at most
-_MOMENT_PIXELS = 0.8  # of the path between two moments: no more than the blur bridges
+_BALL_REACH = 2.5  # pixels beyond the outline from which on there is background alone
+_ROD_REACH = 3.0  # pixels to both sides of a rod that may be its own
+_MAX_MOMENTS = 6  # of the exposure, at most
+_MAX_MOMENT_SPACING = 0.8  # of the path between two moments: no more than the blur bridges
 _PLATE_MISFIT = 0.03  # levels by which pixels around a ball may differ from the background seen without it
 _PLATE_GAIN = 1.4  # factor by which the exposure may differ from that of the background's picture
 
 
 def linear(levels: Array) -> Array:
     """Return the linear light of levels from 0 to 255."""
-    return np.maximum(linear_light(levels), DARKEST)
+    return np.maximum(linear_light(levels), MIN_LIGHT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class BallWindow:
     places : ndarray, shape (n, n, 2)
         Pixels.
     observed : ndarray, shape (n, n, 3)
-        Levels from 0 to 1, blurred by `_EVEN`.
+        Levels from 0 to 1, blurred by `_CHROMA_SIGMA`.
     background : ndarray, shape (n, n, 3)
         Linear light.
     blur : ndarray, shape (n, n)
@@ -80,9 +80,12 @@ class BallWindow:
         grid = np.indices(levels.shape[:2], float)
         places = np.stack([grid[1] + u - half, grid[0] + v - half], axis=-1)
         index = np.arange(2 * half + 1)
-        blur = np.exp(-((index[:, None] - index) ** 2) / (2 * (_EVEN**2 + _SUBSAMPLED**2)))
+        blur = np.exp(-((index[:, None] - index) ** 2) / (2 * (_CHROMA_SIGMA**2 + _SUBSAMPLED**2)))
         window = cls(
-            places, cv2.GaussianBlur(levels, (0, 0), _EVEN), linear(255 * levels), blur / blur.sum(axis=1)[:, None]
+            places,
+            cv2.GaussianBlur(levels, (0, 0), _CHROMA_SIGMA),
+            linear(255 * levels),
+            blur / blur.sum(axis=1)[:, None],
         )
         return replace(window, background=_background(window, None if plate is None else plate[own], guess))
 
@@ -103,7 +106,7 @@ class BallWindow:
         y[:, _FORM] = forms
         rod, paint = np.exp(x[:, None, None, ROD_LIGHT]), np.exp(x[:, None, None, LIGHT])
         lean = x[:, SHADE] / x[:, RADIUS, None]
-        count = int(np.clip(np.ceil(np.linalg.norm(x[:, PATH], axis=1).max() / _MOMENT_PIXELS), 1, _MOMENTS))
+        count = int(np.clip(np.ceil(np.linalg.norm(x[:, PATH], axis=1).max() / _MAX_MOMENT_SPACING), 1, _MAX_MOMENTS))
         for moment in (np.arange(count) + 0.5) / count - 0.5:
             off = self.places - (y[:, CENTRE] + moment * y[:, PATH])[:, None, None]
             light = self.background[None]
@@ -111,7 +114,7 @@ class BallWindow:
                 if expected >= 1:
                     light = light + _strip(off, y, own, 0.0 * start)[form, ..., None] * (rod - light)
             if ball:
-                cover = ndtr((y[:, RADIUS, None, None] - np.linalg.norm(off, axis=-1)) / _LENS)[form, ..., None]
+                cover = ndtr((y[:, RADIUS, None, None] - np.linalg.norm(off, axis=-1)) / _LENS_SIGMA)[form, ..., None]
                 shade = np.maximum(1 + np.einsum("kvui,ki->kvu", off[form], lean), 0.05)[..., None]
                 light = light + cover * (shade * paint - light)
             for own, start, expected in zip(guess.rods, y[:, STARTS].T, guess.starts, strict=False):
@@ -120,7 +123,7 @@ class BallWindow:
             yield light
 
     def _recorded(self, light: Array) -> Array:
-        levels = np.maximum(light, DARKEST) ** (1 / GAMMA)
+        levels = np.maximum(light, MIN_LIGHT) ** (1 / GAMMA)
         blurred = self.blur @ np.moveaxis(levels, -1, 1) @ self.blur.T
         return np.asarray(np.moveaxis(blurred, 1, -1))
 
@@ -129,16 +132,16 @@ def _strip(off: Array, x: Array, rod: Array, start: Array) -> Array:
     """Return the share of each place that a rod covers, shape (k, n, n); it begins `start` radii from the centre."""
     along, across = off @ rod, off @ np.array([-rod[1], rod[0]])
     width, begin = x[:, WIDTH, None, None], (start * x[:, RADIUS])[:, None, None]
-    strip = ndtr((across + width) / _LENS) - ndtr((across - width) / _LENS)
-    return np.asarray(strip * ndtr((along - begin) / _LENS))
+    strip = ndtr((across + width) / _LENS_SIGMA) - ndtr((across - width) / _LENS_SIGMA)
+    return np.asarray(strip * ndtr((along - begin) / _LENS_SIGMA))
 
 
 def _background(window: BallWindow, plate: Array | None, guess: BallGuess) -> Array:
     """Return the background in linear light: the plate, or a plane through the pixels around the ball."""
     off = window.places - guess.centre
-    clear = np.linalg.norm(off, axis=-1) > guess.reach + _CLEAR
+    clear = np.linalg.norm(off, axis=-1) > guess.reach + _BALL_REACH
     for rod in guess.rods:
-        clear &= ~((off @ rod > 0) & (np.abs(off @ np.array([-rod[1], rod[0]])) < _ROD))
+        clear &= ~((off @ rod > 0) & (np.abs(off @ np.array([-rod[1], rod[0]])) < _ROD_REACH))
     light = window.background
     if plate is not None:
         behind = linear(plate)
@@ -154,4 +157,4 @@ def _background(window: BallWindow, plate: Array | None, guess: BallGuess) -> Ar
         plane = np.linalg.lstsq(A[clear] * weight[clear, None], light[clear] * weight[clear, None], rcond=None)[0]
         miss = np.abs(light - A @ plane).max(axis=-1)
         weight = clear / (1 + (miss / (3 * np.median(miss[clear]) + 1e-6)) ** 2)
-    return np.maximum(A @ plane, DARKEST)
+    return np.maximum(A @ plane, MIN_LIGHT)

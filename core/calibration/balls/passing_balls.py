@@ -26,28 +26,28 @@ from .small_balls import SmallBalls
 Image = NDArray[Any]
 
 _SHARE = 0.35  # of a ball in a pixel of its path: which way that pixel goes from the background
-_FILTER = 1.6  # deviation of the filter, pixels
-_PEAK = np.ones((5, 5), np.uint8)  # where a peak is the highest
-_HALF = 26  # of a window around a peak, pixels
+_FILTER_SIGMA = 1.6  # deviation of the filter, pixels
+_PEAK_WINDOW = np.ones((5, 5), np.uint8)  # where a peak is the highest
+_HALF_WINDOW = 26  # of a window around a peak, pixels
 _EDGE = 3  # pixels from the picture's edge within which a part of a ball may be missing
-_FEWEST = 4  # samples of a ball's colour
+_MIN_SAMPLES = 4  # samples of a ball's colour
 _OTHERS = 2  # peaks of a frame that may be balls of the wand: the next one is noise, or something else
 _SURER, _OWN = 1.4, 0.1  # a ball's peak, as a multiple of those, but no more than a share of the samples' own
-_LEAST = 6.0  # of the noise's deviations that a peak is high
-_MOST = 6  # peaks that are measured on a frame
-_CORE = 0.4  # of the highest share of a ball
-_RIM = 5  # side of what blur adds around the core, pixels
-_AROUND = 5  # side of what lies around that
-_CROWDED = 0.4  # share of a ball's colour that may lie around it
-_LEAST_RADIUS, _LARGEST_RADIUS = 0.8, 8.0
-_LONGEST = 7.0  # length over width of a trace
-_BLUR = 1.3  # deviation of lens, sensor and smoothing together, pixels
-_BROAD = 2.5  # how many times as broad as a ball's own a trace may be, squared
-_FLOOR, _PATH_SHARE = 0.15, 0.12  # deviation of a centroid, pixels, and as a share of half the path
-_LOPSIDED = 0.18  # of the radius: what light from one side, a rod or a hand shift the centroid
+_MIN_PEAK_SIGMAS = 6.0  # of the noise's deviations that a peak is high
+_MAX_PEAKS = 6  # peaks that are measured on a frame
+_CORE_SHARE = 0.4  # of the highest share of a ball
+_RIM_SIDE = 5  # side of what blur adds around the core, pixels
+_SURROUNDINGS_SIDE = 5  # side of what lies around that
+_MAX_SHARE_AROUND = 0.4  # share of a ball's colour that may lie around it
+_MIN_RADIUS, _MAX_RADIUS = 0.8, 8.0
+_MAX_ELONGATION = 7.0  # length over width of a trace
+_BLUR_SIGMA = 1.3  # deviation of lens, sensor and smoothing together, pixels
+_MAX_BREADTH = 2.5  # how many times as broad as a ball's own a trace may be, squared
+_MIN_SIGMA, _PATH_SHARE = 0.15, 0.12  # deviation of a centroid, pixels, and as a share of half the path
+_SHADING_SHARE = 0.18  # of the radius: what light from one side, a rod or a hand shift the centroid
 _SPARSE, _LIT, _BURNT, _FEWEST_LIT = 8, 0.05, 0.98, 50  # of the pixels by which a frame's exposure is estimated: levels
-_LEAST_NOISE = 0.5 / 255  # levels from 0 to 1
-_DARKEST = 0.02  # levels from 0 to 1
+_MIN_NOISE = 0.5 / 255  # levels from 0 to 1
+_MIN_LIGHT = 0.02  # levels from 0 to 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,19 +96,19 @@ class Backdrop:
         """Return the backdrop of some frames as `Picture.even` and of their median, all uint8, shape (h, w, 3)."""
         found = cls(background.astype(np.float32) / 255, np.ones(3, np.float32))
         apart = [np.median(np.abs(found.frame(even).added), axis=(0, 1)) for even in evened]
-        noise = np.maximum(NORMAL_MAD * np.median(apart, axis=0), _LEAST_NOISE)
+        noise = np.maximum(NORMAL_MAD * np.median(apart, axis=0), _MIN_NOISE)
         return replace(found, noise=noise.astype(np.float32))
 
     def passes(self, ball: BallSample) -> bool:
         """Return whether a ball differs from the background, so that it is not a part of it."""
         at = ball.pixel
-        return bool(np.abs(ball.even[at] / 255 - self.levels[at]).max() > _LEAST * self.noise.max())
+        return bool(np.abs(ball.even[at] / 255 - self.levels[at]).max() > _MIN_PEAK_SIGMAS * self.noise.max())
 
     def unmixed(self, ball: BallSample) -> Array:
         """Return the colour of a ball whose pixels blur mixes with the background's, linear light, shape (3,)."""
         at = ball.pixel
         own, behind = LINEAR_LIGHT[ball.even[at]], self.levels[at] ** GAMMA
-        share = 1 - np.exp(-(ball.radius**2) / (2 * _BLUR**2))
+        share = 1 - np.exp(-(ball.radius**2) / (2 * _BLUR_SIGMA**2))
         return np.asarray(np.maximum(behind + (own - behind) / share, 0.0))
 
     def frame(self, even: Image) -> PassingFrame:
@@ -147,7 +147,7 @@ class PassingFrame:
     @cached_property
     def smooth(self) -> Image:
         """Return the difference from the background, smoothed over the area of a ball."""
-        return np.asarray(cv2.GaussianBlur(self.added, (0, 0), _FILTER))
+        return np.asarray(cv2.GaussianBlur(self.added, (0, 0), _FILTER_SIGMA))
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +173,7 @@ class PassingBalls:
     light: Array
     way: Image
     aside: Image
-    threshold: float = _LEAST
+    threshold: float = _MIN_PEAK_SIGMAS
     size: float = 1.0
 
     @classmethod
@@ -182,11 +182,11 @@ class PassingBalls:
 
         Its threshold lies above what else those frames show, and below the balls' own peaks.
         """
-        if len(samples) < _FEWEST or np.median([ball.radius for ball in samples]) > _LARGEST_RADIUS:
+        if len(samples) < _MIN_SAMPLES or np.median([ball.radius for ball in samples]) > _MAX_RADIUS:
             return None
         lights = np.array([backdrop.unmixed(ball) for ball in samples])
-        light = np.exp(np.median(np.log(np.maximum(lights, _DARKEST**GAMMA)), axis=0))
-        behind = np.maximum(backdrop.levels, _DARKEST) ** GAMMA
+        light = np.exp(np.median(np.log(np.maximum(lights, _MIN_LIGHT**GAMMA)), axis=0))
+        behind = np.maximum(backdrop.levels, _MIN_LIGHT) ** GAMMA
         mixed = (behind + _SHARE * (light.astype(np.float32) - behind)) ** (1 / GAMMA)
         shade = _unit(backdrop.levels / backdrop.noise)
         way = _unit(_beside((mixed - backdrop.levels) / backdrop.noise, shade))
@@ -199,20 +199,20 @@ class PassingBalls:
             heights, places = found._peaks(frame, 0.0)
             others.extend(heights[_OTHERS : _OTHERS + 1].tolist())
             for ball in samples:
-                near = np.linalg.norm(places[:, ::-1] - ball.centre, axis=1) < ball.radius + _FILTER
+                near = np.linalg.norm(places[:, ::-1] - ball.centre, axis=1) < ball.radius + _FILTER_SIGMA
                 if ball.even is even and near.any():
                     own.append(float(heights[near][0]))
                     if (again := found._measured(frame, places[near][0])) is not None:
                         sizes.append(ball.radius / float(np.linalg.norm(again[1], -2)))
         above = _SURER * float(np.median(others))
-        threshold = max(_LEAST, min(above, _OWN * float(np.median(own or [np.inf]))))
+        threshold = max(_MIN_PEAK_SIGMAS, min(above, _OWN * float(np.median(own or [np.inf]))))
         return replace(found, threshold=threshold, size=float(np.median(sizes or [1.0])))
 
     def find(self, frame: PassingFrame) -> SmallBalls:
         """Return the small moving balls of a frame, the most certain first."""
         places = self._peaks(frame, self.threshold)[1]
         found: list[tuple[Array, Array, float]] = []
-        for place in places[:_MOST]:
+        for place in places[:_MAX_PEAKS]:
             measured = self._measured(frame, place)
             if measured is not None and all(
                 np.linalg.norm(measured[0] - c) > np.linalg.norm(s, 2) for c, s, _ in found
@@ -226,7 +226,7 @@ class PassingBalls:
         across = np.einsum("vuc,vuc->vu", frame.smooth, self.aside)
         noise = max(NORMAL_MAD * float(np.median(np.abs(along))), 1e-6)
         score = (along - np.abs(across)) / noise
-        highest = (score >= cv2.dilate(score, _PEAK)) & (score > least)
+        highest = (score >= cv2.dilate(score, _PEAK_WINDOW)) & (score > least)
         places = np.argwhere(highest)
         heights = score[highest]
         order = np.argsort(-heights)
@@ -237,17 +237,19 @@ class PassingBalls:
         size = np.array(frame.even.shape[:2])
         if (place < _EDGE).any() or (place >= size - _EDGE).any():
             return None
-        (top, left), (bottom, right) = np.maximum(place - _HALF, 0), np.minimum(place + _HALF + 1, size)
+        (top, left), (bottom, right) = np.maximum(place - _HALF_WINDOW, 0), np.minimum(place + _HALF_WINDOW + 1, size)
         own = slice(top, bottom), slice(left, right)
         share, noise = self._share(frame, own)
         v, u = place - [top, left]
         core = _joined(cv2.blur(share, (3, 3)), v, u, noise)
         if core[[0, -1]].any() or core[:, [0, -1]].any():
             return None  # a part of something larger
-        near = cv2.dilate(core.astype(np.uint8), np.ones((_RIM, _RIM), np.uint8)) > 0
-        around = (cv2.dilate(near.astype(np.uint8), np.ones((_AROUND, _AROUND), np.uint8)) > 0) & ~near
+        near = cv2.dilate(core.astype(np.uint8), np.ones((_RIM_SIDE, _RIM_SIDE), np.uint8)) > 0
+        around = (
+            cv2.dilate(near.astype(np.uint8), np.ones((_SURROUNDINGS_SIDE, _SURROUNDINGS_SIDE), np.uint8)) > 0
+        ) & ~near
         total = float(share[near].sum())
-        if total < np.pi * _LEAST_RADIUS**2 or float(share[around].sum()) > _CROWDED * total:
+        if total < np.pi * _MIN_RADIUS**2 or float(share[around].sum()) > _MAX_SHARE_AROUND * total:
             return None
         places = np.argwhere(near)[:, ::-1].astype(float)
         weights = share[near] / total
@@ -256,19 +258,21 @@ class PassingBalls:
         values, vectors = np.linalg.eigh(np.einsum("n,ni,nj->ij", weights, off, off))
         radius = float(np.sqrt(total / np.pi))
         path = float(np.sqrt(12 * max(values[1] - max(values[0], 0.0), 0.0)))
-        broad = values[0] > _BROAD * (radius**2 / 4 + _BLUR**2)
-        if broad or radius >= _LARGEST_RADIUS or radius + path / 2 > _LONGEST * radius:
+        broad = values[0] > _MAX_BREADTH * (radius**2 / 4 + _BLUR_SIGMA**2)
+        if broad or radius >= _MAX_RADIUS or radius + path / 2 > _MAX_ELONGATION * radius:
             return None
         shape = (vectors * [self.size * radius, self.size * radius + path / 2]) @ vectors.T
         scatter = noise * float(np.sqrt((off**2).sum() / 2)) / total
-        sigma = float(np.sqrt(_FLOOR**2 + scatter**2 + (_PATH_SHARE * path / 2) ** 2 + (_LOPSIDED * radius) ** 2))
+        sigma = float(
+            np.sqrt(_MIN_SIGMA**2 + scatter**2 + (_PATH_SHARE * path / 2) ** 2 + (_SHADING_SHARE * radius) ** 2)
+        )
         return centre + [left, top], shape, sigma
 
     def _share(self, frame: PassingFrame, own: tuple[slice, slice]) -> tuple[Array, float]:
         """Return how much of every pixel of a window is the ball's colour, and its standard deviation."""
-        levels = np.maximum((frame.gain * self.backdrop.levels[own]).astype(float), _DARKEST)
+        levels = np.maximum((frame.gain * self.backdrop.levels[own]).astype(float), _MIN_LIGHT)
         behind = levels**GAMMA
-        added = np.maximum(frame.even[own].astype(float) / 255, _DARKEST) ** GAMMA - behind
+        added = np.maximum(frame.even[own].astype(float) / 255, _MIN_LIGHT) ** GAMMA - behind
         noise = GAMMA * levels ** (GAMMA - 1) * self.backdrop.noise
         toward = _beside((self.light - behind) / noise, _unit(behind / noise))
         information = np.maximum(np.sum(toward**2, axis=2), 1e-12)
@@ -286,7 +290,7 @@ def _beside(vectors: Array, ways: Array) -> Array:
 
 def _joined(share: Array, v: int, u: int, noise: float) -> NDArray[np.bool_]:
     """Return the pixels around a peak that have much of what it has."""
-    least = max(_CORE * float(share[max(v - 1, 0) : v + 2, max(u - 1, 0) : u + 2].max()), 2 * noise)
+    least = max(_CORE_SHARE * float(share[max(v - 1, 0) : v + 2, max(u - 1, 0) : u + 2].max()), 2 * noise)
     above = (share > least).astype(np.uint8)
     above[v, u] = 1
     _, labels = cv2.connectedComponents(above, connectivity=8)

@@ -21,32 +21,32 @@ from .swept_disc import STOPPING, DiscFit
 
 Image = NDArray[Any]
 
-LARGEST_SMALL = 3.0
+MAX_RADIUS = 3.0
 """Radius from which a ball's outline is measured instead, pixels."""
 BLUR_SHARE = 0.35
 """Standard deviation of a moving ball's centre, as a share of the difference of its image's semi-axes."""
-LONGEST = 3.0
+MAX_ELONGATION = 3.0
 """Length over width of a ball that moves: a blur of twice the diameter."""
-_FEWEST, _MOST_PIXELS = 3, 80  # of a blob
-_LONGEST_SIDE = 22  # of a blob's box, pixels: a small ball that moves
+_MIN_PIXELS, _MAX_PIXELS = 3, 80  # of a blob
+_MAX_SIDE = 22  # of a blob's box, pixels: a small ball that moves
 _MARGIN = 5  # pixels of background around a blob
-_HALF_WINDOW, _AWAY_FROM_EDGE = 10, 2  # pixels: of a window around a spot; of a spot from the picture's edge
-_HEART, _BALL = 1.5, 4.0  # pixels from a spot's middle that are the ball's colour alone; that may have some of it
-_CORE = 0.25  # share of a blob's pixels that are the ball's colour alone
-_DARK = 0.25  # light of a pixel, as a share of ball or background, below which its colour is too uncertain
+_HALF_WINDOW, _EDGE_DISTANCE = 10, 2  # pixels: of a window around a spot; of a spot from the picture's edge
+_CORE_RADIUS, _BALL_RADIUS = 1.5, 4.0  # pixels from a spot's middle: all of the ball's colour; with some of it
+_CORE_SHARE = 0.25  # share of a blob's pixels that are the ball's colour alone
+_MIN_LIGHT_SHARE = 0.25  # light of a pixel, as a share of ball or background, below which its colour is too uncertain
 _NOISE_SHARE = 0.1  # share of the ball's colour that background has by chance
-_RIM = 2.0  # how far blur carries the ball's colour beyond the pixels that are more the ball's than not
-_AWAY = 1.5  # how far a rod may have pulled the centroid aside, and stretched the ball, pixels
-_ROUGH = 0.25  # relative error of the radius before
-_FEWEST_PIXELS = 8  # of a ball that no rod hides, for its disc to be fitted
-_MOST_BLOBS = 400  # beyond, it is the colour of the room
-_SAME = 2.0  # pixels within which two blobs are one
-_SPECKS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-_ROUNDS = 4
-_FLOOR = 0.12  # standard deviation of a still ball's centroid, pixels
-_LEAST_CONTRAST = 0.04  # squared sine of the angle between the colours of ball and background
-_LEAST_RADIUS = 1.0  # pixels
-_CROWDED = 0.35  # share of a blob's colour that may lie around it
+_RIM_WIDTH = 2.0  # how far blur carries the ball's colour beyond the pixels that are more the ball's than not
+_MAX_ROD_SHIFT = 1.5  # how far a rod may have pulled the centroid aside, and stretched the ball, pixels
+_RADIUS_SIGMA = 0.25  # relative error of the radius before
+_MIN_DISC_PIXELS = 8  # of a ball that no rod hides, for its disc to be fitted
+_MAX_BLOBS = 400  # beyond, it is the colour of the room
+_MIN_SPACING = 2.0  # pixels within which two blobs are one
+_SPECK_KERNEL = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+_ITERATIONS = 4
+_MIN_SIGMA = 0.12  # standard deviation of a still ball's centroid, pixels
+_MIN_CONTRAST = 0.04  # squared sine of the angle between the colours of ball and background
+_MIN_RADIUS = 1.0  # pixels
+_MAX_SHARE_AROUND = 0.35  # share of a blob's colour that may lie around it
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,16 +91,16 @@ def find_small_balls(image: Image, light: Array, masks: Sequence[Image]) -> Smal
     candidates = [
         (m, mask, blobs)
         for m, mask in enumerate(masks)
-        for blobs in (mask, cv2.morphologyEx(mask, cv2.MORPH_OPEN, _SPECKS))
+        for blobs in (mask, cv2.morphologyEx(mask, cv2.MORPH_OPEN, _SPECK_KERNEL))
     ]
     measured_blobs: set[tuple[int, ...]] = set()
     for m, mask, blobs in candidates:
         count, labels, stats, _ = cv2.connectedComponentsWithStats(blobs, connectivity=8)
-        if count > _MOST_BLOBS:  # the colour of the room rather than the ball's
+        if count > _MAX_BLOBS:  # the colour of the room rather than the ball's
             continue
         for k in range(1, count):
             left, top, width, height, area = stats[k]
-            if not (_FEWEST <= area <= _MOST_PIXELS and max(width, height) <= _LONGEST_SIDE):
+            if not (_MIN_PIXELS <= area <= _MAX_PIXELS and max(width, height) <= _MAX_SIDE):
                 continue
             window = _window(mask.shape, (left, top, width, height))
             blob = (m, *stats[k].tolist())
@@ -111,7 +111,7 @@ def find_small_balls(image: Image, light: Array, masks: Sequence[Image]) -> Smal
             if measured is None:
                 continue
             centre = measured[0] + [window[1].start, window[0].start]
-            if all(np.linalg.norm(centre - other) > _SAME for other, _, _ in found):
+            if all(np.linalg.norm(centre - other) > _MIN_SPACING for other, _, _ in found):
                 found.append((centre, *measured[1:]))
     return SmallBalls.of(found)
 
@@ -123,7 +123,7 @@ def measure_small_ball(image: Image, light: Array, place: Array) -> tuple[Array,
     """
     size = image.shape[1::-1]
     corner = np.round(place).astype(int) - _HALF_WINDOW
-    if (place < _AWAY_FROM_EDGE).any() or (place > np.array(size) - 1 - _AWAY_FROM_EDGE).any():
+    if (place < _EDGE_DISTANCE).any() or (place > np.array(size) - 1 - _EDGE_DISTANCE).any():
         return None
     window = tuple(
         slice(max(a, 0), min(a + 2 * _HALF_WINDOW + 1, n)) for a, n in ((corner[1], size[1]), (corner[0], size[0]))
@@ -131,7 +131,7 @@ def measure_small_ball(image: Image, light: Array, place: Array) -> tuple[Array,
     start = np.array([window[1].start, window[0].start])
     v, u = np.indices(image[window].shape[:2])
     away = np.hypot(u + start[0] - place[0], v + start[1] - place[1])
-    measured = _measured(light[image[window]], away < _HEART, away < _BALL)
+    measured = _measured(light[image[window]], away < _CORE_RADIUS, away < _BALL_RADIUS)
     return None if measured is None else (measured[0] + start, *measured[1:])
 
 
@@ -155,9 +155,9 @@ def _measured(light: Array, blob: Bools, coloured: Bools) -> tuple[Array, Array,
     if core[[0, -1]].any() or core[:, [0, -1]].any():
         return None  # a part of something larger
     centre = places[core].mean(axis=0)
-    reach = np.linalg.norm(places[core] - centre, axis=1).max() + _RIM
+    reach = np.linalg.norm(places[core] - centre, axis=1).max() + _RIM_WIDTH
     near = core
-    for _ in range(_ROUNDS):
+    for _ in range(_ITERATIONS):
         near = np.linalg.norm(places - centre, axis=-1) <= reach
         weights = share * near
         total = float(weights.sum())
@@ -165,19 +165,19 @@ def _measured(light: Array, blob: Bools, coloured: Bools) -> tuple[Array, Array,
             return None
         centre = np.einsum("vu,vuk->k", weights, places) / total
     around = np.linalg.norm(places - centre, axis=-1) <= reach + 2
-    if float(share[around & ~near].sum()) > _CROWDED * total:
+    if float(share[around & ~near].sum()) > _MAX_SHARE_AROUND * total:
         return None
     off = places - centre
     spread = np.einsum("vu,vui,vuj->ij", weights, off, off) / total
     values, vectors = np.linalg.eigh(spread)
     path = float(np.sqrt(12 * max(values[1] - values[0], 0.0)))
     radius = float((np.sqrt(path**2 + np.pi * total) - path) / np.pi)  # the area is pi r^2 + 2 r path
-    if not radius >= _LEAST_RADIUS or radius + path / 2 > LONGEST * radius:
+    if not radius >= _MIN_RADIUS or radius + path / 2 > MAX_ELONGATION * radius:
         return None
     shape = (vectors * [radius, radius + path / 2]) @ vectors.T
     noise = float(np.std(share[~around])) if (~around).any() else _NOISE_SHARE
     scatter = noise * float(np.sqrt((off[near] ** 2).sum() / 2)) / total
-    return centre, shape, float(np.sqrt(_FLOOR**2 + scatter**2 + (BLUR_SHARE * path / 2) ** 2))
+    return centre, shape, float(np.sqrt(_MIN_SIGMA**2 + scatter**2 + (BLUR_SHARE * path / 2) ** 2))
 
 
 def _core(share: Array, blob: Bools) -> Bools:
@@ -200,15 +200,15 @@ def _share_of_ball(light: Array, blob: Bools, coloured: Bools) -> Array | None:
     own = light[blob]
     across = np.sum(own**2, axis=1) * (g @ g) - (own @ g) ** 2
     away = across / np.maximum(np.sum(own**2, axis=1) * (g @ g), 1e-12)
-    best = np.argsort(-away)[: max(3, int(_CORE * len(own)))]
+    best = np.argsort(-away)[: max(3, int(_CORE_SHARE * len(own)))]
     f = own[best].mean(axis=0)
     ff, gg, fg = f @ f, g @ g, f @ g
-    if ff * gg - fg**2 <= _LEAST_CONTRAST * ff * gg:
+    if ff * gg - fg**2 <= _MIN_CONTRAST * ff * gg:
         return None
     cf, cg = light @ f, light @ g
     x = np.maximum(gg * cf - fg * cg, 0) / (ff * gg - fg**2)
     y = np.maximum(ff * cg - fg * cf, 0) / (ff * gg - fg**2)
-    share = x / np.maximum(x + y, _DARK)
+    share = x / np.maximum(x + y, _MIN_LIGHT_SHARE)
     least = max(_NOISE_SHARE, float(np.quantile(share[beyond], 0.9)))
     return np.asarray(np.clip((share - least) / max(1 - least, 1e-6), 0, 1))
 
@@ -241,7 +241,7 @@ def without_rod(
     centre, shape = ball
     values, vectors = np.linalg.eigh(shape)
     radius, path = float(values[0]), 0.0 if still else 2 * float(values[1] - values[0])
-    half = int(np.ceil(values[1] + _RIM)) + _MARGIN
+    half = int(np.ceil(values[1] + _RIM_WIDTH)) + _MARGIN
     u0, v0 = (round(float(x)) - half for x in centre)
     if u0 < 0 or v0 < 0 or u0 + 2 * half >= image.shape[1] or v0 + 2 * half >= image.shape[0]:
         return None
@@ -257,7 +257,7 @@ def without_rod(
         share,
         np.nan_to_num(ways),
         start=np.array([*centre, radius, *(path * vectors[:, 1])]),
-        deviation=np.array([_AWAY, _AWAY, _ROUGH * radius, _AWAY, _AWAY]),
+        deviation=np.array([_MAX_ROD_SHIFT, _MAX_ROD_SHIFT, _RADIUS_SIGMA * radius, _MAX_ROD_SHIFT, _MAX_ROD_SHIFT]),
         free=np.array([True, True, True, not still, not still]),
     )
     found = minimise(
@@ -269,7 +269,7 @@ def without_rod(
         stopping=STOPPING,
     )
     x, last = found.state, found.linearised()
-    if len(last.residuals) < _FEWEST_PIXELS:
+    if len(last.residuals) < _MIN_DISC_PIXELS:
         return None
     covariance = last.factor().covariance()[:2, :2]
     noise = max(float(np.sqrt(np.mean(last.residuals**2))), 1.0)
@@ -277,4 +277,4 @@ def without_rod(
     length = float(np.hypot(*x[3:]))
     way = x[3:] / length if length > 1e-9 else np.array([1.0, 0.0])
     grown = x[2] * np.eye(2) + length / 2 * np.outer(way, way)
-    return x[:2], grown, float(np.sqrt(_FLOOR**2 + sigma**2 + (BLUR_SHARE * length / 2) ** 2))
+    return x[:2], grown, float(np.sqrt(_MIN_SIGMA**2 + sigma**2 + (BLUR_SHARE * length / 2) ** 2))

@@ -12,10 +12,10 @@ from ...numerics.least_squares import StoppingRule
 from ...numerics.normal_equations import DenseEquations
 from .free_unknowns import FreeUnknowns, centre_step
 
-_BLUR = 1.3  # standard deviation of lens, sensor, colour subsampling and smoothing together, pixels
-_HIDDEN = 0.5  # cosine of the angle from a rod within which a ball may be hidden by it
+_BLUR_SIGMA = 1.3  # standard deviation of lens, sensor, colour subsampling and smoothing together, pixels
+_HIDDEN_COSINE = 0.5  # cosine of the angle from a rod within which a ball may be hidden by it
 _SHARE_NOISE = 0.06  # of a pixel's share of the ball's colour
-_DIFFERENCES, _FURTHEST = np.full(5, 0.05), np.full(5, 0.5)  # pixels
+_DIFFERENCES, _MAX_STEPS = np.full(5, 0.05), np.full(5, 0.5)  # pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ def _swept_discs(places: Array, x: Array) -> Array:
     squared = (path**2).sum(axis=-1)
     along = np.where(squared > 1e-12, (off * path).sum(axis=-1) / np.maximum(squared, 1e-12), 0.0)
     apart = off - np.clip(along, -0.5, 0.5)[..., None] * path
-    return np.asarray(ndtr((x[:, 2:3] - np.sqrt((apart**2).sum(axis=-1))) / _BLUR))
+    return np.asarray(ndtr((x[:, 2:3] - np.sqrt((apart**2).sum(axis=-1))) / _BLUR_SIGMA))
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,15 +59,15 @@ class DiscFit:
     @classmethod
     def of(cls, places: Array, share: Array, ways: Array, *, start: Array, deviation: Array, free: Bools) -> DiscFit:
         """Return the fit from a start of its unknowns, their standard deviations, and which are free, (5,) each."""
-        return cls(places, share, ways, FreeUnknowns(start, deviation, free, _DIFFERENCES, _FURTHEST))
+        return cls(places, share, ways, FreeUnknowns(start, deviation, free, _DIFFERENCES, _MAX_STEPS))
 
     def used(self, x: Array) -> Bools:
         """Return the pixels that the disc reaches and that no rod hides."""
         off = self.places - x[:2]
         distance = np.linalg.norm(off, axis=-1)
         along = np.einsum("vuk,mk->vum", off / np.maximum(distance, 1e-9)[..., None], self.ways)
-        hidden = (along > _HIDDEN).any(axis=-1) & (distance > 0.3 * x[2])
-        return np.asarray((distance < x[2] + np.hypot(*x[3:]) / 2 + 2 * _BLUR) & ~hidden)
+        hidden = (along > _HIDDEN_COSINE).any(axis=-1) & (distance > 0.3 * x[2])
+        return np.asarray((distance < x[2] + np.hypot(*x[3:]) / 2 + 2 * _BLUR_SIGMA) & ~hidden)
 
     def residuals(self, x: Array, used: Bools) -> Array:
         """Return by how much the shares of discs (k, 5) differ from those of n pixels, standard deviations, (k, n)."""

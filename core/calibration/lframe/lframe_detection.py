@@ -17,18 +17,18 @@ from ...errors import CalibrationError
 from ...numerics.arrays import Array
 from ..balls.found_balls import Balls
 
-FOCALS = (0.6, 0.8, 1.0, 1.3, 1.7, 2.3)
+TRIED_FOCALS = (0.6, 0.8, 1.0, 1.3, 1.7, 2.3)
 """Focal lengths that are tried if none is known, relative to the picture's longer side."""
-_STANDS = 1.0  # pixels
-_LEAST_SEEN = 0.5  # least fraction of the frames on which a static ball is found in one place
-_MOST = 12  # largest number of static balls among which the four are searched for
-_BENT = 0.04  # deviation of the long arm's balls from a line, relative to its length: lenses bend lines
-_UNEVEN = 2.5  # factor by which perspective may change the ratio of their distances
-_SIZE_SPREAD = 0.12  # standard deviation of the balls' sizes in the picture, relative to the expected ones
-_DOUBT = 9.0  # how much better, in squared standard deviations, a mirrored L-frame must fit
+_MAX_MOVEMENT = 1.0  # pixels
+_MIN_SEEN_SHARE = 0.5  # least fraction of the frames on which a static ball is found in one place
+_MAX_CANDIDATES = 12  # largest number of static balls among which the four are searched for
+_STRAIGHTNESS_SIGMA = 0.04  # deviation of the long arm's balls from a line, relative to its length: lenses bend lines
+_MAX_RATIO_CHANGE = 2.5  # factor by which perspective may change the ratio of their distances
+_SIZE_SIGMA = 0.12  # standard deviation of the balls' sizes in the picture, relative to the expected ones
+_MIRROR_MARGIN = 9.0  # how much better, in squared standard deviations, a mirrored L-frame must fit
 
 
-def standing(seen: Sequence[Balls], most: int = _MOST) -> Balls:
+def standing(seen: Sequence[Balls], most: int = _MAX_CANDIDATES) -> Balls:
     """Return the balls that stand still in several pictures, averaged, the largest first."""
     seen = [balls for balls in seen if len(balls)]
     if not seen:
@@ -36,9 +36,9 @@ def standing(seen: Sequence[Balls], most: int = _MOST) -> Balls:
     whole, home = Balls.joined(seen), np.repeat(np.arange(len(seen)), [len(b) for b in seen])
     left, found = np.ones(len(whole), bool), []
     for k in range(len(whole)):
-        near = left & (np.linalg.norm(whole.centres - whole.centres[k], axis=1) < _STANDS)
+        near = left & (np.linalg.norm(whole.centres - whole.centres[k], axis=1) < _MAX_MOVEMENT)
         left &= ~near
-        if left[k] or len(set(home[near])) < _LEAST_SEEN * len(seen):
+        if left[k] or len(set(home[near])) < _MIN_SEEN_SHARE * len(seen):
             continue
         # Errors common to all frames, from compression and shading, do not average out.
         sigma = np.sqrt(np.mean(whole.sigma[near] ** 2))
@@ -114,7 +114,7 @@ def identified(balls: Balls, frame: LFrameModel, where: str) -> list[int]:
         min((_fit(balls, four, f) for four in _shaped(balls, f.points)), key=lambda fit: fit.cost, default=None)
         for f in (frame, frame.mirrored())
     )
-    if wrong is not None and (right is None or right.cost > wrong.cost + _DOUBT):
+    if wrong is not None and (right is None or right.cost > wrong.cost + _MIRROR_MARGIN):
         raise CalibrationError(
             "the L-frame in the picture is the mirror image of its measures",
             where=where,
@@ -140,7 +140,11 @@ def _shaped(balls: Balls, points: Array) -> Iterator[tuple[int, ...]]:
         near, far = float(np.linalg.norm(c[b] - c[a])), float(np.linalg.norm(c[e] - c[b]))
         bent = abs(_cross(long, c[b] - c[a])) / max(length, 1e-9)
         between = 0 < float((c[b] - c[a]) @ long) < length**2
-        if not between or bent > _BENT * length + _STANDS or not 1 / _UNEVEN < near / far / spacing < _UNEVEN:
+        if (
+            not between
+            or bent > _STRAIGHTNESS_SIGMA * length + _MAX_MOVEMENT
+            or not 1 / _MAX_RATIO_CHANGE < near / far / spacing < _MAX_RATIO_CHANGE
+        ):
             continue
         for d in set(range(len(balls))) - {a, b, e}:
             # Seen from above, left turns stay left turns; v points down.
@@ -162,7 +166,7 @@ def _pose_cost(centres: Array, radii: Array, frame: LFrameModel, focal: float) -
     K = np.array([[focal, 0, frame.middle[0]], [0, focal, frame.middle[1]], [0, 0, 1.0]])
     _, turns, shifts, _ = cv2.solvePnPGeneric(frame.points, centres, K, np.zeros(4), flags=cv2.SOLVEPNP_SQPNP)
     # The unknown lens distortion bends the line a little.
-    tolerance = _STANDS + 0.01 * float(np.linalg.norm(centres[2] - centres[0]))
+    tolerance = _MAX_MOVEMENT + 0.01 * float(np.linalg.norm(centres[2] - centres[0]))
     best = np.inf
     for turn, shift in zip(turns, shifts, strict=True):
         R = cv2.Rodrigues(turn)[0]
@@ -172,5 +176,5 @@ def _pose_cost(centres: Array, radii: Array, frame: LFrameModel, focal: float) -
         off = (x[:, :2] / x[:, 2:] * focal + frame.middle - centres) / tolerance
         sizes = np.log(2 * radii * x[:, 2] / focal)
         expected = sizes.mean() if frame.diameter is None else np.log(frame.diameter)
-        best = min(best, float(np.sum(off**2) + np.sum((sizes - expected) ** 2) / _SIZE_SPREAD**2))
+        best = min(best, float(np.sum(off**2) + np.sum((sizes - expected) ** 2) / _SIZE_SIGMA**2))
     return best

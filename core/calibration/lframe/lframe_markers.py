@@ -20,13 +20,13 @@ from ...shot.footage import pictures, probe
 from ..balls.ball_centres import centres_of
 from ..balls.ball_detection import Picture, find_balls, find_spots, without_rods
 from ..balls.found_balls import Balls
-from .lframe_detection import FOCALS, LFrameModel, LFrameUnseenError, identified, standing
+from .lframe_detection import TRIED_FOCALS, LFrameModel, LFrameUnseenError, identified, standing
 
-_PICTURES, _MOST_PICTURES = 15, 200
+_PICTURES, _MAX_PICTURES = 15, 200
 """Frames on which balls are looked for, and of which the mean is taken."""
-_MOST_CANDIDATES, _MOST_ALONE = 40, 12
+_MAX_CANDIDATES, _MAX_ALONE = 40, 12
 """How many things of the balls' colour are considered at most: by all views together, and by one view alone."""
-_EXPECTED = 0.006
+_EXPECTED_RADIUS = 0.006
 """How far a ball may be from where it is expected, as a share of the picture's longer side."""
 _USUAL_FOCAL = 1.0
 """Focal length assumed at first, as a share of the longer side."""
@@ -94,21 +94,21 @@ def find_lframe(
         return SeenLFrame(_nothing(), Balls.joined([]))
     report_progress(progress, f"{view.camera}: L-frame", 0.0)
     known = view.focal if view.matrix is None else float(view.matrix[0, 0])
-    focals = [known] if known else [share * max(size) for share in FOCALS]
+    focals = [known] if known else [share * max(size) for share in TRIED_FOCALS]
     frame = LFrameModel(videos.lframe_points, videos.lframe_diameter, (np.array(size) - 1) / 2, focals)
     where = f"{view.lframe} (camera {view.camera})"
     images = [Picture.of(image) for image in spread_out(view.lframe)]
-    balls = standing([find_balls(picture, videos.lframe_colour) for picture in images], _MOST_CANDIDATES)
+    balls = standing([find_balls(picture, videos.lframe_colour) for picture in images], _MAX_CANDIDATES)
     # Small balls drown in the noise of single frames, not in that of all of them together.
     still = Picture.of(still_picture(view.lframe).round().astype(np.uint8))
-    calm = standing([find_balls(still, videos.lframe_colour)], _MOST_CANDIDATES)
-    spots = find_spots(still, videos.lframe_colour, _MOST_CANDIDATES)
+    calm = standing([find_balls(still, videos.lframe_colour)], _MAX_CANDIDATES)
+    spots = find_spots(still, videos.lframe_colour, _MAX_CANDIDATES)
     candidates = Balls.joined([balls, calm[_apart(calm, balls)]])
     candidates = Balls.joined([candidates, spots[_apart(spots, candidates)]])
     unidentified: CalibrationError | None = None
     for own, seen_in in ((balls, images), (calm, [still]), (spots, [still])):
         try:
-            four = own[identified(own[:_MOST_ALONE], frame, where)]
+            four = own[identified(own[:_MAX_ALONE], frame, where)]
         except LFrameUnseenError as error:
             unidentified = error
         except CalibrationError as error:
@@ -138,7 +138,7 @@ def expected_lframe(
         Pixels.
     """
     assert view.lframe is not None
-    reach = _EXPECTED * max(size)
+    reach = _EXPECTED_RADIUS * max(size)
     if len(before.markers) and np.linalg.norm(before.markers.points[0] - expected, axis=1).max() < reach:
         return before
     apart = np.linalg.norm(candidates.centres - expected[:, None], axis=-1)
@@ -190,7 +190,7 @@ def spread_out(path: Path, most: int = _PICTURES) -> Iterator[NDArray[np.uint8]]
 def still_picture(path: Path) -> Array:
     """Return the mean of the frames of a video in which nothing moves, shape (h, w, 3), levels."""
     total, count = np.zeros(1), 0
-    for image in spread_out(path, _MOST_PICTURES):
+    for image in spread_out(path, _MAX_PICTURES):
         total, count = total + image, count + 1
     return total / max(count, 1)
 

@@ -20,13 +20,13 @@ from ...numerics.arrays import Array, Ints
 from ..solving.camera_rig import Rig
 from ..solving.wand_triangulation import projected, rays, triangulated
 
-_ASIDE = 0.006  # largest residual of a ball, relative to a picture's longer side: the cameras are not exact yet
-_LENGTHS = 0.04  # largest error of a length, metres
+_MAX_RESIDUAL = 0.006  # largest residual of a ball, relative to a picture's longer side: the cameras are not exact yet
+_LENGTH_TOLERANCE = 0.04  # largest error of a length, metres
 _BASES = ((0, 2, 3), (1, 2, 3), (0, 1, 3))
 """Sets of three balls not on a line, from which the L-frame's pose follows."""
-_SAME = 0.012  # metres within which two positions count as one
-_MOST_PLACES, _MOST_POSES = 120, 4000  # numbers that are tried, which limit the time if the whole room has the colour
-_FEWEST = 8
+_SAME_PLACE = 0.012  # metres within which two positions count as one
+_MAX_PLACES, _MAX_POSES = 120, 4000  # numbers that are tried, which limit the time if the whole room has the colour
+_MIN_BALLS = 8
 """Least number of an L-frame's balls over all views: fewer may match by chance."""
 _ROUNDS = 3  # of assigning the nearest balls and aligning the L-frame with them
 
@@ -104,7 +104,7 @@ def identified_together(rig: Rig, seen: Sequence[Array], measures: Array) -> Int
         if known.sum() < 3 or not {0, 1, 2} & set(np.flatnonzero(known)) or not known[3]:
             return None
         balls = _aligned(measures, measures[known], placed[known])
-    return chosen if (chosen >= 0).sum() >= _FEWEST else None
+    return chosen if (chosen >= 0).sum() >= _MIN_BALLS else None
 
 
 def _at(points: Array, chosen: Ints) -> Array:
@@ -114,7 +114,7 @@ def _at(points: Array, chosen: Ints) -> Array:
 
 def _reach(rig: Rig) -> Array:
     """Return the largest residual of a ball in each view, shape (V,), pixels."""
-    return np.asarray(_ASIDE * rig.sizes.max(axis=1))
+    return np.asarray(_MAX_RESIDUAL * rig.sizes.max(axis=1))
 
 
 def _meetings(rig: Rig, points: Array) -> Array:
@@ -138,7 +138,7 @@ def _distinct(rig: Rig, points: Array, places: Array) -> Array:
     views = (_closeness(rig, points, places).max(axis=2) > 0).sum(axis=0)
     kept: list[int] = []
     for k in np.argsort(-views, kind="stable"):
-        if len(kept) < _MOST_PLACES and all(np.linalg.norm(places[k] - places[other]) > _SAME for other in kept):
+        if len(kept) < _MAX_PLACES and all(np.linalg.norm(places[k] - places[other]) > _SAME_PLACE for other in kept):
             kept.append(int(k))
     return np.asarray(places[kept])
 
@@ -150,12 +150,12 @@ def _poses(places: Array, measures: Array) -> Array:
     for base in _BASES:
         a, b, c = measures[list(base)]
         fits_ab, fits_ac, fits_bc = (
-            np.abs(apart - np.linalg.norm(x - y)) < _LENGTHS for x, y in ((a, b), (a, c), (b, c))
+            np.abs(apart - np.linalg.norm(x - y)) < _LENGTH_TOLERANCE for x, y in ((a, b), (a, c), (b, c))
         )
         for i, j in np.argwhere(fits_ab):
             for k in np.flatnonzero(fits_ac[i] & fits_bc[j]):
                 found.append(_aligned(measures, measures[list(base)], places[[i, j, k]]))
-                if len(found) >= _MOST_POSES:
+                if len(found) >= _MAX_POSES:
                     return np.array(found)
     return np.array(found).reshape(-1, LFRAME_BALLS, 3)
 

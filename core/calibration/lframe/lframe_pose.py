@@ -17,12 +17,12 @@ from ..solving.bundle_scene import LFRAME_SIGMA
 from ..solving.camera_rig import Rig
 from ..solving.wand_triangulation import projected, rays, triangulated
 
-_LASTING = 0.1
+_SYSTEMATIC_SHARE = 0.1
 """Fraction of a ball's standard deviation that averaging over frames does not remove."""
 _SCALE_SHARE, _SHAPE_METRES = 0.01, 5e-3
 """Differences in size (relative) and shape (metres) that careful measuring cannot explain."""
-_SURE = 5.0  # standard deviations
-_ASIDE_PIXELS = 1.5
+_SIGNIFICANT_SIGMAS = 5.0  # standard deviations
+_MOVED_PIXELS = 1.5
 """Shift, pixels, from which a camera is reported as moved between the takes."""
 
 
@@ -38,7 +38,7 @@ def resting(markers: Sequence[Markers]) -> BallObservations:
             off = np.linalg.norm(points - np.median(points, axis=0), axis=1)
             good = off <= 4 * max(float(np.median(off)), float(np.median(sigma)))
             spread = np.sqrt(np.mean(sigma[good] ** 2))
-            lasting = max(1 / np.sqrt(good.sum()), _LASTING)
+            lasting = max(1 / np.sqrt(good.sum()), _SYSTEMATIC_SHARE)
             longer = np.zeros(2) if view.elongation is None else view.elongation[seen, b][0]
             rows.append((v, b, points[good].mean(axis=0), spread * lasting, longer))
     uv = np.array([row[2] for row in rows]).reshape(-1, 2)
@@ -123,7 +123,7 @@ def moved_since(rig: Rig, seen: BallObservations, noise: float) -> dict[int, flo
         Two cameras contradict each other, and nothing decides which was moved.
     """
     usual = noise * float(np.median(seen.sigma)) if len(seen) else 0.0
-    least = max(_ASIDE_PIXELS, _SURE * usual)
+    least = max(_MOVED_PIXELS, _SIGNIFICANT_SIGMAS * usual)
     agreeing = sorted({int(c) for c in seen.camera})
     while len(agreeing) > 1 and _disagreement(rig, seen, agreeing) > least:
         if len(agreeing) == 2:
@@ -177,13 +177,13 @@ def check_lframe(placement: LFramePose, rig: Rig, measures: Array, length: float
     """
     sigma = np.hypot(LFRAME_SIGMA, placement.sigma)
     miss = np.linalg.norm(placement.misfit, axis=1)
-    if np.nanmax(miss) > max(_SHAPE_METRES, _SURE * sigma):
+    if np.nanmax(miss) > max(_SHAPE_METRES, _SIGNIFICANT_SIGMAS * sigma):
         ball = int(np.nanargmax(miss))
         worst = 1000 * float(np.nanmax(miss))
         what = f"ball {ball + 1} of the L-frame lies {worst:.0f} mm from where the other balls and its measures say"
         raise findings.contradicting(what).error()
     size = np.sqrt(((measures - measures.mean(axis=0)) ** 2).sum())
-    if abs(placement.scale - 1) > max(_SCALE_SHARE, _SURE * sigma / size):
+    if abs(placement.scale - 1) > max(_SCALE_SHARE, _SIGNIFICANT_SIGMAS * sigma / size):
         raise findings.wrong_length(placement.scale, length).error()
     if (rig.centres_world[:, 2] < 0).all():
         raise findings.lframe_mirrored().error()

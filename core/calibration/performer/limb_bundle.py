@@ -19,11 +19,11 @@ from ...numerics.robust_kernels import RAYLEIGH_MEDIAN
 from ..solving.camera_rig import CAMERA_DOF, FOCAL, SHIFT, TURN
 from .limb_residuals import JOINTS, Columns, JointScene, JointSightings, joint_equations, pictured
 
-STICKS = ("shin", "thigh", "forearm", "upper_arm")
+SINGLE_BONES = ("shin", "thigh", "forearm", "upper_arm")
 """The limbs that are single bones, which take many directions; between the other pairs, the trunk may bend."""
 USUAL_NOISE = 0.01
 """Usual standard deviation of a detector's keypoints, as a share of the performer's size in the picture."""
-_LEAST_NOISE = 0.3  # pixels
+_MIN_NOISE = 0.3  # pixels
 _ROUNDS = 4  # of adjusting and estimating the noise, at most
 
 
@@ -118,7 +118,7 @@ def _focal_deviation(scene: JointScene, seen: JointSightings, height: float, noi
 
 def cost_of_joints(scene: JointScene, seen: JointSightings, height: float) -> float:
     """Return the robust sum of squares of a scene with the usual noise of a detector, by which starts are compared."""
-    noise = np.maximum(USUAL_NOISE * _extent(seen), _LEAST_NOISE)
+    noise = np.maximum(USUAL_NOISE * _extent(seen), _MIN_NOISE)
     free = np.ones(Columns.of(scene).count, bool)
     return joint_equations(scene, seen, height, noise=noise, free=free).cost
 
@@ -149,7 +149,7 @@ def _noise(sizes: Array, seen: JointSightings) -> Array:
     extent = _extent(seen)
     shares = sizes / extent[:, None, None]
     share = np.median(shares[np.isfinite(shares)]) / RAYLEIGH_MEDIAN
-    return np.maximum(share * extent, _LEAST_NOISE)
+    return np.maximum(share * extent, _MIN_NOISE)
 
 
 def _extent(seen: JointSightings) -> Array:

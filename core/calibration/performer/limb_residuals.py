@@ -19,7 +19,7 @@ from ..solving.camera_rig import CAMERA_DOF, FOCAL, SHIFT, TURN, Rig
 
 JOINTS = tuple(f"{side}{joint}" for joint in MAIN_JOINTS for side in "RL")
 """The joints that are used."""
-LIMBS: Mapping[str, tuple[tuple[str, str], ...]] = MappingProxyType(
+LIMB_ENDS: Mapping[str, tuple[tuple[str, str], ...]] = MappingProxyType(
     {
         "shin": (("RKnee", "RAnkle"), ("LKnee", "LAnkle")),
         "thigh": (("RHip", "RKnee"), ("LHip", "LKnee")),
@@ -37,9 +37,9 @@ PROPORTION_SIGMA = 0.08
 USUAL_FOCAL, FOCAL_SPREAD = 0.9, 0.35
 """Usual focal length of a camera, as a share of the picture's longer side, and the standard deviation of its logarithm.
 """
-_ROBUST = 3.0
+_ROBUST_SCALE = 3.0
 """Scale of the robust kernel, in standard deviations."""
-_NEAREST = 0.1  # metres
+_MIN_DEPTH = 0.1  # metres
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class JointScene:
     joints_world : ndarray, shape (F, L, 3)
         Metres; NaN where a joint is not seen by two views.
     lengths : ndarray, shape (K,)
-        Lengths of the limbs in the order of `LIMBS`, metres.
+        Lengths of the limbs in the order of `LIMB_ENDS`, metres.
     """
 
     rig: Rig
@@ -97,8 +97,8 @@ class JointScene:
 
 
 def usual_lengths(height: float) -> Array:
-    """Lengths of an average person's limbs in the order of `LIMBS`, metres."""
-    return np.array([FRACTIONS[limb] * height for limb in LIMBS])
+    """Lengths of an average person's limbs in the order of `LIMB_ENDS`, metres."""
+    return np.array([FRACTIONS[limb] * height for limb in LIMB_ENDS])
 
 
 def pictured(scene: JointScene, seen: JointSightings) -> tuple[Array, Array, Array]:
@@ -110,7 +110,7 @@ def pictured(scene: JointScene, seen: JointSightings) -> tuple[Array, Array, Arr
     v, f, j = np.nonzero(there)
     rig = scene.rig
     x = np.einsum("nij,nj->ni", rig.R_cam_world[v], scene.joints_world[f, j]) + rig.t_cam_world[v]
-    x[:, 2] = np.maximum(x[:, 2], _NEAREST)
+    x[:, 2] = np.maximum(x[:, 2], _MIN_DEPTH)
     residual = rig.focal[v] * x[:, :2] / x[:, 2:] + rig.centre[v] - seen.points[v, f, j]
     return np.stack([v, f, j], axis=1), x, residual
 
@@ -204,7 +204,7 @@ def joint_equations(
 
 def _sighting_rows(scene: JointScene, seen: JointSightings, noise: Array, columns: Columns) -> _ResidualRows:
     """Residuals of joints in the pictures."""
-    kernel, rig = Cauchy(_ROBUST), scene.rig
+    kernel, rig = Cauchy(_ROBUST_SCALE), scene.rig
     index, x, off = pictured(scene, seen)
     v, f, j = index.T
     sigma = (noise[v] * np.sqrt(seen.correlated / seen.confidence[v, f, j]))[:, None]
@@ -231,8 +231,8 @@ def _sighting_rows(scene: JointScene, seen: JointSightings, noise: Array, column
 
 def _limb_rows(scene: JointScene, usual: Array, correlated: float, columns: Columns) -> Iterator[_ResidualRows]:
     """Residuals of the limbs' lengths, relative to the lengths: in metres, a smaller scene would fit better."""
-    kernel = Cauchy(_ROBUST)
-    for k, pairs in enumerate(LIMBS.values()):
+    kernel = Cauchy(_ROBUST_SCALE)
+    for k, pairs in enumerate(LIMB_ENDS.values()):
         sigma = LENGTH_SIGMA / usual[k] * np.sqrt(correlated)
         for pair in pairs:
             a, b = (JOINTS.index(name) for name in pair)

@@ -20,18 +20,18 @@ from ...shot.footage import probe
 from ...shot.shot_spec import ShotSpec, ViewSpec
 from ..solving.assumed_lens import Lens
 from ..solving.camera_rig import Rig
-from ..solving.first_cameras import FEWEST_SHARED, Cancel, find_links, first_rig
+from ..solving.first_cameras import MIN_LINK_FRAMES, Cancel, find_links, first_rig
 from ..solving.wand_tracks import Tracks
 from ..solving.wand_triangulation import rays, triangulated
-from .limb_bundle import STICKS, adjust_joints, cost_of_joints
-from .limb_residuals import JOINTS, LIMBS, JointScene, JointSightings, usual_lengths
+from .limb_bundle import SINGLE_BONES, adjust_joints, cost_of_joints
+from .limb_residuals import JOINTS, LIMB_ENDS, JointScene, JointSightings, usual_lengths
 from .performer_views import USUAL_CORRELATION, PerformerView, joint_sightings
 from .performer_world import in_performers_world
 from .single_camera import SingleViewCalibration, camera_by_performer
 
-FOCALS = (0.6, 0.9, 1.35)
+TRIED_FOCALS = (0.6, 0.9, 1.35)
 """Focal lengths that are tried if the lens is not known, as shares of the picture's longer side."""
-VAGUE_FOCAL = 0.1
+MAX_FOCAL_SIGMA = 0.1
 """Standard deviation of a focal length above which the user is warned, as a share of it."""
 _USUAL_NOISE = 3.0  # pixels
 
@@ -70,7 +70,7 @@ class PerformerCalibration:
                 lens += f" within {100 * self.focal_deviation[name]:.0f} %"
             rows.append(f"{name}: {lens}, {self.seen[name]} joints, {self.noise[name]:.1f} px off")
         rows.append("scale from the performer's height; z is up as the performer and the cameras stand")
-        if vague := [name for name, share in self.focal_deviation.items() if share > VAGUE_FOCAL]:
+        if vague := [name for name, share in self.focal_deviation.items() if share > MAX_FOCAL_SIGMA]:
             rows.append(
                 f"the focal length of {', '.join(vague)} is vague, and with it how far away the camera is: let the "
                 "performer walk towards and away from the cameras, or give the lenses"
@@ -200,8 +200,8 @@ def cameras_by_performer(
 
     check()
     seen = joint_sightings(views, frames, correlated)
-    tried = [[_lens(view, share) for view in views] for share in FOCALS]
-    rigs = (_rig_by_limb(seen, lenses, limb, height, check) for lenses in tried for limb in STICKS)
+    tried = [[_lens(view, share) for view in views] for share in TRIED_FOCALS]
+    rigs = (_rig_by_limb(seen, lenses, limb, height, check) for lenses in tried for limb in SINGLE_BONES)
     starts = [_with_joints(rig, seen, height) for rig in rigs if rig is not None]
     if not starts:
         raise _undetermined(seen)
@@ -219,7 +219,7 @@ def cameras_by_performer(
         },
         {view.camera: float(np.nanmedian(sizes)) for view, sizes in zip(views, best.sizes, strict=True)},
         {view.camera: int(count) for view, count in zip(views, shown, strict=True)},
-        dict(zip(LIMBS, best.scene.lengths.tolist(), strict=True)),
+        dict(zip(LIMB_ENDS, best.scene.lengths.tolist(), strict=True)),
         {view.camera: float(share) for view, share in zip(views, best.focal_deviation, strict=True)},
     )
 
@@ -234,7 +234,7 @@ def _lens(view: PerformerView, share: float) -> Lens:
 
 def _rig_by_limb(seen: JointSightings, lenses: Sequence[Lens], limb: str, height: float, check: Cancel) -> Rig | None:
     """Initial cameras from one kind of limb, whose left and right are sticks of the same length."""
-    ends = np.array([[JOINTS.index(name) for name in pair] for pair in LIMBS[limb]])
+    ends = np.array([[JOINTS.index(name) for name in pair] for pair in LIMB_ENDS[limb]])
     F = len(seen.frames)
     points = np.concatenate([seen.points[:, :, pair] for pair in ends], axis=1)
     sigma = np.where(np.isfinite(points).all(axis=-1), _USUAL_NOISE, np.nan)
@@ -242,7 +242,7 @@ def _rig_by_limb(seen: JointSightings, lenses: Sequence[Lens], limb: str, height
     tracks = Tracks((np.arange(F) + apart[:, None]).ravel(), points, sigma)
     # The two ends of a limb are known, so links that exchange them are wrong.
     links = [link for link in find_links(tracks, lenses, check) if not link.crossed]
-    length = usual_lengths(height)[list(LIMBS).index(limb)]
+    length = usual_lengths(height)[list(LIMB_ENDS).index(limb)]
     return first_rig(seen.cameras, tracks, lenses, links, length=float(length), cancel=check)
 
 
@@ -259,5 +259,5 @@ def _undetermined(seen: JointSightings) -> CaptureError:
     return CaptureError(
         f"the performer does not show where the cameras are; frames that another camera shows, too: {counts}",
         where="keypoints",
-        todo=f"let the performer walk about where all cameras see them, for {FEWEST_SHARED} frames and more",
+        todo=f"let the performer walk about where all cameras see them, for {MIN_LINK_FRAMES} frames and more",
     )

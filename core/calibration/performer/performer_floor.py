@@ -25,9 +25,9 @@ HEAD_SIGMA = 0.05
 metres."""
 POINT_SIGMA = 0.02
 """Standard deviation between the points that were marked in different views for the same foot or head, metres."""
-_UNEVEN = 0.05
+_MAX_HEIGHT_SPREAD = 0.05
 """Largest difference between the heights found in different places, as a share, for somebody who stands upright."""
-_WRONG_HEIGHT = 0.1
+_MAX_HEIGHT_ERROR = 0.1
 """Largest relative difference from the stated height that shoes and hair can explain."""
 _HEAD = PERFORMER_POINTS - 1
 
@@ -81,9 +81,9 @@ def on_performers_floor(capture: Capture, rig: Rig) -> PerformersFloor:
     heights = (head - floor) @ up
     found = float(np.median(heights))
     scale = performer.height / found if performer.gives_scale else 1.0
-    if heights.min() <= 0 or np.ptp(heights) > _UNEVEN * found:
+    if heights.min() <= 0 or np.ptp(heights) > _MAX_HEIGHT_SPREAD * found:
         raise findings.performer_not_upright(scale * float(np.ptp(heights))).error()
-    if abs(scale * found / performer.height - 1) > _WRONG_HEIGHT:
+    if abs(scale * found / performer.height - 1) > _MAX_HEIGHT_ERROR:
         raise findings.performer_wrong_height(found, performer.height).error()
     chosen = _far_apart(feet)
     balls = points.reshape(-1, 3)[chosen]

@@ -14,7 +14,7 @@ from ...numerics.arrays import Array
 from ...shot.detections import Detections
 from .limb_residuals import JOINTS, JointSightings
 
-MOST_FRAMES = 150
+MAX_FRAMES = 150
 """Largest number of frames that are used, evenly over the shot; neighbouring frames have the same errors."""
 USUAL_CORRELATION = 9.0
 """Number of neighbouring frames on which a detector has the same error: 0.3 s at 30 frames per second."""
@@ -84,7 +84,7 @@ def joint_sightings(views: Sequence[PerformerView], frames: tuple[int, int], cor
             matrix = view.lens.matrix
             points[v] = image_rays(view.lens, points[v]) * matrix[[0, 1], [0, 1]] + matrix[:2, 2]
     shared = np.flatnonzero((confidence > 0).any(axis=2).sum(axis=0) >= min(2, len(views)))
-    some = shared[np.linspace(0, len(shared) - 1, min(len(shared), MOST_FRAMES)).astype(int)] if len(shared) else shared
+    some = shared[np.linspace(0, len(shared) - 1, min(len(shared), MAX_FRAMES)).astype(int)] if len(shared) else shared
     return JointSightings(
         tuple(view.camera for view in views),
         np.array([view.size for view in views]),

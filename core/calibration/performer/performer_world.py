@@ -16,10 +16,10 @@ LEAN_SIGMA = np.radians(10.0)
 ANKLE_SHARE = 0.29
 """Height of an ankle above the floor as a share of the shin's length, for a foot that stands."""
 
-_TILTED = 2.0
+_TILT_KERNEL_SCALE = 2.0
 """Scale of the kernel on what cameras lean, in standard deviations: some are turned on purpose, or propped up."""
 _ROUNDS = 20  # of reweighting
-_ON_FLOOR = 0.25
+_STANDING_SHARE = 0.25
 """Share of the frames on which the lower ankle is no higher than on the floor."""
 
 
@@ -43,7 +43,7 @@ def in_performers_world(scene: JointScene) -> Rig:
     ankles = np.stack([joint["RAnkle"], joint["LAnkle"]]) @ up
     lower = np.where(np.isfinite(ankles), ankles, np.inf).min(axis=0)
     lower = lower[np.isfinite(lower)]
-    floor = (np.quantile(lower, _ON_FLOOR) if len(lower) else 0.0) - ANKLE_SHARE * scene.lengths[0]
+    floor = (np.quantile(lower, _STANDING_SHARE) if len(lower) else 0.0) - ANKLE_SHARE * scene.lengths[0]
     origin = np.nan_to_num(hips[first])
     t = -R @ origin
     t[2] = -floor
@@ -63,7 +63,7 @@ def _up(rig: Rig, joint: dict[str, Array]) -> Array:
     body *= -np.sign(body @ down)
     lean = LEAN_SIGMA**2 + np.mean(1 - (tall @ body) ** 2)  # who bends or lies in between says less
     upright = (np.eye(3) - np.outer(body, body)) / lean
-    rows, up, kernel = rig.R_cam_world[:, 0], body, Cauchy(_TILTED)
+    rows, up, kernel = rig.R_cam_world[:, 0], body, Cauchy(_TILT_KERNEL_SCALE)
     for _ in range(_ROUNDS):
         weight = kernel.weight((rows @ up / LEVEL_SIGMA) ** 2) / LEVEL_SIGMA**2
         up = np.linalg.eigh(upright + (weight * rows.T) @ rows)[1][:, 0]

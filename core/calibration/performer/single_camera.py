@@ -18,8 +18,16 @@ from ...cameras.camera import Camera
 from ...errors import CaptureError
 from ...numerics.arrays import Array
 from ...numerics.robust_kernels import NORMAL_MAD, Cauchy
-from .limb_bundle import STICKS
-from .limb_residuals import FOCAL_SPREAD, JOINTS, LIMBS, PROPORTION_SIGMA, USUAL_FOCAL, JointSightings, usual_lengths
+from .limb_bundle import SINGLE_BONES
+from .limb_residuals import (
+    FOCAL_SPREAD,
+    JOINTS,
+    LIMB_ENDS,
+    PROPORTION_SIGMA,
+    USUAL_FOCAL,
+    JointSightings,
+    usual_lengths,
+)
 from .performer_views import USUAL_CORRELATION, PerformerView, joint_sightings
 from .performer_world import ANKLE_SHARE, LEVEL_SIGMA
 
@@ -29,13 +37,13 @@ USUAL_HEIGHT, HEIGHT_SPREAD = 1.3, 0.5
 """Usual height of a camera above the floor, metres, and the standard deviation of its logarithm."""
 SWAY_SIGMA = np.radians(5.0)
 """Standard deviation of a performer's lean to one side of the picture, radians, in the median over a shot."""
-TURNED = np.radians(15.0)
+UNUSUAL_ROLL = np.radians(15.0)
 """Roll of a camera about its line of sight beyond which the user is told that it is unusual, radians."""
-TRUE_LENGTH = 0.8
+LENGTH_QUANTILE = 0.8
 """Quantile of the limbs' apparent lengths, relative to their true ones, that gives the scale: most limbs look too
 short, because they point towards the camera or away from it."""
-_ROBUST, _LEANING = 3.0, 2.0  # scales of the kernels, in standard deviations
-_NEAREST = 0.05  # metres
+_ROBUST_SCALE, _LEAN_SCALE = 3.0, 2.0  # scales of the kernels, in standard deviations
+_MIN_DEPTH = 0.05  # metres
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +95,7 @@ class SingleViewCalibration:
         ]
         if self.focal_deviation:
             rows.append("the lens is not known, and with it how far away the performer is: give the lens if you can")
-        if abs(roll := self._roll) > TURNED:
+        if abs(roll := self._roll) > UNUSUAL_ROLL:
             rows.append(
                 f"it is taken to be turned by {np.degrees(roll):.0f} degrees about its line of sight: if it stood "
                 "level, the performer is not upright for long enough"
@@ -130,7 +138,7 @@ def camera_by_performer(
 
     def residuals(x: Array) -> Array:
         """All residuals in standard deviations, as are the unknowns themselves, relative to their usual values."""
-        level = _robust(x[1:2], _LEANING)
+        level = _robust(x[1:2], _LEAN_SCALE)
         return np.concatenate([standing.residuals(setting(x)), x[:1], level, x[2:]])
 
     found = least_squares(residuals, np.zeros(3 if knows_lens else 4))
@@ -198,12 +206,16 @@ class _Standing:
     def of(cls, seen: JointSightings, height: float) -> _Standing:
         joint = dict(zip(JOINTS, np.moveaxis(seen.points[0], 1, 0), strict=True))
         hips, shoulders = (joint[f"R{name}"] / 2 + joint[f"L{name}"] / 2 for name in ("Hip", "Shoulder"))
-        lengths = dict(zip(LIMBS, usual_lengths(height), strict=True))
-        looks = [np.linalg.norm(joint[a] - joint[b], axis=1) / lengths[limb] for limb in STICKS for a, b in LIMBS[limb]]
+        lengths = dict(zip(LIMB_ENDS, usual_lengths(height), strict=True))
+        looks = [
+            np.linalg.norm(joint[a] - joint[b], axis=1) / lengths[limb]
+            for limb in SINGLE_BONES
+            for a, b in LIMB_ENDS[limb]
+        ]
         looks.append(np.linalg.norm(shoulders - hips, axis=1) / (FRACTIONS["torso"] * height))
         some = np.flatnonzero(np.isfinite(looks).any(axis=0))
         return cls(
-            np.nanquantile(np.array(looks)[:, some], TRUE_LENGTH, axis=0) if len(some) else np.zeros(0),
+            np.nanquantile(np.array(looks)[:, some], LENGTH_QUANTILE, axis=0) if len(some) else np.zeros(0),
             np.stack([joint["RAnkle"], joint["LAnkle"]], axis=1)[some],
             hips[some],
             shoulders[some],
@@ -218,10 +230,10 @@ class _Standing:
         depth = focal / self.scale
         below = (setting.rays(self.ankles) @ down) * depth[:, None]
         below = below[np.isfinite(below).any(axis=1)]
-        lower = np.maximum(np.nanmax(below, axis=1), _NEAREST) if len(below) else np.zeros(0)
+        lower = np.maximum(np.nanmax(below, axis=1), _MIN_DEPTH) if len(below) else np.zeros(0)
         # A performer of other proportions seems farther away or nearer, so errors of heights are relative.
-        off = np.log(lower / max(setting.height - self.ankle_height, _NEAREST)) / PROPORTION_SIGMA
-        return np.concatenate([_robust(off, _ROBUST, self.correlated), self._leaning(setting, depth)])
+        off = np.log(lower / max(setting.height - self.ankle_height, _MIN_DEPTH)) / PROPORTION_SIGMA
+        return np.concatenate([_robust(off, _ROBUST_SCALE, self.correlated), self._leaning(setting, depth)])
 
     def _leaning(self, setting: _Setting, depth: Array) -> Array:
         """Return the median angle in the picture between the performer and the vertical there; empty if it is not
@@ -233,7 +245,7 @@ class _Standing:
         if not seen.any():
             return np.zeros(0)
         head = setting.rays(feet[seen]) * depth[seen, None] - self.tall * setting.down
-        vertical = head[:, :2] / np.maximum(head[:, 2:], _NEAREST) * setting.matrix[[0, 1], [0, 1]]
+        vertical = head[:, :2] / np.maximum(head[:, 2:], _MIN_DEPTH) * setting.matrix[[0, 1], [0, 1]]
         vertical += setting.matrix[:2, 2] - feet[seen]
         across = vertical[:, 0] * body[seen, 1] - vertical[:, 1] * body[seen, 0]
         angle = np.arctan2(across, (vertical * body[seen]).sum(axis=1))

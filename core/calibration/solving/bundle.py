@@ -23,8 +23,8 @@ from .bundle_residuals import BundleResiduals, linearise, residuals
 from .bundle_scene import BundleEvidence, Scene, first_camera, unknowns
 from .camera_rig import CAMERA_DOF
 
-_LEAST_LEFT = 0.1  # least degrees of freedom that are assumed, as a share of the observations
-_MOST_ALIKE = 0.95  # upper limit of the correlation of neighbouring frames: at 1, a whole track counts as one
+_MIN_FREE_SHARE = 0.1  # least degrees of freedom that are assumed, as a share of the observations
+_MAX_CORRELATION = 0.95  # upper limit of the correlation of neighbouring frames: at 1, a whole track counts as one
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class BundleFit:
             return np.inf
         middle = float(np.median(np.linalg.norm(self.residual, axis=1))) / RAYLEIGH_MEDIAN
         left = 1 - self.free.sum() / self.residual.size
-        return middle / float(np.sqrt(max(left, _LEAST_LEFT)))
+        return middle / float(np.sqrt(max(left, _MIN_FREE_SHARE)))
 
 
 def adjust(
@@ -147,7 +147,7 @@ def variance_inflation(seen: BallObservations, residual: Array) -> float:
     next_frame = (np.diff(track) == 0) & (np.diff(frame) == 1)
     before, after = own[:-1][next_frame], own[1:][next_frame]
     scale = float(np.sqrt((before**2).sum() * (after**2).sum()))
-    r = float(np.clip((before * after).sum() / max(scale, 1e-12), 0.0, _MOST_ALIKE))
+    r = float(np.clip((before * after).sum() / max(scale, 1e-12), 0.0, _MAX_CORRELATION))
     return (1 + r) / (1 - r)
 
 

@@ -26,7 +26,7 @@ BEND_SIGMA = 0.02
 Hz.
 """
 _FOURTH_DIFFERENCE = np.array([1.0, -4, 6, -4, 1])
-_NEAREST = 1e-3
+_MIN_DEPTH = 1e-3
 """Least depth in front of a camera, metres; points behind it are moved there."""
 
 
@@ -94,7 +94,7 @@ def _projected(rig: Rig, camera: Ints, points_world: Array) -> tuple[Array, Arra
         if not len(rows):
             continue
         x = points_world[rows] @ rig.R_cam_world[c].T + rig.t_cam_world[c]
-        x[:, 2] = np.maximum(x[:, 2], _NEAREST)
+        x[:, 2] = np.maximum(x[:, 2], _MIN_DEPTH)
         at, J = cv2.projectPoints(x[:, None], zero, zero, rig.matrix(c), rig.distortions[c])
         J = J.reshape(len(rows), 2, -1)
         uv[rows], by_point[rows] = at[:, 0], J[:, :, 3:6] @ rig.R_cam_world[c]

@@ -19,16 +19,16 @@ from .camera_rig import DRIFT, OFFSET, Rig
 from .pairwise import sampson
 from .wand_tracks import sampled
 
-LEAST_OVERLAP = 0.35
+MIN_OVERLAP = 0.35
 """Least overlap of two videos, as a fraction of the shorter track."""
-LEAST_FRAMES = 30
+MIN_FRAMES = 30
 """Least number of frames on which both videos must show the wand at an offset that is tried."""
-_SAMPLE = 250
+_SAMPLED_FRAMES = 250
 """Number of frames used in the first evaluation of an offset."""
 _CANDIDATES = 8  # offsets that are refined between frames
 _FRACTIONS = np.linspace(-1, 1, 17)
 _ROUNDS = 3  # of this refinement
-_CLOSE = 3.0
+_CLOSE_DISTANCE = 3.0
 """Median distance from epipolar lines, pixels, below which the other order of the wand's ends is not tried."""
 
 
@@ -92,7 +92,7 @@ def find_lag(one: Markers, other: Markers, ratio: float = 1.0) -> Lag | None:
         Frames of the second video per frame of the first.
     """
     straight = _find_lag(one, other, ratio)
-    if straight is not None and straight.distance < _CLOSE:
+    if straight is not None and straight.distance < _CLOSE_DISTANCE:
         return straight
     turned = Markers(other.frames, other.points[:, ::-1], other.sigma[:, ::-1])
     both = [lag for lag in (straight, _find_lag(one, turned, ratio)) if lag is not None]
@@ -125,7 +125,7 @@ def _algebraic(a: Array, b: Array) -> dict[int, float]:
     2).
     """
     seen_a, seen_b = (np.isfinite(x).all(axis=(1, 2)) for x in (a, b))
-    least = max(LEAST_FRAMES, LEAST_OVERLAP * min(seen_a.sum(), seen_b.sum()))
+    least = max(MIN_FRAMES, MIN_OVERLAP * min(seen_a.sum(), seen_b.sum()))
     x, y = _normalised(a), _normalised(b)
     scores = {}
     for lag in range(-len(a) + 1, len(b)):
@@ -133,7 +133,7 @@ def _algebraic(a: Array, b: Array) -> dict[int, float]:
         both = seen_a[first:last] & seen_b[first + lag : last + lag]
         shared = np.flatnonzero(both)
         if len(shared) >= least:
-            some = first + shared[np.linspace(0, len(shared) - 1, min(_SAMPLE, len(shared))).astype(int)]
+            some = first + shared[np.linspace(0, len(shared) - 1, min(_SAMPLED_FRAMES, len(shared))).astype(int)]
             rows = _equations(x[some].reshape(-1, 3), y[some + lag].reshape(-1, 3))
             scores[lag] = float(np.linalg.eigvalsh(rows.T @ rows)[0] / (len(rows) - 8))
     return scores
@@ -156,7 +156,7 @@ def _distance(one: Markers, other: Markers, ratio: float, lag: float) -> Lag | N
     """Evaluate a lag with a robustly fitted fundamental matrix."""
     points, _ = sampled(other, ratio * one.frames + lag)
     both = np.isfinite(points).all(axis=(1, 2)) & one.seen.all(axis=1)
-    if both.sum() < LEAST_FRAMES:
+    if both.sum() < MIN_FRAMES:
         return None
     a, b = one.points[both].reshape(-1, 2), points[both].reshape(-1, 2)
     x, y = _normalised(a), _normalised(b)

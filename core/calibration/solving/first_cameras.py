@@ -21,15 +21,15 @@ from .pairwise import Epipolar, Start, epipolar, starts
 from .wand_tracks import Tracks
 from .wand_triangulation import WandSighting, sight
 
-FEWEST_SHARED = 15
+MIN_LINK_FRAMES = 15
 """Least number of frames on which two linked views must see the wand together."""
-FLAT = 0.8
+MAX_PLANE_SHARE = 0.8
 """Fraction of correspondences in one plane from which a pair of views does not determine focal lengths."""
-_FRAMES = 120  # largest number used of those that two views share, evenly spaced
+_MAX_FRAMES = 120  # largest number used of those that two views share, evenly spaced
 _SEEDS = 3  # pairs of cameras that are tried as the start
-_UNCROSSED = 0.4
+_UNCROSSED_SHARE = 0.4
 """Fraction of agreeing balls from which the other order of the ends is not tried."""
-_CONTENT = 0.9
+_SUFFICIENT_AGREEMENT = 0.9
 """Agreement, relative to the best possible, from which no other seed is tried."""
 _LOOSE, _TIGHT = 10.0, 3.0
 """Scales of the robust loss, in standard deviations, for cameras that are a first guess and for adjusted ones."""
@@ -75,10 +75,10 @@ def find_links(tracks: Tracks, lenses: Sequence[Lens], cancel: Cancel) -> list[L
     for i, j in combinations(range(len(lenses)), 2):
         cancel()
         frames = np.flatnonzero(tracks.seen[[i, j]].all(axis=(0, 2)))
-        if len(frames) >= FEWEST_SHARED:
+        if len(frames) >= MIN_LINK_FRAMES:
             a, b = tracks.points[i, frames], tracks.points[j, frames]
             link = Link((i, j), frames, epipolar(a.reshape(-1, 2), b.reshape(-1, 2), lenses[i], lenses[j]), False)
-            if link.agreeing < _UNCROSSED * 2 * len(frames):
+            if link.agreeing < _UNCROSSED_SHARE * 2 * len(frames):
                 geometry = epipolar(a.reshape(-1, 2), b[:, ::-1].reshape(-1, 2), lenses[i], lenses[j])
                 other = Link((i, j), frames, geometry, True)
                 link = max(link, other, key=lambda either: either.agreeing)
@@ -140,7 +140,7 @@ def first_rig(
         share = _agreement(rig, tracks, length)
         if share > most:
             best, most = rig, share
-        if most > _CONTENT * _possible(links):
+        if most > _SUFFICIENT_AGREEMENT * _possible(links):
             break
     return best
 
@@ -165,7 +165,7 @@ def _thinned(tracks: Tracks, link: Link) -> Tracks:
     seen[link.frames] = True
     several = tracks.seen.all(axis=2).sum(axis=0) >= 2
     chosen = [
-        group[np.linspace(0, len(group) - 1, min(_FRAMES, len(group))).astype(int)]
+        group[np.linspace(0, len(group) - 1, min(_MAX_FRAMES, len(group))).astype(int)]
         for group in (np.flatnonzero(seen), np.flatnonzero(several & ~seen))
         if len(group)
     ]
@@ -276,7 +276,7 @@ def _adjusted(rig: Rig, tracks: Tracks, lenses: Sequence[Lens], length: float, c
     for scale, tolerance in ((_LOOSE, 0.3), (_TIGHT, 0.15)):
         noise = scale if fit is None else max(scale, fit.noise)
         sighting = sight(rig, tracks, length, noise, tolerance)
-        if sighting.known.sum() < FEWEST_SHARED // 2:
+        if sighting.known.sum() < MIN_LINK_FRAMES // 2:
             return None
         scene = Scene(rig, sighting.wand(tracks.frames, length))
         evidence = BundleEvidence(observed(tracks, sighting))
@@ -301,10 +301,10 @@ def _resected(
     sighting = sight(rig.take(known), tracks.views(known), length, _TIGHT)
     usable = sighting.known & tracks.seen[new].all(axis=1)
     points, uv = sighting.ends_world[usable].reshape(-1, 3), tracks.points[new, usable].reshape(-1, 2)
-    if len(points) < FEWEST_SHARED:
+    if len(points) < MIN_LINK_FRAMES:
         return None
     straight = lens.straight(uv, link.geometry.bend)
-    some = np.linspace(0, len(points) - 1, min(2 * _FRAMES, len(points))).astype(int)
+    some = np.linspace(0, len(points) - 1, min(2 * _MAX_FRAMES, len(points))).astype(int)
     tried = (_posed(points[some], straight[some], float(focal)) for focal in lens.focals)
     posed = [found for found in tried if found is not None]
     if not posed:

@@ -13,11 +13,11 @@ from .bundle import adjust, covariance, variance_inflation
 from .bundle_scene import BundleEvidence, Scene
 from .camera_rig import CAMERA_DOF, CENTRE, K2
 
-CENTRE_SIGMA = 0.01
+MAX_CENTRE_SIGMA = 0.01
 """Largest standard deviation of an estimated principal point, relative to the picture's width."""
-K2_SIGMA = 0.1
+MAX_K2_SIGMA = 0.1
 """Largest standard deviation of an estimated k2."""
-_CHANCE = 1e-4  # significance level
+_SIGNIFICANCE = 1e-4  # significance level
 
 
 def select_lens_unknowns(
@@ -55,10 +55,10 @@ def select_lens_unknowns(
         block = spread[c * CAMERA_DOF :, c * CAMERA_DOF :][:CAMERA_DOF, :CAMERA_DOF]
         if every[c, K2] and not free[c, K2]:
             k2 = rig.distortions[c, 1] - scene.rig.distortions[c, 1]
-            out[c, K2] = k2**2 > chdtri(1, _CHANCE) * block[K2, K2] and block[K2, K2] < K2_SIGMA**2
+            out[c, K2] = k2**2 > chdtri(1, _SIGNIFICANCE) * block[K2, K2] and block[K2, K2] < MAX_K2_SIGMA**2
         if every[c, 7] and not free[c, 7]:
             shift = rig.centre[c] - lens.centre
             own = block[CENTRE, CENTRE]
-            sure = np.sqrt(np.linalg.eigvalsh(own)[-1]) < CENTRE_SIGMA * lens.size[0]
-            out[c, CENTRE] = bool(shift @ np.linalg.solve(own, shift) > chdtri(2, _CHANCE) and sure)
+            sure = np.sqrt(np.linalg.eigvalsh(own)[-1]) < MAX_CENTRE_SIGMA * lens.size[0]
+            out[c, CENTRE] = bool(shift @ np.linalg.solve(own, shift) > chdtri(2, _SIGNIFICANCE) and sure)
     return out

@@ -20,15 +20,15 @@ from .wand_triangulation import triangulated
 
 FOCAL_GRID = np.geomspace(0.4, 5.0, 10)
 """Focal lengths that are tried at first, as shares of a picture's longer side."""
-BENDS = (0.0, -0.03, -0.07, -0.12, -0.2, 0.04)
+TRIED_DISTORTIONS = (0.0, -0.03, -0.07, -0.12, -0.2, 0.04)
 """Distortions that are tried: how much farther out the picture's corner belongs, as a share."""
-FEWEST = 8
+MIN_FRAMES = 8
 """Frames that two views must share for a fundamental matrix (of two balls each, some wrong)."""
-COUNT = 3
+REFINED_GUESSES = 3
 """Guesses of two cameras that are refined: the best on the coarse grid."""
 _THRESHOLD = 2.0  # pixels off the epipolar line within which a point agrees
-_SAMPLE = 300  # correspondences in which a plane is looked for
-_TRIED = 60  # frames on which focal lengths are tried
+_PLANE_SAMPLE = 300  # correspondences in which a plane is looked for
+_FOCAL_FRAMES = 60  # frames on which focal lengths are tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ def epipolar(points_i: Array, points_j: Array, lens_i: Lens, lens_j: Lens) -> Ep
     best: Epipolar | None = None
     flat = np.zeros(len(points_i), bool)
     known = lens_i.distortions is not None and lens_j.distortions is not None
-    for bend in (0.0,) if known else BENDS:
+    for bend in (0.0,) if known else TRIED_DISTORTIONS:
         x, y = lens_i.straight(points_i, bend), lens_j.straight(points_j, bend)
         plane = _in_a_plane(x, y)
         flat = plane if plane.sum() > flat.sum() else flat
@@ -98,7 +98,7 @@ def epipolar(points_i: Array, points_j: Array, lens_i: Lens, lens_j: Lens) -> Ep
             best = Epipolar(F, bend, agreeing, 0.0)
     if best is None:
         best = Epipolar(np.zeros((3, 3)), 0.0, flat, 1.0)  # no matrix at all is a plane's mark
-    if best.agreeing.sum() < FEWEST:
+    if best.agreeing.sum() < MIN_FRAMES:
         return None
     return replace(best, flatness=min(1.0, flat.sum() / best.agreeing.sum()))
 
@@ -129,7 +129,7 @@ def _in_a_plane(x: Array, y: Array) -> Bools:
 
 def _transferred(x: Array, y: Array) -> Bools:
     """Return which points x a homography brings to y."""
-    some = np.linspace(0, len(x) - 1, min(_SAMPLE, len(x))).astype(int)
+    some = np.linspace(0, len(x) - 1, min(_PLANE_SAMPLE, len(x))).astype(int)
     cv2.setRNGSeed(1)
     # Not MAGSAC: it takes no homography between views from the plane's two sides.
     H, _ = cv2.findHomography(x[some], y[some], cv2.RANSAC, 2 * _THRESHOLD, None, 300, 0.999)
@@ -152,7 +152,7 @@ def starts(geometry: Epipolar, ends: tuple[Array, Array], lenses: tuple[Lens, Le
         Of the wand, metres.
     """
     (ends_i, ends_j), (lens_i, lens_j) = ends, lenses
-    chosen = np.linspace(0, len(ends_i) - 1, min(_TRIED, len(ends_i))).astype(int)
+    chosen = np.linspace(0, len(ends_i) - 1, min(_FOCAL_FRAMES, len(ends_i))).astype(int)
     x = lens_i.straight(ends_i[chosen].reshape(-1, 2), geometry.bend)
     y = lens_j.straight(ends_j[chosen].reshape(-1, 2), geometry.bend)
 
@@ -160,7 +160,7 @@ def starts(geometry: Epipolar, ends: tuple[Array, Array], lenses: tuple[Lens, Le
         found = (_start(geometry.F, (x, y), (f, g), length) for f, g in focals)
         return sorted((guess for guess in found if guess is not None), key=lambda guess: guess.spread)
 
-    coarse = tried(product(lens_i.focals, lens_j.focals))[:COUNT]
+    coarse = tried(product(lens_i.focals, lens_j.focals))[:REFINED_GUESSES]
     fine = [tried(product(_around(lens_i, s.focal[0]), _around(lens_j, s.focal[1])))[0] for s in coarse]
     return sorted(fine, key=lambda guess: guess.spread)
 
@@ -192,7 +192,7 @@ def _start(F: Array, points: tuple[Array, Array], focals: tuple[float, float], l
     R, t, meeting = best
     lengths = np.linalg.norm(meeting[0::2] - meeting[1::2], axis=1)
     lengths = lengths[np.isfinite(lengths)]
-    if len(lengths) < FEWEST // 2 or not (middle := float(np.median(lengths))) > 0:
+    if len(lengths) < MIN_FRAMES // 2 or not (middle := float(np.median(lengths))) > 0:
         return None
     spread = float(np.median(np.abs(lengths / middle - 1)))
     return Start(np.array([f, g]), R, t * length / middle, spread)

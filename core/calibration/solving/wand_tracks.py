@@ -17,16 +17,16 @@ _REACH = 4
 """Number of frames on either side from which a ball's position is predicted."""
 _SMOOTH_SHARE = 0.35
 """Largest ratio of a ball's distance from the middle of its neighbours to its movement, for a waved wand."""
-_OUTLIER = 6.0
+_OUTLIER_RATIO = 6.0
 """Multiple of the usual distance from its predicted position from which a ball is an outlier."""
-_SWAPPED = 0.3
+_SWAP_RATIO = 0.3
 """Ends are swapped if their distances from each other's predicted positions are below this fraction of their own."""
-_STEADY = 3.0
+_ACCEPTED_DISTANCE = 3.0
 """Distance from its predicted position that is always accepted, pixels."""
-_USUAL = 0.3
+_USUAL_QUANTILE = 0.3
 """Quantile used for the usual distance, which is robust against many wrong balls."""
-_ENOUGH = 10  # least number of frames from which a path is judged
-_BRIDGED = 4
+_MIN_FRAMES = 10  # least number of frames from which a path is judged
+_MAX_GAP = 4
 """Longest gap in a track over which it is interpolated, frames."""
 
 
@@ -70,10 +70,10 @@ def is_waved(markers: Markers) -> bool:
     bend = np.linalg.norm(points[1:-1] - (points[2:] + points[:-2]) / 2, axis=-1)
     move = np.linalg.norm(points[2:] - points[:-2], axis=-1) / 2
     known = np.isfinite(bend)
-    if known.sum() < _ENOUGH:
+    if known.sum() < _MIN_FRAMES:
         return False
     # A low quantile: of three balls in a row, one is often wrong.
-    usual_bend, usual_move = np.quantile(bend[known], _USUAL), np.quantile(move[known], _USUAL)
+    usual_bend, usual_move = np.quantile(bend[known], _USUAL_QUANTILE), np.quantile(move[known], _USUAL_QUANTILE)
     return bool(usual_bend < max(_SMOOTH_SHARE * usual_move, 1.0))
 
 
@@ -83,11 +83,11 @@ def cleaned(markers: Markers) -> Markers:
         return markers
     points, sigma = _dense(markers)
     courses = _courses(points)
-    crossed = _miss(points[:, ::-1], courses).max(axis=1) < _SWAPPED * _miss(points, courses).max(axis=1)
+    crossed = _miss(points[:, ::-1], courses).max(axis=1) < _SWAP_RATIO * _miss(points, courses).max(axis=1)
     points[crossed], sigma[crossed] = points[crossed, ::-1], sigma[crossed, ::-1]
     off = _miss(points, _courses(points))
     usual = float(np.median(off[np.isfinite(off)])) if np.isfinite(off).any() else 0.0
-    lost = ~(off <= max(_OUTLIER * usual, _STEADY))
+    lost = ~(off <= max(_OUTLIER_RATIO * usual, _ACCEPTED_DISTANCE))
     points[lost], sigma[lost] = np.nan, np.nan
     kept = np.flatnonzero(np.isfinite(sigma).any(axis=1))
     return Markers(markers.frames[0] + kept, points[kept], sigma[kept])
@@ -134,7 +134,7 @@ def sampled(markers: Markers, frames: Array) -> tuple[Array, Array]:
         if len(at) < 2:
             continue
         after = np.clip(np.searchsorted(at, frames), 1, len(at) - 1)
-        inside = (frames >= at[0]) & (frames <= at[-1]) & (at[after] - at[after - 1] <= _BRIDGED)
+        inside = (frames >= at[0]) & (frames <= at[-1]) & (at[after] - at[after - 1] <= _MAX_GAP)
         points[inside, b] = CubicSpline(at, markers.points[seen, b])(frames[inside])
         sigma[inside, b] = np.maximum(*(markers.sigma[seen, b][after - k][inside] for k in (0, 1)))
     return points, sigma

@@ -14,11 +14,11 @@ from .camera_rig import Rig
 from .wand_motion import Wand
 from .wand_tracks import Tracks
 
-_PARALLAX = np.deg2rad(3.0)
+_MIN_PARALLAX = np.deg2rad(3.0)
 """Smallest angle between two rays that are triangulated."""
-_ALONE = 3
+_MIN_LONE_VIEWS = 3
 """Number of views that must agree on one end if the other, and so the length, is unknown."""
-GATE = 4.0
+GATE_SIGMAS = 4.0
 """Largest residual of a ball that is the wand's, standard deviations."""
 
 
@@ -56,7 +56,7 @@ def triangulated(centres: Array, directions: Array, weight: Array | None = None)
     )
     A, b = across.sum(axis=0), np.einsum("v...ij,v...j->...i", across, places)
     # For two rays, the determinant is 2 sin^2 of their angle and the trace is 4.
-    enough = np.linalg.det(A) > np.sin(_PARALLAX) ** 2 / 32 * np.trace(A, axis1=-2, axis2=-1) ** 3
+    enough = np.linalg.det(A) > np.sin(_MIN_PARALLAX) ** 2 / 32 * np.trace(A, axis1=-2, axis2=-1) ** 3
     enough &= known.sum(axis=0) >= 2
     A = np.where(enough[..., None, None], A, np.eye(3))
     return np.where(enough[..., None], np.linalg.solve(A, b[..., None])[..., 0], np.nan)
@@ -132,8 +132,8 @@ def sight(rig: Rig, tracks: Tracks, length: float, noise: float = 1.0, tolerance
     """
     candidates = _candidates(rig, tracks)
     off = np.stack([_misses(rig, v, candidates, tracks, noise) for v in range(len(rig))])  # (V, K, n, 2 balls)
-    cost = np.minimum(off, GATE**2).min(axis=-1).sum(axis=0)
-    cost[(off < GATE**2).any(axis=-1).sum(axis=0) < 2] = np.inf
+    cost = np.minimum(off, GATE_SIGMAS**2).min(axis=-1).sum(axis=0)
+    cost[(off < GATE_SIGMAS**2).any(axis=-1).sum(axis=0) < 2] = np.inf
     column = np.arange(len(tracks.frames))
     first = np.argmin(cost, axis=0)
     apart = np.linalg.norm(candidates - candidates[first, column], axis=-1)
@@ -143,7 +143,7 @@ def sight(rig: Rig, tracks: Tracks, length: float, noise: float = 1.0, tolerance
     ends = np.stack([candidates[first, column], candidates[second, column]], axis=1)
     ball = np.stack([_nearest(off[:, chosen, column]) for chosen in (first, second)], axis=2)
     both = np.isfinite(cost[first, column]) & np.isfinite(partner[second, column])
-    alone = ~both & ((ball[:, :, 0] >= 0).sum(axis=0) >= _ALONE)
+    alone = ~both & ((ball[:, :, 0] >= 0).sum(axis=0) >= _MIN_LONE_VIEWS)
     ball[:, ~both, 1], ball[:, ~both & ~alone, 0] = -1, -1
     ends[~both, 1], ends[~both & ~alone, 0] = np.nan, np.nan
     return refined(rig, tracks, _named(WandSighting(ends, ball)))
@@ -160,7 +160,7 @@ def _candidates(rig: Rig, tracks: Tracks) -> Array:
 
 def _nearest(off: Array) -> Ints:
     """Return which ball is a point's, -1 where neither is; squared distances have the shape (..., 2)."""
-    return np.where(off.min(axis=-1) < GATE**2, off.argmin(axis=-1), -1)
+    return np.where(off.min(axis=-1) < GATE_SIGMAS**2, off.argmin(axis=-1), -1)
 
 
 def _shares_a_ball(off: Array, chosen: Array) -> NDArray[np.bool_]:

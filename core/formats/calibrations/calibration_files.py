@@ -8,13 +8,13 @@ from pathlib import Path
 
 from ...cameras.camera import Camera
 from ...errors import CalibrationError
-from ..reading import BEYOND, first_repeated, reading
+from ..reading import NUMBER_LIMIT, first_repeated, reading
 from .caliscope import write_caliscope_cameras
 from .opencv_storage import read_opencv_cameras, write_opencv_cameras
 from .qualisys import read_qualisys_cameras, write_qualisys_cameras
 from .toml_cameras import read_toml_cameras, save_cameras
 
-_LARGEST_SIDE = 100_000  # pixels
+_MAX_SIDE = 100_000  # pixels
 
 
 @dataclass(frozen=True)
@@ -145,11 +145,11 @@ def _check_distortions(camera: Camera, where: str) -> None:
 
 def _check_measures(camera: Camera, where: str) -> None:
     """Raise an error for impossible values, such as a width of 0 or a position beyond all bounds."""
-    if not all(0 < side <= _LARGEST_SIDE for side in camera.size):
+    if not all(0 < side <= _MAX_SIDE for side in camera.size):
         todo = "give the width and height of the footage"
         raise CalibrationError(f"a picture of {camera.size[0]} x {camera.size[1]} pixels", where=where, todo=todo)
     for what, values in (("matrix", camera.matrix), ("translation", camera.t_cam_world)):
-        if not (abs(values) <= BEYOND).all():
+        if not (abs(values) <= NUMBER_LIMIT).all():
             raise CalibrationError(f"the {what} holds a number too large to be true", where=where)
 
 

@@ -32,7 +32,7 @@ _LONG_WORD = re.compile(r"\S{250}")
 _BARE_KEY = re.compile(r"\s*(-\s+)*[^\s\[{].*:\s*(!\S*)?\s*")
 _LONG_INTEGER = re.compile(r"(?<![^\s\[,:])[-+]?\d{10,}(?=[\s,\]]|$)")
 _LONG_HEXADECIMAL = re.compile(r"(?<![^\s\[,:])[-+]?0[xX]\w{8,}")
-_LONGEST = 10_000  # values of a list or a matrix
+_MAX_VALUES = 10_000  # values of a list or a matrix
 _TRANSLATION = ("translation", "T", "t", "tvec")
 
 
@@ -118,7 +118,7 @@ def _value(node: Any) -> Any:
             return _matrix(node)
         return {key: _value(node.getNode(key)) for key in keys}
     if node.isSeq():
-        if node.size() > _LONGEST:  # `at` steps through all elements before, so this is quadratic
+        if node.size() > _MAX_VALUES:  # `at` steps through all elements before, so this is quadratic
             raise ValueError(f"a list of {node.size()} values")
         return [_value(node.at(i)) for i in range(node.size())]
     if node.isString():
@@ -130,7 +130,7 @@ def _matrix(node: Any) -> Any:
     """Return a matrix, if it has as many values as it states: OpenCV allocates memory for the stated number."""
     rows, columns, kind = (node.getNode(key) for key in ("rows", "cols", "dt"))
     claimed, data = rows.real() * columns.real(), node.getNode("data")
-    if re.fullmatch("[ucwsifdh]", kind.string()) is None or not 0 < claimed <= _LONGEST:
+    if re.fullmatch("[ucwsifdh]", kind.string()) is None or not 0 < claimed <= _MAX_VALUES:
         raise ValueError(f"a matrix of {rows.real():.0f} x {columns.real():.0f} values of type {kind.string()[:20]}")
     if data.isSeq() and data.size() != claimed:
         raise ValueError(f"a matrix of {rows.real():.0f} x {columns.real():.0f} has {data.size()} values")

@@ -15,7 +15,7 @@ import numpy as np
 from ...cameras.camera import Camera
 from ...errors import CalibrationError
 from ...runtime.files import replacing
-from ..reading import BEYOND, read_bytes, reading
+from ..reading import NUMBER_LIMIT, read_bytes, reading
 
 _SUBPIXELS = 64.0
 _FLIP = np.diag([1.0, -1.0, -1.0])
@@ -52,7 +52,7 @@ def _camera(element: ElementTree.Element, path: Path) -> Camera:
             number = float(text or "")
         except ValueError:
             number = np.nan
-        if not abs(number) <= BEYOND:
+        if not abs(number) <= NUMBER_LIMIT:
             found = "is missing" if text is None else f"is '{text[:40]}', not a number that can be meant"
             raise CalibrationError(f"{tag} {key} {found}", where=where)
         return number

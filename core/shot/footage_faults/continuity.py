@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...numerics.arrays import Array, Bools, Ints
 
-AROUND = 4
+COMPARED_PAIRS = 4
 """Number of pairs of frames before and after a pair with which it is compared."""
 _BLOCKS = 32
 """Number of blocks along the longer side of a picture."""
@@ -76,7 +76,10 @@ def torn_pairs(changes: Sequence[Array]) -> Bools:
     if not len(changes):
         return np.zeros(0, bool)
     D = np.stack(changes)
-    near = [[j for j in range(max(k - AROUND, 0), min(k + AROUND + 1, len(D))) if j != k] for k in range(len(D))]
+    near = [
+        [j for j in range(max(k - COMPARED_PAIRS, 0), min(k + COMPARED_PAIRS + 1, len(D))) if j != k]
+        for k in range(len(D))
+    ]
     # Whatever moves into a block comes from a neighbouring one.
     usual = [cv2.dilate(m, np.ones((3, 3))) if j else m for m, j in zip(_medians(D, near), near, strict=True)]
     changed = np.array([(np.maximum(_TIMES * u, _LEVELS) < d).mean() for u, d in zip(usual, D, strict=True)])

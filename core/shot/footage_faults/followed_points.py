@@ -20,19 +20,19 @@ from numpy.typing import NDArray
 
 from ...numerics.arrays import Array
 
-SIZE = 256
+PICTURE_SIDE = 256
 """Length of the longer side of the pictures in which points are followed, pixels."""
-AROUND = 2
+FOLLOWED_PICTURES = 2
 """Number of pictures before a pair, and after it, through which points are followed."""
-_EVERY = 4
+_POINT_SPACING = 4
 """Distance of the points, pixels."""
 _LEAST, _SHARE = 1.5, 0.3
 """Ways through three pairs that count: pixels, and in terms of the longest twentieth."""
 _BACK, _OFF = 0.5, 0.15
 """How near flow must lead a point back to its place: pixels, or relative to its way."""
-_FASTER = 1.15
+_MIN_SPEED_RATIO = 1.15
 """How much faster than before and after it motion must be across a pair for all ways to be followed."""
-_FEWEST = 12
+_MIN_POINTS = 12
 """Number of points from which something can be told."""
 
 
@@ -56,7 +56,7 @@ class Ways:
         """Ratio of the points' ways across the pair to those expected, its median over the motion; 0 if nothing can be
         told.
         """
-        if len(self.length) < _FEWEST:
+        if len(self.length) < _MIN_POINTS:
             return 0.0
         first, before, here, after, last = self.along
         even = (4 * (before + after) - first - last) / 6
@@ -71,7 +71,7 @@ def reduced(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Reduce a picture, grey or in colour, to the grey one in which points are followed."""
     height, width = picture.shape[:2]
     grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 else picture
-    scale = SIZE / max(height, width)
+    scale = PICTURE_SIDE / max(height, width)
     size = max(round(width * scale), 16), max(round(height * scale), 16)
     return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), np.uint8)
 
@@ -87,7 +87,7 @@ def followed(pictures: Sequence[NDArray[np.uint8]]) -> Ways:
         return np.asarray(flow.calc(pictures[a], pictures[b], None))
 
     height, width = pictures[0].shape
-    v, u = np.mgrid[_EVERY // 2 : height : _EVERY, _EVERY // 2 : width : _EVERY]
+    v, u = np.mgrid[_POINT_SPACING // 2 : height : _POINT_SPACING, _POINT_SPACING // 2 : width : _POINT_SPACING]
     places = np.stack([u, v], axis=-1).astype(np.float32)
     there, steps = _moved(places, field(2, 3))
     earlier, returns = _moved(places, field(2, 1))
@@ -96,7 +96,7 @@ def followed(pictures: Sequence[NDArray[np.uint8]]) -> Ways:
     length = np.linalg.norm(total, axis=-1)
     moving = length > max(_LEAST, _SHARE * float(np.quantile(length, 0.95)))
     here, before, after = (np.linalg.norm(way, axis=-1)[moving] for way in (steps, returns, ahead))
-    if not len(here) or float(np.quantile(here / np.maximum(before + after, 1e-6), 0.75)) < _FASTER / 2:
+    if not len(here) or float(np.quantile(here / np.maximum(before + after, 1e-6), 0.75)) < _MIN_SPEED_RATIO / 2:
         return Ways(np.zeros(0), np.zeros((5, 0)))
     for origin, end, way, pair in (
         (places, there, steps, (3, 2)),

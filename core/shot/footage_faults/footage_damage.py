@@ -16,7 +16,7 @@ from ..image_sequences import image_files
 from ..shot import Shot, View
 from .footage_times import whole_pictures
 
-_SHOWN = 5
+_MAX_SHOWN = 5
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class FootageDamage:
                 "camera again"
             )
         return (
-            f"the footage is damaged at or near frames {listed(self.frames, _SHOWN)} of the file ({self.said}); "
+            f"the footage is damaged at or near frames {listed(self.frames, _MAX_SHOWN)} of the file ({self.said}); "
             "pictures from there on may be wrong and mislead the tracking: copy the file from the camera again, or "
             "leave the camera out"
         )

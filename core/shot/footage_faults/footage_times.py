@@ -17,12 +17,12 @@ from ..frame_numbers import file_index, frames_per_file_frame
 from ..image_sequences import image_files
 from ..shot import Shot, View
 
-ASTRAY = 0.5
+MAX_DEVIATION = 0.5
 """Largest deviation of a frame from a constant rate that is ignored, frames."""
-_WHOLE = 0.25
+_WHOLE_TOLERANCE = 0.25
 """Largest deviation of a gap between two frames from a whole number of frames, for frames to be missing there."""
-_SHOWN = 5
-_AHEAD = 32
+_MAX_SHOWN = 5
+_MAX_REORDERING = 32
 """Upper limit to how many places a packet's order in the file differs from the order in which frames are shown."""
 
 
@@ -50,13 +50,13 @@ class FootageRate:
     @property
     def varies(self) -> bool:
         """Whether the frame rate is too variable to be treated as constant, or frames are missing."""
-        return self.astray > ASTRAY or len(self.missing) > 0
+        return self.astray > MAX_DEVIATION or len(self.missing) > 0
 
     @property
     def text(self) -> str:
         """Message that the frame rate varies and what to do, or which frames are missing."""
         if self.missing:
-            gaps = listed([f"{count} before frame {frame}" for frame, count in self.missing], _SHOWN)
+            gaps = listed([f"{count} before frame {frame}" for frame, count in self.missing], _MAX_SHOWN)
             return f"frames are missing in it, by their times: {gaps} of the file"
         off = f"{self.astray:.1f} frames off a constant rate of {self.rate:.4g}"
         what = f"its frame rate varies: frame {self.frame} of the file is {off}"
@@ -88,7 +88,7 @@ def _rate(times: Array, first: int, each: int) -> FootageRate | None:
     gaps = _missing(np.diff(times))
     if gaps.any():
         steady, left = _constant_rate(number + np.r_[0, np.cumsum(gaps)], times)
-        if np.abs(left).max() <= ASTRAY / 2:
+        if np.abs(left).max() <= MAX_DEVIATION / 2:
             missing = tuple((first + int(k) + 1, int(gaps[k])) for k in np.flatnonzero(gaps))
             return FootageRate(float(each / steady), astray, missing[0][0], missing)
     return FootageRate(float(each / slope), astray, first + worst)
@@ -101,7 +101,7 @@ def _missing(lasting: Array) -> Ints:
         return np.zeros(len(lasting), int)
     times = lasting / lasting[lasting < 1.5 * usual].mean()
     whole = np.rint(times)
-    return np.where((np.abs(times - whole) < _WHOLE) & (whole > 1), whole - 1, 0).astype(int)
+    return np.where((np.abs(times - whole) < _WHOLE_TOLERANCE) & (whole > 1), whole - 1, 0).astype(int)
 
 
 def _constant_rate(number: Ints, times: Array) -> tuple[float, Array]:
@@ -142,7 +142,7 @@ def _packets(path: Path, count: int) -> list[tuple[float, bool]]:
     video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
     found: list[tuple[float, bool]] = []
     try:
-        while video.isOpened() and len(found) < count + _AHEAD and video.grab():
+        while video.isOpened() and len(found) < count + _MAX_REORDERING and video.grab():
             is_whole = video.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME) > 0
             found.append((video.get(cv2.CAP_PROP_POS_MSEC) / 1000, is_whole))
     finally:

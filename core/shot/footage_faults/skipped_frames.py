@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from ...numerics.arrays import Array, Bools
 from ...numerics.robust_kernels import NORMAL_MAD
 from .continuity import most_changed
-from .followed_points import AROUND, followed, reduced
+from .followed_points import FOLLOWED_PICTURES, followed, reduced
 
-STANDS_OUT = 1.2
+MIN_CHANGE_RATIO = 1.2
 """Ratio of a pair's changes to the geometric mean of those before and after it from which points are followed."""
-EXCESS = 1.25
+MIN_WAY_RATIO = 1.25
 """Ratio of ways across a pair to those expected from which frames are missing. In 65 of 68 videos it is at most 1.16
 where none is, in the others performers really go twice as far; where a frame is missing it is mostly 1.5 to 2."""
 _SKIPPED, _DEVIATIONS, _FEWEST = 0.4, 5.0, 8
@@ -39,9 +39,9 @@ class PointsFollowed:
     """
 
     def __init__(self) -> None:
-        self._pictures: deque[NDArray[np.uint8]] = deque(maxlen=2 * AROUND + 2)
-        self._changes: deque[float] = deque(maxlen=AROUND + 2)
-        self._found = [False] * AROUND
+        self._pictures: deque[NDArray[np.uint8]] = deque(maxlen=2 * FOLLOWED_PICTURES + 2)
+        self._changes: deque[float] = deque(maxlen=FOLLOWED_PICTURES + 2)
+        self._found = [False] * FOLLOWED_PICTURES
 
     def add(self, picture: NDArray[np.uint8], change: float) -> None:
         """Add a picture, grey or in colour, and how much its most changed blocks differ from the picture before; 0 for
@@ -51,8 +51,8 @@ class PointsFollowed:
         self._changes.append(change)
         if len(self._pictures) == self._pictures.maxlen:
             before, here, after, _ = self._changes
-            stands_out = here > STANDS_OUT * np.sqrt(before * after)
-            self._found.append(bool(stands_out and followed([*map(reduced, self._pictures)]).excess > EXCESS))
+            stands_out = here > MIN_CHANGE_RATIO * np.sqrt(before * after)
+            self._found.append(bool(stands_out and followed([*map(reduced, self._pictures)]).excess > MIN_WAY_RATIO))
 
     def between(self, first: int, last: int) -> Bools:
         """Return whether frames are missing after each of some pictures, shape (last - first,)."""

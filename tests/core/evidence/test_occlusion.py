@@ -20,7 +20,13 @@ from kfmocap.core.evidence.occlusion import (
 )
 from kfmocap.core.evidence.rendering.label_images import render_labels
 from kfmocap.core.evidence.rendering.part_geometry import Geometry
-from kfmocap.core.review.suggestions import APART, GLIMPSE, MOST_HIDDEN, REACH, suggest_keys_beside_hidden
+from kfmocap.core.review.suggestions import (
+    MAX_FRAME_DISTANCE,
+    MAX_HIDDEN_SUGGESTIONS,
+    MIN_SPACING,
+    MIN_VISIBLE_FRAMES,
+    suggest_keys_beside_hidden,
+)
 from kfmocap.core.shot.shot import KeyPoses
 from synthetic import at_rest, figure, look_at, poses_of, swing
 
@@ -125,9 +131,9 @@ def test_there_is_nothing_to_suggest_for_what_is_hidden_shortly() -> None:
 
 
 def test_a_glimpse_is_too_short_for_a_key_pose() -> None:
-    found = suggest_keys_beside_hidden(hidden((1, 20, 29), (1, 29 + GLIMPSE, 40)), keys(0, 79))
+    found = suggest_keys_beside_hidden(hidden((1, 20, 29), (1, 29 + MIN_VISIBLE_FRAMES, 40)), keys(0, 79))
     assert [(s.frame, s.hidden) for s in found] == [(19, (20, 40)), (41, (20, 40))]
-    longer = suggest_keys_beside_hidden(hidden((1, 20, 29), (1, 30 + GLIMPSE, 45)), keys(0, 79))
+    longer = suggest_keys_beside_hidden(hidden((1, 20, 29), (1, 30 + MIN_VISIBLE_FRAMES, 45)), keys(0, 79))
     assert {30, 32} & {s.frame for s in longer}
 
 
@@ -149,7 +155,7 @@ def test_the_longest_hidden_come_first_and_the_list_is_short() -> None:
     found = suggest_keys_beside_hidden(mask, keys(0, 79))
     lengths = [b - a for a, b in (s.hidden for s in found)]
     assert lengths == sorted(lengths, reverse=True)
-    assert len(found) == MOST_HIDDEN < 8
+    assert len(found) == MAX_HIDDEN_SUGGESTIONS < 8
 
 
 def test_at_the_ends_of_the_shot_there_is_one_side() -> None:
@@ -167,7 +173,7 @@ def test_suggestions_keep_their_distance_and_are_seen(seed: int) -> None:
     frames = [s.frame for s in found]
     for i, suggestion in enumerate(found):
         others = frames[:i] + frames[i + 1 :] + poses.frames.tolist()
-        assert min(abs(suggestion.frame - f) for f in others) >= APART
+        assert min(abs(suggestion.frame - f) for f in others) >= MIN_SPACING
         assert not mask[suggestion.frame, list(suggestion.parts)].any()
         a, b = suggestion.hidden
-        assert 0 < a - suggestion.frame <= REACH or 0 < suggestion.frame - b <= REACH
+        assert 0 < a - suggestion.frame <= MAX_FRAME_DISTANCE or 0 < suggestion.frame - b <= MAX_FRAME_DISTANCE

@@ -20,7 +20,7 @@ from kfmocap.core.fitting import resection
 from kfmocap.core.fitting.camera_refinement import Refinement, refine_cameras
 from kfmocap.core.fitting.key_frame_views import KeyFrameView, on_frames
 from kfmocap.core.fitting.outline_fit import outline_products
-from kfmocap.core.fitting.resection import CAMERA, CameraState, adjusted
+from kfmocap.core.fitting.resection import CAMERA_DOF, CameraState, adjusted
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.footage import frames_at
 from kfmocap.core.shot.shot import KeyPoses, Shot, View
@@ -114,8 +114,8 @@ def test_true_cameras_hardly_follow_key_poses_that_are_a_little_wrong(
     step[:, :3] = rng.normal(0, 0.01, (len(TRUTH), 3))
     posed = shot(views, CAMERAS, TRUTH.moved(step))
     careful = apart(found(refine_cameras(posed)))
-    monkeypatch.setattr(resection, "POSED_ROOT", 1e-6)
-    monkeypatch.setattr(resection, "POSED_JOINT", 1e-6)
+    monkeypatch.setattr(resection, "POSED_ROOT_SIGMA", 1e-6)
+    monkeypatch.setattr(resection, "POSED_JOINT_SIGMA", 1e-6)
     believing = apart(found(refine_cameras(posed)))
     assert max(careful) < 1.0 and np.mean(careful) < 0.7 * np.mean(believing)
 
@@ -272,7 +272,7 @@ def test_unknowns_do_not_overlap() -> None:
     columns = [state.camera_columns(0), state.camera_columns(1), state.shape_columns(), *state.pose_columns()]
     together = np.concatenate([c.ravel() for c in columns])
     assert np.array_equal(together, np.arange(len(state.change)))
-    assert len(state.change) == 2 * CAMERA + 2 * P * 6 + 2 * len(TRUTH) * D
+    assert len(state.change) == 2 * CAMERA_DOF + 2 * P * 6 + 2 * len(TRUTH) * D
     assert (state.prior() > 0).all()
 
 

@@ -7,8 +7,8 @@ from keypoint_shots import cameras, person, strolling
 from kfmocap.core.body import landmark_positions, part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.posing.alternatives import (
-    CLEARLY,
-    LIMBS,
+    CLEAR_MARGIN,
+    LIMB_LANDMARKS,
     Alternatives,
     Neighbour,
     alternative_poses,
@@ -21,7 +21,7 @@ WALK = strolling(BODY, 60)
 VIEW = cameras(2)[1]
 R, t = VIEW.pose(0)
 CENTRE = -R.T @ t
-JOINTS = [name for names in LIMBS for name in names]
+JOINTS = [name for names in LIMB_LANDMARKS for name in names]
 
 
 def joints(poses: Motion) -> np.ndarray:
@@ -68,7 +68,7 @@ def test_the_present_pose_is_shown_first_unless_another_is_clearly_likelier():
     found = alternative_poses(BODY, WALK[[20]], CENTRE)
     now = found.number_of(found.poses[[2]])
     assert now == 2 and found.number_of(WALK[[40]]) is None
-    for less_likely, first in ((CLEARLY - 1, 2), (CLEARLY + 1, 0)):
+    for less_likely, first in ((CLEAR_MARGIN - 1, 2), (CLEAR_MARGIN + 1, 0)):
         energy = np.linspace(0, less_likely, 3)
         assert Alternatives(found.poses[[0, 1, 2]], energy).first_to_show(now) == first
     assert found.first_to_show(None) == 0

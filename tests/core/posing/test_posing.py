@@ -16,7 +16,7 @@ from kfmocap.core.posing import clicks as clicks_module
 from kfmocap.core.posing.clicks import Click, ClickSolver, click_keypoints, movement, movement_precision, pixel, ray
 from kfmocap.core.posing.depth import limb_flipped, moved_in_depth
 from kfmocap.core.posing.mirror import mirrored_poses
-from kfmocap.core.posing.standing import FLOATING, lowest_point
+from kfmocap.core.posing.standing import FLOATING_HEIGHT, lowest_point
 from synthetic import at_rest, numeric_jacobian, random_motion, rigidly_moved, rigidly_moved_camera
 
 BODY = person()
@@ -152,7 +152,7 @@ def test_pixels_and_places_are_each_others_inverse():
 
 
 def test_moving_the_world_moves_the_fit(monkeypatch):
-    monkeypatch.setattr(clicks_module, "LEAST_GAIN", 1e-9)  # two descents that end early do not end at the same place
+    monkeypatch.setattr(clicks_module, "MIN_GAIN", 1e-9)  # two descents that end early do not end at the same place
     turn, shift = rotations.exp(np.array([0.3, -0.2, 1.1])), np.array([1.0, -2.0, 0.4])
     truth, given = WALK[[26]], WALK[[20]]
     here = clicks_on(VIEWS[:1], truth)
@@ -249,7 +249,7 @@ def test_a_body_posed_in_one_view_stands_on_the_floor_and_not_far_away_above_it(
     given, truth = standing(1.3), standing(0.6, place)
     clicks = click_keypoints(clicks_on(VIEWS[1:2], truth, LIMBS, 1.0), 0)
     floats, stands = (ClickSolver(BODY, given, floor=floor).fit(clicks).pose for floor in (None, 0.0))
-    assert lowest_point(BODY, floats)[0] > FLOATING and errors(floats, truth).mean() > 1.0
+    assert lowest_point(BODY, floats)[0] > FLOATING_HEIGHT and errors(floats, truth).mean() > 1.0
     assert abs(lowest_point(BODY, stands)[0]) < 0.05 and errors(stands, truth).mean() < 0.15
 
 
@@ -257,7 +257,7 @@ def test_a_jump_stays_above_the_floor():
     truth = standing(0.3, (0.0, 0.0, 0.5))
     clicks = click_keypoints(clicks_on(VIEWS[:1], truth, LIMBS, 1.0), 0)
     plain, floored = (ClickSolver(BODY, at_rest(BODY), floor=floor).fit(clicks) for floor in (None, 0.0))
-    assert lowest_point(BODY, plain.pose)[0] > FLOATING
+    assert lowest_point(BODY, plain.pose)[0] > FLOATING_HEIGHT
     np.testing.assert_array_equal(floored.pose.translations, plain.pose.translations)
 
 

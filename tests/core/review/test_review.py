@@ -15,7 +15,7 @@ from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics.rotations import exp
 from kfmocap.core.review import suggestions
-from kfmocap.core.review.suggestions import APART, MOST_UNCERTAIN, KeySuggestion
+from kfmocap.core.review.suggestions import MAX_ERROR_SUGGESTIONS, MIN_SPACING, KeySuggestion
 from kfmocap.core.shot.shot import KeyPoses
 from kfmocap.core.tracking.expected_errors.joint_covariances import tip_covariances, tip_jacobian
 from kfmocap.core.tracking.expected_errors.uncertainty import expected_errors
@@ -148,11 +148,11 @@ def test_the_ends_of_limbs_do_not_count() -> None:
 def test_suggestions_lose_in_gain_and_keep_apart() -> None:
     keys = keys_at(0, 20, 39)
     found = suggest_keys_by_error(bump(10) + bump(30) + 0.01, keys)
-    assert 1 < len(found) <= MOST_UNCERTAIN
+    assert 1 < len(found) <= MAX_ERROR_SUGGESTIONS
     assert all(a.gain >= b.gain > 0 for a, b in itertools.pairwise(found))
     frames = [key.frame for key in found]
-    assert all(abs(f - k) >= APART for f in frames for k in [0, 20, 39])
-    assert all(abs(a - b) >= APART for i, a in enumerate(frames) for b in frames[:i])
+    assert all(abs(f - k) >= MIN_SPACING for f in frames for k in [0, 20, 39])
+    assert all(abs(a - b) >= MIN_SPACING for i, a in enumerate(frames) for b in frames[:i])
 
 
 def walk_errors(length: int, known: Sequence[int]) -> Array:
@@ -170,7 +170,7 @@ def walk_errors(length: int, known: Sequence[int]) -> Array:
 @pytest.mark.parametrize("known", [(0, 30), (12,), (20, 30), ()])
 def test_the_gain_is_what_a_key_pose_takes_from_errors_that_drift_like_a_random_walk(known: tuple[int, ...]) -> None:
     before = walk_errors(31, known)
-    allowed = [f for f in range(31) if all(abs(f - k) >= APART for k in known)]
+    allowed = [f for f in range(31) if all(abs(f - k) >= MIN_SPACING for k in known)]
     after = {f: walk_errors(31, [*known, f]).mean() for f in allowed}
     (best, *_) = suggest_keys_by_error(0.001 * before[:, None] * np.ones(P), keys_at(*known))
     assert best.frame in allowed and after[best.frame] == pytest.approx(min(after.values()))

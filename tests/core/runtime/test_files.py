@@ -12,7 +12,7 @@ import pytest
 from kfmocap.core.errors import OutputError
 from kfmocap.core.runtime import placing
 from kfmocap.core.runtime.files import check_writable, replacing, staged, together
-from kfmocap.core.runtime.interrupts import WRITTEN, Interruptions, held_signals
+from kfmocap.core.runtime.interrupts import WRITTEN_NOTE, Interruptions, held_signals
 
 RESULTS = ("a.trc", "b.bvh", "c.json")
 STEPS = ("rename", "replace", "link", "unlink", "fsync", "rmdir")
@@ -148,7 +148,7 @@ def test_an_interrupt_while_results_are_put_in_place_waits_for_them(
     monkeypatch.undo()
     found = contents(tmp_path / "out") if (tmp_path / "out").exists() else {}
     results = {text for name, text in found.items() if name in RESULTS}
-    assert (results == {"new"}) == (WRITTEN in getattr(interrupt.value, "__notes__", []))
+    assert (results == {"new"}) == (WRITTEN_NOTE in getattr(interrupt.value, "__notes__", []))
     assert len(results) < 2
     assert not leftovers(tmp_path)
 

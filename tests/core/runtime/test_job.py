@@ -13,7 +13,7 @@ from pathlib import Path
 import job_functions
 import pytest
 from conftest import ROOT
-from kfmocap.core.runtime.worker import GRACE
+from kfmocap.core.runtime.worker import GRACE_SECONDS
 from kfmocap.core.runtime.worker_pool import WorkerPool
 from kfmocap.core.runtime.worker_process import WorkerProcess
 
@@ -85,4 +85,4 @@ def test_what_has_nothing_to_tidy_ends_at_once(tmp_path: Path) -> None:
         for process in (idle, pool._processes[0]):
             begun = time.monotonic()
             process.close()
-            assert time.monotonic() < begun + GRACE
+            assert time.monotonic() < begun + GRACE_SECONDS

@@ -11,7 +11,7 @@ import pytest
 from kfmocap.core.calibration.balls.ball_centres import centres_of
 from kfmocap.core.calibration.balls.ball_detection import Picture, background_of, find_balls, without_rods
 from kfmocap.core.calibration.balls.found_balls import Balls
-from kfmocap.core.calibration.lframe.lframe_detection import FOCALS, LFrameModel, identified, standing
+from kfmocap.core.calibration.lframe.lframe_detection import TRIED_FOCALS, LFrameModel, identified, standing
 from kfmocap.core.calibration.wand_detection import Pairs, likeliest_pairs, swapped_ends
 from kfmocap.core.capture.colours import parsed
 from kfmocap.core.errors import CalibrationError
@@ -196,7 +196,7 @@ def balls_at(camera, points: np.ndarray, diameter: float = 0.06) -> Balls:
 
 
 def frame_for(camera, points: np.ndarray = LFRAME, diameter: float | None = 0.06) -> LFrameModel:
-    return LFrameModel(points, diameter, (np.array(camera.size) - 1) / 2, [s * max(camera.size) for s in FOCALS])
+    return LFrameModel(points, diameter, (np.array(camera.size) - 1) / 2, [s * max(camera.size) for s in TRIED_FOCALS])
 
 
 @pytest.mark.parametrize("diameter", [0.06, None])
