@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from .cli import command_line
 from .cli.services import BenchmarkRequest, Services, blender_needed
 from .core.errors import ShotError, WorkerEndedError
-from .core.runtime.loading import uncollected
+from .core.runtime.loading import without_garbage_collection
 from .core.runtime.standard_streams import make_streams_safe
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ class _BlenderProcess:
 
 def _loaded_blender(_: Progress) -> None:
     """Load Blender's module, and what writes results with it."""
-    with uncollected():
+    with without_garbage_collection():
         _load_blender()
         from .kfmocap_addon.export import blender_outputs  # noqa: F401  it is loaded for later
 

@@ -16,7 +16,7 @@ from importlib import import_module
 from ..core.errors import KFMocapError
 from ..core.runtime.decoder_log import DecoderLog
 from ..core.runtime.interrupts import Interruptions, interrupted_text, results_seen
-from ..core.runtime.loading import uncollected
+from ..core.runtime.loading import without_garbage_collection
 from ..core.runtime.worker_memory import WorkerMemory
 from .arguments import parser
 from .services import Services
@@ -51,7 +51,7 @@ def main(argv: Sequence[str] | None = None, services: Services | None = None) ->
 
         try:
             with _blender_ahead(args, services or Services()) as beside, _workers_ahead(args, beside) as ready:
-                with uncollected():
+                with without_garbage_collection():
                     command = import_module(f".{args.command}_command", __package__)
                 exit_code: int = command.run(args, ready)
         except Exception as error:

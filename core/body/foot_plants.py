@@ -71,16 +71,16 @@ def find_plants(
         return Plants(np.zeros(points.shape[:2], bool), float(points[..., 2].min(initial=0.0)), 0.0)
     x = points / leg
     speed = np.linalg.norm(np.gradient(x, axis=0), axis=2) * fps
-    doubt = np.zeros(speed.shape) if deviation is None else _beyond_usual(deviation / leg)
+    doubt = np.zeros(speed.shape) if deviation is None else _excess_deviation(deviation / leg)
     height = x[..., 2] if by_height else np.zeros(speed.shape)
     sizes = _Sizes(0.05, 1.2, 0.02, float(np.quantile(height, 0.05)))
     for _ in range(_ITERATIONS):
-        weight = 1 / (1 + np.exp(-np.clip(_gain(speed, height, sizes, doubt, fps), -50, 50)))
+        weight = 1 / (1 + np.exp(-np.clip(_log_ratios(speed, height, sizes, doubt, fps), -50, 50)))
         renewed = sizes.renewed(speed, height, weight)
         if np.allclose(renewed.values(), sizes.values(), rtol=1e-3, atol=1e-5):
             break
         sizes = renewed
-    gain = _gain(speed, height, sizes, doubt, fps)
+    gain = _log_ratios(speed, height, sizes, doubt, fps)
     change = np.log(_MEAN_DWELL * fps)
     planted = np.stack([_most_likely(column, change) for column in gain.T], axis=1)
     shortest = round(_MIN_DURATION * fps)
@@ -105,7 +105,7 @@ def with_ends(planted: Bools, points: Array, speed: float, fps: float) -> Bools:
     return found
 
 
-def _beyond_usual(deviation: Array) -> Array:
+def _excess_deviation(deviation: Array) -> Array:
     """By how much standard deviations exceed their median over the frames, as the deviation of an independent error."""
     return np.asarray(np.sqrt(np.maximum(deviation**2 - np.median(deviation, axis=0) ** 2, 0.0)))
 
@@ -135,7 +135,7 @@ class _Sizes:
         )
 
 
-def _gain(speed: Array, height: Array, sizes: _Sizes, doubt: Array, fps: float) -> Array:
+def _log_ratios(speed: Array, height: Array, sizes: _Sizes, doubt: Array, fps: float) -> Array:
     """Log likelihood ratio of planted to swinging, by frame and point; it is small where `doubt` is large."""
     blur = doubt * fps / np.sqrt(2)  # of a speed from the frame before to the frame after
     a, b = (np.sqrt(size**2 + blur**2) for size in (sizes.planted, sizes.swinging))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
-from ..runtime.shared_arrays import each_row, looked_at
+from ..runtime.shared_arrays import copied_from_map, each_row
 from .foreground_images.part_colours import ColouredFrames, PartColours
 
 Image = NDArray[np.float32]
@@ -199,13 +199,13 @@ class ViewFrames:
         if self.colours is None or self.palette is None:
             return None
         start = first - self.first
-        return ColouredFrames(self.colours, looked_at(self.palette[start : start + count, ::stride, ::stride]))
+        return ColouredFrames(self.colours, copied_from_map(self.palette[start : start + count, ::stride, ::stride]))
 
     def foreground_at(self, first: int, count: int, stride: int = 1) -> NDArray[np.uint8]:
         """Return the foreground images of consecutive shot frames at every stride-th pixel, shape (M, count, h, w)."""
         assert self.foreground is not None
         start = first - self.first
-        return looked_at(self.foreground[:, start : start + count, ::stride, ::stride])
+        return copied_from_map(self.foreground[:, start : start + count, ::stride, ::stride])
 
     def pixels_per_metre(self, point_world: NDArray[np.float64], frame: int) -> float:
         """Length in pixels of a metre that faces the camera at a point; points behind it count as in front of it."""
@@ -233,7 +233,9 @@ class GradientImageCache:
             return images
         left, top = max(left - BOX_MARGIN, 0), max(top - BOX_MARGIN, 0)  # a little more, for the next time
         start = frames.start - view.first
-        window = looked_at(view.grey[start : start + len(frames), top : bottom + BOX_MARGIN, left : right + BOX_MARGIN])
+        window = copied_from_map(
+            view.grey[start : start + len(frames), top : bottom + BOX_MARGIN, left : right + BOX_MARGIN]
+        )
         images = GradientImages.of(window, sigma, (left, top))
         for first, count in list(kept):  # those that show some of the same pairs of frames are replaced
             if min(first + count, frames.stop) - max(first, frames.start) > 1:

@@ -55,7 +55,7 @@ def hand_points(shot: Shot, detections: Sequence[Detections], wrists_world: Arra
     for v, (view, found) in enumerate(zip(shot.views, detections, strict=True)):
         if len(found):
             seen = on_shot_frames(view, found, HAND_NAMES, shot)
-            _take(seen, np.einsum("fab,fsb->fsa", R[v], wrists_world) + t[v][:, None], rays[v], confidence[v])
+            _fill_in(seen, np.einsum("fab,fsb->fsa", R[v], wrists_world) + t[v][:, None], rays[v], confidence[v])
     views = int((confidence > 0).any(axis=(1, 2)).sum())
     if views < 2:
         raise KeypointError(
@@ -99,7 +99,7 @@ def tracked_hands(shot: Shot, detections: Sequence[Detections], number: int, mot
     return hand_points(shot, detections, wrists)
 
 
-def _take(seen: ViewDetections, wrists_cam: Array, rays: Array, confidence: Array) -> None:
+def _fill_in(seen: ViewDetections, wrists_cam: Array, rays: Array, confidence: Array) -> None:
     """Fill in the rays (F, 42, 2) and confidence (F, 42) of a view from the hands nearest to the tracked wrists."""
     count = len(HAND_POINTS)
     for side in range(2):

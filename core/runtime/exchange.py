@@ -12,7 +12,7 @@ _RENAME_SWAP = 2  # of macOS, <sys/stdio.h>
 _HERE = {"linux": -100, "darwin": -2}  # AT_FDCWD
 
 
-def exchanged(one: Path, other: Path) -> bool:
+def exchange_paths(one: Path, other: Path) -> bool:
     """Exchange the files or folders at two paths of one file system atomically.
 
     Returns

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def uncollected() -> Iterator[None]:
+def without_garbage_collection() -> Iterator[None]:
     """Keep the garbage collector from going through objects while the block makes them.
 
     Modules are loaded in two thirds of the time: they make many objects, hardly any of which are not needed until the

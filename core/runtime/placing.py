@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from .exchange import exchanged
+from .exchange import exchange_paths
 from .workplaces import MOVING, RESULTS, move_files
 
 _MAX_LINKED = 1000  # largest number of other files in a folder that is exchanged
@@ -85,7 +85,7 @@ def _is_exchanged(place: Path, folder: Path, others: Sequence[str]) -> bool:
             before = folder.stat()
             os.chown(results, before.st_uid, before.st_gid)
         flush(results)
-        done = exchanged(results, folder)
+        done = exchange_paths(results, folder)
     except OSError:
         done = False
     if not done:

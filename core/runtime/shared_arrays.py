@@ -49,7 +49,7 @@ class SharedArray:
             self.path.unlink()
 
 
-def looked_at(array: NDArray[Any]) -> NDArray[Any]:
+def copied_from_map(array: NDArray[Any]) -> NDArray[Any]:
     """Return a part of an array, as a copy if it is mapped; the mapped memory is released.
 
     A process that reads a long file part by part then takes no more memory than the parts do.
@@ -57,17 +57,17 @@ def looked_at(array: NDArray[Any]) -> NDArray[Any]:
     if (mapping := _mapping(array)) is None:
         return array
     part = array.copy()
-    _let_go(mapping)
+    _release(mapping)
     return part
 
 
 def each_row(array: NDArray[Any]) -> Iterator[NDArray[Any]]:
-    """Generate the rows of an array; mapped memory is released as in `looked_at`."""
+    """Generate the rows of an array; mapped memory is released as in `copied_from_map`."""
     mapping = _mapping(array)
     for k, row in enumerate(array):
         yield row
         if mapping is not None and k % _ROWS == _ROWS - 1:
-            _let_go(mapping)
+            _release(mapping)
 
 
 def _mapping(array: NDArray[Any]) -> mmap.mmap | None:
@@ -78,6 +78,6 @@ def _mapping(array: NDArray[Any]) -> mmap.mmap | None:
     return base if isinstance(base, mmap.mmap) else None
 
 
-def _let_go(mapping: mmap.mmap) -> None:
+def _release(mapping: mmap.mmap) -> None:
     if hasattr(mmap, "MADV_DONTNEED"):  # Windows reclaims the memory when it is needed
         mapping.madvise(mmap.MADV_DONTNEED)

@@ -54,7 +54,7 @@ def main() -> None:
             os.nice(NICENESS)
         sys.path[:] = search
         load(package, Path(folder))
-        with importlib.import_module(f"{package}.core.runtime.loading").uncollected():
+        with importlib.import_module(f"{package}.core.runtime.loading").without_garbage_collection():
             for module in imports:
                 importlib.import_module(module)
         kept = importlib.import_module(f"{package}.core.runtime.worker_memory")

@@ -14,7 +14,7 @@ from ..body.motion import Motion
 from ..body.time_shift import poses_after
 from ..evidence.foreground_images.foreground import EDGE_HALO, performer_foregrounds
 from ..evidence.foreground_images.known_pixels import CLOTHES_MARGIN, KnownPixels
-from ..evidence.foreground_images.masks import beyond, within
+from ..evidence.foreground_images.masks import interior, outside
 from ..evidence.foreground_images.part_colours import PartColours
 from ..evidence.part_shapes import FittedShape, fitted_shape
 from ..evidence.rendering.label_images import render_labels
@@ -141,11 +141,11 @@ def known_pixels(view: ViewFrames, geometry: Geometry, poses: Poses, keys: Posed
     shown: list[dict[int, Bools]] = [{} for _ in range(M)]
     behind, parts = {}, {}
     for k, row in enumerate((keys.frames - view.first).tolist()):
-        behind[row] = beyond(labels[k] >= 0, CLOTHES_MARGIN * scale) & ~unsure[k]
+        behind[row] = outside(labels[k] >= 0, CLOTHES_MARGIN * scale) & ~unsure[k]
         whose = np.where(labels[k] >= 0, geometry.performer[labels[k]], -1)
         parts[row] = np.where(np.isin(whose, np.flatnonzero(keys.posed[k])) & ~unsure[k], labels[k], np.int16(-1))
         for m in np.flatnonzero(keys.posed[k]):
-            shown[m][row] = within(whose == m) & ~unsure[k]
+            shown[m][row] = interior(whose == m) & ~unsure[k]
     return KnownPixels(tuple(shown), behind, scale, parts)
 
 

@@ -17,7 +17,7 @@ from ..numerics.arrays import Array, Bools
 from ..runtime.threads import worker_count
 from ..runtime.worker_memory import WorkerMemory
 from ..shot.footage import Album, frames_at, working_factor
-from ..shot.footage_faults.continuity import COMPARED_PAIRS, block_change, most_changed, small, torn_pairs
+from ..shot.footage_faults.continuity import COMPARED_PAIRS, block_change, block_means, most_changed, torn_pairs
 from ..shot.footage_faults.footage_times import FootageRate, footage_rate, frames_missing
 from ..shot.footage_faults.skipped_frames import PairChanges, PointsFollowed
 from ..shot.frame_numbers import across_gaps, footage_delay
@@ -138,8 +138,8 @@ class SegmentReader:
 
         def measured() -> NDArray[np.float16]:
             nonlocal blocks
-            blocks = small(image)
-            change = block_change(small(before) if self._small is None else self._small, blocks)
+            blocks = block_means(image)
+            change = block_change(block_means(before) if self._small is None else self._small, blocks)
             return np.asarray(change, np.float16)
 
         key = "change", self._made_of, self._first + self._read

@@ -68,7 +68,7 @@ def segments_before(segments: Sequence[Segment], frame: int) -> list[Segment]:
     return [(first, last) for first, last in segments if first < frame]
 
 
-def joined(segments: Sequence[Segment]) -> list[Segment]:
+def joined_segments(segments: Sequence[Segment]) -> list[Segment]:
     """Join adjacent segments; returns the first and last frame of each run."""
     runs: list[Segment] = []
     for first, last in sorted(segments):
@@ -193,14 +193,14 @@ def digests(shot: Shot, segments: Iterable[Segment]) -> dict[Segment, str]:
             part,
             name="",
             views=tuple(without_gaps_beyond(view, *part.frames) for view in part.views),
-            performers=tuple(_asked(performer) for performer in part.performers),
+            performers=tuple(_as_keyed(performer) for performer in part.performers),
             holds=holds,
         )
         found[segment] = checksum(values.of(asked))
     return found
 
 
-def _asked(performer: Performer) -> Performer:
+def _as_keyed(performer: Performer) -> Performer:
     """Return a performer without the values that its key poses do not fix, as tracking changes these."""
     keys, P = performer.key_poses, performer.key_poses.poses.rotations.shape[1]
     turned = keys.fixed[:, 3:].reshape(-1, P, 3).all(axis=2)[..., None, None]

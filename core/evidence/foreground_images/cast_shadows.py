@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...numerics.arrays import Bools
-from .masks import near, without_specks
+from .masks import dilated, opened
 
 Bytes = NDArray[np.uint8]
 Array = NDArray[np.float32]
@@ -208,7 +208,7 @@ class CastShadows:
         plate, fall = plate.copy(), np.zeros(plate.shape[:2], bool)
         plate.reshape(-1, 3)[places[relit]] = _mean_colours(colours[:, relit], (shown & ~dimmed)[:, relit])
         fall.ravel()[places[relit]] = True
-        fall = near(without_specks(fall, MIN_SHADOW_RADIUS * pixels_per_metre), SHADOW_REACH * pixels_per_metre)
+        fall = dilated(opened(fall, MIN_SHADOW_RADIUS * pixels_per_metre), SHADOW_REACH * pixels_per_metre)
         return cls(model, plate, fall)
 
     def shade(self, distance: Bytes, image: Bytes, steps: int) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...numerics.arrays import Bools
-from .masks import beyond, within
+from .masks import interior, outside
 
 CLOTHES_MARGIN = 0.05
 """Distance from the model's outline beyond which pixels surely show background, metres, as the model has no clothes."""
@@ -45,7 +45,7 @@ class KnownPixels:
     ) -> KnownPixels:
         """Derive it from masks of all performers together; see `foreground_images`."""
         return cls(
-            ({f: within(mask) for f, mask in (sure or masks).items()},),
-            {f: beyond(mask, CLOTHES_MARGIN * pixels_per_metre) for f, mask in masks.items()},
+            ({f: interior(mask) for f, mask in (sure or masks).items()},),
+            {f: outside(mask, CLOTHES_MARGIN * pixels_per_metre) for f, mask in masks.items()},
             pixels_per_metre,
         )

@@ -11,22 +11,22 @@ EDGE_WIDTH = 2
 """Width of a mask's edge in which pixels show something of both sides, pixels."""
 
 
-def within(mask: Bools, rim: int = EDGE_WIDTH) -> Bools:
+def interior(mask: Bools, rim: int = EDGE_WIDTH) -> Bools:
     """Return a mask eroded by some pixels."""
     return np.asarray(cv2.erode(mask.astype(np.uint8), _disc(rim)) > 0)
 
 
-def beyond(mask: Bools, margin: float) -> Bools:
+def outside(mask: Bools, margin: float) -> Bools:
     """Return the pixels that are farther from a mask than a margin, pixels."""
     return np.asarray(cv2.dilate(mask.astype(np.uint8), _disc(margin)) == 0)
 
 
-def near(mask: Bools, distance: float) -> Bools:
+def dilated(mask: Bools, distance: float) -> Bools:
     """Return the pixels within a distance, which may be large, of a mask, pixels."""
     return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3) <= distance)
 
 
-def without_specks(mask: Bools, radius: float) -> Bools:
+def opened(mask: Bools, radius: float) -> Bools:
     """Return a mask without details smaller than a disc with a radius, pixels (morphological opening)."""
     return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, _disc(radius)) > 0)
 

@@ -17,7 +17,7 @@ from scipy.spatial import KDTree
 from ...numerics.arrays import Bools, Ints
 from ...runtime.shared_arrays import each_row
 from .foreground import HISTOGRAM_BINS, MAX_LOG_RATIO, bins, smoothed
-from .masks import within
+from .masks import interior
 
 Bytes = NDArray[np.uint8]
 
@@ -69,7 +69,7 @@ class PartColours:
         for frame, label in parts.items():
             places = bins(colour[frame])
             for part in np.unique(label[label >= 0]).tolist():
-                counts[part] += np.bincount(places[within(label == part, _EDGE_WIDTH)], minlength=HISTOGRAM_BINS**3)
+                counts[part] += np.bincount(places[interior(label == part, _EDGE_WIDTH)], minlength=HISTOGRAM_BINS**3)
         total = counts.sum(axis=0)
         if not total.any():
             return None

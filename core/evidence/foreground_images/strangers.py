@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...numerics.arrays import Bools
-from .masks import without_specks
+from .masks import opened
 
 Bytes = NDArray[np.uint8]
 Array = NDArray[np.float64]
@@ -73,7 +73,7 @@ def strangers_on(
     for frame in behind:
         image = np.zeros(known.shape, bool)
         image[places] = seen[frame] & off[frame] & confirmed
-        found[frame] = without_specks(image, _MIN_RADIUS * scale)
+        found[frame] = opened(image, _MIN_RADIUS * scale)
     area = sum(np.count_nonzero(image) for image in found.values()) / scale**2
     return found if area > MIN_AREA * len(behind) else {}
 

@@ -129,10 +129,10 @@ def outline_lines(
     # In double precision, as exponentials in single precision differ between processors.
     ratio = np.zeros((len(places), len(pieces.uv)))
     own = pieces.behind >= 0
-    ratio[:, ~own] = _along(foreground, labels, pieces.where(~own), places, stride).T
+    ratio[:, ~own] = _ratios_along(foreground, labels, pieces.where(~own), places, stride).T
     if coloured is not None:
-        ratio[:, own] = _along_within(coloured, labels, pieces.where(own), places, stride).T
-    mean, spread = _ends(ratio, places)
+        ratio[:, own] = _colour_ratios_along(coloured, labels, pieces.where(own), places, stride).T
+    mean, spread = _edge_positions(ratio, places)
     shift, variance = mean - np.where(own, 0.0, halo), spread + EDGE_SIGMA**2
     ignorance = len(places) ** 2 / 12 + EDGE_SIGMA**2  # of a line along which nothing is seen
     information = np.maximum(1 / variance - 1 / ignorance, 0)
@@ -156,7 +156,7 @@ def outline_lines(
     )
 
 
-def _ends(ratio: Array, places: NDArray[np.int_]) -> tuple[Array, Array]:
+def _edge_positions(ratio: Array, places: NDArray[np.int_]) -> tuple[Array, Array]:
     """Return the means and variances (N,) of where the body ends along lines, by log likelihood ratios (L, N) at their
     L places.
     """
@@ -170,7 +170,7 @@ def _ends(ratio: Array, places: NDArray[np.int_]) -> tuple[Array, Array]:
     return first / total, second / total - (first / total) ** 2
 
 
-def _along_within(
+def _colour_ratios_along(
     coloured: ColouredFrames,
     labels: LabelImages,
     pieces: OutlinePieces,
@@ -179,7 +179,7 @@ def _along_within(
 ) -> Array:
     """Log likelihood ratios (part against the part behind it) of the colours along lines, shape (N, len(places)).
 
-    They are 0 where the model predicts something else, as in `_along`.
+    They are 0 where the model predicts something else, as in `_ratios_along`.
     """
     ratio, distinct = coloured.colours.ratio, coloured.colours.distinct
     u, v = (pieces.uv[:, k, None] + pieces.normal[:, k, None] * places for k in range(2))
@@ -193,7 +193,7 @@ def _along_within(
     return np.where(predicted & (label != -2), ratio[part, colour] - ratio[behind, colour], np.float32(0))
 
 
-def _along(
+def _ratios_along(
     foreground: NDArray[np.uint8], labels: LabelImages, pieces: OutlinePieces, places: NDArray[np.int_], stride: int
 ) -> Array:
     """Log likelihood ratios along the lines, shape (N, len(places)).

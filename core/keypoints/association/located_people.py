@@ -110,7 +110,7 @@ def _joined(detected: DetectedPoints, people: Sequence[LocatedPerson], fps: floa
             (a, b)
             for a in left
             for b in left
-            if a is not b and _goes_on(a, b, fps) and not any(b.doubled_by(track) for track in a.tracks)
+            if a is not b and _may_continue(a, b, fps) and not any(b.doubled_by(track) for track in a.tracks)
         ]
         if not pairs:
             return left
@@ -120,7 +120,7 @@ def _joined(detected: DetectedPoints, people: Sequence[LocatedPerson], fps: floa
         left.append(LocatedPerson(tracks, triangulate(detected.keypoints(tracks))[0]))
 
 
-def _goes_on(before: LocatedPerson, after: LocatedPerson, fps: float) -> bool:
+def _may_continue(before: LocatedPerson, after: LocatedPerson, fps: float) -> bool:
     """Whether a person may be the continuation of another."""
     last, first = before.frames[-1], after.frames[0]
     seconds = (first - last) / fps

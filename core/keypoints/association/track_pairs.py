@@ -48,7 +48,7 @@ def agreement(
         detected.origins(second.view, frames)[:, None],
         rays[pair[1]][rows_b],
     )
-    agreed = np.maximum(1 - median_known(gap) / MAX_RAY_DISTANCE, 0) * _bodily(detected.empty.names, points)
+    agreed = np.maximum(1 - median_known(gap) / MAX_RAY_DISTANCE, 0) * _has_body_size(detected.empty.names, points)
     if not agreed.any():
         return 0.0
     best: dict[int, Array] = {}
@@ -78,7 +78,7 @@ def _nearest(origin_a: Array, ray_a: Array, origin_b: Array, ray_b: Array) -> tu
     return np.where(met[..., None], (a + b) / 2, np.nan), np.where(met, np.linalg.norm(a - b, axis=-1), np.nan)
 
 
-def _bodily(names: Sequence[str], points: Array) -> Bools:
+def _has_body_size(names: Sequence[str], points: Array) -> Bools:
     """Whether the distances between points are those of a body, for each of n sets (n, K, 3)."""
     fine = np.ones(len(points), bool)
     for upper, lower in pairwise(_CHAIN):

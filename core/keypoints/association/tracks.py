@@ -105,7 +105,7 @@ def detection_tracks(names: Sequence[str], found: ViewDetections, view: int, fps
             cost = np.array([[_movement(found, points, track[-1], row) for row in rows] for track in open_tracks])
             for i, j in zip(*scipy.optimize.linear_sum_assignment(cost), strict=True):
                 if cost[i, j] < 1:
-                    if _unclear(cost, i, j):
+                    if _is_ambiguous(cost, i, j):
                         ended.append(i)
                     else:
                         open_tracks[i].append(int(rows[j]))
@@ -116,7 +116,7 @@ def detection_tracks(names: Sequence[str], found: ViewDetections, view: int, fps
     return [Track(view, found.frames[t], np.array(t)) for t in done + open_tracks]
 
 
-def _unclear(cost: Array, track: int, row: int) -> bool:
+def _is_ambiguous(cost: Array, track: int, row: int) -> bool:
     """Whether the track might as well continue with another detection, or the detection belong to another track."""
     others = np.concatenate([np.delete(cost[track], row), np.delete(cost[:, row], track)])
     least = others.min(initial=np.inf)

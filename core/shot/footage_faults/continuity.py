@@ -33,7 +33,7 @@ frame compared with the stillest quarter around, and that of its median block, w
 usual one: where a fist turns back it is nearly still, but noise goes on."""
 
 
-def small(picture: NDArray[np.uint8]) -> Array:
+def block_means(picture: NDArray[np.uint8]) -> Array:
     """Return the mean grey level of every block of a picture, grey or in colour."""
     height, width = picture.shape[:2]
     scale = _BLOCKS * 4 / max(height, width)
@@ -43,7 +43,9 @@ def small(picture: NDArray[np.uint8]) -> Array:
 
 
 def block_change(before: Array, after: Array) -> Array:
-    """Return the mean absolute difference of two results of `small`, in blocks of 4 x 4 of theirs, grey levels."""
+    """Return the mean absolute difference of two results of `block_means`, in blocks of 4 x 4 of theirs, grey
+    levels.
+    """
     difference = np.abs(after - before)
     size = max(difference.shape[1] // 4, 1), max(difference.shape[0] // 4, 1)
     return np.asarray(cv2.resize(difference, size, interpolation=cv2.INTER_AREA))

@@ -25,7 +25,7 @@ from .gauss_newton import continued, descend
 from .limb_corrections.faded_limbs import with_faded_limbs_found
 from .limb_corrections.limb_search import pictures_find_limbs
 from .multi_start import MIN_FOLLOWED_SHARE, best_of_starts
-from .solution_ranking import likeliest, noise_of
+from .solution_ranking import likeliest, noise_at
 
 LEAP_RATIO = 6.0
 """Smallest ratio of the acceleration at a leap to the limb's median acceleration."""
@@ -107,7 +107,7 @@ def _bridged(
     problem: SegmentProblem, performer: int, before: SegmentSolution, found: Sequence[Leap], workspace: Workspace
 ) -> SegmentSolution | None:
     """Bridge the leaps of one performer where that is better; None if it is nowhere."""
-    noise = noise_of(problem, before, workspace)
+    noise = noise_at(problem, before, workspace)
     settled = best = descend(problem, before.motions, workspace.silent(), SETTLED, noise)
     for k, leap in enumerate(found):
         motion = bridged_motion(best.motions[performer], leap, problem.fixed[performer])

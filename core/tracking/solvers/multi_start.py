@@ -30,8 +30,16 @@ from .limb_corrections.mirrored_limbs import with_limbs_mirrored
 from .limb_corrections.strayed_limbs import with_limbs_returned
 from .sequential_start import blended, excerpt, follow
 from .settled_solutions import SettledSolution
-from .solution_doubts import doubted_performers, explains_little, speaks_against, worst_first
-from .solution_ranking import RESTING_GAIN, alike, better, equals, likeliest_at_rest, likelihood, noise_of
+from .solution_doubts import doubted_performers, explains_little, images_contradict, worst_first
+from .solution_ranking import (
+    RESTING_GAIN,
+    covering_most,
+    likeliest_at_rest,
+    likelihood,
+    nearly_equal,
+    noise_at,
+    same_solution,
+)
 from .whole_turns import with_whole_turn
 
 MIN_FOLLOWED_SHARE = 0.9
@@ -141,7 +149,7 @@ def best_of_own_starts(
         with seconds.measure("initial solution"):
             start, first = with_whole_turn(problem, start, straight := first, workspace.part(0.0, 0.05))
     solutions = [first]
-    if looks and first is straight and not speaks_against(problem, first):
+    if looks and first is straight and not images_contradict(problem, first):
         with seconds.measure("initial solution"):
             first_look = FirstLook.around(problem, first, workspace.part(0.0, 0.1))
         if not first_look.explains(problem):
@@ -156,7 +164,7 @@ def best_of_own_starts(
         with seconds.measure("initial solution"):
             best = searched(problem, start, solutions, workspace.part(0.25, 1.0), first_look=first_look)
     else:
-        best = better(problem, *solutions)
+        best = covering_most(problem, *solutions)
     return replace(best, seconds=seconds)
 
 
@@ -191,7 +199,7 @@ class FirstLook:
         """
         noise, settled = self.settled.noise, self.settled.solution
         gain = likelihood(problem, noise, self.found) - likelihood(problem, noise, settled)
-        return gain > RESTING_GAIN and not alike(self.found.motions, settled.motions)
+        return gain > RESTING_GAIN and not same_solution(self.found.motions, settled.motions)
 
 
 def searched(
@@ -205,7 +213,8 @@ def searched(
 ) -> SegmentSolution:
     """Search for limbs around some solutions, and then around the best found, until two agree.
 
-    1. The search begins around the solutions that cover as much as the best (`equals`), or around all of them if the
+    1. The search begins around the solutions that cover as much as the best (`nearly_equal`), or around all of them if
+    the
        best explains little. They are first solved a little further; those that then have the same motion count once.
     2. If the best still explains little, there is one search with the trunk held to its motion at the start, which
        misplaced limbs cannot have led astray.
@@ -233,9 +242,9 @@ def searched(
         The first round around the best of the solutions, if it was made already: it is not repeated.
     """
     held = replace(problem, fixed=tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed))
-    first = better(problem, *solutions)
-    likely = solutions if explains_little(problem, first) else equals(solutions)
-    noise = noise_of(problem, first, workspace)
+    first = covering_most(problem, *solutions)
+    likely = solutions if explains_little(problem, first) else nearly_equal(solutions)
+    noise = noise_at(problem, first, workspace)
     look = look or partial(look_for_limbs, noise=noise)
     looked = first_look if first_look is not None and first_look.settled.begin is first else None
     settled = [
@@ -246,7 +255,7 @@ def searched(
     ]
     begins: list[tuple[Sequence[Motion], SegmentProblem]] = []
     for solution in settled:
-        if not any(alike(solution.motions, motions) for motions, _ in begins):
+        if not any(same_solution(solution.motions, motions) for motions, _ in begins):
             begins.append((solution.motions, problem))
     found: list[SegmentSolution] = []
     looking, exchanging = workspace.part(0.0, 0.7), workspace.part(0.7, 1.0)
@@ -258,26 +267,26 @@ def searched(
             looked = None
         else:
             found.append(look(problem, around, motions, len(found), part))
-        best = better(problem, *settled, *found)
+        best = covering_most(problem, *settled, *found)
         if begins or (problem.only is not None and best in found):
             continue
         if explains_little(problem, best) and around is not held:
             begins.append((start, held))
-        elif not _met(problem, best, [*settled, *found]) and (best in found or len(found) < MAX_VAIN_ROUNDS):
+        elif not _is_confirmed(problem, best, [*settled, *found]) and (best in found or len(found) < MAX_VAIN_ROUNDS):
             begins.append((best.motions, problem))
-    best = likeliest_at_rest(problem, noise, better(problem, *settled), *settled, *found, workspace=workspace)
+    best = likeliest_at_rest(problem, noise, covering_most(problem, *settled), *settled, *found, workspace=workspace)
     return recombined(problem, best, [*settled, *found], noise, exchanging)
 
 
-def _met(problem: SegmentProblem, best: SegmentSolution, solutions: Sequence[SegmentSolution]) -> bool:
+def _is_confirmed(problem: SegmentProblem, best: SegmentSolution, solutions: Sequence[SegmentSolution]) -> bool:
     """Whether another solution covers as much as the best or, among several performers, has the same motion.
 
     Among several performers the visible area of one, and with it the cover, changes with every centimetre.
     """
-    if len(equals(solutions)) > 1:
+    if len(nearly_equal(solutions)) > 1:
         return True
     others = [solution for solution in solutions if solution is not best]
-    return problem.only is not None and any(alike(best.motions, other.motions) for other in others)
+    return problem.only is not None and any(same_solution(best.motions, other.motions) for other in others)
 
 
 def look_for_limbs(

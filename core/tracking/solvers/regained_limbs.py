@@ -33,7 +33,7 @@ from .limb_corrections.limb_likelihood import LimbOfPerformer, support_of_limbs
 from .limb_corrections.limb_search import MIN_GAIN, freed_limb, is_elsewhere, pictures_find_limbs
 from .multi_start import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
 from .settled_solutions import SettledSolution, SettledSolutions
-from .solution_ranking import RESTING_GAIN, likeliest_at_rest, likelihood, settled_further, tells_likelihood
+from .solution_ranking import RESTING_GAIN, likeliest_at_rest, likelihood, likelihood_decides, settled_further
 
 BEND_RATIO = 3.0
 """Ratio of a limb's acceleration at a key pose to its root mean square between key poses, from which on the motion
@@ -72,7 +72,7 @@ def _with_limbs_regained(problem: SegmentProblem, start: Sequence[Motion], works
     for k, (i, chain) in enumerate(lost):
         part = workspace.part(0.3 + 0.7 * k / len(lost), 0.3 + 0.7 * (k + 1) / len(lost))
         solution = with_limb_regained(problem, solution, (i, chain), part, known)
-    if problem.doubted and len(problem.bodies) == 1 and tells_likelihood(problem):
+    if problem.doubted and len(problem.bodies) == 1 and likelihood_decides(problem):
         solution = _looked_at_again(problem, solution, known, workspace.silent())
     return solution
 

@@ -9,7 +9,7 @@ from .equations.measurement import Workspace
 from .equations.problem import SegmentProblem, SegmentSolution
 from .equations.segment_equations import SegmentNoise
 from .gauss_newton import descend
-from .solution_ranking import noise_of
+from .solution_ranking import noise_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class SettledSolution:
     @classmethod
     def after(cls, problem: SegmentProblem, begin: SegmentSolution, workspace: Workspace) -> SettledSolution:
         """Solve a solution further."""
-        noise = noise_of(problem, begin, workspace)
+        noise = noise_at(problem, begin, workspace)
         return cls(begin, noise, descend(problem, begin.motions, workspace, SETTLED, noise))
 
 

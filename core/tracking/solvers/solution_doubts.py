@@ -44,7 +44,7 @@ def doubted_performers(
     """Return the indices of the performers for whom other starts are worth trying.
 
     These are the performers whose images contradict the solution while no keypoints confirm it, and those with limbs
-    that no view sees for long (`concealed`).
+    that no view sees for long (`limb_hidden_for_long`).
 
     Parameters
     ----------
@@ -56,11 +56,11 @@ def doubted_performers(
         As in `performers_uncovered`.
     """
     each = {i: problem.alone(i) for i in problem.sought}
-    unsure = {i for i, alone in each.items() if not confirmed(alone, start, solution)}
-    missed = {i for i in unsure if doubtful(each[i], solution) or limb_astray(each[i], solution)}
+    unsure = {i for i, alone in each.items() if not confirmed_by_keypoints(alone, start, solution)}
+    missed = {i for i in unsure if is_doubtful(each[i], solution) or limb_on_background(each[i], solution)}
     if unsure - missed:
         missed |= unsure & set(performers_uncovered(problem, solution.motions, searched))
-    return [i for i, alone in each.items() if i in missed or concealed(alone, solution)]
+    return [i for i, alone in each.items() if i in missed or limb_hidden_for_long(alone, solution)]
 
 
 def worst_first(problem: SegmentProblem, solution: SegmentSolution, performers: Sequence[int]) -> list[int]:
@@ -71,14 +71,14 @@ def worst_first(problem: SegmentProblem, solution: SegmentSolution, performers: 
     return sorted(performers, key=lambda i: float(np.nanmin(explained_share(problem, solution, i), initial=np.inf)))
 
 
-def confirmed(problem: SegmentProblem, start: Sequence[Motion], solution: SegmentSolution) -> bool:
+def confirmed_by_keypoints(problem: SegmentProblem, start: Sequence[Motion], solution: SegmentSolution) -> bool:
     """Whether keypoints agree with a solution nearly as well as with the start, which was fitted to them."""
     if not problem.keypoints:
         return False
     return keypoint_agreement(problem, solution.motions) >= CONFIRMED_SHARE * keypoint_agreement(problem, start)
 
 
-def doubtful(problem: SegmentProblem, solution: SegmentSolution) -> bool:
+def is_doubtful(problem: SegmentProblem, solution: SegmentSolution) -> bool:
     """Whether some performer that is solved for explains too little of the images on some frame, though more is there.
 
     Somebody who bends towards the camera shows less than on the key poses: no search would find more.
@@ -137,7 +137,7 @@ def explained_share(problem: SegmentProblem, solution: SegmentSolution, performe
     )
 
 
-def limb_astray(problem: SegmentProblem, solution: SegmentSolution) -> bool:
+def limb_on_background(problem: SegmentProblem, solution: SegmentSolution) -> bool:
     """Whether a view shows background, for longer than `MIN_DURATION`, where a solution has part of a limb.
 
     This detects limbs that follow the images of one view but not those of another; they are too small to show in the
@@ -152,7 +152,7 @@ def limb_astray(problem: SegmentProblem, solution: SegmentSolution) -> bool:
     for i in problem.sought:
         keys = problem.whole_keys(i)
         if len(keys) < 2:
-            continue  # see `doubtful`
+            continue  # see `is_doubtful`
         for chain in limbs(problem.bodies[i]):
             parts = [spans[i].start + part for part in chain]
             size = shown_areas(geometry, parts)
@@ -199,7 +199,7 @@ def _limb_for_long(problem: SegmentProblem, performer: int, areas: Array) -> boo
     return any(last + 1 - first >= LONG_GAP for row in areas > LIMB_SHARE * smallest for first, last in intervals(row))
 
 
-def concealed(problem: SegmentProblem, solution: SegmentSolution) -> bool:
+def limb_hidden_for_long(problem: SegmentProblem, solution: SegmentSolution) -> bool:
     """Whether no view sees part of a limb for `LONG_GAP` frames, longer than prediction bridges, between
     whole key poses.
 
@@ -236,8 +236,12 @@ def _seen_beside(gaps: Sequence[Sequence[int]], support: Array) -> bool:
     return all(len(side) > 0 and LONG_GAP * side.mean() > MIN_GAIN for side in sides)
 
 
-def speaks_against(problem: SegmentProblem, solution: SegmentSolution) -> bool:
+def images_contradict(problem: SegmentProblem, solution: SegmentSolution) -> bool:
     """Whether anything but uncovered foreground contradicts a solution: it explains too little of a performer, or limbs
     lie on the background or are hidden from all views.
     """
-    return doubtful(problem, solution) or limb_astray(problem, solution) or concealed(problem, solution)
+    return (
+        is_doubtful(problem, solution)
+        or limb_on_background(problem, solution)
+        or limb_hidden_for_long(problem, solution)
+    )

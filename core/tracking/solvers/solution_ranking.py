@@ -27,7 +27,7 @@ HOPELESS_LOSS = 0.06
 """Relative loss of cover from which on another motion, for one of several performers, is not solved further."""
 
 
-def better(problem: SegmentProblem, *solutions: SegmentSolution) -> SegmentSolution:
+def covering_most(problem: SegmentProblem, *solutions: SegmentSolution) -> SegmentSolution:
     """Return the solution with the largest cover; with keypoints, with the largest sum of relative cover and agreement
     of the keypoints.
     """
@@ -38,14 +38,14 @@ def better(problem: SegmentProblem, *solutions: SegmentSolution) -> SegmentSolut
     return solutions[int(np.argmax(merit))]
 
 
-def equals(solutions: Sequence[SegmentSolution], share: float = EQUAL_COVER) -> list[SegmentSolution]:
+def nearly_equal(solutions: Sequence[SegmentSolution], share: float = EQUAL_COVER) -> list[SegmentSolution]:
     """Return the solutions whose cover is within a relative difference (`share`) of the largest one."""
     covers = [solution.cover for solution in solutions]
     least = max(covers) - share * max(abs(solution.sought_cover) for solution in solutions)
     return [solution for solution, cover in zip(solutions, covers, strict=True) if cover >= least]
 
 
-def alike(motions: Sequence[Motion], others: Sequence[Motion]) -> bool:
+def same_solution(motions: Sequence[Motion], others: Sequence[Motion]) -> bool:
     """Whether two motions of all performers are so similar that solving leads to the same one; see
     `SAME_SOLUTION_ANGLE`.
     """
@@ -66,7 +66,7 @@ def is_hopeless(solution: SegmentSolution, cover: float, usual: float) -> bool:
     return cover < usual - HOPELESS_LOSS * abs(solution.sought_cover)
 
 
-def noise_of(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentNoise:
+def noise_at(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentNoise:
     """Estimate the noise of the images at a solution, to compare other solutions for the same performers under it.
 
     A problem of one performer gets a noise from that performer's pixels alone: with those of all performers, gradients
@@ -99,7 +99,7 @@ def likelihood(problem: SegmentProblem, noise: SegmentNoise, solution: SegmentSo
     return float(shown + moved.sum() - 0.5 * outlines)
 
 
-def tells_likelihood(problem: SegmentProblem) -> bool:
+def likelihood_decides(problem: SegmentProblem) -> bool:
     """Whether the likelihood singles out the true motion: a single moving camera shows neither depth nor what stands
     still.
     """
@@ -109,11 +109,11 @@ def tells_likelihood(problem: SegmentProblem) -> bool:
 def likeliest(problem: SegmentProblem, noise: SegmentNoise, *solutions: SegmentSolution) -> SegmentSolution:
     """Return the solution with the largest likelihood, of several that were measured under the same noise.
 
-    Where the likelihood does not tell (`tells_likelihood`), the first solution is returned, unless another one covers
+    Where the likelihood does not tell (`likelihood_decides`), the first solution is returned, unless another one covers
     clearly more.
     """
-    if not tells_likelihood(problem):
-        return solutions[0] if solutions[0] in equals(solutions) else better(problem, *solutions)
+    if not likelihood_decides(problem):
+        return solutions[0] if solutions[0] in nearly_equal(solutions) else covering_most(problem, *solutions)
     return max(solutions, key=lambda solution: likelihood(problem, noise, solution))
 
 
@@ -127,7 +127,9 @@ def likeliest_at_rest(
     """
     finalists: list[SegmentSolution] = []
     for solution in sorted(solutions, key=lambda one: -likelihood(problem, noise, one)):
-        if len(finalists) < FINALISTS and not any(alike(solution.motions, other.motions) for other in finalists):
+        if len(finalists) < FINALISTS and not any(
+            same_solution(solution.motions, other.motions) for other in finalists
+        ):
             finalists.append(solution)
     if len(finalists) == 1:
         return likeliest(problem, noise, *solutions)

@@ -65,10 +65,10 @@ def with_standing_feet(
     """
     if not problem.settings.plants or not problem.shows_depth:
         return SettledMotions(solution.motions, (None,) * len(solution.motions))
-    return at_rest(problem, equations_at(problem, solution), solution.motions, before, ratios=ratios)
+    return with_plants_at_rest(problem, equations_at(problem, solution), solution.motions, before, ratios=ratios)
 
 
-def at_rest(
+def with_plants_at_rest(
     problem: SegmentProblem,
     systems: Sequence[BandedBlocks],
     motions: tuple[Motion, ...],

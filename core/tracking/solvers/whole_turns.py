@@ -17,8 +17,8 @@ from ...numerics.arrays import Array, Bools
 from .equations.measurement import Workspace
 from .equations.problem import SegmentProblem, SegmentSolution
 from .gauss_newton import descend
-from .solution_doubts import doubtful
-from .solution_ranking import better, cover_at, is_hopeless
+from .solution_doubts import is_doubtful
+from .solution_ranking import cover_at, covering_most, is_hopeless
 
 
 def with_whole_turn(
@@ -38,7 +38,7 @@ def with_whole_turn(
         Those with the turn if they cover more, otherwise those that were given.
     """
     [performer] = problem.sought
-    if problem.whole_keys(performer).tolist() != [0, problem.length - 1] or not doubtful(problem, first):
+    if problem.whole_keys(performer).tolist() != [0, problem.length - 1] or not is_doubtful(problem, first):
         return start, first
     ways = [turned(start[performer], problem.fixed[performer], axis) for axis in (*np.eye(3), *-np.eye(3))]
     starts = [(*start[:performer], way, *start[performer + 1 :]) for way in ways]
@@ -48,7 +48,7 @@ def with_whole_turn(
         return start, first
     most = starts[int(np.argmax(covers))]
     found = descend(problem, most, workspace)
-    return (most, found) if better(problem, first, found) is found else (start, first)
+    return (most, found) if covering_most(problem, first, found) is found else (start, first)
 
 
 def turned(motion: Motion, fixed: Bools, axis: Array) -> Motion:

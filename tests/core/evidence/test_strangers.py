@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from kfmocap.core.evidence.foreground_images.foreground import log_ratio, performer_foregrounds
 from kfmocap.core.evidence.foreground_images.known_pixels import KnownPixels
-from kfmocap.core.evidence.foreground_images.masks import beyond, within
+from kfmocap.core.evidence.foreground_images.masks import interior, outside
 from kfmocap.core.evidence.foreground_images.strangers import strangers_on
 
 Array = np.ndarray
@@ -45,8 +45,8 @@ def footage(performer: Colour, stranger: Colour | None, *, brighter: float = 0.0
 
 
 def known() -> KnownPixels:
-    shown = {f: within(PERFORMER[f]) for f in KEYS}
-    return KnownPixels((shown,), {f: beyond(PERFORMER[f], 3) for f in KEYS}, SCALE)
+    shown = {f: interior(PERFORMER[f]) for f in KEYS}
+    return KnownPixels((shown,), {f: outside(PERFORMER[f], 3) for f in KEYS}, SCALE)
 
 
 def ratios(colour: Array) -> Array:
@@ -54,7 +54,7 @@ def ratios(colour: Array) -> Array:
 
 
 def found(colour: Array, keys: tuple[int, ...] = KEYS) -> dict[int, Array]:
-    behind = {f: beyond(PERFORMER[f], 3) for f in keys}
+    behind = {f: outside(PERFORMER[f], 3) for f in keys}
     plate = np.mean([colour[f] for f in keys], axis=0).round().astype(np.uint8)
     return strangers_on(colour, behind, plate, np.ones((HEIGHT, WIDTH), bool), unlike=20.0, scale=SCALE)
 
@@ -80,7 +80,7 @@ def test_a_stranger_in_equal_clothes_takes_nothing_from_the_performer() -> None:
 def test_strangers_are_found_beside_the_performer(keys: tuple[int, ...]) -> None:
     pictures = found(footage(RED, BLUE), keys)
     for f in keys:
-        beside = STRANGER[f] & beyond(PERFORMER[f], 3)
+        beside = STRANGER[f] & outside(PERFORMER[f], 3)
         assert (pictures[f] & ~beside).sum() == 0
         assert pictures[f].sum() >= 0.9 * beside.sum()
 

@@ -27,8 +27,8 @@ from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.shot.acceleration_prior import acceleration_precision
 from kfmocap.core.shot.shot import KeyPoses, Settings
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.solution_doubts import confirmed
-from kfmocap.core.tracking.solvers.solution_ranking import better
+from kfmocap.core.tracking.solvers.solution_doubts import confirmed_by_keypoints
+from kfmocap.core.tracking.solvers.solution_ranking import covering_most
 from synthetic import figure, numeric_jacobian, random_motion
 
 FPS = 30.0
@@ -402,7 +402,7 @@ def test_the_solution_that_meets_the_keypoints_is_better_and_is_confirmed() -> N
         return SegmentSolution((found,), 1, (), nothing, np.full((1, 5), explained), nothing, nothing, {})
 
     right, wrong = solution(motion, 90.0), solution(astray, 100.0)
-    assert better(problem, wrong, right) is right
-    assert better(replace(problem, keypoints=()), wrong, right) is wrong
-    assert confirmed(problem, [motion], right) and not confirmed(problem, [motion], wrong)
-    assert not confirmed(replace(problem, keypoints=()), [motion], right)
+    assert covering_most(problem, wrong, right) is right
+    assert covering_most(replace(problem, keypoints=()), wrong, right) is wrong
+    assert confirmed_by_keypoints(problem, [motion], right) and not confirmed_by_keypoints(problem, [motion], wrong)
+    assert not confirmed_by_keypoints(replace(problem, keypoints=()), [motion], right)

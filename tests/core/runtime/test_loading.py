@@ -6,7 +6,7 @@ import gc
 import weakref
 
 import pytest
-from kfmocap.core.runtime.loading import uncollected
+from kfmocap.core.runtime.loading import without_garbage_collection
 
 
 class Cycle:
@@ -17,7 +17,7 @@ class Cycle:
 def test_the_collector_goes_on_as_before(enabled: bool) -> None:
     (gc.enable if enabled else gc.disable)()
     try:
-        with pytest.raises(ImportError), uncollected():
+        with pytest.raises(ImportError), without_garbage_collection():
             assert not gc.isenabled()
             raise ImportError
         assert gc.isenabled() is enabled
@@ -27,7 +27,7 @@ def test_the_collector_goes_on_as_before(enabled: bool) -> None:
 
 def test_what_the_block_made_is_collected_once_nothing_refers_to_it() -> None:
     """Blender's module ends Blender when it is collected: without that, Python would wait for it for ever."""
-    with uncollected():
+    with without_garbage_collection():
         made = Cycle()
         made.itself = made
         alive = weakref.ref(made)

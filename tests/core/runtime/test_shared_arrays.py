@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kfmocap.core.runtime.shared_arrays import SharedArray, each_row, looked_at
+from kfmocap.core.runtime.shared_arrays import SharedArray, copied_from_map, each_row
 
 ROWS, SHAPE = 400, (64, 1024)
 
@@ -53,7 +53,9 @@ def test_rows_are_written_without_holding_more_than_a_few(tmp_path: Path) -> Non
 def test_a_long_array_that_is_read_part_by_part_does_not_stay_in_memory(kept: SharedArray) -> None:
     array, seen = kept.array(), []
     for first in range(0, ROWS, 20):
-        np.testing.assert_array_equal(looked_at(array[first : first + 20])[:, 0, 0], np.arange(first, first + 20) % 251)
+        np.testing.assert_array_equal(
+            copied_from_map(array[first : first + 20])[:, 0, 0], np.arange(first, first + 20) % 251
+        )
         seen.append(mapped_kilobytes(kept.path))
     for k, row in enumerate(each_row(array)):
         assert row[3, 5] == k % 251
@@ -66,4 +68,4 @@ def test_a_long_array_that_is_read_part_by_part_does_not_stay_in_memory(kept: Sh
 
 def test_an_array_in_memory_is_read_without_a_copy() -> None:
     array = np.zeros((5, 4, 3), np.uint8)
-    assert np.shares_memory(looked_at(array[1:3]), array)
+    assert np.shares_memory(copied_from_map(array[1:3]), array)

@@ -6,12 +6,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from kfmocap.core.shot.footage_faults.continuity import block_change, single_frames, small, torn_pairs
+from kfmocap.core.shot.footage_faults.continuity import block_change, block_means, single_frames, torn_pairs
 from walking_film import FRAMES, film
 
 
 def torn(frames: np.ndarray) -> np.ndarray:
-    blocks = [small(frame) for frame in frames]
+    blocks = [block_means(frame) for frame in frames]
     return torn_pairs([block_change(a, b) for a, b in pairwise(blocks)])
 
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from kfmocap.core.shot.footage_faults.continuity import block_change, most_changed, small
+from kfmocap.core.shot.footage_faults.continuity import block_change, block_means, most_changed
 from kfmocap.core.shot.footage_faults.skipped_frames import PairChanges, PointsFollowed, skipped_pairs
 from walking_film import FRAMES, film
 
@@ -14,7 +14,7 @@ LOST = FRAMES // 2 - 1
 
 
 def changes_of(frames: np.ndarray) -> PairChanges:
-    points, blocks = PointsFollowed(), [small(frame) for frame in frames]
+    points, blocks = PointsFollowed(), [block_means(frame) for frame in frames]
     changes = [block_change(a, b) for a, b in pairwise(blocks)]
     for frame, change in zip(frames, [0.0, *map(most_changed, changes)], strict=True):
         points.add(frame, change)

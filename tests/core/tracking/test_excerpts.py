@@ -15,7 +15,14 @@ from kfmocap.core.errors import CancelledError, ShotError
 from kfmocap.core.fitting.shot_cameras import track_and_check
 from kfmocap.core.shot.shot import KeyPoses, Shot, View
 from kfmocap.core.tracking import retracking
-from kfmocap.core.tracking.retracking import PREVIEW_ITERATIONS, Excerpt, digest, digests, joined, track_excerpts
+from kfmocap.core.tracking.retracking import (
+    PREVIEW_ITERATIONS,
+    Excerpt,
+    digest,
+    digests,
+    joined_segments,
+    track_excerpts,
+)
 from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.track_result import TrackResult
 from kfmocap.core.tracking.tracker import track
@@ -95,9 +102,9 @@ def test_segments_are_chosen_by_a_frame() -> None:
 
 
 def test_segments_that_meet_are_one_part() -> None:
-    assert joined([(0, 5), (5, 10), (15, 20)]) == [(0, 10), (15, 20)]
-    assert joined([(10, 15), (0, 5)]) == [(0, 5), (10, 15)]
-    assert joined([]) == []
+    assert joined_segments([(0, 5), (5, 10), (15, 20)]) == [(0, 10), (15, 20)]
+    assert joined_segments([(10, 15), (0, 5)]) == [(0, 5), (10, 15)]
+    assert joined_segments([]) == []
 
 
 def test_an_excerpt_has_the_segments_of_the_shot(views: list[View]) -> None:

@@ -206,8 +206,8 @@ def test_a_performer_is_doubted_by_what_it_explains_itself() -> None:
     assert pooled[3] > solution_doubts.MIN_EXPLAINED_RATIO * np.interp(3, keys, pooled[keys]), (
         "both together cover nearly all"
     )
-    assert [solution_doubts.doubtful(problem.alone(i), wrong) for i in range(2)] == [False, True]
-    assert not solution_doubts.doubtful(problem, solution(problem, TRUTHS))
+    assert [solution_doubts.is_doubtful(problem.alone(i), wrong) for i in range(2)] == [False, True]
+    assert not solution_doubts.is_doubtful(problem, solution(problem, TRUTHS))
 
 
 def test_what_others_hide_of_a_performer_is_not_expected_of_it() -> None:
@@ -223,7 +223,7 @@ def test_what_others_hide_of_a_performer_is_not_expected_of_it() -> None:
     true = solution(problem, motions)
     assert true.unhidden[0].min() < 0.4 and true.unhidden[1].min() == 1
     assert true.explained[0].min() < solution_doubts.MIN_EXPLAINED_RATIO * true.explained[0][[0, -1]].min()
-    assert not solution_doubts.doubtful(problem, true)
+    assert not solution_doubts.is_doubtful(problem, true)
 
 
 def test_views_that_tell_nothing_do_not_count_for_what_others_leave_in_sight() -> None:
@@ -275,7 +275,7 @@ def test_a_limb_where_a_view_shows_somebody_else_is_not_on_the_background(likes:
     problem = SegmentProblem((replace(views[0], foreground=colours), views[1]), (BODY, BODY), 0, 30.0, HELD)
     measured = Workspace().measure(problem, motions, Sampling(1.0, 1.0, 2, 0.07)).evidence
     found = replace(solution(problem, motions), evidence=measured)
-    assert solution_doubts.limb_astray(problem.alone(0), found) == astray
+    assert solution_doubts.limb_on_background(problem.alone(0), found) == astray
 
 
 def test_what_exceeds_the_outline_of_one_performer_is_not_a_lost_limb_of_another() -> None:
@@ -345,12 +345,12 @@ def test_the_noise_under_which_one_of_several_is_judged_is_of_its_own_pixels() -
     for i in range(2):
         alone = problem.alone(i)
         own = workspace.measure(alone, both.motions, both.evidence.sampling).evidence
-        noise = solution_ranking.noise_of(alone, replace(both, only=i), workspace)
+        noise = solution_ranking.noise_at(alone, replace(both, only=i), workspace)
         count = own.gradients.count.sum()
         assert count < 0.7 * both.evidence.gradients.count.sum()
         np.testing.assert_allclose(noise.weight, segment_equations.SegmentNoise.of(own, problem.settings).weight)
     np.testing.assert_array_equal(
-        solution_ranking.noise_of(problem, both, workspace).weight,
+        solution_ranking.noise_at(problem, both, workspace).weight,
         segment_equations.SegmentNoise.of(both.evidence, problem.settings).weight,
     )
 
@@ -383,7 +383,7 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Told:
     made = Told()
     for solver in (multi_start, limb_exchange, settled_solutions):
         monkeypatch.setattr(solver, "descend", made.found)
-        monkeypatch.setattr(solver, "noise_of", lambda *_: None)
+        monkeypatch.setattr(solver, "noise_at", lambda *_: None)
     for solver in (multi_start, limb_exchange):
         monkeypatch.setattr(solver, "approach", lambda _problem, motions, *_: (tuple(motions), [], {}, None))
     monkeypatch.setattr(limb_exchange, "exchanges", exchanged)
@@ -466,7 +466,7 @@ def test_the_motion_of_a_performer_whom_others_hide_is_not_followed(
 
     monkeypatch.setattr(multi_start, "followed", follow)
     monkeypatch.setattr(multi_start, "searched", lambda _problem, _start, solutions, *_, **__: solutions[0])
-    monkeypatch.setattr(multi_start, "speaks_against", lambda *_: True)
+    monkeypatch.setattr(multi_start, "images_contradict", lambda *_: True)
     alone = BOTH.alone(1)
     first = told.found(alone, WRONG)
     first.unhidden[1, 3] = in_sight
@@ -492,7 +492,7 @@ def test_if_only_uncovered_foreground_is_left_one_round_of_search_must_explain_i
 
     with_turn = (WRONG, told.found(alone, WRONG))
     monkeypatch.setattr(multi_start, "with_whole_turn", lambda *_: with_turn if turned else (WRONG, first))
-    monkeypatch.setattr(multi_start, "speaks_against", lambda *_: False)
+    monkeypatch.setattr(multi_start, "images_contradict", lambda *_: False)
     monkeypatch.setattr(multi_start, "look_for_limbs", lambda *_, **__: told.found(alone, better))
     monkeypatch.setattr(multi_start, "likelihood", lambda _p, _n, found: gain * (found.motions[1] is better[1]))
     monkeypatch.setattr(multi_start, "followed", lambda _problem, start, *_: start)

@@ -15,15 +15,15 @@ from ..equations.segment_equations import SegmentNoise
 from ..gauss_newton import approach, continued, descend
 from ..solution_ranking import (
     RESTING_GAIN,
-    alike,
     cover_at,
-    equals,
     is_hopeless,
     likeliest_at_rest,
     likelihood,
-    noise_of,
+    likelihood_decides,
+    nearly_equal,
+    noise_at,
+    same_solution,
     settled_further,
-    tells_likelihood,
 )
 from .like_limbs import exchanges
 
@@ -52,7 +52,7 @@ def recombined(
         All are compared under this noise.
     workspace : Workspace
     """
-    lenders = equals(others, LENDER_TOLERANCE)
+    lenders = nearly_equal(others, LENDER_TOLERANCE)
     tried = [solution.motions for solution in lenders]
     places = [(i, left + right) for i in problem.sought for left, right in limb_pairs(problem.bodies[i])]
     for k, (i, parts) in enumerate(places):
@@ -61,7 +61,7 @@ def recombined(
         for a, b in [pair for other in lenders for pair in ((best, other), (other, best))]:
             lent = a.motions[i].with_parts(parts, b.motions[i])
             motions = (*a.motions[:i], lent, *a.motions[i + 1 :])
-            if not any(alike(motions, before) for before in tried):
+            if not any(same_solution(motions, before) for before in tried):
                 tried.append(motions)
                 mixtures.append(motions)
         found = [best]
@@ -96,7 +96,7 @@ def _with_own_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, wo
     """Do the same for the performer that is solved for. Among several performers, the solution is only solved further
     to be compared with an exchange that may be better, and stays as it was where no exchange counts.
     """
-    noise = noise_of(problem, best, workspace)
+    noise = noise_at(problem, best, workspace)
     count = len(list(exchanges(problem, best.motions)))
     settled = count > 0 and problem.only is None
     if settled:
@@ -129,9 +129,9 @@ def _exchange_counts(
 
     The likelihood decides: limbs that have only just been exchanged are still a few centimetres off and may cover less,
     and so may a limb that is rightly hidden by another performer. Where a single moving camera leaves it open
-    (`tells_likelihood`), the exchange must cover more at a lower cost.
+    (`likelihood_decides`), the exchange must cover more at a lower cost.
     """
-    if not tells_likelihood(problem):
+    if not likelihood_decides(problem):
         return found.cover > best.cover and found.energy[-1] < best.energy[-1]
     return likelihood(problem, noise, found) > likelihood(problem, noise, best) + RESTING_GAIN
 

@@ -136,11 +136,11 @@ def support_of_limbs(
                 UncoveredImages(look.camera, look.first, (), np.where(own[shown.part], EMPTY_DEPTH, depth), look.slopes)
                 for look, shown, depth in zip(looks, labels, depths, strict=True)
             ]
-            sides = sides_shown(limb, with_sides_learned(limb, beside, problem.whole_keys(i), rng))
-            yield i, chain, sides, partial(_all_shown, limb, looks, (geometry, poses, parts), sides)
+            sides = side_log_ratios(limb, with_sides_learned(limb, beside, problem.whole_keys(i), rng))
+            yield i, chain, sides, partial(_log_ratios, limb, looks, (geometry, poses, parts), sides)
 
 
-def _all_shown(
+def _log_ratios(
     limb: LimbModel,
     looks: Sequence[ViewRatios],
     drawn: tuple[Geometry, tuple[Array, Array], Sequence[int]],
@@ -148,7 +148,7 @@ def _all_shown(
 ) -> Array:
     """Log likelihood ratio of a limb's present pose by its pixels, plus that of its sides, (F,)."""
     uncovered = [look.uncovered(*drawn) for look in looks]
-    return sides + covered(replace(limb, sides=()), uncovered, limb.begin[:, None])[:, 0]
+    return sides + pixel_log_ratios(replace(limb, sides=()), uncovered, limb.begin[:, None])[:, 0]
 
 
 def with_sides_learned(
@@ -174,7 +174,7 @@ def _with_learned(limb: LimbModel, look: UncoveredImages, keys: NDArray[np.intp]
     return replace(look, sides=SideRatios.learned(*map(np.concatenate, found)))
 
 
-def sides_shown(limb: LimbModel, looks: Sequence[UncoveredImages]) -> Array:
+def side_log_ratios(limb: LimbModel, looks: Sequence[UncoveredImages]) -> Array:
     """Log likelihood ratio of a limb's present pose by the brightness across its sides, (F,)."""
     score, every = np.zeros(len(limb.begin)), slice(0, len(limb.begin))
     for sides, poses in zip(limb.sides, _posed(limb, every, limb.begin[:, None]), strict=False):
@@ -190,7 +190,7 @@ def _samples(geometry: Geometry, parts: Sequence[int], rng: Generator) -> tuple[
     return np.array(points), shown_areas(geometry, parts)
 
 
-def covered(limb: LimbModel, uncovered: Sequence[UncoveredImages], drawn: Array) -> Array:
+def pixel_log_ratios(limb: LimbModel, uncovered: Sequence[UncoveredImages], drawn: Array) -> Array:
     """Log likelihood ratios of K poses of the limb on each frame, shape (F, K).
 
     Parameters

@@ -36,9 +36,9 @@ from .limb_likelihood import (
     MIN_HELD_WEIGHT,
     LimbModel,
     LimbOfPerformer,
-    covered,
     limb_of,
-    sides_shown,
+    pixel_log_ratios,
+    side_log_ratios,
     with_sides_learned,
 )
 
@@ -144,9 +144,9 @@ def _with_limb_found(
     uncovered = [look.uncovered(geometry, poses, parts) for look in looks]
     uncovered = with_sides_learned(limb, uncovered, problem.whole_keys(i), rng)
     if not free:
-        shown = scipy.special.expit(sides_shown(limb, uncovered))[:, None]
-        limb = replace(limb, held=np.maximum(_held(looks, geometry, poses, parts) * shown, MIN_HELD_WEIGHT))
-        if problem.only is not None and not _doubted(limb):
+        shown = scipy.special.expit(side_log_ratios(limb, uncovered))[:, None]
+        limb = replace(limb, held=np.maximum(_seen_shares(looks, geometry, poses, parts) * shown, MIN_HELD_WEIGHT))
+        if problem.only is not None and not _is_hardly_seen(limb):
             return motion
     path, gain = _likeliest(limb, uncovered, problem.fps, rng)
     if gain < MIN_GAIN:
@@ -156,13 +156,15 @@ def _with_limb_found(
     return Motion(motion.translations, Q)
 
 
-def _doubted(limb: LimbModel) -> bool:
+def _is_hardly_seen(limb: LimbModel) -> bool:
     """Whether a limb is hardly seen where it is (`MIN_SEEN_SHARE`) on two or more frames in a row."""
     unsure = limb.held[:, : len(limb.sides)].mean(axis=1) < MIN_SEEN_SHARE
     return any(last > first for first, last in intervals(unsure))
 
 
-def _held(looks: Sequence[ViewRatios], geometry: Geometry, poses: tuple[Array, Array], parts: list[int]) -> Array:
+def _seen_shares(
+    looks: Sequence[ViewRatios], geometry: Geometry, poses: tuple[Array, Array], parts: list[int]
+) -> Array:
     """Share of each part's area that is seen on foreground of its own colours, in the view that shows most, (F, n).
 
     It is reduced for a part that lies mostly on the background in another view, in proportion to its visible share
@@ -201,9 +203,9 @@ def _likeliest(
         offsets = np.concatenate([np.zeros((1, *limb.range.shape)), offsets / 3, 2 * offsets / 3, offsets])
         drawn = path[:, None] + offsets
         if not values:
-            drawn = np.concatenate([drawn, _anywhere(limb, uncovered, (low, high), rng.spawn(1)[0])], axis=1)
+            drawn = np.concatenate([drawn, _uniform_draws(limb, uncovered, (low, high), rng.spawn(1)[0])], axis=1)
         drawn = np.where(limb.fixed[:, None], path[:, None], np.clip(drawn, low, high))
-        score = covered(limb, uncovered, drawn)
+        score = pixel_log_ratios(limb, uncovered, drawn)
         score -= 0.5 * np.einsum("fn,fkna->fk", limb.held, ((drawn - begin[:, None]) / (HELD_SIGMA * limb.range)) ** 2)
         places = ((drawn - begin[:, None]) / cost).reshape(*score.shape, -1)
         best, value = likeliest_path(score, places)
@@ -218,14 +220,14 @@ def _likeliest(
     return path, values[-1] - values[0]
 
 
-def _anywhere(
+def _uniform_draws(
     limb: LimbModel, uncovered: Sequence[UncoveredImages], bounds: tuple[Array, Array], rng: Generator
 ) -> NDArray[np.float64]:
     """Poses of the limb (F, `UNIFORM_DRAWS`, n, 3) from between bounds (n, 3), as drawing around its present pose
     rarely reaches far: of poses drawn once for all frames, each frame has the best of every `CANDIDATES_PER_DRAW`.
     """
     drawn = rng.uniform(*bounds, size=(UNIFORM_DRAWS * CANDIDATES_PER_DRAW, *limb.range.shape))
-    score = covered(replace(limb, points=limb.points[:, :_FEW_POINTS], sides=()), uncovered, drawn[None])
+    score = pixel_log_ratios(replace(limb, points=limb.points[:, :_FEW_POINTS], sides=()), uncovered, drawn[None])
     winner = score.reshape(len(score), UNIFORM_DRAWS, CANDIDATES_PER_DRAW).argmax(
         axis=2
     ) + CANDIDATES_PER_DRAW * np.arange(UNIFORM_DRAWS)

@@ -24,7 +24,7 @@ from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
 from ..gauss_newton import approach, continued, descend
-from ..solution_ranking import likelihood, noise_of
+from ..solution_ranking import likelihood, noise_at
 
 MIN_TIP_MOVE = 0.4
 """Smallest distance by which the tip of a long bone moves on some frame, metres. A descent reaches what is nearer."""
@@ -67,7 +67,7 @@ def _with_own_mirrored(
     if not ways:
         return before
     alone = problem.alone(performer)
-    noise = noise_of(alone, replace(before, only=alone.only), workspace)
+    noise = noise_at(alone, replace(before, only=alone.only), workspace)
     first = best = descend(alone, before.motions, workspace.silent(), SETTLED, noise)
     for _ in limbs(problem.bodies[performer]):
         near = [_nearly_solved(alone, performer, best, way, noise=noise, workspace=workspace) for way in ways]

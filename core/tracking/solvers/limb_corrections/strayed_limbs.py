@@ -20,7 +20,7 @@ from ..descent_stages import SETTLED
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import continued, descend
-from ..solution_ranking import better
+from ..solution_ranking import covering_most
 
 STRAYED_RATIO = 4.0
 """Ratio of a limb's distance from the first pass to the performer's median, from which on it has strayed."""
@@ -91,6 +91,6 @@ def with_limbs_returned(
         found = [descend(alone, motions, workspace, SETTLED)]
         if strayed_limbs(problem, i, start[i], found[0].motions[i]):
             found.append(descend(with_limbs_held(alone, i, strayed), motions, workspace, SETTLED))
-        best = better(alone, solution, *found)
+        best = covering_most(alone, solution, *found)
         solution = solution if best is solution else replace(continued(solution, best), only=problem.only)
     return solution

@@ -90,7 +90,7 @@ def solved(monkeypatch: pytest.MonkeyPatch) -> list[int | None]:
     for module in (faded_limbs, settled_solutions):
         monkeypatch.setattr(module, "descend", descend)
     monkeypatch.setattr(faded_limbs, "approach", lambda _problem, motions, *_: (motions, [], None, None))
-    monkeypatch.setattr(settled_solutions, "noise_of", lambda *_: None)
+    monkeypatch.setattr(settled_solutions, "noise_at", lambda *_: None)
     return found
 
 

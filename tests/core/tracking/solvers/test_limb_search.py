@@ -22,8 +22,8 @@ from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
 from kfmocap.core.tracking.solvers.limb_corrections import limb_search
 from kfmocap.core.tracking.solvers.limb_corrections.like_limbs import exchanges, untangled
 from kfmocap.core.tracking.solvers.limb_corrections.limb_images import DEPTH_STEP, UncoveredImages, ViewRatios
-from kfmocap.core.tracking.solvers.limb_corrections.limb_likelihood import LimbModel, covered, limb_of
-from kfmocap.core.tracking.solvers.limb_corrections.limb_search import _held, found_limbs
+from kfmocap.core.tracking.solvers.limb_corrections.limb_likelihood import LimbModel, limb_of, pixel_log_ratios
+from kfmocap.core.tracking.solvers.limb_corrections.limb_search import _seen_shares, found_limbs
 from synthetic import at_rest, coloured, ends_held, look_at, poses_of, silhouette
 
 Array = np.ndarray
@@ -111,7 +111,7 @@ def test_a_limb_is_held_the_less_the_more_of_it_another_view_sees_on_the_backgro
 
     def held(*views: ViewFrames) -> Array:
         looks = [ViewRatios.of(view, problem_of(truth, *views), 0, [truth]) for view in views]
-        return _held(looks, geometry, poses, left)
+        return _seen_shares(looks, geometry, poses, left)
 
     assert held(views[0]).min() > 0.4 and held(*views).min() > 0.4
     seen = render_labels(geometry, FRONT.subsampled(3), 0, *poses).share[:, left]
@@ -158,7 +158,9 @@ def test_however_a_limb_turns_it_stays_within_the_window_that_is_searched(monkey
             )
             full = look.uncovered(geometry, poses, parts)
         assert window.ratio[0].size < 0.9 * full.ratio[0].size
-        np.testing.assert_array_equal(*(covered(limb, [each], rotations.log(drawn)) for each in (window, full)))
+        np.testing.assert_array_equal(
+            *(pixel_log_ratios(limb, [each], rotations.log(drawn)) for each in (window, full))
+        )
 
 
 def test_with_several_performers_only_limbs_that_are_hardly_seen_in_place_are_searched_for(

@@ -85,10 +85,10 @@ def explained(problem: SegmentProblem, motion: Motion) -> SegmentSolution:
 def test_a_body_that_covers_background_is_doubted() -> None:
     truth = swing(BODY, 5, 0.2)
     problem = SegmentProblem(coloured(BODY, truth, CAMERAS), (BODY,), 0, FPS, (ends_held(BODY, 5),))
-    assert not solution_doubts.doubtful(problem, explained(problem, truth))
+    assert not solution_doubts.is_doubtful(problem, explained(problem, truth))
     beside = np.zeros((5, BODY.dof))
     beside[2, 0] = 0.35
-    assert solution_doubts.doubtful(problem, explained(problem, truth.moved(beside)))
+    assert solution_doubts.is_doubtful(problem, explained(problem, truth.moved(beside)))
 
 
 def test_a_body_that_shows_less_of_itself_than_on_the_key_frames_is_not_doubted_but_one_that_covers_less_is() -> None:
@@ -98,10 +98,10 @@ def test_a_body_that_shows_less_of_itself_than_on_the_key_frames_is_not_doubted_
     problem = SegmentProblem(coloured(HUMAN, truth, CAMERAS[:1]), (HUMAN,), 0, FPS, (ends_held(HUMAN, 5),))
     found = explained(problem, truth)
     assert solution_doubts.explained_share(problem, found, 0)[2] < 0.75
-    assert not solution_doubts.doubtful(problem, found)
+    assert not solution_doubts.is_doubtful(problem, found)
     beside = np.zeros((5, HUMAN.dof))
     beside[2, 0] = 0.1
-    assert solution_doubts.doubtful(problem, explained(problem, truth.moved(beside)))
+    assert solution_doubts.is_doubtful(problem, explained(problem, truth.moved(beside)))
 
 
 @pytest.mark.parametrize(("wrong", "expected"), [(0, False), (LONG_GAP - 1, False), (LONG_GAP, True)])
@@ -161,7 +161,7 @@ def test_a_limb_on_the_background_of_one_view_for_more_than_a_moment_calls_for_a
     if hidden:
         views = tuple(replace(view, foreground=np.full_like(view.foreground, 4)) for view in views)
     problem = SegmentProblem(views, (HUMAN,), 0, FPS, (ends_held(HUMAN, LENGTH),))
-    assert solution_doubts.limb_astray(problem, explained(problem, Motion(rest.translations, turns))) == expected
+    assert solution_doubts.limb_on_background(problem, explained(problem, Motion(rest.translations, turns))) == expected
 
 
 def test_whether_a_solution_is_doubtful_is_judged_by_the_key_poses() -> None:
@@ -172,7 +172,7 @@ def test_whether_a_solution_is_doubtful_is_judged_by_the_key_poses() -> None:
     def doubted(explained: np.ndarray, fixed: np.ndarray) -> bool:
         problem = SegmentProblem((), (BODY,), 0, FPS, (fixed,))
         found = SegmentSolution((swing(BODY, 5),), 1, (), share, explained[None], unhidden, none, {})
-        return solution_doubts.doubtful(problem, found)
+        return solution_doubts.is_doubtful(problem, found)
 
     assert not doubted(total, ends_held(BODY, 5))
     assert not doubted(total * [1, 0.85, 0.85, 0.85, 1], ends_held(BODY, 5))
@@ -200,23 +200,23 @@ def test_a_limb_that_no_view_sees_for_longer_than_prediction_bridges_is_conceale
     )
     share = np.ones((2, frames, len(BODY)))
     share[0] = 0  # of what one view hides the other shows
-    assert not solution_doubts.concealed(problem, covering(1, share))
+    assert not solution_doubts.limb_hidden_for_long(problem, covering(1, share))
     share[1, 1 : 1 + hidden, BODY.index("forearm.L")] = 0
-    assert solution_doubts.concealed(problem, covering(1, share)) == expected
+    assert solution_doubts.limb_hidden_for_long(problem, covering(1, share)) == expected
     hand = np.ones((2, frames, len(HUMAN)))
     hand[..., 1 : 1 + hidden, HUMAN.index("hand.L")] = 0
     whole = replace(problem, bodies=(HUMAN,), fixed=(ends_held(HUMAN, frames),))
     posed = replace(covering(1, hand), motions=(at_rest(HUMAN, frames),))
-    assert not solution_doubts.concealed(whole, posed), "it is where the forearm ends"
+    assert not solution_doubts.limb_hidden_for_long(whole, posed), "it is where the forearm ends"
     hand[..., 1 : 1 + hidden, HUMAN.index("forearm.L")] = 0
-    assert solution_doubts.concealed(whole, posed) == expected
+    assert solution_doubts.limb_hidden_for_long(whole, posed) == expected
     trunk = np.ones_like(share)
     trunk[..., 0] = 0
-    assert not solution_doubts.concealed(problem, covering(1, trunk))
+    assert not solution_doubts.limb_hidden_for_long(problem, covering(1, trunk))
     keyed = replace(problem, fixed=(np.ones((frames, BODY.dof), bool),))
-    assert not solution_doubts.concealed(keyed, covering(1, share))
+    assert not solution_doubts.limb_hidden_for_long(keyed, covering(1, share))
     blind = replace(problem, views=dark(CAMERAS[0], frames))
-    assert not solution_doubts.concealed(blind, covering(1, share))
+    assert not solution_doubts.limb_hidden_for_long(blind, covering(1, share))
 
 
 @pytest.mark.parametrize(("before", "after", "expected"), [(1, 1, False), (0, 1, True), (1, 0, True), (-1, 1, True)])
@@ -233,9 +233,9 @@ def test_a_limb_that_is_clearly_seen_before_and_after_is_not_concealed(
     monkeypatch.setattr(solution_doubts, "support_of_limbs", lambda *_: [(0, chain, support, lambda: support)])
     share = np.ones((1, frames, len(BODY)))
     share[0, LONG_GAP : 2 * LONG_GAP, arm] = 0
-    assert solution_doubts.concealed(problem, covering(1, share)) == expected
+    assert solution_doubts.limb_hidden_for_long(problem, covering(1, share)) == expected
     share[0, : 2 * LONG_GAP, arm] = 0
-    assert solution_doubts.concealed(problem, covering(1, share)) == expected, "the key frame is enough"
+    assert solution_doubts.limb_hidden_for_long(problem, covering(1, share)) == expected, "the key frame is enough"
 
 
 def test_solutions_are_equals_of_the_best_within_what_is_chance() -> None:
@@ -247,8 +247,8 @@ def test_solutions_are_equals_of_the_best_within_what_is_chance() -> None:
             1000 * (1 - 1.1 * solution_ranking.EQUAL_COVER),
         )
     )
-    assert solution_ranking.equals([far, best, near]) == [best, near]
-    assert solution_ranking.equals([covering(0.0)] * 2)  # views that show nothing
+    assert solution_ranking.nearly_equal([far, best, near]) == [best, near]
+    assert solution_ranking.nearly_equal([covering(0.0)] * 2)  # views that show nothing
 
 
 def off(motion: Motion, parts: Sequence[int], angle: float) -> Motion:
@@ -319,7 +319,7 @@ def test_with_one_moving_camera_limbs_are_replaced_only_if_others_cover_more_tha
     turn = gain * solution_ranking.EQUAL_COVER * len(HUMAN) / len(ARMS) * np.pi * LENGTH / (LENGTH - 2)
     landscape = Landscape(truth=TRUTH, reach=0.0)
     before, right = (landscape.solution(problem, motion) for motion in (off(TRUTH, ARMS, turn), TRUTH))
-    noise = solution_ranking.noise_of(problem, before, Workspace())
+    noise = solution_ranking.noise_at(problem, before, Workspace())
     worth = [solution_ranking.likelihood(problem, noise, solution) for solution in (before, right)]
     assert worth[1] > worth[0]
     assert (solution_ranking.likeliest(problem, noise, before, right) is right) == moved
@@ -334,8 +334,8 @@ def test_limbs_are_searched_for_around_the_best_solution_until_another_is_equal(
     halvings = np.log2(LOST / error(found))
     assert 2 < halvings <= multi_start.MAX_SEARCH_ROUNDS
     one_before, two_before = (landscape.solution(PROBLEM, off(TRUTH, ARMS, k * error(found))) for k in (2, 4))
-    assert found in solution_ranking.equals([found, one_before])
-    assert len(solution_ranking.equals([one_before, two_before])) == 1
+    assert found in solution_ranking.nearly_equal([found, one_before])
+    assert len(solution_ranking.nearly_equal([one_before, two_before])) == 1
 
 
 @pytest.mark.parametrize(("apart", "looks"), [(0.01, 1), (2 * LOST, 2)])
@@ -407,7 +407,7 @@ def test_a_look_that_was_taken_around_the_best_is_not_taken_again(around: str, t
     landscape = Landscape(truth=TRUTH, reach=0.0)
     first, worse = (landscape.solution(PROBLEM, off(TRUTH, ARMS, angle)) for angle in (0.4, 0.8))
     find, looked = Finding(landscape, 0.5), {"best": first, "worse": worse}[around]
-    noise = solution_ranking.noise_of(PROBLEM, looked, Workspace())
+    noise = solution_ranking.noise_at(PROBLEM, looked, Workspace())
     first_look = multi_start.FirstLook(SettledSolution(looked, noise, looked), find(PROBLEM, None, looked.motions))
     counts: list[int] = []
     for before in (None, first_look):
@@ -439,7 +439,7 @@ def test_if_the_best_solution_explains_little_limbs_are_searched_for_around_all_
 def recombined(landscape: Landscape, *motions: Motion) -> tuple[SegmentSolution, list[SegmentSolution]]:
     """What comes of some solutions, the best first, and these solutions."""
     solutions = [landscape.solution(PROBLEM, motion) for motion in motions]
-    noise = solution_ranking.noise_of(PROBLEM, solutions[0], landscape)
+    noise = solution_ranking.noise_at(PROBLEM, solutions[0], landscape)
     return limb_exchange.recombined(PROBLEM, solutions[0], solutions, noise, landscape), solutions
 
 
@@ -476,7 +476,7 @@ def test_of_mixtures_that_cover_as_much_the_likeliest_counts() -> None:
     found, _ = recombined(landscape, one, other)
     exchanges = [(one, other, ARMS), (other, one, ARMS), (one, other, LEGS), (other, one, LEGS)]
     mixtures = [landscape.solution(PROBLEM, a.with_parts(parts, b)) for a, b, parts in exchanges]
-    covering = solution_ranking.equals([*mixtures, found])
+    covering = solution_ranking.nearly_equal([*mixtures, found])
     assert found in covering and found.energy[-1] <= min(solution.energy[-1] for solution in covering) + 1e-6
 
 
@@ -540,5 +540,5 @@ def test_motions_are_alike_only_if_those_of_every_performer_are() -> None:
     near, far = (
         off(motion, list(range(len(HUMAN))), angle * solution_ranking.SAME_SOLUTION_ANGLE) for angle in (0.5, 1.5)
     )
-    assert solution_ranking.alike([motion] * 4, [near] * 4)
-    assert not solution_ranking.alike([motion] * 4, [near, far, near, near])
+    assert solution_ranking.same_solution([motion] * 4, [near] * 4)
+    assert not solution_ranking.same_solution([motion] * 4, [near, far, near, near])

@@ -16,13 +16,13 @@ from kfmocap.core.retargeting.foot_clean_up import with_clean_feet
 from kfmocap.core.shot.shot import KeyPoses, Settings
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.protocol import SettledMotions
-from kfmocap.core.tracking.solvers.standing_feet import at_rest, with_standing_feet
+from kfmocap.core.tracking.solvers.standing_feet import with_plants_at_rest, with_standing_feet
 from kfmocap.core.tracking.tracker import track
 from made_evidence import no_evidence
 from render.motions import MOTIONS
 from scipy.linalg import solve_banded
 from synthetic import CAMERAS, dark, ends_held, film, shot_of
-from synthetic import at_rest as standing
+from synthetic import with_plants_at_rest as standing
 
 Array = np.ndarray
 BODY, FPS, FRAMES = human(1.75), 30.0, 31
@@ -79,7 +79,7 @@ def problem_of(*bodies: Body, plants: bool = True) -> SegmentProblem:
 
 def rested(*motions: Motion) -> SettledMotions:
     problem, ratios = problem_of(*(BODY for _ in motions)), [EXACT for _ in motions]
-    return at_rest(problem, [evidence() for _ in motions], motions, motions, ratios=ratios)
+    return with_plants_at_rest(problem, [evidence() for _ in motions], motions, motions, ratios=ratios)
 
 
 def settled(*motions: Motion) -> tuple[Motion, ...]:
@@ -151,7 +151,7 @@ def test_a_plant_is_as_long_as_it_seems_before_the_refinement() -> None:
     steps = [
         np.linalg.norm(np.diff(soles_of(found)[:2, 0], axis=0))
         for before in (motion, WALK)
-        for found in at_rest(problem_of(BODY), [evidence()], (motion,), (before,), ratios=[EXACT]).motions
+        for found in with_plants_at_rest(problem_of(BODY), [evidence()], (motion,), (before,), ratios=[EXACT]).motions
     ]
     assert steps[0] > 0.004 and steps[1] < 0.001
 
@@ -170,7 +170,9 @@ def test_feet_stand_where_the_shot_shows_larger_errors_than_the_evidence_predict
     """Half as large again, such as where feet are half hidden."""
     motion = WALK.moved(1.5 * WALK.difference(tracked(WALK, 2)))
     shares = [
-        at_rest(problem_of(BODY), [evidence()], (motion,), (motion,), ratios=[ratio * EXACT]).planted[0][planted(WALK)]
+        with_plants_at_rest(problem_of(BODY), [evidence()], (motion,), (motion,), ratios=[ratio * EXACT]).planted[0][
+            planted(WALK)
+        ]
         for ratio in (1.0, 4.0)
     ]
     assert shares[0].mean() < 0.5 < 0.9 < shares[1].mean()
@@ -181,7 +183,7 @@ def test_no_ratio_lets_a_foot_stand_that_key_poses_have_in_two_places() -> None:
     path = np.linspace(0.0, 0.03, FRAMES)[:, None] * [1.0, 0.0, 0.0]
     still = standing(BODY, FRAMES)
     crept = Motion(still.translations + path, still.rotations)
-    found = at_rest(problem_of(BODY), [evidence()], (crept,), (crept,), ratios=[100 * EXACT])
+    found = with_plants_at_rest(problem_of(BODY), [evidence()], (crept,), (crept,), ratios=[100 * EXACT])
     assert planted(crept).all() and not found.planted[0].any()
 
 
@@ -189,7 +191,7 @@ def test_feet_that_stand_between_key_poses_on_neighbouring_frames_are_planted() 
     """There is nothing to hold, and the motion stays."""
     fixed = np.ones_like(FIXED)
     keyed = replace(problem_of(BODY), fixed=(fixed,))
-    found = at_rest(keyed, [evidence()], (WALK,), (WALK,), ratios=[EXACT])
+    found = with_plants_at_rest(keyed, [evidence()], (WALK,), (WALK,), ratios=[EXACT])
     assert found.motions[0] is WALK
     assert np.array_equal(found.planted[0], planted(WALK))
 

@@ -55,7 +55,7 @@ def test_a_solution_that_the_images_agree_with_stands_without_another_look() -> 
 
 
 def test_a_turn_that_covers_less_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(whole_turns, "doubtful", lambda *_: True)
+    monkeypatch.setattr(whole_turns, "is_doubtful", lambda *_: True)
     landscape = Landscape(truth=REST, reach=0.2)
     first = landscape.solution(PROBLEM, REST)
     given = [REST]
@@ -70,7 +70,7 @@ def test_of_several_performers_none_is_solved_from_a_turn_that_covers_much_less(
     landscape = Landscape(truth=REST)
     runs: list[int | None] = []
     first = landscape.solution(PROBLEM, REST)
-    monkeypatch.setattr(whole_turns, "doubtful", lambda *_: True)
+    monkeypatch.setattr(whole_turns, "is_doubtful", lambda *_: True)
 
     def descend(problem: SegmentProblem, motions: Sequence[Motion], _: object) -> SegmentSolution:
         runs.append(problem.only)
