@@ -51,19 +51,10 @@ class FrameEvidence:
         start, count = first - view.first, len(self.share)
         pairs = 1.0 - view.torn[start : start + count - 1]
         frames = 1.0 - single_frames(view.torn)[start : start + count]
-        g, o = self.gradients, self.outlines
         return replace(
             self,
-            gradients=replace(
-                g,
-                H=g.H * pairs[:, None, None, None],
-                g=g.g * pairs[:, None, None],
-                energy=g.energy * pairs,
-                weight=g.weight * pairs,
-                count=g.count * pairs,
-                gain=g.gain * pairs,
-            ),
-            outlines=OutlineSums(o.H * frames[:, None, None, None], o.g * frames[:, None, None], o.energy * frames),
+            gradients=self.gradients.of_pairs(pairs),
+            outlines=self.outlines.of_frames(frames),
             explained=self.explained * frames,
             agreeing=np.where(frames[:, None] > 0, self.agreeing, 1.0),
         )

@@ -1,6 +1,7 @@
-"""What frames of a view show at given poses, before it is weighed by a noise.
+"""Looks: what frames of a view show at given poses, as far as it does not depend on the noise of the images.
 
-A descent often starts where another one ended, under another noise. What was seen there is kept, and not seen anew.
+A look holds the label images, the compared pixels and the outlines. It is the expensive part of the evidence, and is
+cached: a descent often starts where another one ended, under another noise.
 """
 
 from __future__ import annotations
@@ -95,7 +96,7 @@ class Drawing:
 
 @dataclass(frozen=True, eq=False)
 class FrameLook:
-    """What n consecutive frames of a view show of P parts.
+    """What n consecutive frames of a view show of P parts in given poses, whatever the noise.
 
     Attributes
     ----------
@@ -122,7 +123,7 @@ class FrameLook:
     agreeing: Array
 
     def is_of(self, frames: FramesInView, geometry: Geometry, sought: tuple[int, ...] | None) -> bool:
-        """Whether it is what these frames show of these parts, in these poses."""
+        """Whether the look is at these frames, these parts and these poses."""
         own = self.frames
         return (
             own.view is frames.view

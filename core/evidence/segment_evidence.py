@@ -79,12 +79,10 @@ class SegmentEvidence:
 
     def without(self, hidden: NDArray[np.bool_]) -> SegmentEvidence:
         """Return the evidence without the normal equations of hidden parts, (F, P); paper 1, equation (38)."""
-        seen, pairs = ~hidden, ~(hidden[:-1] | hidden[1:])
-        gradients, outlines = self.gradients, self.outlines
         return replace(
             self,
-            gradients=replace(gradients, H=gradients.H * pairs[..., None, None], g=gradients.g * pairs[..., None]),
-            outlines=replace(outlines, H=outlines.H * seen[..., None, None], g=outlines.g * seen[..., None]),
+            gradients=self.gradients.of_parts(~(hidden[:-1] | hidden[1:])),
+            outlines=self.outlines.of_parts(~hidden),
         )
 
 

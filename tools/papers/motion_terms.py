@@ -239,8 +239,8 @@ MOTION_TERMS = (
     Term(
         "(38)",
         "core/evidence/segment_evidence.py",
-        "~hidden, ~(hidden[:-1] | hidden[1:])",
-        "~hidden, ~(hidden[:-1] & ~hidden[1:])",
+        "of_parts(~(hidden[:-1] | hidden[1:]))",
+        "of_parts(~(hidden[:-1] & ~hidden[1:]))",
         f"{SWEEPS}::test_pixels_of_hidden_parts_do_not_count_in_the_sweeps",
     ),
     Term(

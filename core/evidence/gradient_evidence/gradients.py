@@ -8,14 +8,14 @@ for frame b), so the cost per pixel does not depend on the number of joints, and
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...numerics.arrays import Array
+from ...numerics.arrays import Array, Bools
 from ...numerics.robust_kernels import NORMAL_MAD
 from ..view_frames import Image
 from .compared_pixels import ComparedPixels
@@ -68,6 +68,22 @@ class GradientSums:
     count: Array
     cost: Array
     gain: Array
+
+    def of_pairs(self, whole: Array) -> GradientSums:
+        """Return the sums without those of damaged pairs, where `whole`, shape (m,), is 0; elsewhere it is 1."""
+        return replace(
+            self,
+            H=self.H * whole[:, None, None, None],
+            g=self.g * whole[:, None, None],
+            energy=self.energy * whole,
+            weight=self.weight * whole,
+            count=self.count * whole,
+            gain=self.gain * whole,
+        )
+
+    def of_parts(self, seen: Bools) -> GradientSums:
+        """Return the sums with the normal equations of some parts alone, (m, P); paper 1, equation (38)."""
+        return replace(self, H=self.H * seen[..., None, None], g=self.g * seen[..., None])
 
 
 def brightness_constancy(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...cameras.camera import Camera
-from ...numerics.arrays import Array
+from ...numerics.arrays import Array, Bools
 from ..gradient_evidence.image_wrenches import camera_twist
 from .outline_lines import Lines
 
@@ -29,6 +29,14 @@ class OutlineSums:
     H: Array
     g: Array
     energy: Array
+
+    def of_frames(self, whole: Array) -> OutlineSums:
+        """Return the sums without those of damaged frames, where `whole`, shape (n,), is 0; elsewhere it is 1."""
+        return OutlineSums(self.H * whole[:, None, None, None], self.g * whole[:, None, None], self.energy * whole)
+
+    def of_parts(self, seen: Bools) -> OutlineSums:
+        """Return the sums with the normal equations of some parts alone, (n, P); paper 1, equation (38)."""
+        return replace(self, H=self.H * seen[..., None, None], g=self.g * seen[..., None])
 
 
 def outline_sums(lines: Lines, camera: Camera, first: int, shape: tuple[int, int]) -> OutlineSums:

@@ -22,7 +22,7 @@ from made_evidence import no_evidence
 from render.motions import MOTIONS
 from scipy.linalg import solve_banded
 from synthetic import CAMERAS, dark, ends_held, film, shot_of
-from synthetic import with_plants_at_rest as standing
+from synthetic import at_rest as standing
 
 Array = np.ndarray
 BODY, FPS, FRAMES = human(1.75), 30.0, 31
