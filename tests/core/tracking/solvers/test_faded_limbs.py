@@ -109,7 +109,7 @@ def test_a_faded_limb_is_taken_to_where_the_images_are_likelier_and_only_there(
 
     monkeypatch.setattr(faded_limbs, "support_of_limbs", support_by_motion)
     monkeypatch.setattr(faded_limbs, "freed_limb", lambda *_: there)
-    gain = 2 * faded_limbs.RESTING * (1 if likelier else -1)
+    gain = 2 * faded_limbs.RESTING_GAIN * (1 if likelier else -1)
     monkeypatch.setattr(faded_limbs, "likelihood", lambda _p, _n, found: gain * (found.motions[1] is there))
     begin = solution(BOTH, wrong)
     found = faded_limbs.with_faded_limbs_found(BOTH, begin, Workspace())
@@ -141,7 +141,7 @@ def test_the_limbs_of_a_performer_are_compared_with_one_solution_until_one_is_fo
     places = {tuple(chain): turned(RIGHT[1], chain[0], 0.6) for chain in LIMBS}
     monkeypatch.setattr(faded_limbs, "freed_limb", lambda _p, _m, place, _look: places[tuple(place[1])])
     right = places[tuple(LIMBS[1])]
-    gain = 2 * faded_limbs.RESTING
+    gain = 2 * faded_limbs.RESTING_GAIN
     monkeypatch.setattr(faded_limbs, "likelihood", lambda _p, _n, found: gain * (found.motions[1] is right))
     faded_limbs.with_faded_limbs_found(BOTH, solution(BOTH, RIGHT), Workspace())
     settled, with_limb = [1], [1]
