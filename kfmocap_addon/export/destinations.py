@@ -9,10 +9,7 @@ import bpy
 
 from ...core.shot.shot_spec import result_names
 from ..scene_io.cameras import footage_background
-
-SUFFIXES = ("bvh", "fbx", "glb", "vrma", "usdc")
-"""Endings of the files that the panel offers, each named as its setting."""
-
+from .export_formats import EXPORT_FORMATS, chosen_formats
 
 Named = tuple[str, bpy.types.Object | None]
 """Name and armature of somebody whose motion is exported; None if the armature is gone."""
@@ -39,7 +36,7 @@ def paths(scene: bpy.types.Scene, folder: Path, name: str = "") -> list[Path]:
     ShotError
         If the name cannot be a file's.
     """
-    wanted = [suffix for suffix in SUFFIXES if getattr(scene.kfmocap.export, suffix)]
+    wanted = chosen_formats(scene.kfmocap.export)
     return [folder / f"{stem}.{suffix}" for stem in stems(scene, chosen(scene), name) for suffix in wanted]
 
 
@@ -54,7 +51,7 @@ def stems(scene: bpy.types.Scene, whose: Sequence[Named], name: str = "") -> lis
         If one of them cannot be a file's.
     """
     base = name.strip()
-    for suffix in SUFFIXES:  # written along, or clicked on in the file browser
+    for suffix in EXPORT_FORMATS:  # written along, or clicked on in the file browser
         base = base.removesuffix(f".{suffix}")
     return result_names(base or scene.kfmocap.shot, [owner for owner, _ in whose], f"scene {scene.name}")
 

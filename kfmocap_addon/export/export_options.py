@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from .export_formats import EXPORT_FORMATS
+
+_DEFAULT_FORMATS = tuple(name for name, known in EXPORT_FORMATS.items() if known.is_default)
+
 
 @dataclass(frozen=True)
 class ExportOptions:
@@ -13,8 +17,8 @@ class ExportOptions:
     ----------
     preset : str
         A key of `presets.PRESETS`.
-    bvh, fbx, glb, vrma, usd : bool
-        Which files to write: glb is glTF in one file, vrma VRM animation, usd binary USD (.usdc).
+    formats : tuple of str
+        Keys of `export_formats.EXPORT_FORMATS`: which files to write.
     frames : tuple of int, optional
         First and last scene frame; by default those of the shot.
     fps : float, optional
@@ -27,15 +31,11 @@ class ExportOptions:
     """
 
     preset: str = "BLENDER"
-    bvh: bool = True
-    fbx: bool = True
+    formats: tuple[str, ...] = _DEFAULT_FORMATS
     frames: tuple[int, int] | None = None
     fps: float | None = None
     root_motion: bool = True
-    glb: bool = False
     leave_out_unknown: bool = False
-    vrma: bool = False
-    usd: bool = False
 
 
 DEFAULTS = ExportOptions()

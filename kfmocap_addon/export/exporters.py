@@ -7,7 +7,7 @@ Unit and names are those of a preset. Joints alone are written, no meshes.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -19,6 +19,7 @@ from mathutils import Matrix, Vector
 from ...core.errors import OutputError, ShotError
 from ..scene_io import fcurves
 from . import destinations, vrm_animation
+from .export_formats import EXPORT_FORMATS
 from .export_options import DEFAULTS, ExportOptions
 from .export_stage import stage_in_metres, stage_of
 from .whole_files import writing
@@ -26,17 +27,8 @@ from .whole_files import writing
 _SCALED = 0.01
 """Least change of a bone's scale that importers' rounding cannot explain."""
 _Y_UP = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
-_GLTF = ("export_scene", "gltf", "enable the add-on glTF 2.0 format under Edit > Preferences > Add-ons")
-_EXPORTERS = MappingProxyType(
-    {
-        ".bvh": ("export_anim", "bvh", "enable the add-on BVH format under Edit > Preferences > Add-ons"),
-        ".fbx": ("export_scene", "fbx", "enable the add-on FBX format under Edit > Preferences > Add-ons"),
-        ".glb": _GLTF,
-        ".vrma": _GLTF,
-        ".usdc": ("wm", "usd_export", "choose other kinds of files, or use a Blender that was built with USD"),
-    }
-)
-"""By file ending, the operator that writes it, and advice if it is missing."""
+Writer = Callable[[Path, bpy.types.Object, bpy.types.Scene, ExportOptions], None]
+"""Writes the motion of an armature of a scene to a path."""
 
 
 def export_performers(
@@ -64,18 +56,16 @@ def export_armatures(
     OutputError
         If a file cannot be written. Where this Blender lacks an exporter, no file is.
     """
-    writers = [(".bvh", export_bvh)] * options.bvh + [(".fbx", export_fbx)] * options.fbx
-    writers += [(".glb", export_glb)] * options.glb
-    writers += [(".vrma", export_vrma)] * options.vrma + [(".usdc", export_usd)] * options.usd
-    for suffix, _ in writers:
+    formats = [suffix for suffix in EXPORT_FORMATS if suffix in options.formats]
+    for suffix in formats:
         _check_available(suffix)
     paths = []
     for (owner, armature), stem in zip(whose, destinations.stems(scene, whose, name), strict=True):
         if armature is None:
             raise ShotError("the armature is gone from the scene", where=f"performer {owner}")
-        for suffix, writer in writers:
-            paths.append(folder / f"{stem}{suffix}")
-            writer(paths[-1], armature, scene, options)
+        for suffix in formats:
+            paths.append(folder / f"{stem}.{suffix}")
+            _WRITERS[suffix](paths[-1], armature, scene, options)
     return paths
 
 
@@ -245,8 +235,16 @@ def export_usd(path: Path, armature: bpy.types.Object, scene: bpy.types.Scene, o
         )
 
 
+_WRITERS: Mapping[str, Writer] = MappingProxyType(
+    {"bvh": export_bvh, "fbx": export_fbx, "glb": export_glb, "vrma": export_vrma, "usdc": export_usd}
+)
+"""The writers of `EXPORT_FORMATS`, by the same names."""
+
+
 def _check_available(suffix: str) -> None:
-    """Check that the exporter for a kind of file is available: some builds lack USD, and add-ons can be disabled."""
-    module, name, todo = _EXPORTERS[suffix]
+    """Check that the exporter of a format is available: some builds lack USD, and add-ons can be disabled."""
+    wanted = EXPORT_FORMATS[suffix]
+    module, name = wanted.exporter
     if name not in dir(getattr(bpy.ops, module)):
-        raise OutputError("this Blender has no exporter for this kind of file", where=f"*{suffix}", todo=todo)
+        what = "this Blender has no exporter for this kind of file"
+        raise OutputError(what, where=f"*.{suffix}", todo=wanted.remedy)

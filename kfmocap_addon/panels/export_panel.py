@@ -4,6 +4,7 @@ from pathlib import Path
 
 import bpy
 
+from ..export.export_formats import EXPORT_FORMATS
 from ..operators.characters.export_motion import Export, OpenExportFolder
 from ..operators.tracking.bake import Bake
 from ..operators.tracking.simplify import Simplify
@@ -33,11 +34,8 @@ class ExportPanel(Section, bpy.types.Panel):
         layout.prop(settings, "preset")
         row = layout.row(align=True)
         row.use_property_split = False  # the names need the whole width
-        row.prop(settings, "bvh", toggle=True)
-        row.prop(settings, "fbx", toggle=True)
-        row.prop(settings, "glb", toggle=True)
-        row.prop(settings, "vrma", toggle=True)
-        row.prop(settings, "usdc", toggle=True)
+        for name in EXPORT_FORMATS:
+            row.prop(settings, name, toggle=True)
         _draw_choice(layout, settings, "use_range", "first", "last")
         _draw_choice(layout, settings, "use_rate", "fps")
         layout.prop(settings, "root_motion")

@@ -2,7 +2,14 @@
 
 import bpy
 
+from ..export.export_formats import EXPORT_FORMATS
 from ..export.presets import PRESETS
+
+
+def _format_field(name: str) -> object:
+    """One of `EXPORT_FORMATS` as a field: whether it is written."""
+    known = EXPORT_FORMATS[name]
+    return bpy.props.BoolProperty(default=known.is_default, name=known.label, description=known.description)
 
 
 class KFMocapExport(bpy.types.PropertyGroup):
@@ -28,15 +35,11 @@ class KFMocapExport(bpy.types.PropertyGroup):
         name="For",
         description="The program that will read the files: it decides the names of the bones and the unit of length",
     )
-    bvh: bpy.props.BoolProperty(default=True, name="BVH", description="Skeleton and motion as text, Y up")
-    fbx: bpy.props.BoolProperty(default=True, name="FBX", description="Skeleton and motion for other programs, Y up")
-    glb: bpy.props.BoolProperty(
-        name="glTF", description="Skeleton and motion for the web and game engines, Y up (.glb)"
-    )
-    vrma: bpy.props.BoolProperty(
-        name="VRM", description="VRM animation, which any VRM character plays: humans only, in metres (.vrma)"
-    )
-    usdc: bpy.props.BoolProperty(name="USD", description="Skeleton and motion as USD, Y up (.usdc)")
+    bvh: _format_field("bvh")
+    fbx: _format_field("fbx")
+    glb: _format_field("glb")
+    vrma: _format_field("vrma")
+    usdc: _format_field("usdc")
     use_range: bpy.props.BoolProperty(name="Frame Range", description="Export only some frames, not the whole shot")
     first: bpy.props.IntProperty(default=1, name="First", description="First scene frame to export")
     last: bpy.props.IntProperty(default=250, name="Last", description="Last scene frame to export, inclusive")

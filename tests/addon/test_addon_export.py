@@ -29,6 +29,7 @@ from kfmocap.core.numerics import rotations  # noqa: E402
 from kfmocap.kfmocap_addon import registration  # noqa: E402
 from kfmocap.kfmocap_addon.batch import BatchSession  # noqa: E402
 from kfmocap.kfmocap_addon.export import blender_outputs, destinations, exporters, presets, whole_files  # noqa: E402
+from kfmocap.kfmocap_addon.export.export_formats import EXPORT_FORMATS  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
 from kfmocap.kfmocap_addon.export.whole_files import check_whole  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
@@ -277,7 +278,7 @@ def read_joints(armature, names: list[str], frames: list[int]) -> np.ndarray:
 
 def exported(folder: Path, suffix: str, **options):
     """A file of the scene's one performer, read back: its armature."""
-    chosen = ExportOptions(bvh=suffix == ".bvh", fbx=suffix == ".fbx", **options)
+    chosen = ExportOptions(formats=(suffix[1:],), **options)
     [path] = exporters.export_performers(bpy.context.scene, folder, chosen)
     scale = presets.PRESETS[chosen.preset].scale
     empty_file()
@@ -339,7 +340,7 @@ def test_an_fbx_file_says_that_y_is_up_and_what_its_unit_is(blender, tmp_path, p
     """Blender's importer undoes any axes; other programs take the file by its word."""
     original = shot(tmp_path)
     scene.build_scene(original, result_of(original).motions, bpy.context.scene)
-    [path] = exporters.export_performers(bpy.context.scene, tmp_path / "out", ExportOptions(bvh=False, preset=preset))
+    [path] = exporters.export_performers(bpy.context.scene, tmp_path / "out", ExportOptions(preset, ("fbx",)))
     settings = global_settings(path)
     axes = {axis: (settings[f"{axis}Axis"], settings[f"{axis}AxisSign"]) for axis in ("Up", "Front", "Coord")}
     assert axes == {"Up": (1, 1), "Front": (2, 1), "Coord": (0, 1)}, "Y up, facing +Z, X to the left"
@@ -489,7 +490,7 @@ def glb_joints(path: Path, names: list[str]) -> tuple[np.ndarray, np.ndarray]:
 def test_gltf_holds_the_motion_in_metres_with_y_up(blender, tmp_path, preset):  # noqa: F811
     original = shot(tmp_path)
     built = scene.build_scene(original, result_of(original).motions, bpy.context.scene)
-    [path] = exporters.export_performers(built, tmp_path, ExportOptions(preset, False, False, glb=True))
+    [path] = exporters.export_performers(built, tmp_path, ExportOptions(preset, ("glb",)))
     names = [presets.PRESETS[preset].names.get(name, name) for name in human(1.7).names]
     places, seconds = glb_joints(path, names)
     assert np.abs(places - part_poses(human(1.7), motion(12))[1]).max() < TOLERANCE / 1000
@@ -499,7 +500,7 @@ def test_gltf_holds_the_motion_in_metres_with_y_up(blender, tmp_path, preset):  
 def test_a_vrm_animation_says_which_joints_are_which_bones(blender, tmp_path):  # noqa: F811
     original = shot(tmp_path)
     built = scene.build_scene(original, result_of(original).motions, bpy.context.scene)
-    options = ExportOptions("UNREAL", False, False, vrma=True)
+    options = ExportOptions("UNREAL", ("vrma",))
     [path] = exporters.export_performers(built, tmp_path, options)
     content, _ = glb_content(path)
     humanoid = content["extensions"]["VRMC_vrm_animation"]["humanoid"]["humanBones"]
@@ -525,7 +526,7 @@ def test_usd_holds_the_motion_in_metres_with_y_up(blender, tmp_path, preset):  #
 
     original = shot(tmp_path)
     built = scene.build_scene(original, result_of(original).motions, bpy.context.scene)
-    [path] = exporters.export_performers(built, tmp_path, ExportOptions(preset, False, False, usd=True))
+    [path] = exporters.export_performers(built, tmp_path, ExportOptions(preset, ("usdc",)))
     stage = usd.Stage.Open(str(path))
     assert UsdGeom.GetStageUpAxis(stage) == "Y"
     assert UsdGeom.GetStageMetersPerUnit(stage) == 1.0
@@ -561,7 +562,7 @@ def fbx_setting(path: Path, name: str) -> float:
 def test_an_fbx_file_states_its_axes_and_its_unit(blender, tmp_path, preset):  # noqa: F811
     original = shot(tmp_path)
     built = scene.build_scene(original, result_of(original).motions, bpy.context.scene)
-    [path] = exporters.export_performers(built, tmp_path, ExportOptions(preset, False, True))
+    [path] = exporters.export_performers(built, tmp_path, ExportOptions(preset, ("fbx",)))
     axes = ("UpAxis", "UpAxisSign", "FrontAxis", "FrontAxisSign", "CoordAxis", "CoordAxisSign")
     assert [fbx_setting(path, axis) for axis in axes] == [1, 1, 2, 1, 0, 1]
     assert fbx_setting(path, "UnitScaleFactor") == 1.0  # centimetres
@@ -592,13 +593,21 @@ def test_files_have_the_fingers_of_hands_that_were_found(tmp_path):
     assert "thumb.02.L" in bpy.data.objects["man"].pose.bones
 
 
+def test_every_format_has_a_property_and_a_writer(blender):  # noqa: F811
+    settings = bpy.context.scene.kfmocap.export
+    for name, known in EXPORT_FORMATS.items():
+        assert settings.bl_rna.properties[name].name == known.label
+        assert getattr(settings, name) == known.is_default
+    assert set(exporters._WRITERS) == set(EXPORT_FORMATS)
+
+
 @pytest.mark.parametrize("kind", ["bvh", "fbx", "glb", "vrma"])
 def test_a_missing_exporter_is_named_before_anything_is_written(blender, tmp_path, kind):  # noqa: F811
     """Add-ons can be disabled, and builds of Blender without USD have no operator for it either."""
     scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
     module = {"bvh": "io_anim_bvh", "fbx": "io_scene_fbx"}.get(kind, "io_scene_gltf2")
     folder = tmp_path / "out"
-    everything = ExportOptions(bvh=True, fbx=True, glb=True, vrma=True)
+    everything = ExportOptions(formats=("bvh", "fbx", "glb", "vrma"))
     addon_utils.disable(module)
     try:
         with pytest.raises(OutputError, match=r"no exporter .*\n?.*enable the add-on") as refused:
@@ -607,7 +616,9 @@ def test_a_missing_exporter_is_named_before_anything_is_written(blender, tmp_pat
         addon_utils.enable(module)
     assert "*." in str(refused.value)
     assert not folder.exists()
-    assert all(name in dir(getattr(bpy.ops, of)) for of, name, _ in exporters._EXPORTERS.values()), "all are there"
+    assert all(
+        name in dir(getattr(bpy.ops, module)) for module, name in (known.exporter for known in EXPORT_FORMATS.values())
+    ), "all are there"
 
 
 @pytest.mark.parametrize("kind", ["bvh", "fbx", "glb", "vrma"])

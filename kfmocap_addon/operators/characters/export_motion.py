@@ -7,13 +7,12 @@ from pathlib import Path
 import bpy
 
 from ....core.errors import OutputError, ShotError
+from ...export.export_formats import chosen_formats
 from ..conditions import Conditional, has_shot
 
 
-def _has_file_kind(context: bpy.types.Context) -> str:
-    settings = context.scene.kfmocap.export
-    kinds = (settings.bvh, settings.fbx, settings.glb, settings.vrma, settings.usdc)
-    return "" if any(kinds) else "Choose what kind of files to write"
+def _has_format(context: bpy.types.Context) -> str:
+    return "" if chosen_formats(context.scene.kfmocap.export) else "Choose what kind of files to write"
 
 
 class Export(Conditional, bpy.types.Operator):
@@ -21,7 +20,7 @@ class Export(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.export"
     bl_label = "Export"
-    conditions = (has_shot, _has_file_kind)
+    conditions = (has_shot, _has_format)
 
     directory: bpy.props.StringProperty(subtype="DIR_PATH", name="Folder", description="Where the files go")
     filename: bpy.props.StringProperty(
@@ -61,15 +60,11 @@ class Export(Conditional, bpy.types.Operator):
         settings = context.scene.kfmocap.export
         options = ExportOptions(
             settings.preset,
-            settings.bvh,
-            settings.fbx,
+            chosen_formats(settings),
             (settings.first, settings.last) if settings.use_range else None,
             settings.fps if settings.use_rate else None,
             settings.root_motion,
-            settings.glb,
-            settings.leave_out_unknown,
-            vrma=settings.vrma,
-            usd=settings.usdc,
+            leave_out_unknown=settings.leave_out_unknown,
         )
         written = export_armatures(context.scene, chosen(context.scene), self._folder(), options, self.filename)
         settings.path = str(self._folder() / (self.filename or context.scene.kfmocap.shot))
