@@ -46,8 +46,8 @@ def show_shot(shot: Shot, home: Path | str) -> bpy.types.Scene:
     scenes.build_scene(shot, scene=scene)
     _open_on_footage(scene)
     for item, path in _paths(Path(home).resolve()):
-        item.filepath = path
-    bpy.context.view_layer.update()  # the first time takes half a second, for which the motion would wait later
+        _set_path(item, path)
+    bpy.context.view_layer.update()  # opens footage again whose path has changed, for which the motion would wait later
     return scene
 
 
@@ -137,11 +137,17 @@ def _portable_paths(folder: Path) -> Iterator[None]:
     before = [(item, item.filepath) for item, _ in new]
     try:
         for item, path in new:
-            item.filepath = path
+            _set_path(item, path)
         yield
     finally:
         for item, path in before:
-            item.filepath = path
+            _set_path(item, path)
+
+
+def _set_path(item: Any, path: str) -> None:
+    """Set the path of a file, unless it is that already: Blender would open footage again, a tenth of a second each."""
+    if item.filepath != path:
+        item.filepath = path
 
 
 def _paths(folder: Path) -> list[tuple[Any, str]]:

@@ -185,6 +185,26 @@ def test_far_footage_is_named_by_its_absolute_path(tmp_path):
     assert Path(bpy.data.movieclips[0].filepath) == (tmp_path / "footage" / "cam01.mp4").resolve()
 
 
+def test_footage_whose_path_stays_is_not_opened_again(blender, tmp_path):  # noqa: F811
+    """Blender would do that when it evaluates the scene next."""
+    (tmp_path / "footage").mkdir()
+    original = shot(tmp_path / "footage")
+    scene.build_scene(original, scene=bpy.context.scene)
+    bpy.context.view_layer.update()
+    out, opened = tmp_path / "a" / "b" / "c" / "d" / "out", []
+
+    def note(_scene, graph):
+        opened.extend(update.id.name for update in graph.updates if isinstance(update.id, bpy.types.MovieClip))
+
+    bpy.app.handlers.depsgraph_update_post.append(note)
+    try:
+        blender_outputs.write_blender_outputs(original, result_of(original), out, bpy.context.scene)
+        bpy.context.view_layer.update()
+    finally:
+        bpy.app.handlers.depsgraph_update_post.remove(note)
+    assert opened == []
+
+
 def test_tracking_the_open_scene_loses_nothing_in_it(blender, tmp_path):  # noqa: F811
     original = shot(tmp_path)
     scene.build_scene(original, scene=bpy.context.scene)
