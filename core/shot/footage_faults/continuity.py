@@ -87,7 +87,6 @@ def torn_pairs(changes: Sequence[Array]) -> Bools:
     changed = np.array([(np.maximum(_TIMES * u, _LEVELS) < d).mean() for u, d in zip(usual, D, strict=True)])
     moved = np.array([most_changed(change) for change in D])
     changed_around, moved_around = _medians(changed, near), _medians(moved, near)
-    still = [np.quantile(moved[j], 0.25) if j else 0.0 for j in near]
     noise = np.median(D.reshape(len(D), -1), axis=1)
     noise_around = _medians(noise, near)
     torn = np.zeros(len(D), bool)
@@ -96,8 +95,8 @@ def torn_pairs(changes: Sequence[Array]) -> Bools:
     for k in range(2, len(D) - 2):  # at the ends nothing shows whether a change lasts
         alike = _run(changed > _ALIKE * changed[k], k)
         torn[k] |= changed[k] > most[k] and len(alike) <= _SINGLE and bool((changed[alike] > most[alike]).all())
-        if moved_around[k] > _MOVING and moved[k] < _STILL * still[k] and noise[k] <= _NOISE * noise_around[k]:
-            torn[k : k + 2] = True
+        if moved_around[k] > _MOVING and noise[k] <= _NOISE * noise_around[k]:
+            torn[k : k + 2] |= moved[k] < _STILL * np.quantile(moved[near[k]], 0.25)
     return torn
 
 
