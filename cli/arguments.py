@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..core.choices import FEET, ROOT_MOTIONS, SOLVERS, either
+from ..core.choices import CALIBRATION_ENDINGS, FEET, ROOT_MOTIONS, SOLVERS, either
 
 
 def parser() -> argparse.ArgumentParser:
@@ -63,7 +63,7 @@ def _add_calibrate(command: argparse.ArgumentParser) -> None:
         "--lenses", type=_path, metavar="FILE", help="with --performer: calibration whose lenses are kept"
     )
     command.add_argument("--out", required=True, type=_path, metavar="FILE", help="the calibration to write")
-    command.add_argument("--format", metavar="NAME", help="toml, caliscope, qualisys or opencv (default: by --out)")
+    command.add_argument("--format", metavar="NAME", help=f"{either(CALIBRATION_ENDINGS)} (default: by --out)")
     command.add_argument("--report", type=_path, metavar="DIR", help="folder for the calibration report")
     command.add_argument("--points", type=_path, metavar="FILE.csv", help="also write the detected marker positions")
     _add_drift(command)

@@ -42,6 +42,16 @@ HAND_SHAPES: Choices = MappingProxyType(
         "point": ("Point", "The index finger stretched, the others closed"),
     }
 )
+CALIBRATION_ENDINGS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "toml": (".toml",),
+        "caliscope": (".toml",),
+        "qualisys": (".qca.txt", ".qca"),
+        "opencv": (".yml", ".yaml", ".json"),
+    }
+)
+"""Endings of calibration files, in lower case, by the names of their formats. The first format with an ending reads
+files with it, and writes them unless another format is asked for by name."""
 
 
 def either(names: Iterable[str]) -> str:

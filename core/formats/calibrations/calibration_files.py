@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 from ...cameras.camera import Camera
+from ...choices import CALIBRATION_ENDINGS
 from ...errors import CalibrationError
 from ..reading import NUMBER_LIMIT, first_repeated, reading
 from .caliscope import write_caliscope_cameras
@@ -25,9 +27,6 @@ class CalibrationFormat:
     ----------
     programs : str
         The programs that use it, for error messages.
-    endings : tuple of str
-        The file name endings, in lower case. The first format with an ending reads files with it, and writes them
-        unless another format is asked for by name.
     read : callable
         Called with a path; returns a list of Camera.
     write : callable
@@ -39,7 +38,6 @@ class CalibrationFormat:
     """
 
     programs: str
-    endings: tuple[str, ...]
     read: Callable[[Path], list[Camera]]
     write: Callable[[Path, Sequence[Camera]], None]
     moving: bool = False
@@ -50,20 +48,17 @@ class CalibrationFormat:
 FORMATS = {
     "toml": CalibrationFormat(
         "aniposelib, Pose2Sim, Caliscope",
-        (".toml",),
         read_toml_cameras,
         save_cameras,
         moving=True,
         fisheye=True,
         coefficients=None,
     ),
-    "caliscope": CalibrationFormat("Caliscope", (".toml",), read_toml_cameras, write_caliscope_cameras),
-    "qualisys": CalibrationFormat("Qualisys", (".qca.txt", ".qca"), read_qualisys_cameras, write_qualisys_cameras),
-    "opencv": CalibrationFormat(
-        "OpenCV", (".yml", ".yaml", ".json"), read_opencv_cameras, write_opencv_cameras, fisheye=True, coefficients=None
-    ),
+    "caliscope": CalibrationFormat("Caliscope", read_toml_cameras, write_caliscope_cameras),
+    "qualisys": CalibrationFormat("Qualisys", read_qualisys_cameras, write_qualisys_cameras),
+    "opencv": CalibrationFormat("OpenCV", read_opencv_cameras, write_opencv_cameras, fisheye=True, coefficients=None),
 }
-"""The formats by their names on the command line."""
+"""The formats by their names, which are those of `core.choices.CALIBRATION_ENDINGS`."""
 
 
 def load_cameras(path: Path | str) -> dict[str, Camera]:
@@ -126,12 +121,12 @@ def format_name(path: Path, kind: str | None = None) -> str:
             return kind
         todo = f"there are {', '.join(FORMATS)}"
         raise CalibrationError(f"unknown kind of calibration '{kind}'", where=str(path), todo=todo)
-    for name, known in FORMATS.items():
-        if path.name.lower().endswith(known.endings):
+    for name, endings in CALIBRATION_ENDINGS.items():
+        if path.name.lower().endswith(endings):
             return name
-    endings = dict.fromkeys(ending for known in FORMATS.values() for ending in known.endings)
+    known_endings = dict.fromkeys(chain.from_iterable(CALIBRATION_ENDINGS.values()))
     programs = ", ".join(dict.fromkeys(program for known in FORMATS.values() for program in known.programs.split(", ")))
-    todo = f"known are {', '.join(endings)} of {programs}"
+    todo = f"known are {', '.join(known_endings)} of {programs}"
     raise CalibrationError("unknown kind of calibration", where=str(path), todo=todo)
 
 

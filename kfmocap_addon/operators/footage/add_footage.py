@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
+from ....core.choices import CALIBRATION_ENDINGS
 from ....core.errors import ShotError
 from ...viewports import screens, timelines
 from ..conditions import Conditional, has_views
@@ -19,7 +21,8 @@ if TYPE_CHECKING:
 
 VIDEOS = ".mp4;.mov;.avi;.mkv;.mts;.m2ts;.m4v;.mpg;.mpeg;.webm;.mxf"
 IMAGES = ".png;.jpg;.jpeg;.bmp;.tif;.tiff;.webp"
-CALIBRATIONS = ".toml;.txt;.yml;.yaml;.json"
+CALIBRATIONS = ";".join(dict.fromkeys(Path(f"x{ending}").suffix for ending in chain(*CALIBRATION_ENDINGS.values())))
+"""The last parts of the endings alone, as Blender's file browser filters by no more."""
 
 
 def globbed(endings: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -10,16 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from kfmocap.core.cameras.camera import Camera
+from kfmocap.core.choices import CALIBRATION_ENDINGS
 from kfmocap.core.errors import CalibrationError, OutputError
-from kfmocap.core.formats.calibrations.calibration_files import export_cameras, load_cameras
+from kfmocap.core.formats.calibrations.calibration_files import FORMATS, export_cameras, load_cameras
 from kfmocap.core.numerics import rotations
 
 FILES = [
-    ("out.toml", None),
     ("camera_array.toml", "caliscope"),
-    ("session.qca.txt", None),
-    ("rig.yml", None),
-    ("rig.json", None),
+    *((f"out{ending}", None) for ending in dict.fromkeys(chain(*CALIBRATION_ENDINGS.values()))),
 ]
 
 
@@ -30,6 +29,10 @@ def cameras(pose: np.ndarray, focal: float, distortions: list[float]) -> list[Ca
         Camera.create(f"cam_{i}", (1920, 1080), matrix, R[i], pose[i, 3:], distortions=distortions)
         for i in range(len(pose))
     ]
+
+
+def test_every_format_has_endings_and_every_ending_a_format() -> None:
+    assert set(FORMATS) == set(CALIBRATION_ENDINGS)
 
 
 @pytest.mark.parametrize(("name", "kind"), FILES)
