@@ -1,6 +1,6 @@
 """What users choose from by name, with the words for it: the same in shot files, on the command line and in Blender.
 
-Blender loads this when it starts, so it needs nothing but Python.
+Blender loads this when it starts, so it imports only Python's standard library.
 """
 
 from __future__ import annotations

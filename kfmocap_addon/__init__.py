@@ -1,4 +1,4 @@
-"""The Blender side: scenes become core values, results become Blender data.
+"""The Blender side: turns scenes into core values, and results into Blender data.
 
 Importing it pulls in no bpy; `register` does.
 """

@@ -41,10 +41,10 @@ class BatchSession:
             return scene.shot_from_scene(bpy.context.scene)
 
     def check(self) -> None:
-        """It is loaded."""
+        """Do nothing: Blender is loaded already."""
 
     def expect(self, shot: Shot, home: Path) -> None:
-        """There is nothing to be done beside tracking: Blender is in this process."""
+        """Do nothing: Blender is in this process, and cannot prepare a scene while it tracks."""
 
     def show_shot(self, shot: Shot, home: Path) -> None:
         """Show a shot that is going to be written, with `OutputRequest.shown`; the add-on stays switched on."""

@@ -35,7 +35,8 @@ MAX_MISFIT_RATIO = 0.5
 """A pose from a random start replaces the first one only if its misfit is below this share of the first one's: on a
 body of other proportions, all poses have a misfit."""
 COLLINEAR_SPREAD = 1e-9
-"""Landmarks whose spread across a line is below this share of that along it, squared, leave the turn about it open."""
+"""Squared ratio of the landmarks' spread across a line to that along it, below which they do not determine the rotation
+about the line."""
 SEARCH_LIMIT_SIGMA = 0.02
 """Standard deviation of a joint beyond its limits while the fit is searching, radians."""
 

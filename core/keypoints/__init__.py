@@ -1,1 +1,1 @@
-"""2D keypoints of other programs' detectors: whose they are, and poses made of them."""
+"""2D keypoints from pose detectors: assigned to performers, and turned into poses."""

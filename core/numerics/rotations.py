@@ -48,9 +48,7 @@ def mean(R: Array, weight: Array) -> Array:
 
 
 def _listed(values: Array, axes: int) -> Array:
-    """Return the values of so many axes in a list, which may be written to: scipy takes no others, though it does not
-    write.
-    """
+    """Return values with all but the last `axes` axes joined, in writable memory, as SciPy refuses any other."""
     return np.require(values.reshape(-1, *values.shape[-axes:]), requirements="W")
 
 

@@ -78,7 +78,9 @@ class WorkerMemory:
 
     @contextmanager
     def pool(self, workers: int, imports: Sequence[str] = ()) -> Iterator[WorkerPool]:
-        """Provide a pool of at least so many workers, kept unless the block raises; `imports` as in `WorkerProcess`."""
+        """Provide a pool of at least `workers` workers, kept unless the block raises; `imports` as in
+        `WorkerProcess`.
+        """
         if workers == 1:
             yield WorkerPool(1)
             return

@@ -37,7 +37,7 @@ class WorkerPool:
         self.grow(workers, imports)
 
     def grow(self, workers: int, imports: Sequence[str] = ()) -> None:
-        """Start processes until there are so many workers; only while no task is in work. `imports` as above."""
+        """Start processes until there are `workers` workers; only while no task is running. `imports` as above."""
         for _ in range(workers - 1 - len(self._processes)):
             self._processes.append(WorkerProcess(yields=False, tidies=False, imports=imports))
         self.workers = 1 + len(self._processes)

@@ -1,4 +1,4 @@
-"""Performers of whom nothing is known yet but that they are in the footage."""
+"""Requests for performers: they are in the footage, and nothing else is known of them yet."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ class Gap:
         Frame, or field, of the footage: the first behind the gap where frames are missing, otherwise the first of those
         that are there once too often.
     missing : int
-        How many frames, or fields, are missing before it; negative where so many are there once too often.
+        How many frames, or fields, are missing before it; negative if that many are repeated.
     timed : bool
         Whether the times in the file say so: programs that show footage by its times then show it right.
     """

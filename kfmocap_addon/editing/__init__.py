@@ -1,1 +1,1 @@
-"""Poses and keys that the tools make."""
+"""Making poses and keys, for the tools that do so."""

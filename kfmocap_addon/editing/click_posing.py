@@ -83,7 +83,7 @@ class Placing:
         return set(self._cameras)
 
     def joints(self) -> dict[str, Vector]:
-        """Return where the pose has its landmarks, in the world."""
+        """Return the landmarks of the pose in the world, metres."""
         points = landmark_positions(self.body, self.pose, self.landmarks)[0]
         return {name: Vector(point) for name, point in zip(self.landmarks, points, strict=True)}
 
@@ -167,7 +167,7 @@ class Placing:
             self.choose(first, poses)
 
     def choose(self, number: int, alternatives: list[Motion] | None = None) -> None:
-        """Pose the body as an alternative has it, fitted to the marks."""
+        """Pose the body as in an alternative, fitted to the marks."""
         poses = self.alternatives if alternatives is None else alternatives
         self.fitted = ClickFit(poses[number], poses[number])
         self._fit(STEPS, search=False)
@@ -184,7 +184,9 @@ class Placing:
         return np.asarray(-R.T @ t)
 
     def _neighbours(self) -> list[Neighbour]:
-        """Return the pose that the keys of other frames give here, which counts the less the farther they are."""
+        """Return the pose that the curves through other key frames have here; the farther they are, the less it
+        counts.
+        """
         frames = [frame for frame in key_pose_curves.keyed_bones(self.slot.armature)[0] if frame != self.frame]
         if not frames:
             return []
@@ -241,13 +243,13 @@ class Placing:
 
 
 def _held(body: Body, bones: set[str] | None) -> NDArray[np.bool_]:
-    """Degrees of freedom (D,) of what is not to move: all but those of the bones, where some are named."""
+    """Return which degrees of freedom do not move, shape (D,): all but those of the bones, if any are named."""
     free = np.array([bones is None or name in bones for name in body.names])
     return ~np.concatenate([np.repeat(free[0], 3), np.repeat(free, 3)])
 
 
 def _cameras_now(scene: bpy.types.Scene) -> dict[str, Camera]:
-    """Return the calibrated cameras of the shot as they stand on the scene's present frame, by the names of their
+    """Return the calibrated cameras of the shot as they are on the current frame of the scene, by the names of their
     views.
     """
     slots = [slot for slot in scene.kfmocap.views if slot.is_calibrated and slot.has_camera]

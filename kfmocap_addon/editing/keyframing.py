@@ -36,7 +36,7 @@ def frames_wanted(scene: bpy.types.Scene) -> list[int] | None:
     Raises
     ------
     ShotError
-        A frame lies outside the shot, or the list is none.
+        A frame lies outside the shot, or the text is not a list of frames.
     """
     properties, wanted = scene.kfmocap, scene.kfmocap.key_frames
     if wanted.choice == "AUTO":
@@ -59,7 +59,7 @@ def frames_listed(text: str) -> list[int]:
     Raises
     ------
     ShotError
-        It is not such a list.
+        The text is not a list of frames.
     """
     found: list[int] = []
     for item in filter(None, (part.strip() for part in text.split(","))):
@@ -74,8 +74,8 @@ def frames_listed(text: str) -> list[int]:
 
 
 def set_key_poses(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frames: Sequence[int], poses: Motion) -> int:
-    """Key poses on shot frames as the animator's own, beside the keys that are there already unless the settings say
-    that these are replaced; how many were set.
+    """Key poses on shot frames as if the animator had set them, beside the keys that are there already unless the
+    settings say that these are replaced; returns how many were set.
     """
     start = scene.kfmocap.frame_start
     own = {frame - start for frame in key_pose_curves.keyed_bones(slot.armature)[0]}
@@ -86,8 +86,8 @@ def set_key_poses(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frames:
 
 
 def without_replaced(scene: bpy.types.Scene, shot: Shot, number: int, frames: Sequence[int] | None) -> Shot:
-    """Return the shot without the key poses of a performer that are to be replaced: they shall not hold those that
-    come.
+    """Return the shot without the key poses of a performer that are to be replaced, so that they do not constrain the
+    new ones.
     """
     if frames is None or not scene.kfmocap.key_frames.replace:
         return shot
@@ -99,7 +99,7 @@ def without_replaced(scene: bpy.types.Scene, shot: Shot, number: int, frames: Se
 
 
 def propose(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, seen: KeypointPoses) -> int:
-    """Show a motion as tracked, with key poses proposed on some of its frames; how many are."""
+    """Show a motion as tracked, with key poses proposed on some of its frames; returns their number."""
     start = scene.kfmocap.frame_start
     earlier = key_pose_curves.keyed_bones(slot.armature)[1]
     motion_curves.write_motion(slot.armature, seen.motion, start, np.union1d(start + seen.frames, earlier))
@@ -107,7 +107,7 @@ def propose(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, seen: Keypoin
 
 
 def attach_keypoints(scene: bpy.types.Scene, paths: Sequence[Path]) -> dict[str, int]:
-    """Give views a detector's keypoints, by the view's name in the path; how many people were found in each.
+    """Give views a detector's keypoints, by the view's name in the path; returns how many people each shows.
 
     A single file or folder without the name of a view belongs to the view that the scene looks through. A folder
     without files stands for those of its folders that have the name of a view.
@@ -131,7 +131,7 @@ def attach_keypoints(scene: bpy.types.Scene, paths: Sequence[Path]) -> dict[str,
 
 
 def mark_keypoints(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> int:
-    """Make a detector's keypoints on the present frame the chosen performer's marks; how many there are.
+    """Turn a detector's keypoints on the current frame into the chosen performer's marks; returns their number.
 
     Raises
     ------

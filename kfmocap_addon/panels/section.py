@@ -33,7 +33,7 @@ class SectionsPanel(_OnTab, bpy.types.Panel):
     bl_label = SIDEBAR_TAB
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw nothing but what the sections draw."""
+        """Open and fold sections as the work goes on; each section draws itself."""
         guide.follow(context)
         screens.keep_clear(context)
 
@@ -84,12 +84,12 @@ class SectionPart(_OnTab):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """See whether the section is open, and the part is needed."""
+        """Whether the section is open and the part has something to show."""
         return guide.is_open(context, cls.bl_parent_id.removeprefix(_PREFIX)) and cls.is_needed(context)
 
     @classmethod
     def is_needed(cls, _context: bpy.types.Context) -> bool:
-        """See whether there is something for the part to show."""
+        """Whether the part has something to show."""
         return True
 
 
@@ -104,7 +104,7 @@ class PerformerPart(SectionPart):
 
     @classmethod
     def is_needed(cls, context: bpy.types.Context) -> bool:
-        """See whether there is one."""
+        """Whether there is a performer to pose."""
         return active_performer.chosen(context) is not None
 
 

@@ -190,7 +190,7 @@ def _close_others(window: bpy.types.Window, others: set[int]) -> float | None:
 
 
 def close_area(window: bpy.types.Window, area: bpy.types.Area) -> bool:
-    """Close an area; whether it had a neighbour of its size that could take its place."""
+    """Close an area; returns whether it had a neighbour of its size to take its place."""
     with bpy.context.temp_override(window=window, screen=window.screen, area=area, region=region_of(area)):
         close: Any = bpy.ops.screen.area_close
         return bool(close.poll() and close() == {"FINISHED"})
@@ -202,7 +202,7 @@ def split_area(
     direction: Literal["HORIZONTAL", "VERTICAL"],
     share: float = 0.5,
 ) -> bool:
-    """Split off an area's lower or left part, which shows the same; whether it was large enough."""
+    """Split off an area's lower or left part, which shows the same; returns whether it was large enough."""
     with bpy.context.temp_override(window=window, screen=window.screen, area=area, region=region_of(area)):
         split: Any = bpy.ops.screen.area_split
         return bool(split(direction=direction, factor=share) == {"FINISHED"})

@@ -35,7 +35,7 @@ _RAY_SAMPLES = 11  # on a ray
 _END_SAMPLES = 2  # of these, at either end of a ray, that are ball alone or background alone
 _REACHES = (2.5, 1.5)  # how far to both sides of the outline a ray goes at least: first a search, then near the limb
 _MIN_CONTRAST = 0.02  # squared sine of the angle between the colours of ball and background
-_RAYS_PER_OBSERVATION = 3.0  # neighbouring rays share pixels: so many count as one
+_RAYS_PER_OBSERVATION = 3.0  # rays that count as one observation, as neighbouring ones share pixels
 _MIN_SIGMA = 0.1  # standard deviation that the best of outlines leaves, pixels
 
 

@@ -44,7 +44,7 @@ class PerformersFloor:
     scale : float
         Scale of this world relative to the one of the given cameras.
     finding : Finding
-        What to tell the user about it.
+        Warnings for the user.
     """
 
     capture: Capture

@@ -118,7 +118,7 @@ class Rig:
         return replace(self, R_cam_world=turned, t_cam_world=self.t_cam_world - turned @ t)
 
     def scaled(self, scale: float) -> Rig:
-        """Return the same cameras in a world that is so many times as large."""
+        """Return the same cameras in a world scaled by a factor."""
         return replace(self, t_cam_world=scale * self.t_cam_world)
 
 

@@ -55,7 +55,7 @@ class Wand:
         return replace(self, middle=self.middle @ R.T + t, direction=self.direction @ R.T)
 
     def scaled(self, scale: float) -> Wand:
-        """Return the same wand in a world that is so many times as large."""
+        """Return the same wand in a world scaled by a factor."""
         return replace(self, middle=scale * self.middle, length=scale * self.length)
 
     def take(self, chosen: NDArray[Any]) -> Wand:

@@ -24,8 +24,8 @@ Bytes = NDArray[np.uint8]
 PALETTE_SIZE = 255
 """Largest number of colours of a palette."""
 PRIOR_PATCH = 0.06
-"""Side of a square, metres, whose pixels the colours of the whole performer weigh in those of a part: a part of which
-hardly more is seen has no distinct colours."""
+"""Weight of the whole performer's colours in those of a part, as the side of a square with as many pixels, metres: a
+part of which hardly more is seen has no distinct colours."""
 _EDGE_WIDTH = 1  # narrower than that of masks: a forearm is a few pixels wide
 
 

@@ -25,7 +25,7 @@ MIN_SHARE_RATIO = 10.0
 """Ratio of a colour's shares on strangers and on a performer from which on it tells one from the other: in equal
 clothes the shares differ less."""
 _MIN_RADIUS = 0.05
-"""What is thinner than twice this is no stranger, metres: clothes that hang loosely, edges of shadows."""
+"""Half the thickness, metres, below which something is no stranger but loose clothes or the edge of a shadow."""
 _SAMPLED_FRAMES = 8
 
 

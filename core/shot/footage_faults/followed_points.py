@@ -33,7 +33,7 @@ _BACK, _OFF = 0.5, 0.15
 _MIN_SPEED_RATIO = 1.15
 """How much faster than before and after it motion must be across a pair for all ways to be followed."""
 _MIN_POINTS = 12
-"""Number of points from which something can be told."""
+"""Smallest number of points from which a ratio is estimated."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,13 +24,15 @@ MIN_CHANGE_RATIO = 1.2
 MIN_WAY_RATIO = 1.25
 """Ratio of ways across a pair to those expected from which frames are missing. In 65 of 68 videos it is at most 1.16
 where none is, in the others performers really go twice as far; where a frame is missing it is mostly 1.5 to 2."""
-_SKIPPED, _DEVIATIONS, _FEWEST = 0.4, 5.0, 8
-"""A frame is missing within a pair whose change exceeds all that the pairs around it let expect: least excess, natural
-logarithm, and in standard deviations of this logarithm, which are measured on at least so many pairs. Twice the motion
-gives 0.3 to 0.6."""
-_ALONE, _HARDLY = 0.35, 0.15
-"""How much more a pair of one view stands out than those of all others, natural logarithm: where a frame is missing,
-and at least where the view by itself says so."""
+_MIN_EXCESS = 0.4
+"""Logarithm of the ratio of a pair's change to what the pairs around it let expect, from which a frame is missing
+within it. Twice the motion gives 0.3 to 0.6."""
+_MIN_EXCESS_SIGMAS = 5.0
+"""The same in standard deviations of this logarithm, which are measured on `_MIN_PAIRS` pairs or more."""
+_MIN_PAIRS = 8
+_SURPLUS_WITH_MISSING, _MIN_SURPLUS = 0.35, 0.15
+"""By how much a pair of one view stands out more than those of all others, natural logarithm: where a frame is missing,
+and at least where the view by itself shows that one is."""
 
 
 class PointsFollowed:
@@ -113,12 +115,12 @@ def _skips_by_change(most: Array, bends: Array) -> Bools:
     the pairs before and after, or what it would be if it went on growing as it does up to there from either side.
     """
     skips = np.zeros(len(most), bool)
-    if len(most) < _FEWEST:
+    if len(most) < _MIN_PAIRS:
         return skips
     before, here, after = most[1:-3], most[2:-2], most[3:-1]
     expected = np.max([before, after, 2 * before - most[:-4], 2 * after - most[4:]], axis=0)
     deviation = NORMAL_MAD * float(np.median(np.abs(bends[1:-1])))
-    skips[2:-2] = np.log(here / expected) > max(_SKIPPED, _DEVIATIONS * deviation)
+    skips[2:-2] = np.log(here / expected) > max(_MIN_EXCESS, _MIN_EXCESS_SIGMAS * deviation)
     return skips
 
 
@@ -139,7 +141,7 @@ def skipped_pairs(views: Sequence[PairChanges]) -> list[Bools]:
         others = np.delete(bends, v, axis=0)
         alone = view.bends - np.maximum(np.delete(around, v, axis=0).max(axis=0), 0.0)
         deviation = NORMAL_MAD * float(np.median(np.abs(view.bends - np.median(others, axis=0))))
-        enough = len(alone) >= _FEWEST
-        skips = enough & view.moving & (alone > max(_ALONE, _DEVIATIONS * deviation))
-        found.append(skips | (view.skips & (alone > _HARDLY)))
+        enough = len(alone) >= _MIN_PAIRS
+        skips = enough & view.moving & (alone > max(_SURPLUS_WITH_MISSING, _MIN_EXCESS_SIGMAS * deviation))
+        found.append(skips | (view.skips & (alone > _MIN_SURPLUS)))
     return found

@@ -29,7 +29,7 @@ PRIOR_BACKGROUND_SHARE = 0.05
 """Prior mean of the share of a part's pixels that look like background though the part is right; it weighs as much as
 one observation."""
 SHARE_MARGIN = 0.02
-"""This share is kept from 0 and 1 by this much."""
+"""Least distance of this share from 0 and 1."""
 SHARE_PRECISION = 20.0
 """How little this share varies, as a number of observations (precision of a beta distribution)."""
 REVEAL_PROBABILITY = 0.5
