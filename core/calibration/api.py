@@ -23,7 +23,7 @@ from .solving.clocks import Clocks
 from .video_markers import VideoMarkers, find_all, find_wand
 from .wand_calibration import solve_capture
 
-_SEEING, _MEASURED, _ALMOST = 0.6, 0.9, 0.95
+_MARKERS_FOUND, _BALLS_REMEASURED, _CAMERAS_SOLVED = 0.6, 0.9, 0.95
 """Fractions of the work after which markers are found, small ones measured again, and cameras solved from these."""
 
 
@@ -52,13 +52,15 @@ def calibrate(
     """
     if isinstance(source, Capture):
         return solve_capture(source, progress, drift=drift)
-    found = find_all(source, share(progress, 0.0, _SEEING))
-    middle = (_SEEING + _MEASURED) / 2
+    found = find_all(source, share(progress, 0.0, _MARKERS_FOUND))
+    middle = (_MARKERS_FOUND + _BALLS_REMEASURED) / 2
     doubtful = list(_doubtful(found))
-    first = _first(found, doubtful, share(progress, _SEEING, middle), drift=drift)
-    found = remeasured(found.with_lframes_identified(first), first, share(progress, middle, _MEASURED))
-    solution = solve_capture(found.capture(first.cameras), share(progress, _MEASURED, _ALMOST), drift=drift)
-    solution = _with_lframe_remeasured(found, solution, share(progress, _ALMOST, 1.0), drift=drift)
+    first = _first(found, doubtful, share(progress, _MARKERS_FOUND, middle), drift=drift)
+    found = remeasured(found.with_lframes_identified(first), first, share(progress, middle, _BALLS_REMEASURED))
+    solution = solve_capture(
+        found.capture(first.cameras), share(progress, _BALLS_REMEASURED, _CAMERAS_SOLVED), drift=drift
+    )
+    solution = _with_lframe_remeasured(found, solution, share(progress, _CAMERAS_SOLVED, 1.0), drift=drift)
     missed = tuple(lframe_missed(camera) for camera in found.without_lframe())
     return replace(solution, findings=(*solution.findings, *doubtful, *missed))
 
@@ -120,8 +122,8 @@ def synchronise_take(
     """
     if isinstance(source, Capture):
         return synchronise(source, cameras, progress, drift=drift)
-    capture = _wands(source, cameras, share(progress, 0.0, _SEEING))
-    return synchronise(capture, cameras, share(progress, _SEEING, 1.0), drift=drift)
+    capture = _wands(source, cameras, share(progress, 0.0, _MARKERS_FOUND))
+    return synchronise(capture, cameras, share(progress, _MARKERS_FOUND, 1.0), drift=drift)
 
 
 def _wands(videos: CaptureVideos, cameras: Mapping[str, Camera], progress: Progress | None) -> Capture:

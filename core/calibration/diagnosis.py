@@ -27,13 +27,13 @@ MIN_AGREEING_SHARE = 0.3
 """Least fraction of the balls that must agree with two views' epipolar geometry, as some always do by chance."""
 MIN_USED_SHARE = 0.3
 """Least fraction of a camera's balls that the solution must explain as the wand's."""
-SMALL_SHARE, TOO_SMALL_SHARE = 0.02, 0.1
+FLAGGED_NOISE_SHARE, REFUSED_NOISE_SHARE = 0.02, 0.1
 """Noise of the balls, relative to the wand's length in the picture, from which a capture is flagged, and refused."""
 MIN_DEPTH_RATIO = 1.15
 """Ratio of the wand's largest to its smallest distance from a camera, below which it stayed at one depth."""
 MIN_THICKNESS = 0.03
 """Ratio of thickness to width below which a cloud of balls is a plane."""
-VAGUE_FOCAL, VAGUE_OFFSET = 0.01, 0.1
+MAX_FOCAL_SIGMA, MAX_OFFSET_SIGMA = 0.01, 0.1
 """Standard deviations from which a focal length (relative) and an offset (frames) are flagged as uncertain."""
 MIN_COVERAGE = 0.12
 """Fraction of a picture covered by the wand, below which distortion elsewhere is a guess."""
@@ -67,7 +67,7 @@ def check_capture(capture: Capture) -> None:
         if whole < MIN_LINK_FRAMES:
             raise findings.few_shared(view.camera, whole, MIN_LINK_FRAMES).error()
         pixels, share = _wand_in_picture(view.wand.points, view.wand.sigma)
-        if share > TOO_SMALL_SHARE:
+        if share > REFUSED_NOISE_SHARE:
             raise findings.too_small(view.camera, pixels, share).error()
 
 
@@ -157,7 +157,7 @@ def doubts(solution: CalibrationResult) -> Iterator[Finding]:
     covered, sigma = coverage(solution), solution.sigma
     for c, view in enumerate(solution.capture.views):
         pixels, share = _wand_in_picture(view.wand.points, view.wand.sigma * solution.noise)
-        if share > SMALL_SHARE:
+        if share > FLAGGED_NOISE_SHARE:
             yield findings.too_small(view.camera, pixels, share)
         shared = _shared_frames(solution, c)
         if shared < FEW_SHARED_FRAMES:
@@ -166,9 +166,9 @@ def doubts(solution: CalibrationResult) -> Iterator[Finding]:
             yield findings.in_a_plane(view.camera)
         if far[c] < MIN_DEPTH_RATIO * near[c]:
             yield findings.one_depth(view.camera, near[c], far[c])
-        if sigma[c, FOCAL] > VAGUE_FOCAL:
+        if sigma[c, FOCAL] > MAX_FOCAL_SIGMA:
             yield findings.focal_vague(view.camera, sigma[c, FOCAL])
-        if sigma[c, OFFSET] > VAGUE_OFFSET:
+        if sigma[c, OFFSET] > MAX_OFFSET_SIGMA:
             yield findings.offset_vague(view.camera, sigma[c, OFFSET])
         if covered[c] < MIN_COVERAGE:
             yield findings.little_covered(view.camera, covered[c])

@@ -14,7 +14,7 @@ _MIN_DIFFERENCE = 72
 """Difference of neighbouring lines, summed over the colours, that is larger than noise, levels."""
 _MAX_FIELD_DIFFERENCE = 0.5
 """Largest difference between the lines of one field, relative to that."""
-_FEWEST, _COMBED = 60, 0.05
+_MIN_COMBED_PIXELS, _MIN_COMBED_SHARE = 60, 0.05
 """Number of combed pixels, and their fraction of all such steps, from which a video is interlaced: thin rods cause
 some.
 """
@@ -37,4 +37,4 @@ def shows_two_fields(images: Sequence[Image], background: Image) -> bool:
         comb = (step > _MIN_DIFFERENCE) & ((b - a) * (b - c) > 0)
         comb &= (np.abs(a - c) < _MAX_FIELD_DIFFERENCE * step) & (np.abs(b - d) < _MAX_FIELD_DIFFERENCE * step)
         combed, steps = combed + int(comb.sum()), steps + int((step > _MIN_DIFFERENCE).sum())
-    return combed >= _FEWEST and combed > _COMBED * steps
+    return combed >= _MIN_COMBED_PIXELS and combed > _MIN_COMBED_SHARE * steps

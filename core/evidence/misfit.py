@@ -18,7 +18,7 @@ from .rendering.label_images import render_labels
 from .rendering.part_geometry import Geometry
 from .view_frames import ViewFrames, views_with_foreground
 
-NEAR, FAR = 0.2, 0.4
+OWN_REACH, SEARCH_REACH = 0.2, 0.4
 """Distances from the model up to which uncovered foreground counts as the performer's, and up to which a lost limb is
 searched for, metres.
 """
@@ -39,8 +39,8 @@ class Misfit:
         Area of uncovered foreground near each of N performers divided by the length of the model's outline, metres; NaN
         where the view does not see the performer.
     areas : ndarray, shape (V, N, F)
-        Area of foreground from `OUTSIDE_MARGIN` to `FAR` from a performer and farther than `OUTSIDE_MARGIN` from all
-        others, square metres at the performer's distance.
+        Area of foreground from `OUTSIDE_MARGIN` to `SEARCH_REACH` from a performer and farther than `OUTSIDE_MARGIN`
+        from all others, square metres at the performer's distance.
     visible : ndarray, shape (V, F, P)
         Visible area of each part without a margin along the outline, square metres.
     background : ndarray, shape (V, F, P)
@@ -121,8 +121,8 @@ def most_explained(
 ) -> Array:
     """Return the most that a performer could explain of some of F frames of a view, however its limbs turn, shape (n,).
 
-    That is the sum of the positive log likelihood ratios of all pixels within `FAR` of the model, each with the
-    likeliest of the colours of the performer's parts.
+    That is the sum of the positive log likelihood ratios of all pixels within `SEARCH_REACH` of the model, each with
+    the likeliest of the colours of the performer's parts.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def most_explained(
         coloured = view.part_colours(first + f, 1, _STRIDE)
         if coloured is not None:
             ratio = ratio + coloured.colours.ratio[own].max(axis=0)[coloured.palette[0]]
-        reach = FAR * view.pixels_per_metre(T[f].mean(axis=0), first + f) / _STRIDE
+        reach = SEARCH_REACH * view.pixels_per_metre(T[f].mean(axis=0), first + f) / _STRIDE
         within = _distance(labels.part[0] >= 0) < reach
         most[k] = _STRIDE**2 * np.maximum(ratio[within], 0).sum(dtype=float)
     return most
@@ -161,7 +161,7 @@ def _view_misfit(
     labels = render_labels(geometry, view.camera.subsampled(_STRIDE), first, R, T)
     scale = view.pixels_per_metre(T.mean(axis=(0, 1)), first) / _STRIDE
     left, top, right, bottom = labels.box()
-    margin = int(np.ceil(FAR * scale)) + 1
+    margin = int(np.ceil(SEARCH_REACH * scale)) + 1
     window = (
         slice(None),
         slice(max(top - margin, 0), bottom + margin),
@@ -181,9 +181,9 @@ def _view_misfit(
         for f in np.flatnonzero(models.any(axis=(1, 2))):
             beyond = _distance(models[f])
             outline = np.count_nonzero((beyond > 0) & (beyond < 1.2))
-            gaps[n, f] = float(shown[f][beyond < NEAR * scale].sum()) / max(outline, 1) / scale
+            gaps[n, f] = float(shown[f][beyond < OWN_REACH * scale].sum()) / max(outline, 1) / scale
             beside = apart[f] if apart is not None else beyond > OUTSIDE_MARGIN * scale
-            areas[n, f] = float(shown[f][beside & (beyond < FAR * scale)].sum()) / scale**2
+            areas[n, f] = float(shown[f][beside & (beyond < SEARCH_REACH * scale)].sum()) / scale**2
             within = cv2.distanceTransform(models[f].astype(np.uint8), cv2.DIST_L2, 3) > max(INSIDE_MARGIN * scale, 1.0)
             whose = part[f][within]
             pixels[f] += np.bincount(whose, minlength=P)

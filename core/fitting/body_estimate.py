@@ -20,9 +20,9 @@ SIZE_SIGMA = 0.08
 LENGTH_SIGMA = 0.08
 """Standard deviation of a part's length, relative to what the size suggests; for widths see
 `core.evidence.part_shapes.STRETCH_SIGMA`."""
-SIDES_STRETCH, SIDES_SHIFT = 0.02, 0.004
+STRETCH_ASYMMETRY, SHIFT_ASYMMETRY = 0.02, 0.004
 """Standard deviation of the difference between left and right parts: relative for lengths, in metres for shifts."""
-OFFSET, LIMB_OFFSET = 0.03, 0.01
+OFFSET_SIGMA, LIMB_OFFSET_SIGMA = 0.03, 0.01
 """Standard deviations of the offsets of keypoints from their landmarks, and along limbs, metres. Along limbs they are
 smaller than for a motion (`core.keypoints.keypoint_places`): a few frames cannot tell an offset from a limb's
 length."""
@@ -91,11 +91,11 @@ class BodyEstimate:
         )
         names = self.keypoints.names
         limbs = [name.endswith(("Elbow", "Wrist", "Knee", "Ankle")) for name in names]
-        deviation[1 + PART_DOF * P :] = np.repeat(np.where(limbs, LIMB_OFFSET, OFFSET), 3)
+        deviation[1 + PART_DOF * P :] = np.repeat(np.where(limbs, LIMB_OFFSET_SIGMA, OFFSET_SIGMA), 3)
         H = np.diag(1 / deviation**2)
         for left, right in mirrored_parts(self.body):
             for k, sign in enumerate((1, 1, 1, -1, 1, 1)):  # a bone's frame is mirrored along its x axis
                 row = np.zeros(len(H))
                 row[1 + PART_DOF * left + k], row[1 + PART_DOF * right + k] = 1, -sign
-                H += np.outer(row, row) / (SIDES_STRETCH if k < 3 else SIDES_SHIFT) ** 2
+                H += np.outer(row, row) / (STRETCH_ASYMMETRY if k < 3 else SHIFT_ASYMMETRY) ** 2
         return H

@@ -42,7 +42,7 @@ from .body_estimate import PART_DOF, BodyEstimate
 from .key_frame_views import KeyFrameView, posed_key_frames, read_key_frames
 from .outline_fit import OutlineProblem, RefinementStage, coarse_to_fine, key_foreground, key_outlines, outline_products
 
-POSED_ROOT, POSED_JOINT = 0.03, 0.08
+POSED_ROOT_SIGMA, POSED_JOINT_SIGMA = 0.03, 0.08
 """Standard deviation of a key pose that was set with a body of other proportions, metres and radians."""
 FIT_STAGES = (
     RefinementStage(0.25, 4.0, 8, excess=0.4),
@@ -203,7 +203,7 @@ def _prior(estimate: BodyEstimate) -> DenseEquations:
     H, g = np.zeros((n + K * D, n + K * D)), np.zeros(n + K * D)
     H[:n, :n] = estimate.prior()
     g[:n] = H[:n, :n] @ estimate.shape
-    weight = 1 / np.tile([POSED_ROOT] * 3 + [POSED_JOINT] * (D - 3), K) ** 2
+    weight = 1 / np.tile([POSED_ROOT_SIGMA] * 3 + [POSED_JOINT_SIGMA] * (D - 3), K) ** 2
     posed = np.arange(n, n + K * D)
     H[posed, posed], g[n:] = weight, weight * estimate.posed.ravel()
     limits = posture_prior(estimate.body, estimate.motions[0.0], rest=False)

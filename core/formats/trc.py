@@ -22,7 +22,7 @@ METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 WORLD_OF_Y_UP = [2, 0, 1]
 _TRC_OF_WORLD = [1, 2, 0]
 _HEADER_LINES = 5
-_ROOM, _SPARSEST = 1_000_000, 10
+_MIN_VALUES_ALLOWED, _MAX_VALUES_PER_CHARACTER = 1_000_000, 10
 """Number of values for which memory is allocated regardless of the file's length, and beyond that, per character of the
 file: most values may be missing."""
 
@@ -74,7 +74,7 @@ def _landmarks(lines: list[str], path: Path) -> Landmarks:
         raise LandmarkError(f"landmark '{twice}' is named twice", where=f"{path} line 4")
     rows = [(number, line) for number, line in enumerate(lines[_HEADER_LINES:], _HEADER_LINES + 1) if line.strip()]
     cells = 3 * len(names) * len(rows)
-    if cells > _ROOM + _SPARSEST * sum(map(len, lines)):
+    if cells > _MIN_VALUES_ALLOWED + _MAX_VALUES_PER_CHARACTER * sum(map(len, lines)):
         what = f"{len(names)} landmarks on {len(rows)} frames, nearly all of them empty"
         raise LandmarkError(f"is not a TRC file, or not whole: {what}", where=str(path))
     values = np.full((len(rows), 3 * len(names)), np.nan)

@@ -32,7 +32,7 @@ REST_SIGMA = 1.0
 """Standard deviation of a joint's rotation from rest, radians."""
 BALANCE_SIGMA = 0.1
 """Standard deviation of the horizontal distance between the centre of mass and the feet, metres."""
-MOVEMENT, SPEED = 0.05, 0.7
+MOVEMENT_SIGMA, SPEED_SIGMA = 0.05, 0.7
 """Standard deviation of a joint's distance from its position in a known pose: at the same time, metres, and growing
 with time, metres/s."""
 SAME_POSE_DISTANCE = 0.05
@@ -128,7 +128,7 @@ def implausibility(body: Body, poses: Motion, neighbours: Sequence[Neighbour] = 
     names = _limb_landmarks(body)
     for near in neighbours:
         apart = landmark_positions(body, poses, names) - landmark_positions(body, near.pose, names)
-        energy = energy + np.sum(apart**2, axis=(1, 2)) / (MOVEMENT + SPEED * near.seconds) ** 2
+        energy = energy + np.sum(apart**2, axis=(1, 2)) / (MOVEMENT_SIGMA + SPEED_SIGMA * near.seconds) ** 2
     return np.asarray(energy)
 
 

@@ -43,7 +43,7 @@ MIN_RADIUS = 0.03
 """Least such radius, metres, so that hands and feet, too, turn no more than necessary."""
 DEPTH_SIGMA = 0.1
 """Standard deviation of the depth of a landmark clicked in one view alone, metres."""
-STEPS, FEW = 40, 10
+MAX_STEPS, TRIAL_STEPS = 40, 10
 """Largest number of steps of a fit, and of a trial fit that is only compared with others."""
 MIN_GAIN = 1e-4
 """A fit ends when a step lowers the energy by less than this, relative."""
@@ -148,7 +148,7 @@ class ClickSolver:
         self._precision = movement_precision(body)
 
     def fit(
-        self, clicks: Keypoints, start: ClickFit | None = None, steps: int = STEPS, search: bool = True
+        self, clicks: Keypoints, start: ClickFit | None = None, steps: int = MAX_STEPS, search: bool = True
     ) -> ClickFit:
         """Fit a pose to clicks.
 
@@ -181,7 +181,7 @@ class ClickSolver:
         best = problem.descended(begin.pose, steps)
         count = clicks.confidence.sum()
         if search and count >= MIN_CLICKS and best.energy > MAX_CLICK_ENERGY * count and not self._held[0, :6].any():
-            others = [replace(problem, given=g).descended(g, FEW) for g in self._elsewhere(problem)]
+            others = [replace(problem, given=g).descended(g, TRIAL_STEPS) for g in self._elsewhere(problem)]
             other = min(others, key=lambda fit: fit.energy)
             if other.energy < best.energy:
                 best = replace(problem, given=other.given).descended(other.pose, steps)
@@ -218,7 +218,7 @@ class ClickSolver:
         for angle in np.pi * np.array([0.0, 0.5, 1.0, -0.5]):
             Q = self.given.rotations.copy()
             Q[:, 0] = upright.T @ rotations.exp(np.array([0.0, 0.0, angle])) @ upright @ Q[:, 0]
-            found.append(rigid.descended(rigid.nearest(Motion(self.given.translations, Q)), FEW).pose)
+            found.append(rigid.descended(rigid.nearest(Motion(self.given.translations, Q)), TRIAL_STEPS).pose)
         points, _ = triangulate(problem.clicks)
         known = [i for i, name in enumerate(problem.clicks.names) if name in self.body.landmarks]
         if np.isfinite(points[0, known]).all(axis=-1).sum() >= MIN_CLICKS:

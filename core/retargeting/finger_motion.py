@@ -16,7 +16,7 @@ SMOOTHING_TIME = 0.04
 UNSEEN_WEIGHT = 0.01
 """Weight of frames without data, which are interpolated linearly: it keeps the smooth curve from overshooting in
 gaps."""
-_BONES, _SECOND = 3, (1.0, -2.0, 1.0)
+_BONES_PER_FINGER, _SECOND_DIFFERENCE = 3, (1.0, -2.0, 1.0)
 
 
 def seen_directions(points_world: Array, fps: float) -> dict[str, Array]:
@@ -46,11 +46,11 @@ def seen_directions(points_world: Array, fps: float) -> dict[str, Array]:
     palm = np.stack([across, along, np.cross(across, along)], axis=2)
     found = {}
     for finger in FINGERS:
-        joints = np.stack([at[f"{finger.capitalize()}{k + 1}"] for k in range(_BONES + 1)], axis=1)
+        joints = np.stack([at[f"{finger.capitalize()}{k + 1}"] for k in range(_BONES_PER_FINGER + 1)], axis=1)
         bones = np.einsum("fab,fka->fkb", palm, np.diff(joints, axis=1))
         bones = bones / np.linalg.norm(bones, axis=-1, keepdims=True)
         if np.isfinite(bones).all(axis=-1).any(axis=0).all():
-            found[finger] = np.stack([_smooth(bones[:, k], fps) for k in range(_BONES)], axis=1)
+            found[finger] = np.stack([_smooth(bones[:, k], fps) for k in range(_BONES_PER_FINGER)], axis=1)
     return found
 
 
@@ -65,8 +65,8 @@ def _smooth(directions: Array, fps: float) -> Array:
     if F > 2:
         A = np.zeros((3, F))  # upper bands
         A[2] = np.where(known, 1.0, UNSEEN_WEIGHT)
-        for i, a in enumerate(_SECOND):
-            for j, b in enumerate(_SECOND[i:], start=i):
+        for i, a in enumerate(_SECOND_DIFFERENCE):
+            for j, b in enumerate(_SECOND_DIFFERENCE[i:], start=i):
                 A[2 - (j - i), j : F - 2 + j] += (SMOOTHING_TIME * fps) ** 4 * a * b
         filled = solveh_banded(A, np.where(known, 1.0, UNSEEN_WEIGHT)[:, None] * filled)
     return np.asarray(filled / np.maximum(np.linalg.norm(filled, axis=1, keepdims=True), 1e-12))
@@ -99,7 +99,7 @@ def finger_motion(rest: RestSkeleton, bones: BoneMap, hands_world: Array, fps: f
         for finger, seen in seen_directions(points, fps).items():
             chain = rest.indices(bones.bones.get(f"{finger}.{side}", ()))
             above = np.broadcast_to(np.eye(3), (len(seen), 3, 3))
-            for k, j in enumerate(chain[:_BONES]):
+            for k, j in enumerate(chain[:_BONES_PER_FINGER]):
                 end = rest.heads[chain[k + 1]] if k + 1 < len(chain) else rest.tails[j]
                 way = end - rest.heads[j]
                 length = np.linalg.norm(way)

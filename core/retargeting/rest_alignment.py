@@ -16,7 +16,7 @@ from .roles import FINGERS, PARENTS, SIDES, BoneMap, parent_role
 
 _UP = np.array([0.0, 0.0, 1.0])
 _NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shin", "shin": "foot", "foot": "toe"}
-_LEAST_TOES, _TOES = 0.2, 0.5
+_MIN_TOE_LENGTH, _USUAL_TOE_LENGTH = 0.2, 0.5
 """Least length of toes that is not arbitrary, and usual length, in units of the distance from ankle to ball."""
 _STRAY_COSINE = np.cos(np.radians(40))  # at a larger angle to the forearm, the tail of a hand's bone is arbitrary
 
@@ -220,8 +220,8 @@ def toe_reach(rest: RestSkeleton, bones: BoneMap, side: str) -> float:
     [j] = rest.indices(bones.bones[f"toe.{side}"])
     toes = rest.tails[j] - rest.heads[j]
     ahead = float(toes @ way) / ball
-    shown = _LEAST_TOES * ball < ahead < ball and ahead > 0.5 * np.linalg.norm(toes)
-    return ball + (ahead if shown else _TOES * ball)
+    shown = _MIN_TOE_LENGTH * ball < ahead < ball and ahead > 0.5 * np.linalg.norm(toes)
+    return ball + (ahead if shown else _USUAL_TOE_LENGTH * ball)
 
 
 def feet_point_back(rest: RestSkeleton, bones: BoneMap) -> bool:

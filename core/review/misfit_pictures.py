@@ -14,7 +14,7 @@ from ..body.motion import Motion
 from ..body.time_shift import poses_after
 from ..errors import ShotError
 from ..evidence.foreground_images.foreground import SURE_LOG_RATIO, foreground_images, log_ratio
-from ..evidence.misfit import NEAR
+from ..evidence.misfit import OWN_REACH
 from ..evidence.rendering.label_images import render_labels
 from ..evidence.rendering.part_geometry import Geometry
 from ..evidence.view_frames import ViewFrames
@@ -91,7 +91,7 @@ def misfit_picture(shot: Shot, view: View, motions: Sequence[Motion], frame: int
     masks = {frames.index(key): models[frames.index(key)] for key in keys}
     now = frames.index(frame)
     ratio = log_ratio(foreground_images(colour, masks, scale, camera.stands_still)[now])
-    return _tinted(colour[now], ratio, models[now], NEAR * scale)
+    return _tinted(colour[now], ratio, models[now], OWN_REACH * scale)
 
 
 def _tinted(picture: Image, ratio: NDArray[np.float32], model: NDArray[np.bool_], near: float) -> MisfitPicture:

@@ -168,7 +168,7 @@ def fixed_degrees(performer: Performer, first: int, last: int) -> NDArray[np.boo
     return fixed
 
 
-ONE_VIEW, SEVERAL_VIEWS = (0.2, 0.25), (0.1, 0.1)
+ONE_VIEW_LENGTHS, SEVERAL_VIEWS_LENGTHS = (0.2, 0.25), (0.1, 0.1)
 """Correlation lengths of pixels and of outlines, metres; with several views, the width of a limb."""
 
 
@@ -272,7 +272,7 @@ class Settings:
     @property
     def lengths(self) -> tuple[float, float]:
         """Correlation lengths of pixels and of outlines, metres: as given, or else those for one view."""
-        pixels, outlines = ONE_VIEW
+        pixels, outlines = ONE_VIEW_LENGTHS
         return self.correlation_length or pixels, self.outline_correlation or outlines
 
     @property
@@ -290,7 +290,7 @@ class Settings:
         """
         shown = key_frames > 2 or keypoint_views > 1
         can_estimate = views > 1 and shown and self.solver_estimates
-        settings = self.with_lengths(*SEVERAL_VIEWS) if can_estimate else self
+        settings = self.with_lengths(*SEVERAL_VIEWS_LENGTHS) if can_estimate else self
         return replace(
             settings,
             estimate_smoothness=True if can_estimate and self.estimate_smoothness is None else self.estimate_smoothness,
@@ -344,7 +344,7 @@ class Shot:
         """
         if len(self.views) < 2 or self._fewest_keys < 2 or not self.settings.solver_estimates:
             return self
-        return replace(self, settings=self.settings.with_lengths(*SEVERAL_VIEWS))
+        return replace(self, settings=self.settings.with_lengths(*SEVERAL_VIEWS_LENGTHS))
 
     @property
     def _fewest_keys(self) -> int:

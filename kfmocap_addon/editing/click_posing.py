@@ -14,7 +14,7 @@ from ...core.cameras.camera import Camera
 from ...core.errors import KeypointError
 from ...core.numerics.arrays import Array
 from ...core.posing.alternatives import Neighbour, alternative_poses
-from ...core.posing.clicks import STEPS, Click, ClickFit, ClickSolver, click_keypoints, pixel, ray
+from ...core.posing.clicks import MAX_STEPS, Click, ClickFit, ClickSolver, click_keypoints, pixel, ray
 from ...core.posing.depth import limb_flipped
 from ...core.posing.standing import lowest_point
 from ..scene_io import active_performer, joint_marks
@@ -138,7 +138,7 @@ class Placing:
         """Add or move a mark, and fit the pose to all marks."""
         x, y = pixel(self._cameras[view].matrix, place)
         self.marks[view, landmark] = float(x), float(y)
-        self._fit(DRAGGING_STEPS if dragging else STEPS, search=not dragging)
+        self._fit(DRAGGING_STEPS if dragging else MAX_STEPS, search=not dragging)
 
     def unmark(self, view: str, landmark: str) -> None:
         """Remove a mark."""
@@ -152,7 +152,7 @@ class Placing:
         flipped = limb_flipped(self.body, self.pose, landmark, R[2])
         pose = self._given.moved(np.where(self._held, 0.0, self._given.difference(flipped)))
         self.fitted = ClickFit(pose, pose)
-        self._fit(STEPS, search=False)
+        self._fit(MAX_STEPS, search=False)
 
     def ask_alternatives(self, view: str) -> None:
         """Find the poses that look alike from a view, and show the likeliest if the present one is clearly less likely;
@@ -170,7 +170,7 @@ class Placing:
         """Pose the body as in an alternative, fitted to the marks."""
         poses = self.alternatives if alternatives is None else alternatives
         self.fitted = ClickFit(poses[number], poses[number])
-        self._fit(STEPS, search=False)
+        self._fit(MAX_STEPS, search=False)
         self.alternatives, self.alternative = poses, number
 
     def bones_of_alternatives(self) -> Array:
@@ -206,7 +206,7 @@ class Placing:
             poses = body_channels.motion_of_values(armature, values)
         return float(lowest_point(self.body, poses).min())
 
-    def _fit(self, steps: int = STEPS, search: bool = True) -> None:
+    def _fit(self, steps: int = MAX_STEPS, search: bool = True) -> None:
         """Pose the body on the marks, from the pose that it has."""
         self.alternatives = []
         clicks = [

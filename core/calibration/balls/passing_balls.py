@@ -32,7 +32,8 @@ _HALF_WINDOW = 26  # of a window around a peak, pixels
 _EDGE = 3  # pixels from the picture's edge within which a part of a ball may be missing
 _MIN_SAMPLES = 4  # samples of a ball's colour
 _OTHERS = 2  # peaks of a frame that may be balls of the wand: the next one is noise, or something else
-_SURER, _OWN = 1.4, 0.1  # a ball's peak, as a multiple of those, but no more than a share of the samples' own
+_MIN_PEAK_RATIO = 1.4  # of a ball's peak to the peaks that follow
+_MAX_SAMPLE_SHARE = 0.1  # but no more than this share of the peaks of the samples
 _MIN_PEAK_SIGMAS = 6.0  # of the noise's deviations that a peak is high
 _MAX_PEAKS = 6  # peaks that are measured on a frame
 _CORE_SHARE = 0.4  # of the highest share of a ball
@@ -45,7 +46,8 @@ _BLUR_SIGMA = 1.3  # deviation of lens, sensor and smoothing together, pixels
 _MAX_BREADTH = 2.5  # how many times as broad as a ball's own a trace may be, squared
 _MIN_SIGMA, _PATH_SHARE = 0.15, 0.12  # deviation of a centroid, pixels, and as a share of half the path
 _SHADING_SHARE = 0.18  # of the radius: what light from one side, a rod or a hand shift the centroid
-_SPARSE, _LIT, _BURNT, _FEWEST_LIT = 8, 0.05, 0.98, 50  # of the pixels by which a frame's exposure is estimated: levels
+_EXPOSURE_STRIDE = 8  # between the pixels by which a frame's exposure is estimated
+_MIN_LIT_LEVEL, _MAX_LIT_LEVEL, _MIN_LIT_PIXELS = 0.05, 0.98, 50  # levels of these pixels, and how many are needed
 _MIN_NOISE = 0.5 / 255  # levels from 0 to 1
 _MIN_LIGHT = 0.02  # levels from 0 to 1
 
@@ -118,10 +120,10 @@ class Backdrop:
         return PassingFrame(even, gain, added)
 
     def _gain(self, even: Image) -> Image:
-        own = even[::_SPARSE, ::_SPARSE].reshape(-1, 3) / np.float32(255)
-        behind = self.levels[::_SPARSE, ::_SPARSE].reshape(-1, 3)
-        lit = (behind > _LIT).all(axis=1) & (own < _BURNT).all(axis=1)
-        if lit.sum() < _FEWEST_LIT:
+        own = even[::_EXPOSURE_STRIDE, ::_EXPOSURE_STRIDE].reshape(-1, 3) / np.float32(255)
+        behind = self.levels[::_EXPOSURE_STRIDE, ::_EXPOSURE_STRIDE].reshape(-1, 3)
+        lit = (behind > _MIN_LIT_LEVEL).all(axis=1) & (own < _MAX_LIT_LEVEL).all(axis=1)
+        if lit.sum() < _MIN_LIT_PIXELS:
             return np.ones(3, np.float32)
         return np.asarray(np.median(own[lit] / behind[lit], axis=0))
 
@@ -204,8 +206,8 @@ class PassingBalls:
                     own.append(float(heights[near][0]))
                     if (again := found._measured(frame, places[near][0])) is not None:
                         sizes.append(ball.radius / float(np.linalg.norm(again[1], -2)))
-        above = _SURER * float(np.median(others))
-        threshold = max(_MIN_PEAK_SIGMAS, min(above, _OWN * float(np.median(own or [np.inf]))))
+        above = _MIN_PEAK_RATIO * float(np.median(others))
+        threshold = max(_MIN_PEAK_SIGMAS, min(above, _MAX_SAMPLE_SHARE * float(np.median(own or [np.inf]))))
         return replace(found, threshold=threshold, size=float(np.median(sizes or [1.0])))
 
     def find(self, frame: PassingFrame) -> SmallBalls:

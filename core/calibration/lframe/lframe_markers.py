@@ -22,7 +22,7 @@ from ..balls.ball_detection import Picture, find_balls, find_spots, without_rods
 from ..balls.found_balls import Balls
 from .lframe_detection import TRIED_FOCALS, LFrameModel, LFrameUnseenError, identified, standing
 
-_PICTURES, _MAX_PICTURES = 15, 200
+_SEARCHED_PICTURES, _AVERAGED_PICTURES = 15, 200
 """Frames on which balls are looked for, and of which the mean is taken."""
 _MAX_CANDIDATES, _MAX_ALONE = 40, 12
 """How many things of the balls' colour are considered at most: by all views together, and by one view alone."""
@@ -182,7 +182,7 @@ def _as_spheres(balls: Balls, size: tuple[int, int]) -> Balls:
     return replace(balls, shapes=balls.semi_axes[:, 1, None, None] * longer)
 
 
-def spread_out(path: Path, most: int = _PICTURES) -> Iterator[NDArray[np.uint8]]:
+def spread_out(path: Path, most: int = _SEARCHED_PICTURES) -> Iterator[NDArray[np.uint8]]:
     """A few frames spread over a video."""
     return islice(islice(pictures(path), 0, None, max(1, probe(path).count // most)), most)
 
@@ -190,7 +190,7 @@ def spread_out(path: Path, most: int = _PICTURES) -> Iterator[NDArray[np.uint8]]
 def still_picture(path: Path) -> Array:
     """Return the mean of the frames of a video in which nothing moves, shape (h, w, 3), levels."""
     total, count = np.zeros(1), 0
-    for image in spread_out(path, _MAX_PICTURES):
+    for image in spread_out(path, _AVERAGED_PICTURES):
         total, count = total + image, count + 1
     return total / max(count, 1)
 

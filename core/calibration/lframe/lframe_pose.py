@@ -19,7 +19,7 @@ from ..solving.wand_triangulation import projected, rays, triangulated
 
 _SYSTEMATIC_SHARE = 0.1
 """Fraction of a ball's standard deviation that averaging over frames does not remove."""
-_SCALE_SHARE, _SHAPE_METRES = 0.01, 5e-3
+_MAX_SCALE_DIFFERENCE, _MAX_SHAPE_DIFFERENCE = 0.01, 5e-3
 """Differences in size (relative) and shape (metres) that careful measuring cannot explain."""
 _SIGNIFICANT_SIGMAS = 5.0  # standard deviations
 _MOVED_PIXELS = 1.5
@@ -177,13 +177,13 @@ def check_lframe(placement: LFramePose, rig: Rig, measures: Array, length: float
     """
     sigma = np.hypot(LFRAME_SIGMA, placement.sigma)
     miss = np.linalg.norm(placement.misfit, axis=1)
-    if np.nanmax(miss) > max(_SHAPE_METRES, _SIGNIFICANT_SIGMAS * sigma):
+    if np.nanmax(miss) > max(_MAX_SHAPE_DIFFERENCE, _SIGNIFICANT_SIGMAS * sigma):
         ball = int(np.nanargmax(miss))
         worst = 1000 * float(np.nanmax(miss))
         what = f"ball {ball + 1} of the L-frame lies {worst:.0f} mm from where the other balls and its measures say"
         raise findings.contradicting(what).error()
     size = np.sqrt(((measures - measures.mean(axis=0)) ** 2).sum())
-    if abs(placement.scale - 1) > max(_SCALE_SHARE, _SIGNIFICANT_SIGMAS * sigma / size):
+    if abs(placement.scale - 1) > max(_MAX_SCALE_DIFFERENCE, _SIGNIFICANT_SIGMAS * sigma / size):
         raise findings.wrong_length(placement.scale, length).error()
     if (rig.centres_world[:, 2] < 0).all():
         raise findings.lframe_mirrored().error()

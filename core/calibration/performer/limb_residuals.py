@@ -34,7 +34,7 @@ LENGTH_SIGMA = 0.02
 """Standard deviation of a limb's length as detected, metres: a detector's joints do not lie exactly at its ends."""
 PROPORTION_SIGMA = 0.08
 """Standard deviation of people's proportions, as a share."""
-USUAL_FOCAL, FOCAL_SPREAD = 0.9, 0.35
+USUAL_FOCAL, LOG_FOCAL_SIGMA = 0.9, 0.35
 """Usual focal length of a camera, as a share of the picture's longer side, and the standard deviation of its logarithm.
 """
 _ROBUST_SCALE = 3.0
@@ -194,9 +194,9 @@ def joint_equations(
     build = np.log(scene.lengths / usual) / PROPORTION_SIGMA
     own = columns.length + np.arange(len(usual))[:, None]
     rows.append(_ResidualRows(build, own, np.full(own.shape, 1 / PROPORTION_SIGMA), float((build**2).sum())))
-    lens = np.log(scene.rig.focal.mean(axis=1) / (USUAL_FOCAL * seen.sizes.max(axis=1))) / FOCAL_SPREAD
+    lens = np.log(scene.rig.focal.mean(axis=1) / (USUAL_FOCAL * seen.sizes.max(axis=1))) / LOG_FOCAL_SIGMA
     own = (columns.camera + CAMERA_DOF * np.arange(len(lens)) + FOCAL)[:, None]
-    rows.append(_ResidualRows(lens, own, np.full(own.shape, 1 / FOCAL_SPREAD), float((lens**2).sum())))
+    rows.append(_ResidualRows(lens, own, np.full(own.shape, 1 / LOG_FOCAL_SIGMA), float((lens**2).sum())))
     J = sparse.vstack([block.matrix(columns.count) for block in rows]).tocsc()[:, np.flatnonzero(free)]
     residual = np.concatenate([block.residual for block in rows])
     return SparseEquations((J.T @ J).tocsc(), J.T @ residual, sum(block.cost for block in rows))

@@ -20,9 +20,9 @@ from ...numerics.arrays import Array
 from ...numerics.robust_kernels import NORMAL_MAD, Cauchy
 from .limb_bundle import SINGLE_BONES
 from .limb_residuals import (
-    FOCAL_SPREAD,
     JOINTS,
     LIMB_ENDS,
+    LOG_FOCAL_SIGMA,
     PROPORTION_SIGMA,
     USUAL_FOCAL,
     JointSightings,
@@ -33,7 +33,7 @@ from .performer_world import ANKLE_SHARE, LEVEL_SIGMA
 
 TILT_SIGMA = np.radians(10.0)
 """Standard deviation of the tilt of a camera from the horizontal, radians."""
-USUAL_HEIGHT, HEIGHT_SPREAD = 1.3, 0.5
+USUAL_HEIGHT, LOG_HEIGHT_SIGMA = 1.3, 0.5
 """Usual height of a camera above the floor, metres, and the standard deviation of its logarithm."""
 SWAY_SIGMA = np.radians(5.0)
 """Standard deviation of a performer's lean to one side of the picture, radians, in the median over a shot."""
@@ -133,8 +133,8 @@ def camera_by_performer(
 
     def setting(x: Array) -> _Setting:
         usual = USUAL_FOCAL * max(view.size)
-        matrix = view.matrix(usual if knows_lens else usual * np.exp(FOCAL_SPREAD * x[3]))
-        return _Setting(TILT_SIGMA * x[0], LEVEL_SIGMA * x[1], USUAL_HEIGHT * np.exp(HEIGHT_SPREAD * x[2]), matrix)
+        matrix = view.matrix(usual if knows_lens else usual * np.exp(LOG_FOCAL_SIGMA * x[3]))
+        return _Setting(TILT_SIGMA * x[0], LEVEL_SIGMA * x[1], USUAL_HEIGHT * np.exp(LOG_HEIGHT_SIGMA * x[2]), matrix)
 
     def residuals(x: Array) -> Array:
         """All residuals in standard deviations, as are the unknowns themselves, relative to their usual values."""
@@ -148,7 +148,7 @@ def camera_by_performer(
         _camera(view, best, standing.first_hips(best)),
         float(best.tilt),
         float(TILT_SIGMA * deviation[0]),
-        0.0 if knows_lens else float(FOCAL_SPREAD * deviation[3]),
+        0.0 if knows_lens else float(LOG_FOCAL_SIGMA * deviation[3]),
         int(np.isfinite(standing.ankles).all(axis=2).any(axis=1).sum()),
     )
 

@@ -31,7 +31,7 @@ _UNCROSSED_SHARE = 0.4
 """Fraction of agreeing balls from which the other order of the ends is not tried."""
 _SUFFICIENT_AGREEMENT = 0.9
 """Agreement, relative to the best possible, from which no other seed is tried."""
-_LOOSE, _TIGHT = 10.0, 3.0
+_FIRST_SCALE, _ADJUSTED_SCALE = 10.0, 3.0
 """Scales of the robust loss, in standard deviations, for cameras that are a first guess and for adjusted ones."""
 _RESECTION_PIXELS = 12.0  # tolerance of a ball's residual while distortion is unknown
 
@@ -273,7 +273,7 @@ def _adjusted(rig: Rig, tracks: Tracks, lenses: Sequence[Lens], length: float, c
     """Adjust the cameras, first with a loose and then with a tight loss; None if they see the wand nowhere."""
     free = np.stack([unknown_lens(lens) for lens in lenses])
     fit = None
-    for scale, tolerance in ((_LOOSE, 0.3), (_TIGHT, 0.15)):
+    for scale, tolerance in ((_FIRST_SCALE, 0.3), (_ADJUSTED_SCALE, 0.15)):
         noise = scale if fit is None else max(scale, fit.noise)
         sighting = sight(rig, tracks, length, noise, tolerance)
         if sighting.known.sum() < MIN_LINK_FRAMES // 2:
@@ -298,7 +298,7 @@ def _resected(
 ) -> Rig | None:
     """Return one more camera, as a rig of one, by resection from the wand that the others see."""
     assert link.geometry is not None
-    sighting = sight(rig.take(known), tracks.views(known), length, _TIGHT)
+    sighting = sight(rig.take(known), tracks.views(known), length, _ADJUSTED_SCALE)
     usable = sighting.known & tracks.seen[new].all(axis=1)
     points, uv = sighting.ends_world[usable].reshape(-1, 3), tracks.points[new, usable].reshape(-1, 2)
     if len(points) < MIN_LINK_FRAMES:
@@ -319,7 +319,7 @@ def _resected(
     seen = BallObservations(v, np.tile([0, 1], usable.sum()), f, uv, tracks.sigma[new, usable].ravel())
     scene = Scene(alone, sighting.wand(tracks.frames, length))
     free = unknown_lens(lens)[None]
-    for scale in (3 * _LOOSE, _TIGHT):
+    for scale in (3 * _FIRST_SCALE, _ADJUSTED_SCALE):
         scene = adjust(
             scene, BundleEvidence(seen), free, scale=scale, tolerance=1e-3, free_wand=False, cancel=cancel
         ).scene

@@ -21,13 +21,13 @@ COMPARED_PAIRS = 4
 """Number of pairs of frames before and after a pair with which it is compared."""
 _BLOCKS = 32
 """Number of blocks along the longer side of a picture."""
-_TIMES, _LEVELS, _SHARE = 4.0, 6.0, 0.02
+_MIN_CHANGE_RATIO, _MIN_CHANGE, _MIN_BLOCK_SHARE = 4.0, 6.0, 0.02
 """A pair is discontinuous ("torn") if at least a share of its blocks changes by several times as much as usual, and by
 a number of grey levels: factor, grey levels, share of the blocks."""
-_ALIKE, _SINGLE = 0.5, 2
+_SAME_CHANGE_SHARE, _MAX_SINGLE_PAIRS = 0.5, 2
 """Neighbouring pairs show the same change if they share this fraction of their changed blocks. One bad frame makes two
 such pairs; if there are more, or one of the two is not torn by itself, something starts to move."""
-_MOVING, _STILL, _NOISE = 1.0, 0.1, 0.5
+_MIN_MOTION, _MAX_STILL_RATIO, _MIN_NOISE_RATIO = 1.0, 0.1, 0.5
 """Change, in grey levels, of the most changed twentieth of the blocks in a picture that moves; the change in a repeated
 frame compared with the stillest quarter around, and that of its median block, which shows noise, compared with the
 usual one: where a fist turns back it is nearly still, but noise goes on."""
@@ -84,19 +84,23 @@ def torn_pairs(changes: Sequence[Array]) -> Bools:
     ]
     # Whatever moves into a block comes from a neighbouring one.
     usual = [cv2.dilate(m, np.ones((3, 3))) if j else m for m, j in zip(_medians(D, near), near, strict=True)]
-    changed = np.array([(np.maximum(_TIMES * u, _LEVELS) < d).mean() for u, d in zip(usual, D, strict=True)])
+    changed = np.array(
+        [(np.maximum(_MIN_CHANGE_RATIO * u, _MIN_CHANGE) < d).mean() for u, d in zip(usual, D, strict=True)]
+    )
     moved = np.array([most_changed(change) for change in D])
     changed_around, moved_around = _medians(changed, near), _medians(moved, near)
     noise = np.median(D.reshape(len(D), -1), axis=1)
     noise_around = _medians(noise, near)
     torn = np.zeros(len(D), bool)
     # Something large and fast changes other blocks every time, but so it does before and after.
-    most = _SHARE + _TIMES * changed_around
+    most = _MIN_BLOCK_SHARE + _MIN_CHANGE_RATIO * changed_around
     for k in range(2, len(D) - 2):  # at the ends nothing shows whether a change lasts
-        alike = _run(changed > _ALIKE * changed[k], k)
-        torn[k] |= changed[k] > most[k] and len(alike) <= _SINGLE and bool((changed[alike] > most[alike]).all())
-        if moved_around[k] > _MOVING and noise[k] <= _NOISE * noise_around[k]:
-            torn[k : k + 2] |= moved[k] < _STILL * np.quantile(moved[near[k]], 0.25)
+        alike = _run(changed > _SAME_CHANGE_SHARE * changed[k], k)
+        torn[k] |= (
+            changed[k] > most[k] and len(alike) <= _MAX_SINGLE_PAIRS and bool((changed[alike] > most[alike]).all())
+        )
+        if moved_around[k] > _MIN_MOTION and noise[k] <= _MIN_NOISE_RATIO * noise_around[k]:
+            torn[k : k + 2] |= moved[k] < _MAX_STILL_RATIO * np.quantile(moved[near[k]], 0.25)
     return torn
 
 

@@ -26,9 +26,9 @@ FOLLOWED_PICTURES = 2
 """Number of pictures before a pair, and after it, through which points are followed."""
 _POINT_SPACING = 4
 """Distance of the points, pixels."""
-_LEAST, _SHARE = 1.5, 0.3
+_MIN_WAY, _MIN_WAY_SHARE = 1.5, 0.3
 """Ways through three pairs that count: pixels, and in terms of the longest twentieth."""
-_BACK, _OFF = 0.5, 0.15
+_MAX_RETURN_ERROR, _MAX_RELATIVE_RETURN_ERROR = 0.5, 0.15
 """How near flow must lead a point back to its place: pixels, or relative to its way."""
 _MIN_SPEED_RATIO = 1.15
 """How much faster than before and after it motion must be across a pair for all ways to be followed."""
@@ -94,7 +94,7 @@ def followed(pictures: Sequence[NDArray[np.uint8]]) -> Ways:
     later, ahead = _moved(there, field(3, 4))
     total = steps - returns + ahead
     length = np.linalg.norm(total, axis=-1)
-    moving = length > max(_LEAST, _SHARE * float(np.quantile(length, 0.95)))
+    moving = length > max(_MIN_WAY, _MIN_WAY_SHARE * float(np.quantile(length, 0.95)))
     here, before, after = (np.linalg.norm(way, axis=-1)[moving] for way in (steps, returns, ahead))
     if not len(here) or float(np.quantile(here / np.maximum(before + after, 1e-6), 0.75)) < _MIN_SPEED_RATIO / 2:
         return Ways(np.zeros(0), np.zeros((5, 0)))
@@ -104,7 +104,7 @@ def followed(pictures: Sequence[NDArray[np.uint8]]) -> Ways:
         (there, later, ahead, (4, 3)),
     ):
         missed = np.linalg.norm(_moved(end, field(*pair))[0] - origin, axis=-1)
-        moving &= missed < np.maximum(_BACK, _OFF * np.linalg.norm(way, axis=-1))
+        moving &= missed < np.maximum(_MAX_RETURN_ERROR, _MAX_RELATIVE_RETURN_ERROR * np.linalg.norm(way, axis=-1))
     ways = -_moved(earlier, field(1, 0))[1], -returns, steps, ahead, _moved(later, field(4, 5))[1]
     direction = total / np.maximum(length, 1e-6)[..., None]
     along = np.array([(way * direction).sum(axis=-1)[moving] for way in ways])

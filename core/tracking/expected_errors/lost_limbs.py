@@ -19,7 +19,7 @@ from ...evidence.misfit import Misfit
 from ...keypoints.keypoint_factor import KeypointFactor
 from ...numerics.arrays import Array, Bools, Ints
 
-LOSING, FINDING = 0.002, 0.1
+LOSS_PROBABILITY, RECOVERY_PROBABILITY = 0.002, 0.1
 """Probabilities per frame that a part that is found gets lost, and that a lost one is found again."""
 PATCH_SIDE = 0.05
 """Side of a square on the body whose pixels count as one observation, metres; of somebody far away every pixel does."""
@@ -116,14 +116,14 @@ def _chain_probabilities(log_odds: Array) -> Array:
     """
     F = len(log_odds)
     forward, backward = np.empty(F), np.zeros(F)
-    forward[0] = np.log(LOSING / FINDING) + log_odds[0]
+    forward[0] = np.log(LOSS_PROBABILITY / RECOVERY_PROBABILITY) + log_odds[0]
     for f in range(1, F):
         before = expit(forward[f - 1])
-        lost = before * (1 - FINDING) + (1 - before) * LOSING
+        lost = before * (1 - RECOVERY_PROBABILITY) + (1 - before) * LOSS_PROBABILITY
         forward[f] = np.log(lost / (1 - lost)) + log_odds[f]
     for f in range(F - 2, -1, -1):
         odds = log_odds[f + 1] + backward[f + 1]
-        if_lost = np.logaddexp(np.log(1 - FINDING) + odds, np.log(FINDING))
-        if_found = np.logaddexp(np.log(LOSING) + odds, np.log(1 - LOSING))
+        if_lost = np.logaddexp(np.log(1 - RECOVERY_PROBABILITY) + odds, np.log(RECOVERY_PROBABILITY))
+        if_found = np.logaddexp(np.log(LOSS_PROBABILITY) + odds, np.log(1 - LOSS_PROBABILITY))
         backward[f] = if_lost - if_found
     return np.asarray(expit(forward + backward))

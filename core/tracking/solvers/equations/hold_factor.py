@@ -22,7 +22,7 @@ from ....numerics.normal_equations import BandedEquations
 from ....shot.holds import Hold
 from ....shot.shot import Performer
 
-PLACE, TURN = 0.005, 0.05
+GRIP_POSITION_SIGMA, GRIP_ROTATION_SIGMA = 0.005, 0.05
 """Standard deviations of the prop's position in the hand along each axis, metres, and of its rotation about each,
 radians: fingers give way a little, and the model's hand is a single rigid part."""
 
@@ -82,8 +82,14 @@ class HoldFactor:
         ):
             twist = twist_jacobian(bodies[i], *pose)[:, part]
             move = twist[:, :3] - rotations.skew(point) @ twist[:, 3:]
-            jacobians.append(sign * np.concatenate([move / PLACE, twist[:, 3:] / TURN], axis=1))
-        return np.concatenate([away / PLACE, turned / TURN], axis=1), jacobians[0], jacobians[1]
+            jacobians.append(
+                sign * np.concatenate([move / GRIP_POSITION_SIGMA, twist[:, 3:] / GRIP_ROTATION_SIGMA], axis=1)
+            )
+        return (
+            np.concatenate([away / GRIP_POSITION_SIGMA, turned / GRIP_ROTATION_SIGMA], axis=1),
+            jacobians[0],
+            jacobians[1],
+        )
 
     @property
     def _tied(self) -> tuple[int, int]:

@@ -33,8 +33,8 @@ RANDOM_POSE_SIGMA = 0.5
 """Standard deviation of poses drawn around each key pose, radians, for a joint with a range of half a circle."""
 RANDOM_POSES = 60
 """Poses drawn around each key pose, to learn how brightness changes where no limb has its side."""
-_POINTS = 16
-_AT_A_TIME, _FRAMES = 256, 16  # poses, but at least so many frames
+_POINTS_PER_PART = 16
+_POSE_BATCH, _MIN_FRAME_BATCH = 256, 16  # poses, but at least so many frames
 _MIN_RANGE = 0.05
 
 
@@ -186,7 +186,7 @@ def side_log_ratios(limb: LimbModel, looks: Sequence[UncoveredImages]) -> Array:
 def _samples(geometry: Geometry, parts: Sequence[int], rng: Generator) -> tuple[Array, Array]:
     """Random points inside the parts, (n, points, 3), and the parts' mean projected areas (n,), square metres."""
     vertices = [geometry.vertices[geometry.spans[part]] for part in parts]
-    points = [rng.dirichlet(np.full(len(v), 0.3), _POINTS) @ v for v in vertices]
+    points = [rng.dirichlet(np.full(len(v), 0.3), _POINTS_PER_PART) @ v for v in vertices]
     return np.array(points), shown_areas(geometry, parts)
 
 
@@ -214,7 +214,7 @@ def pixel_log_ratios(limb: LimbModel, uncovered: Sequence[UncoveredImages], draw
 
 
 def _chunks(frames: int, poses: int) -> Iterator[slice]:
-    step = max(_AT_A_TIME // poses, _FRAMES)
+    step = max(_POSE_BATCH // poses, _MIN_FRAME_BATCH)
     return (slice(f, min(f + step, frames)) for f in range(0, frames, step))
 
 

@@ -18,7 +18,13 @@ from kfmocap.core.shot.holds import Grip, Hold
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot
 from kfmocap.core.tracking.retracking import digest
 from kfmocap.core.tracking.segment_stages import SegmentData, TrackState, segment_problem
-from kfmocap.core.tracking.solvers.equations.hold_factor import PLACE, TURN, HoldFactor, hold_factors, tied_systems
+from kfmocap.core.tracking.solvers.equations.hold_factor import (
+    GRIP_POSITION_SIGMA,
+    GRIP_ROTATION_SIGMA,
+    HoldFactor,
+    hold_factors,
+    tied_systems,
+)
 from kfmocap.core.tracking.solvers.sequential_start import excerpt
 from kfmocap.core.tracking.tracker import track
 from synthetic import box, figure, film, look_at, random_motion, shot_of, swing
@@ -113,8 +119,8 @@ def test_the_prop_stays_in_the_hand_on_the_frames_of_the_hold_and_on_no_others()
     begin = shaken(2, 0.1)
     found = settled(begin, factor_of([0, 5, 11]), (1 / 0.1**2, 1 / 0.1**2))
     place, turn = apart(found)
-    assert place.max() < PLACE
-    assert turn.max() < TURN
+    assert place.max() < GRIP_POSITION_SIGMA
+    assert turn.max() < GRIP_ROTATION_SIGMA
     for i, motion in enumerate(found):
         moved = np.abs(motion.difference(begin[i])).max(axis=1)
         assert moved[HELD[0] : HELD[1] + 1].min() > 1e-3
@@ -144,8 +150,8 @@ def test_a_performer_whose_motion_is_given_stays_and_leads() -> None:
     found = settled(begin, factor_of([0, 5, 11]), (1.0, 1 / 0.2**2), sought=(1,))
     assert found[0] is begin[0]
     place, turn = apart(found)
-    assert place.max() < PLACE
-    assert turn.max() < TURN
+    assert place.max() < GRIP_POSITION_SIGMA
+    assert turn.max() < GRIP_ROTATION_SIGMA
 
 
 def test_performers_without_a_hold_are_solved_by_themselves() -> None:
@@ -255,5 +261,5 @@ def test_a_held_prop_is_tracked_nearer_to_the_truth_and_in_the_hand(tracked: dic
     errors = {held: np.linalg.norm(ends(found) - ends(TRUTH), axis=-1)[1:-1].mean() for held, found in tracked.items()}
     assert errors[True] < 0.6 * errors[False]
     place, turn = apart(tracked[True], slice(0, FRAMES))
-    assert place.max() < 2 * PLACE
-    assert turn.max() < 2 * TURN
+    assert place.max() < 2 * GRIP_POSITION_SIGMA
+    assert turn.max() < 2 * GRIP_ROTATION_SIGMA
