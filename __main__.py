@@ -80,7 +80,7 @@ class _BlenderProcess:
             with blender_needed():
                 self._loaded.result()
 
-    def expect(self, shot: Shot, home: Path) -> None:
+    def prepare(self, shot: Shot, home: Path) -> None:
         """Have a scene built for a shot that is going to be written to a folder; returns at once."""
         self._shown = self._thread.submit(self._process.call, partial(_showing, shot, home))
 

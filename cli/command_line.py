@@ -97,7 +97,7 @@ def _workers_ahead(args: argparse.Namespace, services: Services) -> Iterator[Ser
         return
     with closing(WorkerMemory(limit=0)) as workers:
         package = __package__.rpartition(".")[0]
-        workers.expect(2, tuple(f"{package}.{module}" for module in WORKING))
+        workers.start_workers(2, tuple(f"{package}.{module}" for module in WORKING))
         yield replace(services, workers=workers)
 
 

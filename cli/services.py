@@ -36,7 +36,7 @@ class OutputRequest:
         Per performer: points of the hands, see `core.keypoints.hand_points`, or None for files without fingers. Empty
         for no fingers at all.
     shown : bool
-        Whether Blender's scene shows the shot already, as after `BlenderWriter.expect`.
+        Whether Blender's scene shows the shot already, as after `BlenderWriter.prepare`.
     """
 
     folder: Path
@@ -95,7 +95,7 @@ class BlenderWriter(Protocol):
             It does not; writing raises the same error.
         """
 
-    def expect(self, shot: Shot, home: Path) -> None:
+    def prepare(self, shot: Shot, home: Path) -> None:
         """Prepare everything for a shot that does not depend on its motion, if another process can do so.
 
         Returns at once; errors are raised when the results are written.

@@ -73,7 +73,7 @@ def run(args: argparse.Namespace, services: Services) -> int:
             if worker_count(spec.settings.threads if args.threads is None else args.threads) == 1:
                 memory.close()
             # Other processes load their modules while this one fits the key poses.
-            memory.expect(workers_for(spec, args.threads), (*WORKER_MODULES, camera_fits.__module__))
+            memory.start_workers(workers_for(spec, args.threads), (*WORKER_MODULES, camera_fits.__module__))
         with nullcontext() if args.no_blender else services.blender_beside() as blender:
             return _run(args, services, memory, blender)
 
@@ -193,7 +193,7 @@ def run_track(
     times = Seconds(seconds or {})
     with staged(out_dir, names) as stage, ExitStack() as stack:
         if blender is not None and not open_scene:
-            blender.expect(shot, out_dir)
+            blender.prepare(shot, out_dir)
         if memory is None:
             memory = stack.enter_context(closing(WorkerMemory(limit=0)))
         check = _CameraCheck(shot)

@@ -43,7 +43,7 @@ class BatchSession:
     def check(self) -> None:
         """Do nothing: Blender is loaded already."""
 
-    def expect(self, shot: Shot, home: Path) -> None:
+    def prepare(self, shot: Shot, home: Path) -> None:
         """Do nothing: Blender is in this process, and cannot prepare a scene while it tracks."""
 
     def show_shot(self, shot: Shot, home: Path) -> None:

@@ -96,7 +96,7 @@ class WorkerMemory:
             raise
         self._pool = pool
 
-    def expect(self, workers: int, imports: Sequence[str] = ()) -> None:
+    def start_workers(self, workers: int, imports: Sequence[str] = ()) -> None:
         """Start the processes of a pool in advance, so that they are ready when it is needed."""
         with self.pool(workers, imports):
             pass

@@ -81,9 +81,10 @@ class SegmentSchedule:
         self.state, self.seconds = begin, Seconds()
         self._begin, self._shot, self._observed, self._pool, self._threads = begin, shot, observed, pool, threads
         self._segments, self._observe, self._show, self._kept = segments(shot), observe, show, finished
-        self._report, self._earlier = _Report(shot, progress), earlier
+        self._overall, self._earlier = _OverallProgress(shot, progress), earlier
         whole = set(whole_keys(shot, 0, shot.length - 1).tolist())
-        self._goes_on = [k > 0 and first not in whole for k, (first, _) in enumerate(self._segments)]
+        # Segments that begin on no key pose of the whole body continue the motion of the one before.
+        self._continues = [k > 0 and first not in whole for k, (first, _) in enumerate(self._segments)]
         self._views: list[tuple[ViewFrames | StoredView, ...]] = []
         self._solving: list[Future[SolvedSegment] | FinishedSegment] = []
         self._refining: list[Future[RefinedSegment] | FinishedSegment] = []
@@ -93,33 +94,33 @@ class SegmentSchedule:
     def add(self, views: tuple[ViewFrames | StoredView, ...]) -> None:
         """Take the views of the next segment; returns once no more segments are in work than there are workers."""
         k = len(self._solving)
-        self._collect(k if self._goes_on[k] else k - self._pool.workers + 1)
+        self._await_solved(k if self._continues[k] else k - self._pool.workers + 1)
         self._views.append(views)
         if (known := self._kept.known.get(self._segments[k])) is not None:
-            self._report.part(self._segments[k], 1.0)(1.0)
+            self._overall.part(self._segments[k], 1.0)(1.0)
             self._solving.append(known)
             if self._show is not None:
                 self._show(known.segment, known.motions)
         else:
-            state = self.state if self._goes_on[k] else self._begin
+            state = self.state if self._continues[k] else self._begin
             work = partial(solve_task, self._task(k, state), self._observed, self._earlier, watch=self._watcher(k))
             solving: Future[SolvedSegment] = self._pool.submit(
-                work, self._report.part(self._segments[k], SOLVING_SHARE)
+                work, self._overall.part(self._segments[k], SOLVING_SHARE)
             )
-            solving.add_done_callback(lambda done: self._show_motions(done, k, lambda s: s.solution.motions))
+            solving.add_done_callback(lambda done: self._hand_out(done, k, lambda s: s.solution.motions))
             self._solving.append(solving)
         if self._pool.workers == 1:
-            self._collect(k + 1)
+            self._await_solved(k + 1)
 
-    def finish(self, solved: Callable[[TrackState], None] | None = None) -> tuple[TrackState, list[FinishedSegment]]:
+    def finish(self, on_solved: Callable[[TrackState], None] | None = None) -> tuple[TrackState, list[FinishedSegment]]:
         """Wait for all segments; returns the shot with all segments refined, and the finished segments.
 
-        `solved` is called with the state once all segments are solved, before the last ones are refined.
+        `on_solved` is called with the state once all segments are solved, before the last ones are refined.
         """
-        self._collect(len(self._segments))
-        if solved is not None:
-            solved(self.state)
-        self._finish(len(self._segments))
+        self._await_solved(len(self._segments))
+        if on_solved is not None:
+            on_solved(self.state)
+        self._await_refined(len(self._segments))
         state = self.state
         for done in self._done:
             state = state.with_solution(done.segment, done.motions)
@@ -131,12 +132,12 @@ class SegmentSchedule:
     def _watcher(self, k: int) -> Watcher | None:
         return None if self._observe is None else partial(self._observe, self._segments[k])
 
-    def _show_motions(self, done: Future[Any], k: int, motions: Callable[[Any], tuple[Motion, ...]]) -> None:
+    def _hand_out(self, done: Future[Any], k: int, motions: Callable[[Any], tuple[Motion, ...]]) -> None:
         """Hand out the motions of a segment that is done; its errors are raised elsewhere."""
         if self._show is not None and not done.cancelled() and done.exception() is None:
             self._show(self._segments[k], motions(done.result()))
 
-    def _collect(self, count: int) -> None:
+    def _await_solved(self, count: int) -> None:
         """Wait until `count` segments are solved; the refinement of each begins once the next one is solved."""
         while self._solved < count:
             k, found = self._solved, self._solving[self._solved]
@@ -161,16 +162,16 @@ class SegmentSchedule:
         elif (solved := found.result()).finished is not None:
             self._refining.append(solved.finished)
         else:
-            if self._goes_on[k]:
-                self._finish(k)
+            if self._continues[k]:
+                self._await_refined(k)
                 state = state.with_solution(self._segments[k - 1], self._done[k - 1].motions)
             work = partial(refine_task, self._task(k, state), solved, self._shapes_beside(k), watch=self._watcher(k))
             refining: Future[RefinedSegment] = self._pool.submit(
-                work, self._report.part(self._segments[k], 1 - SOLVING_SHARE)
+                work, self._overall.part(self._segments[k], 1 - SOLVING_SHARE)
             )
-            refining.add_done_callback(lambda done: self._show_motions(done, k, lambda r: r.finished.motions))
+            refining.add_done_callback(lambda done: self._hand_out(done, k, lambda r: r.finished.motions))
             self._refining.append(refining)
-        self._finish(k - 2 * self._pool.workers)
+        self._await_refined(k - 2 * self._pool.workers)
 
     def _shapes_beside(self, k: int) -> list[ShapeEvidence]:
         """What the key frames of the segments beside a segment, which are solved, say about the shapes of the parts."""
@@ -178,7 +179,7 @@ class SegmentSchedule:
         each = [found.shape if isinstance(found, FinishedSegment) else found.result().shape for found in beside]
         return [shape for shape in each if shape is not None]
 
-    def _finish(self, count: int) -> None:
+    def _await_refined(self, count: int) -> None:
         """Wait until `count` segments are refined, write them to the journal, and release their pictures."""
         for k in range(len(self._done), len(self._refining)):
             refining = self._refining[k]
@@ -197,7 +198,7 @@ class SegmentSchedule:
             self._views[k] = ()
 
 
-class _Report:
+class _OverallProgress:
     """Reports progress over all segments of a shot, which are in work at the same time."""
 
     def __init__(self, shot: Shot, progress: Progress | None) -> None:

@@ -538,7 +538,7 @@ from kfmocap.cli import command_line
 from kfmocap.core.runtime.worker_memory import WorkerMemory
 
 started, closed = [], []
-WorkerMemory.expect = lambda memory, workers, imports: started.append((workers, imports, "numpy" in sys.modules))
+WorkerMemory.start_workers = lambda memory, workers, imports: started.append((workers, imports, "numpy" in sys.modules))
 WorkerMemory.close = lambda memory: closed.append(True)
 command_line.os.cpu_count = lambda: 2
 assert command_line.main(["track", "none.toml", "--out", sys.argv[1], "--threads", sys.argv[2]]) == 1

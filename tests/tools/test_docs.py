@@ -94,7 +94,7 @@ def test_modules_and_functions_that_are_named_exist(page: Path) -> None:
 def test_imports_in_examples_work(page: Path) -> None:
     for block in re.findall(r"```python\n(.*?)```", text_of(page), re.DOTALL):
         for node in ast.walk(ast.parse(block)):
-            if isinstance(node, ast.ImportFrom) and node.module:
+            if isinstance(node, ast.ImportFrom) and node.module and not node.level:  # others: test_addon_example_tool
                 module = importlib.import_module(node.module)
                 assert all(hasattr(module, alias.name) for alias in node.names), node.module
 

@@ -50,11 +50,11 @@ def test_a_worker_remembers_from_one_job_to_the_next() -> None:
 
 def test_processes_that_are_expected_are_those_of_the_pool() -> None:
     with closing(WorkerMemory()) as memory:
-        memory.expect(2)
+        memory.start_workers(2)
         with memory.pool(2) as pool:
             started = pool
         assert memory.workers == 2
-        memory.expect(2)
+        memory.start_workers(2)
         with memory.pool(2) as pool:
             assert pool is started
         with memory.pool(3) as pool:
