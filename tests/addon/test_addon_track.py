@@ -1,10 +1,7 @@
-"""Tracking in Blender: all of a shot or some stretches; it can be cancelled, undone, and is the same again."""
+"""Tracking in Blender: all of a shot or some segments; it can be cancelled, undone, and is the same again."""
 
 from __future__ import annotations
 
-import os
-import re
-import time
 from contextlib import contextmanager
 from functools import partial
 from types import SimpleNamespace
@@ -14,23 +11,19 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-import job_functions  # noqa: E402
 from addon_shots import PARTS, blender, keys_of, motion, shot, tracker  # noqa: E402, F401
-from kfmocap.core.errors import CancelledError, CaptureError, ShotError  # noqa: E402
-from kfmocap.core.runtime.job import Job, duration  # noqa: E402
-from kfmocap.core.runtime.worker_memory import Remembering  # noqa: E402
+from kfmocap.core.errors import CancelledError, ShotError  # noqa: E402
+from kfmocap.core.runtime.job import Job  # noqa: E402
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate  # noqa: E402
 from kfmocap.core.shot.shot import Gap, Settings  # noqa: E402
 from kfmocap.core.tracking.late_views import LateView  # noqa: E402
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts  # noqa: E402
 from kfmocap.kfmocap_addon.operators import job_operator  # noqa: E402
-from kfmocap.kfmocap_addon.operators.job_operator import JobOperator  # noqa: E402
 from kfmocap.kfmocap_addon.operators.tracking.track_motion import Tracking  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import fcurves, scene, tracked_segments  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys.tracking_preview import TrackingPreview  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.review import faulty_footage  # noqa: E402
-from kfmocap.kfmocap_addon.session import SESSION  # noqa: E402
 from scene_state import differences, state  # noqa: E402
 from synthetic import CAMERAS, figure, film, look_at, shot_of, swing  # noqa: E402
 
@@ -87,14 +80,14 @@ def shift_key_pose(built, frame):
         ("track_changes", 3, (0, 11)),
     ],
 )
-def test_tools_track_the_stretches_that_they_say(built, tracker, tool, frame, tracked):  # noqa: F811
+def test_tools_track_the_segments_that_they_say(built, tracker, tool, frame, tracked):  # noqa: F811
     built.frame_set(frame + FRAME)
     assert getattr(bpy.ops.kfmocap, tool)() == {"FINISHED"}
     assert tracked_frames(tracker) == [tracked]
     assert generated(built) == [f for f in range(tracked[0], tracked[1] + 1) if f not in (0, 5, 11)]
 
 
-def test_other_stretches_stay_to_the_last_bit(built, tracker):  # noqa: F811
+def test_other_segments_stay_to_the_last_bit(built, tracker):  # noqa: F811
     bpy.ops.kfmocap.track()
     before = {k: fcurves.get_keys(c)[6:] for k, c in body_curves(built).items()}
     motion_curves.write_motion(armature_of(built), motion(4, seed=9), FRAME + 1)
@@ -121,14 +114,14 @@ def test_what_is_beside_is_held_where_it_is_tracked(built, tracker):  # noqa: F8
     assert np.abs(before[0].difference(motion(12)[[4]])).max() < 1e-5
 
 
-def test_changing_a_key_pose_tracks_the_stretches_beside_it_alone(built, tracker):  # noqa: F811
+def test_changing_a_key_pose_tracks_the_segments_beside_it_alone(built, tracker):  # noqa: F811
     bpy.ops.kfmocap.track()
     with pytest.raises(RuntimeError, match="nothing has changed"):
         bpy.ops.kfmocap.track_changes()
     shift_key_pose(built, 11)
     bpy.ops.kfmocap.track_changes()
     assert tracked_frames(tracker) == [(0, 11), (5, 11)]
-    shift_key_pose(built, 3)  # one more key pose: its own stretches are new
+    shift_key_pose(built, 3)  # one more key pose: its own segments are new
     bpy.ops.kfmocap.track_changes()
     assert tracked_frames(tracker)[2:] == [(0, 5)]
     with pytest.raises(RuntimeError, match="nothing has changed"):
@@ -174,7 +167,7 @@ def test_clear_between_leaves_an_edited_tracked_key(built):
         bpy.ops.kfmocap.clear_between(where="EVERYWHERE")
 
 
-def test_what_the_cameras_saw_of_other_stretches_stays(built, tracker):  # noqa: F811
+def test_what_the_cameras_saw_of_other_segments_stays(built, tracker):  # noqa: F811
     from kfmocap.kfmocap_addon.scene_io.review import bone_visibility
 
     given = scene.shot_from_scene(built)
@@ -312,123 +305,6 @@ def test_a_pose_that_is_not_keyed_outlives_a_tracking_that_fails(built, tracker)
     assert not differences(state(), before)
 
 
-class Tool(JobOperator):
-    """A modal tool outside Blender's window."""
-
-    bl_label = "Tool"
-
-    def __init__(self, work):
-        self.work, self.reports, self.finished = work, [], []
-
-    def prepare(self, context):
-        return self.work
-
-    def finish(self, context, result):
-        self.finished.append(result)
-
-    def report(self, kind, text):
-        self.reports.append((kind, text))
-
-
-def window():
-    """A context with a window that notes what is asked of it."""
-    manager = SimpleNamespace(
-        windows=[],
-        event_timer_add=lambda interval, window: "timer",
-        event_timer_remove=lambda timer: None,
-        progress_begin=lambda low, high: None,
-        progress_update=lambda value: None,
-        progress_end=lambda: None,
-        modal_handler_add=lambda tool: None,
-    )
-    workspace = SimpleNamespace(status=[])
-    workspace.status_text_set = workspace.status.append
-    screen = SimpleNamespace(areas=[])
-    return SimpleNamespace(
-        window_manager=manager, window=SimpleNamespace(screen=screen), workspace=workspace, screen=screen
-    )
-
-
-def event(kind, value="PRESS"):
-    return SimpleNamespace(type=kind, value=value, alt=False, ctrl=False, shift=False, mouse_x=5, mouse_y=5)
-
-
-def started(work, monkeypatch):
-    monkeypatch.setattr("kfmocap.kfmocap_addon.operators.job_operator.bpy.app", SimpleNamespace(background=False))
-    tool, context = Tool(work), window()
-    assert tool.invoke(context, event("LEFTMOUSE")) == {"RUNNING_MODAL"}
-    return tool, context
-
-
-def ended(tool, context):
-    """What the tool returns at its end."""
-    deadline = time.monotonic() + 30
-    while (outcome := tool.modal(context, event("TIMER"))) == {"PASS_THROUGH"} and time.monotonic() < deadline:
-        time.sleep(0.01)
-    return outcome
-
-
-def test_esc_answers_at_once_and_ends_the_work(monkeypatch, tmp_path):
-    tool, context = started(partial(job_functions.silent, tmp_path / "pid"), monkeypatch)
-    while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
-        time.sleep(0.01)
-    begin = time.monotonic()
-    assert tool.modal(context, event("ESC")) == {"CANCELLED"}
-    assert time.monotonic() - begin < 0.2
-    assert context.workspace.status[-1] is None and not tool.finished
-    tool.job._thread.join(5)
-    with pytest.raises(ProcessLookupError):
-        os.kill(int((tmp_path / "pid").read_text()), 0)
-    with pytest.raises(CancelledError):
-        tool.job.result()
-
-
-def test_a_job_that_ends_is_finished_once(monkeypatch):
-    tool, context = started(partial(job_functions.halfway, 42), monkeypatch)
-    assert ended(tool, context) == {"FINISHED"}
-    assert tool.finished == [42] and context.workspace.status[-1] is None
-    assert tool.job.state == ("half", 0.5) and re.match(r"Half 50%, \d+ s left", tool.job.status_text())
-
-
-def test_what_a_job_shows_is_updated_ten_times_a_second_at_most(monkeypatch):
-    tool, context = started(partial(job_functions.halfway, 42), monkeypatch)
-    while not tool.job.done:  # its worker, which the next job takes, is not left at work
-        time.sleep(0.01)
-    now, asked = [100.0], []
-    monkeypatch.setattr(job_operator, "time", SimpleNamespace(monotonic=lambda: now[0]))
-    tool.job = SimpleNamespace(
-        done=False, take_shown=lambda: asked.append(now[0]), status_text=lambda: "", cancelled=False
-    )
-    for _ in range(100):
-        assert tool.modal(context, event("TIMER")) == {"PASS_THROUGH"}
-        now[0] += 0.01
-    assert 9 <= len(asked) <= 10
-    tool.job = SimpleNamespace(done=True, cancelled=False, result=lambda: 7)
-    assert tool.modal(context, event("TIMER")) == {"FINISHED"} and tool.finished == [7], "its end does not wait"
-
-
-def test_errors_of_the_work_are_reported_as_they_were(monkeypatch):
-    tool, context = started(job_functions.failing, monkeypatch)
-    assert ended(tool, context) == {"CANCELLED"}
-    assert tool.reports == [({"ERROR"}, "wand.mp4: it lies in a plane (wave it about)")]
-    with pytest.raises(CaptureError) as caught:
-        tool.job.result()
-    assert caught.value.name == "wand-in-a-plane" and caught.value.where == "wand.mp4"
-
-
-def test_a_bug_in_the_work_is_not_swallowed(monkeypatch):
-    tool, context = started(job_functions.broken, monkeypatch)
-    with pytest.raises(ZeroDivisionError) as caught:
-        ended(tool, context)
-    assert "job_functions.py" in caught.value.__notes__[0]
-
-
-def test_work_that_dies_is_reported(monkeypatch):
-    tool, context = started(job_functions.killed, monkeypatch)
-    assert ended(tool, context) == {"CANCELLED"}
-    assert "ended unexpectedly" in tool.reports[0][1]
-
-
 def test_what_is_tracked_beside_blender_is_what_is_tracked_in_it(tmp_path):
     views = film(tmp_path, [figure()], [swing(figure(), 6)], [look_at("front", (0.5, -2.8, 1.5))])
     given = shot_of(views, [figure()], [swing(figure(), 6)], (0, 5))
@@ -438,18 +314,6 @@ def test_what_is_tracked_beside_blender_is_what_is_tracked_in_it(tmp_path):
     [there] = job.result()
     assert np.array_equal(here.motions[0].rotations, there.motions[0].rotations)
     assert np.array_equal(here.motions[0].translations, there.motions[0].translations)
-
-
-def test_the_next_job_runs_in_the_process_of_the_last(monkeypatch):
-    def process():
-        tool, context = started(job_functions.process_id, monkeypatch)
-        assert ended(tool, context) == {"FINISHED"}
-        return tool.finished[0]
-
-    first = process()
-    assert process() == first
-    SESSION.of(job_operator.WaitingWorkers).clear()
-    assert process() != first
 
 
 @pytest.fixture
@@ -486,19 +350,6 @@ def test_one_performer_is_tracked_where_another_has_no_key_pose(pair, tracker): 
     assert [p.name for p in tracker.shots[0].performers] == ["woman"]
     assert fcurves.find_channelbag(man.armature) is None
     assert motion_curves.keyed_frames(woman.armature, FRAME, 6).all()
-
-
-def test_interim_results_come_by_their_keys_each_once(tmp_path):
-    job = Job(Remembering(partial(job_functions.showing, tmp_path / "go"), shows=True))
-    shown = {}
-    deadline = time.monotonic() + 30
-    while shown != {"a": 3, "b": 2} and time.monotonic() < deadline:
-        shown |= job.take_shown()
-        time.sleep(0.01)
-    assert shown == {"a": 3, "b": 2} and job.take_shown() == {}
-    (tmp_path / "go").touch()
-    job._thread.join(30)
-    assert job.result() == "end"
 
 
 @pytest.mark.parametrize("scrubbed", [False, True])
@@ -540,54 +391,6 @@ def test_a_file_that_is_saved_while_it_is_tracked_holds_the_scene_as_it_was(buil
         bpy.ops.wm.open_mainfile(filepath=str(tmp_path / f"{name}.blend"))
         found.append(state())
     assert not differences(*found)
-
-
-def test_nothing_but_looking_reaches_blender_while_a_job_runs(monkeypatch, tmp_path):
-    tool, context = started(partial(job_functions.silent, tmp_path / "pid"), monkeypatch)
-    view = SimpleNamespace(type="WINDOW", x=0, y=0, width=100, height=100)
-    sidebar = SimpleNamespace(type="UI", x=80, y=0, width=20, height=100, tag_redraw=lambda: None)
-    space = SimpleNamespace(active=SimpleNamespace(lock_camera=False))
-    area = SimpleNamespace(
-        type="VIEW_3D", x=0, y=0, width=100, height=100, regions=[view, sidebar], spaces=space, tag_redraw=None
-    )
-    context.screen.areas.append(area)
-
-    def passes(kind, **changes):
-        given = event(kind)
-        vars(given).update(changes)
-        return tool.modal(context, given) == {"PASS_THROUGH"}
-
-    assert passes("MIDDLEMOUSE") and passes("WHEELUPMOUSE") and passes("NUMPAD_1") and passes("MOUSEMOVE")
-    assert not any(passes(kind) for kind in ("LEFTMOUSE", "G", "Z", "I", "SPACE", "RET", "DEL", "UP_ARROW"))
-    assert passes("LEFT_ARROW") and not passes("LEFT_ARROW", shift=True)
-    assert not passes("LEFTMOUSE", mouse_x=90)  # over the sidebar
-    assert not passes("NUMPAD_0", ctrl=True)  # makes another camera the scene's
-    assert not passes("WHEELUPMOUSE", alt=True)  # goes to another frame
-    assert not passes("WHEELUPMOUSE", mouse_x=90)  # over the sidebar, where it changes values
-    assert not passes("MIDDLEMOUSE", mouse_x=200)
-    space.active.lock_camera = True
-    assert not passes("MIDDLEMOUSE")  # would move the camera
-    tool.modal(context, event("ESC"))
-
-
-def test_frames_can_be_gone_through_and_the_work_ended_by_its_button(monkeypatch, tmp_path):
-    tool, context = started(partial(job_functions.silent, tmp_path / "pid"), monkeypatch)
-    bar = SimpleNamespace(type="WINDOW", x=0, y=30, width=100, height=70)
-    context.screen.areas.append(
-        SimpleNamespace(type="DOPESHEET_EDITOR", x=0, y=30, width=100, height=70, regions=[bar], tag_redraw=None)
-    )
-    places = {}
-    for y in (10, 40, 95):  # the status bar, the keys, the bar with the frames
-        given = event("LEFTMOUSE")
-        given.mouse_x, given.mouse_y = 50, y
-        places[y] = tool.modal(context, given)
-    assert places == {10: {"PASS_THROUGH"}, 40: {"RUNNING_MODAL"}, 95: {"PASS_THROUGH"}}
-    tool.job.cancel()
-    assert ended(tool, context) == {"CANCELLED"} and "cancelled" in tool.reports[-1][1] and not tool.finished
-
-
-def test_durations_are_written_as_people_write_them():
-    assert [duration(s) for s in (0.2, 59.4, 59.6, 125, 3725)] == ["0 s", "59 s", "1:00 min", "2:05 min", "1:02 h"]
 
 
 def test_parts_are_tracked_again_with_the_offset_found_on_the_whole_shot(built, tracker):  # noqa: F811

@@ -158,19 +158,19 @@ def test_a_shot_split_at_a_key_pose_gives_the_same_motion(views: list[View], set
         assert apart_mm(track(part).motions[0], whole[first : last + 1]).mean() < limit
 
 
-@pytest.mark.parametrize(("keys", "stretches"), [((0, LENGTH - 1), 1), ((0, 4, LENGTH - 1), 2)])
-def test_every_stretch_is_refined_the_only_one_as_well(
-    views: list[View], keys: Sequence[int], stretches: int, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("keys", "count"), [((0, LENGTH - 1), 1), ((0, 4, LENGTH - 1), 2)])
+def test_every_segment_is_refined_the_only_one_as_well(
+    views: list[View], keys: Sequence[int], count: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     refined = []
     refine = segment_tasks.refine_segment
     monkeypatch.setattr(segment_tasks, "refine_segment", lambda *a, **k: refined.append(a) or refine(*a, **k))
     track(shot(views, keys, Settings(footage_offset=0.0)))
-    assert len(refined) == stretches
+    assert len(refined) == count
 
 
-def test_motion_passes_smoothly_through_a_key_pose_between_stretches(views: list[View], tmp_path: Path) -> None:
-    """Pictures that show nothing leave smoothness alone to decide: stretches on their own meet at an angle."""
+def test_motion_passes_smoothly_through_a_key_pose_between_segments(views: list[View], tmp_path: Path) -> None:
+    """Pictures that show nothing leave smoothness alone to decide: segments on their own meet at an angle."""
     for f in range(LENGTH):
         cv2.imwrite(str(tmp_path / f"{f:03d}.png"), np.full((120, 160), 90, np.uint8))
     empty = [replace(views[0], footage=tmp_path / "%03d.png")]
@@ -265,14 +265,14 @@ def test_progress_cancels(views: list[View], settings: Settings, calls: int) -> 
 def test_every_iteration_can_be_watched(views: list[View]) -> None:
     seen: list[tuple[tuple[int, int], int]] = []
 
-    def observe(stretch: tuple[int, int], number: int, motions: Sequence[Motion]) -> None:
-        seen.append((stretch, number))
-        assert len(motions) == 1 and len(motions[0]) == stretch[1] + 1 - stretch[0]
+    def observe(span: tuple[int, int], number: int, motions: Sequence[Motion]) -> None:
+        seen.append((span, number))
+        assert len(motions) == 1 and len(motions[0]) == span[1] + 1 - span[0]
 
     result = track(shot(views, (0, 5, 10)), observe=observe)
     for segment in result.segments:
-        stretch = (segment.first, segment.last)
-        assert [n for s, n in seen if s == stretch] == list(range(segment.iterations))
+        span = (segment.first, segment.last)
+        assert [n for s, n in seen if s == span] == list(range(segment.iterations))
 
 
 def keyed(*frames: Sequence[int], length: int = 21, partial: Sequence[int] = ()) -> Shot:
