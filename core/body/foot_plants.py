@@ -123,7 +123,7 @@ class _Sizes:
         return self.planted, self.swinging, self.height, self.floor
 
     def renewed(self, speed: Array, height: Array, weight: Array) -> _Sizes:
-        """Return the sizes that explain the frames best, each weighted by how likely it is a plant."""
+        """Return the sizes that explain speeds and heights (F, C) best, each weighted by how likely it is a plant."""
         on, off = weight.sum() + 1e-9, (1 - weight).sum() + 1e-9
         floor = _weighted_median(height.ravel(), weight.ravel()) if on > 1 else self.floor
         near = weight * (np.abs(height - floor) < 3 * _HEIGHT_PLANTED[1])
@@ -169,7 +169,7 @@ def _most_likely(gain: Array, change: float) -> Bools:
 
 
 def runs(flags: Bools) -> list[tuple[int, int]]:
-    """Return the first and the last index of every run of true values."""
+    """Return the first and the last index of every run of true values in flags (F,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 

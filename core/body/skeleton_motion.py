@@ -67,7 +67,7 @@ class SkeletonMotion:
         return len(self.turns)
 
     def rotated(self, R: Array) -> SkeletonMotion:
-        """Turn the whole world about its origin."""
+        """Turn the whole world about its origin by a rotation (3, 3)."""
         rest = RestSkeleton(self.rest.names, self.rest.parents, self.rest.heads @ R.T, self.rest.tails @ R.T)
         return SkeletonMotion(self.name, rest, R @ self.turns @ R.T, self.positions @ R.T, self.fps)
 

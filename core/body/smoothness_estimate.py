@@ -68,7 +68,7 @@ class AccelerationVariances:
 
     @classmethod
     def constant(cls, typical: Array, count: int) -> AccelerationVariances:
-        """Variances that are the same on all of `count` frames."""
+        """Variances (G,) that are the same on all of `count` frames."""
         return cls(typical, np.repeat(typical[None], count, axis=0))
 
     def with_given(self, given: AccelerationVariances, groups: Bools) -> AccelerationVariances:

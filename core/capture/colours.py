@@ -89,7 +89,7 @@ def _levels(hue: float, saturation: float, value: float, rounded: np.ufunc) -> t
 
 
 def to_hsv(image: Image) -> Image:
-    """Convert a picture (blue, green, red) to hue, saturation and value, each from 0 to 255."""
+    """Convert a picture (h, w, 3), blue, green and red, to hue, saturation and value, each from 0 to 255."""
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2HSV_FULL))
 
 

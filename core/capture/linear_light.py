@@ -12,7 +12,7 @@ GAMMA = 2.2
 
 
 def linear_light(levels: ArrayLike) -> Array:
-    """Return the light of levels from 0 to 255, from 0 to 1."""
+    """Return the light, 0 to 1, of levels from 0 to 255, same shape."""
     return np.asarray((np.asarray(levels, float) / 255) ** GAMMA)
 
 

@@ -190,5 +190,5 @@ class SideRatios:
         return cls(np.log(own / usual).astype(np.float32))
 
     def of(self, change: NDArray[np.float32], visible: Bools) -> NDArray[np.float32]:
-        """Look up the ratios of changes; 0 for hidden ones."""
+        """Look up the log likelihood ratios of changes, same shape; 0 for hidden ones."""
         return self.ratio[np.digitize(change, SLOPE_BIN_EDGES)] * visible

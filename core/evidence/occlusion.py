@@ -33,6 +33,6 @@ def unseen(share: Array, predicted: Array | None = None) -> NDArray[np.bool_]:
 
 
 def intervals(mask: NDArray[np.bool_], first: int = 0) -> list[list[int]]:
-    """First and last frame of each run of true values; the mask's frame 0 is frame `first`."""
+    """First and last frame of each run of true values in a mask (F,), whose frame 0 is frame `first`."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
     return [[first + int(a), first + int(b) - 1] for a, b in zip(edges[::2], edges[1::2], strict=True)]

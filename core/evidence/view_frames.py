@@ -208,7 +208,9 @@ class ViewFrames:
         return copied_from_map(self.foreground[:, start : start + count, ::stride, ::stride])
 
     def pixels_per_metre(self, point_world: NDArray[np.float64], frame: int) -> float:
-        """Length in pixels of a metre that faces the camera at a point; points behind it count as in front of it."""
+        """Length in pixels of a metre that faces the camera at a point (3,); points behind it count as in front of
+        it.
+        """
         R, t = self.camera.pose(frame)
         return float(self.camera.matrix[[0, 1], [0, 1]].mean() / max((R @ point_world + t)[2], _NEAREST))
 

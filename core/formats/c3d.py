@@ -73,7 +73,7 @@ class _Numbers:
         return cls(data, ">" if processor == _MIPS else "<", processor == _DEC)
 
     def integers(self, place: int, count: int, *, signed: bool = True) -> NDArray[np.int64]:
-        """Return 16-bit integers."""
+        """Return 16-bit integers, shape (n,)."""
         return self._taken(place, 2 * count).view(f"{self.order}{'i' if signed else 'u'}2").astype(np.int64)
 
     def floats(self, place: int, count: int) -> Array:

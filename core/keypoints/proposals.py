@@ -145,7 +145,7 @@ def poses_from_keypoints(
 
 
 def away_from_keys(chosen: NDArray[np.int64], keys: NDArray[np.int64], fps: float) -> NDArray[np.int64]:
-    """Return those of the chosen frames that are not near a key pose."""
+    """Return those of the chosen frames (n,) that are not near one of the key frames (K,)."""
     apart = KEY_INTERVAL * fps / 2
     return np.array([f for f in chosen if not len(keys) or abs(keys - f).min() > apart], np.int64)
 

@@ -69,6 +69,6 @@ def resting_degrees(body: Body, keypoints: Keypoints) -> Bools:
 
 
 def with_resting(motion: Motion, fixed: Bools) -> Motion:
-    """Return the motion with its rest rotation for all parts that are fixed on all frames."""
+    """Return the motion with its rest rotation for all parts that are fixed, bool (F, D), on all frames."""
     held = fixed[:, 3:].reshape(len(fixed), -1, 3).all(axis=(0, 2))
     return Motion(motion.translations, np.where(held[:, None, None], np.eye(3), motion.rotations))

@@ -78,7 +78,7 @@ class ViewAgreement:
         return cls(sided, changed, points, inliers * sided.confidence, deviation, fps)
 
     def averaged(self) -> Array:
-        """Return the points averaged over a few frames; see the function `averaged`."""
+        """Return the points averaged over a few frames, metres, (F, L, 3); see the function `averaged`."""
         return np.where(np.isfinite(self.points_world), averaged(self.points_world, self.fps), np.nan)
 
 

@@ -19,7 +19,7 @@ GRID = 2.0**-17
 
 
 def on_grid(values: Array) -> Array:
-    """Round results of iterations to the grid, so that they are the same on every processor."""
+    """Round results of iterations to the grid, so that they are the same on every processor; same shape."""
     return np.asarray(np.rint(values / GRID) * GRID)
 
 

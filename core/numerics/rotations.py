@@ -32,7 +32,7 @@ def log(R: Array) -> Array:
 
 
 def orthonormal(R: Array) -> Array:
-    """Return the nearest rotation matrices: takes away the rounding of long products."""
+    """Return the rotation matrices (..., 3, 3) nearest to given ones: takes away the rounding of long products."""
     return np.asarray(Rotation.from_matrix(_listed(R, 2)).as_matrix().reshape(R.shape))
 
 

@@ -49,6 +49,6 @@ def limb_flipped(body: Body, pose: Motion, landmark: str, axis_world: Array) -> 
 
 
 def moved_in_depth(pose: Motion, centre_world: Array, distance: float) -> Motion:
-    """Return poses moved away from a camera's centre, world frame, by a distance along the root joint's ray, metres."""
+    """Return poses moved away from a camera's centre (3,), world frame, by a distance along the root's ray, metres."""
     ray = pose.translations - centre_world
     return replace(pose, translations=pose.translations + distance * ray / np.linalg.norm(ray, axis=1, keepdims=True))

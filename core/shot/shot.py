@@ -86,13 +86,13 @@ class KeyPoses:
 
     @classmethod
     def whole(cls, frames: NDArray[np.int64] | list[int], poses: Motion) -> KeyPoses:
-        """Return key poses that fix every degree of freedom."""
+        """Return key poses on frames (K,) that fix every degree of freedom."""
         D = 3 + 3 * poses.rotations.shape[1]
         return cls(np.asarray(frames, dtype=np.int64), poses, np.ones((len(poses), D), dtype=bool))
 
     @classmethod
     def proposed(cls, frames: NDArray[np.int64] | list[int], poses: Motion) -> KeyPoses:
-        """Return key poses that fix nothing."""
+        """Return key poses on frames (K,) that fix nothing."""
         whole = cls.whole(frames, poses)
         return cls(whole.frames, poses, np.zeros_like(whole.fixed))
 
@@ -115,11 +115,11 @@ class KeyPoses:
         return replace(self, fixed=fixed)
 
     def proposals(self) -> NDArray[np.int64]:
-        """Return the frames whose key pose is a proposal."""
+        """Return the frames whose key pose is a proposal, shape (n,)."""
         return np.asarray(self.frames[~self.fixed.any(axis=1)])
 
     def full(self) -> NDArray[np.int64]:
-        """Return the frames whose key pose fixes the whole body, where segments end."""
+        """Return the frames whose key pose fixes the whole body, where segments end, shape (n,)."""
         return np.asarray(self.frames[self.fixed.all(axis=1)])
 
 

@@ -38,7 +38,9 @@ class BodyMeasures:
         return human(self.stature, self.values, solid=solid)
 
     def changed(self, change: Array) -> BodyMeasures:
-        """Return the measures after a step: all are scaled by exp(change[0]), then change[1:], in metres, is added."""
+        """Return the measures after a step (1 + M,): all are scaled by exp(change[0]), then change[1:], metres, is
+        added.
+        """
         growth = float(np.exp(np.clip(change[0], -0.1, 0.1)))
         before, after = default_measures(self.stature), default_measures(self.stature * growth)
         grown = {

@@ -43,7 +43,7 @@ _PLATE_GAIN = 1.4  # factor by which the exposure may differ from that of the ba
 
 
 def linear(levels: Array) -> Array:
-    """Return the linear light of levels from 0 to 255."""
+    """Return the linear light, 0 to 1, of levels from 0 to 255, same shape."""
     return np.maximum(linear_light(levels), MIN_LIGHT)
 
 

@@ -97,7 +97,7 @@ class JointScene:
 
 
 def usual_lengths(height: float) -> Array:
-    """Lengths of an average person's limbs in the order of `LIMB_ENDS`, metres."""
+    """Lengths of an average person's limbs in the order of `LIMB_ENDS`, metres, shape (n,)."""
     return np.array([FRACTIONS[limb] * height for limb in LIMB_ENDS])
 
 

@@ -60,7 +60,7 @@ class BallObservations:
         return self._scaled(values, -0.5)
 
     def in_pixels(self, values: Array) -> Array:
-        """Convert standard deviations (n, 2, ...) to pixels."""
+        """Convert standard deviations (n, 2, ...) to pixels, same shape."""
         return self._scaled(values, 0.5)
 
     def _scaled(self, values: Array, power: float) -> Array:

@@ -31,7 +31,7 @@ class Scene:
         return Scene(rig, self.wand.moved(wand.reshape(-1, WAND_DOF)), balls)
 
     def in_world(self, R: Array, t: Array) -> Scene:
-        """Return the same scene in a world whose points are R x + t."""
+        """Return the same scene in a world whose points are R x + t, metres, with R (3, 3) and t (3,)."""
         lframe = None if self.lframe_world is None else self.lframe_world @ R.T + t
         return Scene(self.rig.in_world(R, t), self.wand.in_world(R, t), lframe)
 

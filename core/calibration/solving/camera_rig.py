@@ -113,7 +113,7 @@ class Rig:
         )
 
     def in_world(self, R: Array, t: Array) -> Rig:
-        """Return the same cameras in a world whose points are R x + t."""
+        """Return the same cameras in a world whose points are R x + t, metres, with R (3, 3) and t (3,)."""
         turned = self.R_cam_world @ R.T
         return replace(self, R_cam_world=turned, t_cam_world=self.t_cam_world - turned @ t)
 

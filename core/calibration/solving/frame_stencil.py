@@ -61,7 +61,7 @@ class Stencil:
         return np.asarray(np.einsum("nk,nk...->n...", self.weights, values[self.nodes]))
 
     def slope(self, values: Array) -> Array:
-        """Their derivatives, per frame."""
+        """Derivatives, per frame, of values (F, ...) at the times, shape (n, ...)."""
         return np.asarray(np.einsum("nk,nk...->n...", self.slopes, values[self.nodes]))
 
 

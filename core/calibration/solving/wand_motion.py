@@ -51,7 +51,7 @@ class Wand:
         return replace(self, middle=self.middle + step[:, :3], direction=direction)
 
     def in_world(self, R: Array, t: Array) -> Wand:
-        """Return the same wand in a world whose points are R x + t."""
+        """Return the same wand in a world whose points are R x + t, metres, with R (3, 3) and t (3,)."""
         return replace(self, middle=self.middle @ R.T + t, direction=self.direction @ R.T)
 
     def scaled(self, scale: float) -> Wand:

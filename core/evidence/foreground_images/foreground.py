@@ -42,12 +42,12 @@ _MIN_SIGMA = 4.0
 
 
 def log_ratio(foreground: Bytes) -> Array:
-    """Decode foreground images to log likelihood ratios, positive where the performer is likelier."""
+    """Decode foreground images to log likelihood ratios of the same shape, positive where the performer is likelier."""
     return (foreground.astype(np.float32) - np.float32(128)) / np.float32(LEVELS_PER_UNIT)
 
 
 def background_share(ratio: Array) -> Array:
-    """Weight of pixels as background, 0 to 1, by their log likelihood ratios; undecided pixels count 0."""
+    """Weight of pixels as background, 0 to 1, by their log likelihood ratios, same shape; undecided ones count 0."""
     return np.asarray(np.clip(-ratio / np.float32(SURE_LOG_RATIO), 0, 1))
 
 

@@ -12,22 +12,22 @@ EDGE_WIDTH = 2
 
 
 def interior(mask: Bools, rim: int = EDGE_WIDTH) -> Bools:
-    """Return a mask eroded by some pixels."""
+    """Return a mask (h, w) eroded by some pixels."""
     return np.asarray(cv2.erode(mask.astype(np.uint8), _disc(rim)) > 0)
 
 
 def outside(mask: Bools, margin: float) -> Bools:
-    """Return the pixels that are farther from a mask than a margin, pixels."""
+    """Return which pixels are farther from a mask (h, w) than a margin, pixels."""
     return np.asarray(cv2.dilate(mask.astype(np.uint8), _disc(margin)) == 0)
 
 
 def dilated(mask: Bools, distance: float) -> Bools:
-    """Return the pixels within a distance, which may be large, of a mask, pixels."""
+    """Return which pixels are within a distance, which may be large, of a mask (h, w), pixels."""
     return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3) <= distance)
 
 
 def opened(mask: Bools, radius: float) -> Bools:
-    """Return a mask without details smaller than a disc with a radius, pixels (morphological opening)."""
+    """Return a mask (h, w) without details smaller than a disc with a radius, pixels (morphological opening)."""
     return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, _disc(radius)) > 0)
 
 

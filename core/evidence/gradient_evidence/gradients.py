@@ -239,14 +239,14 @@ def _medians(values: Image, counts: NDArray[np.intp]) -> Array:
 
 
 def huber_weights(residual: Image, deviation: Image) -> Image:
-    """Return the weights of Huber's loss: 1 up to `HUBER_LIMIT` deviations, then falling as 1/|r|."""
+    """Return the weights of Huber's loss, same shape: 1 up to `HUBER_LIMIT` deviations, then falling as 1/|r|."""
     return np.asarray(
         np.minimum(np.float32(1), np.float32(HUBER_LIMIT) * deviation / np.maximum(np.abs(residual), np.float32(1e-12)))
     )
 
 
 def huber_errors(residual: Image, deviation: Image) -> Image:
-    """Return Huber's loss: quadratic up to `HUBER_LIMIT` deviations, then linear."""
+    """Return Huber's loss, same shape: quadratic up to `HUBER_LIMIT` deviations, then linear."""
     size, limit = np.abs(residual), np.float32(HUBER_LIMIT) * deviation
     inner = np.minimum(size, limit)
     return np.asarray(inner * (2 * size - inner))

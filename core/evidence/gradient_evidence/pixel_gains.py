@@ -77,7 +77,8 @@ def gains(compared: ComparedPixels, deviation: NDArray[np.floating[Any]]) -> Arr
 
 
 def log_likelihoods(residual: NDArray[np.floating[Any]], deviation: NDArray[np.floating[Any]]) -> Array:
-    """Return the log likelihoods of residuals, up to a constant: normal, or with probability `OUTLIER_SHARE` uniform.
+    """Return the log likelihoods of residuals, same shape, up to a constant: normal, or with probability
+    `OUTLIER_SHARE` uniform.
 
     No single pixel can then cost more than an outlier. With Huber's loss, a pixel on an edge counts as much as eighty
     that are off by one standard deviation, and a few such pixels outweigh all else.

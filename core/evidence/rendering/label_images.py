@@ -51,7 +51,7 @@ class DrawnBefore(Protocol):
 
     @property
     def depth(self) -> NDArray[np.float32]:
-        """Their depth images."""
+        """Depth images of these parts, metres, shape (n, h, w)."""
         ...
 
 
@@ -143,7 +143,7 @@ class LabelImages:
 
     @cached_property
     def places(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-        """Frame, column and row of the pixels of `index`."""
+        """Frame, column and row of the pixels of `index`, shape (N,) each."""
         n, height, width = self.part.shape
         frame = np.repeat(np.arange(n), np.diff(self.ends[:: self.share.shape[1]]))
         pixel = self.index - frame * (height * width)

@@ -42,7 +42,7 @@ class StillParts:
 
     @cached_property
     def depth(self) -> NDArray[np.float32]:
-        """Their depth images."""
+        """Depth images of these parts, metres, shape (n, h, w)."""
         return self.labels.depth_images()
 
     @cached_property

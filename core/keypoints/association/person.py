@@ -27,7 +27,7 @@ class LocatedPerson:
 
     @property
     def frames(self) -> Ints:
-        """Frames on which two views agree."""
+        """Frames on which two views agree, increasing, shape (n,)."""
         return np.flatnonzero(np.isfinite(self.places).all(axis=-1).any(axis=1))
 
     def doubled_by(self, track: Track) -> bool:

@@ -99,7 +99,7 @@ def expected_depth(seen: Array) -> Array:
 
 
 def rest_places(body: Body) -> dict[str, Array]:
-    """Return the landmarks of a body at rest, by name."""
+    """Return the landmarks of a body at rest by name, metres, shape (3,) each."""
     rest, names = Motion(np.zeros((1, 3)), np.tile(np.eye(3), (1, len(body), 1, 1))), list(body.landmarks)
     return dict(zip(names, landmark_positions(body, rest, names)[0], strict=True))
 

@@ -58,7 +58,7 @@ def most_changed(change: Array) -> float:
 
 
 def single_frames(torn: Bools) -> Bools:
-    """Return which of N frames fit neither neighbour, from their N - 1 torn pairs."""
+    """Return which of N frames fit neither neighbour, shape (N,), from their torn pairs (N - 1,)."""
     return np.asarray(np.r_[False, torn[:-1] & torn[1:], False]) if len(torn) else np.zeros(1, bool)
 
 

@@ -280,7 +280,7 @@ def increments_of(tied: TiedSystems, steps: Sequence[Array], pace: float = 1.0) 
 
 
 def moved_by(motions: Sequence[Motion], increments: Mapping[int, Array]) -> tuple[Motion, ...]:
-    """Return the motions of all performers, moved where there are increments."""
+    """Return the motions of all performers, moved where there are increments (F, D)."""
     return tuple(m.moved(increments[i]) if i in increments else m for i, m in enumerate(motions))
 
 

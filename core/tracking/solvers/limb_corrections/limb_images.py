@@ -241,5 +241,5 @@ def _as_steps(ratio: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def shown_areas(geometry: Geometry, parts: Sequence[int]) -> Array:
-    """Mean projected areas of parts, square metres: by Cauchy's formula a quarter of their surfaces."""
+    """Mean projected areas of parts, square metres, shape (n,): by Cauchy's formula a quarter of their surfaces."""
     return np.array([ConvexHull(geometry.vertices[geometry.spans[part]]).area / 4 for part in parts])
