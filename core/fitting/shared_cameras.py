@@ -111,7 +111,8 @@ class FreeCameras:
 
     def solve(self, damping: float) -> tuple[Array, Array]:
         """Return the step of Gauss-Newton, shortened by damping: of the cameras, (7 V,), and of the joints, (F, L,
-        3)."""
+        3).
+        """
         cameras = np.zeros(self.system.g.shape[1])
         cameras[self.columns] = -np.linalg.solve(self.H, self.g)
         return cameras / (1 + damping), self.system.points_step(cameras) / (1 + damping)
