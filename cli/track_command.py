@@ -34,7 +34,6 @@ from ..core.numerics.arrays import Array
 from ..core.review.overlay import contact_sheet, sheet_frames, write_contact_sheet
 from ..core.review.report_text import report_lines
 from ..core.review.track_report import report
-from ..core.runtime.decoder_log import DecoderLog
 from ..core.runtime.files import check_inputs_kept, check_writable, staged, write_json
 from ..core.runtime.interrupts import REPORT_FILE, results_are_written
 from ..core.runtime.progress import Progress, share
@@ -42,7 +41,6 @@ from ..core.runtime.threads import worker_count
 from ..core.runtime.timing import Seconds
 from ..core.runtime.worker_memory import WorkerMemory
 from ..core.runtime.worker_pool import WorkerPool
-from ..core.shot.footage_faults.footage_damage import shot_damage
 from ..core.shot.shot import Gap, Shot
 from ..core.shot.shot_spec import ShotSpec, result_names
 from ..core.tracking.journal import Journal, journal_beside
@@ -200,7 +198,8 @@ def run_track(
         context = RunContext(
             journal, memory, solved=check.begin, footage_checked=not open_scene
         )  # by the shot's reader
-        result = _tracked(shot, share(progress, 0.0, 0.9), context)
+        pictures = sorted({*sheet_frames(shot), *checked_frames(shot)})
+        result = track(shot, share(progress, 0.0, 0.9), pictures=pictures, run=context)
         # Blender keeps one core busy, in this thread; meanwhile the others draw, and check the cameras if still needed.
         with memory.pool(memory.workers) as pool, ThreadPoolExecutor(1) as beside:
             check.begin(pool, result)
@@ -241,14 +240,6 @@ class _CameraCheck:
         """Wait for the result."""
         assert self._job is not None
         return self._job.result()
-
-
-def _tracked(shot: Shot, progress: Progress | None, context: RunContext) -> TrackResult:
-    """Track a shot; the result includes the pictures needed afterwards, and any damage that the decoder reported."""
-    pictures = sorted({*sheet_frames(shot), *checked_frames(shot)})
-    with DecoderLog() as log:
-        result = track(shot, progress, pictures=pictures, run=context)
-    return replace(result, damage=shot_damage(shot, result.torn, reported=bool(log.complaints)))
 
 
 def _draw_overlay(shot: Shot, result: TrackResult, file: Path, progress: Progress | None, times: Seconds) -> None:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numerics.arrays import Array
-from ..shot.footage_faults.continuity import single_frames
 from .frame_looks import EvidenceCaches, FrameLook, FramesInView, frame_look, labelled_frames
 from .gradient_evidence.gradients import GradientSums, brightness_constancy
 from .outline_evidence.outline_sums import OutlineSums
@@ -45,12 +44,13 @@ class FrameEvidence:
     seconds: dict[str, float]
 
     def of_whole_frames(self, view: ViewFrames, first: int) -> FrameEvidence:
-        """Return the evidence without that of damaged frames (`ViewFrames.torn`); the first is shot frame `first`."""
-        if view.torn is None or not view.torn.any():
+        """Return the evidence without that of damaged frames, and of pairs that do not continue each other; the first
+        is shot frame `first`.
+        """
+        sound, together = view.sound(first, len(self.share))
+        if sound.all() and together.all():
             return self
-        start, count = first - view.first, len(self.share)
-        pairs = 1.0 - view.torn[start : start + count - 1]
-        frames = 1.0 - single_frames(view.torn)[start : start + count]
+        frames, pairs = sound.astype(float), together.astype(float)
         return replace(
             self,
             gradients=self.gradients.of_pairs(pairs),

@@ -140,7 +140,10 @@ def most_explained(
     """
     R, T = poses
     camera, own, most = view.camera.subsampled(_STRIDE), geometry.performer == performer, np.zeros(len(frames))
+    sound, _ = view.sound(first, len(T))
     for k, f in enumerate(frames):
+        if not sound[f]:
+            continue
         labels = render_labels(geometry, camera, first + f, R[[f]], T[[f]])
         ratio = log_ratio(view.foreground_at(first + f, 1, _STRIDE)[performer, 0])
         coloured = view.part_colours(first + f, 1, _STRIDE)
@@ -173,12 +176,13 @@ def _view_misfit(
     pixels, background = np.zeros((2, len(T), P))
     # What hangs over the outline of one performer, hair or clothes, lies beside another one.
     nobody = background_share(log_ratio(foreground.max(axis=0)[window]))
+    sound, _ = view.sound(first, len(T))
     apart = [_distance(image >= 0) > OUTSIDE_MARGIN * scale for image in part] if len(spans) > 1 else None
     for n, span in enumerate(spans):
         ratio = log_ratio(foreground[n][window])
         shown = np.where(part < 0, np.clip(ratio / SURE_LOG_RATIO, 0, 1), np.float32(0))
         models = (part >= span.start) & (part < span.stop)
-        for f in np.flatnonzero(models.any(axis=(1, 2))):
+        for f in np.flatnonzero(models.any(axis=(1, 2)) & sound):
             beyond = _distance(models[f])
             outline = np.count_nonzero((beyond > 0) & (beyond < 1.2))
             gaps[n, f] = float(shown[f][beyond < OWN_REACH * scale].sum()) / max(outline, 1) / scale

@@ -197,6 +197,9 @@ def shape_equations(
         lines = _lines(view, shape, there, frames)
         if known is not None:
             lines = lines.where(known[lines.frame, lines.part])
+        sound = np.array([view.sound(frame, 1)[0][0] for frame in frames])
+        if not sound.all():
+            lines = lines.where(sound[lines.frame])
         rows = _rows(lines, camera, there, None if twists is None else twists[view.delay])
         by_frame += lines.products(np.column_stack([rows, -lines.shift]), len(frames), P)
         held.append((HeldOutlines.at(lines, camera, there, 1.0), camera, view.delay))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
 from ..runtime.shared_arrays import copied_from_map, each_row
+from ..shot.footage_faults.continuity import single_frames
 from .foreground_images.part_colours import ColouredFrames, PartColours
 
 Image = NDArray[np.float32]
@@ -178,6 +179,8 @@ class ViewFrames:
         How much later than the shot's frames these were taken, in frames; see `core.body.time_shift`.
     torn : ndarray of bool, shape (N - 1,), optional
         Pairs of frames that do not continue each other and are not used as evidence, see `footage_faults.continuity`.
+    damaged : ndarray of bool, shape (N,), optional
+        Frames that are not used as evidence, nor the pairs that they belong to.
     colours : PartColours, optional
         Colours of the performers' parts.
     palette : ndarray of uint8, shape (N, h, w), optional
@@ -191,8 +194,18 @@ class ViewFrames:
     halo: float = 0.0
     delay: float = 0.0
     torn: NDArray[np.bool_] | None = None
+    damaged: NDArray[np.bool_] | None = None
     colours: PartColours | None = None
     palette: NDArray[np.uint8] | None = None
+
+    def sound(self, first: int, count: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return which of consecutive shot frames are evidence, (count,), and which of their pairs, (count - 1,)."""
+        N = len(self.grey)
+        torn = np.zeros(N - 1, bool) if self.torn is None else self.torn
+        bad = np.zeros(N, bool) if self.damaged is None else self.damaged
+        start = first - self.first
+        frames, pairs = ~(single_frames(torn) | bad), ~(torn | bad[:-1] | bad[1:])
+        return frames[start : start + count], pairs[start : start + count - 1]
 
     def part_colours(self, first: int, count: int, stride: int = 1) -> ColouredFrames | None:
         """Return the palette colours of consecutive shot frames, at every stride-th pixel; None without any."""

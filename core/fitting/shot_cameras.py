@@ -20,11 +20,9 @@ from ..formats.keypoint_files import read_shot_keypoints
 from ..keypoints.keypoint_rays import Keypoints
 from ..keypoints.observations import correlated_frames, performer_keypoints
 from ..keypoints.view_agreement import without_midpoints
-from ..runtime.decoder_log import DecoderLog
 from ..runtime.progress import Progress, share
 from ..runtime.threads import one_library_thread
 from ..runtime.worker_memory import WorkerMemory
-from ..shot.footage_faults.footage_damage import shot_damage
 from ..shot.shot import Shot
 from ..tracking.footage_gaps import with_found_gaps
 from ..tracking.journal import Journal
@@ -201,13 +199,7 @@ def track_and_check(
     tracking = share(progress, 0.0, 0.9) if whole else progress
     if show is not None:
         preview_segment(shot, excerpts, looking_at, show, progress=progress, memory=memory)
-    with DecoderLog() as log:
-        results = track_excerpts(shot, excerpts, tracking, run=RunContext(journal, memory, show))
-    reported = shot_damage(shot) if log.complaints else ()
-    for k, part in enumerate(excerpts):
-        shown = shot_damage(shot.between(part.first, part.last), results[k].torn, reported=False)
-        if any(damage := reported or shown):
-            results[k] = replace(results[k], damage=damage)
+    results = track_excerpts(shot, excerpts, tracking, run=RunContext(journal, memory, show))
     if not whole:
         return CheckedTrack(results, None)
     return CheckedTrack(results, camera_fits(shot, for_camera_fits(shot, results[0]), share(progress, 0.9, 1.0)))

@@ -76,6 +76,12 @@ class WorkerMemory:
                 self._values.popitem(last=False)
         return value
 
+    def replace_value(self, key: Hashable, value: Any) -> None:
+        """Cache another value of a key."""
+        with self._lock:
+            self._values[key] = value
+            self._values.move_to_end(key)
+
     @contextmanager
     def pool(self, workers: int, imports: Sequence[str] = ()) -> Iterator[WorkerPool]:
         """Provide a pool of at least `workers` workers, kept unless the block raises; `imports` as in

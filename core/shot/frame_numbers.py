@@ -74,6 +74,12 @@ def across_gaps(view: View, frames: range) -> Bools:
     return (np.diff(places) != 1) | np.isin(places[1:], [gap.frame for gap in view.gaps])
 
 
+def frames_damaged(view: View, frames: range) -> Bools:
+    """Return which of N consecutive frames of the shot a view's file shows damaged (`View.damaged`), shape (N,)."""
+    places = np.array([file_index(view, frame) for frame in frames])
+    return np.any([(first <= places) & (places <= last) for first, last in ((0, -1), *view.damaged)], axis=0)
+
+
 def whole_offset(view: View) -> int:
     """Return by how many frames the footage would be ahead of the shot if there were no gaps."""
     return int(np.floor(view.offset + 0.5))

@@ -54,7 +54,7 @@ class View:
     If the offset is fractional, that lies between two frames of the footage. The nearest is used as frame f, and shows
     the performers a little later or earlier (`core.body.time_shift`); a moving camera's pose of frame f is the pose at
     the footage's frame itself. Behind a gap (in order of their frames) the count goes on as if it were none, see
-    `core.shot.frame_numbers`.
+    `core.shot.frame_numbers`. The damaged frames, first and last of each stretch of the file, are not used as evidence.
     """
 
     camera: Camera
@@ -63,6 +63,7 @@ class View:
     fields: str = "progressive"
     keypoints: Path | None = None
     gaps: tuple[Gap, ...] = ()
+    damaged: tuple[tuple[int, int], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,7 +40,7 @@ def grey_frames(frames: ColourFrames, store: PictureStore | None = None) -> View
     """
     pictures = (np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8) for image in each_row(frames.colour))
     grey = (store or PictureStore()).kept(GREY, pictures, len(frames.colour))
-    return ViewFrames(frames.camera, grey, frames.first, delay=frames.delay, torn=frames.torn)
+    return ViewFrames(frames.camera, grey, frames.first, delay=frames.delay, torn=frames.torn, damaged=frames.damaged)
 
 
 def frames_with_foreground(
@@ -80,6 +80,8 @@ def frames_with_foreground(
     """
     store = store or PictureStore()
     view = grey_frames(frames, store)
+    if frames.damaged is not None:
+        keys = keys.where(~frames.damaged[keys.frames - frames.first])
     if not len(keys.frames):
         return view
     poses = scene_poses(bodies, poses_after(motions, view.delay - footage_offset, keys.frames))

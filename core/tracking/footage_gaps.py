@@ -11,11 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
+import numpy as np
+
 from ..shot.footage import probe
 from ..shot.footage_faults.continuity import COMPARED_PAIRS
 from ..shot.footage_faults.footage_checks import stored_frames
 from ..shot.footage_faults.footage_times import FootageRate
-from ..shot.frame_numbers import footage_index, frames_per_file_frame, gap_frame
+from ..shot.frame_numbers import footage_index, frames_damaged, frames_per_file_frame, gap_frame
 from ..shot.shot import Gap, Shot, View
 from .journal import FinishedSegment
 from .track_result import TrackResult
@@ -75,23 +77,19 @@ def _ended(view: View, last: int) -> View:
 
 
 def unaffected(done: Sequence[FinishedSegment], before: Shot, after: Shot) -> list[FinishedSegment]:
-    """Return the segments of a shot that would be tracked to the same result after the views' gaps have changed.
+    """Return the segments of a shot that would be tracked to the same result after the views' gaps have changed, or
+    which of their frames are damaged.
 
     A segment knows of the one after it, which begins on its last frame, and pictures are compared with some after them.
     Keypoints are fitted to the shot as a whole.
     """
     if any(view.keypoints for view in before.views):
         return []
-    first, length = before.frames[0], before.length
-    changed = [
-        frame
-        for frame in range(length)
-        if any(
-            footage_index(a, first + frame) != footage_index(b, first + frame)
-            for a, b in zip(before.views, after.views, strict=True)
-        )
-    ]
-    safe = min(changed, default=length) - 1 - COMPARED_PAIRS
+    frames, changed = range(before.frames[0], before.frames[1] + 1), np.zeros(before.length, bool)
+    for a, b in zip(before.views, after.views, strict=True):
+        changed |= [footage_index(a, frame) != footage_index(b, frame) for frame in frames]
+        changed |= frames_damaged(a, frames) != frames_damaged(b, frames)
+    safe = min(np.flatnonzero(changed), default=before.length) - 1 - COMPARED_PAIRS
     return [one for one, following in pairwise(done) if following.result.last < safe]
 
 

@@ -26,10 +26,11 @@ MAX_STARTS = 48
 """Number of frames of a segment on which a delay may begin, at most."""
 CONSTANT_DELAY_SIGMA = 0.3
 """Prior standard deviation of a view's delay over the whole shot, frames: cameras may be synchronised inexactly."""
-MIN_DELAY, MIN_DELAY_SIGMAS = 0.3, 7.0
-"""Smallest delay that is reported, frames, and in standard deviations. A frame that is missing gives 0.33 to 0.74
-frames, as outlines are farther away than their equations reach, and 8.8 to 26 deviations. Where none is, delays of 0.3
-frames have at most 4.9 deviations, and those of 7 at most 0.24 frames (docs/bench.md)."""
+MIN_DELAY, MIN_DELAY_SIGMAS, MIN_DELAY_TIMES_SIGMAS = 0.15, 7.0, 2.1
+"""Smallest delay that is reported, frames, in standard deviations, and the product of both. A frame that is missing or
+there twice gives 0.17 to 0.74 frames, as outlines are farther away than their equations reach, and 8.7 to 26
+deviations. Where none is, delays of 0.2 frames have at most 5.4 deviations, and those of 7 a product of at most 1.7
+(docs/bench.md)."""
 TORN_FACTOR, TORN_VIEW_FACTOR = 1.25, 1.5
 """How many times as sure a delay counts that begins where pictures do not continue from the one before: among those of
 its view, and against those of other views."""
@@ -227,9 +228,11 @@ def _surest(segments: Sequence[tuple[int, Lateness]], view: int, torn: Ints) -> 
         sure = own.precision[view, 1:] + behind[1] - share**2 * precision
         deviation = 1 / np.sqrt(np.maximum(sure, 1e-9))
         delays = -pull * deviation**2
-        told = (np.abs(delays) >= MIN_DELAY) & (np.abs(delays) >= MIN_DELAY_SIGMAS * deviation)
         frames = first + _torn_near(own.places[1:], torn - first)
-        sureness = told * np.abs(delays) / deviation * np.where(np.isin(frames, torn), TORN_FACTOR, 1.0)
+        sureness = np.abs(delays) / deviation * np.where(np.isin(frames, torn), TORN_FACTOR, 1.0)
+        told = np.abs(delays) >= np.maximum(MIN_DELAY, MIN_DELAY_SIGMAS * deviation)
+        told &= np.abs(delays) * sureness >= MIN_DELAY_TIMES_SIGMAS
+        sureness = sureness * told
         if len(sureness) and sureness.max() > most:
             k = int(np.argmax(sureness))
             most = float(sureness[k])

@@ -6,6 +6,7 @@ import pickle
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import repeat
 from threading import Event
 
 import numpy as np
@@ -20,13 +21,18 @@ from ..shot.footage import Album, frames_at, working_factor
 from ..shot.footage_faults.continuity import COMPARED_PAIRS, block_change, block_means, most_changed, torn_pairs
 from ..shot.footage_faults.footage_times import FootageRate, footage_rate, frames_missing
 from ..shot.footage_faults.skipped_frames import PairChanges, PointsFollowed
-from ..shot.frame_numbers import across_gaps, footage_delay
+from ..shot.frame_numbers import across_gaps, footage_delay, frames_damaged
 from ..shot.image_sequences import image_files
 from ..shot.shot import Shot, View
 from .picture_store import COLOUR, PictureStore
 from .segments import Segment
 
 Image = NDArray[np.uint8]
+
+BESIDE = 2
+"""How many pairs beside damaged ones are not compared with those around them."""
+_UNKNOWN = 1e6
+"""Change of a pair of frames beside which no other one stands out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +51,8 @@ class ColourFrames:
         How much later than the shot's frames these were taken, in frames.
     torn : ndarray of bool, shape (N - 1,), optional
         Pairs of frames that do not continue each other, see `core.shot.footage_faults.continuity`.
+    damaged : ndarray of bool, shape (N,), optional
+        Frames that are known to be damaged, see `View.damaged`.
     changes : PairChanges, optional
         How much these pairs stand out, by which missing frames are found once all views are read.
     """
@@ -54,6 +62,7 @@ class ColourFrames:
     first: int
     delay: float
     torn: Bools | None = None
+    damaged: Bools | None = None
     changes: PairChanges | None = None
 
 
@@ -80,16 +89,22 @@ class SegmentReader:
         self._delay = footage_delay(view)
         threads = max(1, worker_count(shot.settings.threads) // len(shot.views))  # the views are read side by side
         frames = range(shot.frames[0], shot.frames[1] + 1)
-        self._stream = _frames(view, frames, factor, album, memory=memory, threads=threads)
+        self._damaged = frames_damaged(view, frames)
+        decoded = _frames(view, frames, factor, album, memory=memory, threads=threads)
+        self._stream = sound_pictures(decoded, self._damaged)
         self._stopped = stopped
         self._length = shot.length
         self._gaps = frames_missing(kept_rate(shot, view, memory), view, frames) | across_gaps(view, frames)
+        self._begins = 0 if self._damaged.all() else int(np.argmin(self._damaged))
+        damaged = self._damaged[:-1] | self._damaged[1:]
+        self._apart = self._gaps | damaged
+        self._beside = np.convolve(damaged, np.ones(2 * BESIDE + 1), mode="same") > 0
         self._ahead: list[Image] = []
         self._read = 0
         self._before: Image | None = None
         self._small: Array | None = None
         self._memory, self._first = memory, shot.frames[0]
-        self._made_of = b"" if memory is None else _made_of(view, factor)
+        self._made_of = b"" if memory is None else made_of(view, factor)
         self._changes: list[NDArray[np.float16]] = []
         self._points = PointsFollowed()
 
@@ -105,7 +120,9 @@ class SegmentReader:
         first, last = segment
         # As an iterator: the frames of a long segment should not be in memory twice.
         frames = store.kept(COLOUR, self._one_by_one(first, last), last + 1 - first)
-        return ColourFrames(self._camera, frames, first, self._delay, *self._continuity(first, last))
+        torn, changes = self._continuity(first, last)
+        damaged = self._damaged[first : last + 1]
+        return ColourFrames(self._camera, frames, first, self._delay, torn, damaged, changes)
 
     def _one_by_one(self, first: int, last: int) -> Iterator[Image]:
         """Generate the frames of a segment; the last one is also the first of the next segment."""
@@ -120,13 +137,15 @@ class SegmentReader:
         """Take the next frame, and measure how much it differs from the one before."""
         change = 0.0
         if self._before is not None:
-            if self._changes and self._gaps[len(self._changes)]:
+            if self._changes and self._apart[len(self._changes)]:
                 # What is known to be no continuation must not make the pairs beside it stand out.
                 self._changes.append(self._changes[-1])
                 self._small = None
             else:
                 self._changes.append(self._change(self._before, image))
-            change = most_changed(self._changes[-1].astype(float))
+            # Where the first frames are damaged, no change is known before theirs.
+            known = self._read > self._begins
+            change = most_changed(self._changes[-1].astype(float)) if known else _UNKNOWN
         self._points.add(image, change)
         self._before = image
         self._ahead.append(image)
@@ -151,9 +170,13 @@ class SegmentReader:
         """Return which pairs of a segment's frames do not continue each other, and how much they stand out."""
         start = max(first - COMPARED_PAIRS, 0)
         changes = [change.astype(float) for change in self._changes[start : last + COMPARED_PAIRS]]
-        torn = torn_pairs(changes)[first - start : last - start] | self._gaps[first:last]
-        followed = self._points.between(start, start + len(changes))
-        return torn, PairChanges.of(changes, followed, self._delay).cut(first - start, last - start)
+        unknown = max(self._begins - start, 0)
+        if unknown < len(changes):
+            changes[:unknown] = [changes[unknown]] * unknown
+        torn = torn_pairs(changes)[first - start : last - start] & ~self._apart[first:last] | self._gaps[first:last]
+        followed = self._points.between(start, start + len(changes)) & ~self._apart[start : start + len(changes)]
+        found = PairChanges.of(changes, followed, self._delay)
+        return torn, found.known(~self._beside[start : start + len(changes)]).cut(first - start, last - start)
 
 
 def _frames(
@@ -163,38 +186,57 @@ def _frames(
     if memory is None:
         yield from frames_at(view, frames, factor, grey=False, album=album, threads=threads)
         return
-    made_of = _made_of(view, factor)
+    of = made_of(view, factor)
     # Reserved from the beginning: frames that others add meanwhile must not displace one that is relied upon.
-    kept = {f: image for f in frames if f not in album.frames and (image := memory.picture((made_of, f))) is not None}
+    kept = {f: image for f in frames if f not in album.frames and (image := memory.picture((of, f))) is not None}
     missing = [f for f in frames if f not in kept]
     decoded = frames_at(view, missing, factor, grey=False, album=album, threads=threads)
     for f in frames:
         image = kept.pop(f, None)
         if image is None:
             image = next(decoded)
-            memory.keep((made_of, f), image)
+            memory.keep((of, f), image)
         yield image
+
+
+def sound_pictures(pictures: Iterator[Image], damaged: Bools) -> Iterator[Image]:
+    """Generate N pictures, each damaged one replaced by the sound one before it, or at the start by the first.
+
+    Damaged ones have no weight, but foregrounds and colours are learned from all frames of a view together.
+    """
+    if damaged.all():
+        yield from pictures
+        return
+    sound, waiting = None, 1
+    for picture, is_damaged in zip(pictures, damaged, strict=True):
+        if not is_damaged:
+            sound = picture
+        if sound is None:
+            waiting += 1
+        else:
+            yield from repeat(sound, waiting)
+            waiting = 1
 
 
 def is_kept(shot: Shot, view: View, memory: WorkerMemory) -> bool:
     """Whether all frames of a view that a shot needs are in memory, and its files have not changed since."""
     try:
-        made_of = _made_of(view, working_factor(view, shot.settings.working_size))
+        of = made_of(view, working_factor(view, shot.settings.working_size))
     except (OSError, FootageError):
         return False
-    return all(memory.picture((made_of, f)) is not None for f in range(shot.frames[0], shot.frames[1] + 1))
+    return all(memory.picture((of, f)) is not None for f in range(shot.frames[0], shot.frames[1] + 1))
 
 
 def kept_rate(shot: Shot, view: View, memory: WorkerMemory | None) -> FootageRate | None:
     """Return the rate of a view's frames (`footage_rate`); files that have not changed since are not opened again."""
     if memory is None or not view.footage.is_file():
         return footage_rate(shot, view)
-    of = _made_of(view, working_factor(view, shot.settings.working_size)), shot.frames
+    of = made_of(view, working_factor(view, shot.settings.working_size)), shot.frames
     rate: FootageRate | None = memory.value(("rate", *of), partial(footage_rate, shot, view))
     return rate
 
 
-def _made_of(view: View, factor: float) -> bytes:
+def made_of(view: View, factor: float) -> bytes:
     """Hash of everything that a view's reduced frames depend on: its files as they are now, and how they are read."""
     files = sorted((image_files(view.footage) or {0: view.footage}).values())
     states = [(str(file), file.stat().st_mtime_ns, file.stat().st_size) for file in files]

@@ -47,6 +47,10 @@ class PosedFrames:
         apart = [np.abs(frames[:, None] - own).min(axis=1, initial=NEVER) for own in each]
         return cls(frames, np.stack([np.isin(frames, own) for own in each], axis=1), np.stack(apart, axis=1))
 
+    def where(self, chosen: Bools) -> PosedFrames:
+        """Return some of the frames."""
+        return PosedFrames(self.frames[chosen], self.posed[chosen], self.apart[chosen])
+
 
 def segments(shot: Shot) -> list[Segment]:
     """Divide a shot into segments.

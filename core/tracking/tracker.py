@@ -31,6 +31,7 @@ from ..shot.grips import completed
 from ..shot.keypose_spline import spline
 from ..shot.shot import Shot, fixed_degrees
 from ..shot.shot_spec import ShotSpec
+from .damaged_footage import found_damage, heard_decoders, known_damage, without_damaged
 from .footage_gaps import MAX_GAPS, fits_better, unaffected, with_found_gaps, with_gaps, with_timed_gaps
 from .journal import FinishedSegment, KeptSegments
 from .picture_store import fits_in_memory, picture_folder
@@ -96,21 +97,36 @@ def track(
     _check(shot)
     shot, views_as_given = _in_order(shot)
     asked = _Asked(progress, observe, pictures, around, run, earlier, views_as_given)
-    result, done = _tracked(shot, asked)
+    known = known_damage(shot, run.memory)
+    shot = without_damaged(shot, known)
+    with heard_decoders(run.memory) as log:
+        result, done = _tracked(shot, asked)
+    damage = found_damage(shot, result, log, known, run.memory)
+    sound = with_found_gaps(without_damaged(shot, damage), result.gaps)
+    if [view.damaged for view in sound.views] != [view.damaged for view in shot.views]:
+        result, done = _tracked_again(sound, shot, asked, result, done)
+        shot = sound
     for _ in range(MAX_GAPS):
         corrected = with_gaps(shot, result)
         if corrected is None:
             break
-        asked = replace(asked, run=replace(run, solved=None))
-        kept = unaffected(done, with_found_gaps(shot, result.gaps), corrected)
-        again, done_again = _tracked(corrected, asked, kept)
-        seconds = Seconds(result.seconds)
-        seconds.add(again.seconds)
+        again, done_again = _tracked_again(corrected, shot, asked, result, done)
         if not fits_better(again, result):
-            result = replace(result, seconds=seconds)
+            result = replace(result, seconds=again.seconds)
             break
-        shot, result, done = corrected, replace(again, seconds=seconds), done_again
-    return result.of_views(views_as_given)
+        shot, result, done = corrected, again, done_again
+    return replace(result, damage=damage).of_views(views_as_given)
+
+
+def _tracked_again(
+    corrected: Shot, before: Shot, asked: _Asked, result: TrackResult, done: Sequence[FinishedSegment]
+) -> tuple[TrackResult, list[FinishedSegment]]:
+    """Track again what changes with corrected gaps or damaged frames; the time counts in all."""
+    kept = unaffected(done, with_found_gaps(before, result.gaps), corrected)
+    again, done_again = _tracked(corrected, replace(asked, run=replace(asked.run, solved=None)), kept)
+    seconds = Seconds(result.seconds)
+    seconds.add(again.seconds)
+    return replace(again, seconds=seconds), done_again
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from contextlib import closing
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -146,17 +147,17 @@ def test_the_report_is_json_with_times_and_versions(folder: Path) -> None:
     assert report["performers"][0]["worst_frames"][0]["frame"] == FRAMES - 1
 
 
-def test_what_the_decoder_says_while_tracking_is_put_down_to_a_view(
+def test_damaged_footage_is_put_down_to_its_view(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def complaining(shot, *_, **__) -> TrackResult:
-        os.write(2, b"[h264 @ 0x55d0c0] error while decoding MB 1 2\n")
-        return made_result(shot)
+    def tracked(shot, *_, **__) -> TrackResult:
+        return replace(made_result(shot), damage=(FootageDamage((4,), "error while decoding", stretches=((4, 11),)),))
 
-    monkeypatch.setattr(track_command, "track", complaining)
-    monkeypatch.setattr(track_command, "shot_damage", lambda *_, **__: (FootageDamage((4,), "error while decoding"),))
+    monkeypatch.setattr(track_command, "track", tracked)
     assert track(folder) == 0
-    assert "cam01: the footage is damaged at or near frames 4 of the file" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "cam01: the footage is damaged at or near frames 4 of the file" in said
+    assert "its pictures between frames 4 and 11 may be wrong: they were given no weight" in said
 
 
 def test_cameras_that_do_not_fit_are_printed_and_reported(

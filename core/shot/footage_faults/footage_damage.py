@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise, zip_longest
 
 import cv2
@@ -14,9 +14,10 @@ from ...runtime.decoder_log import DecoderLog
 from ..frame_numbers import file_index
 from ..image_sequences import image_files
 from ..shot import Shot, View
-from .footage_times import whole_pictures
+from .footage_times import made_from, whole_pictures
 
 _MAX_SHOWN = 5
+_COPY = "copy the file from the camera again"
 
 
 @dataclass(frozen=True)
@@ -32,27 +33,49 @@ class FootageDamage:
         The decoder's first message, or else what shows the damage.
     reported : bool
         Whether the decoder reported it.
+    stretches : tuple of (int, int)
+        First and last frames of the file between which its pictures are made from damaged ones.
+    weighed : bool
+        Whether these have weight all the same, as no other view shows what they do.
     """
 
     frames: tuple[int, ...]
     said: str
     reported: bool = True
+    stretches: tuple[tuple[int, int], ...] = ()
+    weighed: bool = False
 
     @property
     def text(self) -> str:
         """Message on where the footage is damaged, what that affects, and what to do."""
+        between = listed([f"{first} and {last}" for first, last in self.stretches], _MAX_SHOWN)
+        alone = "no other view shows what they should, so they have weight and may mislead the tracking"
+        weight = alone if self.weighed else "they were given no weight"
         if not self.reported:
-            first, last = self.frames
-            return (
-                f"its pictures may be damaged between frames {first} and {last} of the file, though its decoder does "
-                f"not say so: {self.said}; they may mislead the tracking: look at them, and copy the file from the "
-                "camera again"
-            )
-        return (
-            f"the footage is damaged at or near frames {listed(self.frames, _MAX_SHOWN)} of the file ({self.said}); "
-            "pictures from there on may be wrong and mislead the tracking: copy the file from the camera again, or "
-            "leave the camera out"
-        )
+            what = f"its pictures may be damaged between frames {between} of the file, though its decoder does not say"
+            return f"{what} so: {self.said}; {weight}: look at them, and {_COPY}"
+        what = f"the footage is damaged at or near frames {listed(self.frames, _MAX_SHOWN)} of the file ({self.said})"
+        damaged = f"; its pictures between frames {between} may be wrong: {weight}" if between else ""
+        return f"{what}{damaged}; {_COPY}"
+
+    def joined(self, other: FootageDamage | None) -> FootageDamage:
+        """Return this damage and other damage of the same footage; what a decoder has reported comes first."""
+        if other is None:
+            return self
+        first, second = (self, other) if self.reported else (other, self)
+        frames = {*first.frames, *second.frames} if second.reported else first.frames
+        return replace(first, frames=tuple(sorted(frames)), stretches=merged((*self.stretches, *other.stretches)))
+
+
+def merged(stretches: Iterable[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
+    """Return stretches of frames, first and last of each, with those that touch or overlap made one."""
+    found: list[tuple[int, int]] = []
+    for first, last in sorted(stretches):
+        if found and first <= found[-1][1] + 1:
+            found[-1] = found[-1][0], max(found[-1][1], last)
+        else:
+            found.append((first, last))
+    return tuple(found)
 
 
 def shot_damage(
@@ -70,7 +93,7 @@ def shot_damage(
     """
     found = [footage_damage(shot, view) if reported else None for view in shot.views]
     shown = [unreported_damage(shot, view, own) for view, own in zip(shot.views, torn, strict=False)]
-    return tuple(own or other for own, other in zip_longest(found, shown))
+    return tuple(other if own is None else own.joined(other) for own, other in zip_longest(found, shown))
 
 
 def unreported_damage(shot: Shot, view: View, torn: Sequence[int]) -> FootageDamage | None:
@@ -85,13 +108,16 @@ def unreported_damage(shot: Shot, view: View, torn: Sequence[int]) -> FootageDam
         return None
     jumps = [file_index(view, shot.frames[0] + frame) for frame in torn]
     whole = whole_pictures(view.footage, max(jumps) + 1)
-    apart = np.diff(whole)
+    apart, stretches, ends = np.diff(whole), [], []
     for before, here in pairwise(whole.tolist()):
         if here in jumps and here - before == apart.max() > 1:
-            said = f"they do not continue to frame {here}, which is stored whole"
-            first = min((jump for jump in jumps if before < jump < here), default=before)
-            return FootageDamage((first, here - 1), said, reported=False)
-    return None
+            stretches.append((min((jump for jump in jumps if before < jump < here), default=before), here - 1))
+            ends.append(here)
+    if not ends:
+        return None
+    said = f"they do not continue to frame {listed(ends, _MAX_SHOWN)}, which {'are' if ends[1:] else 'is'} stored whole"
+    frames = tuple(frame for stretch in stretches for frame in stretch)
+    return FootageDamage(frames, said, reported=False, stretches=tuple(stretches))
 
 
 def footage_damage(shot: Shot, view: View) -> FootageDamage | None:
@@ -109,6 +135,7 @@ def footage_damage(shot: Shot, view: View) -> FootageDamage | None:
         # A single thread reads no frames ahead, except for those stored in another order.
         video = cv2.VideoCapture(str(view.footage), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
         try:
+            said += log.new()  # it looks at some frames when it opens the file, and says so again when it returns them
             for number in range(last + 1):
                 going = video.grab()
                 if new := log.new():
@@ -118,4 +145,7 @@ def footage_damage(shot: Shot, view: View) -> FootageDamage | None:
                     break
         finally:
             video.release()
-    return FootageDamage(tuple(frames), said[0]) if frames else None
+    if not said:
+        return None
+    stretches = made_from(view.footage, frames, last + 1)
+    return FootageDamage(tuple(frames) or (0,), said[0], stretches=stretches)

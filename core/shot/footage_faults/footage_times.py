@@ -135,8 +135,35 @@ def whole_pictures(path: Path, count: int) -> Ints:
     return np.flatnonzero([is_whole for _, is_whole in _packets(path, count)])
 
 
+def made_from(path: Path, read: Sequence[int], count: int) -> tuple[tuple[int, int], ...]:
+    """Return the stretches of a video's first `count` frames, first and last of each, that are made from what its
+    decoder takes in while it returns some of them.
+
+    It takes in frames in the order in which they are stored, as many ahead as the most that one is stored before it is
+    shown. What is made from a wrong one is wrong, too, up to the next that is stored whole.
+    """
+    stored = _stored_packets(path, count)
+    shown = np.argsort(np.argsort([time for time, _ in stored], kind="stable"), kind="stable")
+    ahead = int((np.arange(len(stored)) - shown).max(initial=0))
+    whole = np.flatnonzero([is_whole for _, is_whole in stored])
+    wrong = np.zeros(count, bool)
+    for frame in read:
+        first = min(frame + ahead, len(stored) - 1) if frame else 0
+        after = whole[whole > first]
+        own = shown[first : after[0] if len(after) else len(stored)]
+        wrong[own[own < count]] = True
+        wrong[frame] = True
+    ends = np.flatnonzero(np.diff(np.r_[False, wrong, False].astype(int)))
+    return tuple((int(first), int(behind) - 1) for first, behind in ends.reshape(-1, 2))
+
+
 def _packets(path: Path, count: int) -> list[tuple[float, bool]]:
     """Return the times of a video's first frames, seconds, and whether they are stored whole; none if unknown."""
+    return sorted(_stored_packets(path, count))[:count]
+
+
+def _stored_packets(path: Path, count: int) -> list[tuple[float, bool]]:
+    """Return the same of some more frames, in the order in which they are stored."""
     if not path.is_file() or image_files(path) is not None:
         return []
     video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
@@ -147,4 +174,4 @@ def _packets(path: Path, count: int) -> list[tuple[float, bool]]:
             found.append((video.get(cv2.CAP_PROP_POS_MSEC) / 1000, is_whole))
     finally:
         video.release()
-    return sorted(found)[:count]
+    return found

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,6 +101,10 @@ class PairChanges:
         if n > 2:
             bends[1:-1] = np.log(most[1:-1] / np.sqrt(most[:-2] * most[2:]))
         return cls(bends, moving, (_skips_by_change(most, bends) & moving) | followed_skips, delay)
+
+    def known(self, those: Bools) -> PairChanges:
+        """Return the same where only some of the pairs (n,) are known; the others do not stand out."""
+        return replace(self, bends=np.where(those, self.bends, 0.0), skips=self.skips & those)
 
     def cut(self, first: int, last: int) -> PairChanges:
         """Return some of the pairs."""

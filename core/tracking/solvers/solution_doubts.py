@@ -124,17 +124,20 @@ def explained_share(problem: SegmentProblem, solution: SegmentSolution, performe
     """Ratio of what a solution explains of a performer to what is expected on each frame, shape (F,).
 
     Expected is what is explained on whole key poses, interpolated between them, times the share of the performer that
-    others do not hide. NaN where they hide too much.
+    others do not hide, and that of the views whose pictures are evidence. NaN where these are too small.
     """
     keys = problem.whole_keys(performer)
     explained, seen = solution.explained[performer], solution.unhidden[performer]
-    shown = keys[seen[keys] > MIN_UNHIDDEN_SHARE]
+    views = views_with_foreground(problem.views)
+    sound = np.mean(
+        [view.sound(problem.first, problem.length)[0] for view in views] or [seen > MIN_UNHIDDEN_SHARE], axis=0
+    )
+    judged, seen = (seen > MIN_UNHIDDEN_SHARE) & (sound > 0), seen * sound
+    shown = keys[judged[keys]]
     if not len(shown):
         return np.full(problem.length, np.nan)
     expected = seen * np.interp(np.arange(problem.length), shown, explained[shown] / seen[shown])
-    return np.where(
-        (seen > MIN_UNHIDDEN_SHARE) & (expected > 0), explained / np.where(expected > 0, expected, 1.0), np.nan
-    )
+    return np.where(judged & (expected > 0), explained / np.where(expected > 0, expected, 1.0), np.nan)
 
 
 def limb_on_background(problem: SegmentProblem, solution: SegmentSolution) -> bool:

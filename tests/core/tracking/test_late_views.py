@@ -61,6 +61,27 @@ def test_it_is_clear_which_of_two_views_is_wrong_only_where_one_is_likelier(
     assert ("another view" in own.text) == (not clear)
 
 
+@pytest.mark.parametrize(
+    ("delay", "deviations", "torn", "told"),
+    [
+        (0.31, 6.5, (), False),
+        (0.31, 7.0, (), True),
+        (0.24, 7.0, (), False),
+        (0.2, 11.0, (), True),
+        (0.2, 8.7, (), False),
+        (0.2, 8.7, (25,), True),
+        (0.2, 6.5, (25,), False),
+        (0.1, 30.0, (), False),
+    ],
+)
+def test_a_small_delay_must_be_surer_and_may_be_less_sure_where_pictures_do_not_continue(
+    delay: float, deviations: float, torn: tuple[int, ...], told: bool
+) -> None:
+    said = lateness([delay, 0.01], [deviations, 0.1])
+    [own, other] = late_views([(20, said)], [torn, ()])
+    assert (own is not None, other is not None) == (told, False)
+
+
 def test_what_is_told_follows_the_views_whatever_their_order(filmed: tuple[int, Shot]) -> None:
     _, shot = filmed
     turned = replace(shot, views=shot.views[::-1])

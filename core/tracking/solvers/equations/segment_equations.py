@@ -226,5 +226,7 @@ def pixel_precision(evidence: SegmentEvidence, settings: Settings) -> Array:
     """
     noise = evidence.gradients.noise[..., 0]
     if evidence.sampling.tolerance > 1:
-        noise = np.broadcast_to(np.median(noise, axis=1, keepdims=True), noise.shape)
+        used = evidence.gradients.weight > 0
+        usual = [np.median(own[some] if some.any() else own) for own, some in zip(noise, used, strict=True)]
+        noise = np.broadcast_to(np.array(usual)[:, None], noise.shape)
     return np.asarray(evidence.pixel_share(settings.lengths[0])[:, None] / np.maximum(noise, 1e-3) ** 2)
