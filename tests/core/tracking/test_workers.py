@@ -177,10 +177,10 @@ def test_frames_of_footage_that_has_changed_are_decoded_again(filmed: Shot, tmp_
     file = tmp_path / filmed.views[0].footage.name
     shutil.copytree(filmed.views[0].footage.parent, tmp_path, dirs_exist_ok=True)
     view = replace(filmed.views[0], footage=file)
-    before = reader._made_of(view, 1.0)
-    assert before == reader._made_of(view, 1.0)
+    before = reader.made_of(view, 1.0)
+    assert before == reader.made_of(view, 1.0)
     os.utime(next(iter((image_files(file) or {0: file}).values())), (1, 1))
-    assert before != reader._made_of(view, 1.0)
+    assert before != reader.made_of(view, 1.0)
 
 
 def corrected(shot: Shot, key: int, metres: float) -> Shot:
