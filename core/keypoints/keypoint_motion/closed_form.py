@@ -6,7 +6,7 @@ exact only if the points are as far apart as the joints of the body.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import scipy  # its parts are loaded when they are used
@@ -49,7 +49,6 @@ def closed_form_pose(body: Body, names: Sequence[str], points_world: Array, fps:
         Frame rate, if the frames follow one another: a straight limb then has the twist of the frames around, on which
         it is bent.
 
-
     Returns
     -------
     Motion or None
@@ -62,37 +61,51 @@ def closed_form_pose(body: Body, names: Sequence[str], points_world: Array, fps:
     known = _with_trunk(body, known)
     if not set(TRUNK_LANDMARKS) <= set(known):
         return None
-    hips, shoulders = (0.5 * (known["L" + joint] + known["R" + joint]) for joint in ("Hip", "Shoulder"))
-    pelvis = along_and_across(shoulders - hips, known["LHip"] - known["RHip"])
-    chest = along_and_across(shoulders - hips, known["LShoulder"] - known["RShoulder"])
-    spine = pelvis @ rotations.exp(0.5 * rotations.log(np.swapaxes(pelvis, -1, -2) @ chest))
-    world = {body.index("pelvis"): pelvis, body.index("spine"): spine, body.index("chest"): chest}
-    R = np.empty((len(hips), len(body), 3, 3))
-    for i, parent in enumerate(body.parents):
-        rest = body.R_parent_rest[i] if parent < 0 else R[:, parent] @ body.R_parent_rest[i]
-        R[:, i] = world.get(i, rest)
-        for upper, lower, *joints, sign, farthest in LIMB_CHAINS:
-            for side in "LR":
-                if body.names[i] != f"{upper}.{side}":
-                    continue
-                a, b, c = (known.get(side + str(joint)) for joint in joints)
-                if a is not None and b is not None and c is not None:
-                    first, second = limb_orientations(
-                        R[:, i], b - a, c - b, sign=float(sign), farthest=float(farthest), fps=fps
-                    )
-                    R[:, i], world[body.index(f"{lower}.{side}")] = first, second
-                elif a is not None and b is not None:
-                    R[:, i] = _swung(R[:, i], b - a)
-        if body.names[i][:5] == "foot.":
-            toe, ankle = (f"{body.names[i][5]}{joint}" for joint in ("BigToe", "Ankle"))
-            if {toe, ankle} <= set(known):
-                R[:, i] = along_and_across(known[toe] - known[ankle], R[:, i, :, 0])
+    R = _orientations(body, known, fps)
     Q = np.empty_like(R)
     for i, parent in enumerate(body.parents):
         rest = body.R_parent_rest[i] if parent < 0 else R[:, parent] @ body.R_parent_rest[i]
         Q[:, i] = np.swapaxes(np.broadcast_to(rest, R[:, i].shape), -1, -2) @ R[:, i]
     middle = np.mean([body.landmarks[side + "Hip"][1] + _joint(body, side + "Hip") for side in "LR"], axis=0)
-    return Motion(hips - R[:, 0] @ middle, rotations.orthonormal(Q))
+    return Motion(_middle(known, "Hip") - R[:, 0] @ middle, rotations.orthonormal(Q))
+
+
+def _middle(known: Mapping[str, Array], joint: str) -> Array:
+    """Middle of a left and a right joint, shape (F, 3)."""
+    return np.asarray(0.5 * (known["L" + joint] + known["R" + joint]))
+
+
+def _trunk_orientations(body: Body, known: Mapping[str, Array]) -> dict[int, Array]:
+    """World rotations (F, 3, 3) of pelvis, spine and chest, by part; the spine turns half as far as the chest."""
+    up = _middle(known, "Shoulder") - _middle(known, "Hip")
+    pelvis = along_and_across(up, known["LHip"] - known["RHip"])
+    chest = along_and_across(up, known["LShoulder"] - known["RShoulder"])
+    spine = pelvis @ rotations.exp(0.5 * rotations.log(np.swapaxes(pelvis, -1, -2) @ chest))
+    return {body.index("pelvis"): pelvis, body.index("spine"): spine, body.index("chest"): chest}
+
+
+def _orientations(body: Body, known: Mapping[str, Array], fps: float | None) -> Array:
+    """World rotations of all parts, shape (F, P, 3, 3), from the known points (F, 3) by name, parents first."""
+    world = _trunk_orientations(body, known)
+    R = np.empty((len(known["LHip"]), len(body), 3, 3))
+    for i, (name, parent) in enumerate(zip(body.names, body.parents, strict=True)):
+        rest = body.R_parent_rest[i] if parent < 0 else R[:, parent] @ body.R_parent_rest[i]
+        R[:, i] = world.get(i, rest)
+        part, _, side = name.partition(".")
+        for upper, lower, *joints, sign, farthest in LIMB_CHAINS:
+            if part != upper or side not in ("L", "R"):
+                continue
+            a, b, c = (known.get(side + str(joint)) for joint in joints)
+            if a is not None and b is not None and c is not None:
+                R[:, i], world[body.index(f"{lower}.{side}")] = limb_orientations(
+                    R[:, i], b - a, c - b, sign=float(sign), farthest=float(farthest), fps=fps
+                )
+            elif a is not None and b is not None:
+                R[:, i] = _swung(R[:, i], b - a)
+        toe, ankle = (known.get(side[:1] + joint) for joint in ("BigToe", "Ankle"))
+        if part == "foot" and toe is not None and ankle is not None:
+            R[:, i] = along_and_across(toe - ankle, R[:, i, :, 0])
+    return R
 
 
 def closed_form_limb(
