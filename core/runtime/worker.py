@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 import traceback
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -62,25 +63,30 @@ def main() -> None:
         while (data := sent.get()) is not None:
             if tidies:
                 tidying.set()
-            try:
-                work = pickle.loads(data)
-                if isinstance(work, kept.Remembering):
-                    shown = {"show": lambda key, value: send("shown", (key, value))} if work.shows else {}
-                    work = partial(work.work, memory=memory, **shown)
-                result = work(lambda what, fraction: send("progress", (what, fraction)))
-            except BrokenPipeError:
-                raise
-            except Exception as error:
-                error.add_note(traceback.format_exc())
-                send("error", error)
-            else:
-                send("result", result)
+            _answer(data, kept, memory, send)
             tidying.clear()
     except (BrokenPipeError, KeyboardInterrupt):
         os._exit(1)  # the program has ended
     except Exception as error:
         error.add_note(traceback.format_exc())
         send("error", error)
+
+
+def _answer(data: bytes, kept: ModuleType, memory: object, send: Callable[..., bool]) -> None:
+    """Do a task, and send its progress, then its result or the error that it raised; `kept` is `worker_memory`."""
+    try:
+        work = pickle.loads(data)
+        if isinstance(work, kept.Remembering):
+            shown = {"show": lambda key, value: send("shown", (key, value))} if work.shows else {}
+            work = partial(work.work, memory=memory, **shown)
+        result = work(lambda what, fraction: send("progress", (what, fraction)))
+    except BrokenPipeError:
+        raise
+    except Exception as error:
+        error.add_note(traceback.format_exc())
+        send("error", error)
+    else:
+        send("result", result)
 
 
 def _receive(sent: "queue.SimpleQueue[bytes | None]", tidying: threading.Event) -> None:
