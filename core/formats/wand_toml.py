@@ -71,17 +71,17 @@ def _floor(document: Table, path: Path) -> tuple[tuple[tuple[int, int], ...], St
     if "lframe" in document:
         raise CalibrationError("there are both an L-frame and [floor]", where=str(path), todo="leave one of them out")
     if "performer" not in floor:
-        return _stretches(floor, "wand", 2), None
+        return _frame_ranges(floor, "wand", 2), None
     if "wand" in floor:
         raise floor.error("performer", "there are both a performer and a wand on the floor", "leave one of them out")
     file = floor.path("points", path.parent)
     found = {camera: m for (camera, take), m in read_marker_points(file).items() if take == "performer"}
     if not found:
         raise floor.error("points", f"{file} has no points of the take 'performer'")
-    return (), StandingPerformer(_positive(floor, "height"), _stretches(floor, "performer"), found)
+    return (), StandingPerformer(_positive(floor, "height"), _frame_ranges(floor, "performer"), found)
 
 
-def _stretches(floor: Table, key: str, count: int | None = None) -> tuple[tuple[int, int], ...]:
+def _frame_ranges(floor: Table, key: str, count: int | None = None) -> tuple[tuple[int, int], ...]:
     """Read `count` ranges of frames in increasing order; at least two if it is None."""
     shape = (count or max(len(floor.value(key)) if isinstance(floor.value(key), list) else 0, 2), 2)
     ends = _vectors(floor, key, shape).ravel()

@@ -71,7 +71,7 @@ class RigPoses:
         return len(self.turns)
 
 
-def carried(rig: ControlRig, turns: Array, driven: Bools, tops: dict[int, Array]) -> RigPoses:
+def control_poses(rig: ControlRig, turns: Array, driven: Bools, tops: dict[int, Array]) -> RigPoses:
     """Return the poses of all controls (forward kinematics).
 
     Parameters

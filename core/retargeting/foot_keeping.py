@@ -18,7 +18,7 @@ from ..body.skeleton_motion import RestSkeleton, SkeletonMotion
 from ..numerics.arrays import Array, Bools
 from .control_rig import ControlRig, RigPoses
 from .limb_goals import LimbGoal, limb_controls
-from .rest_alignment import alignments, facing, foot_way
+from .rest_alignment import alignments, ankle_to_ball, facing
 from .roles import SIDES, BoneMap
 from .transfer import Placement, leg_length
 
@@ -95,7 +95,7 @@ def foot_paths(
 
 def sole_offsets(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
     """Return heel and ball on the ground relative to the ankle, at rest, shape (2, 3); None if they are unknown."""
-    ahead = foot_way(rest, bones, side)
+    ahead = ankle_to_ball(rest, bones, side)
     if ahead is None:
         return None
     [j] = rest.indices(bones.bones[f"foot.{side}"])
@@ -145,7 +145,7 @@ def foot_goals(
         ways = np.einsum("fij,cj->fci", turns[:, ankle], offsets)
         wanted = _ankle_path(points, path.planted, ways, poses.places[:, ankle])
         held = path.planted.any(axis=1)
-        shift = spread(np.where(held[:, None], wanted - poses.places[:, ankle], 0.0), held, motion.fps)
+        shift = spread_shifts(np.where(held[:, None], wanted - poses.places[:, ankle], 0.0), held, motion.fps)
         shift[:, 2] += _lift(poses.places[:, ankle, None] + shift[:, None] + ways, points, held, placement)
         goals.append(LimbGoal(*controls, shift, held))
     return goals, RigPoses(turns, poses.places, poses.driven)
@@ -194,7 +194,7 @@ def _ankle_path(points: Array, planted: Bools, ways: Array, ankle: Array) -> Arr
     return wanted
 
 
-def spread(shift: Array, held: Bools, fps: float) -> Array:
+def spread_shifts(shift: Array, held: Bools, fps: float) -> Array:
     """Return shifts (F, 3) that are given on held frames, and on the frames between interpolated or faded out."""
     if held.all() or not held.any():
         return shift
@@ -253,7 +253,7 @@ def _flattened(turns: Array, flat: Bools, offsets: Array, fps: float) -> Array:
         shift[first : last + 1] = Rotation.from_matrix(
             wanted @ np.swapaxes(turns[first : last + 1], -1, -2)
         ).as_rotvec()
-    eased = spread(shift, flat, fps)
+    eased = spread_shifts(shift, flat, fps)
     return np.asarray(Rotation.from_rotvec(eased).as_matrix() @ found)
 
 
@@ -271,5 +271,5 @@ def hand_goals(
         path = source.positions[:, source.rest.indices(of_source.bones[roles[2]])[0]]
         held = find_plants(path[:, None], source.fps, leg, by_height=False).planted[:, 0]
         shift = np.where(held[:, None], placement.moved(path) - poses.places[:, controls[2]], 0.0)
-        goals.append(LimbGoal(*controls, spread(shift, held, source.fps), np.zeros(len(held), bool)))
+        goals.append(LimbGoal(*controls, spread_shifts(shift, held, source.fps), np.zeros(len(held), bool)))
     return goals

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 from ..numerics.arrays import Array, Bools
-from .control_rig import ControlRig, RigPoses, carried
+from .control_rig import ControlRig, RigPoses, control_poses
 from .rest_alignment import shortest_turn
 
 _MAX_STRETCH = 1 - 1e-9
@@ -57,7 +57,7 @@ def reach_goals(rig: ControlRig, poses: RigPoses, goals: list[LimbGoal], fps: fl
     goal_places = [poses.places[:, goal.end] + goal.shift for goal in goals]
     lowered = _lowered(poses, goals, goal_places, fps)
     tops = {b: poses.places[:, b] - (lowered if b == hips else 0.0) for b in _tops(rig, hips)}
-    poses = carried(rig, poses.turns, poses.driven, tops)
+    poses = control_poses(rig, poses.turns, poses.driven, tops)
     turns = poses.turns.copy()
     for goal, there in zip(goals, goal_places, strict=True):
         moved = np.flatnonzero(np.abs(there - poses.places[:, goal.end]).max(axis=1) > 1e-12)
@@ -65,7 +65,7 @@ def reach_goals(rig: ControlRig, poses: RigPoses, goals: list[LimbGoal], fps: fl
             root, middle, end = (poses.places[moved][:, j] for j in (goal.upper, goal.lower, goal.end))
             for j, turn in zip((goal.upper, goal.lower), two_bone_turns(root, middle, end, there[moved]), strict=True):
                 turns[moved, j] = turn @ turns[moved, j]
-    return carried(rig, turns, poses.driven, tops)
+    return control_poses(rig, turns, poses.driven, tops)
 
 
 def _tops(rig: ControlRig, hips: int) -> list[int]:

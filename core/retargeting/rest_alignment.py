@@ -186,13 +186,13 @@ def _finger(source: Rig, target: Rig, role: str, above: Array) -> list[Array]:
 def _foot(source: Rig, target: Rig, role: str, F: Array) -> Array:
     """Turn a foot about the vertical to point where the source's does; toes follow the foot."""
     side = role.partition(".")[2]
-    of_source, of_target = (foot_way(*rig, side) for rig in (source, target))
+    of_source, of_target = (ankle_to_ball(*rig, side) for rig in (source, target))
     if of_source is None or of_target is None:
         return F
     return _aligned(F, of_target / np.linalg.norm(of_target), of_source / np.linalg.norm(of_source))
 
 
-def foot_way(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
+def ankle_to_ball(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
     """Return the horizontal vector from the ankle to the ball of a foot at rest, shape (3,).
 
     None if it is unknown: the foot points down, or its tail is arbitrary, as for the last bones of chains in FBX files.
@@ -213,7 +213,7 @@ def toe_reach(rest: RestSkeleton, bones: BoneMap, side: str) -> float:
 
     It is estimated from the distance to the toes' joint where their tail is arbitrary, as importers leave it.
     """
-    way = foot_way(rest, bones, side)
+    way = ankle_to_ball(rest, bones, side)
     if way is None:
         return 0.0
     ball = float(np.linalg.norm(way))

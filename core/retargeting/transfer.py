@@ -11,7 +11,7 @@ from ..choices import FEET, ROOT_MOTIONS
 from ..errors import BodyError
 from ..numerics import rotations
 from ..numerics.arrays import Array
-from .control_rig import ControlRig, RigPoses, carried
+from .control_rig import ControlRig, RigPoses, control_poses
 from .rest_alignment import alignments
 from .roles import SIDES, BoneMap, parent_role
 
@@ -162,7 +162,7 @@ def transfer(
         below = hip_centre(rig.rest, rig.bones) * [1.0, 1.0, 0.0] + [0.0, 0.0, rig.rest.ground]
         tops[b], driven[b] = over + (rig.rest.heads[b] - below), True
     tops[hips] = centre - turns[:, hips] @ (hip_centre(rig.rest, rig.bones) - rig.rest.heads[hips])
-    return carried(rig, turns, driven, tops)
+    return control_poses(rig, turns, driven, tops)
 
 
 def hip_path(source: SkeletonMotion, of_source: BoneMap) -> Array:
