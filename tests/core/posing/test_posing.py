@@ -16,7 +16,7 @@ from kfmocap.core.posing import clicks as clicks_module
 from kfmocap.core.posing.clicks import Click, ClickSolver, click_keypoints, movement, movement_precision, pixel, ray
 from kfmocap.core.posing.depth import limb_flipped, moved_in_depth
 from kfmocap.core.posing.mirror import mirrored_poses
-from kfmocap.core.posing.standing import FLOATING_HEIGHT, lowest_point
+from kfmocap.core.posing.standing import FLOATING_HEIGHT, lowest_point, steps_to_floor
 from synthetic import at_rest, numeric_jacobian, random_motion, rigidly_moved, rigidly_moved_camera
 
 BODY = person()
@@ -251,6 +251,27 @@ def test_a_body_posed_in_one_view_stands_on_the_floor_and_not_far_away_above_it(
     floats, stands = (ClickSolver(BODY, given, floor=floor).fit(clicks).pose for floor in (None, 0.0))
     assert lowest_point(BODY, floats)[0] > FLOATING_HEIGHT and errors(floats, truth).mean() > 1.0
     assert abs(lowest_point(BODY, stands)[0]) < 0.05 and errors(stands, truth).mean() < 0.15
+
+
+@pytest.mark.parametrize("raised", [0.0, 0.4], ids=["soles at zero", "soles above zero"])
+def test_steps_to_the_floor_lead_back_to_where_the_body_stands(raised):
+    """At rest the ankles are as high above the floor as the soles let them, wherever the rest pose is."""
+    parts = [
+        replace(p, head_world=p.head_world + [0, 0, raised], tail_world=p.tail_world + [0, 0, raised])
+        for p in BODY.parts
+    ]
+    body = replace(BODY, parts=tuple(parts))
+    truth, away = at_rest(body), np.array([0.3, 1.2, 0.5])
+    floor = float(lowest_point(body, truth)[0])
+    names = ["LAnkle", "RAnkle"]
+    points = landmark_positions(body, truth, names)[0]
+    clicks = [
+        Click(VIEWS[0], name, tuple(VIEWS[0].rectified().project(point)))
+        for name, point in zip(names, points, strict=True)
+    ]
+    moved = replace(truth, translations=truth.translations + away)
+    steps = list(steps_to_floor(body, click_keypoints(clicks, 0), moved, floor))
+    np.testing.assert_allclose(steps, [-away, -away], atol=1e-6)
 
 
 def test_a_jump_stays_above_the_floor():
