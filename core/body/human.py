@@ -164,7 +164,18 @@ class _Assembly:
             rings = [(y * length, *(self._girth * r for r in ring)) for y, *ring in _RINGS[kind]]
             vertices = tapered(rings, _SIDES)
         departure = _REST_SIGMAS.get(kind, REST_SIGMA)
-        self.parts.append(Part(name, index, head, tail, axes, vertices, limits, departure))
+        self.parts.append(
+            Part(
+                name=name,
+                parent=index,
+                head_world=head,
+                tail_world=tail,
+                R_world_rest=axes,
+                vertices=vertices,
+                limits=limits,
+                departure=departure,
+            )
+        )
         return len(self.parts) - 1
 
     def add_trunk(self, m: Mapping[str, float], hip: Array) -> Array:

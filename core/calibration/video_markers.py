@@ -120,16 +120,16 @@ def _capture_view(view: SeenView, camera: Camera | None) -> CaptureView:
         matrix = videos.matrix if videos.matrix is not None else usual_matrix(size, videos.focal)
         distortions = np.zeros(4) if videos.distortions is None else videos.distortions
     return CaptureView(
-        videos.camera,
-        size,
-        view.footage.fps or None,
-        view.lframe.corrected(matrix, distortions),
-        view.wand.corrected(matrix, distortions),
-        videos.offset,
-        videos.focal,
-        videos.matrix,
-        videos.distortions,
-        _candidates(view, matrix, distortions),
+        camera=videos.camera,
+        size=size,
+        fps=view.footage.fps or None,
+        lframe=view.lframe.corrected(matrix, distortions),
+        wand=view.wand.corrected(matrix, distortions),
+        offset=videos.offset,
+        focal=videos.focal,
+        matrix=videos.matrix,
+        distortions=videos.distortions,
+        lframe_candidates=_candidates(view, matrix, distortions),
     )
 
 

@@ -255,21 +255,23 @@ def _finished(
     steps.next("quality", 0.9)
     held_out = _held_out(scene, evidence, free, steps)
     solution = CalibrationResult(
-        floor.given,
-        scene.rig,
-        scene.wand,
-        scene.lframe_world,
-        seen,
-        world.resting,
-        BallObservations.joined([seen, world.resting]).in_pixels(fit.residual),
-        used,
-        free,
-        covariance(scene, replace(evidence, lframe_sigma=_EXACT_SIGMA), fit.free) * max(noise, 1.0) ** 2 * inflation,
-        noise,
-        world.placement.scale if floor.given.has_lframe else np.nan,
-        world.moved,
-        held_out,
-        (),
+        capture=floor.given,
+        rig=scene.rig,
+        wand=scene.wand,
+        lframe_world=scene.lframe_world,
+        seen=seen,
+        lframe_seen=world.resting,
+        residual=BallObservations.joined([seen, world.resting]).in_pixels(fit.residual),
+        used=used,
+        free=free,
+        covariance=covariance(scene, replace(evidence, lframe_sigma=_EXACT_SIGMA), fit.free)
+        * max(noise, 1.0) ** 2
+        * inflation,
+        noise=noise,
+        lframe_scale=world.placement.scale if floor.given.has_lframe else np.nan,
+        moved=world.moved,
+        held_out=held_out,
+        findings=(),
     )
     return replace(solution, findings=(*floor.findings, *diagnosis.doubts(solution)))
 

@@ -90,7 +90,15 @@ class Camera:
             raise CalibrationError("the matrix must be 3x3 with positive focal lengths", where=f"camera {name}")
         if not all(np.isfinite(a).all() for a in (K, dist, R, t)):
             raise CalibrationError("a value is not a finite number", where=f"camera {name}")
-        return cls(name, (int(size[0]), int(size[1])), K, dist, R, t, fisheye)
+        return cls(
+            name=name,
+            size=(int(size[0]), int(size[1])),
+            matrix=K,
+            distortions=dist,
+            R_cam_world=R,
+            t_cam_world=t,
+            fisheye=fisheye,
+        )
 
     @property
     def moving(self) -> bool:

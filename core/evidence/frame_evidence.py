@@ -87,7 +87,15 @@ def frame_evidence(
     gradients = _gradients(frames, look, caches, noise)
     seconds["gradients"] += time.perf_counter() - begin
     areas, share = look.drawing.areas, look.drawing.labels.share
-    run = FrameEvidence(gradients, look.outlines, look.explained, areas, share, look.agreeing, seconds)
+    run = FrameEvidence(
+        gradients=gradients,
+        outlines=look.outlines,
+        explained=look.explained,
+        areas=areas,
+        share=share,
+        agreeing=look.agreeing,
+        seconds=seconds,
+    )
     return run.of_whole_frames(frames.view, frames.first)
 
 

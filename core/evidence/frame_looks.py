@@ -219,7 +219,16 @@ def frame_look(
     else:
         outlines = _outlines(frames, drawing.labels, foreground)
         explained, agreeing = _explained(frames, drawing, foreground), _agreeing(frames, drawing.labels, foreground)
-    look = FrameLook(frames, geometry, sought, drawing, compared, outlines, explained, agreeing)
+    look = FrameLook(
+        frames=frames,
+        geometry=geometry,
+        sought=sought,
+        drawing=drawing,
+        compared=compared,
+        outlines=outlines,
+        explained=explained,
+        agreeing=agreeing,
+    )
     caches.looks.keep(look)
     return look, {
         "label images": drawn - begin,
@@ -235,7 +244,15 @@ def labelled_frames(
     view, first, sampling = frames.view, frames.first, frames.sampling
     left, top, right, bottom = (sampling.stride * edge for edge in labels.box())
     shown = images.images(view, range(first, first + len(frames)), sampling.sigma, (left, top, right, bottom))
-    return LabelledFrames(view.camera, shown, labels, frames.poses, first, sampling.stride, foreground)
+    return LabelledFrames(
+        camera=view.camera,
+        images=shown,
+        labels=labels,
+        poses=frames.poses,
+        first=first,
+        stride=sampling.stride,
+        foreground=foreground,
+    )
 
 
 def _outlines(frames: FramesInView, labels: LabelImages, foreground: NDArray[np.uint8]) -> OutlineSums:

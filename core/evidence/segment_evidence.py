@@ -156,14 +156,14 @@ def _joined(
     explained = by_frame(attrgetter("explained"), 1)
     whose = geometry.performer == np.arange(int(geometry.performer.max()) + 1)[:, None]
     return SegmentEvidence(
-        GradientSums(*(by_pair(attrgetter(f"gradients.{f.name}")) for f in fields(GradientSums))),
-        OutlineSums(*(by_frame(attrgetter(f"outlines.{f.name}")) for f in fields(OutlineSums))),
-        np.asarray(whose @ explained),
-        _unhidden(by_frame(attrgetter("areas"), 2), explained, whose),
-        by_frame(attrgetter("share")),
-        by_frame(attrgetter("agreeing")),
-        sampling,
-        {stage: sum(run.seconds[stage] for run in done) / min(threads, len(done)) for stage in done[0].seconds},
+        gradients=GradientSums(*(by_pair(attrgetter(f"gradients.{f.name}")) for f in fields(GradientSums))),
+        outlines=OutlineSums(*(by_frame(attrgetter(f"outlines.{f.name}")) for f in fields(OutlineSums))),
+        explained=np.asarray(whose @ explained),
+        unhidden=_unhidden(by_frame(attrgetter("areas"), 2), explained, whose),
+        share=by_frame(attrgetter("share")),
+        agreeing=by_frame(attrgetter("agreeing")),
+        sampling=sampling,
+        seconds={stage: sum(run.seconds[stage] for run in done) / min(threads, len(done)) for stage in done[0].seconds},
     )
 
 

@@ -212,14 +212,14 @@ def _described(
     shares = np.maximum(np.linalg.eigvals(picture @ own).real, 0)
     variance = float(shares.sum()) if len(rows) else np.inf
     return RefinedCamera(
-        state.cameras[v],
-        _shift(start, state, view, v),
-        float(np.sqrt(variance)),
-        float(np.sqrt(np.linalg.eigvalsh(own[:3, :3])[-1])),
-        float(np.sqrt(np.linalg.eigvalsh(own[3:6, 3:6])[-1])),
-        float(np.sqrt(own[6, 6])),
-        clearness,
-        float(np.sqrt(variance * chance_quantile(shares))),
+        camera=state.cameras[v],
+        shift=_shift(start, state, view, v),
+        deviation=float(np.sqrt(variance)),
+        position_deviation=float(np.sqrt(np.linalg.eigvalsh(own[:3, :3])[-1])),
+        rotation_deviation=float(np.sqrt(np.linalg.eigvalsh(own[3:6, 3:6])[-1])),
+        focal_deviation=float(np.sqrt(own[6, 6])),
+        clearness=clearness,
+        limit=float(np.sqrt(variance * chance_quantile(shares))),
     )
 
 

@@ -227,7 +227,16 @@ def _linearised(shared: SharedKeypoints, estimate: CameraEstimate) -> ReducedSys
     g = by_camera - (solved @ gradient[..., None])[..., 0].sum(axis=0)
     kinds = (shared.kind == np.arange(shared.kind.max() + 1)[:, None]).astype(float)
     H_kinds = np.tensordot(kinds, H, axes=1)
-    return ReducedSystem(H_kinds, kinds @ g, rows, at.size, weights, coupling, inverse, gradient)
+    return ReducedSystem(
+        H=H_kinds,
+        g=kinds @ g,
+        rows=rows,
+        size=at.size,
+        weights=weights,
+        coupling=coupling,
+        inverse=inverse,
+        gradient=gradient,
+    )
 
 
 def fitted_cameras(

@@ -58,14 +58,14 @@ class SharedKeypoints:
         kinds = [name[1:] if name[0] in "LR" else name for keypoints in chosen for name in keypoints.names]
         numbers = {kind: i for i, kind in enumerate(dict.fromkeys(kinds))}
         return cls(
-            np.concatenate([keypoints.rays for keypoints in chosen], axis=2),
-            np.concatenate([keypoints.confidence for keypoints in chosen], axis=2),
-            chosen[0].R_cam_world,
-            chosen[0].t_cam_world,
-            np.concatenate([triangulate(keypoints)[0] for keypoints in chosen], axis=1),
-            np.array([numbers[kind] for kind in kinds], np.int64),
-            np.array([camera.matrix[[0, 1], [0, 1]].mean() for camera in cameras]),
-            max(1.0, correlated / step),
+            rays=np.concatenate([keypoints.rays for keypoints in chosen], axis=2),
+            confidence=np.concatenate([keypoints.confidence for keypoints in chosen], axis=2),
+            R_cam_world=chosen[0].R_cam_world,
+            t_cam_world=chosen[0].t_cam_world,
+            points_world=np.concatenate([triangulate(keypoints)[0] for keypoints in chosen], axis=1),
+            kind=np.array([numbers[kind] for kind in kinds], np.int64),
+            focal=np.array([camera.matrix[[0, 1], [0, 1]].mean() for camera in cameras]),
+            correlated=max(1.0, correlated / step),
         )
 
     def found(self) -> Bools:

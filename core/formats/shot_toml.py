@@ -51,16 +51,16 @@ def read_shot_spec(path: Path | str) -> ShotSpec:
     _check_distinct([performer.name for performer in performers], f"{path} [[performer]] name")
     result_names(name, [performer.name for performer in performers], f"{path} [[performer]]")
     return ShotSpec(
-        path,
-        name,
-        fps,
-        frames,
-        calibration.path("file", path.parent),
-        tuple(views),
-        tuple(performers),
-        settings,
-        tuple(_hold(table, performers, frames) for table in _tables(document, "hold", path, _HOLD, least=0)),
-        calibration.flag("resized"),
+        path=path,
+        name=name,
+        fps=fps,
+        frames=frames,
+        calibration=calibration.path("file", path.parent),
+        views=tuple(views),
+        performers=tuple(performers),
+        settings=settings,
+        holds=tuple(_hold(table, performers, frames) for table in _tables(document, "hold", path, _HOLD, least=0)),
+        resized=calibration.flag("resized"),
     )
 
 
@@ -99,7 +99,15 @@ def _view(table: Table, folder: Path) -> ViewSpec:
         raise table.error("keypoints", f"there is no such file or folder: {keypoints}")
     offset = float(table.number("offset", 0.0))
     footage, gaps = table.path("footage", folder), _gaps(table)
-    return ViewSpec(table.text("camera"), footage, offset, fields, keypoints, table.where, gaps)
+    return ViewSpec(
+        camera=table.text("camera"),
+        footage=footage,
+        offset=offset,
+        fields=fields,
+        keypoints=keypoints,
+        where=table.where,
+        gaps=gaps,
+    )
 
 
 def _gaps(table: Table) -> tuple[Gap, ...]:
@@ -145,15 +153,15 @@ def _setting(table: Table, name: str, kind: Any) -> Any:
 
 def _performer(table: Table, folder: Path, frames: tuple[int, int]) -> PerformerSpec:
     return PerformerSpec(
-        table.text("name"),
-        table.number("height", None),
-        _keyframes(table, frames),
-        table.path("landmarks", folder, None),
-        table.path("keyposes", folder, None),
-        table.where,
-        _person(table),
-        table.path("mesh", folder, None),
-        table.flag("fingers"),
+        name=table.text("name"),
+        height=table.number("height", None),
+        keyframes=_keyframes(table, frames),
+        landmarks=table.path("landmarks", folder, None),
+        keyposes=table.path("keyposes", folder, None),
+        where=table.where,
+        person=_person(table),
+        mesh=table.path("mesh", folder, None),
+        fingers=table.flag("fingers"),
     )
 
 

@@ -51,15 +51,15 @@ def load_wand(path: Path | str) -> CaptureVideos | Capture:
             return replace(capture, floor=floor, floor_height=diameter / 2, performer=performer)
         colours = _colours(wand)
         return CaptureVideos(
-            points,
-            colours[0] if without else parsed(lframe.value("colour"), f"{lframe.where} colour"),
-            _positive(lframe, "diameter") if "diameter" in lframe else None,
-            length,
-            colours,
-            _positive(wand, "diameter") if "diameter" in wand else None,
-            tuple(_capture_view(view, path.parent) for view in views),
-            floor,
-            performer,
+            lframe_points=points,
+            lframe_colour=colours[0] if without else parsed(lframe.value("colour"), f"{lframe.where} colour"),
+            lframe_diameter=_positive(lframe, "diameter") if "diameter" in lframe else None,
+            wand_length=length,
+            wand_colours=colours,
+            wand_diameter=_positive(wand, "diameter") if "diameter" in wand else None,
+            views=tuple(_capture_view(view, path.parent) for view in views),
+            floor=floor,
+            performer=performer,
         )
 
 

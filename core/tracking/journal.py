@@ -273,19 +273,19 @@ def _of_bytes(data: bytes, key: str, segment: Segment) -> FinishedSegment:
 
     energy = tuple(arrays["energy"].tolist())
     return FinishedSegment(
-        SegmentResult(first, last, iterations, energy, each("accelerations")),
-        motions("first "),
-        motions(),
-        Offset(*arrays["offset"].tolist()) if arrays["offset"].size else None,
-        arrays["share"],
-        arrays["residual"],
-        tuple(map(SegmentUncertainty, *(each(f"doubt {f.name}") for f in fields(SegmentUncertainty)))),
-        tuple(arrays[name].astype(bool) if (name := f"planted {i}") in arrays else None for i in range(count)),
-        Lateness(
+        result=SegmentResult(first, last, iterations, energy, each("accelerations")),
+        first_motions=motions("first "),
+        motions=motions(),
+        offset=Offset(*arrays["offset"].tolist()) if arrays["offset"].size else None,
+        share=arrays["share"],
+        residual=arrays["residual"],
+        uncertainties=tuple(map(SegmentUncertainty, *(each(f"doubt {f.name}") for f in fields(SegmentUncertainty)))),
+        planted=tuple(arrays[name].astype(bool) if (name := f"planted {i}") in arrays else None for i in range(count)),
+        lateness=Lateness(
             arrays["lateness places"].astype(int),
             *(arrays[f"lateness {name}"] for name in ("gradient", "precision", "coupling")),
         ),
-        ShapeEvidence(
+        shape=ShapeEvidence(
             arrays["shape frames"].astype(int),
             *(arrays[f"shape {name}"] for name in ("change", "matrix", "gradient")),
         )

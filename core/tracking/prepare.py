@@ -109,7 +109,15 @@ def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None) ->
     requests = [p if isinstance(p, PerformerRequest) else None for p in prepared]
     performers = tuple(p.placeholder() if isinstance(p, PerformerRequest) else p for p in prepared)
     holds = tuple(hold.later(-spec.frames[0]) for hold in spec.holds)
-    shot = Shot(spec.name, spec.fps, spec.frames, views, performers, spec.settings, holds)
+    shot = Shot(
+        name=spec.name,
+        fps=spec.fps,
+        frames=spec.frames,
+        views=views,
+        performers=performers,
+        settings=spec.settings,
+        holds=holds,
+    )
     if any(requests):
         shot = replace(shot, performers=_from_keypoints(shot, requests, spec))
     shot = _with_fingers(shot, spec)

@@ -122,7 +122,15 @@ class SegmentReader:
         frames = store.kept(COLOUR, self._one_by_one(first, last), last + 1 - first)
         torn, changes = self._continuity(first, last)
         damaged = self._damaged[first : last + 1]
-        return ColourFrames(self._camera, frames, first, self._delay, torn, damaged, changes)
+        return ColourFrames(
+            camera=self._camera,
+            colour=frames,
+            first=first,
+            delay=self._delay,
+            torn=torn,
+            damaged=damaged,
+            changes=changes,
+        )
 
     def _one_by_one(self, first: int, last: int) -> Iterator[Image]:
         """Generate the frames of a segment; the last one is also the first of the next segment."""

@@ -205,17 +205,17 @@ def segment_problem(shot: Shot, data: SegmentData, state: TrackState) -> Segment
     shape = None if data.shape is None else data.shape.geometry
     holds = hold_factors(shot.holds, shot.performers, first, last)
     return SegmentProblem(
-        data.views,
-        bodies,
-        first,
-        shot.fps,
-        data.fixed,
-        state.poses_at(first - 1),
-        state.poses_at(last + 1),
-        shape,
-        data.keypoints,
-        state.footage_offset(shot),
-        shot.settings,
+        views=data.views,
+        bodies=bodies,
+        first=first,
+        fps=shot.fps,
+        fixed=data.fixed,
+        before=state.poses_at(first - 1),
+        after=state.poses_at(last + 1),
+        shape=shape,
+        keypoints=data.keypoints,
+        footage_offset=state.footage_offset(shot),
+        settings=shot.settings,
         typical_variances=data.typical_variances,
         contact=ContactFactor.of(shape or Geometry.of(bodies), bodies, touching_parts(holds, bodies))
         if keeps_out

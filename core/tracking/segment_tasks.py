@@ -223,14 +223,14 @@ def _finished(
         with seconds.measure("solve"):
             settled = settle(ended.problem, solution, first_motions, ratios)
     return FinishedSegment(
-        result,
-        first_motions,
-        settled.motions,
-        offset,
-        solution.share,
-        solution.residual,
-        tuple(uncertainties),
-        settled.planted,
-        lateness,
-        None if ended.data.shape is None else ended.data.shape.evidence,
+        result=result,
+        first_motions=first_motions,
+        motions=settled.motions,
+        offset=offset,
+        share=solution.share,
+        residual=solution.residual,
+        uncertainties=tuple(uncertainties),
+        planted=settled.planted,
+        lateness=lateness,
+        shape=None if ended.data.shape is None else ended.data.shape.evidence,
     )

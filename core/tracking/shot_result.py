@@ -64,14 +64,14 @@ def _joined(shot: Shot, state: TrackState, done: Sequence[FinishedSegment], obse
         beside = body_covariances(performer, motion, shot.fps, own, eye)
         errors.append(joint_errors(performer.body, [one.uncertainties[i] for one in done], beside))
     return TrackResult(
-        tuple(with_keys(m, p.key_poses) for m, p in zip(state.motions, performers, strict=True)),
-        {},
-        len(shot.views) * shot.length,
-        tuple(one.result for one in done),
-        tuple(share[..., own] for own in slices_of(len(performer.body) for performer in performers)),
-        tuple(residual for _ in performers),
-        tuple(errors),
-        tuple(performer.unknown for performer in performers),
+        motions=tuple(with_keys(m, p.key_poses) for m, p in zip(state.motions, performers, strict=True)),
+        seconds={},
+        camera_frames=len(shot.views) * shot.length,
+        segments=tuple(one.result for one in done),
+        visible=tuple(share[..., own] for own in slices_of(len(performer.body) for performer in performers)),
+        residual=tuple(residual for _ in performers),
+        errors=tuple(errors),
+        unknown=tuple(performer.unknown for performer in performers),
         observed=observed,
         planted=tuple(_planted(shot, motion, done, i) for i, motion in enumerate(state.motions)),
         footage_offset=state.footage_offset(shot),

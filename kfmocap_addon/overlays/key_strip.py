@@ -70,13 +70,13 @@ def strip_of(context: bpy.types.Context) -> Strip | None:
     start = scene.kfmocap.frame_start
     own = [entry for entry in entries if not entry.proposed]
     return Strip(
-        (start, start + max(scene.kfmocap.length, 1) - 1),
-        (slot.colour[0], slot.colour[1], slot.colour[2]),
-        tuple(entry.frame for entry in own if not entry.bones),
-        tuple(entry.frame for entry in own if entry.bones),
-        tuple(entry.frame for entry in entries if entry.proposed),
-        known_keys().tracked(slot.armature),
-        tuple((part.frames[0], part.frames[1]) for part in slot.lost),
+        frames=(start, start + max(scene.kfmocap.length, 1) - 1),
+        colour=(slot.colour[0], slot.colour[1], slot.colour[2]),
+        whole=tuple(entry.frame for entry in own if not entry.bones),
+        partial=tuple(entry.frame for entry in own if entry.bones),
+        proposed=tuple(entry.frame for entry in entries if entry.proposed),
+        tracked=known_keys().tracked(slot.armature),
+        doubted=tuple((part.frames[0], part.frames[1]) for part in slot.lost),
     )
 
 

@@ -253,7 +253,17 @@ def _on_controls(
         channels += ik_channels(armature, rig, result.poses, preset)
         keyed = [setting_channel(armature, *setting) for setting in settings]  # here: keys may set them otherwise
         channels += [channel for channel in keyed if channel is not None]
-    return _Sent(bones, rig, reading.unsteady, shown, standing, result, channels, holds, settings)
+    return _Sent(
+        bones=bones,
+        rig=rig,
+        unsteady=reading.unsteady,
+        shown=shown,
+        standing=standing,
+        result=result,
+        channels=channels,
+        holds=holds,
+        settings=settings,
+    )
 
 
 def _refuse_lying(given: SkeletonMotion, upright: SkeletonMotion) -> None:

@@ -64,8 +64,8 @@ MOTION_TERMS = (
     Term(
         "(8)",
         "core/evidence/gradient_evidence/compared_pixels.py",
-        "there[0] - here[0], standing, seen",
-        "here[0] - there[0], standing, seen",
+        "residual=there[0] - here[0],",
+        "residual=here[0] - there[0],",
         f"{IMAGES}::test_standing_still_before_a_flash_the_sums_are_the_derivatives",
     ),
     Term(

@@ -87,18 +87,18 @@ def fit_ball(image: Image, plate: Array | None, guess: BallGuess) -> BallImage |
     covariance += rod_sigma**2 * guess.rods.T @ guess.rods
     (least, most), ways = np.linalg.eigh(covariance)
     return BallImage(
-        x[CENTRE],
-        float(x[RADIUS]),
-        x[PATH],
-        BallLooks(
+        centre=x[CENTRE],
+        radius=float(x[RADIUS]),
+        path=x[PATH],
+        looks=BallLooks(
             x[LIGHT],
             x[SHADE],
             float(x[WIDTH] / x[RADIUS]) if fit.unknowns.free[WIDTH] else np.nan,
             np.where(fit.unknowns.free[ROD_LIGHT], x[ROD_LIGHT], np.nan),
         ),
-        float(np.sqrt((least + most) / 2)),
-        (most - least) / (most + least) * ways[:, 1],
-        fit.explained(x),
+        sigma=float(np.sqrt((least + most) / 2)),
+        elongation=(most - least) / (most + least) * ways[:, 1],
+        explained=fit.explained(x),
     )
 
 

@@ -215,13 +215,13 @@ class _Standing:
         looks.append(np.linalg.norm(shoulders - hips, axis=1) / (FRACTIONS["torso"] * height))
         some = np.flatnonzero(np.isfinite(looks).any(axis=0))
         return cls(
-            np.nanquantile(np.array(looks)[:, some], LENGTH_QUANTILE, axis=0) if len(some) else np.zeros(0),
-            np.stack([joint["RAnkle"], joint["LAnkle"]], axis=1)[some],
-            hips[some],
-            shoulders[some],
-            float(ANKLE_SHARE * lengths["shin"]),
-            float(lengths["shin"] + lengths["thigh"] + FRACTIONS["torso"] * height),
-            seen.correlated,
+            scale=np.nanquantile(np.array(looks)[:, some], LENGTH_QUANTILE, axis=0) if len(some) else np.zeros(0),
+            ankles=np.stack([joint["RAnkle"], joint["LAnkle"]], axis=1)[some],
+            hips=hips[some],
+            shoulders=shoulders[some],
+            ankle_height=float(ANKLE_SHARE * lengths["shin"]),
+            tall=float(lengths["shin"] + lengths["thigh"] + FRACTIONS["torso"] * height),
+            correlated=seen.correlated,
         )
 
     def residuals(self, setting: _Setting) -> Array:

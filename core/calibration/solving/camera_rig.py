@@ -129,14 +129,14 @@ def rig_of(cameras: Sequence[Camera]) -> Rig:
     for c, camera in enumerate(cameras):
         distortions[c, : len(camera.distortions)] = camera.distortions
     return Rig(
-        tuple(camera.name for camera in cameras),
-        np.array([camera.size for camera in cameras]),
-        np.stack([camera.R_cam_world[0] for camera in cameras]),
-        np.stack([camera.t_cam_world[0] for camera in cameras]),
-        np.stack([camera.matrix[[0, 1], [0, 1]] for camera in cameras]),
-        np.stack([camera.matrix[:2, 2] for camera in cameras]),
-        distortions,
-        np.zeros(C),
-        np.zeros(C),
-        np.ones(C),
+        names=tuple(camera.name for camera in cameras),
+        sizes=np.array([camera.size for camera in cameras]),
+        R_cam_world=np.stack([camera.R_cam_world[0] for camera in cameras]),
+        t_cam_world=np.stack([camera.t_cam_world[0] for camera in cameras]),
+        focal=np.stack([camera.matrix[[0, 1], [0, 1]] for camera in cameras]),
+        centre=np.stack([camera.matrix[:2, 2] for camera in cameras]),
+        distortions=distortions,
+        offset=np.zeros(C),
+        drift=np.zeros(C),
+        rate=np.ones(C),
     )

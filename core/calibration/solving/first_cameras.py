@@ -183,16 +183,16 @@ def _blank(names: Sequence[str], tracks: Tracks, lenses: Sequence[Lens]) -> Rig:
         if lens.distortions is not None:
             distortions[c, : len(lens.distortions)] = lens.distortions
     return Rig(
-        tuple(names),
-        np.array([lens.size for lens in lenses]),
-        np.tile(np.eye(3), (C, 1, 1)),
-        np.zeros((C, 3)),
-        focal,
-        np.array([lens.centre for lens in lenses]),
-        distortions,
-        np.zeros(C),
-        np.zeros(C),
-        np.ones(C),
+        names=tuple(names),
+        sizes=np.array([lens.size for lens in lenses]),
+        R_cam_world=np.tile(np.eye(3), (C, 1, 1)),
+        t_cam_world=np.zeros((C, 3)),
+        focal=focal,
+        centre=np.array([lens.centre for lens in lenses]),
+        distortions=distortions,
+        offset=np.zeros(C),
+        drift=np.zeros(C),
+        rate=np.ones(C),
     )
 
 

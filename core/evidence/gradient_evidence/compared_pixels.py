@@ -148,7 +148,17 @@ def compare(frames: LabelledFrames) -> ComparedPixels:
         seen &= log_ratio(frames.foreground[whose, pixels.frame, pixels.uv[:, 1], pixels.uv[:, 0]]) > BACKGROUND_BELOW
     standing = images.at(pixels.frame + 1, pixels.uv)[0] - here[0]
     return ComparedPixels(
-        camera, frames.first, labels, pixels, x_b, uv_b, here, there, there[0] - here[0], standing, seen
+        camera=camera,
+        first=frames.first,
+        labels=labels,
+        pixels=pixels,
+        points_there=x_b,
+        uv_there=uv_b,
+        here=here,
+        there=there,
+        residual=there[0] - here[0],
+        standing=standing,
+        seen=seen,
     )
 
 

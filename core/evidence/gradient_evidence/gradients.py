@@ -139,17 +139,17 @@ def brightness_constancy(
     A = _pair_twists(*to_camera)[:, None]
     A_t = np.swapaxes(A, -1, -2)
     return GradientSums(
-        A_t @ sums[..., :12, :12] @ A,
-        (A_t @ sums[..., :12, 12:])[..., 0],
-        sums[..., 12, 12].sum(axis=1),
-        np.bincount(pixels.frame, weight, minlength=m).astype(float),
-        noise,
-        np.prod(focal)
+        H=A_t @ sums[..., :12, :12] @ A,
+        g=(A_t @ sums[..., :12, 12:])[..., 0],
+        energy=sums[..., 12, 12].sum(axis=1),
+        weight=np.bincount(pixels.frame, weight, minlength=m).astype(float),
+        noise=noise,
+        density=np.prod(focal)
         * np.bincount(pixels.frame, labels.inverse_depth[: len(residual)] ** 2, minlength=m)
         / np.maximum(np.diff(pixels.ends[::P]), 1),
-        count,
-        error_sum / np.maximum(count, 1),
-        np.bincount(pixels.frame, gain, minlength=m).astype(float),
+        count=count,
+        cost=error_sum / np.maximum(count, 1),
+        gain=np.bincount(pixels.frame, gain, minlength=m).astype(float),
     )
 
 

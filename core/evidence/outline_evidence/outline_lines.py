@@ -144,13 +144,13 @@ def outline_lines(
     precision = information / (1 + information * model)
     points = np.concatenate([(pieces.uv - camera.matrix[:2, 2]) / focal * z[:, None], z[:, None]], axis=1)
     return Lines(
-        pieces.frame,
-        pieces.part,
-        pieces.uv,
-        pieces.normal,
-        pieces.length * z / focal.mean(),
-        points,
-        shift,
+        frame=pieces.frame,
+        part=pieces.part,
+        uv=pieces.uv,
+        normal=pieces.normal,
+        length=pieces.length * z / focal.mean(),
+        points_cam=points,
+        shift=shift,
         weight=robust**2 * precision,
         error=farthest**2 / 3 * (1 - robust**3) * precision,
     )

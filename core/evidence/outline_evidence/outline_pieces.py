@@ -87,4 +87,4 @@ def seen_pieces(labels: LabelImages, stride: int, distinct: Bools | None) -> Out
         others = np.flatnonzero(beyond >= 0)
         f, own, other = frame[others], part[others], beyond[others]
         seen[others] = distinct[own, other] & (nearness[f, own] > nearness[f, other])
-    return OutlinePieces(frame, part, uv, normal, each, z, beyond).where(seen)
+    return OutlinePieces(frame=frame, part=part, uv=uv, normal=normal, length=each, depth=z, behind=beyond).where(seen)

@@ -250,7 +250,16 @@ def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: A
         (1 / np.maximum(farthest, NEAR_PLANE)).astype(np.float32).ravel(),
     )
     share = np.minimum(np.diff(ends) / outlines.areas, 1.0).reshape(n, P)
-    return LabelImages(label, index, ends, share, outlines, faces, geometry.performer, middle)
+    return LabelImages(
+        part=label,
+        index=index,
+        ends=ends,
+        share=share,
+        outlines=outlines,
+        faces=faces,
+        performer=geometry.performer,
+        distance=middle,
+    )
 
 
 def _turned(vectors: Array, owner: Ints, R: Array) -> Array:

@@ -64,13 +64,13 @@ class Geometry:
         count = np.arange(len(vertices))
         touching = [v @ p[:, :3].T + p[:, 3] > -PLANE_TOLERANCE for v, p in zip(vertices, planes, strict=True)]
         return cls(
-            np.concatenate(vertices),
-            np.repeat(count, [len(v) for v in vertices]),
-            tuple(slices_of(len(v) for v in vertices)),
-            np.concatenate(planes),
-            np.repeat(count, [len(p) for p in planes]),
-            sparse.csr_array(sparse.block_diag([touch.astype(np.int64) for touch in touching])),
-            np.zeros(len(vertices), np.int64) if performer is None else performer,
+            vertices=np.concatenate(vertices),
+            owner=np.repeat(count, [len(v) for v in vertices]),
+            spans=tuple(slices_of(len(v) for v in vertices)),
+            planes=np.concatenate(planes),
+            face_owner=np.repeat(count, [len(p) for p in planes]),
+            meeting=sparse.csr_array(sparse.block_diag([touch.astype(np.int64) for touch in touching])),
+            performer=np.zeros(len(vertices), np.int64) if performer is None else performer,
         )
 
     def subset(self, parts: Sequence[int]) -> Geometry:

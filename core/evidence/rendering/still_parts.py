@@ -83,15 +83,15 @@ class StillParts:
             return np.concatenate([[0], np.cumsum(each)])
 
         return LabelImages(
-            part,
-            index,
-            np.concatenate([[0], np.cumsum(count)]),
-            share,
-            replace(moving.outlines, ends=spread(moving.outlines.ends)),
-            Faces(moving.faces.planes, spread(moving.faces.ends), farthest.ravel()),
-            self.performer,
-            distance,
-            self,
+            part=part,
+            index=index,
+            ends=np.concatenate([[0], np.cumsum(count)]),
+            share=share,
+            outlines=replace(moving.outlines, ends=spread(moving.outlines.ends)),
+            faces=Faces(moving.faces.planes, spread(moving.faces.ends), farthest.ravel()),
+            performer=self.performer,
+            distance=distance,
+            still=self,
         )
 
     def hidden(self, seen: LabelImages) -> LabelImages:

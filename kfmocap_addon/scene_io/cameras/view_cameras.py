@@ -150,7 +150,15 @@ def _read_spec(slot: bpy.types.PropertyGroup) -> ViewSpec:
     footage = footage_background.footage_path(slot)
     keypoints = Path(os.path.normpath(footage.parent / slot.keypoints)) if slot.keypoints else None
     where = f"view {slot.name}"
-    return ViewSpec(slot.name, footage, round(slot.offset, 5), slot.fields, keypoints, where, slot.gaps)
+    return ViewSpec(
+        camera=slot.name,
+        footage=footage,
+        offset=round(slot.offset, 5),
+        fields=slot.fields,
+        keypoints=keypoints,
+        where=where,
+        gaps=slot.gaps,
+    )
 
 
 def _read_camera(slot: bpy.types.PropertyGroup, R_cam_world: Array, t_cam_world: Array) -> Camera:

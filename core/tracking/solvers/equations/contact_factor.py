@@ -70,13 +70,13 @@ class ContactFactor:
         vertices = [geometry.vertices[span] for span in geometry.spans]
         centres = np.array([(v.min(axis=0) + v.max(axis=0)) / 2 for v in vertices])
         return cls(
-            tuple(slices_of(len(body) for body in bodies)),
-            tuple(surface_points(v) for v in vertices),
-            tuple(geometry.planes[geometry.face_owner == part] for part in range(len(vertices))),
-            centres,
-            np.array([np.linalg.norm(v - c, axis=1).max() for v, c in zip(vertices, centres, strict=True)]),
-            np.array([np.ptp(v, axis=0) / 2 for v in vertices]),
-            touching,
+            spans=tuple(slices_of(len(body) for body in bodies)),
+            points=tuple(surface_points(v) for v in vertices),
+            planes=tuple(geometry.planes[geometry.face_owner == part] for part in range(len(vertices))),
+            centres=centres,
+            radii=np.array([np.linalg.norm(v - c, axis=1).max() for v, c in zip(vertices, centres, strict=True)]),
+            half=np.array([np.ptp(v, axis=0) / 2 for v in vertices]),
+            touching=touching,
         )
 
     def blocks(self, bodies: Sequence[Body], poses: Poses, sought: Sequence[int] | None = None) -> list[BandedBlocks]:

@@ -232,17 +232,17 @@ class SegmentSolution:
     ) -> SegmentSolution:
         """Build a solution from motions and the evidence that was measured at them."""
         return cls(
-            tuple(motions),
-            iterations,
-            tuple(energy),
-            evidence.share,
-            evidence.explained.sum(axis=0),
-            evidence.unhidden,
-            frame_residual(evidence),
-            {} if seconds is None else seconds,
-            evidence,
-            variances,
-            only,
+            motions=tuple(motions),
+            iterations=iterations,
+            energy=tuple(energy),
+            share=evidence.share,
+            explained=evidence.explained.sum(axis=0),
+            unhidden=evidence.unhidden,
+            residual=frame_residual(evidence),
+            seconds={} if seconds is None else seconds,
+            evidence=evidence,
+            variances=variances,
+            only=only,
         )
 
     @property
