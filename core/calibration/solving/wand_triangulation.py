@@ -146,7 +146,7 @@ def sight(rig: Rig, tracks: Tracks, length: float, noise: float = 1.0, tolerance
     alone = ~both & ((ball[:, :, 0] >= 0).sum(axis=0) >= _MIN_LONE_VIEWS)
     ball[:, ~both, 1], ball[:, ~both & ~alone, 0] = -1, -1
     ends[~both, 1], ends[~both & ~alone, 0] = np.nan, np.nan
-    return refined(rig, tracks, _named(WandSighting(ends, ball)))
+    return refined_ends(rig, tracks, _named(WandSighting(ends, ball)))
 
 
 def _candidates(rig: Rig, tracks: Tracks) -> Array:
@@ -186,7 +186,7 @@ def _misses(rig: Rig, v: int, points_world: Array, tracks: Tracks, noise: float)
     return np.where(np.isfinite(squared), squared, np.inf)
 
 
-def refined(rig: Rig, tracks: Tracks, sighting: WandSighting) -> WandSighting:
+def refined_ends(rig: Rig, tracks: Tracks, sighting: WandSighting) -> WandSighting:
     """Return the ends from all the views that agree on them."""
     found = np.take_along_axis(tracks.points, np.maximum(sighting.ball, 0)[..., None], axis=2)
     found = np.where((sighting.ball >= 0)[..., None], found, np.nan)

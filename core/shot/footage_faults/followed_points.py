@@ -76,7 +76,7 @@ def reduced(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def followed(pictures: Sequence[NDArray[np.uint8]]) -> Ways:
+def follow_points(pictures: Sequence[NDArray[np.uint8]]) -> Ways:
     """Follow what moves through six consecutive pictures, results of `reduced`; the pair is the two in the middle.
 
     No way is returned where motion is hardly faster across the pair than before or after it.

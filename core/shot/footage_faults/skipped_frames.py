@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ...numerics.arrays import Array, Bools
 from ...numerics.robust_kernels import NORMAL_MAD
 from .continuity import most_changed
-from .followed_points import FOLLOWED_PICTURES, followed, reduced
+from .followed_points import FOLLOWED_PICTURES, follow_points, reduced
 
 MIN_CHANGE_RATIO = 1.2
 """Ratio of a pair's changes to the geometric mean of those before and after it from which points are followed."""
@@ -54,7 +54,9 @@ class PointsFollowed:
         if len(self._pictures) == self._pictures.maxlen:
             before, here, after, _ = self._changes
             stands_out = here > MIN_CHANGE_RATIO * np.sqrt(before * after)
-            self._found.append(bool(stands_out and followed([*map(reduced, self._pictures)]).excess > MIN_WAY_RATIO))
+            self._found.append(
+                bool(stands_out and follow_points([*map(reduced, self._pictures)]).excess > MIN_WAY_RATIO)
+            )
 
     def between(self, first: int, last: int) -> Bools:
         """Return whether frames are missing after each of some pictures, shape (last - first,)."""

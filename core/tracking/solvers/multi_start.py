@@ -156,7 +156,7 @@ def best_of_own_starts(
             return replace(first, seconds=seconds)
     if not looks or first.unhidden[performer].min() > MIN_FOLLOWED_SHARE:
         with seconds.measure("initial solution"):
-            initial = followed(problem, start, workspace.part(0.0, 0.15))
+            initial = follow_both_ways(problem, start, workspace.part(0.0, 0.15))
         solutions.append(descend(problem, initial, workspace.part(0.15, 0.25)))
         seconds.add(solutions[1].seconds)
     if looks:
@@ -319,7 +319,7 @@ def look_for_limbs(
     return descend(problem, untangled_limbs(problem, settled), workspace.part(0.8, 1.0), SETTLED, noise)
 
 
-def followed(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> list[Motion]:
+def follow_both_ways(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> list[Motion]:
     """Follow the motion frame by frame from each key pose to the next, forward and backward, and blend both.
 
     Before the first and after the last key pose of the performer that is solved for, there is one direction only.

@@ -464,7 +464,7 @@ def test_the_motion_of_a_performer_whom_others_hide_is_not_followed(
         followed.append(problem.only)
         return start
 
-    monkeypatch.setattr(multi_start, "followed", follow)
+    monkeypatch.setattr(multi_start, "follow_both_ways", follow)
     monkeypatch.setattr(multi_start, "searched", lambda _problem, _start, solutions, *_, **__: solutions[0])
     monkeypatch.setattr(multi_start, "images_contradict", lambda *_: True)
     alone = BOTH.alone(1)
@@ -495,7 +495,7 @@ def test_if_only_uncovered_foreground_is_left_one_round_of_search_must_explain_i
     monkeypatch.setattr(multi_start, "images_contradict", lambda *_: False)
     monkeypatch.setattr(multi_start, "look_for_limbs", lambda *_, **__: told.found(alone, better))
     monkeypatch.setattr(multi_start, "likelihood", lambda _p, _n, found: gain * (found.motions[1] is better[1]))
-    monkeypatch.setattr(multi_start, "followed", lambda _problem, start, *_: start)
+    monkeypatch.setattr(multi_start, "follow_both_ways", lambda _problem, start, *_: start)
     monkeypatch.setattr(multi_start, "searched", searched)
     multi_start.best_of_own_starts(alone, WRONG, first, Workspace())
     assert searches == ([1] if gain or turned else [])
