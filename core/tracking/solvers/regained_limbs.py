@@ -28,6 +28,7 @@ from . import gauss_newton
 from .descent_stages import COARSE_RESTART, POLISH, SETTLED
 from .equations.measurement import Workspace
 from .equations.problem import SegmentProblem, SegmentSolution
+from .equations.segment_equations import SegmentNoise
 from .gauss_newton import UNCONVERGED_MOVE, descend, farthest_joint
 from .limb_corrections.limb_likelihood import LimbOfPerformer, support_of_limbs
 from .limb_corrections.limb_search import MIN_GAIN, freed_limb, is_elsewhere, pictures_find_limbs
@@ -66,15 +67,17 @@ def _with_limbs_regained(problem: SegmentProblem, start: Sequence[Motion], works
     solution = gauss_newton.refine(problem, start, workspace.part(0.0, 0.3))
     if not pictures_find_limbs(problem):
         return solution
-    lost = [(i, chain) for i in problem.sought for chain in bent_limbs(problem, i, solution.motions[i])]
-    lost += [place for place in refuted_limbs(problem, solution.motions) if place not in lost]
-    known = SettledSolutions()
-    for k, (i, chain) in enumerate(lost):
-        part = workspace.part(0.3 + 0.7 * k / len(lost), 0.3 + 0.7 * (k + 1) / len(lost))
-        solution = with_limb_regained(problem, solution, (i, chain), part, known)
-    if problem.doubted and len(problem.bodies) == 1 and likelihood_decides(problem):
-        solution = _looked_at_again(problem, solution, known, workspace.silent())
-    return solution
+    seconds = Seconds(solution.seconds)
+    with seconds.measure("initial solution"):
+        lost = [(i, chain) for i in problem.sought for chain in bent_limbs(problem, i, solution.motions[i])]
+        lost += [place for place in refuted_limbs(problem, solution.motions) if place not in lost]
+        known = SettledSolutions()
+        for k, place in enumerate(lost):
+            part = workspace.part(0.3 + 0.7 * k / len(lost), 0.3 + 0.7 * (k + 1) / len(lost))
+            solution = with_limb_regained(problem, solution, place, part, known)
+        if problem.doubted and len(problem.bodies) == 1 and likelihood_decides(problem):
+            solution = _looked_at_again(problem, solution, known, workspace.silent())
+    return replace(solution, seconds=dict(seconds))
 
 
 def _looked_at_again(
@@ -121,11 +124,11 @@ def _with_limb_looked_for(
     i, chain = place
     for look in range(MAX_SEARCH_ROUNDS):
         before, first = solution.motions[i], known.after(problem, solution, workspace)
-        found = freed_limb(problem, first.solution.motions, place, (1 + more) * MAX_SEARCH_ROUNDS + look)
-        if found is first.solution.motions[i]:
+        motions, seed = first.solution.motions, (1 + more) * MAX_SEARCH_ROUNDS + look
+        there = _solved_elsewhere(problem, motions, place, seed, noise=first.noise, workspace=workspace)
+        if there is None:
             break
-        there = descend(problem, (found,), workspace, SETTLED, first.noise)
-        if _leads_elsewhere(problem, place, first.solution.motions, there.motions):
+        if _leads_elsewhere(problem, place, motions, there.motions):
             there = settled_further(problem, first.noise, there, workspace)
         solution = _likelier(problem, solution, first, there, workspace)
         if not is_elsewhere(problem.bodies[i], chain, before, solution.motions[i]):
@@ -141,13 +144,9 @@ def _likelier(
     workspace: Workspace,
 ) -> SegmentSolution:
     """Return a solution, or what was found beside it, refined, if that is likelier than the solution when settled."""
-    seconds = Seconds(solution.seconds)
-    seconds.add(found.seconds)
     if likelihood(problem, settled.noise, found) <= likelihood(problem, settled.noise, settled.solution) + RESTING_GAIN:
-        return replace(solution, seconds=dict(seconds))
-    ended = gauss_newton.refine(problem, found.motions, workspace)
-    seconds.add(ended.seconds)
-    return replace(gauss_newton.continued(solution, ended), seconds=dict(seconds))
+        return solution
+    return gauss_newton.continued(solution, gauss_newton.refine(problem, found.motions, workspace))
 
 
 def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[LimbOfPerformer]:
@@ -253,39 +252,45 @@ def with_limb_regained(
     known : SettledSolutions, optional
         Shared by the searches for all limbs.
     """
-    i, several = place[0], len(problem.bodies) > 1
-    alone, seconds = problem.alone(i), Seconds(solution.seconds)
+    alone, several = problem.alone(place[0]), len(problem.bodies) > 1
     first = (known or SettledSolutions()).after(alone, solution, workspace.silent())
     noise, settled = first.noise, [first.solution]
     most, vain, returned = likelihood(alone, noise, settled[0]), 0, 0
     for look in range(MAX_SEARCH_ROUNDS):
-        motions, reached, elsewhere = settled[-1].motions, most, False
-        with seconds.measure("initial solution"):
-            found = freed_limb(alone, motions, place, look)
-        begin = (*motions[:i], found, *motions[i + 1 :])
-        if found is not motions[i] and (not several or _leads_elsewhere(alone, place, motions, begin)):
-            there = descend(
-                alone, begin, workspace.part(look / MAX_SEARCH_ROUNDS, (look + 1) / MAX_SEARCH_ROUNDS), SETTLED, noise
-            )
-            elsewhere = _leads_elsewhere(alone, place, motions, there.motions)
-            if elsewhere or not several:
-                settled.append(there)
-                reached = likelihood(alone, noise, there)
+        motions, reached = settled[-1].motions, most
+        part = workspace.part(look / MAX_SEARCH_ROUNDS, (look + 1) / MAX_SEARCH_ROUNDS)
+        there = _solved_elsewhere(alone, motions, place, look, noise=noise, workspace=part)
+        elsewhere = there is not None and _leads_elsewhere(alone, place, motions, there.motions)
+        if there is not None and (elsewhere or not several):
+            settled.append(there)
+            reached = likelihood(alone, noise, there)
         returned = 0 if elsewhere else returned + 1
         most, vain = max(most, reached), 0 if elsewhere and reached > most + RESTING_GAIN else vain + 1
         # Where people pass, much is out of sight for good.
         if returned == (1 if several else MAX_RETURNS) or (several and vain == MAX_VAIN_ROUNDS):
             break
-    for each in settled:
-        seconds.add(each.seconds)
-    kept = settled[0]
     best = likeliest_at_rest(alone, noise, *settled, workspace=workspace)
-    if best is kept:
-        return replace(solution, seconds=dict(seconds))
-    ended = gauss_newton.refine(problem, best.motions, workspace.silent())
-    seconds.add(ended.seconds)
-    iterations = solution.iterations + sum(each.iterations for each in settled) + ended.iterations
-    return replace(ended, iterations=iterations, energy=(*solution.energy, *ended.energy), seconds=dict(seconds))
+    if best is settled[0]:
+        return solution
+    return gauss_newton.continued(solution, gauss_newton.refine(problem, best.motions, workspace.silent()))
+
+
+def _solved_elsewhere(
+    alone: SegmentProblem,
+    motions: Sequence[Motion],
+    place: LimbOfPerformer,
+    seed: int,
+    *,
+    noise: SegmentNoise,
+    workspace: Workspace,
+) -> SegmentSolution | None:
+    """Search for a limb once, and solve from where it is found; None if it is found where it is."""
+    i, several = place[0], len(alone.bodies) > 1
+    found = freed_limb(alone, motions, place, seed)
+    start = (*motions[:i], found, *motions[i + 1 :])
+    if found is motions[i] or (several and not _leads_elsewhere(alone, place, motions, start)):
+        return None
+    return descend(alone, start, workspace, SETTLED, noise)
 
 
 def _leads_elsewhere(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from .descent_stages import SETTLED
 from .equations.measurement import Workspace
@@ -56,6 +56,5 @@ class SettledSolutions:
         [performer] = alone.sought
         kept = self._kept.get(performer)
         if kept is None or kept.begin.motions is not solution.motions:
-            kept = SettledSolution.after(alone, solution, workspace)
-            self._kept[performer] = replace(kept, solution=replace(kept.solution, seconds={}))  # they count once
+            kept = self._kept[performer] = SettledSolution.after(alone, solution, workspace)
         return kept

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -134,6 +135,16 @@ def test_limbs_without_a_sign_are_looked_for_if_the_pictures_contradicted_the_pe
     assert error_mm(unsure) < 0.7 * error_mm(astray())
     true = refined(replace(problem, doubted=(0,)), [TRUTH], Workspace()).motions[0]
     assert error_mm(true) < 0.2 * error_mm(astray())
+
+
+@pytest.mark.usefixtures("without_descent")
+@pytest.mark.parametrize("doubted", [(), (0,)])
+def test_the_time_that_searches_take_counts(problem: SegmentProblem, doubted: tuple[int, ...]) -> None:
+    """One limb is bent; of a doubtful performer, all are looked for."""
+    begin = time.perf_counter()
+    found = refined(replace(problem, doubted=doubted), [astray()], Workspace())
+    taken = time.perf_counter() - begin
+    assert 0.8 * taken < sum(found.seconds.values()) <= taken
 
 
 @pytest.mark.usefixtures("without_descent")
