@@ -72,7 +72,10 @@ class FittedShape:
     def joined(self, others: Sequence[ShapeEvidence]) -> FittedShape:
         """Return the shape that fits frames of others as well; frames that are among one's own count once.
 
-        The pictures are not looked at again. The evidence stays one's own.
+        It is what a fit to all of these frames leads to: it begins with the default body again and makes as many steps.
+        Begun where one's own fit ended, it would make twice as many, each with a prior of its own, and what the cameras
+        hardly show would go far beyond what the fits say. The pictures are not looked at again. The evidence stays
+        one's own.
         """
         own, known = self.evidence, set(self.evidence.frames.tolist())
         parts = [(own.change, own.matrix.sum(axis=0), own.gradient.sum(axis=0))]
@@ -83,7 +86,7 @@ class FittedShape:
                 parts.append((other.change, other.matrix[new].sum(axis=0), other.gradient[new].sum(axis=0)))
         if len(parts) == 1:
             return self
-        matrix, change = sum((H for _, H, _ in parts), STEP_PRIOR), own.change
+        matrix, change = sum((H for _, H, _ in parts), STEP_PRIOR), np.zeros_like(own.change)
         for _ in range(ITERATIONS):
             gradient = sum(g + np.einsum("pij,pj->pi", H, further(at, change)) for at, H, g in parts)
             change = compose(change, -np.linalg.solve(matrix, gradient[..., None]))

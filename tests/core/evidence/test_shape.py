@@ -141,6 +141,20 @@ def test_shapes_fitted_to_single_frames_join_to_the_one_that_fits_all() -> None:
     np.testing.assert_array_equal(again.geometry.vertices, joined.geometry.vertices)
 
 
+def test_joined_shapes_keep_as_near_to_the_default_body_as_fitted_ones() -> None:
+    """A frame on which nothing is seen leaves limbs, which one camera hardly shows, where the fit has them."""
+    camera, pose = look_at("front", (0, -6.0, 1.1), focal=420), at_rest(BODY, 2)
+    truth, start = widened(BODY, (1.2, 1.1, 1.2)), Geometry.of([BODY])
+    R, T = poses_of([BODY], [pose])
+    views = filmed([truth], [pose], [camera])
+    first, second = (fitted_shape(views, start, {0.0: (R[[f]], T[[f]])}, [f]) for f in (0, 1))
+    seen = second.evidence
+    nothing = replace(seen, matrix=np.zeros_like(seen.matrix), gradient=np.zeros_like(seen.gradient))
+    changed, moved = (apart_mm(first.geometry, other) for other in (start, first.joined([nothing]).geometry))
+    assert (changed[1:] > 8).all()
+    assert (moved[1:] < 2).all()
+
+
 def test_stretched_planes_are_those_of_the_stretched_vertices() -> None:
     geometry = Geometry.of([BODY, widened(BODY, (1.3, 0.9, 1.1))])
     change = np.random.default_rng(0).uniform(-0.3, 0.3, (len(geometry.spans), 6))
