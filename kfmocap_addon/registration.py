@@ -40,7 +40,7 @@ from .scene_io.cameras import missing_footage
 from .session import SESSION
 from .viewports import changed_segments, key_list
 
-OPERATORS = (
+OPERATOR_MODULES = (
     open_section,
     load_shot,
     add_footage,
@@ -77,12 +77,12 @@ OPERATORS = (
     calibrate_cameras,
     calibrate_from_performer,
 )
-MODULES = (properties, *OPERATORS, *panels.SECTIONS, keymap)
+MODULES = (properties, *OPERATOR_MODULES, *panels.PANEL_MODULES, keymap)
 CLASSES = tuple(cls for module in MODULES for cls in module.CLASSES)
 MENUS = tuple(entry for module in (edit_body, load_shot, export_motion) for entry in module.MENUS)
 """Names of Blender's menus and what is appended to them."""
 
-_BESIDE_CLASSES = (guide, key_list, changed_segments, missing_footage, keymap, toolbar)
+_REGISTERING_MODULES = (guide, key_list, changed_segments, missing_footage, keymap, toolbar)
 """Modules that add more to Blender than classes: handlers, keys, a tool."""
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)
@@ -98,7 +98,7 @@ def register() -> None:
     for menu, entry in MENUS:
         getattr(bpy.types, menu).append(entry)
         SESSION.on_end(getattr(bpy.types, menu).remove, entry)
-    for module in _BESIDE_CLASSES:
+    for module in _REGISTERING_MODULES:
         module.register()
     for space, draw, stage in _OVERLAYS:
         SESSION.on_end(space.draw_handler_remove, space.draw_handler_add(draw, (), "WINDOW", stage), "WINDOW")

@@ -12,7 +12,7 @@ from . import (
     track_panel,
 )
 
-SECTIONS = (
+PANEL_MODULES = (
     section,
     footage_panel,
     calibration_panel,

@@ -37,7 +37,7 @@ def shown():
 
 
 def test_every_section_has_a_panel_with_its_title():
-    classes = [cls for module in panels.SECTIONS for cls in module.CLASSES if issubclass(cls, Section)]
+    classes = [cls for module in panels.PANEL_MODULES for cls in module.CLASSES if issubclass(cls, Section)]
     assert sorted((cls.section_name(), cls.bl_label) for cls in classes) == sorted(
         (name, title) for name, title, _ in SECTIONS
     )
@@ -173,7 +173,7 @@ def test_no_tool_has_two_buttons_of_the_same_meaning(tmp_path, tracker, misfit):
     key_list.known_keys().look_up()
     sections_of(bpy.context).shown = {name for name, *_ in SECTIONS}
     layout = Layout(tools=[])
-    for module in panels.SECTIONS:
+    for module in panels.PANEL_MODULES:
         for cls in module.CLASSES:
             if issubclass(cls, bpy.types.Panel):
                 drawn = cls.draw_content if issubclass(cls, Section) else cls.draw
