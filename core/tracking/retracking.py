@@ -16,13 +16,13 @@ from ..runtime.progress import Progress, report_progress, share
 from ..runtime.worker_memory import WorkerMemory
 from ..shot.fingerprint import ValueBytes, checksum
 from ..shot.frame_numbers import without_gaps_beyond
-from ..shot.grips import completed
 from ..shot.shot import KeyPoses, Performer, Shot
 from .footage_gaps import with_found_gaps
 from .run_context import PLAIN_RUN, RunContext
 from .schedule import SegmentShown
 from .segment_stages import Around
 from .segments import Segment, segments
+from .shot_scale import ShotScale
 from .track_result import TrackResult
 from .tracker import track
 
@@ -104,7 +104,7 @@ def track_excerpts(
     KFMocapError
         See `tracker.track`.
     """
-    shot = completed(shot)
+    shot = ShotScale.of(shot).completed(shot)
     ends = np.cumsum([0] + [part.last - part.first for part in excerpts])
     ends = ends / max(1, ends[-1])
     results = []
@@ -164,7 +164,7 @@ def preview_segment(
         report_progress(progress, "looking ahead", 0.0)
         return len(seen) < PREVIEW_ITERATIONS
 
-    asked = completed(shot).between(first, last).with_footage_offset(part.footage_offset)
+    asked = ShotScale.of(shot).completed(shot).between(first, last).with_footage_offset(part.footage_offset)
     with contextlib.suppress(KFMocapError):  # cancelled, or an error that the tracking that follows reports
         track(asked, looked, observed, run=RunContext(memory=memory))
 

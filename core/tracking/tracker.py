@@ -43,6 +43,7 @@ from .segment_stages import Around, EarlierTrack, TrackState
 from .segment_tasks import solve_task
 from .segments import segments
 from .shot_result import result_of_segments
+from .shot_scale import ShotScale
 from .solvers.protocol import Solver
 from .solvers.registry import solver_named
 from .track_result import TrackResult
@@ -95,8 +96,17 @@ def track(
     CancelledError
     """
     _check(shot)
-    shot, views_as_given = _in_order(shot)
-    asked = _Asked(progress, observe, pictures, around, run, earlier, views_as_given)
+    given, scale = shot.performers, ShotScale.of(shot)
+    shot, views_as_given = _in_order(scale.shot(shot))
+    asked = _Asked(
+        progress,
+        scale.observer(observe),
+        pictures,
+        scale.around(around),
+        scale.run(run),
+        scale.motions(earlier),
+        views_as_given,
+    )
     known = known_damage(shot, run.memory)
     shot = without_damaged(shot, known)
     with heard_decoders(run.memory) as log:
@@ -115,7 +125,7 @@ def track(
             result = replace(result, seconds=again.seconds)
             break
         shot, result, done = corrected, again, done_again
-    return replace(result, damage=damage).of_views(views_as_given)
+    return scale.result(replace(result, damage=damage).of_views(views_as_given), given)
 
 
 def _tracked_again(
