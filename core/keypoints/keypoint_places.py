@@ -26,7 +26,7 @@ OFFSET_ASYMMETRY = 0.3
 """Standard deviation of an offset from the mirror image of the other side's, as a share of the offset's own."""
 _LIMB = ("Elbow", "Wrist", "Knee", "Ankle")
 _TRUNK = ("LShoulder", "RShoulder", "LHip", "RHip")
-_FACE = {"Eye": (0.11, 0.62, 0.17), "Ear": (0.26, 0.55, 0.0)}
+FACE = {"Eye": (0.11, 0.62, 0.17), "Ear": (0.26, 0.55, 0.0)}
 """Left, up and forward in a head's frame, in lengths of the head."""
 
 
@@ -70,9 +70,9 @@ def keypoint_on_body(body: Body, name: str) -> tuple[int, Array]:
     What a detector calls a shoulder or a hip is a point of the part that the limb hangs on, collar bone or trunk: it
     does not turn with the limb.
     """
-    if name[1:] in _FACE and "Head" in body.landmarks:
+    if name not in body.landmarks and name[1:] in FACE and "Head" in body.landmarks:
         part, top = body.landmarks["Head"]
-        left, up, forward = _FACE[name[1:]]
+        left, up, forward = FACE[name[1:]]
         return part, float(np.linalg.norm(top)) * np.array([left if name[0] == "L" else -left, up, forward])
     part, point = body.landmarks[name]
     if name.endswith(_TRUNK) and not point.any() and body.parents[part] >= 0:
@@ -82,7 +82,7 @@ def keypoint_on_body(body: Body, name: str) -> tuple[int, Array]:
 
 def has_keypoint(body: Body, name: str) -> bool:
     """Whether the body has a place for a keypoint."""
-    return name in body.landmarks or (name[1:] in _FACE and "Head" in body.landmarks)
+    return name in body.landmarks or (name[1:] in FACE and "Head" in body.landmarks)
 
 
 def offset_deviation(name: str) -> float:
@@ -108,5 +108,5 @@ def offset_precision(names: Sequence[str]) -> Array:
             (own, cross), _ = np.linalg.inv([[usual + apart, usual], [usual, usual + apart]])
             precision[i, axes, i, axes] = precision[other, axes, other, axes] = own
             precision[i, axes, other, axes] = precision[other, axes, i, axes] = cross * mirror
-    scale = np.array([THINNESS if name.endswith(_LIMB) else (1.0, 1.0, 1.0) for name in names])
+    scale = np.array([THINNESS if name.endswith(_LIMB) else (1.0, 1.0, 1.0) for name in names]).reshape(-1, 3)
     return np.asarray((precision * scale[:, :, None, None] * scale).reshape(3 * L, 3 * L))

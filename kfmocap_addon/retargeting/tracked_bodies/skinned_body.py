@@ -24,6 +24,7 @@ from ..rigs.rig_reading import moved_matrices
 from ..rigs.rig_settings import has_keys, keep_in_override, setting_name, with_settings
 from ..send import target_bones
 from .part_roles import PART_ROLES, limb_bones, limbs_of, taken_in
+from .rig_landmarks import add_landmarks
 from .rigify_animals import animal_controls, goes_on_four, is_generated
 from .tracked_bones import movable_root, refuse_following, refuse_moving_object, remove_parts
 
@@ -47,6 +48,7 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
     armature = editable(armature, current)
     refuse_moving_object(current, armature)
     taken, remarks = _taken(current, armature)
+    add_landmarks(taken)
     if taken.animation_data is not None:
         fcurves.show_action(taken)
     return taken, (*leave_rest_position(taken), *remarks)

@@ -121,7 +121,13 @@ def _describe(armature: bpy.types.Object, body: Body) -> None:
         lossless.keep(bone, REST, _rest(part))
         bone[DEPARTURE] = part.departure
         bone[LIMITS] = json.dumps(np.asarray(part.limits).tolist())
-        bone[LANDMARKS] = json.dumps(
+    keep_landmarks(armature, body)
+
+
+def keep_landmarks(armature: bpy.types.Object, body: Body) -> None:
+    """Store the landmarks of a body on the bones of its armature."""
+    for rank, part in enumerate(body.parts):
+        armature.data.bones[part.name][LANDMARKS] = json.dumps(
             {
                 name: [place, *np.asarray(point).tolist()]
                 for place, (name, (owner, point)) in enumerate(body.landmarks.items())
@@ -254,15 +260,7 @@ def body_from_armature(armature: bpy.types.Object) -> Body:
         )
         part_meshes.check_solid(read.vertices, armature, bone)
         rest = lossless.recall(bone, REST, _rest(read), 1.0 + float(np.abs(head).max()))
-        parts.append(
-            replace(
-                read,
-                head_world=rest[0],
-                tail_world=rest[1],
-                R_world_rest=rest[2:5],
-                vertices=rest[5:],
-            )
-        )
+        parts.append(replace(read, head_world=rest[0], tail_world=rest[1], R_world_rest=rest[2:5], vertices=rest[5:]))
     return Body(tuple(parts), _landmarks(bones))
 
 

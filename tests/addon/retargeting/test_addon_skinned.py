@@ -12,13 +12,14 @@ bpy = pytest.importorskip("bpy")
 from addon_shots import blender, joint_error  # noqa: E402, F401
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
+from kfmocap.core.body.soles import Soles  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature, part_meshes  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.characters import skinned_parts, skins  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402
-from odd_characters import as_imported, bind, foreign_armature, points_of  # noqa: E402
+from odd_characters import as_imported, bind, foreign_armature, mixamo_like, points_of, quadruped  # noqa: E402
 from scipy.spatial import ConvexHull  # noqa: E402
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
@@ -417,3 +418,26 @@ def test_corners_of_a_dense_cloud_span_nearly_all_of_it():
     cloud = cloud / np.linalg.norm(cloud, axis=1, keepdims=True) * [1.0, 0.2, 0.1]
     chosen = skinned_parts.corners(cloud)
     assert ConvexHull(chosen).volume > 0.7 * ConvexHull(cloud).volume
+
+
+def test_a_character_of_other_bones_has_landmarks_and_soles():
+    armature = mixamo_like()
+    use_as_body(bpy.context.scene, armature)
+    body = body_armature.body_from_armature(armature)
+    assert set(BODY.landmarks) - set(body.landmarks) == {"LHand", "RHand"}
+    assert body.names[body.landmarks["LKnee"][0]] == "mixamorig:LeftLeg"
+    assert Soles.of(body).names == Soles.of(BODY).names
+    own, found = (
+        np.sort([each.parts[i].head_world[2] + each.parts[i].R_world_rest[2] @ p for i, p in soles])
+        for each in (BODY, body)
+        for soles in [[each.landmarks[f"{side}{tip}"] for side in "LR" for tip in ("Heel", "BigToe")]]
+    )
+    np.testing.assert_allclose(found, own, atol=0.01)
+
+
+def test_an_animal_has_no_landmarks_of_people():
+    armature = quadruped()
+    use_as_body(bpy.context.scene, armature)
+    body = body_armature.body_from_armature(armature)
+    assert Soles.of(body) is None
+    assert set(body.landmarks) == set(body.names)

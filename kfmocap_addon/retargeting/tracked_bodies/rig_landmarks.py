@@ -1,0 +1,59 @@
+"""Landmarks for the body that a human character's armature becomes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import bpy
+import numpy as np
+
+from ....core.body import Body
+from ....core.errors import BodyError
+from ....core.retargeting.rig_landmarks import human_landmarks
+from ....core.retargeting.roles import BoneMap
+from ...scene_io.body import body_armature
+from ..send import target_bones
+from .part_roles import PART_ROLES
+from .rigify_animals import goes_on_four
+
+_SAME = 0.02
+"""Share of a body's height within which a part begins where a bone does, which it then stands for."""
+
+
+def add_landmarks(armature: bpy.types.Object) -> None:
+    """Store landmarks on the bones of an armature that carries the parts of a body, if it is human and has none.
+
+    Bones of linked files cannot store them: joints keep the names of the bones there.
+    """
+    bones = armature.data.bones
+    linked = armature.data.library is not None or armature.data.override_library is not None
+    if linked or any(body_armature.LANDMARKS in bone for bone in bones):
+        return
+    try:
+        roles = target_bones(armature)
+    except BodyError:
+        return
+    if {"hand.L", "hand.R"} <= set(roles.bones) and goes_on_four(armature, roles):
+        return
+    body = body_armature.body_from_armature(armature)
+    if landmarks := human_landmarks(body, _parts(armature, body, roles)):
+        body_armature.keep_landmarks(armature, replace(body, landmarks=landmarks))
+
+
+def _parts(armature: bpy.types.Object, body: Body, roles: BoneMap) -> dict[str, int]:
+    """Return the part of each role: that of its bone, or one that begins where its bone does, such as a control's."""
+    R, place, scale = body_armature.object_pose(armature)
+    heads = np.array([part.head_world for part in body.parts])
+    near = _SAME * float(np.ptp(heads, axis=0).max())
+    found: dict[str, int] = {}
+    for role, number, name in roles.items():
+        if number or role.partition(".")[0] not in PART_ROLES:
+            continue
+        if name in body.names:
+            found[role] = body.index(name)
+            continue
+        head = scale * R @ np.array(armature.data.bones[name].head_local) + place
+        apart = np.linalg.norm(heads - head, axis=1)
+        if apart.min() < near:
+            found[role] = int(apart.argmin())
+    return found
