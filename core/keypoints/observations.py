@@ -13,11 +13,12 @@ from ..body import part_poses
 from ..body.motion import Motion
 from ..cameras.camera import Camera
 from ..numerics.arrays import Array
-from ..shot.acceleration_prior import acceleration_precision
+from ..shot.acceleration_prior import acceleration_precision, variances_from_key_poses
 from ..shot.detections import Detections
 from ..shot.frame_numbers import footage_delay, shot_frames
+from ..shot.keypose_spline import spline
 from ..shot.shot import Performer, Settings, Shot, View
-from .association.assignment import Identity, PerformerClues, assign_detections
+from .association.assignment import NOT_LOOKED_FOR, Identity, PerformerClues, assign_detections
 from .association.tracks import ViewDetections
 from .keypoint_factor import KeypointFactor
 from .keypoint_motion.first_pass import first_pass
@@ -117,6 +118,9 @@ def fit_keypoints(shot: Shot, detections: Sequence[Detections], fixed: Sequence[
     performers = []
     for performer, held, keypoints, identity in zip(shot.performers, fixed, found, identities, strict=True):
         body, correlated = performer.body, correlated_frames(shot.settings, shot.fps)
+        if not keypoints.names:
+            performers.append(_unseen(shot, performer, keypoints, identity))
+            continue
         precision = acceleration_precision(body, shot.fps, shot.settings)
         fit = first_pass(
             body,
@@ -141,6 +145,15 @@ def fit_keypoints(shot: Shot, detections: Sequence[Detections], fixed: Sequence[
     return ShotKeypoints(tuple(performers), tuple(one.skipped for one in detections))
 
 
+def _unseen(shot: Shot, performer: Performer, keypoints: Keypoints, identity: Identity) -> PerformerKeypoints:
+    """Return the keypoints of a performer that no detector looks for, such as a prop or an animal."""
+    body, keys = performer.body, performer.key_poses
+    factor = KeypointFactor(keypoints, Places.on(body, ()), 1.0, np.zeros((len(shot.views), 0)))
+    nothing = np.zeros(keypoints.confidence.shape)
+    typical = variances_from_key_poses(body, keys, shot.fps, shot.settings)
+    return PerformerKeypoints(spline(keys, shot.length), factor, nothing > 0, nothing, typical, identity)
+
+
 def correlated_frames(settings: Settings, fps: float) -> float:
     """Return how many neighbouring frames count as one, because a detector has the same error on them."""
     return max(1.0, settings.keypoint_correlation * fps)
@@ -159,25 +172,28 @@ def identified_keypoints(shot: Shot, detections: Sequence[Detections]) -> tuple[
     KeypointError
         The person chosen for a performer does not exist; see `assign_detections`.
     """
-    bodies = [performer.body for performer in shot.performers]
     known_names = dict.fromkeys(name for found in detections for name in found.names)
-    names = tuple(name for name in known_names if all(has_keypoint(body, name) for body in bodies))
-    V, F, L = len(shot.views), shot.length, len(names)
-    poses = [view.camera.poses(0, F) for view in shot.views]
-    empty = Keypoints(
-        names,
-        np.full((V, F, L, 2), np.nan),
-        np.zeros((V, F, L)),
-        np.stack([R for R, _ in poses]),
-        np.stack([t for _, t in poses]),
-    )
+    shown = [i for i, p in enumerate(shot.performers) if any(has_keypoint(p.body, name) for name in known_names)]
+    bodies = [shot.performers[i].body for i in shown]
+    names = tuple(name for name in known_names if bodies and all(has_keypoint(body, name) for body in bodies))
+    empty = _no_keypoints(shot, names)
     founds = [on_shot_frames(view, found, names, shot) for view, found in zip(shot.views, detections, strict=True)]
     clues = [
-        PerformerClues(p.name, _key_places(p, names, F), p.person, not p.key_poses.fixed.any()) for p in shot.performers
+        PerformerClues(p.name, _key_places(p, names, shot.length), p.person, not p.key_poses.fixed.any())
+        for p in (shot.performers[i] for i in shown)
     ]
-    owned, identities = assign_detections(founds, empty, clues, shot.fps)
+    assigned = assign_detections(founds, empty, clues, shot.fps) if names else ([], [])
     delays = [footage_delay(view) for view in shot.views]
-    return [without_guesses(on_time(keypoints, delays)) for keypoints in owned], identities
+    owned = dict(zip(shown if names else (), zip(*assigned, strict=True), strict=True))
+    found = [owned.get(i, (_no_keypoints(shot), NOT_LOOKED_FOR)) for i in range(len(shot.performers))]
+    return [without_guesses(on_time(own, delays)) for own, _ in found], [identity for _, identity in found]
+
+
+def _no_keypoints(shot: Shot, names: tuple[str, ...] = ()) -> Keypoints:
+    """Return keypoints of some names of which none is found in any view."""
+    V, F, L = len(shot.views), shot.length, len(names)
+    R, t = (np.stack(all_views) for all_views in zip(*(v.camera.poses(0, F) for v in shot.views), strict=True))
+    return Keypoints(names, np.full((V, F, L, 2), np.nan), np.zeros((V, F, L)), R, t)
 
 
 def on_shot_frames(view: View, detections: Detections, names: Sequence[str], shot: Shot) -> ViewDetections:

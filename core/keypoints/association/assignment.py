@@ -56,6 +56,10 @@ class Identity:
         return f"person {self.person} of {self.people}, by {self.reason}"
 
 
+NOT_LOOKED_FOR = Identity(None, 0, "nobody else")
+"""That of a body without any of a detector's keypoints, such as a prop or an animal."""
+
+
 @dataclass(frozen=True, eq=False)
 class PerformerClues:
     """What is known of a performer before detections are assigned to it.

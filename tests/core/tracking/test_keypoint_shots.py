@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from keypoint_shots import NAMES, SIZE, cameras, joint_errors, keypoints_of, seen_places, strolling, write_openpose
-from kfmocap.core.body import human, landmark_positions
+from kfmocap.core.body import Body, Part, human, landmark_positions, part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import KFMocapError
 from kfmocap.core.formats import save_cameras, write_trc
@@ -26,6 +26,7 @@ from kfmocap.core.shot.shot import KeyPoses, Performer, Settings, Shot, View, fi
 from kfmocap.core.tracking.prepare import load_shot
 from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.selection import selected
+from kfmocap.core.tracking.shot_scale import ShotScale
 from kfmocap.core.tracking.tracker import track
 from synthetic import at_rest
 
@@ -245,6 +246,45 @@ def test_the_tracker_follows_keypoints_where_pictures_say_nothing(tmp_path: Path
     assert (result.motions[0].rotations[[0, 23]] == performer.key_poses.poses.rotations).all()
     curve = spline(performer.key_poses, FRAMES)
     assert joint_errors(performer.body, curve, body, truth).mean() > 0.05
+
+
+def test_a_prop_beside_a_person_with_keypoints_is_tracked_without(tmp_path: Path) -> None:
+    path = written(tmp_path, "keyframes = [0, 23]\nlandmarks = 'landmarks.trc'")
+    body, truth = human(), people(1)[0]
+    names = list(body.landmarks)
+    write_trc(tmp_path / "landmarks.trc", names, landmark_positions(body, truth, names), FPS)
+    alone = load_shot(path)
+    solid = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (0.0, 0.3) for z in (-0.1, 0.1)])
+    part = Part("stick", -1, np.zeros(3), np.array([0.0, 0.3, 0.0]), np.eye(3), solid)
+    prop = Performer("stick", Body((part,), {}), KeyPoses.whole([0, 23], at_rest(Body((part,), {}), 2)))
+    shot = replace(alone, performers=(prop, *alone.performers))
+    result = track(shot)
+    nothing, own = result.observed.performers
+    assert not nothing.factor.keypoints.names
+    assert len(own.factor.keypoints.names) > 10
+    assert joint_errors(alone.performers[0].body, result.motions[1], body, truth).mean() < 0.02
+    assert np.linalg.norm(result.motions[0].translations, axis=1).max() < 0.05
+    found = report(shot, result, ())["performers"]
+    assert found[0]["identity"]["person"] is None
+    assert not found[0]["keypoints"]["cam01"]["frames"]
+    only = track(replace(alone, performers=(prop,)))
+    assert not only.observed.performers[0].factor.keypoints.names
+
+
+def test_keypoints_of_a_small_shot_are_in_its_lengths(tmp_path: Path) -> None:
+    path = written(tmp_path, "keyframes = [0, 23]\nlandmarks = 'landmarks.trc'")
+    body, truth = human(), people(1)[0]
+    names = list(body.landmarks)
+    write_trc(tmp_path / "landmarks.trc", names, landmark_positions(body, truth, names), FPS)
+    shot = ShotScale(0.1).shot(load_shot(path))
+    [own] = track(shot).observed.performers
+    found = own.factor
+    np.testing.assert_allclose(found.keypoints.t_cam_world[:, 0], [v.camera.t_cam_world[0] for v in shot.views])
+    off = found.keypoints.residuals(found.places.world(part_poses(shot.performers[0].body, own.motion)))
+    assert np.nanmedian(np.abs(off)) < 0.001
+    assert found.deviation is not None
+    assert found.deviation.max() < 0.003
+    np.testing.assert_allclose(own.motion.translations, 0.1 * truth.translations, atol=0.005)
 
 
 def test_keypoints_of_two_views_show_accelerations_that_two_key_poses_do_not(tmp_path: Path) -> None:
