@@ -9,7 +9,7 @@ import numpy as np
 
 from ....core.body import Body
 from ....core.errors import BodyError
-from ....core.retargeting.rig_landmarks import human_landmarks
+from ....core.retargeting.human_landmarks import human_landmarks
 from ....core.retargeting.roles import BoneMap
 from ...scene_io.body import body_armature
 from ..send import target_bones

@@ -11,7 +11,7 @@ from kfmocap.core.body.soles import Soles
 from kfmocap.core.keypoints.keypoint_places import Places
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.arrays import Array
-from kfmocap.core.retargeting.rig_landmarks import human_landmarks
+from kfmocap.core.retargeting.human_landmarks import human_landmarks
 
 OWN = human(1.75)
 ROLES = {"pelvis": "hips", "spine": "spine"}
