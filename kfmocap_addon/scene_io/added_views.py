@@ -170,8 +170,8 @@ def calibrate_views(
     pairs = paired(list(slots), list(cameras))
     if not pairs:
         raise CalibrationError(
-            f"its cameras ({', '.join(cameras)}) go with none of the views ({', '.join(slots)})",
-            todo="name the views as the cameras: click twice on a view's name in the list",
+            f"the cameras ({', '.join(cameras)}) have other names than the views ({', '.join(slots)})",
+            todo="enter the camera of each view in Look Through > View > Camera",
         )
     found = {name: _camera_of(slots[name], cameras[own], resized=resized) for name, own in pairs.items()}
     camera_poses.check_can_be_placed(slots[name] for name in pairs)

@@ -172,6 +172,18 @@ def test_a_calibration_of_another_size_or_of_other_names_changes_nothing(take):
         assert [view.name for view in shot().views] == ["walk_cam01", "walk_cam02"]
 
 
+def test_views_of_other_names_than_the_cameras_take_those_that_are_entered_where_the_message_says(take):
+    place = " > ".join((footage_panel.LookPanel.bl_label, footage_panel.ViewPanel.bl_label, "Camera"))
+    add(take, "walk_cam01.mp4", "walk_cam02.mp4")
+    save_cameras(take / "named.toml", [replace(camera(1), name="left"), replace(camera(2), name="right")])
+    with pytest.raises(RuntimeError, match=place):
+        bpy.ops.kfmocap.import_calibration(filepath=str(take / "named.toml"))
+    for view, name in zip(shot().views, ("left", "right"), strict=True):
+        view.name = name
+    assert bpy.ops.kfmocap.import_calibration(filepath=str(take / "named.toml")) == {"FINISHED"}
+    assert all(view.is_calibrated for view in shot().views)
+
+
 def test_a_calibration_is_scaled_to_footage_that_was_resized_after_it(take):
     add(take, "walk_cam01.mp4", "walk_cam02.mp4")
     large = take / "large.toml"
