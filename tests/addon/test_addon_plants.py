@@ -17,10 +17,12 @@ from kfmocap.core.body.soles import SOLE_POINTS, Soles  # noqa: E402
 from kfmocap.kfmocap_addon.overlays.plant_bars import ROWS  # noqa: E402
 from kfmocap.kfmocap_addon.panels.review_panel import LEAST_SHARE, bar_pieces  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting import sole_plants  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.tracked_bodies import skinned_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.review import plant_lists  # noqa: E402
+from odd_characters import skinned_human  # noqa: E402
 from render.motions import MOTIONS  # noqa: E402
 
 pytestmark = pytest.mark.blender
@@ -162,3 +164,25 @@ def test_the_pieces_of_a_bar_fill_it_and_every_plant_on_its_frames_can_be_seen(p
     assert all(start < stop for start, stop, *_ in pieces)
     numbers = [f for _, _, (first, last), _ in pieces for f in (first, last)]
     assert numbers == sorted(numbers)
+
+
+def test_feet_of_somebody_elses_character_are_planted_as_those_of_the_default_body(dancer):
+    own = {name: flags.copy() for name, flags in planted_of(dancer).items()}
+    names = {name: f"joint_{i}" for i, name in enumerate(human(1.75).names)}
+    skinned_body.use_as_body(bpy.context.scene, skinned_human(names))
+    character = bpy.context.scene.kfmocap.performers[-1]
+    body = body_armature.body_from_armature(character.armature)
+    order = [list(names.values()).index(name) for name in body.names]
+    dance = MOTIONS["whirl"](human(1.75), FRAMES, 30.0)
+    error = 0.004 * np.sin(0.7 * np.arange(FRAMES)[:, None] + [0.0, 1.0, 2.0])
+    moved = Motion(dance.translations + error, dance.rotations[:, order])
+    motion_curves.write_motion(character.armature, moved, frame_start())
+    bpy.context.view_layer.objects.active = character.armature
+    found = planted_of(character)
+    assert set(found) == set(own)
+    assert np.mean([found[name] == own[name] for name in own]) > 0.9
+
+
+def planted_of(slot):
+    assert bpy.ops.kfmocap.find_plants() == {"FINISHED"}
+    return flags_of(slot)
