@@ -98,49 +98,56 @@ def track(
     _check(shot)
     given, scale = shot.performers, ShotScale.of(shot)
     shot, views_as_given = _in_order(scale.shot(shot))
-    asked = _Asked(
-        progress,
-        scale.observer(observe),
-        pictures,
-        scale.around(around),
-        scale.run(run),
-        scale.motions(earlier),
-        views_as_given,
+    options = _TrackOptions(
+        progress=progress,
+        observe=scale.observer(observe),
+        pictures=pictures,
+        around=scale.around(around),
+        run=scale.run(run),
+        earlier=scale.motions(earlier),
+        views_as_given=views_as_given,
     )
-    known = known_damage(shot, run.memory)
+    result = _tracked_with_corrections(shot, options)
+    return scale.result(result.of_views(views_as_given), given)
+
+
+def _tracked_with_corrections(shot: Shot, options: _TrackOptions) -> TrackResult:
+    """Track a shot, then again what changes with the damaged frames and the gaps in its footage that this has shown."""
+    memory = options.run.memory
+    known = known_damage(shot, memory)
     shot = without_damaged(shot, known)
-    with heard_decoders(run.memory) as log:
-        result, done = _tracked(shot, asked)
-    damage = found_damage(shot, result, log, known, run.memory)
+    with heard_decoders(memory) as log:
+        result, done = _tracked(shot, options)
+    damage = found_damage(shot, result, log, known, memory)
     sound = with_found_gaps(without_damaged(shot, damage), result.gaps)
     if [view.damaged for view in sound.views] != [view.damaged for view in shot.views]:
-        result, done = _tracked_again(sound, shot, asked, result, done)
+        result, done = _tracked_again(sound, shot, options, result, done)
         shot = sound
     for _ in range(MAX_GAPS):
         corrected = with_gaps(shot, result)
         if corrected is None:
             break
-        again, done_again = _tracked_again(corrected, shot, asked, result, done)
+        again, done_again = _tracked_again(corrected, shot, options, result, done)
         if not fits_better(again, result):
             result = replace(result, seconds=again.seconds)
             break
         shot, result, done = corrected, again, done_again
-    return scale.result(replace(result, damage=damage).of_views(views_as_given), given)
+    return replace(result, damage=damage)
 
 
 def _tracked_again(
-    corrected: Shot, before: Shot, asked: _Asked, result: TrackResult, done: Sequence[FinishedSegment]
+    corrected: Shot, before: Shot, options: _TrackOptions, result: TrackResult, done: Sequence[FinishedSegment]
 ) -> tuple[TrackResult, list[FinishedSegment]]:
     """Track again what changes with corrected gaps or damaged frames; the time counts in all."""
     kept = unaffected(done, with_found_gaps(before, result.gaps), corrected)
-    again, done_again = _tracked(corrected, replace(asked, run=replace(asked.run, solved=None)), kept)
+    again, done_again = _tracked(corrected, replace(options, run=replace(options.run, solved=None)), kept)
     seconds = Seconds(result.seconds)
     seconds.add(again.seconds)
     return replace(again, seconds=seconds), done_again
 
 
 @dataclass(frozen=True, eq=False)
-class _Asked:
+class _TrackOptions:
     """The parameters of `track`, and the index of each of the given views in the shot as it is tracked."""
 
     progress: Progress | None
@@ -153,20 +160,20 @@ class _Asked:
 
 
 def _tracked(
-    shot: Shot, asked: _Asked, known: Sequence[FinishedSegment] = ()
+    shot: Shot, options: _TrackOptions, known: Sequence[FinishedSegment] = ()
 ) -> tuple[TrackResult, list[FinishedSegment]]:
     """Track a shot whose views are in order; returns its segments, too. Some may be known."""
-    run, progress = asked.run, asked.progress
+    run, progress = options.run, options.progress
     solver, seconds = solver_named(shot.settings.solver), Seconds()
     with _footage_checked(shot, run) as rates:  # loading SciPy's splines takes as long
         curves = tuple(spline(p.key_poses, shot.length) for p in shot.performers)
     shot = with_timed_gaps(shot, [rate.result() for rate in rates])
     observed = _first_pass(shot, solver, seconds, progress)
-    begin = TrackState(tuple(own.motion for own in observed.performers) or curves, asked.around)
-    finished = KeptSegments.of(run.journal, shot, asked.around).joined(known)
+    begin = TrackState(tuple(own.motion for own in observed.performers) or curves, options.around)
+    finished = KeptSegments.of(run.journal, shot, options.around).joined(known)
     threads = worker_count(shot.settings.threads)
-    workers = 1 if asked.observe is not None else _workers(shot, threads)
-    with _places_to_work(shot, run, workers) as (pool, folder):
+    workers = 1 if options.observe is not None else _workers(shot, threads)
+    with _pool_and_folder(shot, run, workers) as (pool, folder):
         schedule = SegmentSchedule(
             shot,
             begin,
@@ -175,11 +182,11 @@ def _tracked(
             finished=finished,
             threads=max(1, threads // workers),
             progress=progress,
-            observe=asked.observe,
+            observe=options.observe,
             show=run.show,
-            earlier=_carried(begin, shot, asked.earlier),
+            earlier=_carried(begin, shot, options.earlier),
         )
-        footage = SegmentFootage(shot, solver, asked.pictures, folder=folder, memory=run.memory)
+        footage = SegmentFootage(shot, solver, options.pictures, folder=folder, memory=run.memory)
         started = time.perf_counter()
         for views in footage.by_segment(begin.motions, finished.known, seconds):
             schedule.add(views)
@@ -188,11 +195,11 @@ def _tracked(
             if run.solved is not None and pool.workers > 1:
                 gaps = tuple(view.gaps for view in shot.views)
                 found = SolvedShot(footage.pictures, observed, state.footage_offset(shot), gaps)
-                run.solved(pool, found.of_views(asked.views_as_given))
+                run.solved(pool, found.of_views(options.views_as_given))
 
         state, done = schedule.finish(solved)
         passed = time.perf_counter() - started - seconds["footage"]
-    seconds.add(_side_by_side(schedule.seconds, passed))
+    seconds.add(_scaled_to_elapsed(schedule.seconds, passed))
     report_progress(progress, "tracking", 1.0)
     result = replace(
         result_of_segments(shot, state, done, observed, tuple(tuple(frames) for frames in footage.torn)),
@@ -267,7 +274,7 @@ def _footage_checked(shot: Shot, run: RunContext) -> Iterator[list[Future[Footag
 
 
 @contextmanager
-def _places_to_work(shot: Shot, run: RunContext, workers: int) -> Iterator[tuple[WorkerPool, Path | None]]:
+def _pool_and_folder(shot: Shot, run: RunContext, workers: int) -> Iterator[tuple[WorkerPool, Path | None]]:
     """Provide a pool of workers, and a folder for the segments' pictures unless these are held in memory."""
     with ExitStack() as stack:
         pool = stack.enter_context((WorkerPool if run.memory is None else run.memory.pool)(workers, WORKER_MODULES))
@@ -288,7 +295,7 @@ def _first_pass(shot: Shot, solver: Solver, seconds: Seconds, progress: Progress
 
 def _workers(shot: Shot, threads: int) -> int:
     """Return how many segments are solved at a time; starting a process takes as long as solving a small shot."""
-    return min(threads, len(segments(shot))) if _worth(shot.length, shot.views, shot.performers) else 1
+    return min(threads, len(segments(shot))) if _enough_work(shot.length, shot.views, shot.performers) else 1
 
 
 def workers_for(spec: ShotSpec, threads: int | None = None) -> int:
@@ -302,18 +309,18 @@ def workers_for(spec: ShotSpec, threads: int | None = None) -> int:
     """
     first, last = spec.frames
     keyed = [set(p.keyframes) for p in spec.performers if isinstance(p.keyframes, tuple)]
-    if len(keyed) < max(len(spec.performers), 1) or not _worth(last + 1 - first, spec.views, spec.performers):
+    if len(keyed) < max(len(spec.performers), 1) or not _enough_work(last + 1 - first, spec.views, spec.performers):
         return 1
     cuts = {first, last}.union(set.intersection(*keyed))
     return min(worker_count(spec.settings.threads if threads is None else threads), len(cuts) - 1)
 
 
-def _worth(frames: int, views: Sequence[object], performers: Sequence[object]) -> bool:
+def _enough_work(frames: int, views: Sequence[object], performers: Sequence[object]) -> bool:
     """Whether there is enough work for several processes."""
     return frames * len(views) * len(performers) >= MIN_PARALLEL_WORK
 
 
-def _side_by_side(seconds: Seconds, passed: float) -> dict[str, float]:
+def _scaled_to_elapsed(seconds: Seconds, passed: float) -> dict[str, float]:
     """Scale the seconds that several processes spent on each stage to add up to the time that passed at most."""
     share = min(1.0, passed / max(sum(seconds.values()), 1e-9))
     return {stage: share * spent for stage, spent in seconds.items()}
