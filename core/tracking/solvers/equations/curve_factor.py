@@ -6,17 +6,27 @@ them, and all of them may go astray together.
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ....body import Body
 from ....body.joint_limits import habitual_prior
 from ....body.motion import Motion
+from ....body.shoulder_rhythm import RISE, ShoulderRhythm, shoulder_rhythms
 from ....numerics import rotations
 from ....numerics.arrays import Array
 from ....numerics.banded_blocks import BandedBlocks
+from ....numerics.robust_kernels import GemanMcClure
 from .problem import SegmentProblem
 
 FRAME_SIGMA_RATIO = 1 / 3
 """Usual departure from the curve on a frame, relative to the part's usual departure from its rest orientation."""
+RISE_SIGMA_RATIO = 1 / 8
+"""The same for the rise of a collar bone, of which that with its arm is known."""
+RISE_KERNEL = GemanMcClure(2.0)
+"""Kernel of that rise: collar bones also rise and sink for other reasons, and the rhythm then says little."""
 
 
 def with_curves(
@@ -43,22 +53,73 @@ def near_curve(problem: SegmentProblem, performer: int, motion: Motion) -> Bande
     """Build the normal equations of the departures of one performer's stiff parts from the curve.
 
     The curve turns at a constant rate from one key pose to the next (slerp). Before the first key pose and after the
-    last one it stays there; without any key pose it is the rest orientation.
+    last one it stays there; without any key pose it is the rest orientation. Collar bones also rise with their arms,
+    see `_with_arm`, but not with a single view, which hardly shows how high an arm is that points towards it.
     """
     body, F = problem.bodies[performer], len(motion)
     fixed = problem.fixed[performer][:, 3:].reshape(F, -1, 3).all(axis=2)
     curve: Array = np.tile(np.eye(3), (F, len(body), 1, 1))
     precision = np.zeros((F, len(body)))
-    frames = np.arange(F)
     for part in np.flatnonzero(body.is_stiff):
         keys = np.flatnonzero(fixed[:, part])
-        known = motion.rotations[keys, part]
-        if len(keys) == 1:
-            curve[:, part] = known
-        elif len(keys):
-            last = np.clip(np.searchsorted(keys, frames, side="right") - 1, 0, len(keys) - 2)
-            share = np.clip((frames - keys[last]) / np.diff(keys)[last], 0, 1)
-            turns = rotations.log(np.swapaxes(known[:-1], -1, -2) @ known[1:])
-            curve[:, part] = known[last] @ rotations.exp(share[:, None] * turns[last])
+        if len(keys):
+            curve[:, part] = _between(motion.rotations[keys, part], keys, F)
         precision[:, part] = 1 / (FRAME_SIGMA_RATIO * body.departures[part]) ** 2
-    return habitual_prior(motion, precision, curve)
+    coupled = []
+    for shoulder in shoulder_rhythms(body) if problem.shows_depth else ():
+        keys = np.flatnonzero(fixed[:, shoulder.collar])
+        if len(keys) and fixed[keys, shoulder.arm].all():
+            precision[:, shoulder.collar] = 0
+            coupled.append((shoulder, keys))
+    blocks = habitual_prior(motion, precision, curve)
+    for shoulder, keys in coupled:
+        J, residual, columns = _with_arm(body, motion, shoulder, curve[:, shoulder.collar], keys)
+        weight, cost = np.ones_like(residual), residual**2
+        weight[:, 3], cost[:, 3] = RISE_KERNEL.weight(residual[:, 3] ** 2), RISE_KERNEL.cost(residual[:, 3] ** 2)
+        weighted = weight[:, :, None] * J
+        blocks.diagonal[:, columns[:, None], columns] += np.swapaxes(J, 1, 2) @ weighted
+        blocks.gradient[:, columns] += np.einsum("fri,fr->fi", weighted, residual)
+        blocks = replace(blocks, energy=blocks.energy + float(cost.sum()))
+    return blocks
+
+
+def _between(known: Array, keys: NDArray[np.intp], frames: int) -> Array:
+    """Rotations on all frames, (F, 3, 3), from those on K key frames, (K, 3, 3)."""
+    if len(keys) == 1:
+        return np.broadcast_to(known, (frames, 3, 3))
+    every = np.arange(frames)
+    last = np.clip(np.searchsorted(keys, every, side="right") - 1, 0, len(keys) - 2)
+    share = np.clip((every - keys[last]) / np.diff(keys)[last], 0, 1)
+    turns = rotations.log(np.swapaxes(known[:-1], -1, -2) @ known[1:])
+    return np.asarray(known[last] @ rotations.exp(share[:, None] * turns[last]))
+
+
+def _with_arm(
+    body: Body, motion: Motion, shoulder: ShoulderRhythm, curve: Array, keys: NDArray[np.intp]
+) -> tuple[Array, Array, NDArray[np.intp]]:
+    """Return the residuals of a collar bone that rises with its arm, and their derivatives.
+
+    What the rhythm does not explain follows the curve: the collar bone's turn from the curve is expected to be that of
+    the rhythm for the arm's rise above its own curve, which is linear between the key frames.
+
+    Returns
+    -------
+    J : ndarray, shape (F, 4, 6)
+        Derivatives of the residuals.
+    residual : ndarray, shape (F, 4)
+        Three of the collar bone's turn, in usual departures, and one of its rise alone, for `RISE_KERNEL`.
+    columns : ndarray of int, shape (6,)
+        The degrees of freedom, increments of the collar bone's and the upper arm's rotation.
+    """
+    rise = shoulder.rise(body, motion)
+    beyond = rise.values - np.interp(np.arange(len(motion)), keys, rise.values[keys])
+    turns = rotations.log(np.swapaxes(curve, -1, -2) @ motion.rotations[:, shoulder.collar])
+    axis = np.swapaxes(curve, -1, -2) @ shoulder.raising  # in the frame of the curve, (F, 3)
+    by_rise = -RISE * axis[:, :, None]
+    by_collar = rotations.right_jacobian_inverse(turns) + by_rise * rise.by_collar[:, None]
+    J = np.concatenate([by_collar, by_rise * rise.by_arm[:, None]], axis=2)
+    rows = np.concatenate([J, (turns - RISE * beyond[:, None] * axis)[:, :, None]], axis=2)
+    more = np.sqrt(RISE_SIGMA_RATIO**-2 - FRAME_SIGMA_RATIO**-2) * axis[:, None] @ rows
+    rows = np.concatenate([rows / FRAME_SIGMA_RATIO, more], axis=1) / body.departures[shoulder.collar]
+    columns = np.concatenate([3 + 3 * part + np.arange(3) for part in (shoulder.collar, shoulder.arm)])
+    return rows[..., :-1], rows[..., -1], columns
