@@ -6,7 +6,7 @@ import numpy as np
 
 from .body import Body
 
-AS_TALL = 3.84
+HEIGHT_RATIO = 3.84
 """Height of a person who stands upright, in radii of gyration."""
 
 
@@ -23,4 +23,4 @@ def body_size(body: Body) -> float:
     total, sums = volume.sum(), corners.sum(axis=1)
     centre = volume @ sums / (4 * total)
     squares = volume @ ((corners**2).sum(axis=(1, 2)) + (sums**2).sum(axis=1)) / (20 * total)
-    return AS_TALL * float(np.sqrt(max(squares - centre @ centre, 0.0)))
+    return HEIGHT_RATIO * float(np.sqrt(max(squares - centre @ centre, 0.0)))

@@ -33,7 +33,7 @@ STEP_PRIOR = np.diag([1 / STRETCH_SIGMA**2] * 3 + [1 / SHIFT_SIGMA**2] * 3)
 """Precision of every step, not of their sum: parts that are hardly seen stay as they are, others may change by more."""
 ITERATIONS = 4
 """Number of iterations of the fit."""
-TOLERANCE = 2.0
+OUTLINE_TOLERANCE = 2.0
 """Robust limit of the outlines, in units of their usual one."""
 _STRIDE = 2
 
@@ -226,7 +226,9 @@ def _lines(view: ViewFrames, geometry: Geometry, poses: Poses, frames: Sequence[
     labels = render_labels(geometry, camera.subsampled(_STRIDE), 0, R, T)
     scale = max(view.pixels_per_metre(places.mean(axis=0), frame) for places, frame in zip(T, frames, strict=True))
     reach = max(4, round(KEY_OUTLINE_REACH * scale))
-    return outline_lines(camera, foreground, labels, stride=_STRIDE, reach=reach, tolerance=TOLERANCE, halo=view.halo)
+    return outline_lines(
+        camera, foreground, labels, stride=_STRIDE, reach=reach, tolerance=OUTLINE_TOLERANCE, halo=view.halo
+    )
 
 
 def _rows(lines: Lines, camera: Camera, poses: Poses, twists: Array | None) -> Array:

@@ -29,9 +29,9 @@ from .segments import Segment
 
 Image = NDArray[np.uint8]
 
-BESIDE = 2
+NEIGHBOURING_PAIRS = 2
 """How many pairs beside damaged ones are not compared with those around them."""
-_UNKNOWN = 1e6
+_UNKNOWN_CHANGE = 1e6
 """Change of a pair of frames beside which no other one stands out."""
 
 
@@ -98,7 +98,7 @@ class SegmentReader:
         self._begins = 0 if self._damaged.all() else int(np.argmin(self._damaged))
         damaged = self._damaged[:-1] | self._damaged[1:]
         self._apart = self._gaps | damaged
-        self._beside = np.convolve(damaged, np.ones(2 * BESIDE + 1), mode="same") > 0
+        self._beside = np.convolve(damaged, np.ones(2 * NEIGHBOURING_PAIRS + 1), mode="same") > 0
         self._ahead: list[Image] = []
         self._read = 0
         self._before: Image | None = None
@@ -153,7 +153,7 @@ class SegmentReader:
                 self._changes.append(self._change(self._before, image))
             # Where the first frames are damaged, no change is known before theirs.
             known = self._read > self._begins
-            change = most_changed(self._changes[-1].astype(float)) if known else _UNKNOWN
+            change = most_changed(self._changes[-1].astype(float)) if known else _UNKNOWN_CHANGE
         self._points.add(image, change)
         self._before = image
         self._ahead.append(image)

@@ -26,11 +26,11 @@ from .segment_stages import Around
 from .segments import Segment
 from .track_result import TrackResult
 
-PEOPLE, USUAL = (1.0, 2.6), 1.7
+HUMAN_SIZES, HUMAN_SIZE = (1.0, 2.6), 1.7
 """Sizes of bodies that are tracked as they are, those of people, children included; and the size that others get,
 metres.
 """
-SMALLEST_PROP, USUAL_PROP = 0.2, 0.35
+MIN_PROP_SIZE, PROP_SIZE = 0.2, 0.35
 """The same of a rigid prop: what is held in a hand moves far for its size. A hammer of 32 cm is tracked best with
 factors of 0.7 to 1, four times worse with 5 and six times worse with 0.4 (docs/bench.md).
 """
@@ -50,12 +50,12 @@ class ShotScale:
         """
         bodies = [performer.body for performer in shot.performers]
         jointed = [body for body in bodies if len(body) > 1]
-        smallest, usual = (PEOPLE[0], USUAL) if jointed else (SMALLEST_PROP, USUAL_PROP)
+        smallest, usual = (HUMAN_SIZES[0], HUMAN_SIZE) if jointed else (MIN_PROP_SIZE, PROP_SIZE)
         sizes = [body_size(body) for body in jointed or bodies]
         size = max(sizes, default=usual)
-        if any(smallest <= one <= PEOPLE[1] for one in sizes) or not size > 0:
+        if any(smallest <= one <= HUMAN_SIZES[1] for one in sizes) or not size > 0:
             return cls(1.0)
-        return cls((usual if size < smallest else USUAL) / size)
+        return cls((usual if size < smallest else HUMAN_SIZE) / size)
 
     @property
     def back(self) -> ShotScale:
@@ -102,11 +102,11 @@ class ShotScale:
             if show is not None:
                 show(segment, back.motions(motions))
 
-        def told(pool: WorkerPool, found: SolvedShot) -> None:
+        def handed_back(pool: WorkerPool, found: SolvedShot) -> None:
             if solved is not None:
                 solved(pool, replace(found, observed=back._observed(found.observed)))
 
-        return replace(run, show=show and shown, solved=solved and told)
+        return replace(run, show=show and shown, solved=solved and handed_back)
 
     def observer(self, observe: Observer | None) -> Observer | None:
         """Return an observer of a scaled shot that hands out motions in the given shot's lengths."""

@@ -17,7 +17,7 @@ from kfmocap.core.shot.holds import Hold
 from kfmocap.core.shot.shot import KeyPoses, Performer, Settings, Shot, View
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
 from kfmocap.core.tracking.run_context import RunContext
-from kfmocap.core.tracking.shot_scale import PEOPLE, USUAL, USUAL_PROP, ShotScale
+from kfmocap.core.tracking.shot_scale import HUMAN_SIZE, HUMAN_SIZES, PROP_SIZE, ShotScale
 from kfmocap.core.tracking.track_result import TrackResult
 from kfmocap.core.tracking.tracker import track
 from synthetic import box, figure, film, look_at, shot_of, swing
@@ -25,7 +25,7 @@ from synthetic import box, figure, film, look_at, shot_of, swing
 FIGURE, LENGTH = figure(), 9
 TRUTH = swing(FIGURE, LENGTH)
 KEYS = (0, 4, 8)
-SMALL = 0.1 * PEOPLE[0] / body_size(FIGURE)
+SMALL = 0.1 * HUMAN_SIZES[0] / body_size(FIGURE)
 """Scale with which the figure is a tenth as large as the smallest person."""
 
 
@@ -71,7 +71,7 @@ def test_a_shot_in_other_lengths_has_the_same_motion_in_these(
 
 
 def test_a_body_of_human_size_is_tracked_as_it_is(views: list[View]) -> None:
-    shot = shot_at(views, 1.2 * PEOPLE[0] / body_size(FIGURE))
+    shot = shot_at(views, 1.2 * HUMAN_SIZES[0] / body_size(FIGURE))
     scale = ShotScale.of(shot)
     assert scale.factor == 1
     assert scale.shot(shot) is shot
@@ -80,7 +80,7 @@ def test_a_body_of_human_size_is_tracked_as_it_is(views: list[View]) -> None:
 
 
 def test_a_small_body_is_tracked_as_well_as_one_of_human_size(views: list[View], small: TrackResult) -> None:
-    usual = USUAL / body_size(FIGURE)
+    usual = HUMAN_SIZE / body_size(FIGURE)
     found = track(shot_at(views, usual)).motions[0].translations / usual
     np.testing.assert_allclose(small.motions[0].translations / SMALL, found, atol=1e-5)
 
@@ -154,14 +154,14 @@ ADULT = human(1.75)
         ([lying(ADULT)], 1.0),
         ([human(1.05)], 1.0),
         ([human(2.2)], 1.0),
-        ([scaled(ADULT, 0.2)], USUAL / 0.2 / body_size(ADULT)),
-        ([scaled(ADULT, 5.0)], USUAL / 5 / body_size(ADULT)),
+        ([scaled(ADULT, 0.2)], HUMAN_SIZE / 0.2 / body_size(ADULT)),
+        ([scaled(ADULT, 5.0)], HUMAN_SIZE / 5 / body_size(ADULT)),
         ([ADULT, prop(9.0), scaled(ADULT, 0.1)], 1.0),
-        ([scaled(ADULT, 0.2), prop(1.5)], USUAL / 0.2 / body_size(ADULT)),
+        ([scaled(ADULT, 0.2), prop(1.5)], HUMAN_SIZE / 0.2 / body_size(ADULT)),
         ([prop(0.3)], 1.0),
         ([prop(1.5)], 1.0),
-        ([prop(0.02)], USUAL_PROP / body_size(prop(0.02))),
-        ([prop(10.0)], USUAL / body_size(prop(10.0))),
+        ([prop(0.02)], PROP_SIZE / body_size(prop(0.02))),
+        ([prop(10.0)], HUMAN_SIZE / body_size(prop(10.0))),
     ],
 )
 def test_people_and_what_they_hold_keep_their_size(bodies: Sequence[Body], factor: float) -> None:
