@@ -27,14 +27,14 @@ def _with_drift(initial: Motion, *_: object) -> Motion:
 
 VARIANTS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
-        "as it is": {"PRINTED": relaxation.PRINTED_SHARE},
-        "no sweep as printed": {"PRINTED": 0.0},
-        "a quarter of the sweeps as printed": {"PRINTED": 0.25},
-        "three quarters of the sweeps as printed": {"PRINTED": 0.75},
-        "all sweeps as printed": {"PRINTED": 1.0},
-        "unit of length 1 m": {"LENGTH": 1.0},
-        "unit of length 1/10 m": {"LENGTH": 1 / 10},
-        "unit of length 1/100 m": {"LENGTH": 1 / 100},
+        "as it is": {"PRINTED_SHARE": relaxation.PRINTED_SHARE},
+        "no sweep as printed": {"PRINTED_SHARE": 0.0},
+        "a quarter of the sweeps as printed": {"PRINTED_SHARE": 0.25},
+        "three quarters of the sweeps as printed": {"PRINTED_SHARE": 0.75},
+        "all sweeps as printed": {"PRINTED_SHARE": 1.0},
+        "unit of length 1 m": {"LENGTH_UNIT": 1.0},
+        "unit of length 1/10 m": {"LENGTH_UNIT": 1 / 10},
+        "unit of length 1/100 m": {"LENGTH_UNIT": 1 / 100},
         "initial solution with its drift": {"without_drift": _with_drift},
     }
 )
