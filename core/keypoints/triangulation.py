@@ -51,7 +51,8 @@ def triangulate(keypoints: Keypoints, fps: float | None = None) -> tuple[Array, 
         points[~(_angle(keypoints, pair) > MIN_ANGLE)] = np.nan
         found.append(points)
         agreements.append(np.nan_to_num(_agreement(keypoints, points, weight)))
-    candidates, agreed = np.array(found).reshape(-1, F, L, 3), np.array(agreements).reshape(-1, F, L)
+    P = len(found)
+    candidates, agreed = np.array(found).reshape(P, F, L, 3), np.array(agreements).reshape(P, F, L)
     if len(agreed) > MAX_CANDIDATES:
         kept = np.argsort(-agreed, axis=0, kind="stable")[:MAX_CANDIDATES]
         candidates = np.take_along_axis(candidates, kept[..., None], axis=0)

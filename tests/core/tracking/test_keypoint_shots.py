@@ -12,6 +12,7 @@ from keypoint_shots import NAMES, SIZE, cameras, joint_errors, keypoints_of, see
 from kfmocap.core.body import Body, Part, human, landmark_positions, part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import KFMocapError
+from kfmocap.core.fitting.shot_cameras import fit_by_keypoints
 from kfmocap.core.formats import save_cameras, write_trc
 from kfmocap.core.formats.keypoint_files import read_shot_keypoints
 from kfmocap.core.keypoints.association.assignment import PerformerClues, assign_detections
@@ -267,8 +268,10 @@ def test_a_prop_beside_a_person_with_keypoints_is_tracked_without(tmp_path: Path
     found = report(shot, result, ())["performers"]
     assert found[0]["identity"]["person"] is None
     assert not found[0]["keypoints"]["cam01"]["frames"]
+    together = fit_by_keypoints(shot, [nothing.factor.keypoints, own.factor.keypoints])
+    assert [fit.shift for fit in together] == [fit.shift for fit in fit_by_keypoints(alone, [own.factor.keypoints])]
     only = track(replace(alone, performers=(prop,)))
-    assert not only.observed.performers[0].factor.keypoints.names
+    assert not fit_by_keypoints(alone, [only.observed.performers[0].factor.keypoints])
 
 
 def test_keypoints_of_a_small_shot_are_in_its_lengths(tmp_path: Path) -> None:
