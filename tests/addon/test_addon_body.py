@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -187,6 +188,12 @@ def test_a_fitted_body_takes_the_old_ones_place(tmp_path, fitter, adjusted):
     assert np.array_equal(read.key_poses.frames, keys.frames) and read.key_poses.fixed.all()
     shift = keys.poses.difference(read.key_poses.poses)
     assert np.allclose(shift[:, :3], 0.01 if adjusted else 0, atol=1e-5) and np.abs(shift[:, 3:]).max() < 1e-5
+
+
+def test_the_tooltip_says_whether_key_poses_move_with_the_fit():
+    alone, both = (FitBody.description(bpy.context, SimpleNamespace(adjust_poses=moved)) for moved in (False, True))
+    assert "move your key poses" not in alone and "\n" not in alone
+    assert both.startswith(alone) and "move your key poses" in both
 
 
 def test_the_work_of_a_fit_can_go_to_another_process(tmp_path):

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from ....core.fitting.body_fit import BodyFit
 
 
+_MOVES = "Also move your key poses of the whole body to where the fitted body lies best on the footage"
+
+
 class FitBody(Conditional, JobOperator, bpy.types.Operator):
     """Make the parts as long and as wide as the performers in the footage, from the frames on which you posed the whole
     body: three or more in different postures are best. 2D keypoints give lengths more exactly. Esc cancels"""
@@ -26,8 +29,13 @@ class FitBody(Conditional, JobOperator, bpy.types.Operator):
 
     adjust_poses: bpy.props.BoolProperty(
         name="Adjust Key Poses",
-        description="Also move your key poses of the whole body to where the fitted body lies best on the footage",
+        description=_MOVES,
     )
+
+    @classmethod
+    def description(cls, _context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
+        what = " ".join((cls.__doc__ or "").split())
+        return f"{what}. {_MOVES}" if properties.adjust_poses else what
 
     def prepare(self, context: bpy.types.Context) -> Work:
         from ....core.fitting.body_fit import fit_bodies
