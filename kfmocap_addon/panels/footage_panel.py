@@ -27,36 +27,48 @@ class FootagePanel(Section, bpy.types.Panel):
             layout.operator(UseSceneCameras.bl_idname, icon="CAMERA_DATA")
             return
         if not all(view.is_calibrated for view in shot.views):
-            layout.label(text="Cameras are not calibrated yet", icon="ERROR")
-            column = layout.column(align=True)
-            column.operator(ImportCalibration.bl_idname, icon="IMPORT")
-            column.operator(UseSceneCameras.bl_idname, icon="CAMERA_DATA")
-            button = column.operator(OpenSection.bl_idname, text="Calibrate", icon="CON_CAMERASOLVER")
-            button.section, button.alone = "calibration", True
-            if len(shot.views) == 1 and shot.views[0].camera is not None:
-                _draw_single(layout.column(align=True), context, shot.views[0])
-        lost = [view.name for view in shot.views if view.missing]
-        if lost:
-            column = layout.column(align=True)
-            for name in lost:
-                column.label(text=f"{name}: its footage is missing", icon="ERROR")
-            column.operator(RelinkFootage.bl_idname, icon="FILE_REFRESH")
-        _draw_lost_cameras(layout, context.scene)
-        off = [f"{view.name}: {view.misfit}" for view in shot.views if view.misfit]
-        if off:
-            column = layout.column(align=True)
-            for text in off:
-                draw_text(column, context, text, "ERROR")
-            column.operator(RefineCameras.bl_idname, icon="CON_CAMERASOLVER")
-        for view in shot.views:
-            if view.faults:
-                draw_text(layout, context, f"{view.name}: {view.faults}", "ERROR")
+            _draw_calibration(layout, context)
+        _draw_problems(layout, context)
         draw_as_form(layout)
         column = layout.column(align=True)
         column.prop(shot, "shot", text="Name")
         column.prop(shot, "frame_rate")
         column.prop(shot, "scene_first")
         column.prop(shot, "scene_last")
+
+
+def _draw_calibration(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw the ways to calibrated cameras."""
+    views = context.scene.kfmocap.views
+    layout.label(text="Cameras are not calibrated yet", icon="ERROR")
+    column = layout.column(align=True)
+    column.operator(ImportCalibration.bl_idname, icon="IMPORT")
+    column.operator(UseSceneCameras.bl_idname, icon="CAMERA_DATA")
+    button = column.operator(OpenSection.bl_idname, text="Calibrate", icon="CON_CAMERASOLVER")
+    button.section, button.alone = "calibration", True
+    if len(views) == 1 and views[0].camera is not None:
+        _draw_single(layout.column(align=True), context, views[0])
+
+
+def _draw_problems(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw what is wrong with footage and cameras, with the tools that mend it."""
+    views = context.scene.kfmocap.views
+    lost = [view.name for view in views if view.missing]
+    if lost:
+        column = layout.column(align=True)
+        for name in lost:
+            column.label(text=f"{name}: its footage is missing", icon="ERROR")
+        column.operator(RelinkFootage.bl_idname, icon="FILE_REFRESH")
+    _draw_lost_cameras(layout, context.scene)
+    off = [f"{view.name}: {view.misfit}" for view in views if view.misfit]
+    if off:
+        column = layout.column(align=True)
+        for text in off:
+            draw_text(column, context, text, "ERROR")
+        column.operator(RefineCameras.bl_idname, icon="CON_CAMERASOLVER")
+    for view in views:
+        if view.faults:
+            draw_text(layout, context, f"{view.name}: {view.faults}", "ERROR")
 
 
 def _draw_single(column: bpy.types.UILayout, context: bpy.types.Context, view: bpy.types.PropertyGroup) -> None:
