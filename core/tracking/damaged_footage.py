@@ -38,9 +38,9 @@ def known_damage(shot: Shot, memory: WorkerMemory | None) -> Damage:
 
 
 @contextmanager
-def heard_decoders(memory: WorkerMemory | None) -> Iterator[DecoderLog]:
-    """Collect what decoders say. If the run ends early, the next one with this memory is told: it may not decode the
-    same frames again.
+def decoder_messages(memory: WorkerMemory | None) -> Iterator[DecoderLog]:
+    """Collect the decoders' messages. If the run ends early, the next one with this memory gets them, too, as it may
+    not decode the same frames again.
     """
     with DecoderLog() as log:
         if memory is not None:

@@ -230,9 +230,9 @@ def _surest(segments: Sequence[tuple[int, Lateness]], view: int, torn: Ints) -> 
         delays = -pull * deviation**2
         frames = first + _torn_near(own.places[1:], torn - first)
         sureness = np.abs(delays) / deviation * np.where(np.isin(frames, torn), TORN_FACTOR, 1.0)
-        told = np.abs(delays) >= np.maximum(MIN_DELAY, MIN_DELAY_SIGMAS * deviation)
-        told &= np.abs(delays) * sureness >= MIN_DELAY_TIMES_SIGMAS
-        sureness = sureness * told
+        reported = np.abs(delays) >= np.maximum(MIN_DELAY, MIN_DELAY_SIGMAS * deviation)
+        reported &= np.abs(delays) * sureness >= MIN_DELAY_TIMES_SIGMAS
+        sureness = sureness * reported
         if len(sureness) and sureness.max() > most:
             k = int(np.argmax(sureness))
             most = float(sureness[k])

@@ -31,7 +31,7 @@ from ..shot.grips import completed
 from ..shot.keypose_spline import spline
 from ..shot.shot import Shot, fixed_degrees
 from ..shot.shot_spec import ShotSpec
-from .damaged_footage import found_damage, heard_decoders, known_damage, without_damaged
+from .damaged_footage import decoder_messages, found_damage, known_damage, without_damaged
 from .footage_gaps import MAX_GAPS, fits_better, unaffected, with_found_gaps, with_gaps, with_timed_gaps
 from .journal import FinishedSegment, KeptSegments
 from .picture_store import fits_in_memory, picture_folder
@@ -116,7 +116,7 @@ def _tracked_with_corrections(shot: Shot, options: _TrackOptions) -> TrackResult
     memory = options.run.memory
     known = known_damage(shot, memory)
     shot = without_damaged(shot, known)
-    with heard_decoders(memory) as log:
+    with decoder_messages(memory) as log:
         result, done = _tracked(shot, options)
     damage = found_damage(shot, result, log, known, memory)
     sound = with_found_gaps(without_damaged(shot, damage), result.gaps)

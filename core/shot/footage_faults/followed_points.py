@@ -4,7 +4,7 @@ Where a frame is missing between two pictures, everything that moves goes once a
 moves are followed by optical flow, and the way of each across the pair in question is compared with the longest that
 its ways before and after let expect. A limb that starts to move, or hits something, does not double the speed of all
 the others. Points that flow forward and backward does not lead back to where they were are left out: where most are,
-nothing can be told.
+there is no result.
 
 (Flow: T. Kroeger et al., Fast Optical Flow using Dense Inverse Search, ECCV 2016.)
 """
@@ -53,8 +53,8 @@ class Ways:
 
     @property
     def excess(self) -> float:
-        """Ratio of the points' ways across the pair to those expected, its median over the motion; 0 if nothing can be
-        told.
+        """Ratio of the points' ways across the pair to those expected, its median over the motion; 0 if too few
+        points could be followed.
         """
         if len(self.length) < _MIN_POINTS:
             return 0.0
