@@ -41,9 +41,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        # A shell has its background programs ignore it, and the programs that the tests start and interrupt as well.
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    # A shell has its background programs ignore the one, nohup the other, and so would the programs that tests start.
+    for name, handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, handler)
     hypothesis.settings.load_profile("nightly" if config.getoption("nightly") else "kfmocap")
     if "PYTEST_XDIST_WORKER" in os.environ:
         # The processes share the cores. Loaded first, for what is not loaded has no number of threads.
