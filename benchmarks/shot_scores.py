@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from ..core.body import Body, landmark_positions
-from ..core.body.foot_plants import runs
 from ..core.body.kinematics import part_poses
 from ..core.body.limbs import MAIN_JOINTS
 from ..core.body.motion import Motion
@@ -18,6 +17,7 @@ from ..core.formats import Landmarks
 from ..core.formats.keypoint_files import read_shot_keypoints
 from ..core.keypoints.observations import performer_keypoints
 from ..core.keypoints.triangulation import triangulate
+from ..core.numerics.arrays import runs
 from ..core.review.scoring import Score, joint_error
 from ..core.shot.shot import Shot
 

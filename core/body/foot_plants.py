@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..numerics.arrays import Array, Bools
+from ..numerics.arrays import Array, Bools, runs
 
 _MEAN_DWELL = 0.25  # seconds: mean time in a state that transitions are as likely as
 _MIN_DURATION = 0.08  # seconds: shorter plants and swings are noise
@@ -166,12 +166,6 @@ def _most_likely(gain: Array, change: float) -> Bools:
     for before in reversed(came[1:]):
         states.append(before[states[-1]])
     return np.array(states[::-1]) == 1
-
-
-def runs(flags: Bools) -> list[tuple[int, int]]:
-    """Return the first and the last index of every run of true values in flags (F,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def _without_short(flags: Bools, shortest: int, state: bool) -> Bools:

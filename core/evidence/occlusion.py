@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, runs
 
 OCCLUDED_BELOW = 0.3
 """A part is occluded in a view where less than this share of its area is seen (paper 1, section 5.3)."""
@@ -34,5 +34,4 @@ def unseen(share: Array, predicted: Array | None = None) -> NDArray[np.bool_]:
 
 def intervals(mask: NDArray[np.bool_], first: int = 0) -> list[list[int]]:
     """First and last frame of each run of true values in a mask (F,), whose frame 0 is frame `first`."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
-    return [[first + int(a), first + int(b) - 1] for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return [[first + a, first + b] for a, b in runs(mask)]

@@ -22,15 +22,15 @@ _JOINTS = {
     "foot": "Ankle",
 }
 """Where a part with a role begins."""
-_NOSE_UP = 0.5
+_NOSE_HEIGHT = 0.5
 """Height of the nose on the head, as a share of that of its top."""
-_HEEL, _TOE, _ABOVE = 0.02, 0.88, 0.06
+_HEEL_SHARE, _TOE_SHARE, _SOLE_CLEARANCE = 0.02, 0.88, 0.06
 """Places of heel and toe along a foot's solid, which is larger than the skin at its corners, and their height above its
 sole, in its length: as on the default body.
 """
-_LONG = 1.3
+_MIN_ELONGATION = 1.3
 """Ratio of the spread along a foot to that across from which its own direction is used instead of the body's."""
-_UPRIGHT = 0.7
+_MIN_LEG_COSINE = 0.7
 """Least cosine of the angle between the legs of a body that stands and the vertical."""
 
 
@@ -53,7 +53,7 @@ def human_landmarks(body: Body, parts: Mapping[str, int]) -> dict[str, tuple[int
         return {}
     thighs, feet = (heads[[parts[f"{role}.L"], parts[f"{role}.R"]]] for role in ("thigh", "foot"))
     leg = thighs.mean(axis=0) - feet.mean(axis=0)
-    if not leg[2] > _UPRIGHT * np.linalg.norm(leg):
+    if not leg[2] > _MIN_LEG_COSINE * np.linalg.norm(leg):
         return {}
     left = (thighs[0] - thighs[1]) * [1, 1, 0]
     if not np.linalg.norm(left) > 0:
@@ -95,7 +95,7 @@ def _head(body: Body, part: int, left: Array, forward: Array) -> dict[str, tuple
     height, front = float(beside[:, 2].max()), float((beside @ forward).max())
     if not height > 0:
         return {}
-    found = {"Head": joint + height * up, "Nose": joint + _NOSE_UP * height * up + front * forward}
+    found = {"Head": joint + height * up, "Nose": joint + _NOSE_HEIGHT * height * up + front * forward}
     for name, (aside, above, before) in FACE.items():
         for side, sign in (("L", 1.0), ("R", -1.0)):
             found[side + name] = joint + height * (sign * aside * left + above * up + before * forward)
@@ -107,14 +107,16 @@ def _foot(body: Body, part: int, side: str, forward: Array) -> dict[str, tuple[i
     middle = corners.mean(axis=0)
     flat = (corners - middle)[:, :2]
     _, spread, ways = np.linalg.svd(flat, full_matrices=False)
-    along = np.append(ways[0], 0.0) * np.sign(ways[0] @ forward[:2]) if spread[0] > _LONG * spread[1] else forward
+    along = forward
+    if spread[0] > _MIN_ELONGATION * spread[1]:
+        along = np.append(ways[0], 0.0) * np.sign(ways[0] @ forward[:2])
     places = (corners - middle) @ along
     back, front = float(places.min()), float(places.max())
     length = front - back
     found = {}
-    for name, share in (("Heel", _HEEL), ("BigToe", _TOE)):
+    for name, share in (("Heel", _HEEL_SHARE), ("BigToe", _TOE_SHARE)):
         place = back + share * length
         near = np.abs(places - place) < 0.5 * length
         sole = float(corners[near, 2].min())
-        found[side + name] = _on(body, part, np.append((middle + place * along)[:2], sole + _ABOVE * length))
+        found[side + name] = _on(body, part, np.append((middle + place * along)[:2], sole + _SOLE_CLEARANCE * length))
     return found

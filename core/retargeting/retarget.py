@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..body.foot_plants import runs
 from ..body.skeleton_motion import RestSkeleton, SkeletonMotion
 from ..errors import BodyError, ShotError
 from ..numerics import rotations
-from ..numerics.arrays import Array, Bools
+from ..numerics.arrays import Array, Bools, runs
 from .bone_matching import match_bones
 from .control_rig import ControlRig, RigPoses
 from .foot_keeping import BALL, HEEL, FootPath, foot_goals, foot_paths, hand_goals

@@ -21,7 +21,7 @@ from ..cameras.camera import Camera
 from ..errors import OutputError
 from ..evidence.rendering.label_images import render_labels
 from ..evidence.rendering.part_geometry import Geometry
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, runs
 from ..runtime.files import replacing
 from ..runtime.progress import Progress, report_progress
 from ..runtime.threads import worker_count
@@ -234,10 +234,9 @@ def _draw_runs(
 ) -> None:
     """Draw the pieces of an outline where the mask is True."""
     points = np.round(outline * (1 << _SUBPIXEL_BITS)).astype(np.int32)
-    for run in np.split(np.arange(len(mask)), np.flatnonzero(np.diff(mask.astype(np.int8))) + 1):
-        if mask[run[0]]:
-            line = points[run[0] : run[-1] + 2]
-            cv2.polylines(image, [line], False, colour, thickness, cv2.LINE_AA, _SUBPIXEL_BITS)
+    for first, last in runs(mask):
+        line = points[first : last + 2]
+        cv2.polylines(image, [line], False, colour, thickness, cv2.LINE_AA, _SUBPIXEL_BITS)
 
 
 def _cropped(image: Image, centre: Array, size: tuple[int, int]) -> Image:

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from ...errors import listed
-from ...numerics.arrays import Array, Bools, Ints
+from ...numerics.arrays import Array, Bools, Ints, runs
 from ..frame_numbers import file_index, frames_per_file_frame
 from ..image_sequences import image_files
 from ..shot import Shot, View
@@ -153,8 +153,7 @@ def made_from(path: Path, read: Sequence[int], count: int) -> tuple[tuple[int, i
         own = shown[first : after[0] if len(after) else len(stored)]
         wrong[own[own < count]] = True
         wrong[frame] = True
-    ends = np.flatnonzero(np.diff(np.r_[False, wrong, False].astype(int)))
-    return tuple((int(first), int(behind) - 1) for first, behind in ends.reshape(-1, 2))
+    return tuple(runs(wrong))
 
 
 def _packets(path: Path, count: int) -> list[tuple[float, bool]]:

@@ -21,11 +21,10 @@ from functools import cached_property
 import numpy as np
 from scipy.special import chdtri
 
-from ...body.foot_plants import runs
 from ...body.kinematics import part_poses
 from ...body.motion import Motion
 from ...body.soles import Soles
-from ...numerics.arrays import Array, Bools
+from ...numerics.arrays import Array, Bools, runs
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.robust_kernels import Quadratic
 from .equations.hold_factor import TiedSystems, tied_systems

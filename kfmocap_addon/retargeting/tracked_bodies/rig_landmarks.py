@@ -16,7 +16,7 @@ from ..send import target_bones
 from .part_roles import PART_ROLES
 from .rigify_animals import goes_on_four
 
-_SAME = 0.02
+_MAX_START_DISTANCE = 0.02
 """Share of a body's height within which a part begins where a bone does, which it then stands for."""
 
 
@@ -44,7 +44,7 @@ def _parts(armature: bpy.types.Object, body: Body, roles: BoneMap) -> dict[str, 
     """Return the part of each role: that of its bone, or one that begins where its bone does, such as a control's."""
     R, place, scale = body_armature.object_pose(armature)
     heads = np.array([part.head_world for part in body.parts])
-    near = _SAME * float(np.ptp(heads, axis=0).max())
+    near = _MAX_START_DISTANCE * float(np.ptp(heads, axis=0).max())
     found: dict[str, int] = {}
     for role, number, name in roles.items():
         if number or role.partition(".")[0] not in PART_ROLES:

@@ -10,9 +10,8 @@ import bpy
 import numpy as np
 
 from ....core.body import Body
-from ....core.body.foot_plants import runs
 from ....core.body.soles import Soles
-from ....core.numerics.arrays import Bools
+from ....core.numerics.arrays import Bools, runs
 
 
 def write_tested(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from kfmocap.core.body import human, part_poses
-from kfmocap.core.body.foot_plants import find_plants, runs, with_ends
+from kfmocap.core.body.foot_plants import find_plants, with_ends
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.body.soles import Soles
 from scipy.ndimage import gaussian_filter1d
@@ -93,10 +93,6 @@ def test_doubt_that_is_the_same_on_all_frames_does_not_matter():
     points, _ = stepping(30.0)
     doubt = np.full(points.shape[:2], 0.03)
     assert np.array_equal(find_plants(points, 30.0, LEG, doubt).planted, find_plants(points, 30.0, LEG).planted)
-
-
-def test_runs_are_first_and_last_frames():
-    assert runs(np.array([True, False, True, True, False])) == [(0, 0), (2, 3)]
 
 
 def test_the_soles_of_a_body_stand_from_the_frame_on_which_they_come_to_rest_to_the_one_on_which_they_leave():

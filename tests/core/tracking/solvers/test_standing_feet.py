@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from kfmocap.core.body import Body, human, part_poses
-from kfmocap.core.body.foot_plants import runs
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.body.soles import Soles
+from kfmocap.core.numerics.arrays import runs
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.retargeting.foot_clean_up import with_clean_feet
 from kfmocap.core.shot.shot import KeyPoses, Settings
