@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numerics.arrays import Array
-from .frame_looks import EvidenceCaches, FrameLook, FramesInView, frame_look, labelled_frames
+from .frame_comparison import EvidenceCaches, FrameComparison, FramesInView, labelled_frames, render_and_compare
 from .gradient_evidence.gradients import GradientSums, brightness_constancy
 from .outline_evidence.outline_sums import OutlineSums
 from .rendering.part_geometry import Geometry
@@ -82,27 +82,29 @@ def frame_evidence(
     sought : tuple of int, optional
         Indices of the performers that are solved for, by default all; the others get no gradients and outlines.
     """
-    look, seconds = frame_look(frames, geometry, sought, caches)
+    comparison, seconds = render_and_compare(frames, geometry, sought, caches)
     begin = time.perf_counter()
-    gradients = _gradients(frames, look, caches, noise)
+    gradients = _gradients(frames, comparison, caches, noise)
     seconds["gradients"] += time.perf_counter() - begin
-    areas, share = look.drawing.areas, look.drawing.labels.share
+    areas, share = comparison.drawing.areas, comparison.drawing.labels.share
     run = FrameEvidence(
         gradients=gradients,
-        outlines=look.outlines,
-        explained=look.explained,
+        outlines=comparison.outlines,
+        explained=comparison.explained,
         areas=areas,
         share=share,
-        agreeing=look.agreeing,
+        agreeing=comparison.agreeing,
         seconds=seconds,
     )
     return run.of_whole_frames(frames.view, frames.first)
 
 
-def _gradients(frames: FramesInView, look: FrameLook, caches: EvidenceCaches, noise: Array | None) -> GradientSums:
+def _gradients(
+    frames: FramesInView, comparison: FrameComparison, caches: EvidenceCaches, noise: Array | None
+) -> GradientSums:
     """Sum brightness constancy over the pairs of frames; with a given noise, add the gain of the other performers."""
-    sampling, drawing = frames.sampling, look.drawing
-    gradients = brightness_constancy(look.compared, sampling.tolerance, noise, by_part=sampling.by_part)
+    sampling, drawing = frames.sampling, comparison.drawing
+    gradients = brightness_constancy(comparison.compared, sampling.tolerance, noise, by_part=sampling.by_part)
     if drawing.still is None or noise is None or not frames.view.camera.stands_still:
         return gradients
     labelled = labelled_frames(frames, drawing.labels, frames.foreground(), caches.images)

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
 from ..numerics.arrays import Array, Bools
+from .frame_comparison import EvidenceCaches, FramesInView
 from .frame_evidence import FrameEvidence, frame_evidence
-from .frame_looks import EvidenceCaches, FramesInView
 from .gradient_evidence.gradients import GradientSums
 from .outline_evidence.outline_sums import OutlineSums
 from .rendering.part_geometry import Geometry

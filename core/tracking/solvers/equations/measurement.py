@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ....body.kinematics import Poses, scene_poses
 from ....body.motion import Motion
 from ....body.time_shift import Delayed, delayed
-from ....evidence.frame_looks import EvidenceCaches
+from ....evidence.frame_comparison import EvidenceCaches
 from ....evidence.occlusion import unseen
 from ....evidence.sampling import Sampling
 from ....evidence.segment_evidence import SegmentEvidence, accumulate_evidence
@@ -78,17 +78,17 @@ class MeasuredMotion:
     evidence: SegmentEvidence
 
 
-class RecentLooks:
-    """A small cache of evaluations: a descent often starts where another one ended, and need not repeat that."""
+class RecentEvidence:
+    """The evidence of the last evaluations: a descent that starts where another one ended need not measure it again."""
 
     def __init__(self) -> None:
-        self._looks: deque[tuple[tuple[object, ...], list[Array | None], SegmentEvidence]] = deque(
+        self._kept: deque[tuple[tuple[object, ...], list[Array | None], SegmentEvidence]] = deque(
             maxlen=CACHED_EVALUATIONS
         )
 
     def evidence(self, of: tuple[object, ...], arrays: list[Array | None]) -> SegmentEvidence | None:
         """Return the evidence that was measured with the same objects and equal arrays; None if it is not kept."""
-        for known, values, evidence in self._looks:
+        for known, values, evidence in self._kept:
             if known == of and all(_same(a, b) for a, b in zip(values, arrays, strict=True)):
                 return replace(evidence, seconds=dict.fromkeys(evidence.seconds, 0.0))
         return None
@@ -96,7 +96,7 @@ class RecentLooks:
     def keep(self, of: tuple[object, ...], arrays: list[Array | None], evidence: SegmentEvidence) -> None:
         """Keep evidence in the place of the oldest, unless it takes too much memory (`MAX_CACHED_BYTES`)."""
         if CACHED_EVALUATIONS * evidence.gradients.H.nbytes <= MAX_CACHED_BYTES:
-            self._looks.append((of, arrays, evidence))
+            self._kept.append((of, arrays, evidence))
 
 
 def _same(values: Array | None, others: Array | None) -> bool:
@@ -111,8 +111,8 @@ class Workspace:
     ----------
     threads : int
     caches : EvidenceCaches
-        Images and looks at them, kept from one evaluation to the next.
-    recent : RecentLooks
+        Images, and drawn bodies compared with them, kept from one evaluation to the next.
+    recent : RecentEvidence
         Whole evaluations.
     on_step : callable, optional
         See `StepCallback`.
@@ -120,7 +120,7 @@ class Workspace:
 
     threads: int = 1
     caches: EvidenceCaches = field(default_factory=EvidenceCaches)
-    recent: RecentLooks = field(default_factory=RecentLooks)
+    recent: RecentEvidence = field(default_factory=RecentEvidence)
     on_step: StepCallback | None = None
 
     def report(self, done: float, motions: Sequence[Motion]) -> None:

@@ -1,7 +1,8 @@
-"""Looks: what frames of a view show at given poses, as far as it does not depend on the noise of the images.
+"""Render and compare: the bodies are drawn in given poses, and the drawing is compared with the frames of a view.
 
-A look holds the label images, the compared pixels and the outlines. It is the expensive part of the evidence, and is
-cached: a descent often starts where another one ended, under another noise.
+A comparison holds all that does not depend on the noise of the images: the drawn parts, the pixels that they have in
+common on neighbouring frames, and the distances of outlines. It is the expensive part of the evidence, and is cached: a
+descent often starts where another one ended, under another noise.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ class Drawing:
     def of(
         cls, frames: FramesInView, geometry: Geometry, cache: StillPartsCache, sought: Sequence[int] | None
     ) -> Drawing:
-        """Draw the parts of all performers; `sought` as in `frame_look`."""
+        """Draw the parts of all performers; `sought` as in `render_and_compare`."""
         (R, T), stride = frames.poses, frames.sampling.stride
         camera = frames.view.camera.subsampled(stride)
         if sought is None or len(sought) > geometry.performer.max():
@@ -95,15 +96,15 @@ class Drawing:
 
 
 @dataclass(frozen=True, eq=False)
-class FrameLook:
-    """What n consecutive frames of a view show of P parts in given poses, whatever the noise.
+class FrameComparison:
+    """The bodies drawn in given poses, compared with n consecutive frames of a view: P parts, whatever the noise.
 
     Attributes
     ----------
     frames : FramesInView
     geometry : Geometry
     sought : tuple of int, optional
-        See `frame_look`.
+        See `render_and_compare`.
     drawing : Drawing
     compared : ComparedPixels
     outlines : OutlineSums
@@ -123,7 +124,7 @@ class FrameLook:
     agreeing: Array
 
     def is_of(self, frames: FramesInView, geometry: Geometry, sought: tuple[int, ...] | None) -> bool:
-        """Whether the look is at these frames, these parts and these poses."""
+        """Whether these frames, these parts and these poses were compared."""
         own = self.frames
         return (
             own.view is frames.view
@@ -135,37 +136,37 @@ class FrameLook:
         )
 
 
-class LookCache:
-    """The last two looks at each range of frames of each view: the end of a descent is among them even if a further
-    step was refused.
+class ComparisonCache:
+    """The last two comparisons with each range of frames of each view: that at the end of a descent is among them even
+    if a further step was refused.
 
-    Threads may share a cache, if each looks at other frames.
+    Threads may share a cache, if each compares other frames.
     """
 
     def __init__(self) -> None:
-        self._kept: dict[ViewFrames, dict[tuple[int, int], list[FrameLook]]] = {}
+        self._kept: dict[ViewFrames, dict[tuple[int, int], list[FrameComparison]]] = {}
 
-    def look(self, frames: FramesInView, geometry: Geometry, sought: tuple[int, ...] | None) -> FrameLook | None:
-        """Return the look that is the same, see `frame_look`; None if it is not kept."""
-        looks = self._kept.get(frames.view, {}).get((frames.first, len(frames)), [])
-        for known in looks:
+    def kept(self, frames: FramesInView, geometry: Geometry, sought: tuple[int, ...] | None) -> FrameComparison | None:
+        """Return the comparison of the same, see `render_and_compare`; None if it is not kept."""
+        recent = self._kept.get(frames.view, {}).get((frames.first, len(frames)), [])
+        for known in recent:
             if known.is_of(frames, geometry, sought):
-                looks.remove(known)
-                looks.append(known)  # as the last one
+                recent.remove(known)
+                recent.append(known)  # as the last one
                 return known
         return None
 
-    def keep(self, look: FrameLook) -> None:
-        """Keep a look, unless those at its view would take more than `MAX_CACHED_BYTES`."""
-        frames, count = look.frames, len(look.frames)
+    def keep(self, comparison: FrameComparison) -> None:
+        """Keep a comparison, unless those of its view would take more than `MAX_CACHED_BYTES`."""
+        frames, count = comparison.frames, len(comparison.frames)
         windows = 1 + (frames.first - frames.view.first) / max(count - 1, 1)
         kept = self._kept.setdefault(frames.view, {})
         for first, length in list(kept):  # what shows some of the same pairs of frames is replaced
             shared = min(first + length, frames.first + count) - max(first, frames.first)
             if shared > 1 and (first, length) != (frames.first, count):
                 kept.pop((first, length), None)  # another thread may have done it
-        if 2 * windows * look.compared.nbytes <= MAX_CACHED_BYTES:
-            kept[frames.first, count] = [*kept.get((frames.first, count), [])[-1:], look]
+        if 2 * windows * comparison.compared.nbytes <= MAX_CACHED_BYTES:
+            kept[frames.first, count] = [*kept.get((frames.first, count), [])[-1:], comparison]
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,18 +178,18 @@ class EvidenceCaches:
     images : GradientImageCache
     still : StillPartsCache
         Label images of performers whose motion is given.
-    looks : LookCache
+    comparisons : ComparisonCache
     """
 
     images: GradientImageCache = field(default_factory=GradientImageCache)
     still: StillPartsCache = field(default_factory=StillPartsCache)
-    looks: LookCache = field(default_factory=LookCache)
+    comparisons: ComparisonCache = field(default_factory=ComparisonCache)
 
 
-def frame_look(
+def render_and_compare(
     frames: FramesInView, geometry: Geometry, sought: tuple[int, ...] | None, caches: EvidenceCaches
-) -> tuple[FrameLook, dict[str, float]]:
-    """Look at some frames of one view, unless one of the last looks at them was the same.
+) -> tuple[FrameComparison, dict[str, float]]:
+    """Draw the bodies and compare them with some frames of one view, unless one of the last comparisons was the same.
 
     Parameters
     ----------
@@ -201,12 +202,12 @@ def frame_look(
 
     Returns
     -------
-    FrameLook
+    FrameComparison
     dict of float
         Time spent, by stage.
     """
     begin = time.perf_counter()
-    if (kept := caches.looks.look(frames, geometry, sought)) is not None:
+    if (kept := caches.comparisons.kept(frames, geometry, sought)) is not None:
         return kept, {"label images": time.perf_counter() - begin, "gradients": 0.0, "outlines": 0.0}
     drawing = Drawing.of(frames, geometry, caches.still, sought)
     drawn = time.perf_counter()
@@ -219,7 +220,7 @@ def frame_look(
     else:
         outlines = _outlines(frames, drawing.labels, foreground)
         explained, agreeing = _explained(frames, drawing, foreground), _agreeing(frames, drawing.labels, foreground)
-    look = FrameLook(
+    comparison = FrameComparison(
         frames=frames,
         geometry=geometry,
         sought=sought,
@@ -229,8 +230,8 @@ def frame_look(
         explained=explained,
         agreeing=agreeing,
     )
-    caches.looks.keep(look)
-    return look, {
+    caches.comparisons.keep(comparison)
+    return comparison, {
         "label images": drawn - begin,
         "gradients": seen - drawn,
         "outlines": time.perf_counter() - seen,

@@ -1,4 +1,4 @@
-"""Looks at frames in given poses are kept: evidence is the same with and without, and little memory is taken."""
+"""Comparisons of bodies with frames are kept: evidence is the same with and without, and little memory is taken."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import fields
 import numpy as np
 import pytest
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.evidence import frame_looks
-from kfmocap.core.evidence.frame_looks import EvidenceCaches
+from kfmocap.core.evidence import frame_comparison
+from kfmocap.core.evidence.frame_comparison import EvidenceCaches
 from kfmocap.core.evidence.gradient_evidence.gradients import GradientSums
 from kfmocap.core.evidence.outline_evidence.outline_sums import OutlineSums
 from kfmocap.core.evidence.rendering.part_geometry import Geometry
@@ -41,8 +41,8 @@ def view() -> ViewFrames:
 def drawn(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """A list that grows by an element with every drawing of a body."""
     done: list[int] = []
-    render = frame_looks.render_labels
-    monkeypatch.setattr(frame_looks, "render_labels", lambda *of: done.append(1) or render(*of))
+    render = frame_comparison.render_labels
+    monkeypatch.setattr(frame_comparison, "render_labels", lambda *of: done.append(1) or render(*of))
     return done
 
 
@@ -93,10 +93,10 @@ def test_a_descent_finds_its_end_again_after_a_step_that_was_refused(view: ViewF
     assert len(drawn) == 4, "those used last"
 
 
-def test_looks_that_would_take_much_memory_are_not_kept(
+def test_comparisons_that_would_take_much_memory_are_not_kept(
     view: ViewFrames, drawn: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(frame_looks, "MAX_CACHED_BYTES", 1000)
+    monkeypatch.setattr(frame_comparison, "MAX_CACHED_BYTES", 1000)
     caches = EvidenceCaches()
     for _ in range(2):
         evidence_of(view, moved(1.0), caches)
