@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from . import leaping_limbs, multi_start, regained_limbs, standing_feet
+from . import gauss_newton_solver, standing_feet
 from .paper_relaxation import relaxation
 from .protocol import Solver
 
 GAUSS_NEWTON = Solver(
-    leaping_limbs.solved,
-    refine=regained_limbs.refined,
-    resume=multi_start.resumed,
+    gauss_newton_solver.solved,
+    refine=gauss_newton_solver.refined,
+    resume=gauss_newton_solver.resumed,
     settle=standing_feet.with_standing_feet,
     uses_keypoints=True,
     uses_foreground=True,

@@ -22,9 +22,9 @@ from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.appearance import parts_apart
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
-from kfmocap.core.tracking.solvers.limb_corrections.limb_likelihood import support_of_limbs
 from kfmocap.core.tracking.solvers.limb_corrections.limb_search import found_limbs
-from kfmocap.core.tracking.solvers.regained_limbs import refuted_limbs
+from kfmocap.core.tracking.solvers.limb_corrections.regained_limbs import refuted_limbs
+from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import support_of_limbs
 from synthetic import at_rest, ends_held, figure, look_at, part, poses_of, silhouette
 
 Array = np.ndarray

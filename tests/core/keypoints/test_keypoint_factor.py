@@ -14,8 +14,8 @@ from kfmocap.core.keypoints.keypoint_factor import KeypointFactor, keypoint_syst
 from kfmocap.core.keypoints.keypoint_places import Places
 from kfmocap.core.numerics.banded import BandedFactor
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.solution_doubts import confirmed_by_keypoints
-from kfmocap.core.tracking.solvers.solution_ranking import covering_most
+from kfmocap.core.tracking.solvers.judgement.solution_doubts import confirmed_by_keypoints
+from kfmocap.core.tracking.solvers.judgement.solution_ranking import covering_most
 from synthetic import numeric_jacobian, random_motion
 
 FPS = 30.0

@@ -23,17 +23,12 @@ from kfmocap.core.tracking.appearance import frames_with_foreground, key_frame_s
 from kfmocap.core.tracking.picture_store import PictureStore, StoredView
 from kfmocap.core.tracking.reader import ColourFrames
 from kfmocap.core.tracking.segments import MAX_LENGTH, PosedFrames, posed_frames, segments
-from kfmocap.core.tracking.solvers import (
-    gauss_newton,
-    multi_start,
-    settled_solutions,
-    solution_doubts,
-    solution_ranking,
-)
+from kfmocap.core.tracking.solvers import gauss_newton, multi_start
 from kfmocap.core.tracking.solvers.equations import segment_equations
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.limb_corrections import limb_exchange
+from kfmocap.core.tracking.solvers.judgement import settled_solutions, solution_doubts, solution_ranking
+from kfmocap.core.tracking.solvers.limb_corrections import limb_exchange, search_rounds
 from kfmocap.core.tracking.tracker import track
 from made_evidence import no_evidence
 from synthetic import at_rest, ends_held, figure, film, look_at, poses_of, shot_of, silhouette, swing
@@ -381,10 +376,11 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Told:
             yield [TRUTHS[i] if j == i else motion for j, motion in enumerate(motions)]
 
     made = Told()
-    for solver in (multi_start, limb_exchange, settled_solutions):
+    for solver in (multi_start, search_rounds, limb_exchange, settled_solutions):
         monkeypatch.setattr(solver, "descend", made.found)
+    for solver in (search_rounds, limb_exchange, settled_solutions):
         monkeypatch.setattr(solver, "noise_at", lambda *_: None)
-    for solver in (multi_start, limb_exchange):
+    for solver in (search_rounds, limb_exchange):
         monkeypatch.setattr(solver, "approach", lambda _problem, motions, *_: (tuple(motions), [], {}, None))
     monkeypatch.setattr(limb_exchange, "exchanges", exchanged)
     return made
@@ -493,8 +489,8 @@ def test_if_only_uncovered_foreground_is_left_one_round_of_search_must_explain_i
     with_turn = (WRONG, told.found(alone, WRONG))
     monkeypatch.setattr(multi_start, "with_whole_turn", lambda *_: with_turn if turned else (WRONG, first))
     monkeypatch.setattr(multi_start, "images_contradict", lambda *_: False)
-    monkeypatch.setattr(multi_start, "look_for_limbs", lambda *_, **__: told.found(alone, better))
-    monkeypatch.setattr(multi_start, "likelihood", lambda _p, _n, found: gain * (found.motions[1] is better[1]))
+    monkeypatch.setattr(search_rounds, "search_round", lambda *_, **__: told.found(alone, better))
+    monkeypatch.setattr(search_rounds, "likelihood", lambda _p, _n, found: gain * (found.motions[1] is better[1]))
     monkeypatch.setattr(multi_start, "follow_both_ways", lambda _problem, start, *_: start)
     monkeypatch.setattr(multi_start, "searched", searched)
     multi_start.best_of_own_starts(alone, WRONG, first, Workspace())

@@ -21,9 +21,9 @@ from ..descent_stages import SETTLED, SETTLING
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import approach, continued, descend
-from ..settled_solutions import SettledSolutions
-from ..solution_ranking import RESTING_GAIN, likelihood
-from .limb_likelihood import LimbOfPerformer, support_of_limbs
+from ..judgement.settled_solutions import SettledSolutions
+from ..judgement.solution_ranking import RESTING_GAIN, likelihood
+from ..limb_evidence.limb_likelihood import LimbOfPerformer, support_of_limbs
 from .limb_search import freed_limb, is_elsewhere
 
 FADED_RATIO = 0.5
@@ -78,13 +78,13 @@ def with_faded_limbs_found(problem: SegmentProblem, solution: SegmentSolution, w
     """
     motions, seconds = solution.motions, Seconds(solution.seconds)
     settled = SettledSolutions()
-    for look in range(MAX_SEARCHES):
+    for turn in range(MAX_SEARCHES):
         places, before = faded_limbs(problem, motions), motions
         for k, place in enumerate(places):
-            share = (look + k / len(places)) / MAX_SEARCHES, (look + (k + 1) / len(places)) / MAX_SEARCHES
+            share = (turn + k / len(places)) / MAX_SEARCHES, (turn + (k + 1) / len(places)) / MAX_SEARCHES
             with seconds.measure("initial solution"):
                 own = replace(solution, motions=motions)
-                motions = _with_limb_found(problem, own, place, look, settled=settled, workspace=workspace.part(*share))
+                motions = _with_limb_found(problem, own, place, turn, settled=settled, workspace=workspace.part(*share))
         if motions is before:
             break
     if motions is solution.motions:
@@ -98,7 +98,7 @@ def _with_limb_found(
     problem: SegmentProblem,
     solution: SegmentSolution,
     place: LimbOfPerformer,
-    look: int,
+    seed: int,
     *,
     settled: SettledSolutions,
     workspace: Workspace,
@@ -110,7 +110,7 @@ def _with_limb_found(
     """
     i, chain = place
     alone, body, motions = problem.alone(i), problem.bodies[i], solution.motions
-    found = freed_limb(alone, motions, place, look)
+    found = freed_limb(alone, motions, place, seed)
     if not is_elsewhere(body, chain, motions[i], found):
         return motions
     begin = (*motions[:i], found, *motions[i + 1 :])

@@ -13,7 +13,7 @@ from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
 from ..gauss_newton import approach, continued, descend
-from ..solution_ranking import (
+from ..judgement.solution_ranking import (
     RESTING_GAIN,
     cover_at,
     is_hopeless,

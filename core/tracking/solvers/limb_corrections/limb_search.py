@@ -30,9 +30,9 @@ from ....numerics.repeatable import on_grid
 from ..descent_stages import OUTLINE_REACH
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem
-from .like_limbs import untangled_limbs
-from .limb_images import EVEN_LEVEL, UncoveredImages, ViewRatios
-from .limb_likelihood import (
+from ..limb_evidence.limb_images import EVEN_LEVEL, UncoveredImages, ViewRatios
+from ..limb_evidence.limb_likelihood import (
+    MIN_GAIN,
     MIN_HELD_WEIGHT,
     LimbModel,
     LimbOfPerformer,
@@ -41,6 +41,7 @@ from .limb_likelihood import (
     side_log_ratios,
     with_sides_learned,
 )
+from .like_limbs import untangled_limbs
 
 ROUND_SIGMAS = (1.0, 0.5, 0.25, 0.12)
 """Standard deviation of the poses drawn in each round, radians, for a joint with a range of half a circle; for others
@@ -58,8 +59,6 @@ HELD_SIGMA = 0.1
 MIN_SEEN_SHARE = 0.1
 """A limb of which a smaller share is seen on pixels of its own colours may be elsewhere."""
 _FEW_POINTS = 2
-MIN_GAIN = 50.0
-"""Smallest gain in log likelihood, in natural units, for which a limb's motion is changed."""
 
 
 def pictures_find_limbs(problem: SegmentProblem) -> bool:
@@ -87,12 +86,12 @@ def found_limbs(problem: SegmentProblem, motions: Sequence[Motion], seed: int, w
         F poses per performer.
     """
     views = views_with_foreground(problem.views)
-    looks = {i: [ViewRatios.of(view, problem, i, motions) for view in views] for i in problem.sought}
+    ratios = {i: [ViewRatios.of(view, problem, i, motions) for view in views] for i in problem.sought}
     found, rng = list(motions), np.random.default_rng([seed, problem.settings.search_seed])
     chains = [(i, chain) for i in problem.sought for chain in limbs(problem.bodies[i])]
     for done, (i, chain) in enumerate(chains):
         workspace.report(done / len(chains), found)
-        found[i] = _with_limb_found(problem, looks[i], found, (i, chain), rng)
+        found[i] = _with_limb_found(problem, ratios[i], found, (i, chain), rng)
     return untangled_limbs(problem, found)
 
 
@@ -116,8 +115,8 @@ def freed_limb(problem: SegmentProblem, motions: Sequence[Motion], place: LimbOf
         F poses of the performer.
     """
     rng = np.random.default_rng([seed, problem.settings.search_seed])
-    looks = [ViewRatios.of(view, problem, place[0], motions) for view in views_with_foreground(problem.views)]
-    return _with_limb_found(problem, looks, motions, place, rng, free=True)
+    ratios = [ViewRatios.of(view, problem, place[0], motions) for view in views_with_foreground(problem.views)]
+    return _with_limb_found(problem, ratios, motions, place, rng, free=True)
 
 
 def is_elsewhere(body: Body, chain: Sequence[int], before: Motion, after: Motion) -> bool:
@@ -129,7 +128,7 @@ def is_elsewhere(body: Body, chain: Sequence[int], before: Motion, after: Motion
 
 def _with_limb_found(
     problem: SegmentProblem,
-    looks: Sequence[ViewRatios],
+    ratios: Sequence[ViewRatios],
     motions: Sequence[Motion],
     place: LimbOfPerformer,
     rng: Generator,
@@ -141,11 +140,11 @@ def _with_limb_found(
     motion = motions[i]
     limb, parts = limb_of(problem, motions, place, rng)
     geometry, poses = problem.geometry(), scene_poses(problem.bodies, motions)
-    uncovered = [look.uncovered(geometry, poses, parts) for look in looks]
+    uncovered = [view.uncovered(geometry, poses, parts) for view in ratios]
     uncovered = with_sides_learned(limb, uncovered, problem.whole_keys(i), rng)
     if not free:
         shown = scipy.special.expit(side_log_ratios(limb, uncovered))[:, None]
-        limb = replace(limb, held=np.maximum(_seen_shares(looks, geometry, poses, parts) * shown, MIN_HELD_WEIGHT))
+        limb = replace(limb, held=np.maximum(_seen_shares(ratios, geometry, poses, parts) * shown, MIN_HELD_WEIGHT))
         if problem.only is not None and not _is_hardly_seen(limb):
             return motion
     path, gain = _likeliest(limb, uncovered, problem.fps, rng)
@@ -163,7 +162,7 @@ def _is_hardly_seen(limb: LimbModel) -> bool:
 
 
 def _seen_shares(
-    looks: Sequence[ViewRatios], geometry: Geometry, poses: tuple[Array, Array], parts: list[int]
+    ratios: Sequence[ViewRatios], geometry: Geometry, poses: tuple[Array, Array], parts: list[int]
 ) -> Array:
     """Share of each part's area that is seen on foreground of its own colours, in the view that shows most, (F, n).
 
@@ -172,11 +171,11 @@ def _seen_shares(
     """
     held = np.zeros((len(poses[0]), len(parts)))
     free = np.zeros(held.shape)
-    for look in looks:
-        labels, performer = look.labels(geometry, poses), look.foreground > EVEN_LEVEL
+    for view in ratios:
+        labels, performer = view.labels(geometry, poses), view.foreground > EVEN_LEVEL
         for k, part in enumerate(parts):
             seen = labels.part == part
-            like = 1.0 if look.coloured is None else np.exp(np.minimum(look.coloured.of(part), 0).astype(float))
+            like = 1.0 if view.coloured is None else np.exp(np.minimum(view.coloured.of(part), 0).astype(float))
             right = (seen & performer) * like
             right = right.sum(axis=(1, 2)) / np.maximum(seen.sum(axis=(1, 2)), 1)
             held[:, k] = np.maximum(held[:, k], labels.share[:, part] * right)

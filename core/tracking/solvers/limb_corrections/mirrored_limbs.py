@@ -24,7 +24,7 @@ from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
 from ..gauss_newton import approach, continued, descend
-from ..solution_ranking import likelihood, noise_at
+from ..judgement.solution_ranking import likelihood, noise_at
 
 MIN_TIP_MOVE = 0.4
 """Smallest distance by which the tip of a long bone moves on some frame, metres. A descent reaches what is nearer."""

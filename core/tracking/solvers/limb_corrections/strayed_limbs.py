@@ -20,7 +20,7 @@ from ..descent_stages import SETTLED
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import continued, descend
-from ..solution_ranking import covering_most
+from ..judgement.solution_ranking import covering_most
 
 STRAYED_RATIO = 4.0
 """Ratio of a limb's distance from the first pass to the performer's median, from which on it has strayed."""

@@ -11,9 +11,10 @@ from kfmocap.core.body import human
 from kfmocap.core.body.limbs import limbs
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.view_frames import ViewFrames
-from kfmocap.core.tracking.solvers import leaping_limbs, settled_solutions
+from kfmocap.core.tracking.solvers import gauss_newton_solver
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.solvers.judgement import settled_solutions
 from kfmocap.core.tracking.solvers.limb_corrections import faded_limbs
 from made_evidence import no_evidence
 from synthetic import at_rest, ends_held, look_at
@@ -163,8 +164,8 @@ def test_faded_limbs_are_searched_for_where_some_performers_hide_others(
         asked.append("faded")
         return found
 
-    monkeypatch.setattr(leaping_limbs, "best_of_starts", lambda *_: begin)
-    monkeypatch.setattr(leaping_limbs, "with_faded_limbs_found", asked_for)
-    monkeypatch.setattr(leaping_limbs, "with_leaps_bridged", lambda _problem, found, _workspace: found)
-    assert leaping_limbs.solved(problem, RIGHT, Workspace()) is begin
+    monkeypatch.setattr(gauss_newton_solver, "best_of_starts", lambda *_: begin)
+    monkeypatch.setattr(gauss_newton_solver, "with_faded_limbs_found", asked_for)
+    monkeypatch.setattr(gauss_newton_solver, "with_leaps_bridged", lambda _problem, found, _workspace: found)
+    assert gauss_newton_solver.solved(problem, RIGHT, Workspace()) is begin
     assert asked == (["faded"] if searched else [])

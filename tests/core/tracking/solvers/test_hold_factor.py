@@ -25,7 +25,7 @@ from kfmocap.core.tracking.solvers.equations.hold_factor import (
     hold_factors,
     tied_systems,
 )
-from kfmocap.core.tracking.solvers.sequential_start import excerpt
+from kfmocap.core.tracking.solvers.starts.sequential_start import excerpt
 from kfmocap.core.tracking.tracker import track
 from synthetic import box, figure, film, look_at, random_motion, shot_of, swing
 

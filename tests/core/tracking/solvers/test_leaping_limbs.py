@@ -10,9 +10,13 @@ from kfmocap.core.body import human
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
-from kfmocap.core.tracking.solvers import leaping_limbs
+from kfmocap.core.tracking.solvers import gauss_newton_solver
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
-from kfmocap.core.tracking.solvers.leaping_limbs import bridged_motion, leaps, solved, with_leaps_bridged
+from kfmocap.core.tracking.solvers.limb_corrections.leaping_limbs import (
+    bridged_motion,
+    leaps,
+    with_leaps_bridged,
+)
 from made_evidence import Landscape
 from synthetic import at_rest, ends_held
 
@@ -91,5 +95,5 @@ def test_a_leap_is_bridged_only_where_the_pictures_are_likelier_with_that(right:
 def test_without_foreground_no_leaps_are_searched_for(monkeypatch: pytest.MonkeyPatch) -> None:
     landscape = Landscape(truth=TRUTH)
     solution = landscape.solution(PROBLEM, leaping(slice(10, 13)))
-    monkeypatch.setattr(leaping_limbs, "best_of_starts", lambda *_: solution)
-    assert solved(PROBLEM, [TRUTH], landscape) is solution
+    monkeypatch.setattr(gauss_newton_solver, "best_of_starts", lambda *_: solution)
+    assert gauss_newton_solver.solved(PROBLEM, [TRUTH], landscape) is solution

@@ -21,9 +21,9 @@ from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
 from kfmocap.core.tracking.solvers.limb_corrections import limb_search
 from kfmocap.core.tracking.solvers.limb_corrections.like_limbs import exchanges, untangled
-from kfmocap.core.tracking.solvers.limb_corrections.limb_images import DEPTH_STEP, UncoveredImages, ViewRatios
-from kfmocap.core.tracking.solvers.limb_corrections.limb_likelihood import LimbModel, limb_of, pixel_log_ratios
 from kfmocap.core.tracking.solvers.limb_corrections.limb_search import _seen_shares, found_limbs
+from kfmocap.core.tracking.solvers.limb_evidence.limb_images import DEPTH_STEP, UncoveredImages, ViewRatios
+from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import LimbModel, limb_of, pixel_log_ratios
 from synthetic import at_rest, coloured, ends_held, look_at, poses_of, silhouette
 
 Array = np.ndarray

@@ -1,4 +1,4 @@
-"""Solutions are doubted, limbs are looked for, and the best of what is found counts."""
+"""Solutions are doubted, limbs are searched for, and the best of what is found counts."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from kfmocap.core.evidence.occlusion import LONG_GAP
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
-from kfmocap.core.tracking.solvers import gauss_newton, multi_start, solution_doubts, solution_ranking
+from kfmocap.core.tracking.solvers import gauss_newton, gauss_newton_solver, multi_start
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.limb_corrections import limb_exchange
+from kfmocap.core.tracking.solvers.judgement import solution_doubts, solution_ranking
+from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSolution
+from kfmocap.core.tracking.solvers.limb_corrections import limb_exchange, search_rounds
 from kfmocap.core.tracking.solvers.limb_corrections.like_limbs import exchanges
-from kfmocap.core.tracking.solvers.limb_corrections.limb_search import MIN_GAIN
-from kfmocap.core.tracking.solvers.settled_solutions import SettledSolution
+from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import MIN_GAIN
 from made_evidence import Landscape
 from synthetic import CAMERAS, at_rest, coloured, dark, ends_held, figure, swing
 
@@ -141,9 +142,9 @@ def test_after_a_large_correction_limbs_are_searched_for_again(
     step = np.zeros((5, BODY.dof))
     step[0, 0] = moved
     asked: list[object] = []
-    monkeypatch.setattr(multi_start, "doubted_performers", lambda *given: asked.append(given[3]))
+    monkeypatch.setattr(gauss_newton_solver, "doubted_performers", lambda *given: asked.append(given[3]))
     start = [truth]
-    assert multi_start.resumed(problem, start, Workspace(), [truth.moved(step)]) is not None
+    assert gauss_newton_solver.resumed(problem, start, Workspace(), [truth.moved(step)]) is not None
     assert asked == [start if known else None]
 
 
@@ -296,7 +297,7 @@ def test_limbs_go_where_what_they_cover_there_is_worth_more_than_what_it_costs(p
     gain = (right.cover - before.cover) / pixels**2
     find = Finding(landscape, 1.0)
 
-    def look(*given: object) -> SegmentSolution:
+    def search(*given: object) -> SegmentSolution:
         found = find(*given)
         assert found.evidence is not None and before.evidence is not None
         energy = np.full_like(before.evidence.outlines.energy, 0.0)
@@ -304,7 +305,7 @@ def test_limbs_go_where_what_they_cover_there_is_worth_more_than_what_it_costs(p
         evidence = replace(found.evidence, outlines=replace(found.evidence.outlines, energy=energy))
         return replace(found, evidence=evidence, energy=(np.inf,))
 
-    found = multi_start.searched(PROBLEM, before.motions, [before], landscape, look)
+    found = search_rounds.searched(PROBLEM, before.motions, [before], landscape, search)
     assert (error(found) < 0.01) == (paid < 1)
 
 
@@ -327,97 +328,97 @@ def test_with_one_moving_camera_limbs_are_replaced_only_if_others_cover_more_tha
 
 
 def test_limbs_are_searched_for_around_the_best_solution_until_another_is_equal() -> None:
-    """Every look halves what is wrong with the motion that it begins with."""
+    """Every round halves what is wrong with the motion that it begins with."""
     landscape = Landscape(truth=TRUTH, reach=0.0)
     first, worse = (landscape.solution(PROBLEM, off(TRUTH, ARMS, angle)) for angle in (LOST, 2 * LOST))
-    found = multi_start.searched(PROBLEM, first.motions, [worse, first], landscape, Finding(landscape, 0.5))
+    found = search_rounds.searched(PROBLEM, first.motions, [worse, first], landscape, Finding(landscape, 0.5))
     halvings = np.log2(LOST / error(found))
-    assert 2 < halvings <= multi_start.MAX_SEARCH_ROUNDS
+    assert 2 < halvings <= search_rounds.MAX_SEARCH_ROUNDS
     one_before, two_before = (landscape.solution(PROBLEM, off(TRUTH, ARMS, k * error(found))) for k in (2, 4))
     assert found in solution_ranking.nearly_equal([found, one_before])
     assert len(solution_ranking.nearly_equal([one_before, two_before])) == 1
 
 
-@pytest.mark.parametrize(("apart", "looks"), [(0.01, 1), (2 * LOST, 2)])
-def test_starts_that_lead_to_the_same_motion_are_searched_around_once(apart: float, looks: int) -> None:
+@pytest.mark.parametrize(("apart", "rounds"), [(0.01, 1), (2 * LOST, 2)])
+def test_starts_that_lead_to_the_same_motion_are_searched_around_once(apart: float, rounds: int) -> None:
     """Both starts cover as much; who passes by in one view had limbs looked for twice around the same motion."""
     landscape = Landscape(truth=TRUTH, reach=0.0)
     one, other = (landscape.solution(PROBLEM, off(TRUTH, ARMS, side * apart)) for side in (0.5, -0.5))
     begun: list[Motion] = []
 
-    def look(problem: SegmentProblem, _: object, motions: Sequence[Motion], *__: object) -> SegmentSolution:
+    def search(problem: SegmentProblem, _: object, motions: Sequence[Motion], *__: object) -> SegmentSolution:
         begun.extend(motions)
         return landscape.solution(problem, motions[0])
 
-    multi_start.searched(PROBLEM, one.motions, [one, other], landscape, look)
-    assert len(begun) == looks
+    search_rounds.searched(PROBLEM, one.motions, [one, other], landscape, search)
+    assert len(begun) == rounds
 
 
 def test_a_search_ends_after_rounds_without_success() -> None:
-    """Every look makes it worse by more than chance."""
+    """Every round makes it worse by more than chance."""
     landscape = Landscape(truth=TRUTH, reach=0.0)
-    looks: list[int] = []
+    seeds: list[int] = []
     before = landscape.solution(PROBLEM, off(TRUTH, ARMS, 0.1))
 
-    def look(
+    def search(
         _problem: SegmentProblem, _around: object, motions: Sequence[Motion], seed: int, _: object
     ) -> SegmentSolution:
-        looks.append(seed)
+        seeds.append(seed)
         return landscape.solution(PROBLEM, off(TRUTH, ARMS, LOST))
 
-    assert error(multi_start.searched(PROBLEM, before.motions, [before], landscape, look)) < 1.01 * error(before)
-    assert looks == list(range(multi_start.MAX_VAIN_ROUNDS))
+    assert error(search_rounds.searched(PROBLEM, before.motions, [before], landscape, search)) < 1.01 * error(before)
+    assert seeds == list(range(search_rounds.MAX_VAIN_ROUNDS))
 
 
 @pytest.mark.parametrize(("only", "most"), [(None, 3), (0, 1)])
-def test_for_one_among_others_a_look_that_leads_to_the_same_motion_is_the_last(only: int | None, most: int) -> None:
-    """It covers a little more every time; for somebody alone that is worth another look."""
+def test_for_one_among_others_a_round_that_leads_to_the_same_motion_is_the_last(only: int | None, most: int) -> None:
+    """It covers a little more every time; for somebody alone that is worth another round."""
     landscape, problem = Landscape(truth=TRUTH, reach=0.0), replace(PROBLEM, only=only)
     first, find = landscape.solution(problem, off(TRUTH, ARMS, 0.2)), Finding(landscape, 0.5)
-    looks: list[SegmentSolution] = []
+    results: list[SegmentSolution] = []
 
-    def look(*given: object) -> SegmentSolution:
-        looks.append(find(*given))
-        return looks[-1]
+    def search(*given: object) -> SegmentSolution:
+        results.append(find(*given))
+        return results[-1]
 
-    multi_start.searched(problem, first.motions, [first], landscape, look)
-    assert len(looks) == most
+    search_rounds.searched(problem, first.motions, [first], landscape, search)
+    assert len(results) == most
 
 
 @pytest.mark.parametrize("only", [None, 0])
-def test_for_one_among_others_a_look_that_finds_more_is_the_last_however_little_is_explained(
+def test_for_one_among_others_a_round_that_finds_more_is_the_last_however_little_is_explained(
     monkeypatch: pytest.MonkeyPatch, only: int | None
 ) -> None:
-    monkeypatch.setattr(multi_start, "explains_little", lambda *_: True)
+    monkeypatch.setattr(search_rounds, "explains_little", lambda *_: True)
     landscape, problem = Landscape(truth=TRUTH, reach=0.0), replace(PROBLEM, only=only)
     first, find = landscape.solution(problem, off(TRUTH, ARMS, LOST)), Finding(landscape, 0.5)
     begun: list[Motion] = []
 
-    def look(*given: Any) -> SegmentSolution:
+    def search(*given: Any) -> SegmentSolution:
         begun.extend(given[2])
         return find(*given)
 
-    found = multi_start.searched(problem, first.motions, [first], landscape, look)
+    found = search_rounds.searched(problem, first.motions, [first], landscape, search)
     assert error(found) < 0.6 * LOST
     assert (len(begun) == 1) == (only is not None)
 
 
 @pytest.mark.parametrize(("around", "taken"), [("best", 1), ("worse", 0)])
-def test_a_look_that_was_taken_around_the_best_is_not_taken_again(around: str, taken: int) -> None:
+def test_a_trial_round_around_the_best_is_not_repeated(around: str, taken: int) -> None:
     landscape = Landscape(truth=TRUTH, reach=0.0)
     first, worse = (landscape.solution(PROBLEM, off(TRUTH, ARMS, angle)) for angle in (0.4, 0.8))
-    find, looked = Finding(landscape, 0.5), {"best": first, "worse": worse}[around]
-    noise = solution_ranking.noise_at(PROBLEM, looked, Workspace())
-    first_look = multi_start.FirstLook(SettledSolution(looked, noise, looked), find(PROBLEM, None, looked.motions))
+    find, tried = Finding(landscape, 0.5), {"best": first, "worse": worse}[around]
+    noise = solution_ranking.noise_at(PROBLEM, tried, Workspace())
+    trial = search_rounds.TrialRound(SettledSolution(tried, noise, tried), find(PROBLEM, None, tried.motions))
     counts: list[int] = []
-    for before in (None, first_look):
+    for before in (None, trial):
         seeds: list[int] = []
 
-        def look(*given: object, seeds: list[int] = seeds) -> SegmentSolution:
+        def search(*given: object, seeds: list[int] = seeds) -> SegmentSolution:
             seeds.append(given[3])
             return find(*given)
 
-        multi_start.searched(PROBLEM, first.motions, [worse, first], landscape, look, first_look=before)
+        search_rounds.searched(PROBLEM, first.motions, [worse, first], landscape, search, trial=before)
         counts.append(len(seeds))
     assert counts[0] - counts[1] == taken
 
@@ -426,14 +427,14 @@ def test_a_look_that_was_taken_around_the_best_is_not_taken_again(around: str, t
 def test_if_the_best_solution_explains_little_limbs_are_searched_for_around_all_solutions_and_the_start(
     begin: str,
 ) -> None:
-    """Whichever of them a look finds the limbs from, they are found."""
+    """Whichever of them a round finds the limbs from, they are found."""
     landscape = Landscape(truth=TRUTH, reach=0.0)
     best, worse = (landscape.solution(PROBLEM, off(TRUTH, ARMS + LEGS, angle)) for angle in (1.8, 2.2))
     start = off(TRUTH, ARMS + LEGS, 2.6)
     assert solution_doubts.explains_little(PROBLEM, best)
     begins = {"worse": worse.motions[0], "best": best.motions[0], "start": start}
-    look = Finding(landscape, 1.0, begins[begin])
-    assert error(multi_start.searched(PROBLEM, [start], [worse, best], landscape, look)) < 1e-6
+    search = Finding(landscape, 1.0, begins[begin])
+    assert error(search_rounds.searched(PROBLEM, [start], [worse, best], landscape, search)) < 1e-6
 
 
 def recombined(landscape: Landscape, *motions: Motion) -> tuple[SegmentSolution, list[SegmentSolution]]:

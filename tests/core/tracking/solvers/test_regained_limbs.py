@@ -14,19 +14,19 @@ from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
-from kfmocap.core.tracking.solvers import regained_limbs
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.limb_corrections.limb_search import MIN_GAIN
-from kfmocap.core.tracking.solvers.multi_start import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
-from kfmocap.core.tracking.solvers.regained_limbs import (
+from kfmocap.core.tracking.solvers.gauss_newton_solver import refined
+from kfmocap.core.tracking.solvers.limb_corrections import regained_limbs
+from kfmocap.core.tracking.solvers.limb_corrections.regained_limbs import (
     MAX_RETURNS,
     bend_of,
     bent_limbs,
-    refined,
     refuted_limbs,
     with_limb_regained,
 )
+from kfmocap.core.tracking.solvers.limb_corrections.search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
+from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import MIN_GAIN
 from synthetic import at_rest, ends_held, look_at, poses_of, silhouette
 
 BODY, FRAMES, FPS = human(1.75), 12, 30.0
@@ -111,7 +111,7 @@ def without_descent(monkeypatch: pytest.MonkeyPatch) -> None:
         return SegmentSolution.of(motions, evidence, iterations=1, energy=[0.0])
 
     monkeypatch.setattr("kfmocap.core.tracking.solvers.gauss_newton.refine", measured)
-    for module in ("regained_limbs", "settled_solutions", "solution_ranking"):
+    for module in ("limb_corrections.regained_limbs", "judgement.settled_solutions", "judgement.solution_ranking"):
         monkeypatch.setattr(f"kfmocap.core.tracking.solvers.{module}.descend", measured)
 
 
@@ -177,7 +177,7 @@ def test_the_search_ends_once_the_limb_comes_to_rest_where_it_was_or_with_severa
         found.rotations[1:-1, ARM[0]] = found.rotations[1:-1, ARM[0]] @ rotations.exp(np.array([0.0, 0.0, -turn]))
         return found
 
-    monkeypatch.setattr("kfmocap.core.tracking.solvers.regained_limbs.freed_limb", turned)
+    monkeypatch.setattr("kfmocap.core.tracking.solvers.limb_corrections.regained_limbs.freed_limb", turned)
     views = tuple(replace(v, foreground=np.repeat(v.foreground, performers, axis=0)) for v in problem.views)
     apart = [replace(TRUTH, translations=TRUTH.translations + [2.0 * i, 0, 0]) for i in range(performers)]
     several = replace(problem, views=views, bodies=(BODY,) * performers, fixed=problem.fixed * performers)

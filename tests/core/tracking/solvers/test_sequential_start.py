@@ -12,10 +12,11 @@ from kfmocap.core.body.motion import Motion, stacked
 from kfmocap.core.errors import CancelledError
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.shot.shot import Settings
-from kfmocap.core.tracking.solvers import descent_stages, gauss_newton, sequential_start
+from kfmocap.core.tracking.solvers import descent_stages, gauss_newton
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.sequential_start import blended, follow
+from kfmocap.core.tracking.solvers.starts import sequential_start
+from kfmocap.core.tracking.solvers.starts.sequential_start import blended, follow
 from synthetic import CAMERAS, figure, picture, poses_of, random_motion, silhouette, swing
 
 Array = np.ndarray

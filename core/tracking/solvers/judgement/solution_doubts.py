@@ -6,17 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...body.limbs import limbs, without_end
-from ...body.motion import Motion
-from ...evidence.misfit import beyond_known, measured_misfit, most_explained
-from ...evidence.occlusion import LONG_GAP, intervals
-from ...evidence.view_frames import views_with_foreground
-from ...numerics.arrays import Array, Bools, Ints
-from .equations.measurement import hidden_parts, keypoint_agreement, poses_by_delay, view_instants
-from .equations.problem import SegmentProblem, SegmentSolution
-from .limb_corrections.limb_images import shown_areas
-from .limb_corrections.limb_likelihood import support_of_limbs
-from .limb_corrections.limb_search import MIN_GAIN
+from ....body.limbs import limbs, without_end
+from ....body.motion import Motion
+from ....evidence.misfit import beyond_known, measured_misfit, most_explained
+from ....evidence.occlusion import LONG_GAP, intervals
+from ....evidence.view_frames import views_with_foreground
+from ....numerics.arrays import Array, Bools, Ints
+from ..equations.measurement import hidden_parts, keypoint_agreement, poses_by_delay, view_instants
+from ..equations.problem import SegmentProblem, SegmentSolution
+from ..limb_evidence.limb_images import shown_areas
+from ..limb_evidence.limb_likelihood import MIN_GAIN, support_of_limbs
 
 MIN_EXPLAINED_RATIO = 0.8
 """Smallest ratio between what a solution explains of a frame's image and what the key poses explain of theirs."""

@@ -18,23 +18,29 @@ from functools import cache
 
 import numpy as np
 
-from ...body import part_poses
-from ...body.limbs import limbs
-from ...body.motion import Motion, stacked
-from ...evidence.occlusion import LONG_GAP
-from ...numerics.arrays import Array
-from ...runtime.timing import Seconds
-from . import gauss_newton
-from .descent_stages import COARSE_RESTART, POLISH, SETTLED
-from .equations.measurement import Workspace
-from .equations.problem import SegmentProblem, SegmentSolution
-from .equations.segment_equations import SegmentNoise
-from .gauss_newton import UNCONVERGED_MOVE, descend, farthest_joint
-from .limb_corrections.limb_likelihood import LimbOfPerformer, support_of_limbs
-from .limb_corrections.limb_search import MIN_GAIN, freed_limb, is_elsewhere, pictures_find_limbs
-from .multi_start import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
-from .settled_solutions import SettledSolution, SettledSolutions
-from .solution_ranking import RESTING_GAIN, likeliest_at_rest, likelihood, likelihood_decides, settled_further
+from ....body import part_poses
+from ....body.limbs import limbs
+from ....body.motion import Motion, stacked
+from ....evidence.occlusion import LONG_GAP
+from ....numerics.arrays import Array
+from ....runtime.timing import Seconds
+from .. import gauss_newton
+from ..descent_stages import COARSE_RESTART, SETTLED
+from ..equations.measurement import Workspace
+from ..equations.problem import SegmentProblem, SegmentSolution
+from ..equations.segment_equations import SegmentNoise
+from ..gauss_newton import UNCONVERGED_MOVE, descend, farthest_joint
+from ..judgement.settled_solutions import SettledSolution, SettledSolutions
+from ..judgement.solution_ranking import (
+    RESTING_GAIN,
+    likeliest_at_rest,
+    likelihood,
+    likelihood_decides,
+    settled_further,
+)
+from ..limb_evidence.limb_likelihood import MIN_GAIN, LimbOfPerformer, support_of_limbs
+from .limb_search import freed_limb, is_elsewhere
+from .search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
 
 BEND_RATIO = 3.0
 """Ratio of a limb's acceleration at a key pose to its root mean square between key poses, from which on the motion
@@ -50,37 +56,29 @@ KEY_ERROR = 0.01
 """Possible error of a key pose, metres: it changes the velocity by twice as much per frame."""
 
 
-def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
-    """Refine a solution, search again for lost limbs, and polish what was found: the `refine` of Gauss-Newton.
+def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentSolution:
+    """Search again for limbs that are bent at the ends of a refined solution, or refuted.
 
-    Parameters as in `gauss_newton.descend`.
+    Parameters
+    ----------
+    problem : SegmentProblem
+    solution : SegmentSolution
+    workspace : Workspace
     """
-    found = _with_limbs_regained(problem, start, workspace.part(0.0, 0.9))
-    polished = gauss_newton.refine(problem, found.motions, workspace.part(0.9, 1.0), POLISH)
-    seconds = Seconds(found.seconds)
-    seconds.add(polished.seconds)
-    return replace(gauss_newton.continued(found, polished), seconds=dict(seconds))
-
-
-def _with_limbs_regained(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
-    """Refine a solution (`gauss_newton.refine`), then search again for limbs that are bent at its ends or refuted."""
-    solution = gauss_newton.refine(problem, start, workspace.part(0.0, 0.3))
-    if not pictures_find_limbs(problem):
-        return solution
     seconds = Seconds(solution.seconds)
     with seconds.measure("initial solution"):
         lost = [(i, chain) for i in problem.sought for chain in bent_limbs(problem, i, solution.motions[i])]
         lost += [place for place in refuted_limbs(problem, solution.motions) if place not in lost]
         known = SettledSolutions()
         for k, place in enumerate(lost):
-            part = workspace.part(0.3 + 0.7 * k / len(lost), 0.3 + 0.7 * (k + 1) / len(lost))
+            part = workspace.part(k / len(lost), (k + 1) / len(lost))
             solution = with_limb_regained(problem, solution, place, part, known)
         if problem.doubted and len(problem.bodies) == 1 and likelihood_decides(problem):
-            solution = _looked_at_again(problem, solution, known, workspace.silent())
+            solution = _likelier_anywhere(problem, solution, known, workspace.silent())
     return replace(solution, seconds=dict(seconds))
 
 
-def _looked_at_again(
+def _likelier_anywhere(
     problem: SegmentProblem, solution: SegmentSolution, known: SettledSolutions, workspace: Workspace
 ) -> SegmentSolution:
     """Look for the likelier solution of a single performer: from beside the minimum, and with each limb elsewhere."""
@@ -89,7 +87,7 @@ def _looked_at_again(
         solution = _with_limb_looked_for(problem, solution, (0, chain), known, workspace=workspace)
     for i, chain in refuted_limbs(problem, solution.motions):
         present = solution.motions[i]
-        for more in range(1, 1 + MAX_FURTHER_SEARCHES):  # one look of several finds a limb that moves fast
+        for more in range(1, 1 + MAX_FURTHER_SEARCHES):  # one search of several finds a limb that moves fast
             solution = _with_limb_looked_for(problem, solution, (i, chain), known, workspace=workspace, more=more)
             if is_elsewhere(problem.bodies[i], chain, present, solution.motions[i]):
                 break
@@ -122,9 +120,9 @@ def _with_limb_looked_for(
     `more` numbers repetitions, which draw other poses.
     """
     i, chain = place
-    for look in range(MAX_SEARCH_ROUNDS):
+    for turn in range(MAX_SEARCH_ROUNDS):
         before, first = solution.motions[i], known.after(problem, solution, workspace)
-        motions, seed = first.solution.motions, (1 + more) * MAX_SEARCH_ROUNDS + look
+        motions, seed = first.solution.motions, (1 + more) * MAX_SEARCH_ROUNDS + turn
         there = _solved_elsewhere(problem, motions, place, seed, noise=first.noise, workspace=workspace)
         if there is None:
             break
@@ -256,10 +254,10 @@ def with_limb_regained(
     first = (known or SettledSolutions()).after(alone, solution, workspace.silent())
     noise, settled = first.noise, [first.solution]
     most, vain, returned = likelihood(alone, noise, settled[0]), 0, 0
-    for look in range(MAX_SEARCH_ROUNDS):
+    for turn in range(MAX_SEARCH_ROUNDS):
         motions, reached = settled[-1].motions, most
-        part = workspace.part(look / MAX_SEARCH_ROUNDS, (look + 1) / MAX_SEARCH_ROUNDS)
-        there = _solved_elsewhere(alone, motions, place, look, noise=noise, workspace=part)
+        part = workspace.part(turn / MAX_SEARCH_ROUNDS, (turn + 1) / MAX_SEARCH_ROUNDS)
+        there = _solved_elsewhere(alone, motions, place, turn, noise=noise, workspace=part)
         elsewhere = there is not None and _leads_elsewhere(alone, place, motions, there.motions)
         if there is not None and (elsewhere or not several):
             settled.append(there)

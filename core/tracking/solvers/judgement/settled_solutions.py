@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .descent_stages import SETTLED
-from .equations.measurement import Workspace
-from .equations.problem import SegmentProblem, SegmentSolution
-from .equations.segment_equations import SegmentNoise
-from .gauss_newton import descend
+from ..descent_stages import SETTLED
+from ..equations.measurement import Workspace
+from ..equations.problem import SegmentProblem, SegmentSolution
+from ..equations.segment_equations import SegmentNoise
+from ..gauss_newton import descend
 from .solution_ranking import noise_at
 
 

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...body.motion import Motion
-from .descent_stages import SETTLED
-from .equations.measurement import Workspace, keypoint_agreement
-from .equations.problem import SegmentProblem, SegmentSolution
-from .equations.segment_equations import SegmentNoise
-from .gauss_newton import continued, descend
+from ....body.motion import Motion
+from ..descent_stages import SETTLED
+from ..equations.measurement import Workspace, keypoint_agreement
+from ..equations.problem import SegmentProblem, SegmentSolution
+from ..equations.segment_equations import SegmentNoise
+from ..gauss_newton import continued, descend
 
 EQUAL_COVER = 0.005
 """Relative difference of cover up to which solutions count as equals: which of them covers more is chance."""

@@ -11,14 +11,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...body.motion import Motion
-from ...numerics import rotations
-from ...numerics.arrays import Array, Bools
-from .equations.measurement import Workspace
-from .equations.problem import SegmentProblem, SegmentSolution
-from .gauss_newton import descend
-from .solution_doubts import is_doubtful
-from .solution_ranking import cover_at, covering_most, is_hopeless
+from ....body.motion import Motion
+from ....numerics import rotations
+from ....numerics.arrays import Array, Bools
+from ..equations.measurement import Workspace
+from ..equations.problem import SegmentProblem, SegmentSolution
+from ..gauss_newton import descend
+from ..judgement.solution_doubts import is_doubtful
+from ..judgement.solution_ranking import cover_at, covering_most, is_hopeless
 
 
 def with_whole_turn(

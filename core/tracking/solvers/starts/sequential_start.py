@@ -9,15 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...body.motion import Motion, stacked
-from ...evidence.occlusion import unseen
-from ..prediction import predict_unseen
-from .equations.measurement import Workspace
-from .equations.problem import SegmentProblem, SegmentSolution
+from ....body.motion import Motion, stacked
+from ....evidence.occlusion import unseen
+from ...prediction import predict_unseen
+from ..descent_stages import WINDOW_STAGES
+from ..equations.measurement import Workspace
+from ..equations.problem import SegmentProblem, SegmentSolution
+from ..gauss_newton import descend
 
 WINDOW = 10
 """Frames that are solved together."""
@@ -138,3 +141,36 @@ def _predicted(motion: Motion, frames: Sequence[int], hidden: NDArray[np.bool_],
     filled = predict_unseen(motion[list(frames)], hidden[list(frames)], since=len(frames) - WINDOW)
     placed = _placed(motion, frames, filled)
     return placed.moved(np.where(fixed, placed.difference(motion), 0.0))
+
+
+def follow_both_ways(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> list[Motion]:
+    """Follow the motion frame by frame from each key pose to the next, forward and backward, and blend both.
+
+    Before the first and after the last key pose of the performer that is solved for, there is one direction only.
+    """
+    keys = problem.whole_keys(problem.sought[0]).tolist()
+    if not keys:
+        return list(start)
+    found, ends = list(start), sorted({0, *keys, problem.length - 1})
+    for k, (first, last) in enumerate(pairwise(ends)):
+        part = workspace.part(k / (len(ends) - 1), (k + 1) / (len(ends) - 1))
+        directions = [backward for backward, end in ((False, first), (True, last)) if end in keys]
+        here = [motion[first : last + 1] for motion in found]
+        ways = [
+            follow(
+                excerpt(problem, first, last + 1),
+                here,
+                part.part(d / len(directions), (d + 1) / len(directions)),
+                _solve_window,
+                backward=backward,
+            )
+            for d, backward in enumerate(directions)
+        ]
+        new = blended(*ways) if len(ways) == 2 else ways[0]
+        found = [motion.replaced(first, piece) for motion, piece in zip(found, new, strict=True)]
+    return found
+
+
+def _solve_window(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
+    without_prediction = replace(problem.settings, prediction=False)
+    return descend(replace(problem, settings=without_prediction), start, workspace, WINDOW_STAGES)

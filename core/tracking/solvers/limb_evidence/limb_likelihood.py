@@ -29,6 +29,8 @@ PATCH_RADIUS = 0.06
 MIN_HELD_WEIGHT = 0.02
 """Weight with which a limb that is not seen is kept where it is: among poses that the images cannot distinguish, the
 present one is preferred."""
+MIN_GAIN = 50.0
+"""Smallest gain in log likelihood, in natural units, for which a limb's motion is changed."""
 RANDOM_POSE_SIGMA = 0.5
 """Standard deviation of poses drawn around each key pose, radians, for a joint with a range of half a circle."""
 RANDOM_POSES = 60
@@ -126,41 +128,43 @@ def support_of_limbs(
     views = [view for view in views_with_foreground(problem.views) if view.colours is not None]
     geometry, poses = problem.geometry(), scene_poses(problem.bodies, motions)
     for i in problem.sought if views else ():
-        looks = [ViewRatios.of(view, problem, i, motions) for view in views]
-        labels = [look.labels(geometry, poses) for look in looks]
+        ratios = [ViewRatios.of(view, problem, i, motions) for view in views]
+        labels = [view.labels(geometry, poses) for view in ratios]
         depths = [depth_steps(each) for each in labels]
         for chain in limbs(problem.bodies[i]):
             limb, parts = limb_of(problem, motions, (i, chain), rng)
             own = np.isin(np.arange(len(geometry.spans) + 1), parts)  # the last is nobody
             beside = [
-                UncoveredImages(look.camera, look.first, (), np.where(own[shown.part], EMPTY_DEPTH, depth), look.slopes)
-                for look, shown, depth in zip(looks, labels, depths, strict=True)
+                UncoveredImages(view.camera, view.first, (), np.where(own[shown.part], EMPTY_DEPTH, depth), view.slopes)
+                for view, shown, depth in zip(ratios, labels, depths, strict=True)
             ]
             sides = side_log_ratios(limb, with_sides_learned(limb, beside, problem.whole_keys(i), rng))
-            yield i, chain, sides, partial(_log_ratios, limb, looks, (geometry, poses, parts), sides)
+            yield i, chain, sides, partial(_log_ratios, limb, ratios, (geometry, poses, parts), sides)
 
 
 def _log_ratios(
     limb: LimbModel,
-    looks: Sequence[ViewRatios],
+    ratios: Sequence[ViewRatios],
     drawn: tuple[Geometry, tuple[Array, Array], Sequence[int]],
     sides: Array,
 ) -> Array:
     """Log likelihood ratio of a limb's present pose by its pixels, plus that of its sides, (F,)."""
-    uncovered = [look.uncovered(*drawn) for look in looks]
+    uncovered = [view.uncovered(*drawn) for view in ratios]
     return sides + pixel_log_ratios(replace(limb, sides=()), uncovered, limb.begin[:, None])[:, 0]
 
 
 def with_sides_learned(
-    limb: LimbModel, looks: Sequence[UncoveredImages], keys: NDArray[np.intp], rng: Generator
+    limb: LimbModel, uncovered: Sequence[UncoveredImages], keys: NDArray[np.intp], rng: Generator
 ) -> list[UncoveredImages]:
     """Return the views with the distribution of brightness changes across the limb's sides, learned on key poses."""
-    return [_with_learned(limb, look, keys, own) for look, own in zip(looks, rng.spawn(len(looks)), strict=True)]
+    return [
+        _with_learned(limb, images, keys, own) for images, own in zip(uncovered, rng.spawn(len(uncovered)), strict=True)
+    ]
 
 
-def _with_learned(limb: LimbModel, look: UncoveredImages, keys: NDArray[np.intp], rng: Generator) -> UncoveredImages:
-    if look.slopes is None or not len(keys):
-        return look
+def _with_learned(limb: LimbModel, images: UncoveredImages, keys: NDArray[np.intp], rng: Generator) -> UncoveredImages:
+    if images.slopes is None or not len(keys):
+        return images
     drawn = rng.normal(size=(len(keys), RANDOM_POSES, *limb.range.shape)) * RANDOM_POSE_SIGMA * limb.range
     drawn += limb.begin[keys, None]
     found: list[list[NDArray[np.float32]]] = [[], []]
@@ -168,18 +172,18 @@ def _with_learned(limb: LimbModel, look: UncoveredImages, keys: NDArray[np.intp]
         frame = slice(key, key + 1)
         turns = np.concatenate([limb.begin[frame], drawn[k]])[None]
         for sides, poses in zip(limb.sides, _posed(limb, frame, turns), strict=False):
-            change, visible = look.changes(sides, frame, poses)
+            change, visible = images.changes(sides, frame, poses)
             for kind, some in zip(found, (slice(1), slice(1, None)), strict=True):
                 kind.append(change[..., some][visible[..., some]])
-    return replace(look, sides=SideRatios.learned(*map(np.concatenate, found)))
+    return replace(images, sides=SideRatios.learned(*map(np.concatenate, found)))
 
 
-def side_log_ratios(limb: LimbModel, looks: Sequence[UncoveredImages]) -> Array:
+def side_log_ratios(limb: LimbModel, uncovered: Sequence[UncoveredImages]) -> Array:
     """Log likelihood ratio of a limb's present pose by the brightness across its sides, (F,)."""
     score, every = np.zeros(len(limb.begin)), slice(0, len(limb.begin))
     for sides, poses in zip(limb.sides, _posed(limb, every, limb.begin[:, None]), strict=False):
-        for look in looks:
-            score += look.beside(sides, every, poses)[:, 0]
+        for images in uncovered:
+            score += images.beside(sides, every, poses)[:, 0]
     return score
 
 
@@ -206,10 +210,10 @@ def pixel_log_ratios(limb: LimbModel, uncovered: Sequence[UncoveredImages], draw
         chosen = drawn if len(drawn) == 1 else drawn[some]
         for part, (area, poses) in enumerate(zip(limb.areas, _posed(limb, some, chosen), strict=True)):
             world = _placed(limb.points[part], poses)
-            for look in uncovered:
-                score[some] += area / PATCH_RADIUS**2 * look.at(part, some, world)
+            for images in uncovered:
+                score[some] += area / PATCH_RADIUS**2 * images.at(part, some, world)
                 if part < len(limb.sides):
-                    score[some] += look.beside(limb.sides[part], some, poses)
+                    score[some] += images.beside(limb.sides[part], some, poses)
     return score
 
 

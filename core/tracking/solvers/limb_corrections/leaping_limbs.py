@@ -12,20 +12,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...body import part_poses
-from ...body.limbs import limbs
-from ...body.motion import Motion
-from ...numerics import rotations
-from ...numerics.arrays import Bools
-from ...runtime.timing import Seconds
-from .descent_stages import SETTLED, SETTLING
-from .equations.measurement import Workspace
-from .equations.problem import SegmentProblem, SegmentSolution
-from .gauss_newton import continued, descend
-from .limb_corrections.faded_limbs import with_faded_limbs_found
-from .limb_corrections.limb_search import pictures_find_limbs
-from .multi_start import MIN_FOLLOWED_SHARE, best_of_starts
-from .solution_ranking import likeliest, noise_at
+from ....body import part_poses
+from ....body.limbs import limbs
+from ....body.motion import Motion
+from ....numerics import rotations
+from ....numerics.arrays import Bools
+from ....runtime.timing import Seconds
+from ..descent_stages import SETTLED, SETTLING
+from ..equations.measurement import Workspace
+from ..equations.problem import SegmentProblem, SegmentSolution
+from ..gauss_newton import continued, descend
+from ..judgement.solution_ranking import likeliest, noise_at
 
 LEAP_RATIO = 6.0
 """Smallest ratio of the acceleration at a leap to the limb's median acceleration."""
@@ -56,20 +53,6 @@ class Leap:
     first: int
     last: int
     parts: tuple[int, ...]
-
-
-def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
-    """Solve from several starts (`best_of_starts`), search for limbs that fade where some performers hide others, and
-    bridge leaps of limbs; the `solve` of Gauss-Newton.
-
-    Parameters as in `gauss_newton.descend`.
-    """
-    solution = best_of_starts(problem, start, workspace.part(0.0, 0.8))
-    if not pictures_find_limbs(problem):
-        return solution
-    if solution.unhidden.min() <= MIN_FOLLOWED_SHARE:
-        solution = with_faded_limbs_found(problem, solution, workspace.part(0.8, 0.9))
-    return with_leaps_bridged(problem, solution, workspace.part(0.9, 1.0))
 
 
 def with_leaps_bridged(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentSolution:

@@ -1,0 +1,79 @@
+"""The default solver from beginning to end: who solves, who doubts, who proposes, who decides.
+
+Least squares finds only the minimum nearest to its start, and a lost arm or a body that turned the other way round is
+another minimum. Solving a segment is therefore a conversation of four:
+
+- `gauss_newton.descend` *solves*: it leads a start to its nearest minimum. Nobody else changes a motion to fit images.
+- `judgement.solution_doubts` *doubts*: it tests a solution against the images, and names the performers whom they
+  contradict. Where there are none, the first solution stands.
+- `starts` and `limb_corrections` *propose*: other motions of the whole body, or of a single limb, from which a descent
+  may reach a better minimum. A proposal need not be good, only near the true motion.
+- `judgement.solution_ranking` *decides*: all solutions are measured under one noise, and the likeliest is taken.
+
+`multi_start.best_of_starts` holds that conversation for the whole body, in the order: the curve through the key poses,
+another turn, the motion followed frame by frame, and rounds of the search for limbs. Every room of `limb_corrections`
+holds it once more for one kind of error. This module calls them in turn, for the tracker.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ...body.motion import Motion
+from ...runtime.timing import Seconds
+from . import gauss_newton
+from .descent_stages import OUTLINE_REACH, POLISH, RESUMED
+from .equations.measurement import Workspace
+from .equations.problem import SegmentProblem, SegmentSolution
+from .gauss_newton import continued, descend, farthest_joint
+from .judgement.solution_doubts import doubted_performers
+from .limb_corrections.faded_limbs import with_faded_limbs_found
+from .limb_corrections.leaping_limbs import with_leaps_bridged
+from .limb_corrections.limb_search import pictures_find_limbs
+from .limb_corrections.regained_limbs import with_limbs_regained
+from .multi_start import MIN_FOLLOWED_SHARE, best_of_starts
+
+
+def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
+    """Solve from several starts, search for limbs that fade where some performers hide others, and bridge leaps of
+    limbs.
+
+    Parameters as in `gauss_newton.descend`.
+    """
+    solution = best_of_starts(problem, start, workspace.part(0.0, 0.8))
+    if not pictures_find_limbs(problem):
+        return solution
+    if solution.unhidden.min() <= MIN_FOLLOWED_SHARE:
+        solution = with_faded_limbs_found(problem, solution, workspace.part(0.8, 0.9))
+    return with_leaps_bridged(problem, solution, workspace.part(0.9, 1.0))
+
+
+def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
+    """Refine a solution now that the motion beside the segment is known, search again for lost limbs, and polish what
+    was found.
+
+    Parameters as in `gauss_newton.descend`.
+    """
+    found = gauss_newton.refine(problem, start, workspace.part(0.0, 0.27))
+    if pictures_find_limbs(problem):
+        found = with_limbs_regained(problem, found, workspace.part(0.27, 0.9))
+    polished = gauss_newton.refine(problem, found.motions, workspace.part(0.9, 1.0), POLISH)
+    seconds = Seconds(found.seconds)
+    seconds.add(polished.seconds)
+    return replace(continued(found, polished), seconds=dict(seconds))
+
+
+def resumed(
+    problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace, before: Sequence[Motion]
+) -> SegmentSolution | None:
+    """Solve from the motion that was found before key poses changed; None where the images contradict the result.
+
+    Foreground beside the earlier motion was searched for limbs then. It does not count again, unless key poses moved
+    farther than a descent reaches.
+
+    Parameters as in `gauss_newton.descend`; `before` as in `protocol.Resume`.
+    """
+    found = descend(problem, start, workspace, RESUMED)
+    searched = start if farthest_joint(problem, before, start) < OUTLINE_REACH else None
+    return None if doubted_performers(problem, start, found, searched) else found

@@ -1,0 +1,196 @@
+"""Rounds of the search for limbs: around the solutions so far, until two of what is found agree.
+
+A round (`search_round`) finds limbs in uncovered foreground around a motion and solves from there. Which motion comes
+next, and when the rounds end, is decided by how much the solutions so far explain (`searched`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from ....body.motion import Motion
+from ..descent_stages import SETTLED, SETTLING
+from ..equations.measurement import Workspace
+from ..equations.problem import SegmentProblem, SegmentSolution
+from ..equations.segment_equations import SegmentNoise
+from ..gauss_newton import approach, descend
+from ..judgement.settled_solutions import SettledSolution
+from ..judgement.solution_doubts import explains_little
+from ..judgement.solution_ranking import (
+    RESTING_GAIN,
+    covering_most,
+    likeliest_at_rest,
+    likelihood,
+    nearly_equal,
+    noise_at,
+    same_solution,
+)
+from .like_limbs import untangled_limbs
+from .limb_exchange import recombined
+from .limb_search import found_limbs
+
+MAX_SEARCH_ROUNDS = 5
+"""Most rounds of the search for limbs."""
+MAX_VAIN_ROUNDS = 2
+"""Rounds in a row without a better solution after which the search ends."""
+SearchRound = Callable[[SegmentProblem, SegmentProblem, Sequence[Motion], int, Workspace], SegmentSolution]
+"""See `search_round`."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrialRound:
+    """A first round of the search for limbs around a solution, to see whether more are worth their time.
+
+    Attributes
+    ----------
+    settled : SettledSolution
+        The solution, and what it becomes in as many further iterations as `found` has had.
+    found : SegmentSolution
+        The result of the search, measured under the same noise.
+    """
+
+    settled: SettledSolution
+    found: SegmentSolution
+
+    @classmethod
+    def around(cls, problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> TrialRound:
+        """Search for limbs around a solution."""
+        settled = SettledSolution.after(problem, solution, workspace.silent())
+        motions = settled.solution.motions
+        return cls(settled, search_round(problem, problem, motions, 0, workspace, noise=settled.noise))
+
+    def explains(self, problem: SegmentProblem) -> bool:
+        """Whether the search found another motion that makes the images likelier.
+
+        It does not for the bare arm of a bystander, which looks like the performer's: other views do not show it where
+        the performer's arm could be.
+        """
+        noise, settled = self.settled.noise, self.settled.solution
+        gain = likelihood(problem, noise, self.found) - likelihood(problem, noise, settled)
+        return gain > RESTING_GAIN and not same_solution(self.found.motions, settled.motions)
+
+
+def searched(
+    problem: SegmentProblem,
+    start: Sequence[Motion],
+    solutions: Sequence[SegmentSolution],
+    workspace: Workspace,
+    search: SearchRound | None = None,
+    *,
+    trial: TrialRound | None = None,
+) -> SegmentSolution:
+    """Search for limbs around some solutions, and then around the best found, until two agree.
+
+    1. The search begins around the solutions that cover as much as the best (`nearly_equal`), or around all of them if
+       the best explains little. They are first solved a little further; those that then have the same motion count
+       once.
+    2. If the best still explains little, there is one round with the trunk held to its motion at the start, which
+       misplaced limbs cannot have led astray.
+    3. Further rounds search around the best so far. They end once the best has an equal, after `MAX_VAIN_ROUNDS` rounds
+       that did not improve on the given solutions, or after `MAX_SEARCH_ROUNDS` rounds in all.
+
+    For one of several performers, the rounds end with the first that found a better solution: where others are in the
+    way, every solution explains little, and what is still lost is searched for limb by limb later.
+
+    Of all solutions the likeliest is taken (`likeliest_at_rest`), with limbs of others where these are likelier
+    (`recombined`).
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+        Of one performer, or of all.
+    start : sequence of Motion
+        F poses per performer.
+    solutions : sequence of SegmentSolution
+    workspace : Workspace
+    search : callable, optional
+        One round of the search; by default `search_round`.
+    trial : TrialRound, optional
+        The first round around the best of the solutions, if it was made already: it is not repeated.
+    """
+    held = replace(problem, fixed=tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed))
+    first = covering_most(problem, *solutions)
+    likely = solutions if explains_little(problem, first) else nearly_equal(solutions)
+    noise = noise_at(problem, first, workspace)
+    search = search or partial(search_round, noise=noise)
+    known = trial if trial is not None and trial.settled.begin is first else None
+    settled = [
+        descend(problem, solution.motions, workspace.silent(), SETTLED, noise)
+        if known is None or solution is not first
+        else known.settled.solution
+        for solution in likely
+    ]
+    begins = [(motions, problem) for motions in _distinct_motions(settled)]
+    found: list[SegmentSolution] = []
+    searching, exchanging = workspace.part(0.0, 0.7), workspace.part(0.7, 1.0)
+    while begins and len(found) < MAX_SEARCH_ROUNDS:
+        motions, around = begins.pop(0)
+        part = searching.part(len(found) / MAX_SEARCH_ROUNDS, (len(found) + 1) / MAX_SEARCH_ROUNDS)
+        if known is not None and around is problem and motions is known.settled.solution.motions:
+            found.append(known.found)
+            known = None
+        else:
+            found.append(search(problem, around, motions, len(found), part))
+        best = covering_most(problem, *settled, *found)
+        if begins or (problem.only is not None and best in found):
+            continue
+        if explains_little(problem, best) and around is not held:
+            begins.append((start, held))
+        elif not _is_confirmed(problem, best, [*settled, *found]) and (best in found or len(found) < MAX_VAIN_ROUNDS):
+            begins.append((best.motions, problem))
+    best = likeliest_at_rest(problem, noise, covering_most(problem, *settled), *settled, *found, workspace=workspace)
+    return recombined(problem, best, [*settled, *found], noise, exchanging)
+
+
+def _distinct_motions(solutions: Sequence[SegmentSolution]) -> list[Sequence[Motion]]:
+    """Return the motions of solutions, without those that are the same as an earlier one's (`same_solution`)."""
+    kept: list[Sequence[Motion]] = []
+    for solution in solutions:
+        if not any(same_solution(solution.motions, motions) for motions in kept):
+            kept.append(solution.motions)
+    return kept
+
+
+def _is_confirmed(problem: SegmentProblem, best: SegmentSolution, solutions: Sequence[SegmentSolution]) -> bool:
+    """Whether another solution covers as much as the best or, among several performers, has the same motion.
+
+    Among several performers the visible area of one, and with it the cover, changes with every centimetre.
+    """
+    if len(nearly_equal(solutions)) > 1:
+        return True
+    others = [solution for solution in solutions if solution is not best]
+    return problem.only is not None and any(same_solution(best.motions, other.motions) for other in others)
+
+
+def search_round(
+    problem: SegmentProblem,
+    around: SegmentProblem,
+    motions: Sequence[Motion],
+    seed: int,
+    workspace: Workspace,
+    *,
+    noise: SegmentNoise | None = None,
+) -> SegmentSolution:
+    """Make one round of the search for limbs, and solve from the poses that it finds.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+        Used by the last iterations.
+    around : SegmentProblem
+        The same with those degrees of freedom fixed that must not follow misplaced limbs; used by the first iterations.
+    motions : sequence of Motion
+        F poses per performer, around which limbs are searched for.
+    seed : int
+        Selects the random poses.
+    workspace : Workspace
+    noise : SegmentNoise, optional
+        Of the measurements in the last iterations; by default as measured at their start.
+    """
+    begin = found_limbs(problem, motions, seed, workspace.part(0.0, 0.6))
+    settled, *_ = approach(around, begin, workspace.part(0.6, 0.8), SETTLING)
+    return descend(problem, untangled_limbs(problem, settled), workspace.part(0.8, 1.0), SETTLED, noise)

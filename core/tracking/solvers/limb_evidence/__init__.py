@@ -1,0 +1,1 @@
+"""What the images say about where a limb is: the pixels that it would cover, and the edges at its sides."""

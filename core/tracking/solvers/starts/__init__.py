@@ -1,0 +1,1 @@
+"""Starts other than the curve through the key poses."""
