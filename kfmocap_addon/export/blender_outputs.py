@@ -6,6 +6,7 @@ import contextlib
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,12 +43,15 @@ def show_shot(shot: Shot, home: Path | str) -> bpy.types.Scene:
     FootageError
         Blender cannot read some footage.
     """
-    scene = _fresh_scene()
-    scenes.build_scene(shot, scene=scene)
+    scene, folder = _fresh_scene(), Path(home).resolve()
+    # Blender takes relative paths from there as long as no file is open. To change paths afterwards would make it open
+    # all footage again.
+    with contextlib.chdir(folder):
+        scenes.build_scene(shot, scene=scene, stored=partial(_portable, folder=folder))
+        for item, path in _paths(folder):
+            _set_path(item, path)
     _open_on_footage(scene)
-    for item, path in _paths(Path(home).resolve()):
-        _set_path(item, path)
-    bpy.context.view_layer.update()  # opens footage again whose path has changed, for which the motion would wait later
+    bpy.context.view_layer.update()  # for which the motion would wait later
     return scene
 
 

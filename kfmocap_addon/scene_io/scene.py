@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,10 @@ _FPS = "kfmocap_fps"
 
 
 def build_scene(
-    shot: Shot, motions: Sequence[Motion] | None = None, scene: bpy.types.Scene | None = None
+    shot: Shot,
+    motions: Sequence[Motion] | None = None,
+    scene: bpy.types.Scene | None = None,
+    stored: Callable[[str], str] = str,
 ) -> bpy.types.Scene:
     """Show a shot in a scene: cameras with footage, armatures, key poses and, if given, tracked motions.
 
@@ -42,6 +45,8 @@ def build_scene(
         One per performer, `shot.length` poses each; written as keys of type GENERATED.
     scene : bpy.types.Scene, optional
         Where to build; by default a new scene.
+    stored : callable, optional
+        See `footage_background.load_clip`.
 
     Returns
     -------
@@ -52,7 +57,7 @@ def build_scene(
     FootageError
         If Blender cannot read some footage. Nothing was built then.
     """
-    clips = load_clips([view.footage for view in shot.views])
+    clips = load_clips([view.footage for view in shot.views], stored)
     scene = scene or bpy.data.scenes.new(shot.name)
     set_rate(scene, shot.fps)
     scene.frame_set(FRAME_START)
@@ -154,8 +159,8 @@ def _read_performer(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> Pe
     )
 
 
-def load_clips(footage: Sequence[Path]) -> list[bpy.types.MovieClip]:
-    """Load footage as movie clips, all or none.
+def load_clips(footage: Sequence[Path], stored: Callable[[str], str] = str) -> list[bpy.types.MovieClip]:
+    """Load footage as movie clips, all or none; `stored` as in `footage_background.load_clip`.
 
     Raises
     ------
@@ -165,7 +170,7 @@ def load_clips(footage: Sequence[Path]) -> list[bpy.types.MovieClip]:
     clips: list[bpy.types.MovieClip] = []
     try:
         for path in footage:
-            clips.append(footage_background.load_clip(path))
+            clips.append(footage_background.load_clip(path, stored))
     except Exception:
         bpy.data.batch_remove(clips)
         raise

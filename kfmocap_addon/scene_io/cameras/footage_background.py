@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,15 @@ _LONGEST = 220
 """Number of characters that Blender stores of a driver's expression, 255, without those around."""
 
 
-def load_clip(path: Path) -> bpy.types.MovieClip:
+def load_clip(path: Path, stored: Callable[[str], str] = str) -> bpy.types.MovieClip:
     """Load footage as a movie clip.
+
+    Parameters
+    ----------
+    path : Path
+    stored : callable, optional
+        Returns the path that Blender is to store for an absolute one; it must lead there from the open file or, without
+        one, from the working directory.
 
     Raises
     ------
@@ -33,7 +41,7 @@ def load_clip(path: Path) -> bpy.types.MovieClip:
     first = path if images is None else images[min(images)]
     if not first.is_file():
         raise FootageError("there is no such footage", where=str(path))
-    clip = bpy.data.movieclips.load(str(first.resolve()))
+    clip = bpy.data.movieclips.load(stored(str(first.resolve())))
     if clip.source == "MOVIE" and clip.frame_duration < 1:
         bpy.data.movieclips.remove(clip)
         raise FootageError("Blender cannot read the footage", where=str(path))
