@@ -11,8 +11,8 @@ determined, gamma = n - sum(Var(a)) / sigma^2, where Var(a) is what the solution
 interpolation, Neural Computation 4, 1992). Without that correction a smooth solution would call for a smoother one. A
 part that the pictures do not show has no influence: its gamma is zero.
 
-If less is known, in one view or between two key poses, only a common scale of all accelerations is estimated, by
-maximising the marginal likelihood itself (`likeliest_scale`).
+If less is known, in one view or between two key poses, only a common scale of all accelerations is estimated
+(`core.body.acceleration_scale`).
 
 The unit of time is the frame, so the frame rate that a shot claims does not matter.
 """
@@ -22,7 +22,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..numerics.arrays import Array, Bools
 from ..numerics.banded import BandedFactor
@@ -42,13 +41,6 @@ MIN_MOBILITY = 0.05
 """Lower bound of the acceleration about an axis about which a joint can hardly turn, as a share of the usual one."""
 _MIN_VARIANCE = 1e-12  # of what stands still, (rad/frame^2)^2 or (m/frame^2)^2
 _POOL_ITERATIONS = 20
-_SCALE_STEP = 2.0
-"""Ratio between neighbouring scales of accelerations that are compared."""
-_MAX_SCALE_STEPS = 7
-"""Largest number of steps from the scale at which the search begins."""
-_LOG_SCALE_SIGMA = np.log(8.0)
-"""Prior standard deviation of the logarithm of the scale. It covers wrongly stated frame rates, slow motion and
-kicks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,15 +126,44 @@ def updated_variances(
     return AccelerationVariances(typical, (ACCELERATIONS_T_DOF * typical + squares) / (ACCELERATIONS_T_DOF + gamma))
 
 
+@dataclass(frozen=True, eq=False)
+class ObservedMotion:
+    """A motion and all that is known of it but how smooth it is.
+
+    Attributes
+    ----------
+    known : Motion
+        F poses, preceded and followed by the held poses on the frame before and the frame after, if any.
+    evidence : BandedBlocks
+        Normal equations of all evidence at the F poses, without smoothness.
+    fixed : ndarray of bool, shape (F, D)
+        Degrees of freedom that key poses fix.
+    start : int
+        Index of the first of the F poses among the known ones.
+    expected : ndarray, shape (N, D), optional
+        Accelerations that are predicted, see `smoothness`.
+    """
+
+    known: Motion
+    evidence: BandedBlocks
+    fixed: Bools
+    start: int = 0
+    expected: Array | None = None
+
+    def is_fixed(self) -> bool:
+        """Whether nothing is left to estimate from: too few poses, or all of them fixed."""
+        return len(self.known) < 3 or bool(self.fixed.all())
+
+    def among_free(self, smooth: BandedBlocks) -> BandedBlocks:
+        """Return those of normal equations of all known poses that are about the F poses."""
+        return smooth.cut(self.start, self.start + len(self.fixed))
+
+
 def estimate_variances(
-    known: Motion,
-    evidence: BandedBlocks,
-    fixed: NDArray[np.bool_],
+    observed: ObservedMotion,
     mobility: Array,
     before: AccelerationVariances,
     *,
-    start: int = 0,
-    expected: Array | None = None,
     rounds: int = 1,
     bursts: bool = True,
     given: Bools | None = None,
@@ -151,19 +172,11 @@ def estimate_variances(
 
     Parameters
     ----------
-    known : Motion
-        F poses, preceded and followed by the held poses on the frame before and the frame after, if any.
-    evidence : BandedBlocks
-        Normal equations of all evidence at the F poses, without smoothness.
-    fixed : ndarray of bool, shape (F, D)
+    observed : ObservedMotion
     mobility : ndarray, shape (D,)
         See `axis_mobility`.
     before : AccelerationVariances
         The estimate so far.
-    start : int
-        Index of the first of the F poses among the known ones.
-    expected : ndarray, shape (N, D), optional
-        Accelerations that are predicted, see `smoothness`.
     rounds : int
         How often the estimate is repeated with the same evidence.
     bursts : bool
@@ -172,16 +185,17 @@ def estimate_variances(
     given : ndarray of bool, shape (G,), optional
         Groups whose variances are not estimated.
     """
-    axes = (~fixed.all(axis=0)).reshape(-1, 3).sum(axis=1).astype(float)
-    if len(known) < 3 or fixed.all():
+    if observed.is_fixed():
         return before
-    F, differences = len(fixed), SecondDifferences.of(known)
+    known, fixed, start, expected = observed.known, observed.fixed, observed.start, observed.expected
+    axes = (~fixed.all(axis=0)).reshape(-1, 3).sum(axis=1).astype(float)
+    differences = SecondDifferences.of(known)
     for _ in range(rounds):
         smooth = differences.normal_equations(before.precision(mobility), expected)
-        system = evidence + smooth.cut(start, start + F)
+        system = observed.evidence + observed.among_free(smooth)
         factor = BandedFactor(system, fixed)
         step = np.zeros((len(known), fixed.shape[1]))
-        step[start : start + F] = limited(-factor.solve(system.gradient))
+        step[start : start + len(fixed)] = limited(-factor.solve(system.gradient))
         diagonal, first, second = (
             _among(blocks, start, len(known) - k) for k, blocks in enumerate(factor.covariance_band())
         )
@@ -193,67 +207,6 @@ def estimate_variances(
         found = updated_variances(before, squares, left, axes, bursts=bursts)
         before = found if given is None else found.with_given(before, given)
     return before
-
-
-def likeliest_scale(
-    known: Motion,
-    evidence: BandedBlocks,
-    fixed: NDArray[np.bool_],
-    precision: Array,
-    *,
-    start: int = 0,
-    expected: Array | None = None,
-    guess: float = 1.0,
-) -> float:
-    """Return the most likely common factor of all accelerations relative to given ones.
-
-    Parameters
-    ----------
-    known, evidence, fixed, start, expected
-        As for `estimate_variances`.
-    precision : ndarray, shape (N, D)
-        Inverse variances of the accelerations, with a factor of one.
-    guess : float
-        Where the search begins.
-
-    Returns
-    -------
-    float
-        The factor of standard deviations, not of variances. The best of a series of factors in steps of two is refined
-        by the parabola through it and its neighbours.
-    """
-    F, free = len(fixed), ~fixed
-    if len(known) < 3 or not free.any():
-        return 1.0
-    smooth = SecondDifferences.of(known).normal_equations(precision, expected)
-    inside = smooth.cut(start, start + F)
-    count = (len(known) - 2) * free.any(axis=0).sum()
-
-    def cost(scale: float) -> float:
-        """Minus twice the logarithm of the marginal likelihood and of the prior, but for what is constant."""
-        system = evidence + inside.scaled(scale**-2)
-        factor = BandedFactor(system, fixed)
-        gained = float(np.sum(system.gradient * factor.solve(system.gradient)))
-        likelihood = smooth.energy / scale**2 - gained + factor.log_determinant() + 2 * count * np.log(scale)
-        return float(likelihood + (np.log(scale) / _LOG_SCALE_SIGMA) ** 2)
-
-    costs: dict[int, float] = {}
-
-    def at(step: int) -> float:
-        if step not in costs:
-            costs[step] = cost(guess * _SCALE_STEP**step)
-        return costs[step]
-
-    best = 0
-    while abs(best) < _MAX_SCALE_STEPS:
-        lower = min((best - 1, best + 1), key=at)
-        if at(lower) >= at(best):
-            break
-        best = lower
-    before, here, after = at(best - 1), at(best), at(best + 1)
-    bend = before + after - 2 * here
-    shift = float(np.clip((before - after) / (2 * bend), -0.5, 0.5)) if bend > 0 else 0.0
-    return float(guess * _SCALE_STEP ** (best + shift))
 
 
 def _among(blocks: Array, start: int, count: int) -> Array:

@@ -14,7 +14,7 @@ from ...body.joint_limits import habitual_prior, posture_prior
 from ...body.measures.body_measures import BodyMeasures
 from ...body.motion import Motion
 from ...body.smoothness import MAX_STEP, limited, smoothness
-from ...body.smoothness_estimate import AccelerationVariances, axis_mobility, estimate_variances
+from ...body.smoothness_estimate import AccelerationVariances, ObservedMotion, axis_mobility, estimate_variances
 from ...numerics.arrays import Array
 from ...numerics.banded import BandedFactor, bordered_solution
 from ...numerics.banded_blocks import BandedBlocks
@@ -241,7 +241,7 @@ def _iterated(
     evidence = system.blocks + _pose_prior(body, motion, problem.agreement)
     variances = found.variances
     if estimates_smoothness:
-        variances = estimate_variances(motion, evidence, problem.fixed, mobility, variances)
+        variances = estimate_variances(ObservedMotion(motion, evidence, problem.fixed), mobility, variances)
     if measures is not None:
         system = with_measures(
             system,

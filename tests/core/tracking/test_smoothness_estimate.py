@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kfmocap.core.body import human
+from kfmocap.core.body.acceleration_scale import likeliest_scale
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.body.smoothness import SecondDifferences, acceleration, smoothness
 from kfmocap.core.body.smoothness_estimate import (
     AccelerationVariances,
+    ObservedMotion,
     axis_mobility,
     estimate_variances,
-    likeliest_scale,
     precision_of,
     updated_variances,
 )
@@ -57,7 +58,9 @@ def observed_blocks(motion: Motion, truth: Motion, noise: float, seed: int = 1) 
 def found(truth: Motion, noise: float, start: float, rounds: int = 10) -> AccelerationVariances:
     fixed = np.zeros((len(truth), BODY.dof), bool)
     begin = AccelerationVariances.constant(np.full(BODY.dof // 3, start**2), len(truth) - 2)
-    return estimate_variances(truth, observed_blocks(truth, truth, noise), fixed, FREE, begin, rounds=rounds)
+    return estimate_variances(
+        ObservedMotion(truth, observed_blocks(truth, truth, noise), fixed), FREE, begin, rounds=rounds
+    )
 
 
 @pytest.mark.parametrize("start", [0.001, 0.03])
@@ -146,7 +149,7 @@ def test_accelerations_that_the_settings_give_are_not_estimated() -> None:
     settings = Settings(joint_acceleration=45.0)
     begin = AccelerationVariances.constant(usual_variances(BODY, 30.0, settings), 58)
     evidence, given = observed_blocks(truth, truth, 0.01), given_groups(BODY, settings)
-    spread = estimate_variances(truth, evidence, fixed, FREE, begin, rounds=3, given=given)
+    spread = estimate_variances(ObservedMotion(truth, evidence, fixed), FREE, begin, rounds=3, given=given)
     assert spread.deviations(30.0)[1:] == pytest.approx(45.0)
     assert np.ptp(spread.local[:, 1:]) == 0
     assert spread.deviations(30.0)[0] != pytest.approx(begin.deviations(30.0)[0], rel=0.1)
@@ -163,7 +166,7 @@ def test_without_bursts_a_limb_that_jumps_is_as_smooth_as_on_other_frames() -> N
     evidence = observed_blocks(truth, truth, 0.003)
     begin = AccelerationVariances.constant(np.full(BODY.dof // 3, 4e-6), 58)
     for bursts in (False, True):
-        spread = estimate_variances(truth, evidence, fixed, FREE, begin, rounds=10, bursts=bursts)
+        spread = estimate_variances(ObservedMotion(truth, evidence, fixed), FREE, begin, rounds=10, bursts=bursts)
         assert (spread.local[18:22, 2].mean() > 20 * spread.local[40, 2]) == bursts
 
 
@@ -173,7 +176,7 @@ def test_the_spline_stays_where_nothing_is_free() -> None:
     fixed = np.ones((10, BODY.dof), bool)
     begin = AccelerationVariances.constant(USUAL, 8)
     motion = spline(keys, 10)
-    assert estimate_variances(motion, observed_blocks(motion, truth, 0.01), fixed, FREE, begin) is begin
+    assert estimate_variances(ObservedMotion(motion, observed_blocks(motion, truth, 0.01), fixed), FREE, begin) is begin
 
 
 @pytest.mark.parametrize("called", [1 / 16, 1.0, 16.0])
@@ -182,7 +185,9 @@ def test_the_scale_of_all_accelerations_is_found_whatever_was_expected(called: f
     truth = walk(60, true * FREE)
     fixed = np.zeros((60, BODY.dof), bool)
     expected = np.full(BODY.dof // 3, (called * true) ** 2)
-    scale = likeliest_scale(truth, observed_blocks(truth, truth, noise), fixed, precision_of(expected, FREE)[None])
+    scale = likeliest_scale(
+        ObservedMotion(truth, observed_blocks(truth, truth, noise), fixed), precision_of(expected, FREE)[None]
+    )
     assert called * scale == pytest.approx(1.0, rel=0.15)
 
 
@@ -193,11 +198,11 @@ def test_where_nothing_is_seen_the_scale_is_the_expected_one_nearly() -> None:
     nothing = BandedBlocks.zeros(10, BODY.dof)
     moved = walk(10, 0.02 * FREE)
     precision = precision_of(np.full(BODY.dof // 3, 0.02**2), FREE)[None]
-    assert likeliest_scale(still, nothing, np.ones_like(fixed), precision) == 1.0
-    assert 0.1 < likeliest_scale(moved, nothing, fixed, precision) < 10
+    assert likeliest_scale(ObservedMotion(still, nothing, np.ones_like(fixed)), precision) == 1.0
+    assert 0.1 < likeliest_scale(ObservedMotion(moved, nothing, fixed), precision) < 10
 
 
-def test_usual_accelerations_are_settled_by_a_look_at_all_the_pictures_say_and_not_by_a_coarse_one() -> None:
+def test_usual_accelerations_are_settled_by_all_that_the_pictures_say_and_not_by_a_coarse_stage() -> None:
     """The first coarse looks still lie near a smooth start, where fast movement passes for usual movement."""
     fixed = np.zeros((60, BODY.dof), bool)
     problem = SegmentProblem(

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ....body.acceleration_scale import likeliest_scale
 from ....body.motion import Motion, stacked
 from ....body.smoothness import smoothness
-from ....body.smoothness_estimate import AccelerationVariances, axis_mobility, estimate_variances, likeliest_scale
+from ....body.smoothness_estimate import AccelerationVariances, ObservedMotion, axis_mobility, estimate_variances
 from ....numerics.arrays import Array
 from ....numerics.banded_blocks import BandedBlocks
 from ....shot.acceleration_prior import given_groups
@@ -80,53 +81,29 @@ class SegmentSmoothness:
         rounds : int
             Number of iterations of the estimate.
         bursts : bool
-            Whether the variances may differ from frame to frame, see `estimate_variances`. They may not in coarse looks
-            at the pictures; usual accelerations that such a look does not contradict are not final.
+            Whether the variances may differ from frame to frame, see `estimate_variances`. They may not in coarse
+            stages; usual accelerations that such a stage does not contradict are not final.
         """
         if self.kept:
             return self
         scaling = problem.search is AccelerationSearch.SCALE
         scaling |= problem.search is AccelerationSearch.SCALE_THEN_JOINTS and not self.scaled
         contradicted = not scaling or self.scaled
-        found = []
-        for i, before in enumerate(self.variances):
-            if i not in problem.sought:
-                found.append(before)
-                continue
-            known, start = _with_known(problem, i, motions[i])
-            allowed = _among_known(problem, expected[i], start, len(known)) if expected else None
-            mobility, count = axis_mobility(problem.bodies[i]), len(before.local)
+        found = list(self.variances)
+        for i in problem.sought if self.variances else ():
+            observed = _observed(problem, i, motions[i], evidence[i], expected[i] if expected else None)
             if scaling:
-                usual = problem.variances(i)
-                scale = likeliest_scale(
-                    known,
-                    evidence[i],
-                    problem.fixed[i],
-                    AccelerationVariances.constant(usual, count).precision(mobility),
-                    start=start,
-                    expected=allowed,
-                    guess=float(np.sqrt(before.typical[0] / usual[0])),
-                )
-                larger = (
-                    SPARSENESS if scale < USUAL_SCALE_RANGE[0] and problem.search is AccelerationSearch.SCALE else 1.0
-                )
-                contradicted |= not USUAL_SCALE_RANGE[0] <= scale <= USUAL_SCALE_RANGE[1]
-                found.append(AccelerationVariances.constant((larger * scale) ** 2 * usual, count))
-                continue
-            found.append(
-                estimate_variances(
-                    known,
-                    evidence[i],
-                    problem.fixed[i],
-                    mobility,
-                    before,
-                    start=start,
-                    expected=allowed,
+                found[i], usual = _at_likeliest_scale(problem, i, observed, self.variances[i])
+                contradicted |= not usual
+            else:
+                found[i] = estimate_variances(
+                    observed,
+                    axis_mobility(problem.bodies[i]),
+                    self.variances[i],
                     rounds=rounds,
                     bursts=bursts,
                     given=given_groups(problem.bodies[i], problem.settings),
                 )
-            )
         return SegmentSmoothness(tuple(found), scaled=True) if contradicted else replace(self, kept=bursts)
 
     def blocks(
@@ -155,6 +132,27 @@ class SegmentSmoothness:
         if expected is not None:
             expected = _among_known(problem, expected, start, len(known))
         return smoothness(known, precision, expected).cut(start, start + problem.length)
+
+
+def _observed(
+    problem: SegmentProblem, performer: int, motion: Motion, evidence: BandedBlocks, expected: Array | None
+) -> ObservedMotion:
+    """Join a performer's F poses, the known poses beside them, and the evidence."""
+    known, start = _with_known(problem, performer, motion)
+    allowed = None if expected is None else _among_known(problem, expected, start, len(known))
+    return ObservedMotion(known, evidence, problem.fixed[performer], start, allowed)
+
+
+def _at_likeliest_scale(
+    problem: SegmentProblem, performer: int, observed: ObservedMotion, before: AccelerationVariances
+) -> tuple[AccelerationVariances, bool]:
+    """Return usual accelerations times the likeliest scale, and whether that is a usual one."""
+    usual, count = problem.variances(performer), len(before.local)
+    precision = AccelerationVariances.constant(usual, count).precision(axis_mobility(problem.bodies[performer]))
+    scale = likeliest_scale(observed, precision, guess=float(np.sqrt(before.typical[0] / usual[0])))
+    least, most = USUAL_SCALE_RANGE
+    larger = SPARSENESS if scale < least and problem.search is AccelerationSearch.SCALE else 1.0
+    return AccelerationVariances.constant((larger * scale) ** 2 * usual, count), least <= scale <= most
 
 
 def _with_known(problem: SegmentProblem, performer: int, motion: Motion) -> tuple[Motion, int]:
