@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..numerics.arrays import Array, Bools, runs
+from ..numerics.arrays import Array, Bools
+from ..numerics.frame_ranges import runs
 
 _MEAN_DWELL = 0.25  # seconds: mean time in a state that transitions are as likely as
 _MIN_DURATION = 0.08  # seconds: shorter plants and swings are noise

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..numerics.arrays import Array, runs
+from ..numerics.arrays import Array
+from ..numerics.frame_ranges import runs
 
 OCCLUDED_BELOW = 0.3
 """A part is occluded in a view where less than this share of its area is seen (paper 1, section 5.3)."""

@@ -1,4 +1,4 @@
-"""Types of arrays for annotations, slices of concatenated arrays, and runs of flags."""
+"""Types of arrays for annotations, and slices of concatenated arrays."""
 
 from collections.abc import Iterable
 from itertools import accumulate, pairwise
@@ -14,9 +14,3 @@ Ints = NDArray[np.int64]
 def slices_of(counts: Iterable[int]) -> list[slice]:
     """Return the slices of pieces with these lengths in the array that concatenates them."""
     return [slice(a, b) for a, b in pairwise(accumulate(counts, initial=0))]
-
-
-def runs(flags: Bools) -> list[tuple[int, int]]:
-    """Return the first and the last index of every run of true values in flags (F,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]

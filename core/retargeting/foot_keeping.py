@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from ..body.foot_plants import find_plants, with_ends
 from ..body.skeleton_motion import RestSkeleton, SkeletonMotion
-from ..numerics.arrays import Array, Bools, runs
+from ..numerics.arrays import Array, Bools
+from ..numerics.frame_ranges import runs
 from .control_rig import ControlRig, RigPoses
 from .limb_goals import LimbGoal, limb_controls
 from .rest_alignment import alignments, ankle_to_ball, facing

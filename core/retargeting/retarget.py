@@ -10,7 +10,8 @@ import numpy as np
 from ..body.skeleton_motion import RestSkeleton, SkeletonMotion
 from ..errors import BodyError, ShotError
 from ..numerics import rotations
-from ..numerics.arrays import Array, Bools, runs
+from ..numerics.arrays import Array, Bools
+from ..numerics.frame_ranges import runs
 from .bone_matching import match_bones
 from .control_rig import ControlRig, RigPoses
 from .foot_keeping import BALL, HEEL, FootPath, foot_goals, foot_paths, hand_goals

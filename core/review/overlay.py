@@ -21,7 +21,8 @@ from ..cameras.camera import Camera
 from ..errors import OutputError
 from ..evidence.rendering.label_images import render_labels
 from ..evidence.rendering.part_geometry import Geometry
-from ..numerics.arrays import Array, runs
+from ..numerics.arrays import Array
+from ..numerics.frame_ranges import runs
 from ..runtime.files import replacing
 from ..runtime.progress import Progress, report_progress
 from ..runtime.threads import worker_count

@@ -68,15 +68,6 @@ def segments_before(segments: Sequence[Segment], frame: int) -> list[Segment]:
     return [(first, last) for first, last in segments if first < frame]
 
 
-def joined_segments(segments: Sequence[Segment]) -> list[Segment]:
-    """Join adjacent segments; returns the first and last frame of each run."""
-    runs: list[Segment] = []
-    for first, last in sorted(segments):
-        begin = runs.pop()[0] if runs and runs[-1][1] == first else first
-        runs.append((begin, last))
-    return runs
-
-
 def track_excerpts(
     shot: Shot,
     excerpts: Sequence[Excerpt],

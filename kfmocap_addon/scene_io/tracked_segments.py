@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from ...core.body.motion import Motion
 from ...core.errors import ShotError
+from ...core.numerics.frame_ranges import segments_joined
 from ...core.shot.shot import KeyPoses, Performer, Shot
 from ...core.tracking.footage_gaps import with_found_gaps
-from ...core.tracking.retracking import Excerpt, digests, joined_segments
+from ...core.tracking.retracking import Excerpt, digests
 from ...core.tracking.segments import Segment, segments
 from ...core.tracking.track_result import TrackResult
 from . import lossless, prop_holds
@@ -115,7 +116,7 @@ def excerpts(
             None if (first, last) == (0, shot.length - 1) else _footage_offset(scene),
             () if anew else _motions(scene, asked, first, last),
         )
-        for first, last in joined_segments(chosen)
+        for first, last in segments_joined(chosen)
     ]
 
 

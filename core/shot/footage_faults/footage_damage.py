@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, zip_longest
 
@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from ...errors import listed
+from ...numerics.frame_ranges import adjacent_joined
 from ...runtime.decoder_log import DecoderLog
 from ..frame_numbers import file_index
 from ..image_sequences import image_files
@@ -64,18 +65,9 @@ class FootageDamage:
             return self
         first, second = (self, other) if self.reported else (other, self)
         frames = {*first.frames, *second.frames} if second.reported else first.frames
-        return replace(first, frames=tuple(sorted(frames)), stretches=merged((*self.stretches, *other.stretches)))
-
-
-def merged(stretches: Iterable[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
-    """Return stretches of frames, first and last of each, with those that touch or overlap made one."""
-    found: list[tuple[int, int]] = []
-    for first, last in sorted(stretches):
-        if found and first <= found[-1][1] + 1:
-            found[-1] = found[-1][0], max(found[-1][1], last)
-        else:
-            found.append((first, last))
-    return tuple(found)
+        return replace(
+            first, frames=tuple(sorted(frames)), stretches=tuple(adjacent_joined((*self.stretches, *other.stretches)))
+        )
 
 
 def shot_damage(

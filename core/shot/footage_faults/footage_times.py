@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 
 from ...errors import listed
-from ...numerics.arrays import Array, Bools, Ints, runs
+from ...numerics.arrays import Array, Bools, Ints
+from ...numerics.frame_ranges import runs
 from ..frame_numbers import file_index, frames_per_file_frame
 from ..image_sequences import image_files
 from ..shot import Shot, View

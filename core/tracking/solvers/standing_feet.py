@@ -24,8 +24,9 @@ from scipy.special import chdtri
 from ...body.kinematics import part_poses
 from ...body.motion import Motion
 from ...body.soles import Soles
-from ...numerics.arrays import Array, Bools, runs
+from ...numerics.arrays import Array, Bools
 from ...numerics.banded_blocks import BandedBlocks
+from ...numerics.frame_ranges import runs
 from ...numerics.robust_kernels import Quadratic
 from .equations.hold_factor import TiedSystems, tied_systems
 from .equations.plant_factor import PlantFactor

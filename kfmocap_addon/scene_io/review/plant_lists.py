@@ -11,7 +11,8 @@ import numpy as np
 
 from ....core.body import Body
 from ....core.body.soles import Soles
-from ....core.numerics.arrays import Bools, runs
+from ....core.numerics.arrays import Bools
+from ....core.numerics.frame_ranges import runs
 
 
 def write_tested(

@@ -20,7 +20,6 @@ from kfmocap.core.tracking.retracking import (
     Excerpt,
     digest,
     digests,
-    joined_segments,
     track_excerpts,
 )
 from kfmocap.core.tracking.segments import segments
@@ -99,12 +98,6 @@ def test_segments_are_chosen_by_a_frame() -> None:
     assert retracking.segments_after(segments, 5) == retracking.segments_after(segments, 7) == [(5, 10), (10, 15)]
     assert retracking.segments_before(segments, 5) == [(0, 5)]
     assert retracking.segments_before(segments, 7) == [(0, 5), (5, 10)]
-
-
-def test_segments_that_meet_are_one_part() -> None:
-    assert joined_segments([(0, 5), (5, 10), (15, 20)]) == [(0, 10), (15, 20)]
-    assert joined_segments([(10, 15), (0, 5)]) == [(0, 5), (10, 15)]
-    assert joined_segments([]) == []
 
 
 def test_an_excerpt_has_the_segments_of_the_shot(views: list[View]) -> None:
