@@ -17,7 +17,7 @@ from ..core.formats import Landmarks
 from ..core.formats.keypoint_files import read_shot_keypoints
 from ..core.keypoints.observations import performer_keypoints
 from ..core.keypoints.triangulation import triangulate
-from ..core.numerics.arrays import runs
+from ..core.numerics.frame_ranges import runs
 from ..core.review.scoring import Score, joint_error
 from ..core.shot.shot import Shot
 

@@ -11,7 +11,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, joint_error, motion, shot  # noqa: E402, F401
+from addon_shots import joint_error, motion, shot  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.body.measures.proportions import measured  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
@@ -25,11 +25,13 @@ from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves  # noqa: E402
 from mathutils import Matrix, Vector  # noqa: E402
 from ready_scenes import fitted  # noqa: E402
 
+pytest_plugins = ("addon_fixtures",)
+
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
 
 
 @pytest.fixture
-def armature(blender):  # noqa: F811
+def armature(blender):
     bpy.ops.kfmocap.add_body(height=1.8)
     return bpy.context.scene.kfmocap.performers[0].armature
 

@@ -12,7 +12,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import LENS, SIZE, blender, camera, video  # noqa: E402, F401
+from addon_shots import LENS, SIZE, camera, video  # noqa: E402
 from kfmocap.core import calibration as core_calibration  # noqa: E402
 from kfmocap.core.capture.capture_videos import CaptureVideos, CaptureVideoView  # noqa: E402
 from kfmocap.core.capture.colours import parsed, to_hsv  # noqa: E402
@@ -23,6 +23,8 @@ from kfmocap.kfmocap_addon.scene_io import capture_scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.cameras import footage_background, scene_cameras  # noqa: E402
 from ready_scenes import LFRAME, solution  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = pytest.mark.blender
 
@@ -58,13 +60,13 @@ def same_capture(a: CaptureVideos, b: CaptureVideos) -> bool:
     )
 
 
-def test_a_capture_comes_back_from_its_scene(blender, tmp_path):  # noqa: F811
+def test_a_capture_comes_back_from_its_scene(blender, tmp_path):
     given = some_capture(tmp_path)
     capture_scene.show_capture(bpy.context.scene.kfmocap_capture, given)
     assert same_capture(capture_scene.read_capture(bpy.context.scene.kfmocap_capture), given)
 
 
-def test_what_a_capture_lacks_is_named(blender, tmp_path):  # noqa: F811
+def test_what_a_capture_lacks_is_named(blender, tmp_path):
     slot = bpy.context.scene.kfmocap_capture
     with pytest.raises(CalibrationError, match="two views"):
         capture_scene.read_capture(slot)
@@ -77,7 +79,7 @@ def test_what_a_capture_lacks_is_named(blender, tmp_path):  # noqa: F811
         capture_scene.read_capture(slot)
 
 
-def test_one_click_picks_the_colour_of_a_ball(blender, tmp_path):  # noqa: F811
+def test_one_click_picks_the_colour_of_a_ball(blender, tmp_path):
     slot = bpy.context.scene.kfmocap_capture
     view = slot.views.add()
     view.name, view.wand = "cam01", str(ball_video(tmp_path / "wand.avi"))
@@ -89,7 +91,7 @@ def test_one_click_picks_the_colour_of_a_ball(blender, tmp_path):  # noqa: F811
     assert tuple(bpy.data.images["Calibration Footage"].size) == SIZE
 
 
-def test_a_click_on_grey_leaves_the_colour_as_it_was(blender, tmp_path):  # noqa: F811
+def test_a_click_on_grey_leaves_the_colour_as_it_was(blender, tmp_path):
     slot = bpy.context.scene.kfmocap_capture
     view = slot.views.add()
     view.name, view.wand = "cam01", str(ball_video(tmp_path / "wand.avi"))
@@ -98,7 +100,7 @@ def test_a_click_on_grey_leaves_the_colour_as_it_was(blender, tmp_path):  # noqa
     assert not capture_scene.is_picked(slot.first)
 
 
-def test_videos_are_added_with_those_of_the_lframe_beside_them(blender, tmp_path):  # noqa: F811
+def test_videos_are_added_with_those_of_the_lframe_beside_them(blender, tmp_path):
     for name in ("cam01_wand.mp4", "cam01_lframe.mp4", "wand-left.mp4"):
         video(tmp_path / name)
     files = [{"name": "wand-left.mp4"}, {"name": "cam01_wand.mp4"}]
@@ -130,7 +132,7 @@ def solver(monkeypatch):
     return stand_in
 
 
-def test_calibrate_shows_cameras_wand_lframe_and_report(blender, tmp_path, solver):  # noqa: F811
+def test_calibrate_shows_cameras_wand_lframe_and_report(blender, tmp_path, solver):
     scene = bpy.context.scene
     capture_scene.show_capture(scene.kfmocap_capture, some_capture(tmp_path))
     for _ in range(2):  # a second run replaces what the first one built
@@ -148,11 +150,11 @@ def test_calibrate_shows_cameras_wand_lframe_and_report(blender, tmp_path, solve
         assert largest_difference(original, built, 0) < 1e-4
 
 
-def test_calibrate_without_colours_is_switched_off(blender, tmp_path):  # noqa: F811
+def test_calibrate_without_colours_is_switched_off(blender, tmp_path):
     assert not bpy.ops.kfmocap.calibrate.poll()
 
 
-def test_cameras_go_to_a_file_and_come_back(blender, tmp_path):  # noqa: F811
+def test_cameras_go_to_a_file_and_come_back(blender, tmp_path):
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end = 5, 16
     originals = [camera(1), camera(2, 12), camera(3, distortions=(0.1, 0.02, 0.0, 0.0, 0.01, 0.2, 0.1, 0.01))]
@@ -167,7 +169,7 @@ def test_cameras_go_to_a_file_and_come_back(blender, tmp_path):  # noqa: F811
             assert largest_difference(original, back[original.name], frame) < 1e-9
 
 
-def test_a_camera_that_blenders_tracker_moves_is_exported_frame_by_frame(blender, tmp_path):  # noqa: F811
+def test_a_camera_that_blenders_tracker_moves_is_exported_frame_by_frame(blender, tmp_path):
     """Not built by us: it hangs on a moved parent and has footage whose clip knows the lens."""
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end = 1, 10
@@ -196,7 +198,7 @@ def test_a_camera_that_blenders_tracker_moves_is_exported_frame_by_frame(blender
         np.testing.assert_allclose(ahead, (np.array(SIZE) - 1) / 2, atol=1e-3)
 
 
-def test_cameras_can_be_written_while_there_are_any(blender, tmp_path):  # noqa: F811
+def test_cameras_can_be_written_while_there_are_any(blender, tmp_path):
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     assert not bpy.ops.kfmocap.export_cameras.poll()
     save_cameras(tmp_path / "in.toml", [camera(1)])
@@ -231,7 +233,7 @@ class Labels:
 
 @pytest.mark.parametrize("one_colour", [True, False])
 @pytest.mark.parametrize("picked", [True, False])
-def test_each_ball_has_its_own_button_to_pick_a_colour(blender, one_colour, picked):  # noqa: F811
+def test_each_ball_has_its_own_button_to_pick_a_colour(blender, one_colour, picked):
     capture = bpy.context.scene.kfmocap_capture
     capture.one_colour = one_colour
     for slot in capture_scene.SLOTS if picked else ():

@@ -9,13 +9,15 @@ from hypothesis import given, settings
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, joint_error, motion  # noqa: E402, F401
+from addon_shots import joint_error, motion  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.errors import BodyError, ShotError  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import fcurves  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature, body_channels  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = pytest.mark.blender
 

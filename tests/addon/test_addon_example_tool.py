@@ -10,9 +10,11 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, shot  # noqa: E402, F401
+from addon_shots import shot  # noqa: E402
 from conftest import ROOT  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = pytest.mark.blender
 
@@ -20,7 +22,7 @@ NAME = "kfmocap.kfmocap_addon.operators.performers.say_height"
 
 
 @pytest.fixture
-def tool(blender, monkeypatch):  # noqa: F811
+def tool(blender, monkeypatch):
     page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     [source] = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     module = ModuleType(NAME)

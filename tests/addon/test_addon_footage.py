@@ -12,7 +12,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import SIZE, blender, camera, video  # noqa: E402, F401
+from addon_shots import SIZE, camera, video  # noqa: E402
 from bpy_extras.io_utils import ImportHelper  # noqa: E402
 from kfmocap.core.formats.calibrations.toml_cameras import save_cameras  # noqa: E402
 from kfmocap.core.shot.frame_numbers import file_index  # noqa: E402
@@ -24,6 +24,8 @@ from kfmocap.kfmocap_addon.scene_io import scene, solved_cameras  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.cameras import footage_background, view_cameras  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.cameras.view_gaps import packed_gaps  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
 

@@ -9,7 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, shot, tracker  # noqa: E402, F401
+from addon_shots import shot  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses  # noqa: E402
 from kfmocap.kfmocap_addon import panels  # noqa: E402
 from kfmocap.kfmocap_addon.operators.tracking.track_motion import TrackAll  # noqa: E402
@@ -19,6 +19,8 @@ from kfmocap.kfmocap_addon.properties.section_properties import SECTIONS, sectio
 from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
 from kfmocap.kfmocap_addon.viewports import changed_segments, key_list  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
 
@@ -43,7 +45,7 @@ def test_every_section_has_a_panel_with_its_title():
     )
 
 
-def test_what_is_done_folds_and_the_next_step_opens(tmp_path, tracker):  # noqa: F811
+def test_what_is_done_folds_and_the_next_step_opens(tmp_path, tracker):
     assert step() == "footage" and shown() == {"footage"}
     built = scenes.build_scene(shot(tmp_path), scene=bpy.context.scene)
     slot, armature = built.kfmocap.performers[0], built.kfmocap.performers[0].armature
@@ -67,7 +69,7 @@ def test_what_is_done_folds_and_the_next_step_opens(tmp_path, tracker):  # noqa:
 
 
 @pytest.mark.parametrize("tracked", [False, True])
-def test_proposals_wait_to_be_accepted_or_refused_until_the_shot_is_tracked(tmp_path, tracker, tracked):  # noqa: F811
+def test_proposals_wait_to_be_accepted_or_refused_until_the_shot_is_tracked(tmp_path, tracker, tracked):
     original = shot(tmp_path)
     [man] = original.performers
     keys = KeyPoses.proposed(man.key_poses.frames, man.key_poses.poses)
@@ -110,7 +112,7 @@ def test_while_proposals_are_left_nobody_is_sent_to_the_other_end(tmp_path, monk
     assert advised().startswith("A second key pose")
 
 
-def test_a_second_performer_folds_everything_but_its_key_poses(tmp_path, tracker):  # noqa: F811
+def test_a_second_performer_folds_everything_but_its_key_poses(tmp_path, tracker):
     scenes.build_scene(shot(tmp_path), scene=bpy.context.scene)
     bpy.ops.kfmocap.track()
     assert step() == "review"
@@ -166,7 +168,7 @@ class Layout(SimpleNamespace):
 
 
 @pytest.mark.parametrize("misfit", ["", "12 px off the key poses"])
-def test_no_tool_has_two_buttons_of_the_same_meaning(tmp_path, tracker, misfit):  # noqa: F811
+def test_no_tool_has_two_buttons_of_the_same_meaning(tmp_path, tracker, misfit):
     built = scenes.build_scene(shot(tmp_path, ("man", "woman")), scene=bpy.context.scene)
     bpy.ops.kfmocap.track()
     built.kfmocap.views[0].misfit = misfit
@@ -193,7 +195,7 @@ def test_no_tool_has_two_buttons_of_the_same_meaning(tmp_path, tracker, misfit):
     assert {name for name in names if names.count(name) > 1} - several == set()
 
 
-def test_tools_that_could_do_nothing_are_disabled(blender, tmp_path, tracker):  # noqa: F811
+def test_tools_that_could_do_nothing_are_disabled(blender, tmp_path, tracker):
     """Of one camera there is no next view, and before tracking there is nothing to clear."""
     scenes.build_scene(shot(tmp_path), scene=bpy.context.scene)
     bpy.ops.kfmocap.look_through(view=0)
@@ -229,7 +231,7 @@ def test_a_disabled_place_joints_is_explained_and_one_camera_has_its_own_hint(tm
     assert "in two views or more" in advised()
 
 
-def test_poses_between_and_towards_key_poses_need_these(blender, tmp_path):  # noqa: F811
+def test_poses_between_and_towards_key_poses_need_these(blender, tmp_path):
     """Proposals are none, and before key poses are looked up nothing is disabled."""
     rows = [key_list.KeyPoseEntry(4), key_list.KeyPoseEntry(9, ("hand.L",)), key_list.KeyPoseEntry(20, proposed=True)]
     sides = [key_poses_panel._sides_with_key_poses(tuple(rows), frame) for frame in (3, 4, 6, 9, 12)]
@@ -237,7 +239,7 @@ def test_poses_between_and_towards_key_poses_need_these(blender, tmp_path):  # n
     assert key_poses_panel._sides_with_key_poses(None, 6) == (True, True)
 
 
-def test_the_end_that_is_farther_from_all_key_poses_is_offered(blender, tmp_path):  # noqa: F811
+def test_the_end_that_is_farther_from_all_key_poses_is_offered(blender, tmp_path):
     """As long as it has none; where keypoints show the performer, only for the second key pose."""
     scenes.build_scene(shot(tmp_path), scene=bpy.context.scene)
     built = bpy.context.scene
@@ -272,7 +274,7 @@ def test_long_texts_are_broken_between_words(monkeypatch):
 
 
 @pytest.fixture
-def looked_up(blender):  # noqa: F811
+def looked_up(blender):
     """See which of some tools are enabled, once keys and changes have been looked up."""
 
     def enabled(*names: str) -> set[str]:
@@ -287,7 +289,7 @@ def looked_up(blender):  # noqa: F811
     return enabled
 
 
-def test_track_changes_is_enabled_where_something_has_changed(looked_up, tmp_path, tracker):  # noqa: F811
+def test_track_changes_is_enabled_where_something_has_changed(looked_up, tmp_path, tracker):
     scenes.build_scene(shot(tmp_path), scene=bpy.context.scene)
     assert looked_up("track_changes"), "nothing is tracked yet"
     bpy.ops.kfmocap.track()
@@ -304,7 +306,7 @@ def test_track_changes_is_enabled_where_something_has_changed(looked_up, tmp_pat
     assert looked_up("track_changes"), "a camera has changed"
 
 
-def test_tools_for_keys_are_enabled_where_there_are_such(looked_up, tmp_path, tracker):  # noqa: F811
+def test_tools_for_keys_are_enabled_where_there_are_such(looked_up, tmp_path, tracker):
     tracked = ("bake", "simplify", "clear_between")
     neighbours = ("breakdown_pose", "nudge_pose", "step_key_pose")
     scenes.build_scene(shot(tmp_path), scene=bpy.context.scene)

@@ -9,7 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import FIRST, FRAMES, blender, shot  # noqa: E402, F401
+from addon_shots import FIRST, FRAMES, shot  # noqa: E402
 from kfmocap.core.body import part_poses  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.body.prop import body_of_prop  # noqa: E402
@@ -19,6 +19,8 @@ from kfmocap.core.shot.holds import Hold  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import hold_checks, tracked_segments  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = pytest.mark.blender
 
@@ -39,7 +41,7 @@ def with_stick(folder) -> Shot:
 
 
 @pytest.fixture
-def scene(blender, tmp_path):  # noqa: F811
+def scene(blender, tmp_path):
     """The scene of both on the first frame, a key frame."""
     current = scenes.build_scene(with_stick(tmp_path), scene=bpy.context.scene)
     bpy.context.view_layer.update()
@@ -85,7 +87,7 @@ def test_what_is_not_whole_is_not_used_and_says_so(scene):
     assert (read.prop, read.frames) == ("staff", (0, LAST))
 
 
-def test_a_shot_with_a_hold_is_the_same_in_a_scene(blender, tmp_path):  # noqa: F811
+def test_a_shot_with_a_hold_is_the_same_in_a_scene(blender, tmp_path):
     hold = Hold("stick", "man", "hand.L", (2, 8))
     current = scenes.build_scene(replace(with_stick(tmp_path), holds=(hold,)), scene=bpy.context.scene)
     [read] = scenes.shot_from_scene(current).holds
@@ -131,7 +133,7 @@ def test_tracking_one_performer_leaves_out_holds_of_those_who_are_left_out(scene
     assert tracked_segments.asked_tracking(scene, with_no_keys, scene.kfmocap.performers["man"]).shot.holds == ()
 
 
-def test_one_alone_holds_nothing(blender, tmp_path):  # noqa: F811
+def test_one_alone_holds_nothing(blender, tmp_path):
     scenes.build_scene(shot(tmp_path), scene=bpy.context.scene)
     with pytest.raises(RuntimeError, match="A performer and a prop are needed"):
         bpy.ops.kfmocap.hold_prop()

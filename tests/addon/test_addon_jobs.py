@@ -13,13 +13,14 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 import job_functions  # noqa: E402
-from addon_shots import blender  # noqa: E402, F401
 from kfmocap.core.errors import CancelledError, CaptureError  # noqa: E402
 from kfmocap.core.runtime.job import Job, duration  # noqa: E402
 from kfmocap.core.runtime.worker_memory import Remembering  # noqa: E402
 from kfmocap.kfmocap_addon.operators import job_operator  # noqa: E402
 from kfmocap.kfmocap_addon.operators.job_operator import JobOperator  # noqa: E402
 from kfmocap.kfmocap_addon.session import SESSION  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = pytest.mark.blender
 

@@ -7,7 +7,6 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender  # noqa: E402, F401
 from keypoint_shots import cameras, seen_places, write_openpose  # noqa: E402
 from kfmocap.core.body import landmark_positions  # noqa: E402
 from kfmocap.core.errors import ShotError  # noqa: E402
@@ -19,6 +18,8 @@ from kfmocap.kfmocap_addon.scene_io.key_pictures import KeyPictures  # noqa: E40
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402
 from kfmocap.kfmocap_addon.session import SESSION  # noqa: E402
 from test_addon_posing import BENT, BODY, LIMBS, WALK, error, keyed, walk_scene  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = pytest.mark.blender
 
@@ -48,7 +49,7 @@ def ask(choice: str, **values) -> None:
         setattr(wanted, name, value)
 
 
-def test_keypoints_are_given_to_the_view_with_their_name(blender, tmp_path):  # noqa: F811
+def test_keypoints_are_given_to_the_view_with_their_name(blender, tmp_path):
     walk_scene(tmp_path)
     write_keypoints(tmp_path)
     with pytest.raises(RuntimeError, match="No view has 2D keypoints yet"):
@@ -57,7 +58,7 @@ def test_keypoints_are_given_to_the_view_with_their_name(blender, tmp_path):  # 
     assert [view.keypoints for view in bpy.context.scene.kfmocap.views] == ["", "cam02_json"]
 
 
-def test_a_file_without_keypoints_changes_nothing(blender, tmp_path):  # noqa: F811
+def test_a_file_without_keypoints_changes_nothing(blender, tmp_path):
     walk_scene(tmp_path)
     (tmp_path / "cam01.json").write_text("[1, 2]")
     with pytest.raises(RuntimeError, match=r"cam01\.json: "):
@@ -65,7 +66,7 @@ def test_a_file_without_keypoints_changes_nothing(blender, tmp_path):  # noqa: F
     assert not bpy.context.scene.kfmocap.views[0].keypoints
 
 
-def test_key_poses_are_made_on_the_frames_asked_for(blender, tmp_path):  # noqa: F811
+def test_key_poses_are_made_on_the_frames_asked_for(blender, tmp_path):
     slot = keypoint_scene(tmp_path)
     ask("LISTED", listed="11, 16-17")
     assert bpy.ops.kfmocap.pose_from_keypoints() == {"FINISHED"}
@@ -75,7 +76,7 @@ def test_key_poses_are_made_on_the_frames_asked_for(blender, tmp_path):  # noqa:
         assert error(slot, WALK[[frame]]) < 0.02
 
 
-def test_keys_of_the_animators_stay_unless_they_are_to_be_replaced(blender, tmp_path):  # noqa: F811
+def test_keys_of_the_animators_stay_unless_they_are_to_be_replaced(blender, tmp_path):
     slot = keypoint_scene(tmp_path)
     bpy.context.scene.frame_set(13)
     bpy.ops.kfmocap.set_key_pose()
@@ -91,7 +92,7 @@ def test_keys_of_the_animators_stay_unless_they_are_to_be_replaced(blender, tmp_
     assert error(slot, WALK[[12]]) < 0.02
 
 
-def test_proposals_and_a_first_pass_without_any_key_pose(blender, tmp_path):  # noqa: F811
+def test_proposals_and_a_first_pass_without_any_key_pose(blender, tmp_path):
     slot = keypoint_scene(tmp_path, keys=())
     ask("AUTO")
     assert bpy.ops.kfmocap.pose_from_keypoints() == {"FINISHED"}
@@ -111,7 +112,7 @@ def test_proposals_and_a_first_pass_without_any_key_pose(blender, tmp_path):  # 
     assert list(keyed(slot)) == [proposed[1] - 1]
 
 
-def test_keypoints_become_marks_that_place_joints_poses(blender, tmp_path):  # noqa: F811
+def test_keypoints_become_marks_that_place_joints_poses(blender, tmp_path):
     slot = keypoint_scene(tmp_path)
     bpy.context.scene.frame_set(13)
     assert bpy.ops.kfmocap.mark_keypoints() == {"FINISHED"}
@@ -133,7 +134,7 @@ def landmark_file(folder, step: int = 1, fps: float = 30.0):
 
 
 @pytest.mark.parametrize("step", [1, 2], ids=["the same rate", "twice the rate"])
-def test_landmarks_become_key_poses_every_n_frames(blender, tmp_path, step: int):  # noqa: F811
+def test_landmarks_become_key_poses_every_n_frames(blender, tmp_path, step: int):
     slot = walk_scene(tmp_path, keys=())
     ask("EVERY", step=12)
     path = landmark_file(tmp_path, step)
@@ -143,7 +144,7 @@ def test_landmarks_become_key_poses_every_n_frames(blender, tmp_path, step: int)
     assert error(slot, WALK[[12]]) < 0.005
 
 
-def test_landmarks_choose_frames_beside_the_key_poses(blender, tmp_path):  # noqa: F811
+def test_landmarks_choose_frames_beside_the_key_poses(blender, tmp_path):
     slot = walk_scene(tmp_path, keys=(0,))
     ask("AUTO")
     bpy.ops.kfmocap.pose_from_landmarks(filepath=str(landmark_file(tmp_path)))
@@ -151,7 +152,7 @@ def test_landmarks_choose_frames_beside_the_key_poses(blender, tmp_path):  # noq
     assert frames[0] == 0 and 1 <= len(frames) - 1 <= 2 and min(np.diff(frames)) > 9
 
 
-def test_frames_without_landmarks_are_named(blender, tmp_path):  # noqa: F811
+def test_frames_without_landmarks_are_named(blender, tmp_path):
     slot = walk_scene(tmp_path)
     ask("LISTED", listed="3, 20")
     with pytest.raises(RuntimeError, match="no row for frame 20"):
@@ -160,7 +161,7 @@ def test_frames_without_landmarks_are_named(blender, tmp_path):  # noqa: F811
 
 
 @pytest.mark.parametrize("text", ["", "1, two", "99", "0"])
-def test_invalid_lists_are_reported(blender, tmp_path, text: str):  # noqa: F811
+def test_invalid_lists_are_reported(blender, tmp_path, text: str):
     walk_scene(tmp_path)
     ask("LISTED", listed=text)
     with pytest.raises(ShotError, match="Frames: "):
@@ -171,7 +172,7 @@ def test_lists_of_frames_have_ranges():
     assert keyframing.frames_listed("1, 20,40-42 , ") == [1, 20, 40, 41, 42]
 
 
-def test_dropped_keypoints_and_landmarks_are_taken(blender, tmp_path):  # noqa: F811
+def test_dropped_keypoints_and_landmarks_are_taken(blender, tmp_path):
     slot = walk_scene(tmp_path, keys=(0,))
     write_keypoints(tmp_path)
     assert bpy.ops.kfmocap.open_file(filepath=str(tmp_path / "cam01_json" / "cam01_000000.json")) == {"FINISHED"}

@@ -10,17 +10,19 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, shot  # noqa: E402, F401
+from addon_shots import shot  # noqa: E402
 from bl_ui.space_toolsystem_toolbar import VIEW3D_PT_tools_active  # noqa: E402
 from kfmocap import kfmocap_addon  # noqa: E402
 from kfmocap.kfmocap_addon import keymap  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
 
+pytest_plugins = ("addon_fixtures",)
+
 pytestmark = pytest.mark.blender
 SEEN_IN_3D_VIEWS = {"Window", "Screen", "Frames", "3D View", "3D View Generic", "Object Mode", "Pose"}
 
 
-def test_no_key_of_blenders_is_taken_away(blender, monkeypatch):  # noqa: F811
+def test_no_key_of_blenders_is_taken_away(blender, monkeypatch):
     """Blender's own keymap as its preset file has it: without a window it is not loaded."""
     [folder] = [p for s in bpy.utils.script_paths() if (p := Path(s, "presets/keyconfig/keymap_data")).is_dir()]
     monkeypatch.syspath_prepend(str(folder))
@@ -37,7 +39,7 @@ def test_no_key_of_blenders_is_taken_away(blender, monkeypatch):  # noqa: F811
     assert not {(key, True, True, False) for key, _, _ in keymap.KEYS} & taken
 
 
-def test_every_key_calls_a_tool_that_there_is(blender):  # noqa: F811
+def test_every_key_calls_a_tool_that_there_is(blender):
     assert len({key for key, _, _ in keymap.KEYS}) == len(keymap.KEYS)
     for _, tool, settings in keymap.KEYS:
         category, name = tool.split(".")
@@ -53,7 +55,7 @@ def test_the_preferences_tell_forward_from_backward():
     assert {"Next View", "Previous View", "Next Key Pose", "Previous Key Pose", "Pie Menu"} < set(names)
 
 
-def test_one_steps_through_key_poses_and_suggestions(blender, tmp_path):  # noqa: F811
+def test_one_steps_through_key_poses_and_suggestions(blender, tmp_path):
     built = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
     start, step = built.kfmocap.frame_start, bpy.ops.kfmocap.step_key_pose
     keys = [start + int(f) for f in shot(tmp_path).performers[0].key_poses.frames]
@@ -93,7 +95,7 @@ def test_place_joints_is_in_the_toolbar_while_the_add_on_is(mode):
         assert tools_in(mode) == before
 
 
-def test_shots_are_imported_and_motion_exported_from_the_file_menu(blender):  # noqa: F811
+def test_shots_are_imported_and_motion_exported_from_the_file_menu(blender):
     for menu, label in (("import", "KF Mocap Shot (.toml)"), ("export", "KF Mocap Motion")):
         drawn: list[str] = []
         layout = SimpleNamespace(operator=lambda _name, text="", drawn=drawn, **_more: drawn.append(text))

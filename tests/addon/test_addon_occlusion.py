@@ -9,7 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import PARTS, blender, motion, shot, track_result  # noqa: E402, F401
+from addon_shots import PARTS, motion, shot, track_result  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.kfmocap_addon import panels  # noqa: E402
 from kfmocap.kfmocap_addon.export import blender_outputs, exporters  # noqa: E402
@@ -17,6 +17,8 @@ from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E
 from kfmocap.kfmocap_addon.scene_io import fcurves, scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.review import bone_visibility  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = pytest.mark.blender
 
@@ -52,7 +54,7 @@ def views_curve(armature, bone="hand.L"):
     return fcurves.find_channelbag(armature).fcurves.find(f'pose.bones["{bone}"]["{bone_visibility.VIEWS}"]')
 
 
-def test_each_bone_carries_the_number_of_cameras_that_see_it(blender, tmp_path):  # noqa: F811
+def test_each_bone_carries_the_number_of_cameras_that_see_it(blender, tmp_path):
     built, armature, _ = tracked(tmp_path)
     counts = (UNSEEN > 0.3).sum(axis=0)
     for frame in range(FRAMES):
@@ -61,7 +63,7 @@ def test_each_bone_carries_the_number_of_cameras_that_see_it(blender, tmp_path):
             assert armature.pose.bones[name][bone_visibility.VIEWS] == counts[frame, part]
 
 
-def test_there_are_keys_only_where_the_number_changes(blender, tmp_path):  # noqa: F811
+def test_there_are_keys_only_where_the_number_changes(blender, tmp_path):
     _, armature, _ = tracked(tmp_path)
     keys = fcurves.get_keys(views_curve(armature))
     assert keys["co"].tolist() == [[1, 2], [6, 1], [8, 0], [16, 1], [18, 2]]
@@ -71,14 +73,14 @@ def test_there_are_keys_only_where_the_number_changes(blender, tmp_path):  # noq
     assert views_curve(armature).group.name == "hand.L"
 
 
-def test_the_property_explains_itself(blender, tmp_path):  # noqa: F811
+def test_the_property_explains_itself(blender, tmp_path):
     _, armature, _ = tracked(tmp_path)
     shown = armature.pose.bones["hand.L"].id_properties_ui(bone_visibility.VIEWS).as_dict()
     assert "Cameras that see this part" in shown["description"]
     assert (shown["min"], shown["max"]) == (0, 2)
 
 
-def test_the_next_tracking_replaces_it(blender, tmp_path):  # noqa: F811
+def test_the_next_tracking_replaces_it(blender, tmp_path):
     built, armature, original = tracked(tmp_path)
     bone_visibility.write_occlusion(built, original, [sights((0, HAND, 2, 3), views=1)])
     assert fcurves.get_keys(views_curve(armature))["co"].tolist() == [[1, 1], [3, 0], [5, 1]]
@@ -87,7 +89,7 @@ def test_the_next_tracking_replaces_it(blender, tmp_path):  # noqa: F811
     assert sum(bone_visibility.VIEWS in curve.data_path for curve in fcurves.find_channelbag(armature).fcurves) == PARTS
 
 
-def test_the_animators_keys_and_key_poses_stay(blender, tmp_path):  # noqa: F811
+def test_the_animators_keys_and_key_poses_stay(blender, tmp_path):
     built, armature, original = tracked(tmp_path)
     armature.pose.bones["hand.L"]["strength"] = 0.5
     armature.pose.bones["hand.L"].keyframe_insert('["strength"]', frame=4)
@@ -108,7 +110,7 @@ def test_the_animators_keys_and_key_poses_stay(blender, tmp_path):  # noqa: F811
     assert key_pose_curves.read_key_poses(armature, START, FRAMES).frames.tolist() == [0, 5, FRAMES - 1]
 
 
-def test_a_saved_scene_still_says_what_was_hidden(blender, tmp_path):  # noqa: F811
+def test_a_saved_scene_still_says_what_was_hidden(blender, tmp_path):
     original = shot(tmp_path, frames=FRAMES)
     result = track_result(original, [motion(FRAMES)], (UNSEEN,))
     blender_outputs.write_blender_outputs(original, result, tmp_path / "out")
@@ -119,7 +121,7 @@ def test_a_saved_scene_still_says_what_was_hidden(blender, tmp_path):  # noqa: F
     assert [(s.frame, s.name, tuple(s.hidden)) for s in slot.suggestions] == [(16, "hand.L", (8, 15))]
 
 
-def test_a_batch_of_an_open_scene_writes_it_too(blender, tmp_path):  # noqa: F811
+def test_a_batch_of_an_open_scene_writes_it_too(blender, tmp_path):
     original = shot(tmp_path, frames=FRAMES)
     built = scene.build_scene(original, scene=bpy.context.scene)
     result = track_result(original, [motion(FRAMES)], (UNSEEN,))
@@ -128,7 +130,7 @@ def test_a_batch_of_an_open_scene_writes_it_too(blender, tmp_path):  # noqa: F81
 
 
 @pytest.mark.parametrize("suffix", ["bvh", "fbx"])
-def test_exports_are_the_same_without_it(blender, tmp_path, suffix):  # noqa: F811
+def test_exports_are_the_same_without_it(blender, tmp_path, suffix):
     built, armature, _ = tracked(tmp_path)
 
     def channels():
@@ -175,13 +177,13 @@ def drawn(frame):
     return layout
 
 
-def test_the_panel_lists_what_no_camera_sees_on_the_current_frame(blender, tmp_path):  # noqa: F811
+def test_the_panel_lists_what_no_camera_sees_on_the_current_frame(blender, tmp_path):
     tracked(tmp_path)
     assert drawn(8).labels[:2] == ["man: no camera sees", "hand.L"]
     assert drawn(7).labels[0] == "man: every part is seen"
 
 
-def test_the_panel_jumps_to_suggested_key_frames(blender, tmp_path):  # noqa: F811
+def test_the_panel_jumps_to_suggested_key_frames(blender, tmp_path):
     built, _, _ = tracked(tmp_path)
     button = next(button for button in drawn(1).buttons if ":" in button.text)
     assert button.text == "16: hand.L"
@@ -190,7 +192,7 @@ def test_the_panel_jumps_to_suggested_key_frames(blender, tmp_path):  # noqa: F8
     assert built.frame_current == 16
 
 
-def test_before_any_tracking_the_panel_says_so(blender, tmp_path):  # noqa: F811
+def test_before_any_tracking_the_panel_says_so(blender, tmp_path):
     built = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
     assert drawn(1).labels == ["Not tracked yet: use Track All"]
     assert not hidden(built.kfmocap.performers[0], 1)

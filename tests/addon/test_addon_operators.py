@@ -8,17 +8,18 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, tracker  # noqa: E402, F401
 from kfmocap.core.errors import CalibrationError, CancelledError  # noqa: E402
-from random_calls import TOOLS, arguments, call, files, place, quick, situation, tool_of  # noqa: E402, F401
+from random_calls import TOOLS, arguments, call, place, situation, tool_of  # noqa: E402
 from ready_scenes import make_ready  # noqa: E402
+
+pytest_plugins = ("addon_fixtures", "random_call_fixtures")
 
 pytestmark = [pytest.mark.blender, pytest.mark.long]
 
 CALLS, NIGHTLY_CALLS, IN_A_ROW = 2 * len(TOOLS), 2000, 40
 
 
-def test_nothing_breaks_whatever_is_called(blender, quick, files, tmp_path, capfd, pytestconfig):  # noqa: F811
+def test_nothing_breaks_whatever_is_called(blender, quick, files, tmp_path, capfd, pytestconfig):
     dice = random.Random(6)
     finished: set[str] = set()
     deck: list[type[bpy.types.Operator]] = []

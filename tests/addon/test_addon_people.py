@@ -6,16 +6,18 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, shot  # noqa: E402, F401
+from addon_shots import shot  # noqa: E402
 from kfmocap.core.keypoints.association.assignment import Identity  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import identities  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = pytest.mark.blender
 
 
 @pytest.fixture
-def slots(blender, tmp_path):  # noqa: F811
+def slots(blender, tmp_path):
     scenes.build_scene(shot(tmp_path, ("man", "woman", "child")), scene=bpy.context.scene)
     return bpy.context.scene.kfmocap.performers
 

@@ -11,7 +11,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, video  # noqa: E402, F401
+from addon_shots import video  # noqa: E402
 from keypoint_shots import SIZE, cameras, seen_places, strolling, write_openpose  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
@@ -22,6 +22,8 @@ from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.cameras import view_cameras  # noqa: E402
 from scipy.spatial.transform import Rotation  # noqa: E402
 
+pytest_plugins = ("addon_fixtures",)
+
 pytestmark = pytest.mark.blender
 
 FRAMES, HEIGHT = 30, 1.8
@@ -29,7 +31,7 @@ GIVEN = cameras(3)
 
 
 @pytest.fixture
-def filmed(blender, tmp_path: Path):  # noqa: F811
+def filmed(blender, tmp_path: Path):
     """A scene with the footage and keypoints of somebody who walks about, whose cameras nobody knows."""
     body = human(HEIGHT)
     motion = strolling(body, FRAMES)

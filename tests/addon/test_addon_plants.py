@@ -9,7 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, shot  # noqa: E402, F401
+from addon_shots import shot  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.body.kinematics import part_poses  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
@@ -25,13 +25,15 @@ from kfmocap.kfmocap_addon.scene_io.review import plant_lists  # noqa: E402
 from odd_characters import skinned_human  # noqa: E402
 from render.motions import MOTIONS  # noqa: E402
 
+pytest_plugins = ("addon_fixtures",)
+
 pytestmark = pytest.mark.blender
 
 FRAMES, START = 40, 1
 
 
 @pytest.fixture
-def dancer(blender, tmp_path):  # noqa: F811
+def dancer(blender, tmp_path):
     """A performer who dances, tracked as it were with an error of some millimetres."""
     scene.build_scene(shot(tmp_path, fps=30.0, frames=FRAMES), scene=bpy.context.scene)
     slot = bpy.context.scene.kfmocap.performers[0]

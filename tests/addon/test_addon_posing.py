@@ -11,7 +11,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, video  # noqa: E402, F401
+from addon_shots import video  # noqa: E402
 from keypoint_shots import cameras, person, strolling  # noqa: E402
 from kfmocap.core.body import landmark_positions  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
@@ -22,6 +22,8 @@ from kfmocap.kfmocap_addon.scene_io import joint_marks, scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature, shown_pose  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402
 from kfmocap.kfmocap_addon.viewports import key_list  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = pytest.mark.blender
 
@@ -72,7 +74,7 @@ def keyed(slot) -> dict[int, bool]:
     return {int(frame): bool(fixed.all()) for frame, fixed in zip(found.frames, found.fixed, strict=True)}
 
 
-def test_marks_in_two_views_become_a_key_pose(blender, tmp_path):  # noqa: F811
+def test_marks_in_two_views_become_a_key_pose(blender, tmp_path):
     slot = walk_scene(tmp_path)
     bpy.context.scene.frame_set(13)
     assert error(slot, WALK[[12]]) > 0.06
@@ -85,7 +87,7 @@ def test_marks_in_two_views_become_a_key_pose(blender, tmp_path):  # noqa: F811
     assert error(slot, WALK[[12]]) < 0.02
 
 
-def test_marks_of_other_frames_do_not_count(blender, tmp_path):  # noqa: F811
+def test_marks_of_other_frames_do_not_count(blender, tmp_path):
     slot = walk_scene(tmp_path)
     mark_joints(slot, 20, WALK[[19]], ("cam01",))
     bpy.context.scene.frame_set(13)
@@ -94,7 +96,7 @@ def test_marks_of_other_frames_do_not_count(blender, tmp_path):  # noqa: F811
     assert keyed(slot) == {0: True, 29: True}
 
 
-def test_an_arm_alone_is_posed_and_keyed(blender, tmp_path):  # noqa: F811
+def test_an_arm_alone_is_posed_and_keyed(blender, tmp_path):
     slot = walk_scene(tmp_path)
     bpy.context.scene.frame_set(13)
     before = shown_pose.read_shown_pose(slot.armature)
@@ -112,7 +114,7 @@ def state(slot) -> list:
     return [shown_pose.shown_values(slot.armature), joint_marks.everything(slot)]
 
 
-def test_what_is_cancelled_leaves_pose_and_marks_to_the_last_bit(blender, tmp_path):  # noqa: F811
+def test_what_is_cancelled_leaves_pose_and_marks_to_the_last_bit(blender, tmp_path):
     slot = walk_scene(tmp_path)
     mark_joints(slot, 7, WALK[[6]], ("cam02",))
     mark_joints(slot, 13, WALK[[12]], ("cam01",))
@@ -128,7 +130,7 @@ def test_what_is_cancelled_leaves_pose_and_marks_to_the_last_bit(blender, tmp_pa
     assert state(slot) == before
 
 
-def test_undo_takes_back_one_mark_at_a_time(blender, tmp_path):  # noqa: F811
+def test_undo_takes_back_one_mark_at_a_time(blender, tmp_path):
     slot = walk_scene(tmp_path)
     placed = click_posing.Placing(bpy.context.scene, slot)
     poses = []
@@ -143,7 +145,7 @@ def test_undo_takes_back_one_mark_at_a_time(blender, tmp_path):  # noqa: F811
     assert np.abs(placed.pose.difference(WALK[[0]])).max() < 1e-5
 
 
-def test_the_marks_of_a_frame_are_cleared(blender, tmp_path):  # noqa: F811
+def test_the_marks_of_a_frame_are_cleared(blender, tmp_path):
     slot = walk_scene(tmp_path)
     with pytest.raises(RuntimeError, match="No joint is marked"):
         bpy.ops.kfmocap.clear_marks()
@@ -154,7 +156,7 @@ def test_the_marks_of_a_frame_are_cleared(blender, tmp_path):  # noqa: F811
     assert not joint_marks.on_frame(slot, 13) and len(joint_marks.on_frame(slot, 7)) == len(LIMBS)
 
 
-def test_marks_are_pixels_of_the_undistorted_footage(blender, tmp_path):  # noqa: F811
+def test_marks_are_pixels_of_the_undistorted_footage(blender, tmp_path):
     slot = walk_scene(tmp_path)
     placed, camera = click_posing.Placing(bpy.context.scene, slot), cameras(1)[0]
     R, t = camera.pose(0)
@@ -174,7 +176,7 @@ def test_joints_are_asked_for_limb_by_limb_with_names_that_people_say():
     assert [click_posing.spoken(n) for n in ("LBigToe", "Neck", "RHip")] == ["Left Big Toe", "Neck", "Right Hip"]
 
 
-def test_a_body_of_another_origin_is_posed_by_its_bones(blender, tmp_path):  # noqa: F811
+def test_a_body_of_another_origin_is_posed_by_its_bones(blender, tmp_path):
     slot = walk_scene(tmp_path)
     for bone in slot.armature.data.bones:
         del bone[body_armature.LANDMARKS]
@@ -188,7 +190,7 @@ def shown(slot) -> Motion:
     return shown_pose.read_shown_pose(slot.armature)
 
 
-def test_a_tracked_pose_is_copied_to_another_frame(blender, tmp_path):  # noqa: F811
+def test_a_tracked_pose_is_copied_to_another_frame(blender, tmp_path):
     slot = walk_scene(tmp_path, tracked=True)
     with pytest.raises(RuntimeError, match="Copy a pose first"):
         bpy.ops.kfmocap.paste_pose()
@@ -210,7 +212,7 @@ def select(slot, *names: str) -> None:
         (bone if hasattr(bone, "select") else bone.bone).select = bone.name in names
 
 
-def test_only_the_selected_bones_are_pasted_and_keyed(blender, tmp_path):  # noqa: F811
+def test_only_the_selected_bones_are_pasted_and_keyed(blender, tmp_path):
     slot = walk_scene(tmp_path, tracked=True)
     bpy.ops.kfmocap.copy_pose()
     bpy.context.scene.frame_set(13)
@@ -228,7 +230,7 @@ def test_only_the_selected_bones_are_pasted_and_keyed(blender, tmp_path):  # noq
 
 
 @pytest.mark.parametrize("root", [True, False])
-def test_mirroring_is_what_blenders_own_paste_flipped_does(blender, tmp_path, root):  # noqa: F811
+def test_mirroring_is_what_blenders_own_paste_flipped_does(blender, tmp_path, root):
     slot = walk_scene(tmp_path, tracked=True)
     bpy.context.scene.frame_set(8)
     select(slot, *(bone.name for bone in slot.armature.pose.bones))
@@ -246,7 +248,7 @@ def test_mirroring_is_what_blenders_own_paste_flipped_does(blender, tmp_path, ro
     assert keyed(slot) == {0: True, 7: True, 29: True}
 
 
-def test_pasted_mirrored_is_pasted_and_then_mirrored(blender, tmp_path):  # noqa: F811
+def test_pasted_mirrored_is_pasted_and_then_mirrored(blender, tmp_path):
     slot = walk_scene(tmp_path, tracked=True)
     bpy.context.scene.frame_set(8)
     bpy.ops.kfmocap.copy_pose()
@@ -257,7 +259,7 @@ def test_pasted_mirrored_is_pasted_and_then_mirrored(blender, tmp_path):  # noqa
     assert np.abs(shown(slot).difference(mirrored)).max() < 1e-5
 
 
-def test_a_breakdown_lies_between_the_key_poses_beside_it(blender, tmp_path):  # noqa: F811
+def test_a_breakdown_lies_between_the_key_poses_beside_it(blender, tmp_path):
     slot = walk_scene(tmp_path, tracked=True)
     bpy.context.scene.frame_set(13)
     bpy.ops.kfmocap.breakdown_pose(share=0.25)
@@ -271,7 +273,7 @@ def test_a_breakdown_lies_between_the_key_poses_beside_it(blender, tmp_path):  #
         bpy.ops.kfmocap.breakdown_pose()
 
 
-def test_a_nudge_in_depth_leaves_the_root_where_it_is_seen(blender, tmp_path):  # noqa: F811
+def test_a_nudge_in_depth_leaves_the_root_where_it_is_seen(blender, tmp_path):
     slot = walk_scene(tmp_path)
     before = shown(slot)
     bpy.ops.kfmocap.nudge_depth(distance=0.3)
@@ -280,7 +282,7 @@ def test_a_nudge_in_depth_leaves_the_root_where_it_is_seen(blender, tmp_path):  
     assert np.linalg.norm(shown(slot).translations - before.translations) == pytest.approx(0.3, abs=1e-5)
 
 
-def test_proposals_become_key_poses_one_by_one_or_all(blender, tmp_path):  # noqa: F811
+def test_proposals_become_key_poses_one_by_one_or_all(blender, tmp_path):
     slot = walk_scene(tmp_path, keys=(0,))
     motion_curves.write_motion(slot.armature, WALK, 1, [6, 13, 20])
     assert [row.frame for row in key_list.find_key_poses(slot.armature) if row.proposed] == [6, 13, 20]
@@ -294,7 +296,7 @@ def test_proposals_become_key_poses_one_by_one_or_all(blender, tmp_path):  # noq
     assert np.abs(motion_curves.read_motion(slot.armature, 6, 1).difference(WALK[[5]])).max() < 1e-5
 
 
-def test_key_poses_are_listed_with_what_they_fix(blender, tmp_path):  # noqa: F811
+def test_key_poses_are_listed_with_what_they_fix(blender, tmp_path):
     slot = walk_scene(tmp_path, tracked=True)
     slot.armature.pose.bones["hand.L"].keyframe_insert("rotation_quaternion", frame=9)
     motion_curves.write_motion(slot.armature, WALK, 1)
@@ -305,7 +307,7 @@ def test_key_poses_are_listed_with_what_they_fix(blender, tmp_path):  # noqa: F8
     assert "hand.L" in rows[9].description and "whole body" in rows[1].description
 
 
-def test_the_list_is_looked_up_again_when_keys_change(blender, tmp_path):  # noqa: F811
+def test_the_list_is_looked_up_again_when_keys_change(blender, tmp_path):
     slot = walk_scene(tmp_path)
     assert key_list.known_keys().entries(slot.armature) is None
     key_list.known_keys().look_up()
@@ -320,7 +322,7 @@ def test_the_list_is_looked_up_again_when_keys_change(blender, tmp_path):  # noq
     assert len(key_list.known_keys().entries(slot.armature)) == 3
 
 
-def test_the_active_armature_is_posed_else_the_one_chosen_by_name(blender, tmp_path):  # noqa: F811
+def test_the_active_armature_is_posed_else_the_one_chosen_by_name(blender, tmp_path):
     from kfmocap.kfmocap_addon.scene_io import active_performer
 
     walk_scene(tmp_path)
@@ -386,7 +388,7 @@ BESIDE = (200, 50)
 
 
 @pytest.fixture
-def tool(blender, tmp_path):  # noqa: F811
+def tool(blender, tmp_path):
     """Place Joints at work on scene frame 13, with two marks."""
     slot = walk_scene(tmp_path)
     bpy.context.scene.frame_set(13)

@@ -8,11 +8,13 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, shot, tracker  # noqa: E402, F401
+from addon_shots import shot  # noqa: E402
 from kfmocap.kfmocap_addon.operators.posing.place_joints import PlaceJoints  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.cameras import footage_background  # noqa: E402
 from scene_state import differences, state  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = pytest.mark.blender
 
@@ -21,7 +23,7 @@ NEED_BODIES = (*NEED_FOOTAGE, "clear_between", "export")
 
 
 @pytest.fixture
-def moved(blender, tmp_path):  # noqa: F811
+def moved(blender, tmp_path):
     """A saved scene of two performers that is opened after its footage was moved, and the folder it is in now."""
     scenes.build_scene(shot(tmp_path, ("man", "woman")), scene=bpy.context.scene)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
@@ -37,7 +39,7 @@ def enabled(tools):
     return [name for name in tools if getattr(bpy.ops.kfmocap, name).poll()]
 
 
-def test_footage_that_was_moved_is_found_again_in_a_folder_above(moved, tracker):  # noqa: F811
+def test_footage_that_was_moved_is_found_again_in_a_folder_above(moved, tracker):
     views = bpy.context.scene.kfmocap.views
     assert [view.missing for view in views] == [True, True]
     assert enabled(NEED_FOOTAGE) == [] and bpy.ops.kfmocap.export.poll()
@@ -73,7 +75,7 @@ def test_a_folder_without_the_footage_changes_nothing(moved, tmp_path):
 
 
 @pytest.fixture
-def two(blender, tmp_path):  # noqa: F811
+def two(blender, tmp_path):
     made = scenes.build_scene(shot(tmp_path, ("man", "woman")), scene=bpy.context.scene)
     made.frame_set(made.frame_current)  # the poses are shown
     return made
@@ -91,7 +93,7 @@ def parts(name):
     return [thing for thing in bpy.context.scene.objects if thing.name.startswith(f"{name} ")]
 
 
-def test_a_deleted_body_disables_what_cannot_work_and_is_brought_back_whole(two, tracker):  # noqa: F811
+def test_a_deleted_body_disables_what_cannot_work_and_is_brought_back_whole(two, tracker):
     before = state()
     delete(two.kfmocap.performers["woman"].armature)
     assert enabled(NEED_BODIES) == [] and bpy.ops.kfmocap.place_joints.poll()
@@ -127,7 +129,7 @@ def test_a_performer_that_is_removed_leaves_its_armature(two):
     assert "woman" in two.objects and parts("woman")
 
 
-def test_a_view_whose_camera_was_deleted_can_be_removed(two, tracker):  # noqa: F811
+def test_a_view_whose_camera_was_deleted_can_be_removed(two, tracker):
     bpy.data.objects.remove(two.kfmocap.views[1].camera)
     assert enabled(NEED_FOOTAGE) == []
     assert bpy.ops.kfmocap.remove_view(view=1) == {"FINISHED"}

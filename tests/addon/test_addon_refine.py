@@ -18,7 +18,6 @@ from kfmocap.core.fitting.resection import adjusted
 from kfmocap.core.fitting.shot_cameras import CameraFit
 from kfmocap.core.formats import load_cameras, save_cameras
 from kfmocap.core.shot.shot import Shot
-from test_command_line import folder as shot_folder  # noqa: F401
 
 STEP = np.array([0.02, -0.01, 0.03, 0.01, 0.02, -0.03, 0.02])
 
@@ -39,31 +38,31 @@ def refine(folder: Path, out: str = "refined.toml", shot: str = "shot.toml") -> 
 
 
 def test_the_command_writes_all_cameras_of_the_calibration(
-    shot_folder: Path,  # noqa: F811
+    folder: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Those of the shot's views refined, the others as they were."""
-    [camera] = load_cameras(shot_folder / "calibration.toml").values()
-    save_cameras(shot_folder / "calibration.toml", [camera, replace(camera, name="other")])
+    [camera] = load_cameras(folder / "calibration.toml").values()
+    save_cameras(folder / "calibration.toml", [camera, replace(camera, name="other")])
     monkeypatch.setattr(calibrate_command, "refine_shot_cameras", refined)
-    assert refine(shot_folder) == 0
+    assert refine(folder) == 0
     printed = capsys.readouterr()
-    assert printed.out == f"{shot_folder / 'refined.toml'}\n"
+    assert printed.out == f"{folder / 'refined.toml'}\n"
     assert printed.err == "kfmocap: cam01: its picture moved by 12.3 px, known to 4.5 px\n"
-    written = load_cameras(shot_folder / "refined.toml")
+    written = load_cameras(folder / "refined.toml")
     np.testing.assert_allclose(written["cam01"].matrix, adjusted(camera, STEP).matrix)
     np.testing.assert_allclose(written["cam01"].t_cam_world, adjusted(camera, STEP).t_cam_world)
     np.testing.assert_allclose(written["other"].t_cam_world, camera.t_cam_world)
 
 
 def test_a_camera_that_is_lost_is_reported(
-    shot_folder: Path,  # noqa: F811
+    folder: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(calibrate_command, "refine_shot_cameras", lambda shot, progress: refined(shot, lost=(0,)))
-    assert refine(shot_folder) == 0
+    assert refine(folder) == 0
     assert "cam01: not changed" in capsys.readouterr().err
 
 
@@ -77,40 +76,40 @@ def test_a_camera_that_is_lost_is_reported(
     ],
 )
 def test_what_cannot_be_refined_is_one_line_and_writes_nothing(
-    shot_folder: Path,  # noqa: F811
+    folder: Path,
     capsys: pytest.CaptureFixture[str],
     out: str,
     shot: str,
     words: str,
 ) -> None:
     """The footage of this shot is plain grey."""
-    before = sorted(shot_folder.rglob("*"))
-    assert refine(shot_folder, out, shot) == 1
+    before = sorted(folder.rglob("*"))
+    assert refine(folder, out, shot) == 1
     captured = capsys.readouterr()
     assert captured.out == "" and captured.err.count("\n") == 1 and words in captured.err
-    assert sorted(shot_folder.rglob("*")) == before
+    assert sorted(folder.rglob("*")) == before
 
 
 def test_what_is_of_a_wand_alone_is_refused(
-    shot_folder: Path,  # noqa: F811
+    folder: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    arguments = ["calibrate", "--refine", str(shot_folder / "shot.toml"), "--out", str(shot_folder / "refined.toml")]
-    for extra in (["--report", str(shot_folder / "report")], ["--points", str(shot_folder / "p.csv")], ["--drift"]):
+    arguments = ["calibrate", "--refine", str(folder / "shot.toml"), "--out", str(folder / "refined.toml")]
+    for extra in (["--report", str(folder / "report")], ["--points", str(folder / "p.csv")], ["--drift"]):
         assert main(arguments + extra) == 1
         assert "apply to a wand capture only" in capsys.readouterr().err
-    assert not (shot_folder / "report").exists()
+    assert not (folder / "report").exists()
 
 
 @pytest.mark.parametrize("name", ["refined.yml", "refined.qca.txt"])
 def test_the_refined_calibration_is_of_the_kind_asked_for(
-    shot_folder: Path,  # noqa: F811
+    folder: Path,
     monkeypatch: pytest.MonkeyPatch,
     name: str,
 ) -> None:
     monkeypatch.setattr(calibrate_command, "refine_shot_cameras", refined)
-    assert refine(shot_folder, name) == 0
-    [before], [after] = (load_cameras(shot_folder / n).values() for n in ("calibration.toml", name))
+    assert refine(folder, name) == 0
+    [before], [after] = (load_cameras(folder / n).values() for n in ("calibration.toml", name))
     np.testing.assert_allclose(after.t_cam_world, adjusted(before, STEP).t_cam_world, atol=1e-4)
 
 
@@ -122,10 +121,15 @@ def test_calibrating_needs_a_source(capsys: pytest.CaptureFixture[str]) -> None:
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, shot  # noqa: E402, F401
+from addon_shots import shot  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.cameras import view_cameras  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
+
+pytest_plugins = (
+    "addon_fixtures",
+    "tiny_shot_fixtures",
+)
 
 in_blender = pytest.mark.blender
 
@@ -149,7 +153,7 @@ def refiner(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
 
 
 @in_blender
-def test_the_tool_moves_fixed_and_moving_cameras(blender, tmp_path, refiner):  # noqa: F811
+def test_the_tool_moves_fixed_and_moving_cameras(blender, tmp_path, refiner):
     original = shot(tmp_path)
     scene.build_scene(original, scene=bpy.context.scene)
     assert bpy.ops.kfmocap.refine_cameras() == {"FINISHED"}
@@ -167,7 +171,7 @@ def test_the_tool_moves_fixed_and_moving_cameras(blender, tmp_path, refiner):  #
 
 
 @in_blender
-def test_a_camera_that_does_not_fit_is_shown_until_it_is_refined(blender, tmp_path, refiner):  # noqa: F811
+def test_a_camera_that_does_not_fit_is_shown_until_it_is_refined(blender, tmp_path, refiner):
     scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
     views = bpy.context.scene.kfmocap.views
     fits = [CameraFit(14.6, 2.0, 5.0, "cam01", "key poses"), CameraFit(1.0, 2.0, 5.0, "cam02", "key poses")]
@@ -178,7 +182,7 @@ def test_a_camera_that_does_not_fit_is_shown_until_it_is_refined(blender, tmp_pa
 
 
 @in_blender
-def test_a_camera_that_was_keyed_at_one_place_is_moved_there_too(blender, tmp_path, refiner):  # noqa: F811
+def test_a_camera_that_was_keyed_at_one_place_is_moved_there_too(blender, tmp_path, refiner):
     original = shot(tmp_path)
     scene.build_scene(original, scene=bpy.context.scene)
     owner = bpy.context.scene.kfmocap.views[0].camera
@@ -191,7 +195,7 @@ def test_a_camera_that_was_keyed_at_one_place_is_moved_there_too(blender, tmp_pa
 
 
 @in_blender
-def test_a_lost_camera_stays(blender, tmp_path, refiner):  # noqa: F811
+def test_a_lost_camera_stays(blender, tmp_path, refiner):
     original = shot(tmp_path)
     scene.build_scene(original, scene=bpy.context.scene)
     refiner.lost = (0,)
@@ -203,7 +207,7 @@ def test_a_lost_camera_stays(blender, tmp_path, refiner):  # noqa: F811
 
 @in_blender
 @pytest.mark.parametrize("error", [CalibrationError("there is no key pose"), CancelledError()])
-def test_an_error_leaves_the_cameras_alone(blender, tmp_path, refiner, error):  # noqa: F811
+def test_an_error_leaves_the_cameras_alone(blender, tmp_path, refiner, error):
     original = shot(tmp_path)
     scene.build_scene(original, scene=bpy.context.scene)
     refiner.error = error
@@ -217,7 +221,7 @@ def test_an_error_leaves_the_cameras_alone(blender, tmp_path, refiner, error):  
 
 
 @in_blender
-def test_a_camera_that_something_else_moves_is_refused(blender, tmp_path, refiner):  # noqa: F811
+def test_a_camera_that_something_else_moves_is_refused(blender, tmp_path, refiner):
     scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
     owner = bpy.context.scene.kfmocap.views[1].camera
     owner.constraints.new("COPY_LOCATION")

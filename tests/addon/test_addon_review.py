@@ -9,7 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, motion, shot, sights  # noqa: E402, F401
+from addon_shots import motion, shot, sights  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.tracking.expected_errors.uncertainty import JointErrors, expected_errors  # noqa: E402
 from kfmocap.kfmocap_addon.overlays import misfit_backgrounds  # noqa: E402
@@ -17,6 +17,8 @@ from kfmocap.kfmocap_addon.scene_io import fcurves, scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body.sides import colour_of  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.review import bone_confidence, bone_visibility, lost_parts  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = pytest.mark.blender
 
@@ -34,7 +36,7 @@ def errors(peak: int = 15) -> np.ndarray:
 
 
 @pytest.fixture
-def built(blender, tmp_path):  # noqa: F811
+def built(blender, tmp_path):
     original = shot(tmp_path, frames=FRAMES)
     made = scene.build_scene(original, [motion(FRAMES)], bpy.context.scene)
     bone_visibility.write_occlusion(made, original, sights(original))
@@ -194,7 +196,7 @@ def test_the_drivers_need_no_python(built):
         assert curve.driver.is_simple_expression and curve.driver.is_valid
 
 
-def test_a_body_that_was_never_tracked_stays_white(blender, tmp_path):  # noqa: F811
+def test_a_body_that_was_never_tracked_stays_white(blender, tmp_path):
     made = scene.build_scene(shot(tmp_path, frames=FRAMES), scene=bpy.context.scene)
     armature = made.kfmocap.performers[0].armature
     made.kfmocap.show_confidence = True
@@ -225,7 +227,7 @@ def film_of_a_body(folder, wrong: int | None = None):
     return shot_of_it, replace(truth, translations=found)
 
 
-def test_the_residual_picture_distinguishes_a_misplaced_model_from_one_that_fits(blender, tmp_path):  # noqa: F811
+def test_the_residual_picture_distinguishes_a_misplaced_model_from_one_that_fits(blender, tmp_path):
     original, strayed = film_of_a_body(tmp_path, wrong=4)
     built = scene.build_scene(original, [strayed], bpy.context.scene)
     found = [misfit_backgrounds.show(built, built.kfmocap.views[0], START + frame) for frame in (3, 4)]
@@ -233,7 +235,7 @@ def test_the_residual_picture_distinguishes_a_misplaced_model_from_one_that_fits
     assert found[1].uncovered > 0.1 and found[1].beyond > 0.1
 
 
-def test_the_residual_is_behind_the_camera_on_its_frame_alone_and_goes_again(blender, tmp_path):  # noqa: F811
+def test_the_residual_is_behind_the_camera_on_its_frame_alone_and_goes_again(blender, tmp_path):
     original, strayed = film_of_a_body(tmp_path, wrong=4)
     built = scene.build_scene(original, [strayed], bpy.context.scene)
     built.frame_set(START + 4)
@@ -254,7 +256,7 @@ def test_the_residual_is_behind_the_camera_on_its_frame_alone_and_goes_again(ble
     assert scene.shot_from_scene(built).views[0].footage == original.views[0].footage
 
 
-def test_without_a_key_pose_around_there_is_no_residual_and_the_tool_says_why(blender, tmp_path):  # noqa: F811
+def test_without_a_key_pose_around_there_is_no_residual_and_the_tool_says_why(blender, tmp_path):
     original, strayed = film_of_a_body(tmp_path)
     built = scene.build_scene(original, [strayed], bpy.context.scene)
     armature = built.kfmocap.performers[0].armature

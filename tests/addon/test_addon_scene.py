@@ -10,7 +10,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, joint_error, keys_of, motion, shot, tracker  # noqa: E402, F401
+from addon_shots import joint_error, keys_of, motion, shot  # noqa: E402
 from kfmocap import kfmocap_addon  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.body.body import REST_SIGMA  # noqa: E402
@@ -24,12 +24,14 @@ from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.cameras import camera_poses  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
 
+pytest_plugins = ("addon_fixtures",)
+
 pytestmark = pytest.mark.blender
 
 
 @pytest.mark.parametrize("fps", [60.0, 29.97, 30000 / 1001, 12.5])
 @pytest.mark.parametrize("performers", [("man",), ("man", "woman")])
-def test_a_shot_comes_back_from_its_scene(blender, tmp_path, fps, performers):  # noqa: F811
+def test_a_shot_comes_back_from_its_scene(blender, tmp_path, fps, performers):
     original = replace(shot(tmp_path, performers, fps), settings=Settings(solver="relaxation", contact=False))
     read = scene.shot_from_scene(scene.build_scene(original))
     assert (read.name, read.frames, read.settings) == (original.name, original.frames, original.settings)
@@ -46,7 +48,7 @@ def test_a_shot_comes_back_from_its_scene(blender, tmp_path, fps, performers):  
         assert np.abs(got.key_poses.poses.difference(performer.key_poses.poses)).max() < 1e-5
 
 
-def test_proposed_key_poses_come_back_as_proposals_also_after_tracking(blender, tmp_path):  # noqa: F811
+def test_proposed_key_poses_come_back_as_proposals_also_after_tracking(blender, tmp_path):
     original = shot(tmp_path)
     man = original.performers[0]
     proposed = replace(man, key_poses=KeyPoses.proposed(man.key_poses.frames, man.key_poses.poses))
@@ -63,7 +65,7 @@ def test_proposed_key_poses_come_back_as_proposals_also_after_tracking(blender, 
         assert np.abs(after.key_poses.poses.difference(tracked[man.key_poses.frames])).max() < 1e-5
 
 
-def test_a_shot_comes_back_from_a_saved_file(blender, tmp_path):  # noqa: F811
+def test_a_shot_comes_back_from_a_saved_file(blender, tmp_path):
     original = shot(tmp_path)
     scene.build_scene(original, [motion(original.length)], bpy.context.scene)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
@@ -73,7 +75,7 @@ def test_a_shot_comes_back_from_a_saved_file(blender, tmp_path):  # noqa: F811
     assert np.abs(read.performers[0].key_poses.poses.difference(original.performers[0].key_poses.poses)).max() < 1e-5
 
 
-def test_the_panel_counts_in_scene_frames_alone(blender, tmp_path):  # noqa: F811
+def test_the_panel_counts_in_scene_frames_alone(blender, tmp_path):
     built = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
     shown = built.kfmocap
     first, last = shown.first, shown.last
@@ -99,7 +101,7 @@ def flat(value):
 
 
 @pytest.mark.parametrize("tracked", [False, True])
-def test_a_scene_that_nobody_changed_is_its_shot_to_the_last_bit(blender, tmp_path, tracked):  # noqa: F811
+def test_a_scene_that_nobody_changed_is_its_shot_to_the_last_bit(blender, tmp_path, tracked):
     original = shot(tmp_path, ("man", "woman"), 30000 / 1001)
     motions = [motion(original.length), motion(original.length, 1)] if tracked else None
     scene.build_scene(original, motions, bpy.context.scene)
@@ -109,7 +111,7 @@ def test_a_scene_that_nobody_changed_is_its_shot_to_the_last_bit(blender, tmp_pa
     assert read == flat(original)
 
 
-def test_what_was_changed_in_blender_is_taken_from_blender(blender, tmp_path):  # noqa: F811
+def test_what_was_changed_in_blender_is_taken_from_blender(blender, tmp_path):
     original = shot(tmp_path)
     built = scene.build_scene(original, scene=bpy.context.scene)
     slot, armature = built.kfmocap.views[0], built.kfmocap.performers[0].armature
@@ -131,14 +133,14 @@ def test_what_was_changed_in_blender_is_taken_from_blender(blender, tmp_path):  
     assert np.array_equal(np.delete(poses.rotations[1], head, 0), np.delete(before, head, 0))
 
 
-def test_the_scene_runs_over_the_shot_at_its_rate(blender, tmp_path):  # noqa: F811
+def test_the_scene_runs_over_the_shot_at_its_rate(blender, tmp_path):
     built = scene.build_scene(shot(tmp_path, fps=29.97))
     assert (built.frame_start, built.frame_end) == (1, 12)
     assert built.render.fps / built.render.fps_base == pytest.approx(29.97)
     assert built.camera == built.kfmocap.views[0].camera
 
 
-def test_a_shot_trimmed_in_the_panel_keeps_its_footage_and_key_poses_in_step(blender, tmp_path):  # noqa: F811
+def test_a_shot_trimmed_in_the_panel_keeps_its_footage_and_key_poses_in_step(blender, tmp_path):
     original = shot(tmp_path)  # frames 5 to 16, key poses at shot frames 0, 5 and 11
     built = scene.build_scene(original, [motion(original.length)], bpy.context.scene)
     built.kfmocap.first, built.kfmocap.last = 8, 14
@@ -157,7 +159,7 @@ def test_a_shot_trimmed_in_the_panel_keeps_its_footage_and_key_poses_in_step(ble
         scene.shot_from_scene(built)
 
 
-def test_footage_that_blender_cannot_read_leaves_nothing_behind(blender, tmp_path):  # noqa: F811
+def test_footage_that_blender_cannot_read_leaves_nothing_behind(blender, tmp_path):
     original = shot(tmp_path)
     (tmp_path / "cam02.mp4").write_bytes(b"no video")
     with pytest.raises(FootageError, match=r"cam02\.mp4"):
@@ -165,7 +167,7 @@ def test_footage_that_blender_cannot_read_leaves_nothing_behind(blender, tmp_pat
     assert not bpy.data.objects and not bpy.data.movieclips and len(bpy.data.scenes) == 1
 
 
-def test_an_incomplete_scene_is_refused_by_name(blender, tmp_path):  # noqa: F811
+def test_an_incomplete_scene_is_refused_by_name(blender, tmp_path):
     with pytest.raises(ShotError, match="holds no shot"):
         scene.shot_from_scene(bpy.context.scene)
     built = scene.build_scene(shot(tmp_path))
@@ -174,7 +176,7 @@ def test_an_incomplete_scene_is_refused_by_name(blender, tmp_path):  # noqa: F81
         scene.shot_from_scene(built)
 
 
-def test_load_shot_shows_a_shot_file(blender, tmp_path, monkeypatch):  # noqa: F811
+def test_load_shot_shows_a_shot_file(blender, tmp_path, monkeypatch):
     from kfmocap.core.tracking import prepare
 
     monkeypatch.setattr(prepare, "load_shot", lambda path: shot(tmp_path))
@@ -182,13 +184,13 @@ def test_load_shot_shows_a_shot_file(blender, tmp_path, monkeypatch):  # noqa: F
     assert bpy.context.scene.kfmocap.shot == "walk"
 
 
-def test_a_shot_file_that_is_wrong_is_reported_and_changes_nothing(blender, tmp_path):  # noqa: F811
+def test_a_shot_file_that_is_wrong_is_reported_and_changes_nothing(blender, tmp_path):
     with pytest.raises(RuntimeError, match=r"Error: .*missing\.toml"):
         bpy.ops.kfmocap.load_shot(filepath=str(tmp_path / "missing.toml"))
     assert len(bpy.data.scenes) == 1 and not bpy.data.objects
 
 
-def test_track_writes_what_the_tracker_finds_in_the_scene(blender, tmp_path, tracker):  # noqa: F811
+def test_track_writes_what_the_tracker_finds_in_the_scene(blender, tmp_path, tracker):
     original = shot(tmp_path, ("man", "woman"))
     built = scene.build_scene(original, scene=bpy.context.scene)
     assert bpy.ops.kfmocap.track() == {"FINISHED"}
@@ -201,7 +203,7 @@ def test_track_writes_what_the_tracker_finds_in_the_scene(blender, tmp_path, tra
 
 
 @pytest.mark.parametrize("error", [FootageError("broken", where="cam01.mp4"), CancelledError()])
-def test_tracking_that_fails_leaves_the_scene_as_it_was(blender, tmp_path, tracker, error):  # noqa: F811
+def test_tracking_that_fails_leaves_the_scene_as_it_was(blender, tmp_path, tracker, error):
     built = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
     before, tracker.error = keys_of(built.kfmocap.performers[0].armature), error
     if isinstance(error, FootageError):
@@ -212,13 +214,13 @@ def test_tracking_that_fails_leaves_the_scene_as_it_was(blender, tmp_path, track
     assert keys_of(built.kfmocap.performers[0].armature) == before
 
 
-def test_tools_without_a_shot_are_disabled(blender):  # noqa: F811
+def test_tools_without_a_shot_are_disabled(blender):
     assert not bpy.ops.kfmocap.track.poll()
     assert not bpy.ops.kfmocap.export.poll()
     assert bpy.ops.kfmocap.load_shot.poll()
 
 
-def test_set_key_pose_makes_a_tracked_pose_the_animators(blender, tmp_path):  # noqa: F811
+def test_set_key_pose_makes_a_tracked_pose_the_animators(blender, tmp_path):
     original = shot(tmp_path)
     built = scene.build_scene(original, [motion(original.length)], bpy.context.scene)
     built.frame_set(1 + 3)
@@ -228,7 +230,7 @@ def test_set_key_pose_makes_a_tracked_pose_the_animators(blender, tmp_path):  # 
     assert np.abs(keys.poses[[1]].difference(motion(original.length)[[3]])).max() < 1e-5
 
 
-def test_set_key_pose_keys_the_selected_bones_alone(blender, tmp_path):  # noqa: F811
+def test_set_key_pose_keys_the_selected_bones_alone(blender, tmp_path):
     built = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
     armature = built.kfmocap.performers[0].armature
     built.frame_set(1 + 8)
@@ -245,7 +247,7 @@ def test_set_key_pose_keys_the_selected_bones_alone(blender, tmp_path):  # noqa:
     assert np.flatnonzero(keys.fixed[2]).tolist() == list(range(3 + 3 * part, 6 + 3 * part))
 
 
-def test_looking_through_a_view_shows_it_at_its_size(blender, tmp_path):  # noqa: F811
+def test_looking_through_a_view_shows_it_at_its_size(blender, tmp_path):
     original = shot(tmp_path)
     tall = replace(original.views[1].camera, size=(240, 320))
     views = (original.views[0], View(tall, original.views[1].footage))
@@ -255,7 +257,7 @@ def test_looking_through_a_view_shows_it_at_its_size(blender, tmp_path):  # noqa
     assert (built.render.resolution_x, built.render.resolution_y) == (240, 320)
 
 
-def test_dope_sheets_of_all_workspaces_show_the_keys_of_a_loaded_shot(blender, tmp_path, monkeypatch):  # noqa: F811
+def test_dope_sheets_of_all_workspaces_show_the_keys_of_a_loaded_shot(blender, tmp_path, monkeypatch):
     from kfmocap.core.tracking import prepare
 
     monkeypatch.setattr(prepare, "load_shot", lambda path: shot(tmp_path))
@@ -266,7 +268,7 @@ def test_dope_sheets_of_all_workspaces_show_the_keys_of_a_loaded_shot(blender, t
     assert not bpy.context.window.scene.show_keys_from_selected_only
 
 
-def test_the_timeline_shows_the_whole_shot_also_where_it_has_one_key_pose(blender, tmp_path, monkeypatch):  # noqa: F811
+def test_the_timeline_shows_the_whole_shot_also_where_it_has_one_key_pose(blender, tmp_path, monkeypatch):
     from kfmocap.core.tracking import prepare
 
     given = shot(tmp_path)
@@ -298,7 +300,7 @@ def scaled_by_keys(camera):
 
 
 @pytest.mark.parametrize("change", [constrained, muted, moved_beside, scaled_by_keys, None])
-def test_a_moving_camera_is_read_as_the_scene_shows_it(blender, tmp_path, change):  # noqa: F811
+def test_a_moving_camera_is_read_as_the_scene_shows_it(blender, tmp_path, change):
     """By its curves alone where nothing else moves it, to the last bit."""
     built = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
     camera = built.kfmocap.views[1].camera
@@ -329,7 +331,7 @@ def test_registering_again_works_and_unregistering_leaves_nothing():
         assert not traces()[0] and not traces()[1]
 
 
-def test_menus_offer_what_the_core_knows(blender):  # noqa: F811
+def test_menus_offer_what_the_core_knows(blender):
     shot, retarget = bpy.context.scene.kfmocap, bpy.context.scene.kfmocap.retarget
     hands = bpy.ops.kfmocap.hand_shape.get_rna_type()
     menus = {(shot, "solver"): SOLVERS, (retarget, "root"): ROOT_MOTIONS, (retarget, "feet"): FEET}
@@ -339,7 +341,7 @@ def test_menus_offer_what_the_core_knows(blender):  # noqa: F811
     assert set(FLEXIONS) == set(HAND_SHAPES)
 
 
-def test_every_tool_and_property_explains_itself(blender):  # noqa: F811
+def test_every_tool_and_property_explains_itself(blender):
     for cls in registration.CLASSES:
         for prop in cls.bl_rna.properties:
             if prop.identifier in getattr(cls, "__annotations__", {}) and not prop.is_hidden:
@@ -352,7 +354,7 @@ def test_every_tool_and_property_explains_itself(blender):  # noqa: F811
 
 
 @pytest.mark.parametrize("collar_bones", [True, False])
-def test_usual_departures_survive_saving_and_old_bodies_have_none(blender, tmp_path, collar_bones):  # noqa: F811
+def test_usual_departures_survive_saving_and_old_bodies_have_none(blender, tmp_path, collar_bones):
     body = human(collar_bones=collar_bones)
     armature = body_armature.build_armature(body, "man", bpy.context.scene.collection)
     armature.data.bones["chest"].name = "ribs"

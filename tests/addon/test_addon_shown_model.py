@@ -7,15 +7,17 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, metarig, shot  # noqa: E402, F401
+from addon_shots import metarig, shot  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import part_meshes, shown_model  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = pytest.mark.blender
 
 
 @pytest.fixture
-def built(blender, tmp_path):  # noqa: F811
+def built(blender, tmp_path):
     return scenes.build_scene(shot(tmp_path, ("man", "woman")), scene=bpy.context.scene)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, shot  # noqa: E402, F401
+from addon_shots import shot  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
@@ -19,6 +19,8 @@ from kfmocap.kfmocap_addon.editing import simplification  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import fcurves, scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_channels  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_ownership, key_pose_curves, motion_curves  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = pytest.mark.blender
 
@@ -42,7 +44,7 @@ def smooth_shot(folder: Path) -> Shot:
 
 
 @pytest.fixture
-def armature(blender, tmp_path):  # noqa: F811
+def armature(blender, tmp_path):
     built = scene.build_scene(smooth_shot(tmp_path), [smooth_motion(0.0005)], bpy.context.scene)
     return built.kfmocap.performers[0].armature
 
@@ -81,7 +83,7 @@ def test_no_frame_strays_farther_than_the_tolerance(armature, degrees, millimetr
     assert left < had
 
 
-def test_a_larger_tolerance_leaves_fewer_keys(blender, tmp_path):  # noqa: F811
+def test_a_larger_tolerance_leaves_fewer_keys(blender, tmp_path):
     left = []
     for degrees, millimetres in [(0.3, 0.5), (1, 2), (3, 10)]:
         built = scene.build_scene(smooth_shot(tmp_path), [smooth_motion()])
@@ -146,7 +148,7 @@ def test_some_bones_are_baked_alone(armature):
     assert fixed[:, hand].all() and not fixed[1, hand + 3]
 
 
-def test_the_tools_say_what_is_left_or_missing(blender, tmp_path):  # noqa: F811
+def test_the_tools_say_what_is_left_or_missing(blender, tmp_path):
     built = scene.build_scene(smooth_shot(tmp_path), scene=bpy.context.scene)
     for tool in (bpy.ops.kfmocap.bake, bpy.ops.kfmocap.simplify):
         with pytest.raises(RuntimeError, match="Nothing is tracked yet"):
@@ -157,7 +159,7 @@ def test_the_tools_say_what_is_left_or_missing(blender, tmp_path):  # noqa: F811
     assert bpy.ops.kfmocap.bake() == {"CANCELLED"} and bpy.ops.kfmocap.simplify() == {"CANCELLED"}
 
 
-def test_undo_takes_both_back(blender, tmp_path):  # noqa: F811
+def test_undo_takes_both_back(blender, tmp_path):
     scene.build_scene(smooth_shot(tmp_path), [smooth_motion()], bpy.context.scene)
     name = bpy.context.scene.kfmocap.performers[0].armature.name
     before = {key: keys.tobytes() for key, keys in keys_of(bpy.data.objects[name]).items()}

@@ -10,13 +10,15 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, motion, shot  # noqa: E402, F401
+from addon_shots import motion, shot  # noqa: E402
 from kfmocap.kfmocap_addon.overlays import key_strip  # noqa: E402
 from kfmocap.kfmocap_addon.overlays.alternative_boxes import boxes  # noqa: E402
 from kfmocap.kfmocap_addon.overlays.key_strip import HEIGHT, Strip, pieces, position  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
 from kfmocap.kfmocap_addon.viewports import key_list  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = pytest.mark.blender
 
@@ -81,7 +83,7 @@ def test_what_has_not_changed_is_not_computed_again():
     assert (time.process_time() - start) / 20 < 0.001
 
 
-def test_the_strip_is_of_the_chosen_performers_keys(blender, tmp_path):  # noqa: F811
+def test_the_strip_is_of_the_chosen_performers_keys(blender, tmp_path):
     assert key_strip.strip_of(bpy.context) is None, "nobody to show"
     made = scenes.build_scene(shot(tmp_path, frames=24), [motion(24)], bpy.context.scene)
     slot = made.kfmocap.performers[0]
@@ -107,7 +109,7 @@ def test_the_strip_is_of_the_chosen_performers_keys(blender, tmp_path):  # noqa:
     assert key_strip.strip_of(bpy.context).partial == (start + 9,)
 
 
-def test_keys_that_are_written_just_before_the_frame_changes_are_seen(blender, tmp_path):  # noqa: F811
+def test_keys_that_are_written_just_before_the_frame_changes_are_seen(blender, tmp_path):
     """As after tracking: Blender's handlers of changes are not called then."""
     made = scenes.build_scene(shot(tmp_path, frames=24), scene=bpy.context.scene)
     armature, start = made.kfmocap.performers[0].armature, made.kfmocap.frame_start

@@ -11,7 +11,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import PARTS, blender, keys_of, motion, shot, tracker  # noqa: E402, F401
+from addon_shots import PARTS, keys_of, motion, shot  # noqa: E402
 from kfmocap.core.errors import CancelledError, ShotError  # noqa: E402
 from kfmocap.core.runtime.job import Job  # noqa: E402
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate  # noqa: E402
@@ -27,6 +27,8 @@ from kfmocap.kfmocap_addon.scene_io.review import faulty_footage  # noqa: E402
 from scene_state import differences, state  # noqa: E402
 from synthetic import CAMERAS, figure, film, look_at, shot_of, swing  # noqa: E402
 
+pytest_plugins = ("addon_fixtures",)
+
 pytestmark = pytest.mark.blender
 
 GENERATED = 5
@@ -35,7 +37,7 @@ FRAME = 1  # of shot frame 0 in the scene
 
 
 @pytest.fixture
-def built(blender, tmp_path, tracker):  # noqa: F811
+def built(blender, tmp_path, tracker):
     """A shot of the frames 0 to 11 with key poses at 0, 5 and 11, as the open scene."""
     return scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
 
@@ -55,7 +57,7 @@ def generated(built):
     return sorted(frames[0])
 
 
-def tracked_frames(tracker):  # noqa: F811
+def tracked_frames(tracker):
     return [(s.frames[0] - 5, s.frames[1] - 5) for s in tracker.shots]
 
 
@@ -80,14 +82,14 @@ def shift_key_pose(built, frame):
         ("track_changes", 3, (0, 11)),
     ],
 )
-def test_tools_track_the_segments_that_they_say(built, tracker, tool, frame, tracked):  # noqa: F811
+def test_tools_track_the_segments_that_they_say(built, tracker, tool, frame, tracked):
     built.frame_set(frame + FRAME)
     assert getattr(bpy.ops.kfmocap, tool)() == {"FINISHED"}
     assert tracked_frames(tracker) == [tracked]
     assert generated(built) == [f for f in range(tracked[0], tracked[1] + 1) if f not in (0, 5, 11)]
 
 
-def test_other_segments_stay_to_the_last_bit(built, tracker):  # noqa: F811
+def test_other_segments_stay_to_the_last_bit(built, tracker):
     bpy.ops.kfmocap.track()
     before = {k: fcurves.get_keys(c)[6:] for k, c in body_curves(built).items()}
     motion_curves.write_motion(armature_of(built), motion(4, seed=9), FRAME + 1)
@@ -103,7 +105,7 @@ def body_curves(built):
     return {(c.data_path, c.array_index): c for c in bag.fcurves if "kfmocap" not in c.data_path}
 
 
-def test_what_is_beside_is_held_where_it_is_tracked(built, tracker):  # noqa: F811
+def test_what_is_beside_is_held_where_it_is_tracked(built, tracker):
     built.frame_set(FRAME + 3)
     bpy.ops.kfmocap.track_here()
     assert tracker.around == (None, None)
@@ -114,7 +116,7 @@ def test_what_is_beside_is_held_where_it_is_tracked(built, tracker):  # noqa: F8
     assert np.abs(before[0].difference(motion(12)[[4]])).max() < 1e-5
 
 
-def test_changing_a_key_pose_tracks_the_segments_beside_it_alone(built, tracker):  # noqa: F811
+def test_changing_a_key_pose_tracks_the_segments_beside_it_alone(built, tracker):
     bpy.ops.kfmocap.track()
     with pytest.raises(RuntimeError, match="nothing has changed"):
         bpy.ops.kfmocap.track_changes()
@@ -131,7 +133,7 @@ def test_changing_a_key_pose_tracks_the_segments_beside_it_alone(built, tracker)
     assert tracked_frames(tracker)[3:] == [(0, 11)]
 
 
-def test_removed_tracked_keys_are_a_change(built, tracker):  # noqa: F811
+def test_removed_tracked_keys_are_a_change(built, tracker):
     bpy.ops.kfmocap.track()
     built.frame_set(FRAME + 2)
     bpy.ops.kfmocap.clear_between(where="HERE")
@@ -167,7 +169,7 @@ def test_clear_between_leaves_an_edited_tracked_key(built):
         bpy.ops.kfmocap.clear_between(where="EVERYWHERE")
 
 
-def test_what_the_cameras_saw_of_other_segments_stays(built, tracker):  # noqa: F811
+def test_what_the_cameras_saw_of_other_segments_stays(built, tracker):
     from kfmocap.kfmocap_addon.scene_io.review import bone_visibility
 
     given = scene.shot_from_scene(built)
@@ -192,7 +194,7 @@ def test_tools_say_why_they_are_disabled(built):
     assert not bpy.ops.kfmocap.track.poll()
 
 
-def test_a_scene_that_changed_meanwhile_is_left_alone(built, tracker):  # noqa: F811
+def test_a_scene_that_changed_meanwhile_is_left_alone(built, tracker):
     """As by another window: what was tracked is not what is there."""
     from kfmocap.kfmocap_addon.scene_io import tracked_segments
 
@@ -222,7 +224,7 @@ class Beside(Tracking):
 
 
 @pytest.mark.parametrize("changed", [False, True])
-def test_what_was_tracked_in_a_window_is_written_unless_the_scene_changed(built, tracker, changed):  # noqa: F811
+def test_what_was_tracked_in_a_window_is_written_unless_the_scene_changed(built, tracker, changed):
     tool = Beside()
     tool.prepare(bpy.context)
     _, asked, parts = tool._asked
@@ -238,7 +240,7 @@ def test_what_was_tracked_in_a_window_is_written_unless_the_scene_changed(built,
 
 
 @pytest.fixture
-def filmed(blender, tmp_path):  # noqa: F811
+def filmed(blender, tmp_path):
     """A small filmed shot as the open scene, with a key pose that was set in Blender. The pictures refute that pose:
     limbs would be looked for, which is not what the tests with it are about.
     """
@@ -296,7 +298,7 @@ def test_tracking_that_is_cancelled_at_any_moment_leaves_the_scene_as_it_was(fil
         assert not differences(state(), before)
 
 
-def test_a_pose_that_is_not_keyed_outlives_a_tracking_that_fails(built, tracker):  # noqa: F811
+def test_a_pose_that_is_not_keyed_outlives_a_tracking_that_fails(built, tracker):
     """Also where cameras move, for which other frames are visited."""
     built.frame_set(FRAME + 5)
     armature_of(built).pose.bones["forearm.L"].rotation_quaternion = (0.8, 0.6, 0, 0)
@@ -317,12 +319,12 @@ def test_what_is_tracked_beside_blender_is_what_is_tracked_in_it(tmp_path):
 
 
 @pytest.fixture
-def pair(blender, tmp_path, tracker):  # noqa: F811
+def pair(blender, tmp_path, tracker):
     """A man and a woman with key poses on the same frames."""
     return scene.build_scene(shot(tmp_path, ("man", "woman")), scene=bpy.context.scene)
 
 
-def test_one_performer_is_tracked_with_the_others_held_as_they_are(pair, tracker):  # noqa: F811
+def test_one_performer_is_tracked_with_the_others_held_as_they_are(pair, tracker):
     man, woman = pair.kfmocap.performers
     bpy.ops.kfmocap.track()
     bpy.context.view_layer.objects.active = None
@@ -340,7 +342,7 @@ def test_one_performer_is_tracked_with_the_others_held_as_they_are(pair, tracker
     np.testing.assert_array_equal(motion_curves.read_motion(woman.armature, FRAME, 12).rotations, hers.rotations)
 
 
-def test_one_performer_is_tracked_where_another_has_no_key_pose(pair, tracker):  # noqa: F811
+def test_one_performer_is_tracked_where_another_has_no_key_pose(pair, tracker):
     man, woman = pair.kfmocap.performers
     man.armature.animation_data_clear()
     assert not bpy.ops.kfmocap.track.poll()
@@ -393,7 +395,7 @@ def test_a_file_that_is_saved_while_it_is_tracked_holds_the_scene_as_it_was(buil
     assert not differences(*found)
 
 
-def test_parts_are_tracked_again_with_the_offset_found_on_the_whole_shot(built, tracker):  # noqa: F811
+def test_parts_are_tracked_again_with_the_offset_found_on_the_whole_shot(built, tracker):
     tracker.footage_offset = 0.387
     bpy.ops.kfmocap.track()
     assert tracker.shots[-1].settings.footage_offset is None
@@ -407,7 +409,7 @@ def test_parts_are_tracked_again_with_the_offset_found_on_the_whole_shot(built, 
     assert tracker.shots[-1].frames == (5, 10)  # the offset that was found is no change
 
 
-def test_without_a_track_of_the_whole_shot_a_part_finds_its_own_offset(built, tracker):  # noqa: F811
+def test_without_a_track_of_the_whole_shot_a_part_finds_its_own_offset(built, tracker):
     tracker.footage_offset = -0.25
     built.frame_set(3 + FRAME)
     bpy.ops.kfmocap.track_here()
@@ -417,7 +419,7 @@ def test_without_a_track_of_the_whole_shot_a_part_finds_its_own_offset(built, tr
 
 def test_what_is_wrong_with_footage_is_shown_until_a_whole_track_finds_nothing(
     built,
-    tracker,  # noqa: F811
+    tracker,
     monkeypatch,
 ):
     monkeypatch.setattr(faulty_footage, "container_rate", lambda view: 0.0)
@@ -441,7 +443,7 @@ def test_what_is_wrong_with_footage_is_shown_until_a_whole_track_finds_nothing(
     assert not any(view.faults for view in views)
 
 
-def test_a_gap_that_tracking_finds_stays_with_the_view(built, tracker, monkeypatch):  # noqa: F811
+def test_a_gap_that_tracking_finds_stays_with_the_view(built, tracker, monkeypatch):
     monkeypatch.setattr(faulty_footage, "container_rate", lambda view: 0.0)
     view, zero = built.kfmocap.views[1], scene.shot_from_scene(built).frames[0]
     tracker.gaps = [(), (Gap(zero + 7, 1),)]
@@ -457,7 +459,7 @@ def test_a_gap_that_tracking_finds_stays_with_the_view(built, tracker, monkeypat
     assert tracked_segments.out_of_date(built, scene.shot_from_scene(built)) == [(5, 11)]
 
 
-def test_segments_behind_a_gap_that_were_not_tracked_with_it_are_out_of_date(built, tracker):  # noqa: F811
+def test_segments_behind_a_gap_that_were_not_tracked_with_it_are_out_of_date(built, tracker):
     bpy.ops.kfmocap.track()
     zero = scene.shot_from_scene(built).frames[0]
     tracker.gaps = [(), (Gap(zero + 3, 1),)]
@@ -466,7 +468,7 @@ def test_segments_behind_a_gap_that_were_not_tracked_with_it_are_out_of_date(bui
     assert tracked_segments.out_of_date(built, scene.shot_from_scene(built)) == [(5, 11)]
 
 
-def test_footage_of_another_frame_rate_is_said(built, tracker, monkeypatch):  # noqa: F811
+def test_footage_of_another_frame_rate_is_said(built, tracker, monkeypatch):
     rate = scene.shot_from_scene(built).fps
     for given, said in ((0.0, ""), (rate, ""), (50.0, f"its footage has 50 frames per second, the shot {rate:g}")):
         monkeypatch.setattr(faulty_footage, "container_rate", lambda view, given=given: given)
@@ -474,7 +476,7 @@ def test_footage_of_another_frame_rate_is_said(built, tracker, monkeypatch):  # 
         assert [view.faults for view in built.kfmocap.views] == [said] * len(built.kfmocap.views)
 
 
-def test_files_whose_rate_tracking_has_measured_are_not_opened_again(built, tracker, monkeypatch):  # noqa: F811
+def test_files_whose_rate_tracking_has_measured_are_not_opened_again(built, tracker, monkeypatch):
     opened = []
     monkeypatch.setattr(faulty_footage, "container_rate", lambda view: opened.append(view.camera.name) or 0.0)
     even, uneven = FootageRate(49.99996, 0.1, 0), FootageRate(31.4, 2.0, 7)

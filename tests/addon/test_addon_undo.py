@@ -10,10 +10,12 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import FRAMES, blender, shot, tracker  # noqa: E402, F401
+from addon_shots import FRAMES, shot  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
-from random_calls import TOOLS, arguments, call, files, in_mode, quick, tool_of  # noqa: E402, F401
+from random_calls import TOOLS, arguments, call, in_mode, tool_of  # noqa: E402
 from scene_state import differences, state  # noqa: E402
+
+pytest_plugins = ("addon_fixtures", "random_call_fixtures")
 
 pytestmark = pytest.mark.blender
 
@@ -49,9 +51,9 @@ def left_over(cls: type[bpy.types.Operator], given: dict, before: dict) -> tuple
 
 @pytest.mark.parametrize("mode", ["OBJECT", "POSE"])
 def test_a_tool_does_all_or_nothing_and_undo_and_redo_are_exact(
-    blender,  # noqa: F811
-    quick,  # noqa: F811
-    files,  # noqa: F811
+    blender,
+    quick,
+    files,
     tmp_path,
     pytestconfig,
     mode,
@@ -75,7 +77,7 @@ def test_a_tool_does_all_or_nothing_and_undo_and_redo_are_exact(
     assert len(worked) > 0.4 * len(UNDONE), "many tools did something"
 
 
-def sequence(dice: random.Random, files: list[str], start: dict) -> list:  # noqa: F811
+def sequence(dice: random.Random, files: list[str], start: dict) -> list:
     """Call tools one after the other, now and then undo and redo some of them; what is then different."""
     states, found = [start], []
     for _ in range(IN_A_SEQUENCE):
@@ -94,9 +96,9 @@ def sequence(dice: random.Random, files: list[str], start: dict) -> list:  # noq
 
 
 def test_random_sequences_of_tools_are_undone_and_redone_to_the_last_value(
-    blender,  # noqa: F811
-    quick,  # noqa: F811
-    files,  # noqa: F811
+    blender,
+    quick,
+    files,
     tmp_path,
     pytestconfig,
 ):

@@ -8,18 +8,20 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, keys_of  # noqa: E402, F401
+from addon_shots import keys_of  # noqa: E402
 from kfmocap.core.shot.shot import Settings  # noqa: E402
 from kfmocap.core.tracking.journal import Journal  # noqa: E402
 from kfmocap.kfmocap_addon.panels import track_panel  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene, unfinished_tracking  # noqa: E402
 from synthetic import CAMERAS, figure, film, shot_of, swing  # noqa: E402
 
+pytest_plugins = ("addon_fixtures",)
+
 pytestmark = pytest.mark.blender
 
 
 @pytest.fixture
-def filmed(blender, tmp_path):  # noqa: F811
+def filmed(blender, tmp_path):
     """A saved scene of three segments."""
     truth = swing(figure(), 7)
     views = film(tmp_path, [figure()], [truth], CAMERAS)

@@ -10,7 +10,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, motion, shot, track_result  # noqa: E402, F401
+from addon_shots import motion, shot, track_result  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses  # noqa: E402
 from kfmocap.kfmocap_addon import panels  # noqa: E402
@@ -18,6 +18,8 @@ from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.review import review_data, unknown_bones  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = pytest.mark.blender
 
@@ -37,7 +39,7 @@ def shown(folder):
     return built, built.kfmocap.performers[0].armature
 
 
-def test_what_rests_comes_back_with_the_shot_until_a_key_pose_turns_it(blender, tmp_path):  # noqa: F811
+def test_what_rests_comes_back_with_the_shot_until_a_key_pose_turns_it(blender, tmp_path):
     built, armature = shown(tmp_path)
     assert set(unknown_bones.unknown_bones(armature)) == {*LEG, "foot.R"}
     (man,) = scene.shot_from_scene(built).performers
@@ -49,7 +51,7 @@ def test_what_rests_comes_back_with_the_shot_until_a_key_pose_turns_it(blender, 
     assert man.unknown == ("thigh.L", "foot.L")
 
 
-def test_the_panel_and_the_colours_tell_it(blender, tmp_path):  # noqa: F811
+def test_the_panel_and_the_colours_tell_it(blender, tmp_path):
     built, armature = shown(tmp_path)
     labels = []
     layout = SimpleNamespace(
@@ -75,7 +77,7 @@ def test_the_panel_and_the_colours_tell_it(blender, tmp_path):  # noqa: F811
 
 
 @pytest.mark.parametrize("suffix", ["bvh", "fbx"])
-def test_files_leave_out_its_bones_on_request(blender, tmp_path, suffix):  # noqa: F811
+def test_files_leave_out_its_bones_on_request(blender, tmp_path, suffix):
     built, armature = shown(tmp_path)
     for left_out in (False, True):
         path = tmp_path / f"man_{left_out}.{suffix}"
@@ -87,7 +89,7 @@ def test_files_leave_out_its_bones_on_request(blender, tmp_path, suffix):  # noq
     assert len(armature.data.bones) == len(human())
 
 
-def test_other_scenes_have_no_marks(blender, tmp_path):  # noqa: F811
+def test_other_scenes_have_no_marks(blender, tmp_path):
     built = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
     armature = built.kfmocap.performers[0].armature
     assert not unknown_bones.unknown_bones(armature)

@@ -11,7 +11,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import SIZE, blender, camera, shot, video  # noqa: E402, F401
+from addon_shots import SIZE, camera, shot, video  # noqa: E402
 from bpy_extras.object_utils import world_to_camera_view  # noqa: E402
 from kfmocap.core.cameras.camera import Camera  # noqa: E402
 from kfmocap.core.errors import CalibrationError, FootageError  # noqa: E402
@@ -20,6 +20,8 @@ from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.cameras import distortion, footage_background, view_cameras  # noqa: E402
 from kfmocap.kfmocap_addon.viewports import performer_boxes, screens, timelines  # noqa: E402
 from mathutils import Vector  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
 
@@ -278,7 +280,7 @@ def test_a_part_of_the_picture_fills_what_is_free_of_a_view():
         assert max((shown[2] - shown[0]) / 830, (shown[3] - shown[1]) / 732) == pytest.approx(1, abs=0.01)
 
 
-def test_the_part_of_a_picture_with_the_performers_holds_their_joints_on_all_frames(blender, tmp_path):  # noqa: F811
+def test_the_part_of_a_picture_with_the_performers_holds_their_joints_on_all_frames(blender, tmp_path):
     made = shot(tmp_path)
     scene.build_scene(made, scene=bpy.context.scene)
     still, moving = (view.camera for view in bpy.context.scene.kfmocap.views)

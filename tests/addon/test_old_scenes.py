@@ -9,7 +9,6 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender  # noqa: E402, F401
 from conftest import ROOT  # noqa: E402
 from kfmocap.core.body import human, landmark_positions  # noqa: E402
 from kfmocap.core.body.body import REST_SIGMA  # noqa: E402
@@ -20,6 +19,8 @@ from kfmocap.kfmocap_addon.scene_io import fcurves, scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_channels  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_ownership, motion_curves  # noqa: E402
 
+pytest_plugins = ("addon_fixtures",)
+
 pytestmark = pytest.mark.blender
 
 SAVED = ROOT / "tests" / "data" / "blend" / "walk_0.1.0.blend"
@@ -29,7 +30,7 @@ KEYS = [0, 20, 39, 59]
 
 
 @pytest.fixture
-def opened(blender):  # noqa: F811
+def opened(blender):
     """The saved scene, open."""
     bpy.ops.wm.open_mainfile(filepath=str(SAVED))
     return bpy.context.scene

@@ -27,7 +27,9 @@ from kfmocap.cli.command_line import main
 from kfmocap.core.errors import FootageError, OutputError, ShotError, WorkerEndedError
 from kfmocap.core.runtime.job import Job
 from kfmocap.core.shot.fingerprint import file_bytes
-from test_command_line import SHOT, folder  # noqa: F401
+from tiny_shot import SHOT
+
+pytest_plugins = ("tiny_shot_fixtures",)
 
 OPTIONS = BatchOptions(None, None, 1)
 RESULT = {"expected_error": 12.0, "seconds": 3.0, "warnings": ("frames on which no camera sees a part",)}
@@ -57,7 +59,7 @@ class StandInJob:
 
 
 @pytest.fixture
-def shots(folder: Path, monkeypatch: pytest.MonkeyPatch) -> list[BatchShot]:  # noqa: F811
+def shots(folder: Path, monkeypatch: pytest.MonkeyPatch) -> list[BatchShot]:
     """Three shots on the same footage; no process is started for them."""
     (folder / "shots").mkdir()
     for name in "abc":
@@ -160,7 +162,7 @@ def test_a_path_that_is_not_a_file_is_not_waited_for(shots: list[BatchShot], tmp
 
 
 @pytest.mark.parametrize("name", ["status", "Summary.csv"])
-def test_no_shot_has_the_name_of_what_a_batch_writes(folder: Path, name: str) -> None:  # noqa: F811
+def test_no_shot_has_the_name_of_what_a_batch_writes(folder: Path, name: str) -> None:
     (folder / "shot.toml").write_text(SHOT.replace('name = "tiny"', f'name = "{name}"'))
     with pytest.raises(ShotError, match=f"'{name}'"):
         chosen_shots([str(folder / "shot.toml")])
@@ -227,7 +229,7 @@ def test_the_table_shows_all_shots_of_the_folder_whichever_command_tracked_them(
 
 def test_shots_are_chosen_by_patterns_and_other_files_beside_them_left_out(
     shots: list[BatchShot],
-    folder: Path,  # noqa: F811
+    folder: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     shutil.copy(folder / "calibration.toml", folder / "shots" / "calibration.toml")
@@ -269,7 +271,7 @@ class KilledAtFirst(Job):
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are killed otherwise there")
 def test_results_are_whole_though_a_process_is_killed(
-    folder: Path,  # noqa: F811
+    folder: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -282,7 +284,7 @@ def test_results_are_whole_though_a_process_is_killed(
 
 
 @pytest.mark.skipif(find_spec("bpy") is None, reason="Blender's module is not installed")
-def test_a_batch_writes_the_files_of_blender(folder: Path) -> None:  # noqa: F811
+def test_a_batch_writes_the_files_of_blender(folder: Path) -> None:
     """Blender's module is loaded by the command, and by each process that tracks a shot, whatever that changes in where
     modules are found.
     """

@@ -1,9 +1,9 @@
-"""Shots and Blender for the tests of the add-on."""
+"""Shots for the tests of the add-on."""
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,20 +12,13 @@ import addon_utils
 import bpy
 import cv2
 import numpy as np
-import pytest
-from kfmocap import kfmocap_addon
 from kfmocap.core.body import Body, human, part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.fitting import shot_cameras
 from kfmocap.core.keypoints.observations import ShotKeypoints
 from kfmocap.core.numerics import rotations
-from kfmocap.core.runtime.progress import Progress, report_progress
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
-from kfmocap.core.tracking import retracking
 from kfmocap.core.tracking.expected_errors.uncertainty import JointErrors
-from kfmocap.core.tracking.segment_stages import Around
-from kfmocap.kfmocap_addon.properties.section_properties import sections_of
 from kfmocap.kfmocap_addon.scene_io import fcurves
 
 SIZE = (320, 240)
@@ -33,17 +26,6 @@ FIRST, FRAMES = 5, 12
 """First frame of the shot in its footage's count, and its length."""
 PARTS = len(human(solid=False))
 LENS = (0.1, -0.05, 0.002, -0.003, 0.01)
-
-
-@pytest.fixture
-def blender() -> Iterator[SimpleNamespace]:
-    """An empty file in Blender with the add-on registered."""
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    kfmocap_addon.register()
-    for own in ("shown", "step"):  # the window manager, and with it the open sections, outlives files
-        sections_of(bpy.context).property_unset(own)
-    yield bpy
-    kfmocap_addon.unregister()
 
 
 def video(path: Path, frames: int = 30, size: tuple[int, int] = SIZE) -> Path:
@@ -128,37 +110,6 @@ def track_result(
         damage=(),
         unknown=tuple(() for _ in given.performers) if unknown is None else unknown,
     )
-
-
-@pytest.fixture
-def tracker(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
-    """Stands in for the tracker: gives the true motion of every performer, or the error that a test sets instead.
-
-    Its cameras fit: they are not compared with footage that shows nothing.
-    """
-    stand_in = SimpleNamespace(
-        shots=[], error=None, footage_offset=0.0, frames=FRAMES, torn=(), late=(), gaps=(), rates=()
-    )
-
-    def track(
-        given: Shot, progress: Progress | None = None, around: Around = (None, None), **_more: object
-    ) -> SimpleNamespace:
-        stand_in.shots.append(given)
-        stand_in.around = around
-        report_progress(progress, "tracking", 0.5)
-        if stand_in.error is not None:
-            raise stand_in.error
-        first = max(given.frames[0] - FIRST, 0)  # other footage than that of `shot` begins elsewhere
-        here, length = slice(first, first + given.length), max(stand_in.frames, first + given.length)
-        motions = tuple(motion(length, seed)[here] for seed in range(len(given.performers)))
-        result = track_result(given, motions, footage_offset=stand_in.footage_offset)
-        result.torn, result.late, result.gaps = stand_in.torn, stand_in.late, stand_in.gaps
-        result.rates = stand_in.rates
-        return result
-
-    monkeypatch.setattr(retracking, "track", track)
-    monkeypatch.setattr(shot_cameras, "camera_fits", lambda *_: ())
-    return stand_in
 
 
 def keys_of(armature: bpy.types.Object) -> dict[tuple[str, int], bytes]:

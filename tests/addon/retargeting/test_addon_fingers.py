@@ -11,7 +11,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, metarig  # noqa: E402, F401
+from addon_shots import metarig  # noqa: E402
 from keypoint_shots import cameras, person_with_hands  # noqa: E402
 from kfmocap.cli import track_command  # noqa: E402
 from kfmocap.core.body import landmark_positions  # noqa: E402
@@ -30,6 +30,8 @@ from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
 from odd_characters import unreal_like  # noqa: E402
 from test_addon_posing import BENT, BODY, WALK, walk_scene  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = pytest.mark.blender
 
@@ -76,7 +78,7 @@ def write_hands(folder, hands: np.ndarray) -> None:
         bpy.ops.kfmocap.import_keypoints(directory=str(path), files=files)
 
 
-def test_fingers_bend_as_seen_and_the_animators_keys_stay(blender, tmp_path):  # noqa: F811
+def test_fingers_bend_as_seen_and_the_animators_keys_stay(blender, tmp_path):
     walk_scene(tmp_path, tracked=True)
     rig = metarig()
     bpy.ops.kfmocap.hand_shape(shape="grip")
@@ -105,7 +107,7 @@ def test_fingers_bend_as_seen_and_the_animators_keys_stay(blender, tmp_path):  #
     assert mine["co"].tolist() == pytest.approx([FIST, 0.3])
 
 
-def test_without_fingers_or_hands_it_is_said_what_is_missing(blender, tmp_path):  # noqa: F811
+def test_without_fingers_or_hands_it_is_said_what_is_missing(blender, tmp_path):
     walk_scene(tmp_path, tracked=True)
     with pytest.raises(RuntimeError, match="No view has 2D keypoints yet"):
         bpy.ops.kfmocap.fingers_from_keypoints()
@@ -118,13 +120,13 @@ def test_without_fingers_or_hands_it_is_said_what_is_missing(blender, tmp_path):
     assert len(armature.data.bones) == len(BODY), "no fingers are added in vain"
 
 
-def test_fingers_missing_on_a_foreign_armature_are_reported(blender):  # noqa: F811
+def test_fingers_missing_on_a_foreign_armature_are_reported(blender):
     armature = unreal_like()
     with pytest.raises(BodyError, match="no armature has fingers that are known"):
         finger_tracking.with_fingers(use_as_body(bpy.context.scene, armature)[0])
 
 
-def test_the_button_gives_a_body_without_fingers_some_that_move_as_seen(blender, tmp_path):  # noqa: F811
+def test_the_button_gives_a_body_without_fingers_some_that_move_as_seen(blender, tmp_path):
     slot = walk_scene(tmp_path, tracked=True)
     rig = metarig()
     bpy.ops.kfmocap.hand_shape(shape="grip")
@@ -139,7 +141,7 @@ def test_the_button_gives_a_body_without_fingers_some_that_move_as_seen(blender,
     assert np.abs(bends(slot.armature) - wanted).max() < 3
 
 
-def test_a_hand_shape_without_a_character_is_the_chosen_performers(blender, tmp_path):  # noqa: F811
+def test_a_hand_shape_without_a_character_is_the_chosen_performers(blender, tmp_path):
     slot = walk_scene(tmp_path, tracked=True)
     bpy.context.view_layer.objects.active = None
     for side in ("L", "LR"):
@@ -149,7 +151,7 @@ def test_a_hand_shape_without_a_character_is_the_chosen_performers(blender, tmp_
     assert len(slot.armature.data.bones) == len(BODY) + 30
 
 
-def test_the_body_gets_fingers_and_files_have_them(blender, tmp_path, capsys):  # noqa: F811
+def test_the_body_gets_fingers_and_files_have_them(blender, tmp_path, capsys):
     """As `kfmocap track` writes them where the shot file asks for fingers."""
     slot = walk_scene(tmp_path, tracked=True)
     rig = metarig()

@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, joint_error  # noqa: E402, F401
+from addon_shots import joint_error  # noqa: E402
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import OutputError  # noqa: E402
 from kfmocap.core.formats.bvh import read_bvh  # noqa: E402
@@ -20,6 +20,8 @@ from kfmocap.kfmocap_addon.scene_io.body import body_armature, part_meshes  # no
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
 from odd_characters import BODY, CONTROL, controlled_human, shown_heads, skinned_human, switched_human, unreal_like  # noqa: E402
 from synthetic import swing  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
 

@@ -10,7 +10,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, metarig, shot  # noqa: E402, F401
+from addon_shots import metarig, shot  # noqa: E402
 from kfmocap.__main__ import main  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.errors import BodyError, ShotError  # noqa: E402
@@ -31,6 +31,8 @@ from kfmocap.kfmocap_addon.scene_io.body.body_armature import edit_bones  # noqa
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
 from made_rigs import made_rig, moved_body, wild_motion  # noqa: E402
 from mathutils import Matrix, Vector  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = pytest.mark.blender
 
@@ -81,7 +83,7 @@ def joint_errors(armature, report, given, frames=FRAMES):
 
 
 @pytest.mark.parametrize("mode", ["QUATERNION", "XYZ", "ZXY", "AXIS_ANGLE"])
-def test_in_every_rotation_mode_blender_shows_the_sources_joints(blender, mode):  # noqa: F811
+def test_in_every_rotation_mode_blender_shows_the_sources_joints(blender, mode):
     armature = built("mixamo", np.radians(45))
     for bone in armature.pose.bones:
         bone.rotation_mode = mode
@@ -91,7 +93,7 @@ def test_in_every_rotation_mode_blender_shows_the_sources_joints(blender, mode):
     assert report["warnings"] == []
 
 
-def test_a_scaled_and_turned_object_is_respected(blender):  # noqa: F811
+def test_a_scaled_and_turned_object_is_respected(blender):
     armature = built("unreal")
     armature.data.transform(Matrix.Scale(100.0, 4) @ Matrix.Rotation(-np.pi / 2, 4, "X"))
     armature.matrix_world = Matrix.Scale(0.01, 4) @ Matrix.Rotation(np.pi / 2, 4, "X")
@@ -101,7 +103,7 @@ def test_a_scaled_and_turned_object_is_respected(blender):  # noqa: F811
     assert joint_errors(armature, report, given) < 1e-4
 
 
-def test_a_mechanism_is_driven_through_its_controls(blender):  # noqa: F811
+def test_a_mechanism_is_driven_through_its_controls(blender):
     """The arm's control hangs on nothing, but a constraint carries it along with the chest."""
     armature = built("unity")
     with edit_bones(armature) as bones:
@@ -116,7 +118,7 @@ def test_a_mechanism_is_driven_through_its_controls(blender):  # noqa: F811
     assert joint_errors(armature, report, given) < 1e-4
 
 
-def test_the_old_action_stays_and_becomes_a_strip_below(blender):  # noqa: F811
+def test_the_old_action_stays_and_becomes_a_strip_below(blender):
     armature = built("vrm")
     old = bpy.data.actions.new("old")
     armature.animation_data_create().action = old
@@ -125,7 +127,7 @@ def test_the_old_action_stays_and_becomes_a_strip_below(blender):  # noqa: F811
     assert [strip.action for track in armature.animation_data.nla_tracks for strip in track.strips] == [old]
 
 
-def test_fewer_keys_stay_within_the_tolerance(blender):  # noqa: F811
+def test_fewer_keys_stay_within_the_tolerance(blender):
     armature = built("mixamo")
     given = moved_body(BODY, wild_motion(FRAMES)[[0] * FRAMES])
     whole = send_to_rig(bpy.context.scene, given, armature, 1)
@@ -137,7 +139,7 @@ def test_fewer_keys_stay_within_the_tolerance(blender):  # noqa: F811
 
 
 @pytest.mark.parametrize("kind", ["bvh", "fbx"])
-def test_the_command_line_moves_a_character(blender, tmp_path, capsys, kind):  # noqa: F811
+def test_the_command_line_moves_a_character(blender, tmp_path, capsys, kind):
     motion = wild_motion(FRAMES)
     performer = body_armature.build_armature(BODY, "man", bpy.context.scene.collection)
     motion_curves.write_motion(performer, motion, 1)
@@ -158,7 +160,7 @@ def test_the_command_line_moves_a_character(blender, tmp_path, capsys, kind):  #
     assert (bpy.context.scene.frame_start, bpy.context.scene.frame_end) == (1, FRAMES)
 
 
-def test_a_damaged_fbx_file_is_refused_in_one_line(blender, tmp_path):  # noqa: F811
+def test_a_damaged_fbx_file_is_refused_in_one_line(blender, tmp_path):
     armature = built("mixamo")
     send_to_rig(bpy.context.scene, source(), armature, 1)
     bpy.ops.export_scene.fbx(filepath=str(tmp_path / "cut.fbx"), object_types={"ARMATURE"})
@@ -170,7 +172,7 @@ def test_a_damaged_fbx_file_is_refused_in_one_line(blender, tmp_path):  # noqa: 
     assert "\n" not in str(refused.value)
 
 
-def test_an_fbx_file_with_a_light_is_read(blender, tmp_path):  # noqa: F811
+def test_an_fbx_file_with_a_light_is_read(blender, tmp_path):
     armature = built("mixamo")
     send_to_rig(bpy.context.scene, source(), armature, 1)
     lamp = bpy.data.objects.new("lamp", bpy.data.lights.new("lamp", "POINT"))
@@ -180,7 +182,7 @@ def test_an_fbx_file_with_a_light_is_read(blender, tmp_path):  # noqa: F811
     assert len(motion) == FRAMES
 
 
-def test_a_linked_character_moves_through_an_override(blender, tmp_path):  # noqa: F811
+def test_a_linked_character_moves_through_an_override(blender, tmp_path):
     hero = built("mixamo", np.radians(45))
     collection = bpy.data.collections.new("hero")
     collection.objects.link(hero)
@@ -198,7 +200,7 @@ def test_a_linked_character_moves_through_an_override(blender, tmp_path):  # noq
     assert find_target("hero") == armature
 
 
-def test_what_cannot_be_meant_is_said_by_name(blender, tmp_path, capsys):  # noqa: F811
+def test_what_cannot_be_meant_is_said_by_name(blender, tmp_path, capsys):
     built("mixamo", name="hero")
     built("unreal", name="villain")
     blend, bvh = tmp_path / "two.blend", tmp_path / "no.bvh"
@@ -216,7 +218,7 @@ def test_what_cannot_be_meant_is_said_by_name(blender, tmp_path, capsys):  # noq
 
 
 @pytest.fixture
-def tracked(blender, tmp_path):  # noqa: F811
+def tracked(blender, tmp_path):
     """A tracked performer, and a character beside it that is chosen."""
     scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
     armature = bpy.context.scene.kfmocap.performers[0].armature
@@ -247,12 +249,12 @@ def test_an_edited_list_of_bones_is_used_and_comes_back_from_a_file(tracked, tmp
     assert not any("mixamorig:Head" in curve.data_path for curve in curves)
 
 
-def test_the_panel_offers_every_preset(blender):  # noqa: F811
+def test_the_panel_offers_every_preset(blender):
     items = KFMocapRetarget.bl_rna.properties["preset"].enum_items
     assert [item.identifier for item in items] == ["auto", *PRESETS]
 
 
-def test_limbs_held_by_inverse_kinematics_are_freed_in_the_new_action(blender):  # noqa: F811
+def test_limbs_held_by_inverse_kinematics_are_freed_in_the_new_action(blender):
     armature = built("mixamo", np.radians(45))
     constraint = armature.pose.bones["mixamorig:LeftLeg"].constraints.new("IK")
     constraint.target = bpy.data.objects.new("goal", None)
@@ -264,7 +266,7 @@ def test_limbs_held_by_inverse_kinematics_are_freed_in_the_new_action(blender): 
     assert any("mixamorig:LeftLeg" in text and "IK" in text for text in report["warnings"])
 
 
-def test_a_bone_that_something_else_holds_is_named_and_nothing_changes(blender):  # noqa: F811
+def test_a_bone_that_something_else_holds_is_named_and_nothing_changes(blender):
     armature = built("mixamo", np.radians(45))
     driver = armature.pose.bones["mixamorig:LeftLeg"].driver_add("rotation_quaternion", 0).driver
     driver.expression = "1.0"
@@ -275,7 +277,7 @@ def test_a_bone_that_something_else_holds_is_named_and_nothing_changes(blender):
     assert armature.animation_data.action is None
 
 
-def test_bones_that_the_motion_says_nothing_of_stay_as_they_are_posed(blender):  # noqa: F811
+def test_bones_that_the_motion_says_nothing_of_stay_as_they_are_posed(blender):
     armature = built("mixamo")
     bone = armature.pose.bones["mixamorig:LeftShoulder"]
     bone.rotation_quaternion = (0.96, 0.2, 0.1, 0.16)
@@ -287,7 +289,7 @@ def test_bones_that_the_motion_says_nothing_of_stay_as_they_are_posed(blender): 
     assert report["not_in_source"] == ["mixamorig:LeftShoulder", "mixamorig:RightShoulder"]
 
 
-def test_a_character_in_an_excluded_collection_moves(blender):  # noqa: F811
+def test_a_character_in_an_excluded_collection_moves(blender):
     armature = built("mixamo")
     closet = bpy.data.collections.new("closet")
     bpy.context.scene.collection.children.link(closet)
@@ -301,7 +303,7 @@ def test_a_character_in_an_excluded_collection_moves(blender):  # noqa: F811
     assert joint_errors(armature, report, given) < 1e-4
 
 
-def test_motion_comes_from_any_armature(blender):  # noqa: F811
+def test_motion_comes_from_any_armature(blender):
     """From the body to a Mixamo character, and from there to an Unreal one."""
     first, second = built("mixamo", np.radians(45)), built("unreal", name="other")
     given = source()
@@ -320,7 +322,7 @@ def test_the_operator_sends_another_armatures_motion(tracked):
     assert settings.target.animation_data.action is not None
 
 
-def test_relative_paths_of_a_character_still_lead_where_they_led(blender, tmp_path):  # noqa: F811
+def test_relative_paths_of_a_character_still_lead_where_they_led(blender, tmp_path):
     (tmp_path / "deep").mkdir()
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "character.blend"))
     bpy.data.images.new("skin", 4, 4).filepath = "//skin.png"
@@ -358,7 +360,7 @@ def test_a_character_that_follows_live_does_what_keys_would_make_it_do(tracked, 
     assert np.abs(followed - keyed).max() < 1e-4
 
 
-def test_a_hand_shape_is_keyed_on_whatever_axes_the_fingers_have(blender):  # noqa: F811
+def test_a_hand_shape_is_keyed_on_whatever_axes_the_fingers_have(blender):
     """On Rigify's metarig: fingertips come near the palm, in quaternions and in Euler angles."""
     rig = metarig()
 

@@ -7,13 +7,15 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, joint_error, motion  # noqa: E402, F401
+from addon_shots import joint_error, motion  # noqa: E402
 from kfmocap.core.body import human, part_poses  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature, sides  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
 from mathutils import Matrix  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
 
@@ -24,7 +26,7 @@ def body():
 
 
 @pytest.fixture
-def armature(blender, body):  # noqa: F811
+def armature(blender, body):
     return body_armature.build_armature(body, "man", bpy.context.scene.collection)
 
 

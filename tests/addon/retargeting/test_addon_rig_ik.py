@@ -7,7 +7,6 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender  # noqa: E402, F401
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
 from kfmocap.core.retargeting.transfer import RetargetOptions  # noqa: E402
@@ -15,6 +14,8 @@ from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # n
 from odd_characters import BODY, generated_rig  # noqa: E402
 from render.motions import MOTIONS  # noqa: E402
 from synthetic import swing  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
 

@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, joint_error  # noqa: E402, F401
+from addon_shots import joint_error  # noqa: E402
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
@@ -17,6 +17,8 @@ from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
 from mathutils import Matrix  # noqa: E402
 from odd_characters import BODY, CONTROL, add_bones, bind, bone_names, layered_human, points_of, skinned_human  # noqa: E402
 from synthetic import swing  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
 

@@ -9,7 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, joint_error  # noqa: E402, F401
+from addon_shots import joint_error  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.rigs.rig_at_rest import update  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.rigs.rig_reading import moved_matrices  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
@@ -17,6 +17,8 @@ from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
 from odd_characters import generated_animal  # noqa: E402
 from synthetic import swing  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
 

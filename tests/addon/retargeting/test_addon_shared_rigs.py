@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, joint_error  # noqa: E402, F401
+from addon_shots import joint_error  # noqa: E402
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import find_target, send_to_rig  # noqa: E402
@@ -18,6 +18,8 @@ from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
 from mathutils import Euler, Matrix  # noqa: E402
 from odd_characters import BODY, UNREAL, generated_rig, limited_legs, linked, skinned_human, unreal_like  # noqa: E402
 from synthetic import swing  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
 

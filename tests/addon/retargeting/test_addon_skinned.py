@@ -9,7 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, joint_error  # noqa: E402, F401
+from addon_shots import joint_error  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.body.soles import Soles  # noqa: E402
@@ -21,6 +21,8 @@ from kfmocap.kfmocap_addon.scene_io.characters import skinned_parts, skins  # no
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402
 from odd_characters import as_imported, bind, foreign_armature, mixamo_like, points_of, quadruped  # noqa: E402
 from scipy.spatial import ConvexHull  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
 

@@ -9,7 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import blender, joint_error  # noqa: E402, F401
+from addon_shots import joint_error  # noqa: E402
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting import live, send  # noqa: E402
@@ -30,6 +30,8 @@ from odd_characters import (  # noqa: E402
     switched_human,
 )
 from synthetic import swing  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
 
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
 

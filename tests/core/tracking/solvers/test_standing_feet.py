@@ -10,8 +10,8 @@ import pytest
 from kfmocap.core.body import Body, human, part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.body.soles import Soles
-from kfmocap.core.numerics.arrays import runs
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
+from kfmocap.core.numerics.frame_ranges import runs
 from kfmocap.core.retargeting.foot_clean_up import with_clean_feet
 from kfmocap.core.shot.shot import KeyPoses, Settings
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
