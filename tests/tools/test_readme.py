@@ -96,7 +96,7 @@ def test_the_python_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     from kfmocap.kfmocap_addon import registration
 
     (tmp_path / "examples").mkdir()
-    short_walk(tmp_path / "examples" / "walk", 12)
+    short_walk(tmp_path / "examples" / "walk", 12, settings=["working_size = 160", "limb_search = false"])
     monkeypatch.chdir(tmp_path)
     examples = blocks(ROOT / "docs" / "python.md", "python")
     assert blocks(ROOT / "README.md", "python") == examples[:1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -26,7 +27,9 @@ SIDE = 1
 KEYS = (0, WHOLE, LENGTH - 1)
 
 
+@cache
 def pictures(name: str) -> list[np.ndarray]:
+    """What a camera shows; nobody changes it."""
     poses = poses_of([BODY], [TRUTH])
     return [cv2.cvtColor(picture([BODY], poses, f, CAMERAS[name]), cv2.COLOR_GRAY2BGR) for f in FRAMES.tolist()]
 
