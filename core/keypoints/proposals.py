@@ -15,8 +15,9 @@ from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress
 from ..shot.acceleration_prior import acceleration_precision
 from ..shot.detections import Detections
+from ..shot.fixed_degrees import fixed_degrees
 from ..shot.performer_request import PerformerRequest
-from ..shot.shot import KeyPoses, Performer, Shot, fixed_degrees
+from ..shot.shot import KeyPoses, Performer, Shot
 from .association.assignment import Identity
 from .keypoint_motion.first_pass import first_pass, scaled_first_pass
 from .keypoint_motion.keypoint_fit import KeypointFit

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ..body import Body
 from ..body.motion import Motion, stacked
-from ..body.unknown_parts import resting_parts
 from ..cameras.camera import Camera
 from ..choices import BEST_SOLVER, SOLVERS, either
 from ..errors import ShotError, shortened
@@ -154,21 +153,6 @@ class Performer:
     fingers: bool = field(default=False, compare=False)
 
 
-def fixed_degrees(performer: Performer, first: int, last: int) -> NDArray[np.bool_]:
-    """Return which degrees of freedom are held on frames first to last, shape (F, D): by key poses, by locked joints,
-    or because the part is unknown and rests.
-    """
-    body = performer.body
-    fixed = np.zeros((last + 1 - first, body.dof), dtype=bool)
-    keys = performer.key_poses
-    inside = (keys.frames >= first) & (keys.frames <= last)
-    fixed[keys.frames[inside] - first] = keys.fixed[inside]
-    locked = body.limits[..., 0] == body.limits[..., 1]
-    locked[resting_parts(body, performer.unknown)] = True
-    fixed[:, 3:] |= locked.ravel()
-    return fixed
-
-
 ONE_VIEW_LENGTHS, SEVERAL_VIEWS_LENGTHS = (0.2, 0.25), (0.1, 0.1)
 """Correlation lengths of pixels and of outlines, metres; with several views, the width of a limb."""
 
@@ -255,9 +239,9 @@ class Settings:
         if self.broken_keypoints not in BROKEN_KEYPOINTS:
             what, todo = f"unknown value '{self.broken_keypoints}'", f"use {either(BROKEN_KEYPOINTS)}"
             raise ShotError(what, where="[track] broken_keypoints", todo=todo)
-        offset = self.footage_offset
-        if offset is not None and not abs(offset) <= MAX_OFFSET:
-            raise ShotError(f"it is {offset!r}", where="[track] footage_offset", todo="give -0.5 to 0.5 frames")
+        if not abs(self.footage_offset or 0.0) <= MAX_OFFSET:
+            what, todo = f"it is {self.footage_offset!r}", "give -0.5 to 0.5 frames"
+            raise ShotError(what, where="[track] footage_offset", todo=todo)
         if self.search_seed < 0:
             raise ShotError(f"it is {self.search_seed!r}", where="[track] search_seed", todo="give 0 or more")
         if self.threads is not None and not 1 <= self.threads <= MAX_THREADS:
@@ -286,16 +270,14 @@ class Settings:
 
         With one view, constant errors of the model's shape and of the calibration look like motion, so pixels have less
         weight. With one view or two key poses, and no keypoints in two views, the accelerations of single joints cannot
-        be estimated: only a common scale is, which corrects most for a wrong frame rate. The relaxation needs none of
-        this.
+        be estimated: only a common scale is, which corrects most for a wrong frame rate. The relaxation needs none.
         """
         shown = key_frames > 2 or keypoint_views > 1
         can_estimate = views > 1 and shown and self.solver_estimates
         settings = self.with_lengths(*SEVERAL_VIEWS_LENGTHS) if can_estimate else self
-        return replace(
-            settings,
-            estimate_smoothness=True if can_estimate and self.estimate_smoothness is None else self.estimate_smoothness,
-        )
+        if can_estimate and settings.estimate_smoothness is None:
+            settings = replace(settings, estimate_smoothness=True)
+        return settings
 
     def with_lengths(self, pixels: float, outlines: float) -> Settings:
         """Return the settings with correlation lengths, metres, where none are given."""

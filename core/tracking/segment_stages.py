@@ -20,7 +20,8 @@ from ..keypoints.keypoint_factor import KeypointFactor
 from ..keypoints.observations import ShotKeypoints
 from ..numerics.arrays import Array
 from ..shot.acceleration_prior import usual_variances, variances_from_key_poses
-from ..shot.shot import Shot, fixed_degrees
+from ..shot.fixed_degrees import fixed_degrees
+from ..shot.shot import Shot
 from .appearance import key_frame_shape
 from .segments import Segment, keyed_frames, posed_frames
 from .solvers.equations.contact_factor import ContactFactor

@@ -25,11 +25,12 @@ from ..runtime.threads import one_library_thread, worker_count
 from ..runtime.timing import Seconds
 from ..runtime.worker_pool import WorkerPool
 from ..shot.carried_motion import carried
+from ..shot.fixed_degrees import fixed_degrees
 from ..shot.footage_faults.footage_checks import check_view
 from ..shot.footage_faults.footage_times import FootageRate
 from ..shot.grips import completed
 from ..shot.keypose_spline import spline
-from ..shot.shot import Shot, fixed_degrees
+from ..shot.shot import Shot
 from ..shot.shot_spec import ShotSpec
 from .damaged_footage import decoder_messages, found_damage, known_damage, without_damaged
 from .footage_gaps import MAX_GAPS, fits_better, unaffected, with_found_gaps, with_gaps, with_timed_gaps

@@ -21,9 +21,10 @@ from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.keypoints.observations import fit_keypoints, image_rays, performer_keypoints
 from kfmocap.core.review.report_text import report_lines
 from kfmocap.core.review.track_report import report
+from kfmocap.core.shot.fixed_degrees import fixed_degrees
 from kfmocap.core.shot.keypose_spline import spline
 from kfmocap.core.shot.performer_request import PerformerRequest
-from kfmocap.core.shot.shot import KeyPoses, Performer, Settings, Shot, View, fixed_degrees
+from kfmocap.core.shot.shot import KeyPoses, Performer, Settings, Shot, View
 from kfmocap.core.tracking.prepare import load_shot
 from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.selection import selected

@@ -18,7 +18,8 @@ from kfmocap.core.formats import save_cameras, write_trc
 from kfmocap.core.formats.trc import read_trc
 from kfmocap.core.review.report_text import report_lines
 from kfmocap.core.review.track_report import report
-from kfmocap.core.shot.shot import Shot, fixed_degrees
+from kfmocap.core.shot.fixed_degrees import fixed_degrees
+from kfmocap.core.shot.shot import Shot
 from kfmocap.core.tracking.prepare import load_shot
 from kfmocap.core.tracking.tracker import track
 
