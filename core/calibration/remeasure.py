@@ -17,8 +17,8 @@ from ..capture.capture import Markers
 from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress, share
 from ..shot.footage import pictures
+from .balls.ball_appearance import BallAppearance, BallGuess, BallImage
 from .balls.ball_images import fit_ball
-from .balls.ball_looks import BallGuess, BallImage, BallLooks
 from .calibration_result import CalibrationResult
 from .expected_balls import MIN_WAND_FRAMES, ExpectedBalls, ball_diameter, wand_path
 from .lframe.lframe_markers import SeenBalls, still_picture
@@ -122,9 +122,9 @@ class _RemeasuredView:
 
     def measured(self, progress: Progress | None) -> SeenView:
         """Return the view with its small balls measured again."""
-        plate, looks = self._learned()
+        plate, appearance = self._learned()
         lframe = self.seen.lframe if self.seen.videos.lframe is None else self.lframe_again(plate)
-        wand = self._wand(plate, looks, progress)
+        wand = self._wand(plate, appearance, progress)
         return replace(self.seen, lframe=lframe, wand=wand, background=plate.astype(np.float32))
 
     def _found(self) -> _MeasuredBalls:
@@ -140,7 +140,7 @@ class _RemeasuredView:
             rows.points[frame], rows.sigma[frame], rows.radii[frame] = points[order], sigma[order], radii[order]
         return rows
 
-    def _learned(self) -> tuple[Image, _Looks]:
+    def _learned(self) -> tuple[Image, _VideoAppearance]:
         """Learn the background, and the appearance of the wand's balls, from some of the frames."""
         found = self._found()
         whole = np.flatnonzero(np.isfinite(found.points).all(axis=(1, 2)) & self.wand.small.all(axis=1))
@@ -152,7 +152,7 @@ class _RemeasuredView:
         shares = []
         for f in sorted(sampled & set(kept)):
             for end in range(2):
-                ball = fit_ball(kept[f], plate, self._guess(f, end, found.points[f, end], _Looks()))
+                ball = fit_ball(kept[f], plate, self._guess(f, end, found.points[f, end], _VideoAppearance()))
                 if ball is None or ball.explained < _MIN_EXPLAINED:
                     continue
                 lights[end].append(np.log(ball.light))
@@ -161,25 +161,25 @@ class _RemeasuredView:
                     shares.append(float(np.linalg.norm(ball.path)) / speed)
         usual = [np.exp(np.median(own, axis=0)) if len(own) >= MIN_WAND_FRAMES else None for own in lights]
         if len(shares) < MIN_WAND_FRAMES:
-            return plate, _Looks((usual[0], usual[1]))
-        return plate, _Looks((usual[0], usual[1]), min(float(np.median(shares)), 1.0), _EXPOSURE_SIGMA)
+            return plate, _VideoAppearance((usual[0], usual[1]))
+        return plate, _VideoAppearance((usual[0], usual[1]), min(float(np.median(shares)), 1.0), _EXPOSURE_SIGMA)
 
-    def _guess(self, frame: int, end: int, centre: Array, looks: _Looks) -> BallGuess:
+    def _guess(self, frame: int, end: int, centre: Array, appearance: _VideoAppearance) -> BallGuess:
         radius = float(self.wand.radii[frame, end])
         rods, starts = self.wand.rods(frame, end, [1 - end])
-        path = looks.exposure * self.wand.velocities[frame, end]
+        path = appearance.exposure * self.wand.velocities[frame, end]
         return BallGuess(
             centre,
             radius,
             self.radius_sigma[1],
             path=path,
-            path_sigma=looks.exposure_sigma,
+            path_sigma=appearance.exposure_sigma,
             rods=rods,
             starts=starts,
-            light=looks.lights[end],
+            light=appearance.lights[end],
         )
 
-    def _wand(self, plate: Image, looks: _Looks, progress: Progress | None) -> SeenBalls:
+    def _wand(self, plate: Image, appearance: _VideoAppearance, progress: Progress | None) -> SeenBalls:
         rows = self._found()
         aside = np.zeros((2, 2))  # of the ball on the frame before from where it was expected
         count = len(rows.points)
@@ -188,25 +188,25 @@ class _RemeasuredView:
                 break
             report_progress(progress, f"{self.seen.videos.camera}: small balls", f / count)
             for end in np.flatnonzero(self.wand.small[f]):
-                ball = self._ball(image, plate, rows.points[f, end], (f, int(end), aside[end]), looks)
+                ball = self._ball(image, plate, rows.points[f, end], (f, int(end), aside[end]), appearance)
                 aside[end] = 0.0 if ball is None else ball.centre - self.wand.centres[f, end]
-                if ball is not None or looks.lights[end] is not None:
+                if ball is not None or appearance.lights[end] is not None:
                     rows.put(f, int(end), ball)
         kept = np.flatnonzero(np.isfinite(rows.sigma).any(axis=1))
         markers = Markers(kept, rows.points[kept], rows.sigma[kept], rows.elongation[kept])
         return SeenBalls(markers, rows.radii[kept])
 
     def _ball(
-        self, image: Image, plate: Image, before: Array, where: tuple[int, int, Array], looks: _Looks
+        self, image: Image, plate: Image, before: Array, where: tuple[int, int, Array], appearance: _VideoAppearance
     ) -> BallImage | None:
         """Measure one end of the wand on one frame; None if it is not seen."""
         frame, end, aside = where
         expected = self.wand.centres[frame, end]
-        usual = looks.lights[end]
+        usual = appearance.lights[end]
         was_seen = bool(np.linalg.norm(before - expected) < _MAX_DISTANCE)
         if usual is None and not was_seen:
             return None
-        ball = fit_ball(image, plate, self._guess(frame, end, before if was_seen else expected + aside, looks))
+        ball = fit_ball(image, plate, self._guess(frame, end, before if was_seen else expected + aside, appearance))
         if ball is None or ball.explained < _MIN_EXPLAINED or np.linalg.norm(ball.centre - expected) > _MAX_DISTANCE:
             return None
         if usual is not None and np.abs(np.log(ball.light / usual)).max() > np.log(_MAX_LIGHT_RATIO):
@@ -225,8 +225,8 @@ class _RemeasuredView:
         fitted = self._lframe_balls(image, empty, m.points[0])
         if len(fitted) > 1:
             # A rod may hide whether the light comes from one side or the ball lies elsewhere: other balls show it.
-            looks = BallLooks.common([ball.looks for ball in fitted.values()])
-            fitted |= self._lframe_balls(image, empty, m.points[0], looks)
+            appearance = BallAppearance.common([ball.appearance for ball in fitted.values()])
+            fitted |= self._lframe_balls(image, empty, m.points[0], appearance)
         usual = np.median([np.log(ball.light) for ball in fitted.values()], axis=0) if fitted else np.zeros(3)
         for k, ball in fitted.items():
             alike = np.abs(np.log(ball.light) - usual).max() < np.log(_MAX_LIGHT_RATIO)
@@ -237,7 +237,7 @@ class _RemeasuredView:
         return SeenBalls(Markers(m.frames, rows.points, rows.sigma, rows.elongation), rows.radii)
 
     def _lframe_balls(
-        self, image: Array, empty: Image | None, found: Array, looks: BallLooks | None = None
+        self, image: Array, empty: Image | None, found: Array, appearance: BallAppearance | None = None
     ) -> dict[int, BallImage]:
         """Those of the L-frame's small balls that are seen, from where they were found (4, 2) before, or not: NaN."""
         fitted: dict[int, BallImage] = {}
@@ -245,7 +245,7 @@ class _RemeasuredView:
             rods, starts = self.lframe.rods(0, k, [b if a == k else a for a, b in LFRAME_ARMS if k in (a, b)])
             missed = bool(np.isnan(found[k]).any())
             expected, radius = self.lframe.centres[0, k], float(self.lframe.radii[0, k])
-            guess = BallGuess(expected if missed else found[k], radius, self.radius_sigma[0], looks=looks)
+            guess = BallGuess(expected if missed else found[k], radius, self.radius_sigma[0], appearance=appearance)
             ball = fit_ball(image, empty, replace(guess, rods=rods, starts=starts))
             far = missed and ball is not None and np.linalg.norm(ball.centre - expected) > _MAX_DISTANCE
             if ball is not None and ball.explained > _MIN_EXPLAINED and not far:
@@ -287,7 +287,7 @@ class _MeasuredBalls:
 
 
 @dataclass(frozen=True, eq=False)
-class _Looks:
+class _VideoAppearance:
     """The appearance of the wand's balls in a video: colours in linear light, and exposure as a fraction of a frame."""
 
     lights: tuple[Array | None, Array | None] = (None, None)

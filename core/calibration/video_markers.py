@@ -20,7 +20,7 @@ from .balls.found_balls import Balls
 from .calibration_result import CalibrationResult
 from .lframe.lframe_markers import SeenBalls, SeenLFrame, expected_lframe, find_lframe, spread_out, usual_matrix
 from .solving.wand_triangulation import projected
-from .wand_detection import Pairs, WandLooks, find_pairs, likeliest_pairs, swapped_ends
+from .wand_detection import Pairs, WandAppearance, find_pairs, likeliest_pairs, swapped_ends
 
 MIN_LFRAME_VIEWS = 2
 """Least number of views in which the L-frame must be found."""
@@ -194,11 +194,11 @@ def find_wand(view: CaptureVideoView, videos: CaptureVideos, count: int, progres
         They are seen on too few frames; names the video.
     """
     longest = videos.wand_length / videos.wand_diameter if videos.wand_diameter else None
-    looks = WandLooks.learned(list(spread_out(view.wand, _SAMPLED_FRAMES)), videos.wand_colours)
+    appearance = WandAppearance.learned(list(spread_out(view.wand, _SAMPLED_FRAMES)), videos.wand_colours)
     seen: list[Pairs] = []
     for k, image in enumerate(pictures(view.wand)):
         report_progress(progress, f"{view.camera}: wand", min(k / max(count, 1), 1.0))
-        seen.append(find_pairs(image, videos.wand_colours, longest, looks))
+        seen.append(find_pairs(image, videos.wand_colours, longest, appearance))
     path = likeliest_pairs(seen, longest)
     frames = np.flatnonzero(path >= 0)
     if len(frames) < max(3, _MIN_WAND_SHARE * len(seen)):
@@ -214,7 +214,7 @@ def find_wand(view: CaptureVideoView, videos: CaptureVideos, count: int, progres
         swapped = _swaps(frames, points, radii)
         for values in (points, sigma, radii):
             values[swapped] = values[swapped][:, ::-1]
-    return SeenBalls(Markers(frames, points, sigma), radii, looks.interlaced)
+    return SeenBalls(Markers(frames, points, sigma), radii, appearance.interlaced)
 
 
 def _swaps(frames: NDArray[np.int64], points: Array, radii: Array) -> NDArray[np.bool_]:

@@ -76,7 +76,7 @@ class Pairs:
 
 
 @dataclass(frozen=True, eq=False)
-class WandLooks:
+class WandAppearance:
     """What a camera's video shows behind the wand, and how its balls look there.
 
     Attributes
@@ -97,7 +97,7 @@ class WandLooks:
     interlaced: bool = False
 
     @classmethod
-    def learned(cls, images: Sequence[Image], colours: Sequence[Colour]) -> WandLooks:
+    def learned(cls, images: Sequence[Image], colours: Sequence[Colour]) -> WandAppearance:
         """From frames from all over the video."""
         plate = np.median(images, axis=0).astype(np.uint8)
         background = background_of([plate])
@@ -114,7 +114,9 @@ def _samples(picture: Picture, colour: Colour) -> Iterator[BallSample]:
         yield BallSample(picture.even, centre, float(radius))
 
 
-def find_pairs(image: Image, colours: Sequence[Colour], longest: float | None, looks: WandLooks | None = None) -> Pairs:
+def find_pairs(
+    image: Image, colours: Sequence[Colour], longest: float | None, appearance: WandAppearance | None = None
+) -> Pairs:
     """Every two balls in a picture that could be a wand.
 
     Parameters
@@ -125,12 +127,12 @@ def find_pairs(image: Image, colours: Sequence[Colour], longest: float | None, l
         The first ball's and the second's, or one for both.
     longest : float or None
         The wand's length over the balls' diameter, where it is known.
-    looks : WandLooks, optional
+    appearance : WandAppearance, optional
         What is known of this video.
     """
-    passing = (None,) * len(colours) if looks is None else looks.passing
-    picture = Picture.of(image, looks.background if looks is not None and None in passing else None)
-    frame = None if looks is None else looks.backdrop.frame(picture.even)
+    passing = (None,) * len(colours) if appearance is None else appearance.passing
+    picture = Picture.of(image, appearance.background if appearance is not None and None in passing else None)
+    frame = None if appearance is None else appearance.backdrop.frame(picture.even)
     found = [_found(picture, colour, frame, own) for colour, own in zip(colours, passing, strict=True)]
     first, second = found[0], found[-1]
     a, b = first.balls, second.balls

@@ -15,7 +15,7 @@ from ...numerics.arrays import Array, Bools
 from ...numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
 from ...numerics.normal_equations import DenseEquations
 from ...numerics.robust_kernels import Cauchy
-from .ball_looks import BallGuess, BallImage, BallLooks
+from .ball_appearance import BallAppearance, BallGuess, BallImage
 from .ball_rendering import (
     CENTRE,
     LIGHT,
@@ -50,7 +50,7 @@ _COMPARED = np.array([_BRIGHTNESS, _COLOURS, _COLOURS])[:, None] * [
 _PIXEL_SIGMA = 0.02  # of what the model leaves, levels from 0 to 1
 _KERNEL = Cauchy(3.0)
 _PIXELS_PER_OBSERVATION = 2.0  # pixels that count as one observation, as blur correlates them
-_LOOKS_SIGMA = 0.1  # standard deviation of how balls of one view look, about what they have in common
+_APPEARANCE_SIGMA = 0.1  # standard deviation of how balls of one view look, about what they have in common
 _MIN_SIGMA = 0.03  # standard deviation that the best of images leaves, pixels
 _ROD_SIGMA = 0.1  # what the shape of a rod where it meets the ball adds along the rod, pixels
 _ROD_SHARE = 0.2  # and as a share of the path: a rod turns while the shutter is open
@@ -90,7 +90,7 @@ def fit_ball(image: Image, plate: Array | None, guess: BallGuess) -> BallImage |
         centre=x[CENTRE],
         radius=float(x[RADIUS]),
         path=x[PATH],
-        looks=BallLooks(
+        appearance=BallAppearance(
             x[LIGHT],
             x[SHADE],
             float(x[WIDTH] / x[RADIUS]) if fit.unknowns.free[WIDTH] else np.nan,
@@ -174,12 +174,12 @@ def _start(window: BallWindow, guess: BallGuess) -> tuple[Array, Array, Bools]:
     start[WIDTH], sigma[WIDTH] = 0.3 * guess.radius, 0.1 * guess.radius
     start[ROD_LIGHT] = np.log(0.05)
     start[STARTS][:rods], sigma[STARTS] = guess.starts, 0.25
-    if guess.looks is not None:
-        start[LIGHT], sigma[LIGHT] = guess.looks.light, _LOOKS_SIGMA
-        start[SHADE], sigma[SHADE] = guess.looks.shade, _LOOKS_SIGMA
-        if rods and np.isfinite(guess.looks.width):
-            start[WIDTH], sigma[WIDTH] = guess.looks.width * guess.radius, _LOOKS_SIGMA * guess.radius
-            start[ROD_LIGHT], sigma[ROD_LIGHT] = guess.looks.rod_light, _LOOKS_SIGMA
+    if guess.appearance is not None:
+        start[LIGHT], sigma[LIGHT] = guess.appearance.light, _APPEARANCE_SIGMA
+        start[SHADE], sigma[SHADE] = guess.appearance.shade, _APPEARANCE_SIGMA
+        if rods and np.isfinite(guess.appearance.width):
+            start[WIDTH], sigma[WIDTH] = guess.appearance.width * guess.radius, _APPEARANCE_SIGMA * guess.radius
+            start[ROD_LIGHT], sigma[ROD_LIGHT] = guess.appearance.rod_light, _APPEARANCE_SIGMA
     free = np.ones(UNKNOWNS, bool)
     free[PATH] = length > 0
     free[WIDTH] = free[ROD_LIGHT] = rods > 0

@@ -18,7 +18,7 @@ from scipy.special import ndtr
 
 from ...capture.linear_light import GAMMA, linear_light
 from ...numerics.arrays import Array
-from .ball_looks import BallGuess
+from .ball_appearance import BallGuess
 
 Image = NDArray[Any]
 

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.calibration.balls import ball_images
+from kfmocap.core.calibration.balls.ball_appearance import BallAppearance, BallGuess
 from kfmocap.core.calibration.balls.ball_images import fit_ball
-from kfmocap.core.calibration.balls.ball_looks import BallGuess, BallLooks
 from render.drawing import Canvas
 from render.drawn_takes import HARDSHIPS, drawn_take
 from render.waving import lframe_pictures
@@ -119,8 +119,8 @@ def test_balls_of_an_lframe_are_measured_better_by_how_they_look_all():
             rods = ways / np.linalg.norm(ways, axis=1, keepdims=True)
             guesses.append(BallGuess(pixels[ball], radius, rods=rods, starts=starts))
         alone = [fit_ball(image, floor, guess) for guess in guesses]
-        looks = BallLooks.common([ball.looks for ball in alone])
-        alike = [fit_ball(image, floor, replace(guess, looks=looks)) for guess in guesses]
+        appearance = BallAppearance.common([ball.appearance for ball in alone])
+        alike = [fit_ball(image, floor, replace(guess, appearance=appearance)) for guess in guesses]
         off.append([[ball.centre for ball in balls] - pixels for balls in (alone, alike)])
     alone_off, alike_off = np.sqrt(np.mean(np.square(off), axis=(0, 2, 3)))
     assert alike_off < 0.95 * alone_off

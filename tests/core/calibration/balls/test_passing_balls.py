@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from kfmocap.core.calibration.balls.ball_detection import Picture, background_of, find_balls
 from kfmocap.core.calibration.balls.passing_balls import Backdrop, BallSample, PassingBalls, PassingFrame
-from kfmocap.core.calibration.wand_detection import WandLooks, find_pairs
+from kfmocap.core.calibration.wand_detection import WandAppearance, find_pairs
 from kfmocap.core.capture.colours import parsed
 from render.drawing import Ball, Canvas, Rod
 from render.waving import PAINT, SensorNoise
@@ -49,10 +49,10 @@ def waved(seed: int, path: float) -> tuple[list[Ball | Rod], np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def looks(canvas: Canvas) -> WandLooks:
+def appearance(canvas: Canvas) -> WandAppearance:
     """Learned from frames on which the wand moves slowly or fast."""
     images = [filmed(canvas, waved(seed, 0.01 + 0.01 * (seed % 4))[0], seed) for seed in range(24)]
-    learned = WandLooks.learned(images, [parsed(colour, "here") for colour in COLOURS])
+    learned = WandAppearance.learned(images, [parsed(colour, "here") for colour in COLOURS])
     assert None not in learned.passing
     return learned
 
@@ -61,20 +61,20 @@ def even(image: np.ndarray) -> np.ndarray:
     return Picture.of(image).even
 
 
-def compared(looks: WandLooks, image: np.ndarray) -> PassingFrame:
-    return looks.backdrop.frame(even(image))
+def compared(appearance: WandAppearance, image: np.ndarray) -> PassingFrame:
+    return appearance.backdrop.frame(even(image))
 
 
 @pytest.mark.parametrize("light", [DIM, 0.75 * DIM, 1.2 * DIM])
-def test_streaks_three_balls_long_are_found_in_dim_light_whatever_the_exposure(canvas, looks, light):
+def test_streaks_three_balls_long_are_found_in_dim_light_whatever_the_exposure(canvas, appearance, light):
     alone, found, errors, deviations, others = 0, 0, [], [], 0
     for seed in range(100, 120):
         things, pixels = waved(seed, 0.1)
         image = filmed(canvas, things, seed, light)
-        for colour, passing, true in zip(COLOURS, looks.passing, pixels, strict=True):
-            balls = find_balls(Picture.of(image, looks.background), parsed(colour, "here"))
+        for colour, passing, true in zip(COLOURS, appearance.passing, pixels, strict=True):
+            balls = find_balls(Picture.of(image, appearance.background), parsed(colour, "here"))
             alone += bool((np.linalg.norm(balls.centres - true, axis=1) < 2).any())
-            brought_out = passing.find(compared(looks, image))
+            brought_out = passing.find(compared(appearance, image))
             off = np.linalg.norm(brought_out.centres - true, axis=1)
             others += int((off > 4).sum())
             if (off < 2).any():
@@ -87,20 +87,20 @@ def test_streaks_three_balls_long_are_found_in_dim_light_whatever_the_exposure(c
     assert 0.5 < np.sqrt(np.mean((np.array(errors) / deviations) ** 2) / 2) < 2
 
 
-def test_rods_shadows_and_noise_are_not_taken_for_balls(canvas, looks):
+def test_rods_shadows_and_noise_are_not_taken_for_balls(canvas, appearance):
     for seed in range(200, 208):
         things, _ = waved(seed, 0.05)
         shadow = np.float32(1) - 0.2 * (np.indices(SIZE[::-1])[1] > 30 * (seed - 195)).astype(np.float32)
         light = np.float32(DIM) * shadow[..., None] * canvas.drawn([things[2]])
         image = SensorNoise(SIZE, seed, NOISE).record(light)
-        assert sum(len(passing.find(compared(looks, image)).centres) for passing in looks.passing) == 0
+        assert sum(len(passing.find(compared(appearance, image)).centres) for passing in appearance.passing) == 0
 
 
-def test_a_wand_is_found_as_a_pair(canvas, looks):
+def test_a_wand_is_found_as_a_pair(canvas, appearance):
     right = 0
     for seed in range(300, 312):
         things, pixels = waved(seed, 0.08)
-        pairs = find_pairs(filmed(canvas, things, seed), [parsed(c, "here") for c in COLOURS], 0.5 / 0.03, looks)
+        pairs = find_pairs(filmed(canvas, things, seed), [parsed(c, "here") for c in COLOURS], 0.5 / 0.03, appearance)
         off = np.linalg.norm(pairs.centres - pixels, axis=-1).max(axis=1)
         right += bool((off < 2.5).any())
     assert right >= 10

@@ -110,8 +110,8 @@ def test_a_limb_is_held_the_less_the_more_of_it_another_view_sees_on_the_backgro
     geometry, poses = Geometry.of([BODY]), poses_of([BODY], [truth])
 
     def held(*views: ViewFrames) -> Array:
-        looks = [ViewRatios.of(view, problem_of(truth, *views), 0, [truth]) for view in views]
-        return _seen_shares(looks, geometry, poses, left)
+        ratios = [ViewRatios.of(view, problem_of(truth, *views), 0, [truth]) for view in views]
+        return _seen_shares(ratios, geometry, poses, left)
 
     assert held(views[0]).min() > 0.4 and held(*views).min() > 0.4
     seen = render_labels(geometry, FRONT.subsampled(3), 0, *poses).share[:, left]

@@ -160,11 +160,11 @@ def test_a_bent_limb_stays_where_it_covers_more_than_anything_that_is_found(prob
 
 @pytest.mark.usefixtures("without_descent")
 @pytest.mark.parametrize(
-    ("performers", "turn", "looks"),
+    ("performers", "turn", "rounds"),
     [(1, 0.0, MAX_RETURNS), (1, 0.3, MAX_SEARCH_ROUNDS), (2, 0.3, MAX_VAIN_ROUNDS), (2, 0.05, 1)],
 )
 def test_the_search_ends_once_the_limb_comes_to_rest_where_it_was_or_with_several_performers_without_success(
-    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch, performers: int, turn: float, looks: int
+    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch, performers: int, turn: float, rounds: int
 ) -> None:
     """The limb is led astray by a turn, farther with every round. One of several performers' is where it was, unless it
     is farther away than a descent reaches.
@@ -185,7 +185,7 @@ def test_the_search_ends_once_the_limb_comes_to_rest_where_it_was_or_with_severa
     solution = refined(several, apart, Workspace())
     asked.clear()
     with_limb_regained(several, solution, (0, ARM), Workspace())
-    assert asked == list(range(looks))
+    assert asked == list(range(rounds))
 
 
 @pytest.mark.parametrize(("against", "pixels", "expected"), [(2, 90, False), (2, 70, True), (0.5, 70, False)])

@@ -11,7 +11,7 @@ from ...numerics.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)
-class BallLooks:
+class BallAppearance:
     """How a ball and its rods look in one view: the balls of an L-frame have this in common.
 
     Attributes
@@ -32,7 +32,7 @@ class BallLooks:
     rod_light: Array
 
     @classmethod
-    def common(cls, several: Sequence[BallLooks]) -> BallLooks:
+    def common(cls, several: Sequence[BallAppearance]) -> BallAppearance:
         """What some balls have in common: the median of each number."""
         with_rods = [own for own in several if np.isfinite(own.width)] or several[:1]
         return cls(
@@ -66,7 +66,7 @@ class BallGuess:
         camera hides a part of the ball; one that leads away, from 1 on, is hidden by it.
     light : ndarray, shape (3,), optional
         Its colour in linear light, if it is known.
-    looks : BallLooks, optional
+    appearance : BallAppearance, optional
         How it and its rods look, if that is known from other balls of the same view.
     """
 
@@ -78,7 +78,7 @@ class BallGuess:
     rods: Array = field(default_factory=lambda: np.zeros((0, 2)))
     starts: Array = field(default_factory=lambda: np.zeros(0))
     light: Array | None = None
-    looks: BallLooks | None = None
+    appearance: BallAppearance | None = None
 
     @property
     def reach(self) -> float:
@@ -98,7 +98,7 @@ class BallImage:
         Pixels.
     path : ndarray, shape (2,)
         How far it moved during the exposure, pixels.
-    looks : BallLooks
+    appearance : BallAppearance
     sigma : float
         Standard deviation of each coordinate of the centre, pixels.
     elongation : ndarray, shape (2,)
@@ -110,7 +110,7 @@ class BallImage:
     centre: Array
     radius: float
     path: Array
-    looks: BallLooks
+    appearance: BallAppearance
     sigma: float
     elongation: Array
     explained: float
@@ -118,4 +118,4 @@ class BallImage:
     @property
     def light(self) -> Array:
         """Return the ball's colour in linear light, shape (3,)."""
-        return np.exp(self.looks.light)
+        return np.exp(self.appearance.light)
