@@ -177,11 +177,7 @@ def send_to_rig(
         "warnings": [
             *shown_at_rest,
             *rig_warnings.moving_as_a_whole(scene, armature, (int(frames[0]), int(frames[-1]))),
-            *rig_warnings.standing_wrongly(armature, sent.rig),
-            *rig_warnings.scaled_unevenly(armature, sent.rig),
-            *rig_warnings.set_elsewhere(armature, sent.settings),
-            *rig_warnings.freed(armature, sent.holds, "now" if options.live is not None else "in the new action"),
-            *rig_warnings.not_as_asked(sent.unsteady, errors, sent.result.placement.scale),
+            *_warnings(armature, sent, errors, live=options.live is not None),
         ],
         "seconds": round(time.perf_counter() - started, 3),
     }
@@ -316,6 +312,17 @@ def control_channels(
 def _hold_channel(bone: str, constraint: str) -> ControlChannel:
     """Return a channel with one key that removes a constraint's influence, so that the action includes it."""
     return ControlChannel(bone, f"constraints{fcurves.property_key(constraint)}.influence", np.zeros((1, 1)))
+
+
+def _warnings(armature: bpy.types.Object, sent: _Sent, errors: dict[str, Any], *, live: bool) -> list[str]:
+    """Return what the animator should know of a rig that a motion was put on, by sentences."""
+    return [
+        *rig_warnings.standing_wrongly(armature, sent.rig),
+        *rig_warnings.scaled_unevenly(armature, sent.rig),
+        *rig_warnings.set_elsewhere(armature, sent.settings),
+        *rig_warnings.freed(armature, sent.holds, "now" if live else "in the new action"),
+        *rig_warnings.not_as_asked(sent.unsteady, errors, sent.result.placement.scale),
+    ]
 
 
 def _report(

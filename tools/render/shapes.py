@@ -63,29 +63,41 @@ class Shape:
 
 def human_shapes(body: Body) -> tuple[Shape, ...]:
     """A clothed person, around the bones of `core.body.human`."""
-    length = {p.name: float(np.linalg.norm(p.tail_world - p.head_world)) for p in body.parts}
+    return (*_trunk_shapes(body), *_head_shapes(body), *(shape for side in "LR" for shape in _limb_shapes(body, side)))
 
-    def along(part: str, *stations: tuple[float, float, float, float]) -> Shape:
-        return Shape(part, (0, 0, 0), (0, length[part], 0), stations)
 
-    nose = body.landmarks["Nose"][1]
-    shapes = [
-        along(
+def _along(body: Body, part: str, *stations: tuple[float, float, float, float]) -> Shape:
+    """A shape along the whole bone of a part."""
+    bone = body.parts[body.index(part)]
+    return Shape(part, (0, 0, 0), (0, float(np.linalg.norm(bone.tail_world - bone.head_world)), 0), stations)
+
+
+def _trunk_shapes(body: Body) -> list[Shape]:
+    return [
+        _along(
+            body,
             "pelvis",
             (-0.7, 0.09, 0.085, -0.01),
             (-0.2, 0.152, 0.112, -0.014),
             (0.5, 0.15, 0.1, -0.006),
             (1.0, 0.138, 0.094, 0.0),
         ),
-        along("spine", (0.0, 0.138, 0.096, 0.0), (0.5, 0.133, 0.093, 0.0), (1.0, 0.142, 0.1, 0.0)),
-        along(
+        _along(body, "spine", (0.0, 0.138, 0.096, 0.0), (0.5, 0.133, 0.093, 0.0), (1.0, 0.142, 0.1, 0.0)),
+        _along(
+            body,
             "chest",
             (0.0, 0.142, 0.1, 0.0),
             (0.5, 0.155, 0.112, 0.004),
             (0.8, 0.145, 0.1, -0.006),
             (1.02, 0.09, 0.06, -0.014),
         ),
-        along("head", (-0.1, 0.055, 0.055, -0.012), (0.1, 0.052, 0.052, -0.004), (0.42, 0.05, 0.05, 0.004)),
+    ]
+
+
+def _head_shapes(body: Body) -> list[Shape]:
+    nose = body.landmarks["Nose"][1]
+    return [
+        _along(body, "head", (-0.1, 0.055, 0.055, -0.012), (0.1, 0.052, 0.052, -0.004), (0.42, 0.05, 0.05, 0.004)),
         Shape(
             "head",
             (0, 0.10, 0.045),
@@ -101,59 +113,66 @@ def human_shapes(body: Body) -> tuple[Shape, ...]:
             ((0.1, 0.015, 0.014, 0.0), (0.9, 0.008, 0.008, 0.0)),
         ),
     ]
-    for side in "LR":
-        sign = 1.0 if side == "L" else -1.0
-        shoulder = body.offsets[body.index(f"upper_arm.{side}")]
-        shapes += [
-            Shape(
-                "chest",
-                (sign * 0.05, shoulder[1] + 0.01, -0.015),
-                tuple(shoulder - [0, 0.018, 0]),
-                ((0.0, 0.05, 0.055, 0.0), (0.85, 0.05, 0.052, 0.0)),
-            ),
-            along(
-                f"upper_arm.{side}",
-                (0.05, 0.055, 0.056, 0.0),
-                (0.35, 0.051, 0.053, 0.0),
-                (1.0, 0.043, 0.044, 0.0),
-            ),
-            along(
-                f"forearm.{side}",
-                (0.0, 0.043, 0.044, 0.0),
-                (0.25, 0.045, 0.046, 0.0),
-                (0.7, 0.034, 0.036, 0.0),
-                (1.0, 0.025, 0.031, 0.0),
-            ),
-            along(
-                f"hand.{side}",
-                (0.0, 0.022, 0.03, 0.0),
-                (0.35, 0.018, 0.037, 0.0),
-                (0.65, 0.014, 0.034, 0.0),
-                (0.93, 0.009, 0.026, 0.0),
-            ),
-            Shape(
-                f"hand.{side}",
-                (0, 0.035, 0.035),
-                (0, 0.1, 0.06),
-                ((0.1, 0.015, 0.015, 0.0), (0.9, 0.01, 0.011, 0.0)),
-            ),
-            along(
-                f"thigh.{side}",
-                (0.05, 0.083, 0.092, 0.0),
-                (0.3, 0.082, 0.09, 0.0),
-                (0.7, 0.066, 0.07, 0.0),
-                (1.0, 0.056, 0.06, 0.0),
-            ),
-            along(
-                f"shin.{side}",
-                (0.0, 0.056, 0.06, 0.0),
-                (0.3, 0.056, 0.063, -0.012),
-                (0.6, 0.049, 0.055, -0.008),
-                (0.95, 0.05, 0.056, 0.0),
-            ),
-            _shoe(body, side),
-        ]
-    return tuple(shapes)
+
+
+def _limb_shapes(body: Body, side: str) -> list[Shape]:
+    """An arm with its shoulder, and a leg with its shoe."""
+    sign = 1.0 if side == "L" else -1.0
+    shoulder = body.offsets[body.index(f"upper_arm.{side}")]
+    return [
+        Shape(
+            "chest",
+            (sign * 0.05, shoulder[1] + 0.01, -0.015),
+            tuple(shoulder - [0, 0.018, 0]),
+            ((0.0, 0.05, 0.055, 0.0), (0.85, 0.05, 0.052, 0.0)),
+        ),
+        _along(
+            body,
+            f"upper_arm.{side}",
+            (0.05, 0.055, 0.056, 0.0),
+            (0.35, 0.051, 0.053, 0.0),
+            (1.0, 0.043, 0.044, 0.0),
+        ),
+        _along(
+            body,
+            f"forearm.{side}",
+            (0.0, 0.043, 0.044, 0.0),
+            (0.25, 0.045, 0.046, 0.0),
+            (0.7, 0.034, 0.036, 0.0),
+            (1.0, 0.025, 0.031, 0.0),
+        ),
+        _along(
+            body,
+            f"hand.{side}",
+            (0.0, 0.022, 0.03, 0.0),
+            (0.35, 0.018, 0.037, 0.0),
+            (0.65, 0.014, 0.034, 0.0),
+            (0.93, 0.009, 0.026, 0.0),
+        ),
+        Shape(
+            f"hand.{side}",
+            (0, 0.035, 0.035),
+            (0, 0.1, 0.06),
+            ((0.1, 0.015, 0.015, 0.0), (0.9, 0.01, 0.011, 0.0)),
+        ),
+        _along(
+            body,
+            f"thigh.{side}",
+            (0.05, 0.083, 0.092, 0.0),
+            (0.3, 0.082, 0.09, 0.0),
+            (0.7, 0.066, 0.07, 0.0),
+            (1.0, 0.056, 0.06, 0.0),
+        ),
+        _along(
+            body,
+            f"shin.{side}",
+            (0.0, 0.056, 0.06, 0.0),
+            (0.3, 0.056, 0.063, -0.012),
+            (0.6, 0.049, 0.055, -0.008),
+            (0.95, 0.05, 0.056, 0.0),
+        ),
+        _shoe(body, side),
+    ]
 
 
 def _shoe(body: Body, side: str) -> Shape:

@@ -6,8 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
+from kfmocap.benchmarks.studies.wand_captures import ring
 from kfmocap.core.calibration.solving import clocks
-from kfmocap.core.calibration.solving.clocks import Lag, find_offsets
+from kfmocap.core.calibration.solving.clocks import Lag, find_lag, find_offsets
+from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.capture.capture import Markers
 
 WANDS = [Markers(np.arange(1), np.full((1, 2, 2), float(v)), np.ones((1, 2))) for v in range(3)]
@@ -45,3 +47,23 @@ def test_the_surest_pairs_count(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_video_without_a_lag_has_no_offset(monkeypatch: pytest.MonkeyPatch) -> None:
     found = offsets(monkeypatch, {(0, 1): Lag(4.0, 0.2, 100)}, [1.0, 1.0, 1.0], [None, None, None])
     np.testing.assert_array_equal(found, [0.0, 4.0, np.nan])
+
+
+def waved(camera: Camera, late: float, *, turned: bool = False) -> Markers:
+    """A wand in a video that began some frames early, its ends in the other order if `turned`."""
+    frames = np.arange(400)
+    t = (frames - late)[:, None] / 30
+    centre = np.concatenate([0.6 * np.sin(1.3 * t), 0.6 * np.cos(0.9 * t), 1.2 + 0.4 * np.sin(2.1 * t)], axis=1)
+    along = np.concatenate([np.sin(1.7 * t), np.cos(2.3 * t), np.sin(0.7 * t + 1)], axis=1)
+    half = 0.25 * along / np.linalg.norm(along, axis=1, keepdims=True)
+    points = camera.project(np.stack([centre - half, centre + half], axis=1))
+    return Markers(frames, points[:, ::-1] if turned else points, np.ones((len(frames), 2)))
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_lag_is_found_whichever_end_of_the_wand_comes_first(turned: bool) -> None:
+    one, other = ring(2, 3)
+    found = find_lag(waved(one, 0.0), waved(other, 3.25, turned=turned))
+    assert found is not None
+    assert found.lag == pytest.approx(3.25, abs=0.1)
+    assert found.distance < 0.5
