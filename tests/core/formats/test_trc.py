@@ -31,6 +31,12 @@ def test_what_is_written_is_read_back(tmp_path_factory: pytest.TempPathFactory, 
     np.testing.assert_allclose(back.points_world, points, rtol=0, atol=1e-6)
 
 
+def test_frames_are_counted_from_1_and_times_from_0(tmp_path: Path) -> None:
+    write_trc(tmp_path / "motion.trc", ["Hip"], np.zeros((3, 1, 3)), 25.0)
+    rows = [line.split("\t")[:2] for line in (tmp_path / "motion.trc").read_text().splitlines()[5:]]
+    assert rows == [["1", "0.000000"], ["2", "0.040000"], ["3", "0.080000"]]
+
+
 def trc(tmp_path: Path, unit: str = "m", rows: str = "1\t0.0\t1\t2\t3\t4\t5\t6\n") -> Path:
     path = tmp_path / "landmarks.trc"
     path.write_text(
@@ -44,6 +50,13 @@ def trc(tmp_path: Path, unit: str = "m", rows: str = "1\t0.0\t1\t2\t3\t4\t5\t6\n
 def test_the_axes_are_y_z_x_of_the_z_up_world(tmp_path: Path, unit: str, metres: float) -> None:
     points = read_trc(trc(tmp_path, unit)).points_world
     np.testing.assert_allclose(points[0], np.array([[3, 1, 2], [6, 4, 5]]) * metres)
+
+
+@pytest.mark.parametrize("rate", ["", "0"])
+def test_a_frame_rate_that_is_not_stated_is_0(tmp_path: Path, rate: str) -> None:
+    path = trc(tmp_path)
+    path.write_text(path.read_text().replace("60\t1\t", f"{rate}\t1\t"))
+    assert read_trc(path).fps == 0
 
 
 def test_blanks_nan_and_missing_ends_are_not_seen(tmp_path: Path) -> None:

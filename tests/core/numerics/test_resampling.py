@@ -23,6 +23,13 @@ def test_times_begin_with_the_first_frame_and_end_by_the_last(rate, wanted, expe
     np.testing.assert_allclose(sample_times(10, 14, rate, wanted), expected)
 
 
+@pytest.mark.parametrize(("last", "rate", "wanted"), [(43, 23.976, 23.976), (125, 25, 24), (1001, 24, 30000 / 1001)])
+def test_rounding_neither_loses_the_last_frame_nor_goes_beyond_it(last: int, rate: float, wanted: float) -> None:
+    times = sample_times(0, last, rate, wanted)
+    assert len(times) == round(last * wanted / rate) + 1
+    assert times[-1] == last, "not by a rounding error more: nothing is known beyond the last frame"
+
+
 def quaternions(angles: list[float]) -> np.ndarray:
     return Rotation.from_rotvec(np.outer(angles, [0, 0.6, 0.8])).as_quat()[:, [3, 0, 1, 2]]
 
