@@ -55,6 +55,16 @@ def test_with_their_ends_plants_have_every_frame_on_which_a_foot_stands(fps):
     assert np.array_equal(whole[:, 0], stands)
 
 
+def test_plants_do_not_grow_into_frames_that_the_foot_moves_to():
+    planted = np.array([False, True, True, False, False])[:, None]
+    x = np.array([-0.2, 0.0, 0.0, 0.2, 0.4])
+    points = np.stack([x, 0 * x, 0 * x], axis=1)[:, None]
+    assert np.array_equal(with_ends(planted, points, 0.02, 30.0), planted)
+    x[[0, 3]] = 0.0
+    points = np.stack([x, 0 * x, 0 * x], axis=1)[:, None]
+    assert with_ends(planted, points, 0.02, 30.0)[:, 0].tolist() == [True, True, True, True, False]
+
+
 def test_a_foot_that_only_stands_is_planted_on_every_frame():
     points = shaken(np.zeros((90, 2, 3)), 0.004, 30.0)
     assert find_plants(points, 30.0, LEG).planted.all()

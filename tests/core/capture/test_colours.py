@@ -36,6 +36,21 @@ def test_a_range_of_hue_goes_through_red():
     assert not matches(colour, 200, 150, 150)
 
 
+def test_the_pure_colour_is_that_of_the_middle_hue():
+    """Blue, green and red, 0 to 1; a range of hues may go through red."""
+    np.testing.assert_allclose(Colour(hue=(100.0, 140.0)).pure(), [0, 1, 0], atol=0.02)
+    np.testing.assert_allclose(Colour(hue=(340.0, 20.0)).pure(), [0, 0, 1], atol=0.02)
+    assert Colour(hue=(300.0, 140.0)).pure() is None, "it is nearly of any hue"
+    assert Colour().pure() is None
+
+
+def test_paler_and_darker_pixels_are_of_small_things_of_a_colour():
+    colour = Colour((340.0, 20.0), (0.6, 1.0), (0.3, 1.0))
+    for pixel in ((200, 110, 110), (60, 10, 10)):  # mixed with grey, in the dark
+        assert matches(colour.paler(), *pixel) and not matches(colour, *pixel)
+    assert not matches(colour.paler(), 200, 160, 160)
+
+
 def test_a_colour_comes_back_from_its_table():
     colour = Colour((350.0, 12.5), (0.45, 1.0), (0.1, 0.9))
     assert parsed(colour.table(), "here") == colour

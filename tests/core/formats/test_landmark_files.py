@@ -10,6 +10,7 @@ import pytest
 from conftest import ROOT
 from kfmocap.core.body import human
 from kfmocap.core.errors import LandmarkError
+from kfmocap.core.formats import c3d
 from kfmocap.core.formats.c3d import read_c3d
 from kfmocap.core.formats.file_kind import file_kind
 from kfmocap.core.formats.landmark_files import landmarks_of, read_landmarks
@@ -68,6 +69,19 @@ def test_a_c3d_file_of_any_processor_gives_metres_names_and_rate(tmp_path: Path,
 def test_a_c3d_file_may_have_its_y_axis_up(tmp_path: Path, told: dict):
     path = written(tmp_path, POINTS[..., [1, 2, 0]], **({} if told else {"Y_SCREEN": ["+Y"]}))
     np.testing.assert_allclose(read_c3d(path, **told).points_world, POINTS, atol=1e-6)
+
+
+def test_labels_beyond_255_go_on_in_another_parameter() -> None:
+    names = [f"M{i}" for i in range(300)]
+    assert c3d._names({"LABELS": names[:255], "LABELS2": names[255:]}, 300) == tuple(names)
+
+
+def test_counts_of_frames_beyond_the_headers_are_in_parameters() -> None:
+    """Low and high halves of the numbers of the first and the last frame."""
+    header = c3d._Numbers(bytes(6) + struct.pack("<HH", 1, 65535) + bytes(512), "<", vax=False)
+    trial = {"ACTUAL_START_FIELD": [5, 0], "ACTUAL_END_FIELD": [10, 2]}
+    assert c3d._frame_count(header, {"TRIAL": trial}) == 2 * 65536 + 10 - 5 + 1
+    assert c3d._frame_count(header, {"POINT": {"FRAMES": [70000.0]}}) == 70000
 
 
 def test_a_broken_c3d_file_is_named(tmp_path: Path):
