@@ -37,6 +37,17 @@ def test_the_progress_bar_is_drawn_on_terminals_alone(
     assert "50%" in drawn
 
 
+def test_the_progress_bar_is_as_long_as_the_share_of_the_work_that_is_done(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "70")
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    with progress_bar.progress_bar() as progress:
+        assert progress is not None
+        progress("solve", 0.25)
+    assert "[" + 10 * "#" + 30 * "." + "]" in capsys.readouterr().err
+
+
 def test_the_program_starts_without_blender_and_the_libraries() -> None:
     """`kfmocap --help` answers at once, and the libraries are loaded after they have been told to be quiet."""
     code = "import sys, kfmocap.__main__\nassert not {'bpy', 'numpy', 'cv2'} & set(sys.modules)"

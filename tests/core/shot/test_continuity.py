@@ -26,6 +26,18 @@ def test_somebody_who_stands_still_and_strikes_once_does_not_look_like_damage(sw
     assert not torn(film(steps=[*rest, *swing, *rest])).any()
 
 
+def test_who_turns_back_is_nearly_still_for_a_moment_and_is_no_repeated_frame() -> None:
+    """The noise of the pictures goes on meanwhile."""
+    assert not torn(film(steps=[4.0] * 7 + [0.0] + [-4.0] * 7)).any()
+
+
+@pytest.mark.parametrize("frame", [0, 1, FRAMES - 1])
+def test_at_the_ends_nothing_shows_whether_a_change_lasts(frame: int) -> None:
+    frames = film()
+    frames[frame, 64:112, 160:320] = np.kron(np.random.default_rng(2).integers(0, 255, (3, 10)), np.ones((16, 16)))
+    assert not torn(frames)[[0, 1, -2, -1]].any()
+
+
 def test_a_frame_with_broken_blocks_fits_neither_neighbour() -> None:
     frames = film()
     frames[7, 64:112, 160:320] = np.kron(np.random.default_rng(2).integers(0, 255, (3, 10)), np.ones((16, 16)))

@@ -15,9 +15,10 @@ from kfmocap.core.shot.frame_numbers import (
     footage_index,
     gap_frame,
     shot_frames,
+    shown_delay,
     without_gaps_beyond,
 )
-from kfmocap.core.shot.shot import Gap, View
+from kfmocap.core.shot.shot import Gap, Settings, View
 from synthetic import look_at
 
 OFFSETS = (0.0, 3.0, -2.4)
@@ -88,3 +89,11 @@ def test_a_part_of_a_shot_has_the_same_footage_without_the_gaps_beside_it(seed: 
         begins = [(gap_frame(part, gap), max(gap.missing, 0)) for gap in part.gaps]
         assert all(begin + count > first and begin <= last for begin, count in begins)
     assert without_gaps_beyond(replace(view, gaps=()), 0, 9).offset == offset
+
+
+def test_pictures_that_are_late_show_an_earlier_moment() -> None:
+    """With a footage offset of 0.4, they show a key pose 0.4 frames after its key frame."""
+    view = view_of((), -0.25)
+    assert footage_delay(view) == 0.25
+    assert shown_delay(view, Settings(footage_offset=0.4)) == pytest.approx(-0.15)
+    assert shown_delay(view, Settings()) == 0.25
