@@ -28,7 +28,7 @@ from .solvers.equations.contact_factor import ContactFactor
 from .solvers.equations.hold_factor import hold_factors, touching_parts
 from .solvers.equations.measurement import Workspace
 from .solvers.equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
-from .solvers.protocol import Solver
+from .solvers.protocol import SolvedFrames, Solver
 
 Around = tuple[tuple[Motion, ...] | None, tuple[Motion, ...] | None]
 """Every performer's pose on the frame before a range of frames, and on the one after it; None where unknown."""
@@ -69,6 +69,15 @@ class TrackState:
         """Offset of the footage in frames: that of the settings, or the estimate from all measurements so far."""
         given = shot.settings.footage_offset
         return Offset.likeliest(self.offsets).value if given is None else given
+
+    def beside(self, segment: Segment, ranges: Sequence[Segment]) -> SolvedFrames:
+        """Return the motions on a segment that is solved and on those next to it among all segments, as far as these
+        are.
+        """
+        k, (first, last) = ranges.index(segment), segment
+        begin = ranges[max(k - 1, 0)][0]
+        end = max(last, min(ranges[min(k + 1, len(ranges) - 1)][1], self.solved - 1))
+        return SolvedFrames(tuple(motion[begin : end + 1] for motion in self.motions), first - begin)
 
     def poses_at(self, frame: int) -> tuple[Motion, ...] | None:
         """Return the poses on a frame that is solved, or next to the shot and known; None otherwise."""

@@ -33,7 +33,7 @@ from .segment_stages import (
     solve_segment,
     with_shape_beside,
 )
-from .segments import Segment
+from .segments import Segment, segments
 from .solvers.equations.measurement import StepCallback, Workspace
 from .solvers.equations.problem import SegmentSolution
 from .solvers.protocol import SettledMotions
@@ -142,14 +142,14 @@ def solve_task(
         workspace = Workspace(task.threads, on_step=_steps(progress, None))
         if (resumed := resume_segment(shot, solver, data, earlier, workspace)) is not None:
             seconds.add(resumed.solution.seconds)
-            return _without_refinement(resumed, None, seconds, task.threads)
+            return _without_refinement(replace(task, state=earlier.carried), resumed, None, seconds)
     solved = solve_segment(shot, solver, data, state, Workspace(task.threads, on_step=_steps(progress, watch)))
     seconds.add(solved.solution.seconds)
     state = state.with_solution(segment, solved.solution.motions)
     with seconds.measure("appearance"):
         offset = measured_offset(shot, data, state)
     if solver.refine is None:
-        return _without_refinement(solved, offset, seconds, task.threads)
+        return _without_refinement(task, solved, offset, seconds)
     slim = replace(solved.solution, evidence=None)
     return SolvedSegment(replace(data, views=()), slim, offset, dict(seconds))
 
@@ -173,13 +173,15 @@ def refine_task(
         shot, solver_named(shot.settings.solver), data, solved.solution, task.state, workspace=workspace
     )
     seconds.add(refined.solution.seconds)
-    finished = _finished(refined, solved.solution.motions, solved.offset, seconds, task.threads)
+    finished = _finished(task, refined, solved.solution.motions, solved.offset, seconds)
     return RefinedSegment(finished, dict(seconds))
 
 
-def _without_refinement(ended: SegmentState, offset: Offset | None, seconds: Seconds, threads: int) -> SolvedSegment:
+def _without_refinement(
+    task: SegmentTask, ended: SegmentState, offset: Offset | None, seconds: Seconds
+) -> SolvedSegment:
     """Return a segment that is finished as soon as it is solved."""
-    finished = _finished(ended, ended.solution.motions, offset, seconds, threads)
+    finished = _finished(task, ended, ended.solution.motions, offset, seconds)
     slim = replace(ended.solution, evidence=None)
     return SolvedSegment(replace(ended.data, views=()), slim, offset, dict(seconds), finished)
 
@@ -208,7 +210,11 @@ def _found_accelerations(ended: SegmentState) -> tuple[Array, ...]:
 
 
 def _finished(
-    ended: SegmentState, first_motions: tuple[Motion, ...], offset: Offset | None, seconds: Seconds, threads: int
+    task: SegmentTask,
+    ended: SegmentState,
+    first_motions: tuple[Motion, ...],
+    offset: Offset | None,
+    seconds: Seconds,
 ) -> FinishedSegment:
     """Return the finished segment, with its uncertainty and with planted feet held."""
     solution = ended.solution
@@ -216,12 +222,13 @@ def _finished(
     found = _found_accelerations(ended)
     result = SegmentResult(*ended.data.segment, ended.iterations, energy, found)
     with seconds.measure("uncertainty"):
-        uncertainties, lateness = segment_uncertainties(ended.problem, solution, threads)
+        uncertainties, lateness = segment_uncertainties(ended.problem, solution, task.threads)
     settled = SettledMotions(solution.motions, (None,) * len(solution.motions))
     if (settle := solver_named(ended.problem.settings.solver).settle) is not None:
         ratios = [own.ratios(body) for own, body in zip(uncertainties, ended.problem.bodies, strict=True)]
+        before = task.state.with_solution(task.segment, first_motions).beside(task.segment, segments(task.shot))
         with seconds.measure("solve"):
-            settled = settle(ended.problem, solution, first_motions, ratios)
+            settled = settle(ended.problem, solution, before, ratios)
     return FinishedSegment(
         result=result,
         first_motions=first_motions,

@@ -55,11 +55,27 @@ class SettledMotions:
     planted: tuple[Bools | None, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class SolvedFrames:
+    """The motions before refinement on a segment and on the segments beside it that are solved.
+
+    Attributes
+    ----------
+    motions : tuple of Motion
+        One per performer.
+    first : int
+        Number of these frames before the segment.
+    """
+
+    motions: tuple[Motion, ...]
+    first: int = 0
+
+
 class Settle(Protocol):
     """Corrects a refined solution so that standing feet are at rest."""
 
     def __call__(
-        self, problem: SegmentProblem, solution: SegmentSolution, before: Sequence[Motion], ratios: Sequence[Array]
+        self, problem: SegmentProblem, solution: SegmentSolution, before: SolvedFrames, ratios: Sequence[Array]
     ) -> SettledMotions:
         """Return the corrected poses, and which points of the soles are held.
 
@@ -68,7 +84,7 @@ class Settle(Protocol):
         problem : SegmentProblem
         solution : SegmentSolution
             After refinement. Degrees of freedom that key poses fix keep its values.
-        before : sequence of Motion
+        before : SolvedFrames
             The motions before refinement.
         ratios : sequence of ndarray, shape (P,)
             Per performer: squared errors of the parts' tips over those that the solver predicts.

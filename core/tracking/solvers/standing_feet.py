@@ -5,8 +5,10 @@ but must not be held, so each plant is tested as a whole: the increase of the le
 point stands still throughout, has a chi-squared distribution with three degrees of freedom per step. It takes the full
 covariance of the steps into account, in which a drift over many frames weighs more than jitter. The covariance of the
 normal equations is first scaled by the ratio of errors to it that the shot shows for leg and foot: key poses that were
-predicted without themselves are missed by more where feet are half hidden. The plants that pass are then held together.
-All of this uses the same normal equations: images do not show the last millimetres, and are not evaluated again.
+predicted without themselves are missed by more where feet are half hidden. Smoothness blurs the moments at which a foot
+lands and leaves, so plants that pass take in the frames beside them on which the point may stand, too. Then all are
+held together. All of this uses the same normal equations: images do not show the last millimetres, and are not
+evaluated again.
 
 A single view hardly contradicts any plant. With one view, candidates are kept still during the refinement already, and
 nothing is tested here.
@@ -33,10 +35,12 @@ from .equations.plant_factor import PlantFactor
 from .equations.problem import SegmentProblem, SegmentSolution
 from .equations.segment_equations import equations_at
 from .gauss_newton import increments_of, moved_by
-from .protocol import SettledMotions
+from .protocol import SettledMotions, SolvedFrames
 
 SIGNIFICANCE = 0.01
 """Significance level of the test: share of true plants that it rejects if the covariance is right."""
+JOINING_SIGNIFICANCE = 0.1
+"""Significance level at which a frame beside a plant that passed is refused: the step to it is tested by itself."""
 REST_SPEED_SIGMA = 0.005
 """Standard deviation of the velocity of a standing point along each axis, metres per second."""
 NEWTON_STEPS = 4
@@ -44,7 +48,7 @@ NEWTON_STEPS = 4
 
 
 def with_standing_feet(
-    problem: SegmentProblem, solution: SegmentSolution, before: Sequence[Motion], ratios: Sequence[Array]
+    problem: SegmentProblem, solution: SegmentSolution, before: SolvedFrames, ratios: Sequence[Array]
 ) -> SettledMotions:
     """Correct the motions of a solution so that standing feet are at rest; the `settle` of Gauss-Newton.
 
@@ -56,9 +60,10 @@ def with_standing_feet(
         The problem that was solved.
     solution : SegmentSolution
         With its evidence.
-    before : sequence of Motion
+    before : SolvedFrames
         The motions before refinement, which were solved with plants: there plants have their full length, while in the
-        solution they may be broken up.
+        solution they may be broken up. What the feet do on the segments beside shows how fast a standing one is at
+        most, and whether a plant at an end of the segment goes on.
     ratios : sequence of ndarray, shape (P,)
         Per performer: squared errors of the parts' tips over those that the normal equations predict, see
         `core.tracking.expected_errors.held_out_keys`.
@@ -72,7 +77,7 @@ def with_plants_at_rest(
     problem: SegmentProblem,
     systems: Sequence[BandedBlocks],
     motions: tuple[Motion, ...],
-    before: Sequence[Motion],
+    before: SolvedFrames,
     *,
     ratios: Sequence[Array],
 ) -> SettledMotions:
@@ -91,9 +96,10 @@ def with_plants_at_rest(
         evidence = _Evidence(problem, members, systems, motions)
         standing = {}
         for i in members:
-            seeming = PlantFactor.found(problem.bodies[i], motions[i], problem.fps)
+            now = before.motions[i].replaced(before.first, motions[i])
+            seeming, earlier = (_seeming(problem, i, motion, before.first) for motion in (now, before.motions[i]))
             if seeming is not None:
-                keyed, fitting = evidence.plants_that_fit(i, seeming, before[i], ratios[i])
+                keyed, fitting = evidence.plants_that_fit(i, seeming, earlier, ratios[i])
                 planted[i] = keyed.frames | fitting.frames
                 if fitting.steps.any():
                     standing[i] = fitting
@@ -114,29 +120,36 @@ class _Evidence:
     motions: tuple[Motion, ...]
 
     def plants_that_fit(
-        self, performer: int, seeming: PlantFactor, before: Motion, ratios: Array
+        self, performer: int, seeming: PlantFactor, earlier: PlantFactor | None, ratios: Array
     ) -> tuple[PlantFactor, PlantFactor]:
         """Return the apparent plants of a member that are held: those between key poses on neighbouring frames, which
-        nothing moves, and those that pass the test.
+        nothing moves, and those that pass the test, with the frames beside them that do.
+
+        Parameters
+        ----------
+        performer : int
+        seeming, earlier : PlantFactor
+            As found now, and before the refinement.
+        ratios : ndarray, shape (P,)
         """
         problem = self.problem
         body, held = problem.bodies[performer], problem.fixed[performer].all(axis=1)
-        earlier = PlantFactor.found(body, before, problem.fps)
-        movable = ~(held[1:] & held[:-1])[:, None]
+        movable = ~(held[1:] & held[:-1])
         found = np.zeros_like(seeming.steps)
-        for c, column in enumerate((seeming.steps & movable).T):
+        for c, column in enumerate(seeming.steps.T):
             part = seeming.soles.parts[c]
             ratio = float(ratios[[part, max(body.parents[part], 0)]].mean())  # a sole lies between the tips of both
-            longer = [] if earlier is None else runs((earlier.steps & movable)[:, c])
-            for run in runs(column):
-                for first, last in dict.fromkeys((_joined(run, longer), run)):
-                    steps = np.zeros_like(found)
-                    steps[first : last + 1, c] = True
-                    plant = replace(seeming, steps=steps, kernel=Quadratic())
-                    if self._key_poses_agree(performer, plant) and self._evidence_agrees(performer, plant, ratio):
-                        found |= steps
+            longer = [] if earlier is None else runs(earlier.steps[:, c] & movable)
+            for run in runs(column & movable):
+                for steps in dict.fromkeys((_joined(run, longer), run)):
+                    plant = _Plant(seeming, c, steps)
+                    if self._key_poses_agree(performer, plant.factor) and self._evidence_agrees(
+                        performer, plant, ratio
+                    ):
+                        first, last = self._lengthened(performer, plant, ratio, movable).steps
+                        found[first : last + 1, c] = True
                         break
-        keyed = replace(seeming, steps=seeming.steps & ~movable)
+        keyed = replace(seeming, steps=seeming.steps & ~movable[:, None])
         return keyed, PlantFactor(seeming.soles, found, REST_SPEED_SIGMA / problem.fps, Quadratic())
 
     def with_plants_held(self, plants: Mapping[int, PlantFactor]) -> tuple[Motion, ...]:
@@ -159,12 +172,29 @@ class _Evidence:
         drift = np.diff(plant.soles.world(poses)[:, column], axis=0)
         return bool(np.sum(drift**2) < np.ptp(keyed) * plant.deviation**2 * chdtri(3, SIGNIFICANCE))
 
-    def _evidence_agrees(self, performer: int, plant: PlantFactor, ratio: float) -> bool:
+    def _evidence_agrees(self, performer: int, plant: _Plant, ratio: float) -> bool:
         """Test a plant against the evidence, whose covariance is multiplied by a ratio."""
+        return self._cost(performer, plant, ratio) < chdtri(3 * len(plant), SIGNIFICANCE)
+
+    def _lengthened(self, performer: int, plant: _Plant, ratio: float, movable: Bools) -> _Plant:
+        """Return a plant that passed with the frames beside it, one after the other, on which the evidence has nothing
+        against the point standing there, too.
+        """
+        cost = self._cost(performer, plant, ratio)
+        for before, after in ((1, 0), (0, 1)):
+            while (longer := plant.longer(before, after, movable)) is not None:
+                more = self._cost(performer, longer, ratio)
+                agrees = more - cost < chdtri(3, JOINING_SIGNIFICANCE)
+                if not agrees or not self._key_poses_agree(performer, longer.factor):
+                    break
+                plant, cost = longer, more
+        return plant
+
+    def _cost(self, performer: int, plant: _Plant, ratio: float) -> float:
+        """Increase of the least cost of the evidence, whose covariance is multiplied by a ratio, by a plant."""
         # All costs are divided by the ratio; this deviation gives the plant its own again.
-        scaled = replace(plant, deviation=plant.deviation / np.sqrt(ratio))
-        increase = self._least_cost({performer: scaled}) - self._least_without
-        return increase / ratio < chdtri(3 * np.count_nonzero(plant.steps), SIGNIFICANCE)
+        scaled = replace(plant.factor, deviation=plant.factor.deviation / np.sqrt(ratio))
+        return (self._least_cost({performer: scaled}) - self._least_without) / ratio
 
     @cached_property
     def _least_without(self) -> float:
@@ -184,6 +214,51 @@ class _Evidence:
             if i in plants:
                 systems[i] += plants[i].blocks(problem.bodies[i], part_poses(problem.bodies[i], there[i]))
         return tied_systems(systems, problem.holds, problem.bodies, there, fixed=problem.fixed, sought=self.members)
+
+
+@dataclass(frozen=True, eq=False)
+class _Plant:
+    """A point of the soles that stands for a while.
+
+    Attributes
+    ----------
+    seeming : PlantFactor
+        All apparent plants of the performer.
+    point : int
+    steps : tuple of int
+        First and last step between two frames.
+    """
+
+    seeming: PlantFactor
+    point: int
+    steps: tuple[int, int]
+
+    def __len__(self) -> int:
+        return self.steps[1] + 1 - self.steps[0]
+
+    @property
+    def factor(self) -> PlantFactor:
+        """The plant as evidence."""
+        steps = np.zeros_like(self.seeming.steps)
+        steps[self.steps[0] : self.steps[1] + 1, self.point] = True
+        return replace(self.seeming, steps=steps, kernel=Quadratic())
+
+    def longer(self, before: int, after: int, movable: Bools) -> _Plant | None:
+        """Return the plant with steps before and after it; None if they are not among the movable ones, (F - 1,)."""
+        first, last = self.steps[0] - before, self.steps[1] + after
+        if first < 0 or last >= len(movable) or not movable[first] or not movable[last]:
+            return None
+        return replace(self, steps=(first, last))
+
+
+def _seeming(problem: SegmentProblem, performer: int, motion: Motion, first: int) -> PlantFactor | None:
+    """Find the points that seem planted on a segment in a motion that has `first` frames before it; None if there are
+    none.
+    """
+    found = PlantFactor.found(problem.bodies[performer], motion, problem.fps)
+    if found is None or not (steps := found.steps[first : first + problem.length - 1]).any():
+        return None
+    return replace(found, steps=steps)
 
 
 def _joined(run: tuple[int, int], others: Sequence[tuple[int, int]]) -> tuple[int, int]:

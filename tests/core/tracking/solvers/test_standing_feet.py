@@ -14,8 +14,9 @@ from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.numerics.frame_ranges import runs
 from kfmocap.core.retargeting.foot_clean_up import with_clean_feet
 from kfmocap.core.shot.shot import KeyPoses, Settings
+from kfmocap.core.tracking.segment_stages import TrackState
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.protocol import SettledMotions
+from kfmocap.core.tracking.solvers.protocol import SettledMotions, SolvedFrames
 from kfmocap.core.tracking.solvers.standing_feet import with_plants_at_rest, with_standing_feet
 from kfmocap.core.tracking.tracker import track
 from made_evidence import no_evidence
@@ -79,7 +80,7 @@ def problem_of(*bodies: Body, plants: bool = True) -> SegmentProblem:
 
 def rested(*motions: Motion) -> SettledMotions:
     problem, ratios = problem_of(*(BODY for _ in motions)), [EXACT for _ in motions]
-    return with_plants_at_rest(problem, [evidence() for _ in motions], motions, motions, ratios=ratios)
+    return with_plants_at_rest(problem, [evidence() for _ in motions], motions, SolvedFrames(motions), ratios=ratios)
 
 
 def settled(*motions: Motion) -> tuple[Motion, ...]:
@@ -151,9 +152,54 @@ def test_a_plant_is_as_long_as_it_seems_before_the_refinement() -> None:
     steps = [
         np.linalg.norm(np.diff(soles_of(found)[:2, 0], axis=0))
         for before in (motion, WALK)
-        for found in with_plants_at_rest(problem_of(BODY), [evidence()], (motion,), (before,), ratios=[EXACT]).motions
+        for found in with_plants_at_rest(
+            problem_of(BODY), [evidence()], (motion,), SolvedFrames((before,)), ratios=[EXACT]
+        ).motions
     ]
     assert steps[0] > 0.004 and steps[1] < 0.001
+
+
+def test_a_plant_takes_in_the_frames_beside_it_on_which_the_point_may_stand_by_the_evidence() -> None:
+    """The heel that is tracked as if it were set down a frame later is held from the key pose on where the shot shows
+    errors of that size.
+    """
+    motion = tracked(WALK, 2)
+    motion.translations[1:3, 2] += [0.006, 0.004]
+    steps, held = [], []
+    for ratio in (10.0, 1.0):
+        found = with_plants_at_rest(
+            problem_of(BODY), [evidence()], (motion,), SolvedFrames((motion,)), ratios=[ratio * EXACT]
+        )
+        steps.append(np.linalg.norm(np.diff(soles_of(found.motions[0])[:2, 0], axis=0)))
+        held.append(found.planted[0][0, 0])
+    assert held == [True, False]
+    assert steps[0] < 0.001 and steps[1] > 0.004
+
+
+def test_the_segments_beside_show_that_a_foot_which_only_pauses_does_not_stand() -> None:
+    """Standing still for 6 frames at 120 frames per second, around the end of a segment."""
+    fps, around = 120.0, 2 * FRAMES
+    speed = np.where(np.abs(np.arange(around) - FRAMES + 1) < 4, 0.0, 1.0)
+    glides = standing(BODY, around)
+    glides = Motion(glides.translations + np.cumsum(speed / fps)[:, None] * [1.0, 0.0, 0.0], glides.rotations)
+    problem, own = replace(problem_of(BODY), fps=fps), glides[:FRAMES]
+    alone, beside = (
+        with_plants_at_rest(problem, [evidence()], (own,), SolvedFrames((known,)), ratios=[EXACT]).planted[0]
+        for known in (own, glides)
+    )
+    assert alone[-2:].all() and not beside.any()
+
+
+@pytest.mark.parametrize(
+    ("segment", "solved", "known"),
+    [((10, 20), 31, (0, 30)), ((10, 20), 21, (0, 20)), ((0, 10), 31, (0, 20)), ((20, 30), 31, (10, 30))],
+)
+def test_what_is_known_beside_a_segment_are_the_segments_next_to_it_that_are_solved(
+    segment: tuple[int, int], solved: int, known: tuple[int, int]
+) -> None:
+    found = TrackState((WALK,), solved=solved).beside(segment, [(0, 10), (10, 20), (20, 30)])
+    assert found.first == segment[0] - known[0]
+    assert np.array_equal(found.motions[0].translations, WALK.translations[known[0] : known[1] + 1])
 
 
 def test_held_plants_are_returned_and_creeping_feet_are_not() -> None:
@@ -170,9 +216,9 @@ def test_feet_stand_where_the_shot_shows_larger_errors_than_the_evidence_predict
     """Half as large again, such as where feet are half hidden."""
     motion = WALK.moved(1.5 * WALK.difference(tracked(WALK, 2)))
     shares = [
-        with_plants_at_rest(problem_of(BODY), [evidence()], (motion,), (motion,), ratios=[ratio * EXACT]).planted[0][
-            planted(WALK)
-        ]
+        with_plants_at_rest(
+            problem_of(BODY), [evidence()], (motion,), SolvedFrames((motion,)), ratios=[ratio * EXACT]
+        ).planted[0][planted(WALK)]
         for ratio in (1.0, 4.0)
     ]
     assert shares[0].mean() < 0.5 < 0.9 < shares[1].mean()
@@ -183,7 +229,7 @@ def test_no_ratio_lets_a_foot_stand_that_key_poses_have_in_two_places() -> None:
     path = np.linspace(0.0, 0.03, FRAMES)[:, None] * [1.0, 0.0, 0.0]
     still = standing(BODY, FRAMES)
     crept = Motion(still.translations + path, still.rotations)
-    found = with_plants_at_rest(problem_of(BODY), [evidence()], (crept,), (crept,), ratios=[100 * EXACT])
+    found = with_plants_at_rest(problem_of(BODY), [evidence()], (crept,), SolvedFrames((crept,)), ratios=[100 * EXACT])
     assert planted(crept).all() and not found.planted[0].any()
 
 
@@ -191,7 +237,7 @@ def test_feet_that_stand_between_key_poses_on_neighbouring_frames_are_planted() 
     """There is nothing to hold, and the motion stays."""
     fixed = np.ones_like(FIXED)
     keyed = replace(problem_of(BODY), fixed=(fixed,))
-    found = with_plants_at_rest(keyed, [evidence()], (WALK,), (WALK,), ratios=[EXACT])
+    found = with_plants_at_rest(keyed, [evidence()], (WALK,), SolvedFrames((WALK,)), ratios=[EXACT])
     assert found.motions[0] is WALK
     assert np.array_equal(found.planted[0], planted(WALK))
 
@@ -222,6 +268,6 @@ def test_feet_stay_without_plants_in_the_settings_and_in_one_view(case: str) -> 
     problem = replace(problem, views=problem.views[: 1 if case == "one view" else 2])
     evidence_there = no_evidence(len(problem.views), FRAMES, len(BODY))
     solution = SegmentSolution.of([motion], evidence_there, iterations=1, energy=[0.0])
-    found = with_standing_feet(problem, solution, [motion], [EXACT])
+    found = with_standing_feet(problem, solution, SolvedFrames((motion,)), [EXACT])
     assert found.motions[0] is motion
     assert found.planted == (None,)
