@@ -21,13 +21,8 @@ _MAX_START_DISTANCE = 0.02
 
 
 def add_landmarks(armature: bpy.types.Object) -> None:
-    """Store landmarks on the bones of an armature that carries the parts of a body, if it is human and has none.
-
-    Bones of linked files cannot store them: joints keep the names of the bones there.
-    """
-    bones = armature.data.bones
-    linked = armature.data.library is not None or armature.data.override_library is not None
-    if linked or any(body_armature.LANDMARKS in bone for bone in bones):
+    """Store landmarks for an armature that carries the parts of a body, if it is human and has none."""
+    if body_armature.has_landmarks(armature):
         return
     try:
         roles = target_bones(armature)

@@ -9,6 +9,7 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import joint_error  # noqa: E402
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
+from kfmocap.core.body.soles import Soles  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import find_target, send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
@@ -125,3 +126,18 @@ def test_an_instance_of_a_linked_character_becomes_a_performer_where_it_stands(t
         "character": "NONE",
         "another": "COLLECTION",
     }, "it is not shown a second time"
+
+
+def test_a_linked_character_has_landmarks_and_soles_that_a_saved_file_keeps(tmp_path):
+    given = linked(unreal_like, tmp_path)  # opens another file
+    armature, _ = use_as_body(bpy.context.scene, given)
+    found = body_armature.body_from_armature(armature)
+    own = body_armature.body_from_armature(use_as_body(bpy.context.scene, unreal_like())[0])
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
+    read = body_armature.body_from_armature(bpy.context.scene.kfmocap.performers[0].armature)
+    assert Soles.of(read) is not None
+    for body in (found, read):
+        assert list(body.landmarks) == list(own.landmarks)
+        for name, (part, point) in body.landmarks.items():
+            assert (part, point) == (own.landmarks[name][0], pytest.approx(own.landmarks[name][1], abs=1e-5))
