@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from typing import Any
 
 import bpy
 import numpy as np
@@ -21,7 +22,7 @@ from ..rigs.fk_controls import FkControls
 from ..rigs.overrides import editable
 from ..rigs.rig_at_rest import at_rest, leave_rest_position, rest_matrices
 from ..rigs.rig_reading import moved_matrices
-from ..rigs.rig_settings import has_keys, keep_in_override, setting_name, with_settings
+from ..rigs.rig_settings import Owner, Settings, has_keys, keep_in_override, setting_name, with_settings
 from ..send import target_bones
 from .part_roles import PART_ROLES, limb_bones, limbs_of, taken_in
 from .rig_landmarks import add_landmarks
@@ -130,16 +131,28 @@ def _use_animal(
 ) -> tuple[bpy.types.Object, tuple[str, ...]]:
     """Make an animal's rig that Rigify has generated a performer through its FK controls; see `use_as_body`."""
     controls = animal_controls(armature, skinned_parts.leading_bones(armature), set(following(armature)))
-    with with_settings(armature, controls.settings):
+    with with_settings(armature, controls.settings) as before:
         limbs = [name for name in controls.by_bone.values() if "_fk" in name]
         made = skinned_parts.add_parts(armature, collection, controls.by_bone, limbs=limbs)
         try:
             fk_controls.refuse_otherwise_moved(armature, {})
             taken = performers.take_armature(current, armature)
-            return taken, (*made.remarks, *movable_root(armature))
+            remarks = *made.remarks, *movable_root(armature), *_changed_poses(armature, controls.settings, before)
+            return taken, remarks
         except BodyError:
             remove_parts(armature, made.parts)
             raise
+
+
+def _changed_poses(
+    armature: bpy.types.Object, settings: Settings, before: Mapping[tuple[Owner, str], Any]
+) -> tuple[str, ...]:
+    """Name the properties that were changed of a rig that has key poses already: these look different now."""
+    changed = {key: settings[name][key] for (name, key), was in before.items() if was != settings[name][key]}
+    if not changed or fcurves.find_channelbag(armature) is None:
+        return ()
+    what = " and ".join(f"'{key}' is {value:g} now" for key, value in changed.items())
+    return (f"armature {armature.name}: {what}, so that parts turn with what they hang on: look through its key poses",)
 
 
 def _controls(armature: bpy.types.Object) -> FkControls | None:

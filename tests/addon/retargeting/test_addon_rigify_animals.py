@@ -71,3 +71,10 @@ def test_the_limbs_of_an_animal_turn_with_their_controls():
     update()
     assert np.abs(after[0] - before[0]).max() > 0.1
     np.testing.assert_allclose(after[1], before[1], atol=1e-5)
+
+
+def test_key_poses_that_look_different_on_the_body_of_an_animal_are_named():
+    given = generated_animal("bird")
+    given.pose.bones["head"].keyframe_insert("rotation_quaternion", frame=1)
+    _, [remark] = use_as_body(bpy.context.scene, given)
+    assert "'head_follow' is 1 now" in remark and "'tail_follow' is 1 now" in remark
