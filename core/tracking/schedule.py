@@ -30,6 +30,9 @@ from .segments import Segment, segments, whole_keys
 Observer = Callable[[Segment, int, Sequence[Motion]], None]
 SegmentShown = Callable[[Segment, tuple[Motion, ...]], None]
 """Called with a segment and its motions as soon as it is solved, and again once it is refined."""
+READ_AHEAD = 3
+"""Segments per worker, from the first that is not solved on, whose pictures are read: one with a lost limb takes as
+long as many others."""
 SOLVING_SHARE = 0.7
 """Share of the work on a segment that is done before refinement, for reports of progress."""
 
@@ -92,9 +95,9 @@ class SegmentSchedule:
         self._solved = 0
 
     def add(self, views: tuple[ViewFrames | StoredView, ...]) -> None:
-        """Take the views of the next segment; returns once no more segments are in work than there are workers."""
+        """Take the views of the next segment; returns once no more are waiting than the workers need (`READ_AHEAD`)."""
         k = len(self._solving)
-        self._await_solved(k if self._continues[k] else k - self._pool.workers + 1)
+        self._await_solved(k if self._continues[k] else k - READ_AHEAD * self._pool.workers + 1)
         self._views.append(views)
         if (known := self._kept.known.get(self._segments[k])) is not None:
             self._overall.part(self._segments[k], 1.0)(1.0)

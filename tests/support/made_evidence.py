@@ -61,7 +61,7 @@ class Landscape(Workspace):
     Attributes
     ----------
     truth : Motion
-        A single performer's.
+        A single performer's, from frame 0 on.
     reach : float
         Parts that are farther than this from their true rotation are not pulled, radians.
     cover : float
@@ -84,7 +84,9 @@ class Landscape(Workspace):
         return MeasuredMotion(tuple(motions), (Instants((0,), 0.0, poses, tuple(motions)),), evidence)
 
     def _evidence(self, problem: SegmentProblem, poses: tuple[Array, Array], sampling: Sampling) -> SegmentEvidence:
-        (R, T), (R_true, T_true) = poses, scene_poses(problem.bodies, [self.truth])
+        assert self.truth is not None
+        true = self.truth[problem.first : problem.first + problem.length]
+        (R, T), (R_true, T_true) = poses, scene_poses(problem.bodies, [true])
         turn = rotations.log(R_true @ np.swapaxes(R, -1, -2))
         near = np.linalg.norm(turn, axis=-1) < self.reach
         # The twist about the world's origin that takes a part to its true pose, for small turns.

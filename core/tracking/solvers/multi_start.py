@@ -18,6 +18,7 @@ from .descent_stages import SETTLED
 from .equations.measurement import Workspace
 from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .gauss_newton import continued, descend
+from .judgement.settled_solutions import SettledSolution
 from .judgement.solution_doubts import doubted_performers, images_contradict, worst_first
 from .judgement.solution_ranking import covering_most
 from .limb_corrections.limb_exchange import with_limbs_exchanged
@@ -49,7 +50,7 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
     if problem.search is not AccelerationSearch.JOINTS:
         problem = problem.with_smoothness(best.variances)
     doubted = doubted_performers(problem, start, best) if problem.settings.limb_search else []
-    motions = straight = best.motions
+    motions, dispelled = best.motions, False
     for k, i in enumerate(worst_first(problem, best, doubted)):
         own_start = [start[j] if j == i else motion for j, motion in enumerate(motions)]
         part = workspace.part(0.2 + 0.7 * k / len(doubted), 0.2 + 0.7 * (k + 1) / len(doubted))
@@ -64,12 +65,12 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
         own = best_of_own_starts(alone, own_start, before, part)
         seconds.add(own.seconds)
         motions = own.motions
-        best = own if len(problem.bodies) == 1 else best
+        if len(problem.bodies) == 1:
+            best, dispelled = own, not own.doubted
     if motions is not best.motions:
         settled = descend(problem, motions, workspace.silent(), SETTLED)
         seconds.add(settled.seconds)
         best = continued(best, settled)
-    dispelled = len(problem.bodies) == 1 and motions is straight  # all foreground beside it is something else
     if doubted and not dispelled and not problem.keypoints:  # keypoints show where limbs are
         # For all performers: one who stands in front of a doubted performer may have taken over its limbs.
         with seconds.measure("initial solution"):
@@ -89,7 +90,8 @@ def best_of_own_starts(
     The motion is followed frame by frame from the key poses, unless others hide the performer on the way; then limbs
     are searched for around the solutions. If nothing but uncovered foreground contradicts the first solution, and no
     whole turn is added to it, a single round of the search decides first whether the performer's limbs can be there at
-    all: the foreground may be a bystander.
+    all: the foreground may be a bystander. So it does for the solution from the motion that was followed: the search
+    goes on only if it finds a likelier one.
 
     Parameters
     ----------
@@ -104,10 +106,10 @@ def best_of_own_starts(
     Returns
     -------
     SegmentSolution
-        `seconds` is the time spent here.
+        `seconds` is the time spent here. `doubted` is empty if the doubt was dispelled.
     """
     seconds, [performer] = Seconds(), problem.sought
-    trial = None
+    trial, settled = None, None
     searching = len(problem.whole_keys(performer)) > 1 and not problem.keypoints  # keypoints show where limbs are
     if searching:
         with seconds.measure("initial solution"):
@@ -115,7 +117,8 @@ def best_of_own_starts(
     solutions = [first]
     if searching and first is straight and not images_contradict(problem, first):
         with seconds.measure("initial solution"):
-            trial = TrialRound.around(problem, first, workspace.part(0.0, 0.1))
+            begin = SettledSolution.after(problem, first, workspace.silent())
+            trial = TrialRound.around(problem, begin, workspace.part(0.0, 0.1))
         if not trial.explains(problem):
             return replace(first, seconds=seconds)
     if not searching or first.unhidden[performer].min() > MIN_FOLLOWED_SHARE:
@@ -123,10 +126,16 @@ def best_of_own_starts(
             initial = follow_both_ways(problem, start, workspace.part(0.0, 0.15))
         solutions.append(descend(problem, initial, workspace.part(0.15, 0.25)))
         seconds.add(solutions[1].seconds)
+    best = covering_most(problem, *solutions)
+    if searching and best is not first:
+        with seconds.measure("initial solution"):
+            settled = SettledSolution.after(problem, best, workspace.silent())
+            if not images_contradict(problem, settled.solution):
+                trial = TrialRound.around(problem, settled, workspace.part(0.25, 0.35))
+        if trial is not None and trial.settled is settled and not trial.gains(problem):
+            return replace(settled.solution, seconds=seconds)
     if searching:
         # Even if the cover raises no doubt an arm may be lost: it is a small part of what is to be covered.
         with seconds.measure("initial solution"):
-            best = searched(problem, start, solutions, workspace.part(0.25, 1.0), trial=trial)
-    else:
-        best = covering_most(problem, *solutions)
-    return replace(best, seconds=seconds)
+            best = searched(problem, start, solutions, workspace.part(0.35, 1.0), trial=trial, settled=settled)
+    return replace(best, seconds=seconds, doubted=(performer,))

@@ -133,19 +133,41 @@ def likeliest_at_rest(
             finalists.append(solution)
     if len(finalists) == 1:
         return likeliest(problem, noise, *solutions)
-    rested = [settled_further(problem, noise, solution, workspace) for solution in finalists]
+    rested: list[SegmentSolution] = []
+    for solution in finalists:
+        decided = rested if likelihood_decides(problem) else []
+        rival = max((likelihood(problem, noise, other) for other in decided), default=-np.inf)
+        rested.append(settled_further(problem, noise, solution, workspace, rival=rival))
     return likeliest(problem, noise, *rested, *solutions)
 
 
 def settled_further(
-    problem: SegmentProblem, noise: SegmentNoise, solution: SegmentSolution, workspace: Workspace
+    problem: SegmentProblem,
+    noise: SegmentNoise,
+    solution: SegmentSolution,
+    workspace: Workspace,
+    *,
+    rival: float = -np.inf,
 ) -> SegmentSolution:
-    """Solve a solution further until it is at rest (`RESTING_GAIN`), at most `MAX_REPEATS` times."""
-    for _ in range(MAX_REPEATS):
+    """Solve a solution further until it is at rest (`RESTING_GAIN`), at most `MAX_REPEATS` times.
+
+    It ends earlier if the solution would not become likelier than another one although every further repetition gained
+    as much as the last: gains become smaller.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    noise : SegmentNoise
+    solution : SegmentSolution
+    workspace : Workspace
+    rival : float
+        Log likelihood of the images given the other solution; by default there is none.
+    """
+    for left in reversed(range(MAX_REPEATS)):
         found = descend(problem, solution.motions, workspace.silent(), SETTLED, noise)
         gain = likelihood(problem, noise, found) - likelihood(problem, noise, solution)
         if gain > 0:
             solution = continued(solution, found)
-        if gain < RESTING_GAIN:
+        if gain < RESTING_GAIN or likelihood(problem, noise, solution) + left * gain <= rival:
             break
     return solution

@@ -119,11 +119,14 @@ def freed_limb(problem: SegmentProblem, motions: Sequence[Motion], place: LimbOf
     return _with_limb_found(problem, ratios, motions, place, rng, free=True)
 
 
-def is_elsewhere(body: Body, chain: Sequence[int], before: Motion, after: Motion) -> bool:
-    """Whether some joint of a limb, relative to its first, is farther from where it was than a descent reaches."""
+def is_elsewhere(body: Body, chain: Sequence[int], before: Motion, after: Motion, frames: int = 1) -> bool:
+    """Whether some joint of a limb, relative to its first, is farther from where it was than a descent reaches, on so
+    many frames in a row.
+    """
     joints = [part_poses(body, motion)[1][:, chain] for motion in (before, after)]
     a, b = (each - each[:, :1] for each in joints)
-    return float(np.linalg.norm(b - a, axis=-1).max()) > OUTLINE_REACH
+    away = np.linalg.norm(b - a, axis=-1).max(axis=1) > OUTLINE_REACH
+    return any(last + 1 - first >= frames for first, last in intervals(away))
 
 
 def _with_limb_found(

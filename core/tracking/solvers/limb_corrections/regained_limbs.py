@@ -31,6 +31,7 @@ from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
 from ..gauss_newton import UNCONVERGED_MOVE, descend, farthest_joint
 from ..judgement.settled_solutions import SettledSolution, SettledSolutions
+from ..judgement.solution_doubts import MIN_DURATION
 from ..judgement.solution_ranking import (
     RESTING_GAIN,
     likeliest_at_rest,
@@ -103,7 +104,11 @@ def _stirred(
     """
     first = known.after(problem, solution, workspace)
     found = descend(problem, first.solution.motions, workspace, (*COARSE_RESTART, *SETTLED), first.noise)
-    return _likelier(problem, solution, first, settled_further(problem, first.noise, found, workspace), workspace)
+    if farthest_joint(problem, first.solution.motions, found.motions) < UNCONVERGED_MOVE:
+        return solution
+    rival = likelihood(problem, first.noise, first.solution) + RESTING_GAIN
+    found = settled_further(problem, first.noise, found, workspace, rival=rival)
+    return _likelier(problem, solution, first, found, workspace)
 
 
 def _with_limb_looked_for(
@@ -127,7 +132,8 @@ def _with_limb_looked_for(
         if there is None:
             break
         if _leads_elsewhere(problem, place, motions, there.motions):
-            there = settled_further(problem, first.noise, there, workspace)
+            rival = likelihood(problem, first.noise, first.solution) + RESTING_GAIN
+            there = settled_further(problem, first.noise, there, workspace, rival=rival)
         solution = _likelier(problem, solution, first, there, workspace)
         if not is_elsewhere(problem.bodies[i], chain, before, solution.motions[i]):
             break
@@ -282,13 +288,17 @@ def _solved_elsewhere(
     noise: SegmentNoise,
     workspace: Workspace,
 ) -> SegmentSolution | None:
-    """Search for a limb once, and solve from where it is found; None if it is found where it is."""
-    i, several = place[0], len(alone.bodies) > 1
+    """Search for a limb once, and solve from where it is found; None if it is found where it is: as near as a descent
+    reaches. With a single view, it reaches less far in depth.
+    """
+    i, chain = place
     found = freed_limb(alone, motions, place, seed)
-    start = (*motions[:i], found, *motions[i + 1 :])
-    if found is motions[i] or (several and not _leads_elsewhere(alone, place, motions, start)):
+    several = len(alone.bodies) > 1
+    least = 1 if several else max(2, round(MIN_DURATION * alone.fps))  # sampled poses scatter
+    near = several or alone.shows_depth
+    if found is motions[i] or (near and not is_elsewhere(alone.bodies[i], chain, motions[i], found, least)):
         return None
-    return descend(alone, start, workspace, SETTLED, noise)
+    return descend(alone, (*motions[:i], found, *motions[i + 1 :]), workspace, SETTLED, noise)
 
 
 def _leads_elsewhere(

@@ -57,9 +57,8 @@ class TrialRound:
     found: SegmentSolution
 
     @classmethod
-    def around(cls, problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> TrialRound:
+    def around(cls, problem: SegmentProblem, settled: SettledSolution, workspace: Workspace) -> TrialRound:
         """Search for limbs around a solution."""
-        settled = SettledSolution.after(problem, solution, workspace.silent())
         motions = settled.solution.motions
         return cls(settled, search_round(problem, problem, motions, 0, workspace, noise=settled.noise))
 
@@ -69,9 +68,12 @@ class TrialRound:
         It does not for the bare arm of a bystander, which looks like the performer's: other views do not show it where
         the performer's arm could be.
         """
-        noise, settled = self.settled.noise, self.settled.solution
-        gain = likelihood(problem, noise, self.found) - likelihood(problem, noise, settled)
-        return gain > RESTING_GAIN and not same_solution(self.found.motions, settled.motions)
+        return self.gains(problem) and not same_solution(self.found.motions, self.settled.solution.motions)
+
+    def gains(self, problem: SegmentProblem) -> bool:
+        """Whether the search made the images likelier, if only by a limb that was lost on a few frames."""
+        found, settled = (likelihood(problem, self.settled.noise, one) for one in (self.found, self.settled.solution))
+        return found > settled + RESTING_GAIN
 
 
 def searched(
@@ -82,6 +84,7 @@ def searched(
     search: SearchRound | None = None,
     *,
     trial: TrialRound | None = None,
+    settled: SettledSolution | None = None,
 ) -> SegmentSolution:
     """Search for limbs around some solutions, and then around the best found, until two agree.
 
@@ -111,6 +114,8 @@ def searched(
         One round of the search; by default `search_round`.
     trial : TrialRound, optional
         The first round around the best of the solutions, if it was made already: it is not repeated.
+    settled : SettledSolution, optional
+        The best of the solutions, solved further, if it was already.
     """
     held = replace(problem, fixed=tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed))
     first = covering_most(problem, *solutions)
@@ -118,13 +123,14 @@ def searched(
     noise = noise_at(problem, first, workspace)
     search = search or partial(search_round, noise=noise)
     known = trial if trial is not None and trial.settled.begin is first else None
-    settled = [
+    ahead = settled if known is None else known.settled
+    rested = [
         descend(problem, solution.motions, workspace.silent(), SETTLED, noise)
-        if known is None or solution is not first
-        else known.settled.solution
+        if ahead is None or solution is not ahead.begin
+        else ahead.solution
         for solution in likely
     ]
-    begins = [(motions, problem) for motions in _distinct_motions(settled)]
+    begins = [(motions, problem) for motions in _distinct_motions(rested)]
     found: list[SegmentSolution] = []
     searching, exchanging = workspace.part(0.0, 0.7), workspace.part(0.7, 1.0)
     while begins and len(found) < MAX_SEARCH_ROUNDS:
@@ -135,15 +141,15 @@ def searched(
             known = None
         else:
             found.append(search(problem, around, motions, len(found), part))
-        best = covering_most(problem, *settled, *found)
+        best = covering_most(problem, *rested, *found)
         if begins or (problem.only is not None and best in found):
             continue
         if explains_little(problem, best) and around is not held:
             begins.append((start, held))
-        elif not _is_confirmed(problem, best, [*settled, *found]) and (best in found or len(found) < MAX_VAIN_ROUNDS):
+        elif not _is_confirmed(problem, best, [*rested, *found]) and (best in found or len(found) < MAX_VAIN_ROUNDS):
             begins.append((best.motions, problem))
-    best = likeliest_at_rest(problem, noise, covering_most(problem, *settled), *settled, *found, workspace=workspace)
-    return recombined(problem, best, [*settled, *found], noise, exchanging)
+    best = likeliest_at_rest(problem, noise, covering_most(problem, *rested), *rested, *found, workspace=workspace)
+    return recombined(problem, best, [*rested, *found], noise, exchanging)
 
 
 def _distinct_motions(solutions: Sequence[SegmentSolution]) -> list[Sequence[Motion]]:

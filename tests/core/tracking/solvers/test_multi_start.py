@@ -22,6 +22,7 @@ from kfmocap.core.tracking.solvers.judgement import solution_doubts, solution_ra
 from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSolution
 from kfmocap.core.tracking.solvers.limb_corrections import limb_exchange, search_rounds
 from kfmocap.core.tracking.solvers.limb_corrections.like_limbs import exchanges
+from kfmocap.core.tracking.solvers.limb_corrections.local_trials import ADAPTATION_TIME, HELD_FRAMES
 from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import MIN_GAIN
 from made_evidence import Landscape
 from synthetic import CAMERAS, at_rest, coloured, dark, ends_held, figure, swing
@@ -69,12 +70,29 @@ def test_limbs_are_exchanged_only_once_the_search_has_found_another_motion(
     """A doubt that the search dispels is no reason for it."""
     landscape, asked = Landscape(truth=TRUTH, reach=0.0), list[SegmentSolution]()
     first, other = (landscape.solution(PROBLEM, motion) for motion in (TRUTH, off(TRUTH, ARMS, 0.3)))
+    other = replace(other, doubted=(0,))
     monkeypatch.setattr(multi_start, "descend", lambda *_: first)
     monkeypatch.setattr(multi_start, "doubted_performers", lambda *_: [0])
     monkeypatch.setattr(multi_start, "best_of_own_starts", lambda *_: other if found else first)
     monkeypatch.setattr(multi_start, "with_limbs_exchanged", lambda _problem, best, _: asked.append(best) or best)
     multi_start.best_of_starts(PROBLEM, [TRUTH], Workspace())
     assert asked == [other] * found
+
+
+@pytest.mark.parametrize(("contradicted", "elsewhere"), [(False, False), (False, True), (True, False)])
+def test_a_motion_that_was_followed_ends_the_doubt_unless_the_pictures_contradict_it_or_a_look_finds_limbs_elsewhere(
+    monkeypatch: pytest.MonkeyPatch, contradicted: bool, elsewhere: bool
+) -> None:
+    landscape = Landscape(truth=TRUTH, reach=0.0)
+    lost, found = (landscape.solution(PROBLEM, motion) for motion in (off(TRUTH, ARMS, 0.9), TRUTH))
+    monkeypatch.setattr(multi_start, "follow_both_ways", lambda *_: [TRUTH])
+    monkeypatch.setattr(multi_start, "with_whole_turn", lambda _problem, start, first, _: (start, first))
+    monkeypatch.setattr(multi_start, "images_contradict", lambda _, one: contradicted or one is lost)
+    monkeypatch.setattr(search_rounds.TrialRound, "gains", lambda *_: elsewhere)
+    monkeypatch.setattr(search_rounds, "search_round", lambda *_, **__: found)
+    best = multi_start.best_of_own_starts(PROBLEM, lost.motions, lost, landscape)
+    assert best.doubted == ((0,) if contradicted or elsewhere else ())
+    assert error(best) < 0.01
 
 
 def explained(problem: SegmentProblem, motion: Motion) -> SegmentSolution:
@@ -526,14 +544,54 @@ def test_legs_are_exchanged_though_they_become_likelier_only_once_they_are_at_re
     wrong = landscape.solution(problem, motion)
     legs = [HUMAN.index(name) for name in ("thigh.L", "thigh.R", "shin.L", "shin.R")]
 
-    def soon(_problem: SegmentProblem, motions: Sequence[Motion], *_: object) -> SegmentSolution:
-        at_first = motions[0] if motions[0] is motion else off(motions[0], legs, 2.0)
-        return landscape.solution(problem, at_first)
+    def soon(given: SegmentProblem, motions: Sequence[Motion], *_: object) -> SegmentSolution:
+        here = slice(given.first, given.first + given.length)
+        rests = any(not motions[0].difference(one[here]).any() for one in (motion, truth))
+        return landscape.solution(given, motions[0] if rests else off(motions[0], legs, 2.0))
+
+    def at_last(given: SegmentProblem, *_: object) -> SegmentSolution:
+        return landscape.solution(given, truth[given.first : given.first + given.length])
 
     monkeypatch.setattr(limb_exchange, "descend", soon)
-    monkeypatch.setattr(solution_ranking, "descend", lambda *_: landscape.solution(problem, truth))
+    monkeypatch.setattr(solution_ranking, "descend", at_last)
     found = limb_exchange.with_limbs_exchanged(problem, wrong, landscape)
     assert np.abs(found.motions[0].difference(truth)).max() < 0.05
+
+
+def test_an_exchange_is_refused_by_the_frames_beside_it() -> None:
+    """Time grows with the number of exchanges, not with that times the length of the segment."""
+    truth = striding(80)
+    problem = SegmentProblem((), (HUMAN,), 0, FPS, (ends_held(HUMAN, 80),))
+    landscape = Landscape(truth=truth)
+    right = landscape.solution(problem, truth)
+    found = limb_exchange.with_limbs_exchanged(problem, right, landscape)
+    assert np.abs(found.motions[0].difference(truth)).max() < 1e-6
+    lengths = [len(motion) for motion in landscape.measured]
+    exchanged = [len(np.flatnonzero(m.difference(truth).any(axis=1))) for (m,) in exchanges(problem, [truth])]
+    assert sum(length == 80 for length in lengths) <= 4  # the solution itself, settled before
+    beside = 2 * (HELD_FRAMES + round(ADAPTATION_TIME * FPS))
+    assert max(length for length in lengths if length < 80) == max(exchanged) + beside
+
+
+@pytest.mark.parametrize(("rival", "repeats"), [(-np.inf, 4), (1900.0, 4), (2100.0, 1)])
+def test_a_solution_is_solved_further_only_while_it_may_become_likelier_than_its_rival(
+    monkeypatch: pytest.MonkeyPatch, rival: float, repeats: int
+) -> None:
+    """The first repetition gains 500, and every further one as much: 2000 can be reached."""
+    solution = Landscape(truth=TRUTH).solution(PROBLEM, TRUTH)
+    solved: list[SegmentSolution] = [solution]
+
+    def next_one(*_: object) -> SegmentSolution:
+        solved.append(replace(solution, iterations=len(solved)))
+        return solved[-1]
+
+    monkeypatch.setattr(solution_ranking, "descend", next_one)
+    monkeypatch.setattr(solution_ranking, "continued", lambda _, found: found)
+    monkeypatch.setattr(solution_ranking, "likelihood", lambda _problem, _noise, one: 500.0 * solved.index(one))
+    noise = solution_ranking.noise_at(PROBLEM, solution, Workspace())
+    found = solution_ranking.settled_further(PROBLEM, noise, solution, Workspace(), rival=rival)
+    assert found is solved[-1]
+    assert len(solved) == 1 + repeats
 
 
 def test_motions_are_alike_only_if_those_of_every_performer_are() -> None:

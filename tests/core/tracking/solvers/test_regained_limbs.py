@@ -138,6 +138,18 @@ def test_limbs_without_a_sign_are_looked_for_if_the_pictures_contradicted_the_pe
 
 
 @pytest.mark.usefixtures("without_descent")
+def test_a_doubted_performer_that_comes_to_rest_where_it_was_is_not_solved_further(
+    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever is solved further becomes a little likelier."""
+    further: list[object] = []
+    monkeypatch.setattr(regained_limbs, "settled_further", lambda *given, **_: further.append(given) or given[2])
+    monkeypatch.setattr(regained_limbs, "freed_limb", lambda _problem, motions, place, _seed: motions[place[0]])
+    refined(replace(problem, doubted=(0,)), [TRUTH], Workspace())
+    assert not further
+
+
+@pytest.mark.usefixtures("without_descent")
 @pytest.mark.parametrize("doubted", [(), (0,)])
 def test_the_time_that_searches_take_counts(problem: SegmentProblem, doubted: tuple[int, ...]) -> None:
     """One limb is bent; of a doubtful performer, all are looked for."""
@@ -161,13 +173,19 @@ def test_a_bent_limb_stays_where_it_covers_more_than_anything_that_is_found(prob
 @pytest.mark.usefixtures("without_descent")
 @pytest.mark.parametrize(
     ("performers", "turn", "rounds"),
-    [(1, 0.0, MAX_RETURNS), (1, 0.3, MAX_SEARCH_ROUNDS), (2, 0.3, MAX_VAIN_ROUNDS), (2, 0.05, 1)],
+    [
+        (1, 0.0, MAX_RETURNS),
+        (1, 0.05, MAX_RETURNS),
+        (1, 0.3, MAX_SEARCH_ROUNDS),
+        (2, 0.3, MAX_VAIN_ROUNDS),
+        (2, 0.05, 1),
+    ],
 )
 def test_the_search_ends_once_the_limb_comes_to_rest_where_it_was_or_with_several_performers_without_success(
     problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch, performers: int, turn: float, rounds: int
 ) -> None:
-    """The limb is led astray by a turn, farther with every round. One of several performers' is where it was, unless it
-    is farther away than a descent reaches.
+    """The limb is led astray by a turn, farther with every round. It is where it was, unless it is farther away than a
+    descent reaches.
     """
     asked: list[int] = []
 
