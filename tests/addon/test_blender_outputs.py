@@ -162,6 +162,14 @@ def test_footage_of_a_shot_that_is_shown_before_it_is_tracked_is_opened_once(ble
     assert changed == [] and Path.cwd() == here
 
 
+def test_a_shot_is_shown_though_the_folder_of_its_results_is_still_to_be_made(blender, tmp_path):
+    blender_outputs.show_shot(shot(tmp_path), tmp_path / "new" / "out")
+    clips = list(bpy.data.movieclips)
+    assert [clip.filepath for clip in clips] == ["//../../cam01.mp4", "//../../cam02.mp4"]
+    assert [clip.frame_duration for clip in clips] == [30, 30]
+    assert not (tmp_path / "new").exists()
+
+
 def test_far_footage_is_named_by_its_absolute_path(tmp_path):
     (tmp_path / "footage").mkdir()
     original = shot(tmp_path / "footage")
