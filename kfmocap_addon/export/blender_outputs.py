@@ -44,8 +44,8 @@ def show_shot(shot: Shot, home: Path | str) -> bpy.types.Scene:
         Blender cannot read some footage.
     """
     scene, folder = _fresh_scene(), Path(home).resolve()
-    # Blender takes relative paths from there as long as no file is open. To change paths afterwards, which is left where
-    # the folder is still to be made, has it open all footage again.
+    # Blender takes relative paths from there as long as no file is open. If the folder is still to be made, paths are
+    # changed afterwards, and Blender opens all footage again.
     there = folder.is_dir()
     with contextlib.chdir(folder) if there else nullcontext():
         scenes.build_scene(shot, scene=scene, stored=partial(_portable, folder=folder) if there else str)
