@@ -4,7 +4,8 @@ If a camera, or the program that copied its file, lost a frame, everything that 
 one. The solution lies between what this view and the others show, so that how far the view is off cannot be read off
 its residuals. It is therefore estimated together with the motion: a delay of one view from a frame on is one more
 unknown beside the poses, which are eliminated from its normal equation (Schur complement). Key poses, the other views
-and the gaps between frames all count, and a delay that the motion itself could explain has no precision.
+and the gaps between frames all count, and a delay that the motion itself could explain has no precision. What is left
+of the poses' own gradient is eliminated as well: a motion that has not quite converged would else pass for a delay.
 """
 
 from __future__ import annotations
@@ -114,21 +115,24 @@ def segment_lateness(
     hidden : sequence of ndarray of bool, shape (F, P)
         Per performer: parts whose pixels are left out.
     tied : TiedSystems
-        Normal equations of all performers at the solution.
+        Normal equations of all performers at the solution, with all priors: their gradient is what the solution has not
+        reached yet.
     """
     F = problem.length
     places = np.unique(np.linspace(0, F - 1, min(F, MAX_STARTS)).round().astype(int))
     evidence, weights = weighted_evidence(problem, measured.evidence, hidden)
     factors, spans = [system.factor() for system in tied.systems], problem.spans()
+    ahead = [factor.solve(system.blocks.gradient) for factor, system in zip(factors, tied.systems, strict=True)]
     found = np.zeros((3, len(problem.views), len(places)))
     for instants in measured.instants:
         twists = [_twists(problem, instants, i) for i in range(len(problem.bodies))]
         for v in instants.views:
             H, g = paired_sums(evidence, [v], weights)
-            for where, factor in zip(tied.places, factors, strict=True):
+            for where, factor, step in zip(tied.places, factors, ahead, strict=True):
                 delays = {i: _delays((H[:, spans[i]], g[:, spans[i]]), twists[i], places) for i in where}
                 found[:, v] += sum(own for own, _ in delays.values())
                 across = np.concatenate([_on_frames(instants, i, delays[i][1]) for i in where], axis=1)
+                found[0, v] -= np.einsum("fdk,fd->k", across, step)
                 followed = factor.solve(across)  # how the poses follow each delay
                 found[1, v] -= (across * followed).sum(axis=(0, 1))
                 found[2, v] -= np.einsum("fdk,fd->k", across, followed[..., 0])

@@ -18,11 +18,14 @@ import numpy as np
 from ...body import Body
 from ...evidence.misfit import measured_misfit
 from ...numerics.arrays import Array, Bools
+from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.error_lengths import length_quantile
 from ..late_views import Lateness, segment_lateness
-from ..solvers.equations.measurement import hidden_parts, keypoint_instants, measured_at, poses_by_delay
+from ..solvers.equations.contact_factor import with_contact
+from ..solvers.equations.hold_factor import TiedSystems
+from ..solvers.equations.measurement import MeasuredMotion, hidden_parts, keypoint_instants, measured_at, poses_by_delay
 from ..solvers.equations.problem import SegmentProblem, SegmentSolution
-from ..solvers.equations.segment_equations import evidence_equations
+from ..solvers.equations.segment_equations import evidence_equations, hidden_and_expected, with_priors
 from ..solvers.equations.smoothness_factor import SegmentSmoothness
 from .held_out_keys import USUAL_RATIO, covariance_ratios, missed_key_poses
 from .joint_covariances import growth_by_speed, tip_covariances, tip_jacobian
@@ -149,7 +152,19 @@ def segment_uncertainties(
                 lost_probabilities(body, misfit, spans[i], held=held, keys=keys[i]),
             )
         )
-    return uncertainties, segment_lateness(problem, measured, hidden, tied)
+    whole = _with_all_priors(problem, measured, images, smooth)
+    return uncertainties, segment_lateness(problem, measured, hidden, whole)
+
+
+def _with_all_priors(
+    problem: SegmentProblem, measured: MeasuredMotion, images: Sequence[BandedBlocks], smooth: SegmentSmoothness
+) -> TiedSystems:
+    """Return the normal equations of all performers that the solution minimises, but for plants."""
+    problem, motions = replace(problem, only=None), measured.motions
+    _, expected = hidden_and_expected(problem, motions, measured.evidence)
+    systems = with_priors(problem, motions, images, smooth, expected)
+    systems = with_contact(systems, problem.contact, problem.bodies, motions, problem.sought)
+    return problem.tied(systems, motions)
 
 
 def joint_errors(body: Body, uncertainties: Sequence[SegmentUncertainty], beside: Array) -> JointErrors:

@@ -93,6 +93,7 @@ class _TestedStage:
             # A step's gain is the square of its length in standard deviations.
             least_promise=stage.noticed**2
             * sum(np.count_nonzero(~self._problem.fixed[i]) for i in self._problem.sought),
+            unmade=self._hardly_moves if stage.moving else None,
         )
         return minimise(
             start, self._linearise, self._moved, damping=DAMPING, stopping=stopping, on_iteration=self._begin_step
@@ -137,6 +138,9 @@ class _TestedStage:
         if farthest_joint(self._problem, before, after) < (UNCONVERGED_MOVE if over else self._stage.still):
             return 0.0
         return _size([before[i].difference(after[i]) for i in self._problem.sought])
+
+    def _hardly_moves(self, before: tuple[Motion, ...], after: tuple[Motion, ...]) -> bool:
+        return farthest_joint(self._problem, before, after) < self._stage.moving
 
     def _moved(self, motions: tuple[Motion, ...], steps: Sequence[Array]) -> tuple[Motion, ...]:
         assert self._tied is not None

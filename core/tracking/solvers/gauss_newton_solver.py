@@ -23,7 +23,7 @@ from dataclasses import replace
 from ...body.motion import Motion
 from ...runtime.timing import Seconds
 from . import gauss_newton
-from .descent_stages import OUTLINE_REACH, POLISH, RESUMED
+from .descent_stages import OUTLINE_REACH, POLISH, POLISHED_AT_ONCE, REFINEMENT, RESUMED
 from .equations.measurement import Workspace
 from .equations.problem import SegmentProblem, SegmentSolution
 from .gauss_newton import continued, descend, farthest_joint
@@ -53,11 +53,15 @@ def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
     """Refine a solution now that the motion beside the segment is known, search again for lost limbs, and polish what
     was found.
 
-    Parameters as in `gauss_newton.descend`.
+    In several views, a solution that nothing has contradicted is refined and polished at once, and polished again only
+    if a limb was found elsewhere. Parameters as in `gauss_newton.descend`.
     """
-    found = gauss_newton.refine(problem, start, workspace.part(0.0, 0.27))
+    stages = POLISHED_AT_ONCE if problem.shows_depth and not problem.doubted else REFINEMENT
+    found = first = gauss_newton.refine(problem, start, workspace.part(0.0, 0.27), stages)
     if pictures_find_limbs(problem):
-        found = with_limbs_regained(problem, found, workspace.part(0.27, 0.9))
+        found = with_limbs_regained(problem, first, workspace.part(0.27, 0.9))
+    if stages is POLISHED_AT_ONCE and found.motions is first.motions:
+        return found
     polished = gauss_newton.refine(problem, found.motions, workspace.part(0.9, 1.0), POLISH)
     seconds = Seconds(found.seconds)
     seconds.add(polished.seconds)

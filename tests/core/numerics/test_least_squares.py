@@ -100,6 +100,25 @@ def test_a_step_that_promises_too_little_is_not_tried(share: float) -> None:
     assert result.converged or share < 1
 
 
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_a_step_to_a_state_nearby_is_not_tried(share: float) -> None:
+    A, minimum = quadratic()
+    seen = []
+
+    def linearise(x: np.ndarray) -> DenseEquations:
+        seen.append(x)
+        return dense(A, x, minimum)
+
+    def near(before: np.ndarray, after: np.ndarray) -> bool:
+        return bool(np.linalg.norm(after - before) < share * np.linalg.norm(minimum))
+
+    stopping = StoppingRule(iterations=1, unmade=near)
+    result = minimise(np.zeros(UNKNOWNS), linearise, added, damping=GAUSS_NEWTON, stopping=stopping)
+    assert len(seen) == 1 + result.iterations == (2 if share < 1 else 1)
+    np.testing.assert_allclose(result.state, minimum if share < 1 else 0.0, atol=1e-9)
+    assert result.converged or share < 1
+
+
 def test_a_banded_quadratic_is_solved_in_one_step_but_for_what_is_fixed() -> None:
     A, minimum = quadratic()
     A, minimum = A[: F * D, : F * D], minimum[: F * D]

@@ -20,7 +20,15 @@ from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.shot.acceleration_prior import USUAL_JOINT, USUAL_ROOT, acceleration_precision
 from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers import gauss_newton
-from kfmocap.core.tracking.solvers.descent_stages import MIN_JOINT_MOVE, OUTLINE_REACH, REFINEMENT, STAGES, DescentStage
+from kfmocap.core.tracking.solvers.descent_stages import (
+    MIN_JOINT_MOVE,
+    OUTLINE_REACH,
+    POLISH,
+    REFINEMENT,
+    RESUMED,
+    STAGES,
+    DescentStage,
+)
 from kfmocap.core.tracking.solvers.equations import segment_equations
 from kfmocap.core.tracking.solvers.equations.measurement import MeasuredMotion, Workspace, hidden_parts
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, frame_residual
@@ -485,6 +493,20 @@ def test_a_refinement_ends_once_a_step_leaves_all_joints_nearly_still() -> None:
         found, further = (gauss_newton.descend(problem, start, landscape, stages) for stages in ((stage,), on))
         assert found.iterations < further.iterations
         assert gauss_newton.farthest_joint(problem, found.motions, further.motions) < MIN_JOINT_MOVE
+
+
+@pytest.mark.parametrize("stages", [POLISH, RESUMED])
+def test_a_polish_and_a_correction_end_before_a_step_that_hardly_moves_any_joint(stages: tuple[DescentStage]) -> None:
+    truth, turn, problem, landscape = arm_to_be_turned()
+    for angle in (0.004, 0.2):
+        start = [truth.moved(angle * turn)]
+        landscape.measured.clear()
+        found = gauss_newton.descend(problem, start, landscape, stages)
+        left = gauss_newton.farthest_joint(problem, found.motions, [truth])
+        if angle < 0.1:
+            assert found.motions[0] is start[0] and len(landscape.measured) == 1
+        else:
+            assert left < MIN_JOINT_MOVE < gauss_newton.farthest_joint(problem, start, found.motions)
 
 
 def test_coarse_stages_end_early_and_the_last_looks_at_every_view() -> None:
