@@ -80,9 +80,9 @@ class _BlenderProcess:
             with blender_needed():
                 self._loaded.result()
 
-    def prepare(self, shot: Shot, home: Path) -> None:
+    def prepare(self, shot: Shot, home: Path, beside: Path | None = None) -> None:
         """Have a scene built for a shot that is going to be written to a folder; returns at once."""
-        self._shown = self._thread.submit(self._process.call, partial(_showing, shot, home))
+        self._shown = self._thread.submit(self._process.call, partial(_showing, shot, home, beside))
 
     def write_outputs(self, shot: Shot, result: TrackResult, request: OutputRequest) -> list[Path]:
         """Write the BVH and FBX files and shot.blend; returns the files written."""
@@ -128,9 +128,9 @@ def _loaded_blender(_: Progress) -> None:
         from .kfmocap_addon.export import blender_outputs  # noqa: F401  it is loaded for later
 
 
-def _showing(shot: Shot, home: Path, _: Progress) -> None:
+def _showing(shot: Shot, home: Path, beside: Path | None, _: Progress) -> None:
     """Have Blender show a shot before it is tracked."""
-    _load_blender().show_shot(shot, home)
+    _load_blender().show_shot(shot, home, beside)
 
 
 def _written_outputs(shot: Shot, result: TrackResult, request: OutputRequest, _: Progress) -> list[Path]:

@@ -95,7 +95,7 @@ class BlenderWriter(Protocol):
             It does not; writing raises the same error.
         """
 
-    def prepare(self, shot: Shot, home: Path) -> None:
+    def prepare(self, shot: Shot, home: Path, beside: Path | None = None) -> None:
         """Prepare everything for a shot that does not depend on its motion, if another process can do so.
 
         Returns at once; errors are raised when the results are written.
@@ -106,6 +106,8 @@ class BlenderWriter(Protocol):
             The shot that is going to be tracked.
         home : Path
             See `OutputRequest`.
+        beside : Path, optional
+            A folder that exists, in the same one as `home` if that is still to be made.
         """
 
     def write_outputs(self, shot: Shot, result: TrackResult, request: OutputRequest) -> list[Path]:

@@ -191,7 +191,7 @@ def run_track(
     times = Seconds(seconds or {})
     with staged(out_dir, names) as stage, ExitStack() as stack:
         if blender is not None and not open_scene:
-            blender.prepare(shot, out_dir)
+            blender.prepare(shot, out_dir, stage.parent)
         if memory is None:
             memory = stack.enter_context(closing(WorkerMemory(limit=0)))
         check = _CameraCheck(shot)

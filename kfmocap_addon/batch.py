@@ -43,16 +43,16 @@ class BatchSession:
     def check(self) -> None:
         """Do nothing: Blender is loaded already."""
 
-    def prepare(self, shot: Shot, home: Path) -> None:
+    def prepare(self, shot: Shot, home: Path, beside: Path | None = None) -> None:
         """Do nothing: Blender is in this process, and cannot prepare a scene while it tracks."""
 
-    def show_shot(self, shot: Shot, home: Path) -> None:
+    def show_shot(self, shot: Shot, home: Path, beside: Path | None = None) -> None:
         """Show a shot that is going to be written, with `OutputRequest.shown`; the add-on stays switched on."""
         from .export import blender_outputs
 
         if not registration.is_registered():
             registration.register()
-        blender_outputs.show_shot(shot, home)
+        blender_outputs.show_shot(shot, home, beside)
 
     def write_outputs(self, shot: Shot, result: TrackResult, request: OutputRequest) -> list[Path]:
         """Write the BVH and FBX files and shot.blend; returns the files written."""

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _STEPS_UP = 3  # footage further away than that is found by its absolute path
 
 
-def show_shot(shot: Shot, home: Path | str) -> bpy.types.Scene:
+def show_shot(shot: Shot, home: Path | str, beside: Path | None = None) -> bpy.types.Scene:
     """Show a shot without motion in a new scene, for `write_blender_outputs`; that closes the open file.
 
     Parameters
@@ -35,6 +35,8 @@ def show_shot(shot: Shot, home: Path | str) -> bpy.types.Scene:
     shot : Shot
     home : path
         The folder that shot.blend is going to be in: footage near it is named relative to it, from now on.
+    beside : Path, optional
+        A folder that exists. If `home` is still to be made in the same folder, relative paths are the same from both.
 
     Raises
     ------
@@ -46,9 +48,10 @@ def show_shot(shot: Shot, home: Path | str) -> bpy.types.Scene:
     scene, folder = _fresh_scene(), Path(home).resolve()
     # Blender takes relative paths from there as long as no file is open. If the folder is still to be made, paths are
     # changed afterwards, and Blender opens all footage again.
-    there = folder.is_dir()
-    with contextlib.chdir(folder) if there else nullcontext():
-        scenes.build_scene(shot, scene=scene, stored=partial(_portable, folder=folder) if there else str)
+    there = folder if folder.is_dir() or beside is None else beside.resolve()
+    same = there.is_dir() and (there == folder or there.parent == folder.parent)
+    with contextlib.chdir(there) if same else nullcontext():
+        scenes.build_scene(shot, scene=scene, stored=partial(_portable, folder=folder) if same else str)
         for item, path in _paths(folder):
             _set_path(item, path)
     _open_on_footage(scene)
