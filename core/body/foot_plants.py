@@ -44,9 +44,7 @@ class Plants:
     speed: float
 
 
-def find_plants(
-    points: Array, fps: float, leg: float, deviation: Array | None = None, *, by_height: bool = True
-) -> Plants:
+def find_plants(points: Array, fps: float, leg: float, sigma: Array | None = None, *, by_height: bool = True) -> Plants:
     """Find when points of one sole stand still on the ground.
 
     Parameters
@@ -57,7 +55,7 @@ def find_plants(
         Frames per second.
     leg : float
         Length of the leg in the same unit: speeds and heights are measured in it.
-    deviation : ndarray, shape (F, C), optional
+    sigma : ndarray, shape (F, C), optional
         Standard deviation of each point's position. Frames on which it is larger than the median have less influence;
         the median itself is part of the noise that is estimated from the motion.
     by_height : bool
@@ -72,7 +70,7 @@ def find_plants(
         return Plants(np.zeros(points.shape[:2], bool), float(points[..., 2].min(initial=0.0)), 0.0)
     x = points / leg
     speed = np.linalg.norm(np.gradient(x, axis=0), axis=2) * fps
-    doubt = np.zeros(speed.shape) if deviation is None else _excess_deviation(deviation / leg)
+    doubt = np.zeros(speed.shape) if sigma is None else _excess_sigma(sigma / leg)
     height = x[..., 2] if by_height else np.zeros(speed.shape)
     sizes = _Sizes(0.05, 1.2, 0.02, float(np.quantile(height, 0.05)))
     for _ in range(_ITERATIONS):
@@ -106,9 +104,9 @@ def with_ends(planted: Bools, points: Array, speed: float, fps: float) -> Bools:
     return found
 
 
-def _excess_deviation(deviation: Array) -> Array:
+def _excess_sigma(sigma: Array) -> Array:
     """By how much standard deviations exceed their median over the frames, as the deviation of an independent error."""
-    return np.asarray(np.sqrt(np.maximum(deviation**2 - np.median(deviation, axis=0) ** 2, 0.0)))
+    return np.asarray(np.sqrt(np.maximum(sigma**2 - np.median(sigma, axis=0) ** 2, 0.0)))
 
 
 @dataclass(frozen=True)

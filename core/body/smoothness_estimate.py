@@ -69,7 +69,7 @@ class AccelerationVariances:
             np.where(groups, given.typical, self.typical), np.where(groups, given.local, self.local)
         )
 
-    def deviations(self, fps: float) -> Array:
+    def typical_accelerations(self, fps: float) -> Array:
         """Typical accelerations, shape (G,): of the root's place in m/s^2, of joints in rad/s^2."""
         return np.asarray(np.sqrt(self.typical) * fps**2)
 

@@ -61,7 +61,7 @@ class Soles:
         R, T = poses
         return np.asarray(np.einsum("fcab,cb->fca", R[:, self.parts], self.local) + T[:, self.parts])
 
-    def planted(self, poses: Poses, fps: float, deviation: Array | None = None) -> Bools:
+    def planted(self, poses: Poses, fps: float, sigma: Array | None = None) -> Bools:
         """Find on which frames the points are planted, shape (F, C).
 
         Parameters
@@ -69,10 +69,10 @@ class Soles:
         poses : tuple of ndarray
             See `core.body.kinematics.Poses`.
         fps : float
-        deviation : ndarray, shape (F, P), optional
+        sigma : ndarray, shape (F, P), optional
             Standard deviations of the parts' positions, metres.
         """
-        doubt = None if deviation is None else deviation[:, self.parts]
+        doubt = None if sigma is None else sigma[:, self.parts]
         return find_plants(self.world(poses), fps, self.leg, doubt).planted
 
     def with_ends(self, planted: Bools, poses: Poses, fps: float) -> Bools:

@@ -27,9 +27,9 @@ from ..evidence.gradient_evidence.image_wrenches import camera_twist
 from ..evidence.outline_evidence.held_outlines import HeldOutlines
 from ..evidence.rendering.part_geometry import Geometry
 from ..formats.keypoint_files import read_shot_keypoints
-from ..keypoints.keypoint_deviations import USUAL_SIGMA, robust_weights
 from ..keypoints.keypoint_places import Places
 from ..keypoints.keypoint_rays import Keypoints
+from ..keypoints.keypoint_sigmas import USUAL_SIGMA, robust_weights
 from ..keypoints.left_right import correct_sides
 from ..keypoints.observations import performer_keypoints
 from ..numerics.arrays import Array, slices_of

@@ -18,16 +18,16 @@ from ..body.joint_limits import habitual_prior
 from ..body.kinematics import Poses, motion_of_poses
 from ..numerics.arrays import Array
 from ..numerics.banded_blocks import BandedBlocks
-from .keypoint_deviations import (
+from .keypoint_places import Places, offset_precision
+from .keypoint_rays import Keypoints
+from .keypoint_sigmas import (
     GEMAN_MCCLURE_SCALE,
     LIFTED_SIGMA,
     USUAL_SIGMA,
-    deviations,
     robust_weights,
+    sigmas,
     trusted_weights,
 )
-from .keypoint_places import Places, offset_precision
-from .keypoint_rays import Keypoints
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ class KeypointFactor:
     places : Places
     correlated : float
         How many neighbouring frames have the same error, and therefore count as one.
-    deviation : ndarray, shape (V, L), optional
+    sigma : ndarray, shape (V, L), optional
         The detector's standard deviations, metres. By default they are estimated from the residuals of the motion that
         the keypoints are compared with; if that motion is too smooth, the detector seems worse than it is.
     agreed : ndarray, shape (V, F, L), optional
@@ -119,7 +119,7 @@ class KeypointFactor:
     keypoints: Keypoints
     places: Places
     correlated: float
-    deviation: Array | None = None
+    sigma: Array | None = None
     agreed: Array | None = None
     habit: tuple[Array, Array] | None = None
     imagined: Keypoints | None = None
@@ -133,9 +133,9 @@ class KeypointFactor:
 
     def of_views(self, views: list[int]) -> KeypointFactor:
         """Return the evidence of some of the views."""
-        deviation = None if self.deviation is None else self.deviation[views]
+        sigma = None if self.sigma is None else self.sigma[views]
         agreed = None if self.agreed is None else self.agreed[views]
-        return replace(self, keypoints=self.keypoints.of_views(views), deviation=deviation, agreed=agreed)
+        return replace(self, keypoints=self.keypoints.of_views(views), sigma=sigma, agreed=agreed)
 
     def agreement(self, poses: Poses) -> float:
         """Return the mean robust weight of the keypoints, from 0 to 1 (all agree with the poses)."""
@@ -155,10 +155,10 @@ class KeypointFactor:
         """Normal equations at the poses. With a tolerance above 1, large errors still pull, far from the solution."""
         keypoints = self.keypoints
         residual = keypoints.residuals(self.places.world(poses))
-        deviation = deviations(residual, keypoints.confidence) if self.deviation is None else self.deviation
-        weights = robust_weights(residual, keypoints.confidence, deviation, tolerance)
+        sigma = sigmas(residual, keypoints.confidence) if self.sigma is None else self.sigma
+        weights = robust_weights(residual, keypoints.confidence, sigma, tolerance)
         if self.agreed is not None:
-            weights = np.maximum(weights, trusted_weights(residual, self.agreed, deviation, tolerance))
+            weights = np.maximum(weights, trusted_weights(residual, self.agreed, sigma, tolerance))
         blocks = keypoint_system(body, poses, keypoints, self.places, weights / self.correlated).blocks
         if self.imagined is not None:
             blocks = blocks + self._depth_blocks(body, poses, self.imagined, tolerance)

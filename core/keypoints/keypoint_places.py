@@ -85,7 +85,7 @@ def has_keypoint(body: Body, name: str) -> bool:
     return name in body.landmarks or (name[1:] in FACE and "Head" in body.landmarks)
 
 
-def offset_deviation(name: str) -> float:
+def offset_sigma(name: str) -> float:
     """Standard deviation of a keypoint's offset from its landmark along each axis, metres."""
     if name.endswith("Hip"):
         return HIP_OFFSET_SIGMA
@@ -100,7 +100,7 @@ def offset_precision(names: Sequence[str]) -> Array:
     for i, name in enumerate(names):
         paired = is_sided(name) and mirrored_name(name) in names
         other = names.index(mirrored_name(name)) if paired else i
-        usual = offset_deviation(name) ** 2
+        usual = offset_sigma(name) ** 2
         if not paired:
             precision[i, axes, i, axes] = 1 / usual
         elif i < other:

@@ -136,7 +136,7 @@ def fit_keypoints(shot: Shot, detections: Sequence[Detections], fixed: Sequence[
         else:
             # Errors that last over many frames shift the constants (offsets and measures), but the first pass has
             # settled these. They give no reason to doubt a movement that views agree on, so every frame counts in full.
-            factor = KeypointFactor(fit.keypoints, fit.places, 1.0, fit.deviation, fit.agreed)
+            factor = KeypointFactor(fit.keypoints, fit.places, 1.0, fit.sigma, fit.agreed)
         habit = habit_precision(body, fit.keypoints, shot.fps)
         factor = replace(factor, habit=(habit, usual_turns(fit.motion, habit)))
         performers.append(

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ..numerics.arrays import Array
 from ..numerics.resampling import gaps_filled
-from .keypoint_deviations import deviations_of_lengths
 from .keypoint_rays import Keypoints
+from .keypoint_sigmas import sigmas_of_lengths
 from .left_right import correct_sides
 from .triangulation import LEAP_DISTANCE, triangulate
 
@@ -48,7 +48,7 @@ class ViewAgreement:
         Triangulated points without those that leap, metres; NaN where no two views agree.
     confidence : ndarray, shape (V, F, L)
         Confidence of the keypoints that agree with the points, else 0.
-    deviation : ndarray, shape (V, L), or None
+    sigma : ndarray, shape (V, L), or None
         Standard deviations of the detector, metres; None if no two views agree on anything.
     fps : float
     """
@@ -57,7 +57,7 @@ class ViewAgreement:
     changed: NDArray[np.bool_]
     points_world: Array
     confidence: Array
-    deviation: Array | None
+    sigma: Array | None
     fps: float
 
     @classmethod
@@ -74,8 +74,8 @@ class ViewAgreement:
             points, inliers = triangulate(sided, fps)
         points = without_leaps(points, fps)
         inliers = inliers & np.isfinite(points).all(axis=-1)
-        deviation = view_deviations(sided, points, inliers) if inliers.any() else None
-        return cls(sided, changed, points, inliers * sided.confidence, deviation, fps)
+        sigma = view_sigmas(sided, points, inliers) if inliers.any() else None
+        return cls(sided, changed, points, inliers * sided.confidence, sigma, fps)
 
     def averaged(self) -> Array:
         """Return the points averaged over a few frames, metres, (F, L, 3); see the function `averaged`."""
@@ -97,7 +97,7 @@ def without_midpoints(keypoints: Keypoints) -> Keypoints:
     return replace(keypoints, confidence=confidence)
 
 
-def view_deviations(keypoints: Keypoints, points_world: Array, inliers: NDArray[np.bool_]) -> Array:
+def view_sigmas(keypoints: Keypoints, points_world: Array, inliers: NDArray[np.bool_]) -> Array:
     """Return robust standard deviations of every view's keypoints from triangulated points, metres, shape (V, L).
 
     Parameters
@@ -110,7 +110,7 @@ def view_deviations(keypoints: Keypoints, points_world: Array, inliers: NDArray[
     """
     size = np.linalg.norm(keypoints.residuals(points_world), axis=-1)
     views = np.maximum(inliers.sum(axis=0), 2)
-    return deviations_of_lengths(size * np.sqrt(2 * views / (2 * views - 3)), keypoints.confidence)
+    return sigmas_of_lengths(size * np.sqrt(2 * views / (2 * views - 3)), keypoints.confidence)
 
 
 def _expected(points_world: Array, inliers: NDArray[np.bool_], fps: float) -> Array:

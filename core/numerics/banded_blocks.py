@@ -63,13 +63,13 @@ class BandedBlocks:
             factor * self.energy,
         )
 
-    def near(self, deviation: float) -> BandedBlocks:
+    def near(self, sigma: float) -> BandedBlocks:
         """Return the system whose solution is expected within a deviation of where it is linearised, for every unknown.
 
         Unknowns of which it says little then stay where they are, instead of going as far as it happens to say.
         """
         frames, dof = self.gradient.shape
-        expected = replace(self.zeros(frames, dof), diagonal=np.tile(np.eye(dof) / deviation**2, (frames, 1, 1)))
+        expected = replace(self.zeros(frames, dof), diagonal=np.tile(np.eye(dof) / sigma**2, (frames, 1, 1)))
         return self + expected
 
     def gradient_at(self, increments: Array) -> Array:

@@ -21,9 +21,9 @@ def usual_variances(body: Body, fps: float, settings: Settings) -> Array:
 
     The groups are those of `core.body.smoothness_estimate`: the root's position and the rotation of every part.
     """
-    deviation = np.full(body.dof // 3, settings.joint_acceleration or USUAL_JOINT)
-    deviation[0] = settings.root_acceleration or USUAL_ROOT
-    return np.asarray((deviation / fps**2) ** 2)
+    sigma = np.full(body.dof // 3, settings.joint_acceleration or USUAL_JOINT)
+    sigma[0] = settings.root_acceleration or USUAL_ROOT
+    return np.asarray((sigma / fps**2) ** 2)
 
 
 def given_groups(body: Body, settings: Settings) -> Bools:

@@ -201,12 +201,14 @@ def _steps(progress: Progress | None, watch: Watcher | None, before: int = 0) ->
 
 
 def _found_accelerations(ended: SegmentState) -> tuple[Array, ...]:
-    """Return the estimated accelerations per performer, see `AccelerationVariances.deviations`; empty if none were."""
+    """Return the estimated accelerations per performer (`AccelerationVariances.typical_accelerations`); empty if none
+    were.
+    """
     problem, found = ended.problem, ended.solution.variances
     usual = [usual_variances(body, problem.fps, problem.settings) for body in problem.bodies]
     if all(np.array_equal(own.typical, before) for own, before in zip(found, usual, strict=False)):
         return ()
-    return tuple(own.deviations(problem.fps) for own in found)
+    return tuple(own.typical_accelerations(problem.fps) for own in found)
 
 
 def _finished(

@@ -182,7 +182,7 @@ class ShotScale:
                 factor,
                 keypoints=self._rays(factor.keypoints),
                 places=replace(places, local=self.factor * places.local, offsets=self.factor * places.offsets),
-                deviation=None if factor.deviation is None else self.factor * factor.deviation,
+                sigma=None if factor.sigma is None else self.factor * factor.sigma,
                 imagined=None if factor.imagined is None else self._rays(factor.imagined),
             ),
             typical_variances=self._of_root(own.typical_variances, 2),

@@ -125,8 +125,8 @@ class _BallFit:
     def of(cls, window: BallWindow, guess: BallGuess) -> _BallFit:
         """Return the problem for the pixels around a ball."""
         inside = np.linalg.norm(window.places - guess.centre, axis=-1) < guess.reach + _LIMB_WIDTH
-        start, deviation, free = _start(window, guess)
-        return cls(window, guess, FreeUnknowns(start, deviation, free, _STEPS, _MAX_STEPS), inside)
+        start, sigma, free = _start(window, guess)
+        return cls(window, guess, FreeUnknowns(start, sigma, free, _STEPS, _MAX_STEPS), inside)
 
     def residuals(self, images: Array) -> Array:
         """Return by how much images (k, n, n, 3) differ from the one that was observed, standard deviations, (k, m)."""

@@ -18,7 +18,7 @@ class FreeUnknowns:
 
     Attributes
     ----------
-    start, deviation : ndarray, shape (n,)
+    start, sigma : ndarray, shape (n,)
         The initial unknowns and their standard deviations, which are the prior.
     free : ndarray of bool, shape (n,)
         Which of them are solved for.
@@ -29,7 +29,7 @@ class FreeUnknowns:
     """
 
     start: Array
-    deviation: Array
+    sigma: Array
     free: Bools
     difference: Array
     furthest: Array
@@ -44,8 +44,8 @@ class FreeUnknowns:
 
     def with_prior(self, x: Array, H: Array, g: Array) -> tuple[Array, Array]:
         """Return normal equations (k, k) and (k,) of the free unknowns at x with the prior added."""
-        deviation = self.deviation[self.free]
-        return H + np.diag(1 / deviation**2), g + self._off(x) / deviation
+        sigma = self.sigma[self.free]
+        return H + np.diag(1 / sigma**2), g + self._off(x) / sigma
 
     def prior_cost(self, x: Array) -> float:
         """Return the squared distance of the free unknowns from their start, in standard deviations."""
@@ -58,7 +58,7 @@ class FreeUnknowns:
         return after
 
     def _off(self, x: Array) -> Array:
-        return np.asarray(((x - self.start) / self.deviation)[self.free])
+        return np.asarray(((x - self.start) / self.sigma)[self.free])
 
 
 def centre_step(x: Array, after: Array) -> float:

@@ -257,7 +257,7 @@ def without_rod(
         share,
         np.nan_to_num(ways),
         start=np.array([*centre, radius, *(path * vectors[:, 1])]),
-        deviation=np.array([_MAX_ROD_SHIFT, _MAX_ROD_SHIFT, _RADIUS_SIGMA * radius, _MAX_ROD_SHIFT, _MAX_ROD_SHIFT]),
+        sigma=np.array([_MAX_ROD_SHIFT, _MAX_ROD_SHIFT, _RADIUS_SIGMA * radius, _MAX_ROD_SHIFT, _MAX_ROD_SHIFT]),
         free=np.array([True, True, True, not still, not still]),
     )
     found = minimise(

@@ -57,9 +57,9 @@ class DiscFit:
     unknowns: FreeUnknowns
 
     @classmethod
-    def of(cls, places: Array, share: Array, ways: Array, *, start: Array, deviation: Array, free: Bools) -> DiscFit:
+    def of(cls, places: Array, share: Array, ways: Array, *, start: Array, sigma: Array, free: Bools) -> DiscFit:
         """Return the fit from a start of its unknowns, their standard deviations, and which are free, (5,) each."""
-        return cls(places, share, ways, FreeUnknowns(start, deviation, free, _DIFFERENCES, _MAX_STEPS))
+        return cls(places, share, ways, FreeUnknowns(start, sigma, free, _DIFFERENCES, _MAX_STEPS))
 
     def used(self, x: Array) -> Bools:
         """Return the pixels that the disc reaches and that no rod hides."""

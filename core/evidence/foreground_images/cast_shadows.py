@@ -59,16 +59,16 @@ class ShadowModel:
         it against one in the light.
     dimmed : ndarray of float32, shape (K + 1, 3)
         For each factor of brightness: factors of the three colours.
-    deviation : float
+    sigma : float
         Standard deviation of colours in the same light, grey levels (of 255).
     """
 
     cost: Array
     dimmed: Array
-    deviation: float
+    sigma: float
 
     @classmethod
-    def of(cls, samples: Bytes, lit: Bytes, *, seen: int, deviation: float, least: float) -> ShadowModel | None:
+    def of(cls, samples: Bytes, lit: Bytes, *, seen: int, sigma: float, least: float) -> ShadowModel | None:
         """Learn the model from places that are darker on one frame than on another.
 
         Parameters
@@ -77,7 +77,7 @@ class ShadowModel:
             Colours of places when darker, and of the same places in the light.
         seen : int
             Number of samples there would be if all places were in shadow.
-        deviation : float
+        sigma : float
             Standard deviation of colours in the same light, grey levels (of 255).
         least : float
             Smallest number of samples that must be dimmed alike.
@@ -94,7 +94,7 @@ class ShadowModel:
         factor = samples.mean(axis=1) / lit.mean(axis=1)
         tint = np.median(np.log(samples / lit) / np.log(factor)[:, None], axis=0)
         miss = np.abs(samples - lit * factor[:, None] ** tint).max(axis=1)
-        alike = miss < MAX_LIGHT_DIFFERENCE * deviation
+        alike = miss < MAX_LIGHT_DIFFERENCE * sigma
         if alike.sum() < max(least, len(samples) / 2):
             return None
         steps = np.arange(_FACTOR_STEPS + 1) / _FACTOR_STEPS
@@ -103,7 +103,7 @@ class ShadowModel:
         density = (1 - _OUTLIER_SHARE) * counts / counts.sum() * _FACTOR_STEPS + _OUTLIER_SHARE
         share = min(alike.sum() / max(seen, 1), 0.5)
         cost = -np.log(share / (1 - share) * density)
-        return cls(cost.astype(np.float32), (steps[:, None] ** tint).astype(np.float32), deviation)
+        return cls(cost.astype(np.float32), (steps[:, None] ** tint).astype(np.float32), sigma)
 
     def distances(self, colours: Bytes, plate: Bytes) -> Array:
         """Negative log likelihood ratios of pixels being in shadow, or having been so on the background plate, against
@@ -123,16 +123,16 @@ class ShadowModel:
         bounds = np.minimum(own, usual), np.maximum(own, usual)
         k, light, miss = self._explained(seen ^ swapped, plain ^ swapped, *bounds)
         np.square(miss, out=miss)
-        misfit = (miss[0] + miss[1] + miss[2]) * np.float32(0.5 / self.deviation**2)
+        misfit = (miss[0] + miss[1] + miss[2]) * np.float32(0.5 / self.sigma**2)
         # Of all factors those explain the pixel that are as near to this one as the deviation leaves open.
-        within = np.float32(np.log(np.sqrt(3) / np.sqrt(2 * np.pi) / self.deviation)) + _LOGARITHMS.take(light)
+        within = np.float32(np.log(np.sqrt(3) / np.sqrt(2 * np.pi) / self.sigma)) + _LOGARITHMS.take(light)
         return np.asarray(misfit + self.cost.take(k) + within)
 
     def explains(self, colours: Bytes, lit: Bytes) -> Bools:
         """Whether colours (N, 3) can be those of shadows on places with known colours in the light, (N, 3)."""
         dark, light = colours.T, lit.T
         k, _, miss = self._explained(dark, light, _brightness(dark), _brightness(light))
-        return (np.abs(miss).max(axis=0, initial=0) < MAX_LIGHT_DIFFERENCE * self.deviation) & (k < _FACTOR_STEPS)
+        return (np.abs(miss).max(axis=0, initial=0) < MAX_LIGHT_DIFFERENCE * self.sigma) & (k < _FACTOR_STEPS)
 
     def _explained(
         self, dark: Bytes, lit: Bytes, darkness: Array, light: Array
@@ -166,7 +166,7 @@ class CastShadows:
 
     @classmethod
     def learned(
-        cls, colour: Bytes, behind: Mapping[int, Bools], plate: Bytes, deviation: float, pixels_per_metre: float
+        cls, colour: Bytes, behind: Mapping[int, Bools], plate: Bytes, sigma: float, pixels_per_metre: float
     ) -> CastShadows | None:
         """Learn the shadows from places that some frames show in the light and others in shadow; None without any.
 
@@ -177,12 +177,12 @@ class CastShadows:
             For some frames: where the background is seen.
         plate : ndarray of uint8, shape (h, w, 3)
             Mean of the background over these frames.
-        deviation : float
+        sigma : float
             Standard deviation of colours in the same light, grey levels (of 255).
         pixels_per_metre : float
             Scale at the performers.
         """
-        alike = MAX_LIGHT_DIFFERENCE * deviation
+        alike = MAX_LIGHT_DIFFERENCE * sigma
         changing, count = _changes(colour, behind, plate.shape[:2], alike)
         places = np.flatnonzero(changing)
         if not len(places):
@@ -200,7 +200,7 @@ class CastShadows:
             seen += int(np.count_nonzero(beside & (count > 1)))
         sure = dimmed & close
         least = MIN_SHADOW_AREA * pixels_per_metre**2
-        model = ShadowModel.of(colours[sure], lit[sure], seen=seen, deviation=deviation, least=least)
+        model = ShadowModel.of(colours[sure], lit[sure], seen=seen, sigma=sigma, least=least)
         if model is None:
             return None
         dimmed[dimmed] = model.explains(colours[dimmed], lit[dimmed])

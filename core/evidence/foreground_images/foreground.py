@@ -103,19 +103,19 @@ def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Ite
     background = _histogram(colour, known.behind)
     plate, there = _plate(colour, known.behind)
     there &= fixed
-    deviation = _deviation(colour, plate, there)
-    unlike = float(np.sqrt(2 * MAX_LOG_RATIO)) * deviation
+    sigma = _plate_sigma(colour, plate, there)
+    unlike = float(np.sqrt(2 * MAX_LOG_RATIO)) * sigma
     passing = strangers_on(colour, known.behind, plate, there, unlike=unlike, scale=known.pixels_per_metre)
     strangers = _histogram(colour, passing) if passing else None
     bodies = [_histogram(colour, shown, strangers) for shown in known.shown]
-    shadows = CastShadows.learned(colour, known.behind, plate, deviation, known.pixels_per_metre) if fixed else None
+    shadows = CastShadows.learned(colour, known.behind, plate, sigma, known.pixels_per_metre) if fixed else None
     if shadows is not None:
         plate = shadows.plate
     tables = [
-        _table(own, background, deviation, [other for j, other in enumerate(bodies) if j != i], strangers)
+        _table(own, background, sigma, [other for j, other in enumerate(bodies) if j != i], strangers)
         for i, own in enumerate(bodies)
     ]
-    squares = np.minimum(np.round(np.arange(256) ** 2 * _DISTANCE_STEPS / (2 * deviation**2)), 255).astype(np.uint8)
+    squares = np.minimum(np.round(np.arange(256) ** 2 * _DISTANCE_STEPS / (2 * sigma**2)), 255).astype(np.uint8)
     unknown = np.where(there, 0, 255).astype(np.uint8)
     for image in each_row(colour):
         b, g, r = cv2.split(cv2.LUT(cv2.absdiff(image, plate), squares))
@@ -129,14 +129,14 @@ def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Ite
         yield images
 
 
-def _table(body: Array, background: Array, deviation: float, others: Sequence[Array], strangers: Array | None) -> Bytes:
+def _table(body: Array, background: Array, sigma: float, others: Sequence[Array], strangers: Array | None) -> Bytes:
     """Table of foreground values by the bin of a pixel's colour and its distance from the plate in steps.
 
     The last distance is for pixels where no plate is known. Colours of other performers weigh so little that a colour
     that all wear may still reach the largest value, and so do those of strangers that the performer wears as well.
     """
     volume = (256 / HISTOGRAM_BINS) ** 3  # of a bin of the histograms, whose values are per bin
-    nearness = volume * np.exp(-np.arange(255) / _DISTANCE_STEPS) / (np.sqrt(2 * np.pi) * deviation) ** 3
+    nearness = volume * np.exp(-np.arange(255) / _DISTANCE_STEPS) / (np.sqrt(2 * np.pi) * sigma) ** 3
     still = ((1 - _OUTLIER_SHARE) * np.minimum(nearness, 1)).astype(np.float32)
     values = np.empty((len(body), len(still) + 1), np.float32)  # a million: worked on in place
     np.add(_OUTLIER_SHARE * background[:, None], still, out=values[:, :-1])
@@ -199,7 +199,7 @@ def _plate(colour: Bytes, behind: Mapping[int, Bools]) -> tuple[Bytes, Bools]:
     return np.round(total / np.maximum(count, 1)[..., None]).astype(np.uint8), count > 0
 
 
-def _deviation(colour: Bytes, plate: Bytes, known: Bools) -> float:
+def _plate_sigma(colour: Bytes, plate: Bytes, known: Bools) -> float:
     """Robust standard deviation of the frames from the plate, grey levels (of 255); most pixels show background."""
     if not known.any():
         return _MIN_SIGMA

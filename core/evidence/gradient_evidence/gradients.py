@@ -122,8 +122,8 @@ def brightness_constancy(
     weight = _weights(residual - change, noise, tolerance, pixels.ends) * seen
     given = noise if given_noise is None else given_noise
     given = given if by_part else np.repeat(given[:, :1], 1 + P, axis=1)
-    deviation, relative = _deviations(given, tolerance, pixels.ends)
-    error = relative * huber_errors(residual - change, deviation)
+    sigma, relative = _sigmas(given, tolerance, pixels.ends)
+    error = relative * huber_errors(residual - change, sigma)
     count = np.bincount(pixels.frame, seen, minlength=m).astype(float)
     error_sum = np.bincount(pixels.frame, error * seen, minlength=m).astype(float)
     error_sum += PART_PRIOR_PIXELS * ((given[:, :1] / given[:, 1:]) ** 2 * changes**2).sum(axis=1)
@@ -177,7 +177,7 @@ def _residuals_of_parts(
     """Return by how much each part gets brighter (m, P), and the noise, see `GradientSums`; without `by_part` nothing
     gets brighter, and all parts have the noise of their pair of frames.
     """
-    of_pairs = [_robust_deviation(residual[a:b][seen[a:b]]) for a, b in pairwise(ends[::parts])]
+    of_pairs = [_robust_sigma(residual[a:b][seen[a:b]]) for a, b in pairwise(ends[::parts])]
     noise = np.repeat(np.maximum(of_pairs, MIN_NOISE)[:, None], 1 + parts, axis=1)
     change = np.zeros((len(of_pairs), parts))
     if by_part:
@@ -191,7 +191,7 @@ def _residuals_of_parts(
     return change, np.maximum(noise, MIN_NOISE)
 
 
-def _deviations(noise: Array, tolerance: float, ends: NDArray[np.intp]) -> tuple[Image, Image]:
+def _sigmas(noise: Array, tolerance: float, ends: NDArray[np.intp]) -> tuple[Image, Image]:
     """Return the standard deviation of each pixel, and its inverse variance relative to that of its pair of frames."""
     each = np.repeat(noise[:, 1:].ravel(), np.diff(ends))
     relative = np.repeat((noise[:, :1] / noise[:, 1:]).ravel() ** 2, np.diff(ends))
@@ -200,8 +200,8 @@ def _deviations(noise: Array, tolerance: float, ends: NDArray[np.intp]) -> tuple
 
 def _weights(residual: Image, noise: Array, tolerance: float, ends: NDArray[np.intp]) -> Image:
     """Return the weights of pixels: Huber's, times the relative inverse variance of their part."""
-    deviation, relative = _deviations(noise, tolerance, ends)
-    return np.asarray(relative * huber_weights(residual, deviation))
+    sigma, relative = _sigmas(noise, tolerance, ends)
+    return np.asarray(relative * huber_weights(residual, sigma))
 
 
 def _without_change(sums: Array, prior: Array) -> Array:
@@ -212,7 +212,7 @@ def _without_change(sums: Array, prior: Array) -> Array:
     return np.asarray(sums[..., :-1, :-1] - sums[..., :-1, -1:] @ sums[..., -1:, :-1] / own)
 
 
-def _robust_deviation(residual: Image) -> float:
+def _robust_sigma(residual: Image) -> float:
     """Return the standard deviation from the median of absolute values; 0 if there are none."""
     if not len(residual):
         return 0.0
@@ -238,16 +238,16 @@ def _medians(values: Image, counts: NDArray[np.intp]) -> Array:
     return np.where(counts > 0, (lower + upper) * np.float32(0.5), np.float32(0)).astype(float)
 
 
-def huber_weights(residual: Image, deviation: Image) -> Image:
+def huber_weights(residual: Image, sigma: Image) -> Image:
     """Return the weights of Huber's loss, same shape: 1 up to `HUBER_LIMIT` deviations, then falling as 1/|r|."""
     return np.asarray(
-        np.minimum(np.float32(1), np.float32(HUBER_LIMIT) * deviation / np.maximum(np.abs(residual), np.float32(1e-12)))
+        np.minimum(np.float32(1), np.float32(HUBER_LIMIT) * sigma / np.maximum(np.abs(residual), np.float32(1e-12)))
     )
 
 
-def huber_errors(residual: Image, deviation: Image) -> Image:
+def huber_errors(residual: Image, sigma: Image) -> Image:
     """Return Huber's loss, same shape: quadratic up to `HUBER_LIMIT` deviations, then linear."""
-    size, limit = np.abs(residual), np.float32(HUBER_LIMIT) * deviation
+    size, limit = np.abs(residual), np.float32(HUBER_LIMIT) * sigma
     inner = np.minimum(size, limit)
     return np.asarray(inner * (2 * size - inner))
 

@@ -46,8 +46,8 @@ class PixelGains:
     ) -> PixelGains:
         """Return the gains of the parts in label images; parameters as in `brightness_constancy`."""
         compared, labels = compare(frames), frames.labels
-        pixels, deviation = compared.pixels, tolerance * np.maximum(noise, MIN_NOISE)
-        gain = gains(compared, deviation[pixels.frame, 0])
+        pixels, sigma = compared.pixels, tolerance * np.maximum(noise, MIN_NOISE)
+        gain = gains(compared, sigma[pixels.frame, 0])
         kept = np.flatnonzero(compared.seen)
         _, height, width = labels.part.shape
         u, v = np.rint(compared.uv_there[kept].T / frames.stride).astype(np.intp)
@@ -69,19 +69,19 @@ class PixelGains:
         return np.bincount(self.frame[of], self.gain[of], minlength=pairs).astype(float)
 
 
-def gains(compared: ComparedPixels, deviation: NDArray[np.floating[Any]]) -> Array:
+def gains(compared: ComparedPixels, sigma: NDArray[np.floating[Any]]) -> Array:
     """Return how much likelier each pixel is than if its point stood still, natural units, (N,); 0 for unused ones."""
-    deviation = np.maximum(deviation, _MIN_SIGMA)
-    moved, stood = (log_likelihoods(residual, deviation) for residual in (compared.residual, compared.standing))
+    sigma = np.maximum(sigma, _MIN_SIGMA)
+    moved, stood = (log_likelihoods(residual, sigma) for residual in (compared.residual, compared.standing))
     return np.asarray((moved - stood) * compared.seen)
 
 
-def log_likelihoods(residual: NDArray[np.floating[Any]], deviation: NDArray[np.floating[Any]]) -> Array:
+def log_likelihoods(residual: NDArray[np.floating[Any]], sigma: NDArray[np.floating[Any]]) -> Array:
     """Return the log likelihoods of residuals, same shape, up to a constant: normal, or with probability
     `OUTLIER_SHARE` uniform.
 
     No single pixel can then cost more than an outlier. With Huber's loss, a pixel on an edge counts as much as eighty
     that are off by one standard deviation, and a few such pixels outweigh all else.
     """
-    outliers = OUTLIER_SHARE / (1 - OUTLIER_SHARE) * np.sqrt(2 * np.pi) * deviation.astype(float)
-    return np.asarray(np.log(np.exp(-0.5 * (residual.astype(float) / deviation) ** 2) + outliers))
+    outliers = OUTLIER_SHARE / (1 - OUTLIER_SHARE) * np.sqrt(2 * np.pi) * sigma.astype(float)
+    return np.asarray(np.log(np.exp(-0.5 * (residual.astype(float) / sigma) ** 2) + outliers))

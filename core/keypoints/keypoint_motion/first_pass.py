@@ -128,14 +128,14 @@ def _with_lost_limbs_found(problem: FitProblem, fit: KeypointFit) -> KeypointFit
     that goes on with these limbs posed anew. Its changed sides are those since the detector.
     """
     best, agreement = fit, problem.agreement
-    if agreement.deviation is not None:
+    if agreement.sigma is not None:
         reposed = repose_lost_limbs(
             fit.body,
             fit.motion,
             fit.places,
             keypoints=fit.keypoints,
             points_world=agreement.averaged(),
-            deviation=agreement.deviation,
+            sigma=agreement.sigma,
             fps=agreement.fps,
         )
         if reposed is not None:

@@ -19,10 +19,10 @@ from ...numerics.arrays import Array
 from ...numerics.banded import BandedFactor, bordered_solution
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.repeatable import on_grid
-from ..keypoint_deviations import USUAL_SIGMA, deviations, robust_energy, robust_weights, trusted_weights
 from ..keypoint_factor import keypoint_system
 from ..keypoint_places import Places
 from ..keypoint_rays import Keypoints
+from ..keypoint_sigmas import USUAL_SIGMA, robust_energy, robust_weights, sigmas, trusted_weights
 from ..left_right import correct_sides
 from ..seen_landmarks import habit_precision, usual_turns
 from ..view_agreement import ViewAgreement
@@ -102,7 +102,7 @@ class FitProblem:
     @property
     def views_agree(self) -> bool:
         """Whether two views agree on any keypoint, which shows the detector's errors independently of the motion."""
-        return self.agreement.deviation is not None
+        return self.agreement.sigma is not None
 
     @property
     def weight(self) -> float:
@@ -138,7 +138,7 @@ class KeypointFit:
         Left and right corrected.
     changed : ndarray of bool, shape (V, F, L)
         Where left and right were exchanged.
-    deviation : ndarray, shape (V, L)
+    sigma : ndarray, shape (V, L)
         Standard deviations of the detector, metres, from the disagreement of the views, or, with one view, from the
         residuals of the motion.
     weights : ndarray, shape (V, F, L)
@@ -161,7 +161,7 @@ class KeypointFit:
     places: Places
     keypoints: Keypoints
     changed: NDArray[np.bool_]
-    deviation: Array
+    sigma: Array
     weights: Array
     energy: float
     agreed: Array | None
@@ -271,7 +271,7 @@ def _finished(problem: FitProblem, found: _Estimate) -> KeypointFit:
     """Return the fit of a final estimate."""
     body, motion, places = found.body, found.motion, found.places
     comparison = compared(problem.agreement, places.world(part_poses(body, motion)))
-    usual = np.full_like(comparison.deviation, USUAL_SIGMA)
+    usual = np.full_like(comparison.sigma, USUAL_SIGMA)
     energy = robust_energy(comparison.residual, comparison.keypoints.confidence, usual)
     return KeypointFit(
         body,
@@ -279,8 +279,8 @@ def _finished(problem: FitProblem, found: _Estimate) -> KeypointFit:
         places,
         comparison.keypoints,
         comparison.changed,
-        comparison.deviation,
-        weights=comparison.fitting() * comparison.deviation[:, None] ** 2,
+        comparison.sigma,
+        weights=comparison.fitting() * comparison.sigma[:, None] ** 2,
         energy=energy + posture_prior(body, motion).energy,
         agreed=comparison.agreed,
         variances=found.variances,
@@ -300,7 +300,7 @@ class Comparison:
         Where left and right were exchanged.
     residual : ndarray, shape (V, F, L, 2)
         See `Keypoints.residuals`.
-    deviation : ndarray, shape (V, L)
+    sigma : ndarray, shape (V, L)
         Standard deviations of the detector, metres.
     agreed : ndarray, shape (V, F, L), or None
         Confidence of the keypoints that agree with those of other views, else 0; None where no views agree on any.
@@ -309,18 +309,18 @@ class Comparison:
     keypoints: Keypoints
     changed: NDArray[np.bool_]
     residual: Array
-    deviation: Array
+    sigma: Array
     agreed: Array | None
 
     def fitting(self, tolerance: float = 1.0) -> Array:
         """Weights of the keypoints, shape (V, F, L), by the residual of each."""
-        return robust_weights(self.residual, self.keypoints.confidence, self.deviation, tolerance)
+        return robust_weights(self.residual, self.keypoints.confidence, self.sigma, tolerance)
 
     def counting(self, step: FitStep) -> Array:
         """Weights of the keypoints, shape (V, F, L), in one iteration of the fit."""
         if self.agreed is None or step.counted is Counted.FITTING:
             return self.fitting(step.tolerance)
-        trusted = trusted_weights(self.residual, self.agreed, self.deviation, step.tolerance)
+        trusted = trusted_weights(self.residual, self.agreed, self.sigma, step.tolerance)
         return trusted if step.counted is Counted.AGREED else np.maximum(self.fitting(step.tolerance), trusted)
 
 
@@ -333,9 +333,9 @@ def compared(agreement: ViewAgreement, points: Array, tolerance: float = 1.0) ->
     if tolerance <= SIDES_TOLERANCE:
         sided, changed = correct_sides(sided, points)
     residual = sided.residuals(points)
-    if agreement.deviation is None:
-        return Comparison(sided, changed, residual, deviations(residual, sided.confidence), None)
-    return Comparison(sided, changed, residual, agreement.deviation, np.where(changed, 0.0, agreement.confidence))
+    if agreement.sigma is None:
+        return Comparison(sided, changed, residual, sigmas(residual, sided.confidence), None)
+    return Comparison(sided, changed, residual, agreement.sigma, np.where(changed, 0.0, agreement.confidence))
 
 
 def _pose_prior(body: Body, motion: Motion, agreement: ViewAgreement) -> BandedBlocks:

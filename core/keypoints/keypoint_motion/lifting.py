@@ -18,8 +18,8 @@ import numpy as np
 from ...body import Body
 from ...numerics import rotations
 from ...numerics.arrays import Array, Ints
-from ..keypoint_deviations import LIFTED_SIGMA, USUAL_SIGMA
 from ..keypoint_rays import Keypoints
+from ..keypoint_sigmas import LIFTED_SIGMA, USUAL_SIGMA
 from ..view_agreement import ViewAgreement, without_midpoints
 from .closed_form import LIMB_CHAINS, POSED_PARTS, TRUNK_LANDMARKS, along_and_across, limb_orientations
 from .person_depth import Rays, floor_ratio, rest_places, root_depth, torso_length
@@ -266,5 +266,5 @@ def with_imagined_view(keypoints: Keypoints, points_world: Array, fps: float) ->
         np.stack([t, t_side]),
     )
     own = without_midpoints(both)
-    deviation = np.outer([USUAL_SIGMA, LIFTED_SIGMA], np.ones(len(own.names)))
-    return ViewAgreement(own, np.zeros(own.confidence.shape, bool), points_world, own.confidence, deviation, fps)
+    sigma = np.outer([USUAL_SIGMA, LIFTED_SIGMA], np.ones(len(own.names)))
+    return ViewAgreement(own, np.zeros(own.confidence.shape, bool), points_world, own.confidence, sigma, fps)

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from ...body import Body, part_poses
 from ...body.motion import Motion
 from ...numerics.arrays import Array
-from ..keypoint_deviations import GEMAN_MCCLURE_SCALE
 from ..keypoint_places import Places
 from ..keypoint_rays import Keypoints
+from ..keypoint_sigmas import GEMAN_MCCLURE_SCALE
 from .closed_form import LIMB_CHAINS, closed_form_limb
 
 LOST_EXCESS = 2.0
@@ -28,7 +28,7 @@ def repose_lost_limbs(
     *,
     keypoints: Keypoints,
     points_world: Array,
-    deviation: Array,
+    sigma: Array,
     fps: float,
 ) -> Motion | None:
     """Return a motion whose lost limbs are posed on points in closed form; None if no limb is lost.
@@ -42,13 +42,13 @@ def repose_lost_limbs(
     keypoints : Keypoints
     points_world : ndarray, shape (F, L, 3)
         The triangulated keypoints, metres; NaN where not known.
-    deviation : ndarray, shape (V, L)
+    sigma : ndarray, shape (V, L)
         Standard deviations of the detector, metres.
     fps : float
     """
     poses, names = part_poses(body, motion), list(keypoints.names)
     aims = points_world - np.einsum("flab,lb->fla", poses[0][:, places.parts], places.offsets)
-    worse = _mean_error(keypoints, places.world(poses), deviation) - _mean_error(keypoints, points_world, deviation)
+    worse = _mean_error(keypoints, places.world(poses), sigma) - _mean_error(keypoints, points_world, sigma)
     rotations = motion.rotations
     for upper, lower, _, *joints, sign, farthest in LIMB_CHAINS:
         for side in "LR":
@@ -69,9 +69,9 @@ def repose_lost_limbs(
     return None if rotations is motion.rotations else Motion(motion.translations, rotations)
 
 
-def _mean_error(keypoints: Keypoints, points_world: Array, deviation: Array) -> Array:
+def _mean_error(keypoints: Keypoints, points_world: Array, sigma: Array) -> Array:
     """Mean over the views of robust squared errors, in units of the variance, (F, L); 0 where nothing is known."""
-    error = np.sum(keypoints.residuals(points_world) ** 2, axis=-1) / deviation[:, None] ** 2
+    error = np.sum(keypoints.residuals(points_world) ** 2, axis=-1) / sigma[:, None] ** 2
     known = keypoints.confidence * np.isfinite(error)
     total = np.sum(known * np.nan_to_num(np.minimum(error, GEMAN_MCCLURE_SCALE**2)), axis=0)
     return np.asarray(total / np.maximum(known.sum(axis=0), 1e-9))

@@ -34,8 +34,8 @@ def measures_prior(measures: BodyMeasures) -> tuple[Array, Array]:
     how far each step changes it.
     """
     average, names = default_measures(measures.stature), list(measures.values)
-    deviation = [SHIFT_SIGMA if name in SHIFTS else PROPORTION_SIGMA * average[name] for name in names]
-    covariance = np.diag(np.square([STATURE_SIGMA, *deviation]))
+    sigma = [SHIFT_SIGMA if name in SHIFTS else PROPORTION_SIGMA * average[name] for name in names]
+    covariance = np.diag(np.square([STATURE_SIGMA, *sigma]))
     for i, name in enumerate(names, 1):
         if name.endswith(".L"):
             j = names.index(f"{name[:-2]}.R") + 1

@@ -13,9 +13,9 @@ from ...body.motion import Motion
 from ...numerics.arrays import Array, Bools
 from ...shot.carried_motion import bent
 from ...shot.shot import KeyPoses
-from ..keypoint_deviations import USUAL_SIGMA
 from ..keypoint_places import Places
 from ..keypoint_rays import Keypoints
+from ..keypoint_sigmas import USUAL_SIGMA
 from ..seen_landmarks import with_resting
 from ..view_agreement import ViewAgreement, without_midpoints
 from .first_pose import posed_start
@@ -121,7 +121,7 @@ def _as_of_all_views(fit: KeypointFit, keypoints: Keypoints, view: int, fps: flo
         fit,
         keypoints=replace(keypoints, rays=rays, confidence=spread(fit.keypoints.confidence)),
         changed=spread(fit.changed),
-        deviation=np.full((len(rays), len(keypoints.names)), USUAL_SIGMA),
+        sigma=np.full((len(rays), len(keypoints.names)), USUAL_SIGMA),
         weights=spread(fit.weights),
         agreed=None,
         imagined=with_imagined_view(fit.keypoints.of_views([0]), points, fps).keypoints.of_views([1]),

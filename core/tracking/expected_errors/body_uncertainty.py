@@ -10,7 +10,7 @@ from ...body import part_poses
 from ...body.kinematics import tip_positions
 from ...body.motion import Motion
 from ...body.tip_landmarks import tip_landmarks
-from ...keypoints.keypoint_places import OFFSET_SIGMA, THINNESS, keypoint_on_body, offset_deviation
+from ...keypoints.keypoint_places import OFFSET_SIGMA, THINNESS, keypoint_on_body, offset_sigma
 from ...keypoints.observations import PerformerKeypoints
 from ...numerics.arrays import Array
 from ...shot.shot import KeyPoses, Performer
@@ -88,7 +88,7 @@ def _offset_covariances(performer: Performer, motion: Motion) -> Array:
     carriers = np.arange(len(body))
     for part, name in at.items():
         carriers[part], _ = keypoint_on_body(body, name)
-        usual[part] = offset_deviation(name)
+        usual[part] = offset_sigma(name)
         if name.endswith(("Elbow", "Wrist", "Knee", "Ankle")):
             usual[part] /= THINNESS
     R = part_poses(body, motion)[0][:, carriers]

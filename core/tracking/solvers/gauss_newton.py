@@ -102,8 +102,8 @@ class _TestedStage:
     def _linearise(self, motions: tuple[Motion, ...]) -> MeasuredEquations:
         """Measure the evidence at motions and build the normal equations."""
         problem, sampling = self._problem, self._stage.sampling
-        deviation = None if self._noise is None else self._noise.deviation
-        measured = self._workspace.measure(problem, motions, sampling, deviation)
+        sigma = None if self._noise is None else self._noise.sigma
+        measured = self._workspace.measure(problem, motions, sampling, sigma)
         evidence = measured.evidence
         self.seconds.add(evidence.seconds)
         with self.seconds.measure("solve"):

@@ -170,7 +170,7 @@ class _Evidence:
             return True
         poses = part_poses(self.problem.bodies[performer], self.motions[performer][keyed[[0, -1]]])
         drift = np.diff(plant.soles.world(poses)[:, column], axis=0)
-        return bool(np.sum(drift**2) < np.ptp(keyed) * plant.deviation**2 * chdtri(3, SIGNIFICANCE))
+        return bool(np.sum(drift**2) < np.ptp(keyed) * plant.sigma**2 * chdtri(3, SIGNIFICANCE))
 
     def _evidence_agrees(self, performer: int, plant: _Plant, ratio: float) -> bool:
         """Test a plant against the evidence, whose covariance is multiplied by a ratio."""
@@ -193,7 +193,7 @@ class _Evidence:
     def _cost(self, performer: int, plant: _Plant, ratio: float) -> float:
         """Increase of the least cost of the evidence, whose covariance is multiplied by a ratio, by a plant."""
         # All costs are divided by the ratio; this deviation gives the plant its own again.
-        scaled = replace(plant.factor, deviation=plant.factor.deviation / np.sqrt(ratio))
+        scaled = replace(plant.factor, sigma=plant.factor.sigma / np.sqrt(ratio))
         return (self._least_cost({performer: scaled}) - self._least_without) / ratio
 
     @cached_property

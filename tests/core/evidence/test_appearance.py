@@ -202,7 +202,7 @@ def test_factors_and_tint_of_shadows_are_learned() -> None:
     factors = rng.uniform(0.5, 0.6, (len(lit), 1))
     dark = lit * factors ** np.array([0.8, 1.0, 1.2])
     samples = [np.round(colours + rng.normal(0, 1, lit.shape)).astype(np.uint8) for colours in (dark, lit)]
-    found = ShadowModel.of(*samples, seen=40000, deviation=4.0, least=200)
+    found = ShadowModel.of(*samples, seen=40000, sigma=4.0, least=200)
     assert found is not None
     np.testing.assert_allclose(found.dimmed[32], 0.5 ** np.array([0.8, 1.0, 1.2]), atol=0.02)
     assert found.explains(*samples).mean() > 0.98
@@ -216,4 +216,4 @@ def test_what_is_darker_in_many_different_tints_is_not_a_shadow() -> None:
     rng = np.random.default_rng(0)
     lit = rng.uniform(120, 250, (4000, 3))
     dark = lit * rng.uniform(0.2, 1, lit.shape)
-    assert ShadowModel.of(dark.astype(np.uint8), lit.astype(np.uint8), seen=40000, deviation=4.0, least=200) is None
+    assert ShadowModel.of(dark.astype(np.uint8), lit.astype(np.uint8), seen=40000, sigma=4.0, least=200) is None

@@ -451,9 +451,9 @@ def test_the_cost_is_hubers_error_under_the_noise_that_is_given() -> None:
 
 
 def test_hubers_error_is_square_then_linear() -> None:
-    r, deviation = np.float32([0.5, HUBER_LIMIT, 2 * HUBER_LIMIT, -10 * HUBER_LIMIT]), np.ones(4, np.float32)
+    r, sigma = np.float32([0.5, HUBER_LIMIT, 2 * HUBER_LIMIT, -10 * HUBER_LIMIT]), np.ones(4, np.float32)
     expected = [0.25, HUBER_LIMIT**2, 3 * HUBER_LIMIT**2, 19 * HUBER_LIMIT**2]
-    np.testing.assert_allclose(huber_errors(r, deviation), expected, rtol=1e-6)
+    np.testing.assert_allclose(huber_errors(r, sigma), expected, rtol=1e-6)
 
 
 def test_a_spot_of_other_light_hardly_pulls_under_robust_weights() -> None:
@@ -518,8 +518,8 @@ def test_rendered_pictures_hold_still_on_the_body() -> None:
 
 
 def test_residuals_are_as_likely_as_normal_ones_and_no_single_one_less_likely_than_an_outlier() -> None:
-    deviation = np.full(4, 0.01)
-    near = log_likelihoods(np.array([0.0, 0.005, 0.01, 0.015]), deviation)
+    sigma = np.full(4, 0.01)
+    near = log_likelihoods(np.array([0.0, 0.005, 0.01, 0.015]), sigma)
     np.testing.assert_allclose(near[0] - near[1:], [0.125, 0.5, 1.125], rtol=0.01)
-    near, far, farther = log_likelihoods(np.array([0.0, 0.3, 0.9]), deviation[:3])
+    near, far, farther = log_likelihoods(np.array([0.0, 0.3, 0.9]), sigma[:3])
     assert far == pytest.approx(farther) and 5 < near - far < 8

@@ -18,7 +18,7 @@ from kfmocap.core.keypoints.keypoint_places import Places, offset_precision
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.keypoints.left_right import swap_sides
 from kfmocap.core.keypoints.triangulation import triangulate
-from kfmocap.core.keypoints.view_agreement import ViewAgreement, averaged, view_deviations, without_midpoints
+from kfmocap.core.keypoints.view_agreement import ViewAgreement, averaged, view_sigmas, without_midpoints
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.acceleration_prior import acceleration_precision
 from kfmocap.core.shot.shot import Settings
@@ -141,9 +141,9 @@ def test_a_view_that_errs_more_is_found_to() -> None:
     rough = keypoints_of(cameras(4), points, noise=0.024, seed=1)
     seen.rays[2] = rough.rays[2]
     found, inliers = triangulate(seen)
-    deviation = np.median(view_deviations(seen, found, inliers), axis=1)
-    assert deviation[2] > 1.4 * np.delete(deviation, 2).max()
-    assert (np.delete(deviation, 2) < 0.014).all()
+    sigma = np.median(view_sigmas(seen, found, inliers), axis=1)
+    assert sigma[2] > 1.4 * np.delete(sigma, 2).max()
+    assert (np.delete(sigma, 2) < 0.014).all()
 
 
 def test_a_stiff_motion_is_not_taken_for_noise() -> None:
@@ -153,7 +153,7 @@ def test_a_stiff_motion_is_not_taken_for_noise() -> None:
     seen = keypoints_of(cameras(3), seen_places(body, motion), noise=0.01)
     fit = scaled_first_pass(seen, fps=FPS, precision=precision(body) * 100, correlated=9.0)
     wrists = [JOINTS.index("LWrist"), JOINTS.index("RWrist")]
-    assert fit.deviation[:, [NAMES.index("LWrist"), NAMES.index("RWrist")]].max() < 0.02
+    assert fit.sigma[:, [NAMES.index("LWrist"), NAMES.index("RWrist")]].max() < 0.02
     assert joint_errors(fit.body, fit.motion, body, motion)[:, wrists].mean() < 0.04
 
 
@@ -181,7 +181,7 @@ def test_lost_arms_are_posed_again() -> None:
     places = Places.on(body, NAMES)
 
     def reposed(start: Motion) -> Motion | None:
-        return repose_lost_limbs(body, start, places, keypoints=seen, points_world=points, deviation=usual, fps=FPS)
+        return repose_lost_limbs(body, start, places, keypoints=seen, points_world=points, sigma=usual, fps=FPS)
 
     assert reposed(motion) is None
     found = reposed(lost)
@@ -226,7 +226,7 @@ def test_the_tracker_does_not_take_a_stiff_motion_for_noise_either() -> None:
     pulls = [np.abs(k.blocks(body, lost, 1.0).gradient[:, arm : arm + 3]).mean() for k in (held, alone)]
     assert pulls[0] > 3 * pulls[1]
     assert held[2:5].agreed is not None and held[2:5].agreed.shape[1] == 3
-    assert held.of_views([2, 0]).deviation is not None and len(held.of_views([2, 0]).deviation) == 2
+    assert held.of_views([2, 0]).sigma is not None and len(held.of_views([2, 0]).sigma) == 2
 
 
 def test_legs_out_of_sight_do_not_go_on_turning() -> None:

@@ -8,10 +8,10 @@ import numpy as np
 from keypoint_shots import NAMES, cameras, joint_errors, keypoints_of, seen_places, strolling
 from kfmocap.core.body import Body, default_measures, human, part_poses
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.keypoints.keypoint_deviations import deviations, robust_weights
 from kfmocap.core.keypoints.keypoint_motion.first_pass import first_pass, scaled_first_pass
 from kfmocap.core.keypoints.keypoint_motion.keypoint_fit import FitProblem, KeypointFit, fit_motion
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
+from kfmocap.core.keypoints.keypoint_sigmas import robust_weights, sigmas
 from kfmocap.core.keypoints.left_right import swap_sides
 from kfmocap.core.keypoints.view_agreement import ViewAgreement
 from kfmocap.core.numerics import rotations
@@ -101,8 +101,8 @@ def test_what_a_fit_says_of_itself_belongs_to_its_motion() -> None:
     start = Motion(motion.translations + [0.05, 0.0, 0.02], motion.rotations)
     fit = fit_without_agreement(body, seen, start)
     residual = fit.keypoints.residuals(fit.places.world(part_poses(fit.body, fit.motion)))
-    np.testing.assert_array_equal(fit.deviation, deviations(residual, fit.keypoints.confidence))
-    weights = robust_weights(residual, fit.keypoints.confidence, fit.deviation) * fit.deviation[:, None] ** 2
+    np.testing.assert_array_equal(fit.sigma, sigmas(residual, fit.keypoints.confidence))
+    weights = robust_weights(residual, fit.keypoints.confidence, fit.sigma) * fit.sigma[:, None] ** 2
     np.testing.assert_array_equal(fit.weights, weights)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from keypoint_shots import NAMES, cameras, keypoints_of, seen_places, strolling
 from kfmocap.core.body import human
-from kfmocap.core.keypoints.keypoint_deviations import deviations, robust_weights
+from kfmocap.core.keypoints.keypoint_sigmas import robust_weights, sigmas
 from kfmocap.core.keypoints.left_right import correct_sides, swap_sides
 from kfmocap.core.keypoints.triangulation import triangulate
 from kfmocap.core.keypoints.view_agreement import without_leaps
@@ -20,17 +20,17 @@ def test_weights_fall_with_the_error_and_with_confidence() -> None:
     residual = np.zeros((1, 4, 1, 2))
     residual[0, :, 0, 0] = [0.0, 0.06, 0.6, np.nan]
     confidence = np.array([1.0, 1.0, 1.0, 0.0]).reshape(1, 4, 1)
-    deviation = np.full((1, 1), 0.02)
-    sure, far, gross, missing = robust_weights(residual, confidence, deviation)[0, :, 0] * 0.02**2
+    sigma = np.full((1, 1), 0.02)
+    sure, far, gross, missing = robust_weights(residual, confidence, sigma)[0, :, 0] * 0.02**2
     assert sure == 1 and far == pytest.approx(0.25) and gross < 1e-3 and missing == 0
-    assert robust_weights(residual, 0.5 * confidence, deviation)[0, 0, 0] == 0.5 / 0.02**2
+    assert robust_weights(residual, 0.5 * confidence, sigma)[0, 0, 0] == 0.5 / 0.02**2
 
 
 def test_deviations_are_those_of_the_noise_and_no_outlier_counts() -> None:
     rng = np.random.default_rng(0)
     residual = 0.03 * rng.normal(size=(1, 400, 2, 2))
     residual[0, :60] = 5.0
-    found = deviations(residual, np.ones((1, 400, 2)))
+    found = sigmas(residual, np.ones((1, 400, 2)))
     np.testing.assert_allclose(found, 0.03, rtol=0.25)
 
 

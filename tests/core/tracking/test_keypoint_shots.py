@@ -286,8 +286,8 @@ def test_keypoints_of_a_small_shot_are_in_its_lengths(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.keypoints.t_cam_world[:, 0], [v.camera.t_cam_world[0] for v in shot.views])
     off = found.keypoints.residuals(found.places.world(part_poses(shot.performers[0].body, own.motion)))
     assert np.nanmedian(np.abs(off)) < 0.001
-    assert found.deviation is not None
-    assert found.deviation.max() < 0.003
+    assert found.sigma is not None
+    assert found.sigma.max() < 0.003
     np.testing.assert_allclose(own.motion.translations, 0.1 * truth.translations, atol=0.005)
 
 

@@ -150,9 +150,9 @@ def test_accelerations_that_the_settings_give_are_not_estimated() -> None:
     begin = AccelerationVariances.constant(usual_variances(BODY, 30.0, settings), 58)
     evidence, given = observed_blocks(truth, truth, 0.01), given_groups(BODY, settings)
     spread = estimate_variances(ObservedMotion(truth, evidence, fixed), FREE, begin, rounds=3, given=given)
-    assert spread.deviations(30.0)[1:] == pytest.approx(45.0)
+    assert spread.typical_accelerations(30.0)[1:] == pytest.approx(45.0)
     assert np.ptp(spread.local[:, 1:]) == 0
-    assert spread.deviations(30.0)[0] != pytest.approx(begin.deviations(30.0)[0], rel=0.1)
+    assert spread.typical_accelerations(30.0)[0] != pytest.approx(begin.typical_accelerations(30.0)[0], rel=0.1)
     keys = KeyPoses.whole(np.array([0, 20, 40]), truth[[0, 20, 40]])
     suggested = variances_from_key_poses(BODY, keys, 30.0, settings)
     np.testing.assert_array_equal(suggested[1:], begin.typical[1:])

@@ -40,7 +40,7 @@ class PlantFactor:
         C points of the soles.
     steps : ndarray of bool, shape (F - 1, C)
         Which points are planted on a frame and on the next.
-    deviation : float
+    sigma : float
         Standard deviation of a displacement between two frames along each axis, metres.
     kernel : RobustKernel
         Applied to the length of a displacement.
@@ -48,7 +48,7 @@ class PlantFactor:
 
     soles: Soles
     steps: Bools
-    deviation: float
+    sigma: float
     kernel: RobustKernel
 
     @property
@@ -71,11 +71,11 @@ class PlantFactor:
         """Build the normal equations around world poses (R, T) of the parts on F frames."""
         points = self.soles.world(poses)
         F, P, C = len(points), len(body), points.shape[1]
-        r = np.diff(points, axis=0) / self.deviation
+        r = np.diff(points, axis=0) / self.sigma
         squared = np.sum(r**2, axis=-1)
         weight = np.where(self.steps, self.kernel.weight(squared), 0.0)
         rows = np.concatenate([np.broadcast_to(np.eye(3), (F, C, 3, 3)), -rotations.skew(points)], axis=-1)
-        J = np.concatenate([-rows[:-1], rows[1:]], axis=-1) / self.deviation
+        J = np.concatenate([-rows[:-1], rows[1:]], axis=-1) / self.sigma
         weighted = np.swapaxes(J, -1, -2) * weight[..., None, None]
         carrier = (self.soles.parts == np.arange(P)[:, None]).astype(float)
         H = np.einsum("pc,fcab->fpab", carrier, weighted @ J)

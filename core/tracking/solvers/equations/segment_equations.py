@@ -35,7 +35,7 @@ class SegmentNoise:
 
     Attributes
     ----------
-    deviation : ndarray, shape (V, F - 1, 1 + P)
+    sigma : ndarray, shape (V, F - 1, 1 + P)
         Standard deviation of the grey-level residuals of each pair of frames, and of each of its parts, 0 to 1.
     weight : ndarray, shape (V, F - 1)
         Weight of the mean squared residual of each pair in the cost.
@@ -44,7 +44,7 @@ class SegmentNoise:
         `SegmentEvidence.pixel_share`.
     """
 
-    deviation: Array
+    sigma: Array
     weight: Array
     share: Array
 

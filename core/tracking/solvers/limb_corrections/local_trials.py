@@ -66,7 +66,7 @@ class LocalTrial:
         held[stop - first - HELD_FRAMES :] |= stop < F
         own = replace(own, fixed=tuple(fixed | held[:, None] for fixed in own.fixed))
         pairs = slice(first, stop - 1)
-        local = SegmentNoise(noise.deviation[:, pairs], noise.weight[:, pairs], noise.share)
+        local = SegmentNoise(noise.sigma[:, pairs], noise.weight[:, pairs], noise.share)
         return cls(first, stop, own, local)
 
     def of(self, motions: Sequence[Motion]) -> tuple[Motion, ...]:

@@ -93,7 +93,7 @@ def _nearly_solved(
     begin = (*before.motions[:performer], motion, *before.motions[performer + 1 :])
     motions, *_ = approach(problem, begin, workspace.silent(), SETTLING)
     sampling = SETTLED[0].sampling_of(len(problem.views))
-    evidence = workspace.measure(problem, motions, sampling, noise.deviation).evidence
+    evidence = workspace.measure(problem, motions, sampling, noise.sigma).evidence
     return SegmentSolution.of(motions, evidence, iterations=0, energy=(), only=problem.only)
 
 

@@ -67,7 +67,7 @@ def compared(appearance: WandAppearance, image: np.ndarray) -> PassingFrame:
 
 @pytest.mark.parametrize("light", [DIM, 0.75 * DIM, 1.2 * DIM])
 def test_streaks_three_balls_long_are_found_in_dim_light_whatever_the_exposure(canvas, appearance, light):
-    alone, found, errors, deviations, others = 0, 0, [], [], 0
+    alone, found, errors, sigmas, others = 0, 0, [], [], 0
     for seed in range(100, 120):
         things, pixels = waved(seed, 0.1)
         image = filmed(canvas, things, seed, light)
@@ -80,11 +80,11 @@ def test_streaks_three_balls_long_are_found_in_dim_light_whatever_the_exposure(c
             if (off < 2).any():
                 found += 1
                 errors.append(off.min())
-                deviations.append(brought_out.sigma[off.argmin()])
+                sigmas.append(brought_out.sigma[off.argmin()])
     assert found >= 32 > 2 * alone
     assert others <= 4
     assert np.median(errors) < 0.8
-    assert 0.5 < np.sqrt(np.mean((np.array(errors) / deviations) ** 2) / 2) < 2
+    assert 0.5 < np.sqrt(np.mean((np.array(errors) / sigmas) ** 2) / 2) < 2
 
 
 def test_rods_shadows_and_noise_are_not_taken_for_balls(canvas, appearance):

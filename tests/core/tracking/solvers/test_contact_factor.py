@@ -65,12 +65,12 @@ def test_its_gradient_is_the_slope_of_its_energy(performer: int) -> None:
 def test_performers_who_are_in_each_other_both_give_way() -> None:
     """Against a weak prior on the poses as they are."""
     begin = side_by_side(0.14)
-    motions, deviation = begin, 0.2
+    motions, sigma = begin, 0.2
     for _ in range(8):
         blocks = FACTOR.blocks(BODIES, scene_poses(BODIES, motions))
         for i, (body, own) in enumerate(zip(BODIES, blocks, strict=True)):
-            precision = np.broadcast_to(np.eye(body.dof) / deviation**2, (FRAMES, body.dof, body.dof))
-            pull = begin[i].difference(motions[i]) / deviation**2
+            precision = np.broadcast_to(np.eye(body.dof) / sigma**2, (FRAMES, body.dof, body.dof))
+            pull = begin[i].difference(motions[i]) / sigma**2
             system = own + replace(BandedBlocks.zeros(FRAMES, body.dof), diagonal=precision, gradient=pull)
             motions[i : i + 1] = [motions[i].moved(-BandedFactor(system, FREE[i]).solve(system.gradient))]
     assert deepest(side_by_side(0.14)).min() > 0.045

@@ -378,14 +378,14 @@ def test_the_covariance_of_every_pose_can_be_had() -> None:
     [system], _ = systems(problem, gauss_newton.descend(problem, [truth], Workspace()).motions[0])
     factor = BandedFactor(system, problem.fixed[0])
     assert not factor.covariance(0).any() and not factor.covariance(F - 1).any()
-    deviations = []
+    sigmas = []
     for f in range(1, F - 1):
         C = factor.covariance(f)
         assert C.shape == (D, D)
         np.testing.assert_allclose(C, C.T, atol=1e-9 * np.abs(C).max())
         assert np.linalg.eigvalsh(C).min() > 0
-        deviations.append(np.sqrt(np.diag(C)).mean())
-    assert max(deviations) > deviations[0] and max(deviations) > deviations[-1]  # surest beside the key poses
+        sigmas.append(np.sqrt(np.diag(C)).mean())
+    assert max(sigmas) > sigmas[0] and max(sigmas) > sigmas[-1]  # surest beside the key poses
 
 
 def test_a_step_of_the_last_stage_that_raises_the_cost_is_refused() -> None:
@@ -457,7 +457,7 @@ def test_gradients_favour_following_a_moving_limb_and_are_neutral_about_one_that
     sampling = CONVERGED[0].sampling_of(2)
     noise = segment_equations.SegmentNoise.of(Workspace().measure(problem, [truth], sampling).evidence, SETTINGS)
     followed, still = (
-        Workspace().measure(problem, [m], sampling, noise.deviation).evidence.gradients for m in (truth, aside)
+        Workspace().measure(problem, [m], sampling, noise.sigma).evidence.gradients for m in (truth, aside)
     )
     np.testing.assert_allclose(still.gain, 0, atol=1e-9)
     assert (followed.gain.sum(axis=1) > (followed.cost * followed.count).sum(axis=1)).all()

@@ -21,13 +21,13 @@ GEMAN_MCCLURE_SCALE = 3.0
 kernel)."""
 
 
-def deviations(residuals: Array, confidence: Array) -> Array:
+def sigmas(residuals: Array, confidence: Array) -> Array:
     """Robust standard deviations (V, L) of the keypoints over the frames, metres, from residuals (V, F, L, 2)."""
-    return deviations_of_lengths(np.linalg.norm(residuals, axis=-1), confidence)
+    return sigmas_of_lengths(np.linalg.norm(residuals, axis=-1), confidence)
 
 
-def deviations_of_lengths(lengths: Array, confidence: Array) -> Array:
-    """Robust standard deviations as of `deviations`, from the lengths of the residuals (V, F, L); NaN where none."""
+def sigmas_of_lengths(lengths: Array, confidence: Array) -> Array:
+    """Robust standard deviations as of `sigmas`, from the lengths of the residuals (V, F, L); NaN where none."""
     lengths = np.where(confidence > 0, lengths, np.nan)
     seen = np.isfinite(lengths).sum(axis=1)
     medians = np.nanquantile(np.where(seen[:, None] > 0, lengths, 0.0), 0.5, axis=1)
@@ -36,7 +36,7 @@ def deviations_of_lengths(lengths: Array, confidence: Array) -> Array:
     return np.asarray(np.maximum(mean, MIN_SIGMA))
 
 
-def robust_energy(residuals: Array, confidence: Array, deviation: Array) -> float:
+def robust_energy(residuals: Array, confidence: Array, sigma: Array) -> float:
     """Return the sum of Geman and McClure's robust errors, in units of the variance.
 
     Parameters
@@ -44,25 +44,25 @@ def robust_energy(residuals: Array, confidence: Array, deviation: Array) -> floa
     residuals : ndarray, shape (V, F, L, 2)
         Metres. NaN where a keypoint was not found, or if its point is behind the camera; the latter has the full error.
     confidence : ndarray, shape (V, F, L)
-    deviation : ndarray, shape (V, L)
+    sigma : ndarray, shape (V, L)
         Metres.
     """
     kernel = GemanMcClure(GEMAN_MCCLURE_SCALE)
-    error = np.sum(residuals**2, axis=-1) / deviation[:, None] ** 2
+    error = np.sum(residuals**2, axis=-1) / sigma[:, None] ** 2
     return float(np.sum(confidence * np.where(np.isfinite(error), kernel.cost(error), kernel.scale**2)))
 
 
-def robust_weights(residuals: Array, confidence: Array, deviation: Array, tolerance: float = 1.0) -> Array:
+def robust_weights(residuals: Array, confidence: Array, sigma: Array, tolerance: float = 1.0) -> Array:
     """Return the weights of `robust_energy` in iteratively reweighted least squares, 1/m^2, shape (V, F, L); 0 for NaN.
 
     Parameters as in `robust_energy`.
     """
-    error = np.sum(residuals**2, axis=-1) / deviation[:, None] ** 2
-    weight = confidence * GemanMcClure(GEMAN_MCCLURE_SCALE * tolerance).weight(error) / deviation[:, None] ** 2
+    error = np.sum(residuals**2, axis=-1) / sigma[:, None] ** 2
+    weight = confidence * GemanMcClure(GEMAN_MCCLURE_SCALE * tolerance).weight(error) / sigma[:, None] ** 2
     return np.nan_to_num(weight)
 
 
-def trusted_weights(residuals: Array, agreed: Array, deviation: Array, tolerance: float = 1.0) -> Array:
+def trusted_weights(residuals: Array, agreed: Array, sigma: Array, tolerance: float = 1.0) -> Array:
     """Return Huber's weights, 1/m^2, shape (V, F, L), of keypoints that views agree on; 0 for NaN.
 
     Such keypoints are not outliers, however far the motion is from them at present. With Huber's weights they still
@@ -73,12 +73,12 @@ def trusted_weights(residuals: Array, agreed: Array, deviation: Array, tolerance
     residuals : ndarray, shape (V, F, L, 2)
     agreed : ndarray, shape (V, F, L)
         Confidence of the keypoints that agree with those of other views, else 0.
-    deviation : ndarray, shape (V, L)
+    sigma : ndarray, shape (V, L)
         Metres.
     tolerance : float
         Factor of the deviation, above 1 while the motion is far from the solution.
     """
-    size = np.linalg.norm(residuals, axis=-1) / deviation[:, None]
+    size = np.linalg.norm(residuals, axis=-1) / sigma[:, None]
     with np.errstate(invalid="ignore", divide="ignore"):
         huber = np.minimum(1.0, GEMAN_MCCLURE_SCALE * tolerance / size)
-    return np.nan_to_num(agreed * huber / deviation[:, None] ** 2)
+    return np.nan_to_num(agreed * huber / sigma[:, None] ** 2)
