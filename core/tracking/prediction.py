@@ -150,6 +150,9 @@ def predict(series: Array, steps: int, models: Sequence[AutoRegression] | None =
     models = [autoregression([y]) for y in series.T] if models is None else models
     mean, variance = np.zeros((2, steps, len(models)))
     for d, model in enumerate(models):
+        if not len(model.coefficients):  # without memory zero is expected, whatever was seen
+            variance[:, d] = model.variance
+            continue
         kalman = _filtered(series[:, d], model)
         for k in range(steps):
             kalman.predict()
@@ -248,7 +251,7 @@ def _filtered(series: Array, model: AutoRegression) -> Filter:
     kalman.H = G.T
     kalman.R *= model.noise
     kalman.P = toeplitz(model.covariance)
-    for y in series if len(model.coefficients) else ():  # without memory there is nothing to filter
+    for y in series:
         kalman.predict()
         kalman.update(y)
     return kalman

@@ -95,14 +95,15 @@ class ContactFactor:
         Returns
         -------
         list of BandedBlocks
-            One per performer.
+            One per performer; zero for those whose motion is given.
         """
         R, T = poses
         F, P = T.shape[:2]
+        moving = range(len(bodies)) if sought is None else sought
         H, g, energy = np.zeros((F, P, 6, 6)), np.zeros((F, P, 6)), np.zeros(len(bodies))
         kernel = Huber(HUBER_LIMIT)
         for i, j in permutations(range(len(bodies)), 2):
-            if sought is not None and i not in sought and j not in sought:
+            if i not in moving and j not in moving:
                 continue
             for part, other, near in self._near(poses, i, j):
                 frames, depth, rows = self._deepest(poses, part, other, near)
@@ -116,8 +117,10 @@ class ContactFactor:
                     g[frames, where] += sign * pull
                 energy[[i, j]] += 0.5 * float(kernel.cost(r**2).sum())
         return [
-            joint_blocks(body, (R[:, span], T[:, span]), H[:, span], g[:, span], float(own))
-            for body, span, own in zip(bodies, self.spans, energy, strict=True)
+            joint_blocks(bodies[i], (R[:, span], T[:, span]), H[:, span], g[:, span], float(energy[i]))
+            if i in moving
+            else BandedBlocks.zeros(F, bodies[i].dof)
+            for i, span in enumerate(self.spans)
         ]
 
     def depths(self, poses: Poses) -> Array:

@@ -79,6 +79,16 @@ def test_performers_who_are_in_each_other_both_give_way() -> None:
         assert np.abs(before.difference(after)).max() > 0.005
 
 
+@pytest.mark.parametrize("performer", [0, 1])
+def test_who_is_given_is_not_pushed_and_who_is_solved_for_is_pushed_as_with_all(performer: int) -> None:
+    poses = scene_poses(BODIES, side_by_side(0.14))
+    both, alone = FACTOR.blocks(BODIES, poses), FACTOR.blocks(BODIES, poses, [performer])
+    for name in ("diagonal", "first", "second", "gradient", "energy"):
+        np.testing.assert_array_equal(getattr(alone[performer], name), getattr(both[performer], name))
+        assert not np.any(getattr(alone[1 - performer], name))
+    assert both[performer].energy > 1
+
+
 def test_a_forearm_in_a_trunk_costs_and_one_beside_it_does_not() -> None:
     motions = side_by_side(0.6)
     assert energy(motions) == 0
