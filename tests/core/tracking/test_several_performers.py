@@ -29,6 +29,7 @@ from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.judgement import settled_solutions, solution_doubts, solution_ranking
 from kfmocap.core.tracking.solvers.limb_corrections import limb_exchange, search_rounds
+from kfmocap.core.tracking.solvers.limb_corrections.like_limbs import Exchange
 from kfmocap.core.tracking.tracker import track
 from made_evidence import no_evidence
 from synthetic import at_rest, ends_held, figure, film, look_at, poses_of, shot_of, silhouette, swing
@@ -371,9 +372,9 @@ class Told:
 def told(monkeypatch: pytest.MonkeyPatch) -> Told:
     """What takes the place of the solver; each performer has one exchange, which is right."""
 
-    def exchanged(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[list[Motion]]:
+    def exchanged(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[Exchange]:
         for i in problem.sought:
-            yield [TRUTHS[i] if j == i else motion for j, motion in enumerate(motions)]
+            yield Exchange(tuple(TRUTHS[i] if j == i else motion for j, motion in enumerate(motions)))
 
     made = Told()
     for solver in (multi_start, search_rounds, limb_exchange, settled_solutions):
@@ -420,6 +421,29 @@ def test_exchanges_that_are_no_likelier_leave_the_solution_as_it_was(
     monkeypatch.setattr(limb_exchange, "likelihood", lambda *_: 0.0)
     assert limb_exchange.with_limbs_exchanged(BOTH, best, Workspace()) is best
     assert told.solved == [None, 0, 0, 1, 1]
+
+
+def test_limbs_in_each_others_places_are_not_led_away_again_by_coarse_steps(
+    monkeypatch: pytest.MonkeyPatch, told: Told
+) -> None:
+    def astray(
+        _problem: object, motions: Sequence[Motion], *_: object
+    ) -> tuple[tuple[Motion, ...], list[float], dict[str, float], None]:
+        return tuple(moved(motion, np.array([1.0, 0.0, 0.0])) for motion in motions), [], {}, None
+
+    def exchanged(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[Exchange]:
+        for i in problem.sought:
+            exchanged_motions = tuple(TRUTHS[i] if j == i else motion for j, motion in enumerate(motions))
+            yield Exchange(exchanged_motions, places=places)
+
+    monkeypatch.setattr(limb_exchange, "approach", astray)
+    monkeypatch.setattr(limb_exchange, "exchanges", exchanged)
+    monkeypatch.setattr(limb_exchange, "cover_at", lambda _problem, solution, *_: solution.cover)
+    monkeypatch.setattr(limb_exchange, "likelihood", lambda _problem, _noise, found: 1e3 * found.cover)
+    best = told.found(BOTH, WRONG)
+    for places in (False, True):
+        found = limb_exchange.with_limbs_exchanged(BOTH, best, Workspace())
+        assert found.motions == tuple(TRUTHS if places else WRONG)
 
 
 def searched_for(monkeypatch: pytest.MonkeyPatch, doubts: list[list[int]]) -> list[int | None]:

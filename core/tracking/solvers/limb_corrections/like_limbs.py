@@ -7,6 +7,7 @@ decides, or the images do, between motions with the limbs exchanged from one mee
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -70,17 +71,33 @@ def untangled(
     return exchanged(body, motion, pair, frames) if frames.any() else motion
 
 
-def exchanges(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[tuple[Motion, ...]]:
+@dataclass(frozen=True, eq=False)
+class Exchange:
+    """A proposal: motions in which one pair of limbs is exchanged on some frames.
+
+    Attributes
+    ----------
+    motions : tuple of Motion
+        F poses per performer.
+    places : bool
+        Whether the limbs have each other's places (`with_places_exchanged`), not each other's directions.
+    """
+
+    motions: tuple[Motion, ...]
+    places: bool = False
+
+
+def exchanges(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[Exchange]:
     """Generate motions in which one pair of limbs is exchanged between two of its meetings.
 
     A solver that mistook the limbs at both meetings has made the motion between them smooth, so only the images can
     show that they were exchanged. Key poses count as meetings, too: limbs may be mistaken right beside them. The limbs
-    change places near a meeting where that makes the motion smoothest.
+    change over near a meeting where that makes the motion smoothest. They exchange their directions; for one of several
+    performers in several views, they also exchange their places.
 
     Yields
     ------
-    tuple of Motion
-        F poses per performer.
+    Exchange
     """
     for i in problem.sought:
         body, motion = problem.bodies[i], motions[i]
@@ -96,8 +113,11 @@ def exchanges(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[tu
                 if not (fixed & frames).any() and max(distance[a], distance[b]) < MEETING_RATIO * distance[a:b].max():
                     begin, end = _smoothest(each, (a, b), fixed, problem.fps)
                     frames = (np.arange(len(motion)) >= begin) & (np.arange(len(motion)) < end)
+                    if problem.only is not None and problem.shows_depth:
+                        new = with_places_exchanged(body, motion, pair, frames)
+                        yield Exchange((*motions[:i], new, *motions[i + 1 :]), places=True)
                     new = exchanged(body, motion, pair, frames)
-                    yield (*motions[:i], new, *motions[i + 1 :])
+                    yield Exchange((*motions[:i], new, *motions[i + 1 :]))
 
 
 def exchanged(body: Body, motion: Motion, pair: tuple[list[int], list[int]], frames: NDArray[np.bool_]) -> Motion:
@@ -111,6 +131,38 @@ def exchanged(body: Body, motion: Motion, pair: tuple[list[int], list[int]], fra
             Q[frames, part] = rotations.orthonormal(turned[frames])
             parent = R[:, like]
     return Motion(motion.translations, Q)
+
+
+def with_places_exchanged(
+    body: Body, motion: Motion, pair: tuple[list[int], list[int]], frames: NDArray[np.bool_]
+) -> Motion:
+    """Exchange the places of a pair of limbs on the frames of a mask (F,).
+
+    Limbs that follow each other's pictures reach across the trunk: with each other's directions they would end beside
+    these pictures, as far as their first joints are apart. Every bone is turned, from the direction of the other
+    limb's, towards the joint where the other's ends.
+    """
+    R, T = part_poses(body, motion)
+    Q = motion.rotations.copy()
+    for chain, other in (pair, pair[::-1]):
+        parent, joint = R[:, body.parents[chain[0]]], T[:, chain[0]]
+        for k, (part, like) in enumerate(zip(chain, other, strict=True)):
+            there = R[:, like]
+            if k + 1 < len(chain):
+                bone = there @ body.offsets[chain[k + 1]]
+                there = _turn_between(bone, T[:, other[k + 1]] - joint) @ there
+                joint = joint + there @ body.offsets[chain[k + 1]]
+            turned = np.swapaxes(parent @ body.R_parent_rest[part], -1, -2) @ there
+            Q[frames, part] = rotations.orthonormal(turned[frames])
+            parent = there
+    return Motion(motion.translations, Q)
+
+
+def _turn_between(vectors: Array, others: Array) -> Array:
+    """Return the smallest rotations (F, 3, 3) that take the directions of vectors (F, 3) to those of others."""
+    across = np.cross(vectors, others)
+    sine, cosine = np.linalg.norm(across, axis=1), (vectors * others).sum(axis=1)
+    return rotations.exp(across * (np.arctan2(sine, cosine) / np.maximum(sine, 1e-12))[:, None])
 
 
 def _apart(body: Body, motion: Motion, pair: tuple[list[int], list[int]]) -> Array:

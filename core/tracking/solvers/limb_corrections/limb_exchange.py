@@ -9,7 +9,6 @@ from itertools import islice
 import numpy as np
 
 from ....body.limbs import limb_pairs
-from ....body.motion import Motion
 from ..descent_stages import SETTLED, SETTLING
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
@@ -27,7 +26,7 @@ from ..judgement.solution_ranking import (
     same_solution,
     settled_further,
 )
-from .like_limbs import exchanges
+from .like_limbs import Exchange, exchanges
 from .local_trials import LocalTrial
 
 LENDER_TOLERANCE = 0.03
@@ -108,8 +107,8 @@ def _with_own_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, wo
     for k in range(count):
         part = workspace.part(k / count, (k + 1) / count)
         # Generated anew from the best so far: an accepted exchange leaves the meetings of the limbs where they were.
-        for motions in islice(exchanges(problem, best.motions), k, k + 1):
-            found = _exchange_tried(problem, best, motions, noise, part)
+        for exchange in islice(exchanges(problem, best.motions), k, k + 1):
+            found = _exchange_tried(problem, best, exchange, noise, part)
             if found is None:
                 continue
             if not settled:
@@ -140,44 +139,40 @@ def _exchange_counts(
 
 
 def _exchange_tried(
-    problem: SegmentProblem,
-    best: SegmentSolution,
-    motions: Sequence[Motion],
-    noise: SegmentNoise,
-    workspace: Workspace,
+    problem: SegmentProblem, best: SegmentSolution, exchange: Exchange, noise: SegmentNoise, workspace: Workspace
 ) -> SegmentSolution | None:
     """Solve from exchanged limbs; None if the exchange does not count.
 
     For a single performer it is tried on the frames beside it first, where these are few.
     """
-    local = LocalTrial.around(problem, noise, best.motions, motions) if problem.only is None else None
+    local = LocalTrial.around(problem, noise, best.motions, exchange.motions) if problem.only is None else None
     if local is None:
-        return _exchange_settled(problem, best, motions, noise, workspace)
+        return _exchange_settled(problem, best, exchange, noise, workspace)
     there = descend(local.problem, local.of(best.motions), workspace, SETTLED, local.noise)
-    found = _exchange_settled(local.problem, there, local.of(motions), local.noise, workspace)
+    here = replace(exchange, motions=local.of(exchange.motions))
+    found = _exchange_settled(local.problem, there, here, local.noise, workspace)
     if found is None or not _exchange_counts(local.problem, there, found, local.noise):
         return None
     return descend(problem, local.within(best.motions, found.motions), workspace, SETTLED, noise)
 
 
 def _exchange_settled(
-    problem: SegmentProblem,
-    best: SegmentSolution,
-    motions: Sequence[Motion],
-    noise: SegmentNoise,
-    workspace: Workspace,
+    problem: SegmentProblem, best: SegmentSolution, exchange: Exchange, noise: SegmentNoise, workspace: Workspace
 ) -> SegmentSolution | None:
-    """Solve from exchanged limbs. For one of several performers, return None if after the first iterations the cover is
-    so much smaller that the exchange cannot be better (`is_hopeless`).
+    """Solve from exchanged limbs. For one of several performers, return None if the cover is so much smaller that the
+    exchange cannot be better (`is_hopeless`): after the first iterations, or at once for limbs in each other's places.
 
     For a single performer it is solved until it is at rest, or cannot become likelier than without the exchange: limbs
-    that do not quite meet where they are exchanged take long to get there.
+    that do not quite meet where they are exchanged take long to get there. From each other's places, coarse steps would
+    lead limbs away again, as the trunk is still where the wrong limbs have drawn it.
     """
+    motions = exchange.motions
     if problem.only is None:
         rival = likelihood(problem, noise, best) + RESTING_GAIN if likelihood_decides(problem) else -np.inf
         found = descend(problem, motions, workspace, (*SETTLING, *SETTLED), noise)
         return settled_further(problem, noise, found, workspace, rival=rival)
-    settled, *_ = approach(problem, motions, workspace.part(0.0, 0.3), SETTLING)
-    if is_hopeless(best, cover_at(problem, best, settled, workspace), best.cover):
+    if not exchange.places:
+        motions, *_ = approach(problem, motions, workspace.part(0.0, 0.3), SETTLING)
+    if is_hopeless(best, cover_at(problem, best, motions, workspace), best.cover):
         return None
-    return descend(problem, settled, workspace.part(0.3, 1.0), SETTLED, noise)
+    return descend(problem, motions, workspace.part(0.3, 1.0), SETTLED, noise)

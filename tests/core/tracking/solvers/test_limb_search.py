@@ -20,7 +20,7 @@ from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
 from kfmocap.core.tracking.solvers.limb_corrections import limb_search
-from kfmocap.core.tracking.solvers.limb_corrections.like_limbs import exchanges, untangled
+from kfmocap.core.tracking.solvers.limb_corrections.like_limbs import exchanges, untangled, with_places_exchanged
 from kfmocap.core.tracking.solvers.limb_corrections.limb_search import _seen_shares, found_limbs
 from kfmocap.core.tracking.solvers.limb_evidence.limb_images import DEPTH_STEP, UncoveredImages, ViewRatios
 from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import LimbModel, limb_of, pixel_log_ratios
@@ -71,7 +71,7 @@ def turned(motion: Motion, name: str, angle: float) -> Motion:
     return Motion(motion.translations, Q)
 
 
-def exchanged(motion: Motion, pair: tuple[list[int], list[int]], frames: slice) -> Motion:
+def exchanged(motion: Motion, pair: tuple[list[int], list[int]], frames: slice | Array) -> Motion:
     """A motion whose like limbs are each where the other is on some frames."""
     R, _ = part_poses(BODY, motion)
     Q = motion.rotations.copy()
@@ -243,7 +243,7 @@ def test_like_limbs_that_meet_twice_are_exchanged_in_between() -> None:
     meetings = np.flatnonzero(np.diff(np.sign(np.sin(2 * np.pi * (np.arange(20) / FPS + 0.1))))) + 1
     problem = problem_of(truth)
     problem = replace(problem, fixed=(np.zeros_like(problem.fixed[0]),))
-    found = [motion for (motion,) in exchanges(problem, [truth])]
+    found = [exchange.motions[0] for exchange in exchanges(problem, [truth])]
     assert len(found) == len(limb_pairs(BODY))
     for pair, motion in zip(limb_pairs(BODY), found, strict=True):
         frames = np.flatnonzero(np.abs(motion.rotations - truth.rotations).max(axis=(1, 2, 3)) > 1e-6)
@@ -261,10 +261,43 @@ def test_like_limbs_are_exchanged_between_a_meeting_and_a_key_pose_where_they_ar
     problem = problem_of(truth)
     (legs,) = [pair for pair in limb_pairs(BODY) if BODY.index("thigh.L") in pair[0]]
     changed = []
-    for (motion,) in exchanges(problem, [truth]):
-        frames = np.flatnonzero(np.abs(motion.rotations - truth.rotations)[:, legs[0]].max(axis=(1, 2, 3)) > 1e-6)
+    for exchange in exchanges(problem, [truth]):
+        frames = np.flatnonzero(
+            np.abs(exchange.motions[0].rotations - truth.rotations)[:, legs[0]].max(axis=(1, 2, 3)) > 1e-6
+        )
         changed += [(frames[0], frames[-1])] if len(frames) else []
     assert problem.fixed[0][[0, -1]].all() and changed == [(1, 5), (7, 13)]
+
+
+def test_legs_that_were_led_to_each_others_places_come_back() -> None:
+    """With each other's directions they would end beside where they belong, by as much as the hips are apart."""
+    truth, frames = walk(20), np.arange(20) // 10 == 1
+    (legs,) = [pair for pair in limb_pairs(BODY) if BODY.index("thigh.L") in pair[0]]
+    ends = {name: landmark_positions(BODY, truth, [name])[:, 0] for name in ("LAnkle", "RAnkle")}
+    led_astray = with_places_exchanged(BODY, truth, legs, frames)
+    places, directions = with_places_exchanged(BODY, led_astray, legs, frames), exchanged(led_astray, legs, frames)
+    for name, other in (("LAnkle", "RAnkle"), ("RAnkle", "LAnkle")):
+        there = landmark_positions(BODY, led_astray, [name])[:, 0]
+        assert 1000 * np.linalg.norm(there - ends[other], axis=1)[frames].max() < 50
+        assert error_mm(places, truth, name).max() < 5 and error_mm(directions, truth, name)[frames].min() > 150
+        np.testing.assert_allclose(there[~frames], ends[name][~frames], atol=1e-9)
+
+
+def test_one_of_several_performers_in_several_views_exchanges_places_and_then_directions() -> None:
+    """One view does not show which limb is in front; a single performer's searches reach the rest of the way."""
+    truth = walk(20)
+    alone = problem_of(truth, seen(truth), seen(truth))
+    fixed = ends_held(BODY, len(truth))
+    several = replace(alone, bodies=(BODY, BODY), fixed=(fixed, fixed)).alone(1)
+    kinds = {
+        "several": [exchange.places for exchange in exchanges(several, [truth, truth])],
+        "one view": [
+            exchange.places for exchange in exchanges(replace(several, views=several.views[:1]), [truth, truth])
+        ],
+        "alone": [exchange.places for exchange in exchanges(alone, [truth])],
+    }
+    assert kinds["several"] == [True, False] * len(kinds["alone"])
+    assert kinds["one view"] == kinds["alone"] == [False] * len(kinds["alone"])
 
 
 @pytest.mark.parametrize("late", [(2, 0), (0, -2), (-2, 2)])
@@ -275,7 +308,7 @@ def test_like_limbs_change_places_where_that_makes_the_motion_smoothest(late: tu
     meetings = np.flatnonzero(np.diff(np.sign(np.sin(2 * np.pi * (np.arange(20) / FPS + 0.1))))) + 1
     first, end = (int(meeting) + by for meeting, by in zip(meetings, late, strict=True))
     mixed = exchanged(truth, legs, slice(first, end))
-    ways = [motion for (motion,) in exchanges(problem_of(truth), [mixed])]
+    ways = [exchange.motions[0] for exchange in exchanges(problem_of(truth), [mixed])]
     assert min(np.abs(motion.rotations - truth.rotations).max() for motion in ways) < 1e-9
 
 

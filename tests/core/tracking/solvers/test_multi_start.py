@@ -513,7 +513,7 @@ def test_legs_that_were_taken_for_one_another_from_one_meeting_to_the_next_are_e
     truth = striding(40)
     problem = SegmentProblem((), (HUMAN,), 0, FPS, (ends_held(HUMAN, 40),))
     landscape = Landscape(truth=truth)
-    wrong = [motion for (motion,) in exchanges(problem, [truth])]
+    wrong = [exchange.motions[0] for exchange in exchanges(problem, [truth])]
     assert len(wrong) == 3  # between two meetings, and between each of them and the key pose beside it
     assert min(np.abs(motion.difference(truth)).max() for motion in wrong) > 2 * landscape.reach
     for motion in (*wrong, truth):
@@ -527,7 +527,7 @@ def test_legs_are_exchanged_where_that_is_likelier_though_they_cover_less() -> N
     truth = striding(40)
     problem = SegmentProblem((), (HUMAN,), 0, FPS, (ends_held(HUMAN, 40),))
     landscape = Landscape(truth=truth, cover=-1.0)
-    (motion,) = next(exchanges(problem, [truth]))
+    (motion,) = next(exchanges(problem, [truth])).motions
     wrong = landscape.solution(problem, motion)
     found = limb_exchange.with_limbs_exchanged(problem, wrong, landscape)
     assert found.cover < wrong.cover
@@ -540,7 +540,7 @@ def test_legs_are_exchanged_though_they_become_likelier_only_once_they_are_at_re
     truth = striding(40)
     problem = SegmentProblem((), (HUMAN,), 0, FPS, (ends_held(HUMAN, 40),))
     landscape = Landscape(truth=truth)
-    (motion,) = next(exchanges(problem, [truth]))
+    (motion,) = next(exchanges(problem, [truth])).motions
     wrong = landscape.solution(problem, motion)
     legs = [HUMAN.index(name) for name in ("thigh.L", "thigh.R", "shin.L", "shin.R")]
 
@@ -567,7 +567,8 @@ def test_an_exchange_is_refused_by_the_frames_beside_it() -> None:
     found = limb_exchange.with_limbs_exchanged(problem, right, landscape)
     assert np.abs(found.motions[0].difference(truth)).max() < 1e-6
     lengths = [len(motion) for motion in landscape.measured]
-    exchanged = [len(np.flatnonzero(m.difference(truth).any(axis=1))) for (m,) in exchanges(problem, [truth])]
+    ways = [exchange.motions[0] for exchange in exchanges(problem, [truth])]
+    exchanged = [len(np.flatnonzero(motion.difference(truth).any(axis=1))) for motion in ways]
     assert sum(length == 80 for length in lengths) <= 4  # the solution itself, settled before
     beside = 2 * (HELD_FRAMES + round(ADAPTATION_TIME * FPS))
     assert max(length for length in lengths if length < 80) == max(exchanged) + beside
