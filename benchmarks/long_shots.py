@@ -21,6 +21,9 @@ from ..core.tracking.prepare import load_shot
 
 KEY_EVERY = 33
 """Largest number of frames between key poses."""
+TURN_MARGIN = 5
+"""Frames at either end of the example that a longer shot leaves out: what turns back on a key frame, as it would on
+frame 99 of 100, passes for limbs that were lost beside it, which are searched for."""
 
 
 def write_shot(example: Path, folder: Path, frames: int) -> Path:
@@ -33,7 +36,7 @@ def write_shot(example: Path, folder: Path, frames: int) -> Path:
     """
     folder.mkdir()
     shot = load_shot(example / "shot.toml")
-    order = back_and_forth(shot.length, frames)
+    order = np.arange(frames) if frames <= shot.length else back_and_forth(shot.length, frames, TURN_MARGIN)
     views = []
     for view in shot.views:
         factor = working_factor(view, shot.settings.working_size)
@@ -49,10 +52,13 @@ def write_shot(example: Path, folder: Path, frames: int) -> Path:
     return file
 
 
-def back_and_forth(length: int, count: int) -> NDArray[np.int64]:
-    """Return `count` frame numbers that play a shot forwards and backwards, without showing any twice in a row."""
-    once = np.concatenate([np.arange(length), np.arange(length - 2, 0, -1)])
-    return np.asarray(np.resize(once, count))
+def back_and_forth(length: int, count: int, margin: int = 0) -> NDArray[np.int64]:
+    """Return `count` frame numbers that play a shot forwards and backwards, without showing any twice in a row.
+
+    `margin` frames at either end of the shot are left out.
+    """
+    played = np.arange(margin, length - margin)
+    return np.asarray(np.resize(np.concatenate([played, played[-2:0:-1]]), count))
 
 
 def _write_video(file: Path, pictures: Sequence[NDArray[Any]], fps: float) -> None:
@@ -76,11 +82,13 @@ def _shot_text(shot: Shot, frames: int) -> str:
 
 
 def threads_text(shot: Path, threads: int, *, ends: bool = False) -> Path:
-    """Write a copy of a shot file with a number of threads, which every version of the program reads; returns its
-    path.
+    """Write a copy of a shot file with a number of threads; returns its path.
+
+    Gaps are not corrected: a view that is a little late is early where its footage is played backwards, which passes
+    for a missing frame, and the shot would be tracked twice.
     """
     file, text = shot.with_name(f"cores{threads}.toml"), shot.read_text(encoding="utf-8")
     if ends:
         text = re.sub(r"keyframes = \[(\d+),.* (\d+)\]", r"keyframes = [\1, \2]", text)
-    file.write_text(f"{text}\n[track]\nthreads = {threads}\n", encoding="utf-8")
+    file.write_text(f"{text}\n[track]\nthreads = {threads}\ncorrect_gaps = false\n", encoding="utf-8")
     return file

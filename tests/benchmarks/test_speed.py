@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 from kfmocap.benchmarks import long_shots, speed
 from kfmocap.benchmarks.command_cost import Cost, command_cost
@@ -39,6 +41,7 @@ def test_key_poses_at_the_ends_are_the_first_and_the_last(tmp_path: Path) -> Non
     (tmp_path / "shot.toml").write_text("keyframes = [0, 33, 66, 399]\n")
     kept, alone = (long_shots.threads_text(tmp_path / "shot.toml", 1, ends=ends).read_text() for ends in (False, True))
     assert "[0, 33, 66, 399]" in kept and "keyframes = [0, 399]\n" in alone
+    assert not tomllib.loads(alone)["track"]["correct_gaps"]
 
 
 def test_a_command_that_fails_is_not_measured(program: Path) -> None:
@@ -49,6 +52,14 @@ def test_a_command_that_fails_is_not_measured(program: Path) -> None:
 
 def test_footage_played_forwards_and_backwards_shows_no_frame_twice_in_a_row() -> None:
     assert long_shots.back_and_forth(4, 9).tolist() == [0, 1, 2, 3, 2, 1, 0, 1, 2]
+
+
+def test_a_long_shot_turns_back_on_no_key_frame() -> None:
+    """It would seem that limbs were lost there, and the search for them would be what is measured."""
+    order = long_shots.back_and_forth(100, 1000, long_shots.TURN_MARGIN)
+    turns = 1 + np.flatnonzero(np.diff(order, 2))
+    assert len(turns) > 10
+    assert not (turns % long_shots.KEY_EVERY == 0).any()
 
 
 def test_frames_cameras_and_cores_are_varied_one_at_a_time() -> None:
