@@ -20,7 +20,8 @@ from .listed_bones import read_map
 from .motion_files import last_line, read_motion
 from .rigs.overrides import editable
 from .rigs.rig_curves import CurveOptions
-from .send import SendOptions, find_target, send_to_rig
+from .send import SendOptions, send_to_rig
+from .target_armatures import find_target
 
 if TYPE_CHECKING:
     from ...cli.services import RetargetRequest

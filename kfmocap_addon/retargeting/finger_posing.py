@@ -7,7 +7,7 @@ import bpy
 from ...core.retargeting.hand_shapes import finger_turns
 from .rigs.rig_at_rest import rest_orientations, rest_skeleton
 from .rigs.rig_curves import rotation_channel
-from .send import target_bones
+from .target_armatures import target_bones
 
 
 def key_shape(armature: bpy.types.Object, sides: str, shape: str, amount: float, frame: int) -> None:

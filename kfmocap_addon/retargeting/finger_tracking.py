@@ -20,8 +20,8 @@ from ..scene_io import fcurves, scene
 from ..scene_io.body import body_armature
 from .rigs.rig_at_rest import rest_orientations, rest_skeleton
 from .rigs.rig_curves import ControlChannel, rotation_channel
-from .send import target_bones
 from .source_motion import motion_of_performer
+from .target_armatures import target_bones
 
 
 def armature_with_fingers(candidates: Sequence[bpy.types.Object | None]) -> tuple[bpy.types.Object, BoneMap]:

@@ -14,8 +14,8 @@ from ...core.body.skeleton_motion import SkeletonMotion
 from ...core.errors import BodyError, ShotError
 from ...core.formats.bvh import read_bvh
 from ...core.retargeting.roles import BoneMap
-from .send import target_bones
 from .source_motion import motion_of_armature
+from .target_armatures import target_bones
 
 
 def read_motion(path: Path, bones: BoneMap | None = None) -> tuple[SkeletonMotion, BoneMap | None]:

@@ -12,15 +12,14 @@ import numpy as np
 
 from ...core.body.skeleton_motion import SkeletonMotion
 from ...core.errors import BodyError
-from ...core.numerics.arrays import Array, Bools
-from ...core.retargeting.bone_matching import described, match_bones, preset_of
+from ...core.numerics.arrays import Array, Bools, Ints
+from ...core.retargeting.bone_matching import described, preset_of
 from ...core.retargeting.control_rig import MOVED, ControlRig, RigPoses, local_places, local_turns
 from ...core.retargeting.rest_alignment import toe_reach
 from ...core.retargeting.retarget import Retargeted, limb_changes, plant_intervals, prepared, retarget
 from ...core.retargeting.roles import SIDES, BoneMap
 from ...core.retargeting.transfer import RetargetOptions
 from ..scene_io import fcurves
-from ..scene_io.characters.followed_bones import skeletons_following
 from .live import LiveSource, follow, refuse_inverse_kinematics, remember, stop_following
 from .rigs import rig_warnings
 from .rigs.fk_controls import FkControls, through_controls
@@ -31,6 +30,7 @@ from .rigs.rig_curves import ControlChannel, CurveOptions, rotation_channel, wri
 from .rigs.rig_error import measured_errors, world_matrices
 from .rigs.rig_reading import read_rig
 from .rigs.rig_settings import Owner, setting_channel, with_settings
+from .target_armatures import target_bones
 
 _SAMPLE = 60  # frames on which the remaining error is measured
 
@@ -61,53 +61,6 @@ class SendOptions:
     curves: CurveOptions = field(default_factory=CurveOptions)
     live: LiveSource | None = None
     planted: Mapping[str, Bools] | None = None
-
-
-def target_bones(armature: bpy.types.Object, preset: str | None = None) -> BoneMap:
-    """Return the roles of an armature's bones.
-
-    Raises
-    ------
-    BodyError
-        It is not human, or lacks bones of the preset.
-    """
-    return match_bones(rest_skeleton(armature), preset, f"armature {armature.name}")
-
-
-def find_target(name: str | None, preset: str | None = None) -> bpy.types.Object:
-    """Return the armature of the open file that motion can be sent to.
-
-    Raises
-    ------
-    BodyError
-        There is none with that name, none at all, or several without a name being given; names them.
-    """
-    overridden = [o.override_library.reference for o in bpy.data.objects if o.override_library]
-    armatures = [o for o in bpy.data.objects if o.type == "ARMATURE" and o not in overridden]
-    if name is not None:
-        found = next((o for o in armatures if o.name == name), None)
-        if found is None:
-            names = ", ".join(o.name for o in armatures) or "none"
-            raise BodyError(f"there is no armature '{name}'", where="--armature", todo=f"the file's are: {names}")
-        return found
-    if not armatures:
-        raise BodyError("the file has no armature", where="--to", todo="give a file with a character")
-    following = {o for other in armatures for o in skeletons_following(other)} if len(armatures) > 1 else set()
-    able = [o for o in armatures if o not in following and (len(armatures) == 1 or _fits(o, preset))]
-    generated = [o for o in able if "rig_id" in o.data]  # a metarig may stand beside the rig that was made of it
-    able = generated if len(generated) == 1 else able
-    if len(able) != 1:
-        names = ", ".join(o.name for o in able or armatures)
-        raise BodyError(f"{len(able)} armatures could be meant", where="--armature", todo=f"name one of: {names}")
-    return able[0]
-
-
-def _fits(armature: bpy.types.Object, preset: str | None) -> bool:
-    try:
-        target_bones(armature, preset)
-    except BodyError:
-        return False
-    return True
 
 
 def send_to_rig(
@@ -150,15 +103,13 @@ def send_to_rig(
     sent = _on_controls(armature, bones, (upright, of_source), asked, options.planted)
     frames = frame_start + np.arange(len(upright))
     shown_at_rest = leave_rest_position(armature)
+    keys = 0
     if options.live is not None:
         link = (upright, of_source, options.live)
         follow(scene, armature, sent.rig, link, placement=sent.result.placement, root=asked.root)
         remember(armature, sent.holds, sent.settings)
-        keys = 0
     else:
-        forget_twists(armature)
-        channels = [*sent.channels, *(_hold_channel(*hold) for hold in sent.holds)]
-        keys = write_channels(armature, channels, frames, f"{armature.name} {upright.name}", options.curves)
+        keys = _keyed(armature, sent, frames, f"{armature.name} {upright.name}", options.curves)
     errors = measured_errors(
         scene,
         armature,
@@ -312,6 +263,13 @@ def control_channels(
 def _hold_channel(bone: str, constraint: str) -> ControlChannel:
     """Return a channel with one key that removes a constraint's influence, so that the action includes it."""
     return ControlChannel(bone, f"constraints{fcurves.property_key(constraint)}.influence", np.zeros((1, 1)))
+
+
+def _keyed(armature: bpy.types.Object, sent: _Sent, frames: Ints, action: str, curves: CurveOptions) -> int:
+    """Key a motion on a rig in a new action; return the number of keys."""
+    forget_twists(armature)
+    channels = [*sent.channels, *(_hold_channel(*hold) for hold in sent.holds)]
+    return write_channels(armature, channels, frames, action, curves)
 
 
 def _warnings(armature: bpy.types.Object, sent: _Sent, errors: dict[str, Any], *, live: bool) -> list[str]:

@@ -16,7 +16,8 @@ from ..scene_io.keys import motion_curves
 from ..scene_io.scene import frame_rate
 from .rigs.rig_at_rest import rest_orientations, rest_skeleton
 from .rigs.rig_error import world_matrices
-from .send import shown_bone, target_bones
+from .send import shown_bone
+from .target_armatures import target_bones
 
 
 def motion_of_performer(

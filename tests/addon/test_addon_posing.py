@@ -19,7 +19,7 @@ from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View  # noqa: E402
 from kfmocap.kfmocap_addon.editing import click_posing  # noqa: E402
 from kfmocap.kfmocap_addon.operators.posing.place_joints import PlacingTool  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import joint_marks, scene  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io.body import body_armature, shown_pose  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.body import armature_landmarks, body_armature, shown_pose  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402
 from kfmocap.kfmocap_addon.viewports import key_list  # noqa: E402
 
@@ -179,7 +179,7 @@ def test_joints_are_asked_for_limb_by_limb_with_names_that_people_say():
 def test_a_body_of_another_origin_is_posed_by_its_bones(blender, tmp_path):
     slot = walk_scene(tmp_path)
     for bone in slot.armature.data.bones:
-        del bone[body_armature.LANDMARKS]
+        del bone[armature_landmarks.LANDMARKS]
     placed = click_posing.Placing(bpy.context.scene, slot)
     assert placed.landmarks == BODY.names
     placed.mark("cam01", "hand.L", (0.1, -0.1))

@@ -13,7 +13,7 @@ import addon_utils
 import bpy
 import numpy as np
 from kfmocap.core.body import Body, Part, human
-from kfmocap.kfmocap_addon.scene_io.body import body_armature
+from kfmocap.kfmocap_addon.scene_io.body import armature_landmarks, body_armature
 from kfmocap.kfmocap_addon.scene_io.characters import skins
 from mathutils import Matrix
 
@@ -30,7 +30,7 @@ def foreign_armature(body: Body = BODY) -> bpy.types.Object:
     for child in list(armature.children):
         bpy.data.objects.remove(child)
     for bone in armature.data.bones:
-        for name in (body_armature.PART, body_armature.LIMITS, body_armature.LANDMARKS, body_armature.REST):
+        for name in (body_armature.PART, body_armature.LIMITS, armature_landmarks.LANDMARKS, body_armature.REST):
             del bone[name]
     return armature
 

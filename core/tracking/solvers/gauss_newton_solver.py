@@ -11,7 +11,7 @@ another minimum. Solving a segment is therefore a conversation of four:
 - `judgement.solution_ranking` *decides*: all solutions are measured under one noise, and the likeliest is taken.
 
 `multi_start.best_of_starts` holds that conversation for the whole body, in the order: the curve through the key poses,
-another turn, the motion followed frame by frame, and rounds of the search for limbs. Every room of `limb_corrections`
+another turn, the motion followed frame by frame, and rounds of the search for limbs. Every module of `limb_corrections`
 holds it once more for one kind of error. This module calls them in turn, for the tracker.
 """
 

@@ -30,11 +30,11 @@ class FindBones(Conditional, bpy.types.Operator):
     conditions = (has_character,)
 
     def act(self, context: bpy.types.Context) -> None:
-        from ...retargeting import listed_bones, send
+        from ...retargeting import listed_bones, target_armatures
 
         settings = context.scene.kfmocap.retarget
         preset = None if settings.preset == "auto" else settings.preset
-        bones = send.target_bones(settings.target, preset)
+        bones = target_armatures.target_bones(settings.target, preset)
         listed_bones.list_bones(settings, bones)
         how = f"preset {bones.preset}" if bones.preset else f"their {bones.found_by}"
         self.report({"INFO"}, f"{len(bones.names())} bones by {how}")

@@ -7,7 +7,7 @@ import numpy as np
 
 from ....core.errors import BodyError
 from ....core.retargeting.roles import SIDES, BoneMap
-from ..send import target_bones
+from ..target_armatures import target_bones
 
 PART_ROLES = ("hips", "spine", "neck", "head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")
 _LIMB_ROLES = ("head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")

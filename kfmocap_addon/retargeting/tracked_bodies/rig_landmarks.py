@@ -11,8 +11,8 @@ from ....core.body import Body
 from ....core.errors import BodyError
 from ....core.retargeting.human_landmarks import human_landmarks
 from ....core.retargeting.roles import BoneMap
-from ...scene_io.body import body_armature
-from ..send import target_bones
+from ...scene_io.body import armature_landmarks, body_armature
+from ..target_armatures import target_bones
 from .part_roles import PART_ROLES
 from .rigify_animals import goes_on_four
 
@@ -22,7 +22,7 @@ _MAX_START_DISTANCE = 0.02
 
 def add_landmarks(armature: bpy.types.Object) -> None:
     """Store landmarks for an armature that carries the parts of a body, if it is human and has none."""
-    if body_armature.has_landmarks(armature):
+    if armature_landmarks.has_landmarks(armature):
         return
     try:
         roles = target_bones(armature)
@@ -32,7 +32,7 @@ def add_landmarks(armature: bpy.types.Object) -> None:
         return
     body = body_armature.body_from_armature(armature)
     if landmarks := human_landmarks(body, _parts(armature, body, roles)):
-        body_armature.keep_landmarks(armature, replace(body, landmarks=landmarks))
+        armature_landmarks.keep_landmarks(armature, replace(body, landmarks=landmarks))
 
 
 def _parts(armature: bpy.types.Object, body: Body, roles: BoneMap) -> dict[str, int]:

@@ -23,7 +23,7 @@ from ..rigs.overrides import editable
 from ..rigs.rig_at_rest import at_rest, leave_rest_position, rest_matrices
 from ..rigs.rig_reading import moved_matrices
 from ..rigs.rig_settings import Owner, Settings, has_keys, keep_in_override, setting_name, with_settings
-from ..send import target_bones
+from ..target_armatures import target_bones
 from .part_roles import PART_ROLES, limb_bones, limbs_of, taken_in
 from .rig_landmarks import add_landmarks
 from .rigify_animals import animal_controls, goes_on_four, is_generated

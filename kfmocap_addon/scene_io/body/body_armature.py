@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -18,15 +18,15 @@ from ....core.numerics import rotations
 from ....core.numerics.arrays import Array
 from .. import lossless
 from . import part_meshes
+from .armature_landmarks import keep_landmarks, landmarks_of
 from .sides import SIDES, colour_of, side_of
 
-PART, LIMITS, LANDMARKS, REST = "kfmocap_part", "kfmocap_limits", "kfmocap_landmarks", "kfmocap_rest"
+PART, LIMITS, REST = "kfmocap_part", "kfmocap_limits", "kfmocap_rest"
 DEPARTURE = "kfmocap_departure"
-"""Custom properties of a bone: its rank in the body; limits and landmarks as JSON, name: [rank, x, y, z]; how far it
-usually is from its rest orientation, radians.
+"""Custom properties of a bone: its rank in the body; limits as JSON; its rest orientation; how far it usually is from
+that, radians.
 
-They sit on the bones and not in a table of names, so that renaming a bone loses nothing. Landmarks of a body whose
-bones are linked from another file sit on the meshes of its parts.
+They sit on the bones and not in a table of names, so that renaming a bone loses nothing.
 """
 ABOVE = "kfmocap_above"
 """Custom property of a bone: the bone that it moves with by constraints, as if it were its parent."""
@@ -123,41 +123,6 @@ def _describe(armature: bpy.types.Object, body: Body) -> None:
         bone[DEPARTURE] = part.departure
         bone[LIMITS] = json.dumps(np.asarray(part.limits).tolist())
     keep_landmarks(armature, body)
-
-
-def keep_landmarks(armature: bpy.types.Object, body: Body) -> None:
-    """Store the landmarks of a body on the bones of its armature or, where these are of a linked file, on the meshes of
-    its parts.
-    """
-    meshes = part_meshes.meshes_by_bone(armature)
-    for rank, part in enumerate(body.parts):
-        owned = {
-            name: [place, *np.asarray(point).tolist()]
-            for place, (name, (owner, point)) in enumerate(body.landmarks.items())
-            if owner == rank
-        }
-        bone = armature.data.bones[part.name]
-        keepers = [each for each in (bone, *meshes.get(part.name, ())) if _is_local(each.id_data)]
-        if keepers:
-            keepers[0][LANDMARKS] = json.dumps(owned)
-
-
-def _is_local(block: bpy.types.ID) -> bool:
-    """Whether what is stored in a data block is saved with this file."""
-    return block.library is None and block.override_library is None
-
-
-def has_landmarks(armature: bpy.types.Object) -> bool:
-    """Whether landmarks are stored for an armature's body."""
-    meshes = part_meshes.meshes_by_bone(armature)
-    return any(_stored_landmarks(bone, meshes.get(bone.name, ())) for bone in armature.data.bones)
-
-
-def _stored_landmarks(bone: bpy.types.Bone, meshes: Sequence[bpy.types.Object]) -> dict[str, list[float]]:
-    """Return the landmarks of the part of a bone, with its meshes: rank and place by name."""
-    keeper = next((each for each in (bone, *meshes) if LANDMARKS in each), None)
-    found: dict[str, list[float]] = {} if keeper is None else json.loads(keeper[LANDMARKS])
-    return found
 
 
 def reshape(armature: bpy.types.Object, body: Body) -> None:
@@ -285,7 +250,7 @@ def body_from_armature(armature: bpy.types.Object) -> Body:
         part_meshes.check_solid(read.vertices, armature, bone)
         rest = lossless.recall(bone, REST, _rest(read), 1.0 + float(np.abs(head).max()))
         parts.append(replace(read, head_world=rest[0], tail_world=rest[1], R_world_rest=rest[2:5], vertices=rest[5:]))
-    return Body(tuple(parts), _landmarks(bones, meshes))
+    return Body(tuple(parts), landmarks_of(bones, meshes))
 
 
 def _rest(part: Part) -> Array:
@@ -357,17 +322,3 @@ def joint_limits(bone: bpy.types.PoseBone) -> Array:
 def rest_rotations(bones: Sequence[bpy.types.Bone]) -> Array:
     """Rest orientations of bones in their armature, shape (B, 3, 3)."""
     return rotations.orthonormal(np.array([bone.matrix_local for bone in bones]).reshape(-1, 4, 4)[:, :3, :3])
-
-
-def _landmarks(
-    bones: Sequence[bpy.types.Bone], meshes: Mapping[str, Sequence[bpy.types.Object]]
-) -> dict[str, tuple[int, Array]]:
-    """Landmarks in the order they were defined in; an armature of another origin has its joints."""
-    found = [
-        (rank, name, i, np.array(point))
-        for i, bone in enumerate(bones)
-        for name, (rank, *point) in _stored_landmarks(bone, meshes.get(bone.name, ())).items()
-    ]
-    if not found:
-        return {bone.name: (i, np.zeros(3)) for i, bone in enumerate(bones)}
-    return {name: (i, point) for _, name, i, point in sorted(found, key=lambda row: row[0])}

@@ -23,8 +23,9 @@ from kfmocap.kfmocap_addon.retargeting.character_files import save_copy  # noqa:
 from kfmocap.kfmocap_addon.retargeting.motion_files import read_motion  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.rigs.overrides import editable  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.rigs.rig_curves import CurveOptions  # noqa: E402
-from kfmocap.kfmocap_addon.retargeting.send import SendOptions, find_target, send_to_rig  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.source_motion import motion_of_armature  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.target_armatures import find_target  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body.body_armature import edit_bones  # noqa: E402

@@ -11,7 +11,7 @@ from addon_shots import joint_error, motion  # noqa: E402
 from kfmocap.core.body import human, part_poses  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
-from kfmocap.kfmocap_addon.scene_io.body import body_armature, sides  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.body import armature_landmarks, body_armature, sides  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
 from mathutils import Matrix  # noqa: E402
 
@@ -119,7 +119,7 @@ def test_an_armature_that_cannot_be_a_body_is_refused_by_name(armature):
 def test_an_armature_of_another_origin_is_a_body_if_its_bones_carry_meshes():
     own = body_armature.build_armature(human(), "man", bpy.context.scene.collection)
     for bone in own.data.bones:
-        for name in (body_armature.PART, body_armature.LIMITS, body_armature.LANDMARKS):
+        for name in (body_armature.PART, body_armature.LIMITS, armature_landmarks.LANDMARKS):
             del bone[name]
     read = body_armature.body_from_armature(own)
     assert set(read.names) == set(human().names)

@@ -11,7 +11,8 @@ from addon_shots import joint_error  # noqa: E402
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.body.soles import Soles  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
-from kfmocap.kfmocap_addon.retargeting.send import find_target, send_to_rig  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.send import send_to_rig  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.target_armatures import find_target  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.characters import skins  # noqa: E402
