@@ -26,14 +26,6 @@ from .keypoint_places import Places, has_keypoint
 from .keypoint_rays import Keypoints
 from .seen_landmarks import habit_precision, usual_turns, without_guesses
 
-AGREED_SHARE = 0.5
-"""Time within which errors are correlated where several views agree, relative to that of a single view.
-
-Their agreement removes what the errors of a view have in common. The integrated autocorrelation of what remains, the
-distances from triangulated points without their means, is 0.13 to 0.21 s with two detectors on four shots, filmed and
-rendered, and 0.10 to 0.16 s in the simulated detections of five others.
-"""
-
 
 def image_rays(camera: Camera, pixels: Array) -> Array:
     """Normalized image coordinates (x / z, y / z) of distorted pixels, shape (..., 2); NaN stays NaN."""
@@ -142,10 +134,9 @@ def fit_keypoints(shot: Shot, detections: Sequence[Detections], fixed: Sequence[
         if fit.agreed is None:
             factor = KeypointFactor(fit.keypoints, fit.places, correlated, imagined=fit.imagined)
         else:
-            # The first pass counts every frame in full, so as not to smooth away a movement that views agree on. Beside
-            # the pictures, which show movement better, errors that last would pull the body along.
-            lasting = max(1.0, AGREED_SHARE * correlated)
-            factor = KeypointFactor(fit.keypoints, fit.places, lasting, fit.sigma, fit.agreed)
+            # Errors that last over many frames shift the constants (offsets and measures), but the first pass has
+            # settled these. They give no reason to doubt a movement that views agree on, so every frame counts in full.
+            factor = KeypointFactor(fit.keypoints, fit.places, 1.0, fit.sigma, fit.agreed)
         habit = habit_precision(body, fit.keypoints, shot.fps)
         factor = replace(factor, habit=(habit, usual_turns(fit.motion, habit)))
         performers.append(

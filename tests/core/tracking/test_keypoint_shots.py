@@ -94,21 +94,6 @@ def test_people_are_distinguished_in_every_view(tmp_path: Path, keys: list[int])
         assert matches.trace() == 2
 
 
-def test_keypoints_that_views_agree_on_weigh_the_same_at_any_frame_rate(tmp_path: Path) -> None:
-    """A detector's errors last: twice as many frames a second say no more. Frames far apart count one by one."""
-    shot = shot_with(tmp_path, people(1), [0, FRAMES - 1])
-    detections, fixed = read_shot_keypoints(shot), [np.zeros((FRAMES, shot.performers[0].body.dof), bool)]
-
-    def counted_as_one(fps: float) -> float:
-        (own,) = fit_keypoints(replace(shot, fps=fps), detections, fixed).performers
-        assert own.factor.agreed is not None
-        return own.factor.correlated
-
-    assert counted_as_one(60.0) == pytest.approx(2 * counted_as_one(30.0))
-    assert counted_as_one(30.0) == pytest.approx(0.15 * 30)
-    assert counted_as_one(5.0) == 1.0
-
-
 def test_a_bystander_is_nobody(tmp_path: Path) -> None:
     motions = people(2)
     shot = shot_with(tmp_path, motions, [0])
