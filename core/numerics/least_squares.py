@@ -79,7 +79,7 @@ class StoppingRule(Generic[State]):
         Whether a small step also ends it if the step is refused, without shorter ones being tried.
     least_promise : float
         A step whose predicted decrease of the cost is below this is not tried.
-    unmade : callable, optional
+    negligible : callable, optional
         Whether a step from one state to the next is so small that it is not tried, either.
     """
 
@@ -89,7 +89,7 @@ class StoppingRule(Generic[State]):
     step_size: Callable[[State, State], float] | None = None
     small_refused: bool = False
     least_promise: float = 0.0
-    unmade: Callable[[State, State], bool] | None = None
+    negligible: Callable[[State, State], bool] | None = None
 
     def converged(self, before: State, after: State, cost_before: float, cost_after: float) -> bool:
         """Whether the accepted step between two states is the last."""
@@ -186,7 +186,7 @@ def minimise(
         if converged := -equations.slope(step) / 2 < stopping.least_promise:
             break
         trial = move(state, step)
-        if converged := stopping.unmade is not None and stopping.unmade(state, trial):
+        if converged := stopping.negligible is not None and stopping.negligible(state, trial):
             break
         if trial_cost is None:
             ahead = linearise(trial)

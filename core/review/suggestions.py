@@ -14,8 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..evidence.occlusion import LONG_GAP, intervals
+from ..evidence.occlusion import LONG_GAP
 from ..numerics.arrays import Array, Ints
+from ..numerics.frame_ranges import runs
 from ..shot.shot import KeyPoses
 from ..tracking.expected_errors.uncertainty import expected_errors, joint_parts
 
@@ -192,7 +193,7 @@ def _longest_hidden(hidden: NDArray[np.bool_], keys: KeyPoses) -> list[tuple[int
     for part in range(hidden.shape[1]):
         unknown = hidden[:, part].copy()
         unknown[_keyed(keys, part)] = False
-        spans += [(part, a, b) for a, b in intervals(unknown) if b + 1 - a >= LONG_GAP]
+        spans += [(part, a, b) for a, b in runs(unknown) if b + 1 - a >= LONG_GAP]
     return sorted(spans, key=lambda span: (span[1] - span[2], span[1]))
 
 

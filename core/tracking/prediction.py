@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
 from ..body.motion import Motion
-from ..evidence.occlusion import intervals
-from ..numerics import rotations
+from ..numerics import frame_ranges, rotations
 from ..numerics.arrays import Array
 from ..numerics.robust_kernels import NORMAL_MAD
 
@@ -189,10 +188,10 @@ def predict_unseen(motion: Motion, unseen: NDArray[np.bool_], *, since: int = 0)
 
 def _filled(part: Motion, unseen: NDArray[np.bool_], since: int) -> Motion:
     """Predict the unseen frames of a single part's motion, where they depend on poses from frame `since` on."""
-    gaps = [(a, b) for a, b in intervals(unseen) if b + 1 + FILTER_STEPS >= since]
+    gaps = [(a, b) for a, b in frame_ranges.runs(unseen) if b + 1 + FILTER_STEPS >= since]
     if not gaps:
         return part
-    runs = [_steps(part[a : b + 1]) for a, b in intervals(~unseen)]
+    runs = [_steps(part[a : b + 1]) for a, b in frame_ranges.runs(~unseen)]
     drift = np.concatenate(runs).mean(axis=0) if any(map(len, runs)) else np.zeros(6)
     drift[3:] = 0
     models = [autoregression([run[:, d] - drift[d] for run in runs]) for d in range(6)]

@@ -18,14 +18,11 @@ import numpy as np
 from ...body import Body
 from ...evidence.misfit import measured_misfit
 from ...numerics.arrays import Array, Bools
-from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.error_lengths import length_quantile
 from ..late_views import Lateness, segment_lateness
-from ..solvers.equations.contact_factor import with_contact
-from ..solvers.equations.hold_factor import TiedSystems
-from ..solvers.equations.measurement import MeasuredMotion, hidden_parts, keypoint_instants, measured_at, poses_by_delay
+from ..solvers.equations.measurement import keypoint_instants, measured_at, poses_by_delay
 from ..solvers.equations.problem import SegmentProblem, SegmentSolution
-from ..solvers.equations.segment_equations import evidence_equations, hidden_and_expected, with_priors
+from ..solvers.equations.segment_equations import evidence_equations, hidden_and_expected, with_priors_at
 from ..solvers.equations.smoothness_factor import SegmentSmoothness
 from .held_out_keys import USUAL_RATIO, covariance_ratios, missed_key_poses
 from .joint_covariances import growth_by_speed, tip_covariances, tip_jacobian
@@ -123,7 +120,8 @@ def segment_uncertainties(
     """
     motions, spans = solution.motions, problem.spans()
     measured = measured_at(problem, solution)
-    hidden = hidden_parts(problem, measured.evidence.share) if problem.settings.prediction else []
+    whole = replace(problem, only=None)
+    hidden, expected = hidden_and_expected(whole, motions, measured.evidence)
     images = evidence_equations(problem, measured, hidden)
     smooth = SegmentSmoothness(solution.variances)
     keys = [problem.whole_keys(i) for i in range(len(problem.bodies))]
@@ -133,7 +131,7 @@ def segment_uncertainties(
     )
     gaps = misfit.mean_gaps(keys)
     systems = [images[i] + smooth.blocks(problem, i, motion) for i, motion in enumerate(motions)]
-    tied = replace(problem, only=None).tied(systems, motions)
+    tied = whole.tied(systems, motions)
     covariances = tied.by_performer([system.factor().covariances() for system in tied.systems])
     uncertainties = []
     for i, (body, motion, fixed) in enumerate(zip(problem.bodies, motions, problem.fixed, strict=True)):
@@ -152,19 +150,8 @@ def segment_uncertainties(
                 lost_probabilities(body, misfit, spans[i], held=held, keys=keys[i]),
             )
         )
-    whole = _with_all_priors(problem, measured, images, smooth)
-    return uncertainties, segment_lateness(problem, measured, hidden, whole)
-
-
-def _with_all_priors(
-    problem: SegmentProblem, measured: MeasuredMotion, images: Sequence[BandedBlocks], smooth: SegmentSmoothness
-) -> TiedSystems:
-    """Return the normal equations of all performers that the solution minimises, but for plants."""
-    problem, motions = replace(problem, only=None), measured.motions
-    _, expected = hidden_and_expected(problem, motions, measured.evidence)
-    systems = with_priors(problem, motions, images, smooth, expected)
-    systems = with_contact(systems, problem.contact, problem.bodies, motions, problem.sought)
-    return problem.tied(systems, motions)
+    minimised = whole.tied(with_priors_at(whole, solution, images, expected), motions)
+    return uncertainties, segment_lateness(problem, measured, hidden, minimised)
 
 
 def joint_errors(body: Body, uncertainties: Sequence[SegmentUncertainty], beside: Array) -> JointErrors:

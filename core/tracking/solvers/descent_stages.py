@@ -12,8 +12,8 @@ ROUGH_STEP = 0.025
 """The same for stages that another one follows, which will move joints by more than what remains."""
 MIN_JOINT_MOVE = 0.005
 """Largest motion of any joint in a step, metres, below which a refinement ends: the next step would be a fraction of
-it. A polish and a correction end before such a step: it would cost another look at the pictures, and leads away from
-the true motion as often as to it."""
+it. A polish and a correction end before such a step: it would cost another evaluation of the pictures, and leads away
+from the true motion as often as to it."""
 MIN_STEP_SIGMAS = 0.2
 """Root mean square of a step, in posterior standard deviations, below which it is not made: it would reduce the
 expected error by 2 % at most."""
@@ -41,7 +41,7 @@ class DescentStage:
         It also ends when such a step is refused, instead of trying shorter ones.
     still : float
         It also ends after a step that moves no joint by more than this on any frame, metres.
-    moving : float
+    negligible : float
         It also ends before a step that would move no joint by more than this on any frame, metres.
     noticed : float
         It also ends before a step that is shorter, see `MIN_STEP_SIGMAS`.
@@ -56,7 +56,7 @@ class DescentStage:
     small: float = SMALL_STEP
     small_refused: bool = False
     still: float = 0.0
-    moving: float = 0.0
+    negligible: float = 0.0
     noticed: float = 0.0
     plants: bool = True
 
@@ -83,7 +83,7 @@ POLISH = (
         4,
         small=0.004,
         small_refused=True,
-        moving=MIN_JOINT_MOVE,
+        negligible=MIN_JOINT_MOVE,
         plants=False,
     ),
 )
@@ -107,7 +107,7 @@ RESUMED = (
         5,
         small=0.003,
         small_refused=True,
-        moving=MIN_JOINT_MOVE,
+        negligible=MIN_JOINT_MOVE,
         noticed=MIN_STEP_SIGMAS,
         plants=False,
     ),

@@ -93,7 +93,7 @@ class _TestedStage:
             # A step's gain is the square of its length in standard deviations.
             least_promise=stage.noticed**2
             * sum(np.count_nonzero(~self._problem.fixed[i]) for i in self._problem.sought),
-            unmade=self._hardly_moves if stage.moving else None,
+            negligible=self._hardly_moves if stage.negligible else None,
         )
         return minimise(
             start, self._linearise, self._moved, damping=DAMPING, stopping=stopping, on_iteration=self._begin_step
@@ -140,7 +140,7 @@ class _TestedStage:
         return _size([before[i].difference(after[i]) for i in self._problem.sought])
 
     def _hardly_moves(self, before: tuple[Motion, ...], after: tuple[Motion, ...]) -> bool:
-        return farthest_joint(self._problem, before, after) < self._stage.moving
+        return farthest_joint(self._problem, before, after) < self._stage.negligible
 
     def _moved(self, motions: tuple[Motion, ...], steps: Sequence[Array]) -> tuple[Motion, ...]:
         assert self._tied is not None

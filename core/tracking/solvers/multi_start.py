@@ -130,9 +130,11 @@ def best_of_own_starts(
     if searching and best is not first:
         with seconds.measure("initial solution"):
             settled = SettledSolution.after(problem, best, workspace.silent())
-            if not images_contradict(problem, settled.solution):
+            dispelled = not images_contradict(problem, settled.solution)
+            if dispelled:
                 trial = TrialRound.around(problem, settled, workspace.part(0.25, 0.35))
-        if trial is not None and trial.settled is settled and not trial.gains(problem):
+                dispelled = not trial.gains(problem)
+        if dispelled:
             return replace(settled.solution, seconds=seconds)
     if searching:
         # Even if the cover raises no doubt an arm may be lost: it is a small part of what is to be covered.

@@ -141,14 +141,11 @@ class _Evidence:
             ratio = float(ratios[[part, max(body.parents[part], 0)]].mean())  # a sole lies between the tips of both
             longer = [] if earlier is None else runs(earlier.steps[:, c] & movable)
             for run in runs(column & movable):
-                for steps in dict.fromkeys((_joined(run, longer), run)):
-                    plant = _Plant(seeming, c, steps)
-                    if self._key_poses_agree(performer, plant.factor) and self._evidence_agrees(
-                        performer, plant, ratio
-                    ):
-                        first, last = self._lengthened(performer, plant, ratio, movable).steps
-                        found[first : last + 1, c] = True
-                        break
+                tried = [_Plant(seeming, c, steps) for steps in dict.fromkeys((_joined(run, longer), run))]
+                fitting = next((plant for plant in tried if self._agrees(performer, plant, ratio)), None)
+                if fitting is not None:
+                    first, last = self._lengthened(performer, fitting, ratio, movable).steps
+                    found[first : last + 1, c] = True
         keyed = replace(seeming, steps=seeming.steps & ~movable[:, None])
         return keyed, PlantFactor(seeming.soles, found, REST_SPEED_SIGMA / problem.fps, Quadratic())
 
@@ -172,9 +169,10 @@ class _Evidence:
         drift = np.diff(plant.soles.world(poses)[:, column], axis=0)
         return bool(np.sum(drift**2) < np.ptp(keyed) * plant.sigma**2 * chdtri(3, SIGNIFICANCE))
 
-    def _evidence_agrees(self, performer: int, plant: _Plant, ratio: float) -> bool:
-        """Test a plant against the evidence, whose covariance is multiplied by a ratio."""
-        return self._cost(performer, plant, ratio) < chdtri(3 * len(plant), SIGNIFICANCE)
+    def _agrees(self, performer: int, plant: _Plant, ratio: float) -> bool:
+        """Test a plant against the key poses, and against the evidence, whose covariance is multiplied by a ratio."""
+        within = chdtri(3 * len(plant), SIGNIFICANCE)
+        return self._key_poses_agree(performer, plant.factor) and self._cost(performer, plant, ratio) < within
 
     def _lengthened(self, performer: int, plant: _Plant, ratio: float, movable: Bools) -> _Plant:
         """Return a plant that passed with the frames beside it, one after the other, on which the evidence has nothing

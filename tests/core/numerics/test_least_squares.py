@@ -112,7 +112,7 @@ def test_a_step_to_a_state_nearby_is_not_tried(share: float) -> None:
     def near(before: np.ndarray, after: np.ndarray) -> bool:
         return bool(np.linalg.norm(after - before) < share * np.linalg.norm(minimum))
 
-    stopping = StoppingRule(iterations=1, unmade=near)
+    stopping = StoppingRule(iterations=1, negligible=near)
     result = minimise(np.zeros(UNKNOWNS), linearise, added, damping=GAUSS_NEWTON, stopping=stopping)
     assert len(seen) == 1 + result.iterations == (2 if share < 1 else 1)
     np.testing.assert_allclose(result.state, minimum if share < 1 else 0.0, atol=1e-9)

@@ -85,9 +85,18 @@ def equations_at(problem: SegmentProblem, solution: SegmentSolution) -> list[Ban
     """Return the normal equations of every performer at a solution that carries its evidence, without those of plants
     and holds.
     """
-    motions, measured = solution.motions, measured_at(problem, solution)
-    hidden, expected = hidden_and_expected(problem, motions, measured.evidence)
-    images = evidence_equations(problem, measured, hidden)
+    measured = measured_at(problem, solution)
+    hidden, expected = hidden_and_expected(problem, solution.motions, measured.evidence)
+    return with_priors_at(problem, solution, evidence_equations(problem, measured, hidden), expected)
+
+
+def with_priors_at(
+    problem: SegmentProblem, solution: SegmentSolution, images: Sequence[BandedBlocks], expected: Sequence[Array] = ()
+) -> list[BandedBlocks]:
+    """Add to the normal equations of the evidence at a solution what else it minimises but plants and holds: the priors
+    of `with_priors`, with the solution's own smoothness, and contact. Parameters as there.
+    """
+    motions = solution.motions
     systems = with_priors(problem, motions, images, SegmentSmoothness(solution.variances), expected)
     return with_contact(systems, problem.contact, problem.bodies, motions, problem.sought)
 

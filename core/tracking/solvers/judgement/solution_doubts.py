@@ -9,9 +9,10 @@ import numpy as np
 from ....body.limbs import limbs, without_end
 from ....body.motion import Motion
 from ....evidence.misfit import beyond_known, measured_misfit, most_explained
-from ....evidence.occlusion import LONG_GAP, intervals
+from ....evidence.occlusion import LONG_GAP
 from ....evidence.view_frames import views_with_foreground
 from ....numerics.arrays import Array, Bools, Ints
+from ....numerics.frame_ranges import FrameRange, runs
 from ..equations.measurement import hidden_parts, keypoint_agreement, poses_by_delay, view_instants
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..limb_evidence.limb_images import shown_areas
@@ -159,7 +160,7 @@ def limb_on_background(problem: SegmentProblem, solution: SegmentSolution) -> bo
             parts = [spans[i].start + part for part in chain]
             size = shown_areas(geometry, parts)
             astray = beyond_known(unlike[..., parts] @ (size / size.sum()), [keys] * len(unlike)) > MISPLACED_SHARE
-            if any(last + 1 - first >= long for first, last in intervals(astray.any(axis=0))):
+            if any(last + 1 - first >= long for first, last in runs(astray.any(axis=0))):
                 return True
     return False
 
@@ -198,7 +199,7 @@ def _limb_for_long(problem: SegmentProblem, performer: int, areas: Array) -> boo
     geometry, begin = problem.geometry(), problem.spans()[performer].start
     chains = [[begin + part for part in chain] for chain in limbs(problem.bodies[performer])]
     smallest = min((shown_areas(geometry, parts).sum() for parts in chains), default=np.inf)
-    return any(last + 1 - first >= LONG_GAP for row in areas > LIMB_SHARE * smallest for first, last in intervals(row))
+    return any(last + 1 - first >= LONG_GAP for row in areas > LIMB_SHARE * smallest for first, last in runs(row))
 
 
 def limb_hidden_for_long(problem: SegmentProblem, solution: SegmentSolution) -> bool:
@@ -225,11 +226,11 @@ def limb_hidden_for_long(problem: SegmentProblem, solution: SegmentSolution) -> 
     return any(limb not in shown or not _seen_beside(found, shown[limb]()) for limb, found in gaps.items())
 
 
-def _long_gaps(hidden: Bools) -> list[list[int]]:
-    return [gap for gap in intervals(hidden) if gap[1] + 1 - gap[0] >= LONG_GAP]
+def _long_gaps(hidden: Bools) -> list[FrameRange]:
+    return [gap for gap in runs(hidden) if gap[1] + 1 - gap[0] >= LONG_GAP]
 
 
-def _seen_beside(gaps: Sequence[Sequence[int]], support: Array) -> bool:
+def _seen_beside(gaps: Sequence[FrameRange], support: Array) -> bool:
     """Whether a limb is clearly seen before and after each of the gaps, by the log likelihood ratio (F,) of the images
     with it against without it: on average at a rate at which `LONG_GAP` frames would have it moved
     (`MIN_GAIN`).

@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from ....body.motion import Motion
-from ....evidence.occlusion import intervals
 from ....numerics.arrays import Array
+from ....numerics.frame_ranges import runs
 from ....runtime.timing import Seconds
 from ..descent_stages import SETTLED, SETTLING
 from ..equations.measurement import Workspace
@@ -59,7 +59,7 @@ def _lowest_support(support: Array, long: int) -> float:
     which it has faded; 1 if there is none.
     """
     usual = max(float(np.median(support)), 1e-9)
-    faded = intervals(support < FADED_RATIO * usual)
+    faded = runs(support < FADED_RATIO * usual)
     means = [support[first : last + 1].mean() / usual for first, last in faded if last + 1 - first >= long]
     return float(min(means, default=1.0))
 

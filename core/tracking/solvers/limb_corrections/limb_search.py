@@ -20,11 +20,11 @@ from ....body import Body, part_poses
 from ....body.kinematics import scene_poses
 from ....body.limbs import limbs
 from ....body.motion import Motion
-from ....evidence.occlusion import intervals
 from ....evidence.rendering.part_geometry import Geometry
 from ....evidence.view_frames import views_with_foreground
 from ....numerics import rotations
 from ....numerics.arrays import Array
+from ....numerics.frame_ranges import runs
 from ....numerics.likeliest_path import likeliest_path, place_probabilities
 from ....numerics.repeatable import on_grid
 from ..descent_stages import OUTLINE_REACH
@@ -126,7 +126,7 @@ def is_elsewhere(body: Body, chain: Sequence[int], before: Motion, after: Motion
     joints = [part_poses(body, motion)[1][:, chain] for motion in (before, after)]
     a, b = (each - each[:, :1] for each in joints)
     away = np.linalg.norm(b - a, axis=-1).max(axis=1) > OUTLINE_REACH
-    return any(last + 1 - first >= frames for first, last in intervals(away))
+    return any(last + 1 - first >= frames for first, last in runs(away))
 
 
 def _with_limb_found(
@@ -161,7 +161,7 @@ def _with_limb_found(
 def _is_hardly_seen(limb: LimbModel) -> bool:
     """Whether a limb is hardly seen where it is (`MIN_SEEN_SHARE`) on two or more frames in a row."""
     unsure = limb.held[:, : len(limb.sides)].mean(axis=1) < MIN_SEEN_SHARE
-    return any(last > first for first, last in intervals(unsure))
+    return any(last > first for first, last in runs(unsure))
 
 
 def _seen_shares(

@@ -106,8 +106,7 @@ def _stirred(
     found = descend(problem, first.solution.motions, workspace, (*COARSE_RESTART, *SETTLED), first.noise)
     if farthest_joint(problem, first.solution.motions, found.motions) < UNCONVERGED_MOVE:
         return solution
-    rival = likelihood(problem, first.noise, first.solution) + RESTING_GAIN
-    found = settled_further(problem, first.noise, found, workspace, rival=rival)
+    found = settled_further(problem, first.noise, found, workspace, rival=_to_be_beaten(problem, first))
     return _likelier(problem, solution, first, found, workspace)
 
 
@@ -132,8 +131,7 @@ def _with_limb_looked_for(
         if there is None:
             break
         if _leads_elsewhere(problem, place, motions, there.motions):
-            rival = likelihood(problem, first.noise, first.solution) + RESTING_GAIN
-            there = settled_further(problem, first.noise, there, workspace, rival=rival)
+            there = settled_further(problem, first.noise, there, workspace, rival=_to_be_beaten(problem, first))
         solution = _likelier(problem, solution, first, there, workspace)
         if not is_elsewhere(problem.bodies[i], chain, before, solution.motions[i]):
             break
@@ -148,9 +146,14 @@ def _likelier(
     workspace: Workspace,
 ) -> SegmentSolution:
     """Return a solution, or what was found beside it, refined, if that is likelier than the solution when settled."""
-    if likelihood(problem, settled.noise, found) <= likelihood(problem, settled.noise, settled.solution) + RESTING_GAIN:
+    if likelihood(problem, settled.noise, found) <= _to_be_beaten(problem, settled):
         return solution
     return gauss_newton.continued(solution, gauss_newton.refine(problem, found.motions, workspace))
+
+
+def _to_be_beaten(problem: SegmentProblem, settled: SettledSolution) -> float:
+    """Log likelihood of the images that another solution must exceed to take the place of a settled one."""
+    return likelihood(problem, settled.noise, settled.solution) + RESTING_GAIN
 
 
 def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[LimbOfPerformer]:

@@ -15,9 +15,9 @@ from scipy.linalg import block_diag
 from ....body.joint_blocks import joint_blocks
 from ....body.kinematics import scene_poses
 from ....body.motion import Motion, stacked
-from ....evidence.occlusion import intervals
 from ....evidence.rendering.label_images import render_labels
 from ....evidence.sampling import Sampling
+from ....numerics import frame_ranges
 from ....numerics.arrays import Array
 from ....numerics.banded_blocks import BandedBlocks
 from ....numerics.repeatable import on_grid
@@ -97,7 +97,7 @@ def predicted_step(motion: Motion, hidden: NDArray[np.bool_]) -> Array:
     step = np.zeros(x.shape[1])
     for p in range(hidden.shape[1]):
         own = slice(3 + 3 * p if p else 0, 6 + 3 * p)
-        runs = [x[a : b + 1, own] for a, b in intervals(~hidden[:, p])]
+        runs = [x[a : b + 1, own] for a, b in frame_ranges.runs(~hidden[:, p])]
         models = [autoregression([run[:, d] for run in runs]) for d in range(own.stop - own.start)]
         seen = np.flatnonzero(~hidden[:, p]).max(initial=-1) + 1
         step[own] = predict(x[max(seen - FILTER_STEPS, 0) : seen, own], len(x) + 1 - seen, models)[0][-1]
