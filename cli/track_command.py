@@ -127,9 +127,15 @@ def check_shot_kept(spec: ShotSpec, out: Path) -> None:
         One would.
     """
     motions = result_names(spec.name, [performer.name for performer in spec.performers])
-    names = [f"{name}{ending}" for name in motions for ending in (".trc", ".bvh", ".fbx")]
-    results = [out / name for name in (*names, SCENE, REFINED, OVERLAY, REPORT_FILE)]
+    results = [out / name for name in _file_names(motions, blender=True, refined=True)]
     check_inputs_kept(results, [spec.path, *spec.files()])
+
+
+def _file_names(motions: Sequence[str], *, blender: bool, refined: bool) -> list[str]:
+    """Return the names of all results, with those that Blender writes and the refined cameras or without."""
+    endings = (".trc", ".bvh", ".fbx") if blender else (".trc",)
+    scene, cameras = (SCENE,) if blender else (), (REFINED,) if refined else ()
+    return [*(f"{name}{ending}" for name in motions for ending in endings), *scene, *cameras, OVERLAY, REPORT_FILE]
 
 
 def run_track(
@@ -185,19 +191,15 @@ def run_track(
         `progress` returned False.
     """
     motions = result_names(shot.name, [performer.name for performer in shot.performers])
-    endings, scene = ((".trc",), ()) if blender is None else ((".trc", ".bvh", ".fbx"), (SCENE,))
-    cameras = () if refined is None else (REFINED,)
-    names = [*(f"{name}{ending}" for name in motions for ending in endings), *scene, *cameras, OVERLAY, REPORT_FILE]
-    times = Seconds(seconds or {})
+    names, times = _file_names(motions, blender=blender is not None, refined=refined is not None), Seconds(seconds or {})
     with staged(out_dir, names) as stage, ExitStack() as stack:
         if blender is not None and not open_scene:
             blender.prepare(shot, out_dir, stage.parent)
         if memory is None:
             memory = stack.enter_context(closing(WorkerMemory(limit=0)))
         check = _CameraCheck(shot)
-        context = RunContext(
-            journal, memory, solved=check.begin, footage_checked=not open_scene
-        )  # by the shot's reader
+        # A shot's reader has just checked its footage.
+        context = RunContext(journal, memory, solved=check.begin, footage_checked=not open_scene)
         pictures = sorted({*sheet_frames(shot), *checked_frames(shot)})
         result = track(shot, share(progress, 0.0, 0.9), pictures=pictures, run=context)
         # Blender keeps one core busy, in this thread; meanwhile the others draw, and check the cameras if still needed.

@@ -61,7 +61,7 @@ class Soles:
         R, T = poses
         return np.asarray(np.einsum("fcab,cb->fca", R[:, self.parts], self.local) + T[:, self.parts])
 
-    def planted(self, poses: Poses, fps: float, sigma: Array | None = None) -> Bools:
+    def planted(self, poses: Poses, fps: float) -> Bools:
         """Find on which frames the points are planted, shape (F, C).
 
         Parameters
@@ -69,11 +69,8 @@ class Soles:
         poses : tuple of ndarray
             See `core.body.kinematics.Poses`.
         fps : float
-        sigma : ndarray, shape (F, P), optional
-            Standard deviations of the parts' positions, metres.
         """
-        doubt = None if sigma is None else sigma[:, self.parts]
-        return find_plants(self.world(poses), fps, self.leg, doubt).planted
+        return find_plants(self.world(poses), fps, self.leg).planted
 
     def with_ends(self, planted: Bools, poses: Poses, fps: float) -> Bools:
         """Return plants (F, C) together with the frames beside them to which the points hardly move; parameters as

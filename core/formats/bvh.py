@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,44 @@ def read_bvh(path: Path) -> SkeletonMotion:
         return _parsed(words, path.stem)
 
 
+@dataclass(frozen=True, eq=False)
+class _Hierarchy:
+    """The J joints of a file, in its axes and unit of length.
+
+    Attributes
+    ----------
+    names : list of str
+    parents : list of int
+        Index of each joint's parent; -1 for roots.
+    offsets, tips : ndarray, shape (J, 3)
+        Where a joint is at rest relative to its parent, and where its bone ends relative to it; NaN without an end.
+    channels : list of list of str
+    """
+
+    names: list[str]
+    parents: list[int]
+    offsets: Array
+    tips: Array
+    channels: list[list[str]]
+
+
 def _parsed(words: Iterator[str], name: str) -> SkeletonMotion:
+    joints = _hierarchy(words)
+    values, frame_time = _channel_values(words, joints)
+    moved, turns = _motion(values, joints.channels, joints.parents, joints.offsets)
+    C = _WORLD_OF_BVH
+    moved, turns, steps = moved @ C.T, C @ turns @ C.T, joints.offsets @ C.T
+    heads, positions = np.zeros_like(steps), np.empty(turns.shape[:3])
+    for j, p in enumerate(joints.parents):
+        heads[j] = steps[j] if p < 0 else heads[p] + steps[j]
+        way = moved[:, j, :, None]
+        positions[:, j] = moved[:, j] if p < 0 else positions[:, p] + (turns[:, p] @ way)[..., 0]
+    rest = RestSkeleton(tuple(joints.names), tuple(joints.parents), heads, heads + joints.tips @ C.T)
+    return SkeletonMotion(name, rest, turns, positions, 1 / frame_time if 1e-5 < frame_time < 1e5 else 0.0)
+
+
+def _hierarchy(words: Iterator[str]) -> _Hierarchy:
+    """Read the joints, up to the word MOTION."""
     names: list[str] = []
     parents: list[int] = []
     offsets: list[list[float]] = []
@@ -65,27 +103,23 @@ def _parsed(words: Iterator[str], name: str) -> SkeletonMotion:
             at_tip = False
         elif word == "MOTION":
             break
+    return _Hierarchy(names, parents, np.array(offsets), np.array(tips), channels)
+
+
+def _channel_values(words: Iterator[str], joints: _Hierarchy) -> tuple[Array, float]:
+    """Read the values of all channels on F frames, shape (F, C), and the seconds between two frames."""
     _expect(next(words), "Frames:")
     count = int(next(words))
     _expect(next(words) + next(words), "FrameTime:")
     frame_time = _number(next(words))
     numbers = np.array([_number(word) for word in words])
-    if not names or len(names) > _MAX_JOINTS or count * len(names) > max(len(numbers), 1):
-        raise ValueError(f"{len(numbers)} numbers for {count} frames of {len(names)} joints")
-    columns = sum(map(len, channels))
+    J = len(joints.names)
+    if not J or J > _MAX_JOINTS or count * J > max(len(numbers), 1):
+        raise ValueError(f"{len(numbers)} numbers for {count} frames of {J} joints")
+    columns = sum(map(len, joints.channels))
     if columns and len(numbers) % columns == 0:  # some programs write one frame more than they state
         numbers = numbers[: count * columns]
-    values = numbers.reshape(count, columns)
-    moved, turns = _motion(values, channels, parents, np.array(offsets))
-    C = _WORLD_OF_BVH
-    moved, turns, steps = moved @ C.T, C @ turns @ C.T, np.array(offsets) @ C.T
-    heads, positions = np.zeros_like(steps), np.empty(turns.shape[:3])
-    for j, p in enumerate(parents):
-        heads[j] = steps[j] if p < 0 else heads[p] + steps[j]
-        way = moved[:, j, :, None]
-        positions[:, j] = moved[:, j] if p < 0 else positions[:, p] + (turns[:, p] @ way)[..., 0]
-    rest = RestSkeleton(tuple(names), tuple(parents), heads, heads + np.array(tips) @ C.T)
-    return SkeletonMotion(name, rest, turns, positions, 1 / frame_time if 1e-5 < frame_time < 1e5 else 0.0)
+    return numbers.reshape(count, columns), frame_time
 
 
 def _number(word: str) -> float:

@@ -141,8 +141,6 @@ _RIGIFY_FOLLOWS = {
 }
 
 
-_RIGIFY_TWISTED = {f"{role}_fk.{side}": f"DEF-{role}.{side}" for role in ("forearm", "shin") for side in "LR"}
-"""With IK, deforming bones alone show the twist of forearms and shins."""
 _POLES = {"pole_vector": 1.0, "IK_Stretch": 0.0, "IK_parent": 1.0, "pole_parent": 1.0}
 """Limbs bend towards their pole targets, which have the root as parent, like the controls of hands and feet."""
 

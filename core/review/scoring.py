@@ -29,7 +29,6 @@ class Score:
     frames: int
     mean: float
     median: float
-    p95: float
     per_landmark: dict[str, float]
 
 
@@ -67,6 +66,5 @@ def joint_error(result: Landmarks, reference: Landmarks, keys: Sequence[int]) ->
         len(rows),
         float(np.nanmean(error)),
         float(np.nanmedian(error)),
-        float(np.nanpercentile(error, 95)),
         dict(zip(names, np.nanmean(error, axis=0).tolist(), strict=True)),
     )

@@ -41,5 +41,5 @@ def test_the_skin_of_a_part_is_divided_among_its_bones():
 
 def test_a_row_has_the_mean_of_both_sides():
     errors = {f"{side}{joint}": k + (side == "R") for k, joint in enumerate(rigify_study.SHOWN) for side in "LR"}
-    score = Score(60, 3.0, 2.5, 9.0, errors)
+    score = Score(60, 3.0, 2.5, errors)
     assert rigify_study.cells("Rigify", 19, score) == ["Rigify", "19", "3.00", "3.5", "4.5", "5.5", "0.5", "1.5", "2.5"]
