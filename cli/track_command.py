@@ -191,7 +191,8 @@ def run_track(
         `progress` returned False.
     """
     motions = result_names(shot.name, [performer.name for performer in shot.performers])
-    names, times = _file_names(motions, blender=blender is not None, refined=refined is not None), Seconds(seconds or {})
+    names = _file_names(motions, blender=blender is not None, refined=refined is not None)
+    times = Seconds(seconds or {})
     with staged(out_dir, names) as stage, ExitStack() as stack:
         if blender is not None and not open_scene:
             blender.prepare(shot, out_dir, stage.parent)
