@@ -68,17 +68,21 @@ class Landscape(Workspace):
         Of a part that is where it should be, on every frame.
     measured : list of Motion
         Every motion that was measured.
+    by_part : list of bool
+        For each of these, whether parts had a noise of their own.
     """
 
     truth: Motion | None = None
     reach: float = 0.35
     cover: float = 1000.0
     measured: list[Motion] = field(default_factory=list)
+    by_part: list[bool] = field(default_factory=list)
 
     def measure(
         self, problem: SegmentProblem, motions: Sequence[Motion], sampling: Sampling, noise: Array | None = None
     ) -> MeasuredMotion:
         self.measured.append(motions[0])
+        self.by_part.append(sampling.by_part)
         poses = scene_poses(problem.bodies, motions)
         evidence = self._evidence(problem, poses, sampling)
         return MeasuredMotion(tuple(motions), (Instants((0,), 0.0, poses, tuple(motions)),), evidence)

@@ -14,6 +14,9 @@ MIN_JOINT_MOVE = 0.005
 """Largest motion of any joint in a step, metres, below which a refinement ends: the next step would be a fraction of
 it. A polish and a correction end before such a step: it would cost another evaluation of the pictures, and leads away
 from the true motion as often as to it."""
+UNCONVERGED_MOVE = 0.02
+"""Metres. While steps still move some joint by more than this, a fast limb has not arrived: a tested stage goes on
+beyond its iterations, a refinement is repeated, and a polish does not begin."""
 MIN_STEP_SIGMAS = 0.2
 """Root mean square of a step, in posterior standard deviations, below which it is not made: it would reduce the
 expected error by 2 % at most."""
@@ -89,9 +92,10 @@ POLISH = (
 )
 """The last stage, once limbs are where they belong: a limb elsewhere would pass for one with much noise, which counts
 little."""
-POLISHED_AT_ONCE = (replace(REFINEMENT[0], iterations=1), replace(POLISH[0], iterations=6))
-"""Both at once, for a solution that nothing contradicts. The first step has the noise of whole pairs of frames: a limb
-that is fast, and still a few centimetres off, would otherwise pass for one with much noise for long."""
+POLISHED_AT_ONCE = (replace(REFINEMENT[0], still=UNCONVERGED_MOVE), replace(POLISH[0], iterations=6))
+"""Both at once, for a solution that nothing contradicts. The first steps have the noise of whole pairs of frames, until
+no joint moves far: a limb that is elsewhere, or fast and still a few centimetres off, would otherwise pass for one with
+much noise, and stay there."""
 SETTLING = (
     DescentStage(Sampling(1.0, 4.0, 3, OUTLINE_REACH), 2, small=ROUGH_STEP),
     DescentStage(Sampling(1.0, 1.0, 3, OUTLINE_REACH), 1),

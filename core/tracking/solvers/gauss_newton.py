@@ -22,7 +22,7 @@ from ...numerics.least_squares import Damping, LeastSquaresResult, StoppingRule,
 from ...numerics.normal_equations import IndependentEquations
 from ...numerics.repeatable import on_grid
 from ...runtime.timing import Seconds
-from .descent_stages import REFINEMENT, STAGES, DescentStage
+from .descent_stages import REFINEMENT, STAGES, UNCONVERGED_MOVE, DescentStage
 from .equations.contact_factor import with_contact
 from .equations.hold_factor import TiedSystems
 from .equations.measurement import MeasuredMotion, Workspace
@@ -31,9 +31,6 @@ from .equations.problem import SegmentProblem, SegmentSolution
 from .equations.segment_equations import SegmentNoise, evidence_equations, hidden_and_expected, with_priors
 from .equations.smoothness_factor import SegmentSmoothness
 
-UNCONVERGED_MOVE = 0.02
-"""Metres. While steps still move some joint by more than this, a fast limb has not arrived: a tested stage goes on
-beyond its iterations, and a refinement is repeated."""
 MAX_EXTRA_ITERATIONS = 6
 """Most iterations by which a tested stage goes on."""
 MAX_REPEATS = 3
@@ -268,9 +265,11 @@ def approach(
                 systems = with_priors(seen, motions, images, smooth, expected)
                 tied = seen.tied(systems, motions)
                 steps = increments_of(tied, [system.solve(0.0) for system in tied.systems], pace)
-                motions = moved_by(motions, steps)
+                earlier, motions = motions, moved_by(motions, steps)
                 energies.append(tied.cost)
             if _size(list(steps.values())) < stage.small:
+                break
+            if stage.still and farthest_joint(problem, earlier, motions) < stage.still:
                 break
     return motions, energies, seconds, smooth
 

@@ -25,11 +25,11 @@ from ....evidence.occlusion import LONG_GAP
 from ....numerics.arrays import Array
 from ....runtime.timing import Seconds
 from .. import gauss_newton
-from ..descent_stages import COARSE_RESTART, SETTLED
+from ..descent_stages import COARSE_RESTART, SETTLED, UNCONVERGED_MOVE
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
-from ..gauss_newton import UNCONVERGED_MOVE, descend, farthest_joint
+from ..gauss_newton import descend, farthest_joint
 from ..judgement.settled_solutions import SettledSolution, SettledSolutions
 from ..judgement.solution_doubts import MIN_DURATION
 from ..judgement.solution_ranking import (

@@ -24,9 +24,11 @@ from kfmocap.core.tracking.solvers.descent_stages import (
     MIN_JOINT_MOVE,
     OUTLINE_REACH,
     POLISH,
+    POLISHED_AT_ONCE,
     REFINEMENT,
     RESUMED,
     STAGES,
+    UNCONVERGED_MOVE,
     DescentStage,
 )
 from kfmocap.core.tracking.solvers.equations import segment_equations
@@ -493,6 +495,16 @@ def test_a_refinement_ends_once_a_step_leaves_all_joints_nearly_still() -> None:
         found, further = (gauss_newton.descend(problem, start, landscape, stages) for stages in ((stage,), on))
         assert found.iterations < further.iterations
         assert gauss_newton.farthest_joint(problem, found.motions, further.motions) < MIN_JOINT_MOVE
+
+
+def test_nothing_is_polished_while_a_joint_still_moves_far() -> None:
+    """A limb that is far off would pass for one with much noise, and stay there."""
+    truth, turn, problem, landscape = arm_to_be_turned()
+    start = [truth.moved(1.0 * turn)]
+    found = gauss_newton.descend(problem, start, landscape, POLISHED_AT_ONCE)
+    polished = [motion for motion, by_part in zip(landscape.measured, landscape.by_part, strict=True) if by_part]
+    assert gauss_newton.farthest_joint(problem, start, polished[:1]) > 10 * UNCONVERGED_MOVE
+    assert gauss_newton.farthest_joint(problem, polished[:1], found.motions) < UNCONVERGED_MOVE
 
 
 @pytest.mark.parametrize("stages", [POLISH, RESUMED])
