@@ -25,10 +25,10 @@ from .reading import first_repeated
 from .toml_tables import Table, read_toml
 
 _TABLES = ("shot", "calibration", "view", "performer", "hold", "track")
-_VIEW = ("camera", "footage", "offset", "fields", "keypoints", "missing", "twice")
+_VIEW = ("camera", "footage", "offset", "every", "fields", "keypoints", "missing", "twice")
 _PERFORMER = ("name", "height", "landmarks", "keyframes", "keyposes", "person", "mesh", "fingers")
 _HOLD = ("prop", "holder", "part", "frames")
-_MAX_GAPS = 1000
+_MAX_GAPS = _MAX_EVERY = 1000
 
 
 def read_shot_spec(path: Path | str) -> ShotSpec:
@@ -98,6 +98,9 @@ def _view(table: Table, folder: Path) -> ViewSpec:
     if keypoints is not None and not keypoints.exists():
         raise table.error("keypoints", f"there is no such file or folder: {keypoints}")
     offset = float(table.number("offset", 0.0))
+    every = table.value("every", None)
+    if every is not None and not (isinstance(every, int) and 1 <= every <= _MAX_EVERY):
+        raise table.error("every", f"{every!r} is not a whole number from 1 to {_MAX_EVERY}")
     footage, gaps = table.path("footage", folder), _gaps(table)
     return ViewSpec(
         camera=table.text("camera"),
@@ -107,6 +110,7 @@ def _view(table: Table, folder: Path) -> ViewSpec:
         keypoints=keypoints,
         where=table.where,
         gaps=gaps,
+        every=every,
     )
 
 

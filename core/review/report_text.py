@@ -81,8 +81,10 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
         found = FootageRate(**view["rate"]) if view.get("rate") else None
         if found is not None and found.varies:
             lines.append(f"{view['camera']}: {found.text}")
-        elif text := rate_text(rate, values["fps"]):
-            lines.append(f"{view['camera']}: {text}")
+        elif text := rate_text(rate / view.get("every", 1), values["fps"]):
+            lines.append(
+                f"{view['camera']}: {text}; if it is right, write fps = {rate / view.get('every', 1):g} under [shot]"
+            )
         if view.get("damage"):
             lines.append(f"{view['camera']}: {FootageDamage(**view['damage']).text}")
         if view["torn"]:

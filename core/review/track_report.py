@@ -103,6 +103,7 @@ def _view_values(shot: Shot, result: TrackResult, number: int) -> dict[str, Any]
         "size": list(view.camera.size),
         "offset": view.offset,
         "fields": view.fields,
+        "every": view.every,
         "keypoints": str(view.keypoints) if view.keypoints else None,
         "footage_fps": container_rate(view),
         "rate": _of_view(result.rates, number),

@@ -29,7 +29,7 @@ def footage_index(view: View, frame: int) -> int:
     """Return the footage's frame, or field, that shows a frame of the shot: the nearest if the offset is fractional,
     and the one before the gap if the frame is missing.
     """
-    index = frame + whole_offset(view)
+    index = view.every * frame + whole_offset(view)
     for gap in view.gaps:
         if index >= gap.frame:
             index = max(index - gap.missing, gap.frame - 1)
@@ -38,30 +38,44 @@ def footage_index(view: View, frame: int) -> int:
 
 def shot_frames(view: View, indices: Ints) -> Ints:
     """Return the frames of the shot that N frames, or fields, of the footage show, shape (N,); `NOWHERE` for those that
-    are there once too often.
+    are there once too often, or between two frames of the shot.
     """
+    instants, twice = _instants(view, indices)
+    frames, between = np.divmod(instants - whole_offset(view), view.every)
+    return np.where(twice | (between > 0), NOWHERE, frames)
+
+
+def _instants(view: View, indices: Ints) -> tuple[Ints, Bools]:
+    """Return which frames of footage without gaps N frames of a view's would be, and which are there once too often."""
     instants, twice = indices.copy(), np.zeros(len(indices), bool)
     for gap in reversed(view.gaps):
         behind = instants >= gap.frame
         twice |= behind & (instants + gap.missing < gap.frame)
         instants = instants + np.where(behind, gap.missing, 0)
-    return np.where(twice, NOWHERE, instants - whole_offset(view))
+    return instants, twice
+
+
+def _frame_from(view: View, index: int) -> int:
+    """Return the first frame of the shot that a frame of the footage, or a later one, shows."""
+    [instant] = _instants(view, np.array([index]))[0]
+    return int(-((whole_offset(view) - instant) // view.every))
 
 
 def gap_frame(view: View, gap: Gap) -> int:
     """Return the first frame of the shot that is missing in one of a view's gaps, or the first after those that are
     there once too often.
     """
-    [behind] = shot_frames(view, np.array([gap.frame + max(-gap.missing, 0)]))
-    return int(behind) - max(gap.missing, 0)
+    [behind] = _instants(view, np.array([gap.frame + max(-gap.missing, 0)]))[0]
+    first = int(behind) - max(gap.missing, 0) - whole_offset(view)
+    return -(-first // view.every)
 
 
 def without_gaps_beyond(view: View, first: int, last: int) -> View:
     """Return a view with the same footage on frames first to last of the shot, and no gaps before or after these."""
     offset, gaps = view.offset, []
     for gap in view.gaps:
-        begin, count = gap_frame(view, gap), max(gap.missing, 0)
-        if begin + count <= first:
+        begin = gap_frame(view, gap)
+        if _frame_from(view, gap.frame + max(-gap.missing, 0)) <= first:
             offset -= gap.missing
         elif begin <= last:
             gaps.append(gap)
@@ -71,7 +85,10 @@ def without_gaps_beyond(view: View, first: int, last: int) -> View:
 def across_gaps(view: View, frames: range) -> Bools:
     """Return whether a gap lies between each of N consecutive frames of the shot and the next, shape (N - 1,)."""
     places = np.array([footage_index(view, frame) for frame in frames])
-    return (np.diff(places) != 1) | np.isin(places[1:], [gap.frame for gap in view.gaps])
+    across = np.diff(places) != view.every
+    for gap in view.gaps:
+        across |= (places[:-1] < gap.frame) & (gap.frame <= places[1:])
+    return across
 
 
 def frames_damaged(view: View, frames: range) -> Bools:
@@ -86,8 +103,10 @@ def whole_offset(view: View) -> int:
 
 
 def footage_delay(view: View) -> float:
-    """Return how much later than a frame of the shot its footage frame was taken, frames: over -1/2, up to 1/2."""
-    return whole_offset(view) - view.offset
+    """Return how much later than a frame of the shot its footage frame was taken, frames of the shot: over -1/2, up to
+    1/2.
+    """
+    return (whole_offset(view) - view.offset) / view.every
 
 
 def shown_delay(view: View, settings: Settings) -> float:

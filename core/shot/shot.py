@@ -48,7 +48,7 @@ class Gap:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A camera and its footage: shot frame f is the footage's frame (or field, if interlaced) f + offset.
+    """A camera and its footage: shot frame f is the footage's frame (or field, if interlaced) every * f + offset.
 
     If the offset is fractional, that lies between two frames of the footage. The nearest is used as frame f, and shows
     the performers a little later or earlier (`core.body.time_shift`); a moving camera's pose of frame f is the pose at
@@ -63,6 +63,7 @@ class View:
     keypoints: Path | None = None
     gaps: tuple[Gap, ...] = ()
     damaged: tuple[tuple[int, int], ...] = ()
+    every: int = 1
 
 
 @dataclass(frozen=True, eq=False)

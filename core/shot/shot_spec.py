@@ -27,6 +27,9 @@ class ViewSpec:
     ----------
     where : str
         File and table, for error messages.
+    every : int, optional
+        None if the shot file does not state it: every frame of the footage is one of the shot, and its frame rate must
+        be the other views'.
     """
 
     camera: str
@@ -36,6 +39,7 @@ class ViewSpec:
     keypoints: Path | None = None
     where: str = ""
     gaps: tuple[Gap, ...] = ()
+    every: int | None = None
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ from ..keypoints.seen_landmarks import unseen_parts
 from ..runtime.progress import Progress, report_progress, share
 from ..runtime.threads import one_library_thread, worker_count
 from ..shot.footage import probe
-from ..shot.footage_faults.footage_checks import camera_at_size, check_view
+from ..shot.footage_faults.footage_checks import camera_at_size, check_rates, check_view
 from ..shot.grips import shot_with_grips
 from ..shot.image_sequences import named_footage
 from ..shot.performer_request import PerformerRequest
@@ -103,9 +103,13 @@ def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None) ->
         try:
             prepared = [_performer(performer, spec.frames[0]) for performer in spec.performers]
         finally:
+            footages = []
             for view, check in zip(views, checked, strict=True):
                 with located(f"{spec.path} [[view]] '{view.camera.name}' footage"):
-                    check.result()
+                    footages.append(check.result())
+    unstated = [v for v, view in enumerate(spec.views) if view.every is None]
+    with located(f"{spec.path} [[view]] footage"):
+        check_rates([views[v] for v in unstated], [footages[v] for v in unstated])
     requests = [p if isinstance(p, PerformerRequest) else None for p in prepared]
     performers = tuple(p.placeholder() if isinstance(p, PerformerRequest) else p for p in prepared)
     holds = tuple(hold.later(-spec.frames[0]) for hold in spec.holds)
@@ -185,7 +189,8 @@ def _view(spec: ViewSpec, cameras: dict[str, Camera]) -> View:
         raise ShotError(what, where=f"{spec.where} camera", todo=todo)
     with located(f"{spec.where} footage"):
         footage = named_footage(spec.footage)
-    return View(cameras[spec.camera], footage, spec.offset, spec.fields, spec.keypoints, spec.gaps)
+    every = 1 if spec.every is None else spec.every
+    return View(cameras[spec.camera], footage, spec.offset, spec.fields, spec.keypoints, spec.gaps, every=every)
 
 
 def _performer(spec: PerformerSpec, first: int) -> Performer | PerformerRequest:

@@ -250,4 +250,4 @@ def made_of(view: View, factor: float) -> bytes:
     states = [(str(file), file.stat().st_mtime_ns, file.stat().st_size) for file in files]
     camera = view.camera
     lens = camera.size, camera.matrix, camera.distortions, camera.fisheye
-    return pickle.dumps((states, lens, view.offset, view.fields, view.gaps, factor))
+    return pickle.dumps((states, lens, view.offset, view.fields, view.gaps, view.every, factor))

@@ -130,6 +130,7 @@ class ViewPanel(FoldedPart, bpy.types.Panel):
         column = layout.column()
         column.prop(view, "name", text="Camera")
         column.prop(view, "offset")
+        column.prop(view, "every")
         column.prop(view, "fields")
         column.prop(view, "keypoints")
         column.prop(view, "calibrated")

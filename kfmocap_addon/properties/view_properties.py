@@ -8,7 +8,7 @@ from .pointer_polls import is_camera
 
 
 def _show_in_time(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
-    """Let the footage show the frames that the view's offset and fields say."""
+    """Let the footage show the frames that the view's offset, rate and fields say."""
     from ..scene_io.cameras import footage_background
 
     shot = self.id_data.kfmocap
@@ -29,8 +29,17 @@ class KFMocapView(bpy.types.PropertyGroup):
     )
     offset: bpy.props.FloatProperty(
         name="Offset",
-        description="Frame f of the shot is this footage's frame f + offset; frames, and fractions of a frame",
+        description="Frame f of the shot is this footage's frame every * f + offset; frames, and fractions of a frame",
         precision=3,
+        update=_show_in_time,
+    )
+    every: bpy.props.IntProperty(
+        name="Every",
+        description="Frames of this footage for each frame of the shot: 2 if it has 60 frames per second and the shot "
+        "30",
+        default=1,
+        min=1,
+        soft_max=16,
         update=_show_in_time,
     )
     fields: bpy.props.EnumProperty(

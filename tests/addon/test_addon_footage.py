@@ -251,10 +251,28 @@ def test_moving_a_views_offset_moves_its_footage(take):
     assert clip.animation_data is None or not clip.animation_data.drivers
 
 
+def test_footage_of_twice_the_frame_rate_shows_every_second_frame(take):
+    video(take / "walk_cam03.mp4", 50, fps=50)
+    add(take, "walk_cam01.mp4")
+    add(take, "walk_cam03.mp4")
+    assert [view.every for view in shot().views] == [1, 2]
+    current, view = bpy.context.scene, shot().views[1]
+    clip = footage_background.clip_behind(view.camera)
+    view.offset = 3.0
+    for frame in range(1, 20):
+        current.frame_set(frame)
+        assert frame - clip.frame_start == 2 * (frame - 1) + 3
+    assert view_cameras.read_specs(current)[1].every == 2
+    view.every = 1
+    assert clip.animation_data is None or not clip.animation_data.drivers
+
+
+@pytest.mark.parametrize("every", [1, 2])
 @pytest.mark.parametrize("fields", ["progressive", "top-first"])
-def test_footage_goes_on_behind_a_gap_as_the_tracker_counts_it(take, fields):
+def test_footage_goes_on_behind_a_gap_as_the_tracker_counts_it(take, fields, every):
     add(take, "walk_cam01.mp4")
     current, (view,) = bpy.context.scene, shot().views
+    view.every = every
     view.offset, view.fields, view.found_gaps = 1.0, fields, packed_gaps([Gap(6, 2), Gap(12, -1)])
     clip = footage_background.clip_behind(view.camera)
     for frame in range(1, 25):

@@ -28,17 +28,17 @@ PARTS = len(human(solid=False))
 LENS = (0.1, -0.05, 0.002, -0.003, 0.01)
 
 
-def video(path: Path, frames: int = 30, size: tuple[int, int] = SIZE) -> Path:
+def video(path: Path, frames: int = 30, size: tuple[int, int] = SIZE, fps: float = 25.0) -> Path:
     """A small video whose frame i is grey of level 8 i."""
-    path.write_bytes(_encoded(frames, size))
+    path.write_bytes(_encoded(frames, size, fps))
     return path
 
 
 @cache
-def _encoded(frames: int, size: tuple[int, int]) -> bytes:
+def _encoded(frames: int, size: tuple[int, int], fps: float) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "grey.mp4")
-        writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 25.0, size)
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), fps, size)
         for i in range(frames):
             writer.write(np.full((size[1], size[0], 3), 8 * i % 256, np.uint8))
         writer.release()

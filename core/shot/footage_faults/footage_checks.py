@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ...cameras.camera import Camera, same_proportions
 from ...errors import FootageError, located
 from ..footage import Footage, decodable, probe
 from ..frame_numbers import footage_index, frames_per_file_frame, is_interlaced
 from ..image_sequences import check_images, image_files
 from ..shot import View
+
+SAME_RATE = 0.02
+"""Relative difference within which frame rates that files state count as one, such as 29.97 and 30."""
 
 
 def check_view(view: View, first: int, length: int) -> Footage:
@@ -62,6 +67,37 @@ def camera_at_size(camera: Camera, size: tuple[int, int], *, resized: bool, decl
     return camera.resized(size)
 
 
+def check_rates(views: Sequence[View], footages: Sequence[Footage]) -> None:
+    """Check that every frame of some views' footage lasts as long as those of the others, as far as files state it.
+
+    Raises
+    ------
+    FootageError
+        In one there are more frames for each of the shot than in another; names both and what to do.
+    """
+    rates = {
+        view.camera.name: (footage.fps * frames_per_file_frame(view), view)
+        for view, footage in zip(views, footages, strict=True)
+        if footage.fps > 0
+    }
+    if not rates:
+        return
+    other, (slow, _) = min(rates.items(), key=lambda item: item[1][0])
+    name, (fast, view) = max(rates.items(), key=lambda item: item[1][0])
+    every = round(fast / slow)
+    if fast <= slow * (1 + SAME_RATE):
+        return
+    if abs(fast / slow - every) <= SAME_RATE * every:
+        todo = f"write every = {every} in its [[view]], and {slow:.5g} as the shot's fps"
+    else:
+        todo = f"convert it, as with: ffmpeg -i FOOTAGE -vf fps={slow:.5g} -crf 14 CONVERTED.mp4"
+    raise FootageError(
+        f"it has {fast:.5g} frames per second, the footage of '{other}' {slow:.5g}",
+        where=f"{view.footage} (camera '{name}')",
+        todo=f"{todo}; if its frames are the shot's one by one, whatever the file says, write every = 1",
+    )
+
+
 def stored_frames(view: View, footage: Footage, wanted: int) -> int:
     """Return how many frames, or fields, a view's footage has: at least `wanted`, or exactly."""
     each = frames_per_file_frame(view)
@@ -76,7 +112,8 @@ def _check_range(view: View, footage: Footage, first: int, length: int) -> None:
     start, end = footage_index(view, first), footage_index(view, first + length - 1)
     last, offset, each = first + length - 1, view.offset, frames_per_file_frame(view)
     unit = "fields" if is_interlaced(view) else "frames"
-    asked = f"the shot's frames {first} to {last} with offset {offset:g} are its {unit} {start} to {end}"
+    every = f" and every = {view.every}" if view.every > 1 else ""
+    asked = f"the shot's frames {first} to {last} with offset {offset:g}{every} are its {unit} {start} to {end}"
     where = f"{view.footage} (camera '{view.camera.name}')"
     if start < 0:
         raise FootageError(f"the shot begins before the footage: {asked}", where=where)

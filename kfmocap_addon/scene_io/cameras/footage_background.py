@@ -115,7 +115,7 @@ def show_in_time(slot: Any, first: int, frame_start: int) -> None:
         return
     clip.driver_remove("frame_start")
     clip.frame_start = frame_start - (first + whole_offset(slot)) // frames_per_file_frame(slot)
-    if is_interlaced(slot) or not all(gap.timed for gap in slot.gaps):
+    if slot.every > 1 or is_interlaced(slot) or not all(gap.timed for gap in slot.gaps):
         # Of functions that Blender evaluates itself: a file may drive it where Python is not trusted.
         clip.driver_add("frame_start").driver.expression = _start(slot, first - frame_start)
 
@@ -123,14 +123,17 @@ def show_in_time(slot: Any, first: int, frame_start: int) -> None:
 def _start(slot: Any, ahead: int) -> str:
     """Return a clip's start as an expression of the scene's frame: a movie clip has neither a playback rate nor gaps.
 
+    Of footage with several frames for each of the shot, one is shown.
+
     Each frame of interlaced footage, with both fields interleaved, is shown on the two scene frames that are its
     fields, and the picture before missing frames in their place; Blender shows videos by the times in their files, so
     that it does so by itself where these tell. `ahead` is by how much the shot's frames are ahead of the scene's.
     """
-    shown = f"frame {ahead + whole_offset(slot):+d}"
+    every = slot.every
+    shown = f"{every} * frame {every * ahead + whole_offset(slot):+d}".removeprefix("1 * ")
     for gap in (gap for gap in slot.gaps if not gap.timed):
         frame, count = gap_frame(slot, gap) - ahead, gap.missing
-        steps = [f" - (frame >= {frame + i})" for i in range(count)] or [f" + {-count} * (frame >= {frame})"]
+        steps = [f" - (frame >= {frame + i // every})" for i in range(count)] or [f" + {-count} * (frame >= {frame})"]
         if len(shown) + len("".join(steps)) > _LONGEST:
             break
         shown += "".join(steps)

@@ -49,7 +49,8 @@ def build_view(
     owner = scene_cameras.new_camera_object(camera.name, collection, clip)
     slot.name, slot.camera = camera.name, owner
     show_camera(slot, camera, frame_start)
-    slot.offset, slot.fields, slot.found_gaps = view.offset, view.fields, packed_gaps(view.gaps)
+    slot.offset, slot.fields, slot.every = view.offset, view.fields, view.every
+    slot.found_gaps = packed_gaps(view.gaps)
     footage_background.show_in_time(slot, first, frame_start)
     slot.sequence = view.footage.name if image_files(view.footage) is not None else ""
     slot.keypoints = "" if view.keypoints is None else _relative(view.keypoints, view.footage.parent)
@@ -142,7 +143,7 @@ def known_lenses(scene: bpy.types.Scene) -> dict[str, Camera]:
 def _read_view(slot: bpy.types.PropertyGroup, R_cam_world: Array, t_cam_world: Array) -> View:
     spec = _read_spec(slot)
     camera = _read_camera(slot, R_cam_world, t_cam_world)
-    return View(camera, spec.footage, spec.offset, spec.fields, spec.keypoints, spec.gaps)
+    return View(camera, spec.footage, spec.offset, spec.fields, spec.keypoints, spec.gaps, every=slot.every)
 
 
 def _read_spec(slot: bpy.types.PropertyGroup) -> ViewSpec:
@@ -158,6 +159,7 @@ def _read_spec(slot: bpy.types.PropertyGroup) -> ViewSpec:
         keypoints=keypoints,
         where=where,
         gaps=slot.gaps,
+        every=slot.every,
     )
 
 

@@ -30,7 +30,7 @@ def show_faults(
     for v, (view, own) in enumerate(zip(shot.views, found_gaps(shot, results[-1]), strict=True)):
         gaps = [gap.counted_from(zero) for gap in own]
         found = [(gap.brief, gap.text) for gap in gaps] + list(_faults(scene.kfmocap.frame_start, v, parts, results))
-        if rate := rate_text(_rate(view, v, results), shot.fps):
+        if rate := rate_text(_rate(view, v, results) / view.every, shot.fps):
             found.append((rate, rate))
         messages += [f"{view.camera.name}: {text}" for _, text in found]
         slot = slots.get(view.camera.name)

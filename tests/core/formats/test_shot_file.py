@@ -143,6 +143,24 @@ def test_frames_that_footage_lacks_or_has_twice_are_listed(folder: Path) -> None
     assert [view.gaps for view in shot.views] == [(), (Gap(4, 2), Gap(6, -1), Gap(8, 1))]
 
 
+def test_rates_must_be_the_same_unless_the_file_says_how_many_frames_there_are_for_each_of_the_shot(
+    folder: Path,
+) -> None:
+    for name, fps, count in (("cam01", 30, 12), ("cam02", 60, 20)):
+        film = cv2.VideoWriter(str(folder / f"{name}.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), fps, SIZE)
+        for f in range(count):
+            film.write(np.full((SIZE[1], SIZE[0], 3), 10 * f, np.uint8))
+        film.release()
+    text = TEXT.replace("_%04d.png", ".mp4").replace("offset = 1.0", "")
+    path = folder / "shot.toml"
+    path.write_text(text)
+    with pytest.raises(KFMocapError, match=r"footage: .*cam02.mp4 .*60 frames per second.*write every = 2 in"):
+        load_shot(path)
+    for every in (1, 2):
+        path.write_text(text.replace('"cam02.mp4"', f'"cam02.mp4"\nevery = {every}'))
+        assert [view.every for view in load_shot(path).views] == [1, every]
+
+
 def test_fields_of_interlaced_footage_are_frames(folder: Path) -> None:
     (folder / "shot.toml").write_text(TEXT.replace("offset = 1.0", 'offset = 12\nfields = "bottom-first"'))
     shot = load_shot(folder / "shot.toml")
@@ -205,6 +223,8 @@ BAD = [
     ('"cam01_%04d.png"', '"calibration.toml"', r"'cam01' footage: .*cannot be read as a video"),
     ("offset = 1.0", "offset = -3.0", r"'cam02' footage.*begins before the footage"),
     ("offset = 1.0", 'offset = "one"', r"\[\[view\]\] 2 offset: must be a number"),
+    ("offset = 1.0", "every = 0", r"\[\[view\]\] 2 every: 0 is not a whole number from 1"),
+    ("offset = 1.0", "every = 2.0", r"\[\[view\]\] 2 every: 2.0 is not a whole number from 1"),
     ("offset = 1.0", 'fields = "top"', r"\[\[view\]\] 2 fields: unknown value 'top'.*top-first"),
     ("offset = 1.0", 'offset = 15\nfields = "top-first"', "'cam02' footage.*only 22 fields: .*its fields 17 to 24"),
     ("offset = 1.0", "missing = [0]", r"\[\[view\]\] 2 missing: 0 cannot be one of them"),

@@ -199,7 +199,10 @@ def test_problems_of_the_footage_are_reported(
     monkeypatch.setattr("kfmocap.core.review.track_report.container_rate", lambda view: 29.97)
     result.rates = (FootageRate(25.0, 0.1, 5), FootageRate(25.0, 2.3, 117))
     lines = report_lines(report(shot, result()))
-    assert "cam01: its footage has 29.97 frames per second, the shot 25" in lines
+    assert (
+        "cam01: its footage has 29.97 frames per second, the shot 25; if it is right, write fps = 29.97 under [shot]"
+        in lines
+    )
     assert [line for line in lines if line.startswith(f"cam02: frame {shot.frames[0] + 4} is missing")]
     assert [line for line in lines if line.startswith("cam02: its frame rate varies: frame 117 of the file")]
     assert [line for line in lines if "frames 61, 64 of the file (error while decoding MB 10 74)" in line]

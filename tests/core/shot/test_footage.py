@@ -7,6 +7,7 @@ import struct
 import sys
 import time
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -15,8 +16,8 @@ import pytest
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import FootageError
 from kfmocap.core.shot import image_sequences, image_sizes
-from kfmocap.core.shot.footage import frames_at, probe
-from kfmocap.core.shot.footage_faults.footage_checks import check_view
+from kfmocap.core.shot.footage import Footage, frames_at, probe
+from kfmocap.core.shot.footage_faults.footage_checks import check_rates, check_view
 from kfmocap.core.shot.frame_numbers import footage_index
 from kfmocap.core.shot.image_sequences import named_footage
 from kfmocap.core.shot.shot import View
@@ -38,8 +39,8 @@ def picture(frame: int) -> np.ndarray:
     return image
 
 
-def write_video(path: Path, count: int = COUNT) -> Path:
-    video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 30, SIZE)
+def write_video(path: Path, count: int = COUNT, fps: float = 30) -> Path:
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), fps, SIZE)
     for frame in range(count):
         video.write(picture(frame))
     video.release()
@@ -67,6 +68,53 @@ def frame_of(image: np.ndarray) -> int:
 @pytest.fixture(scope="module")
 def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_video(tmp_path_factory.mktemp("footage") / "clip.mp4")
+
+
+@pytest.mark.parametrize(("every", "offset"), [(2, 0.0), (2, 3.0), (3, -1.4)])
+def test_of_footage_with_several_frames_for_each_of_the_shot_one_is_streamed(
+    video: Path, every: int, offset: float
+) -> None:
+    view = View(camera(), video, offset, every=every)
+    frames = range(1, 4)
+    assert [frame_of(image) for image in frames_at(view, frames, 1)] == [every * f + round(offset) for f in frames]
+    with pytest.raises(FootageError, match=rf"only 12 frames: .* and every = {every} are its frames"):
+        check_view(view, 0 if offset >= 0 else 1, 7)
+
+
+@pytest.mark.parametrize(
+    ("rates", "said"),
+    [
+        ((30, 29.97, 0), None),
+        (
+            (30, 60, 0),
+            r"fast \(camera 'cam2'\): it has 60 frames .* 'cam1' 30 \(write every = 2 in .* 30 as the shot's",
+        ),
+        ((119.88, 30, 30), r"fast \(camera 'cam1'\): it has 119.88 frames .*\(write every = 4"),
+        (
+            (25, 30, 25),
+            r"it has 30 frames .* 'cam1' 25 \(convert it, as with: ffmpeg -i FOOTAGE -vf fps=25 .*every = 1",
+        ),
+        ((0, 0, 50), None),
+    ],
+)
+def test_views_with_other_frame_rates_are_refused_with_what_to_write(
+    rates: tuple[float, ...], said: str | None
+) -> None:
+    views, footages = [], []
+    for number, rate in enumerate(rates, 1):
+        path = Path("fast" if rate == max(rates) else "slow")
+        views.append(View(replace(camera(), name=f"cam{number}"), path))
+        footages.append(Footage(path, SIZE, COUNT, rate))
+    if said is None:
+        check_rates(views, footages)
+    else:
+        with pytest.raises(FootageError, match=said):
+            check_rates(views, footages)
+
+
+def test_fields_count_as_frames_where_rates_are_compared() -> None:
+    views = [View(camera(), Path("a"), fields="top-first"), View(replace(camera(), name="cam02"), Path("b"))]
+    check_rates(views, [Footage(Path("a"), SIZE, COUNT, 25), Footage(Path("b"), SIZE, COUNT, 50)])
 
 
 def test_frames_come_in_order_from_the_asked_one(video: Path) -> None:

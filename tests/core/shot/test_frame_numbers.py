@@ -62,6 +62,35 @@ def test_frames_behind_gaps_show_the_instants_that_they_should(seed: int, offset
     assert (np.delete(found, once) == NOWHERE).all()
 
 
+@pytest.mark.parametrize("offset", OFFSETS)
+@pytest.mark.parametrize("every", [2, 3])
+@pytest.mark.parametrize("seed", range(10))
+def test_footage_with_several_frames_for_each_of_the_shot_shows_every_second_or_third_instant(
+    seed: int, every: int, offset: float
+) -> None:
+    instants, gaps = recorded(seed)
+    view = replace(view_of(gaps, offset), every=every)
+    each = replace(view, every=1)
+    frames = range(1, LENGTH // every)
+    assert [footage_index(view, f) for f in frames] == [footage_index(each, every * f) for f in frames]
+    found, all_found = (shot_frames(v, np.arange(len(instants))) for v in (view, each))
+    shown = (all_found != NOWHERE) & (all_found % every == 0)
+    np.testing.assert_array_equal(found, np.where(shown, all_found // every, NOWHERE))
+    assert footage_delay(view) == pytest.approx(footage_delay(each) / every)
+    for first, last in ((3, 5), (6, 11)):
+        part = without_gaps_beyond(view, first, last)
+        own = range(first, last + 1)
+        assert [footage_index(part, f) for f in own] == [footage_index(view, f) for f in own]
+        assert (across_gaps(part, own) == across_gaps(view, own)).all()
+
+
+def test_a_gap_between_two_frames_of_the_shot_keeps_them_apart() -> None:
+    view = replace(view_of((Gap(5, 1), Gap(8, 1)), 0.0), every=2)  # the footage lacks instants 5 and 9
+    assert [footage_index(view, frame) for frame in range(6)] == [0, 2, 4, 5, 7, 8]
+    assert across_gaps(view, range(6)).tolist() == [False, False, True, False, True]
+    assert [gap_frame(view, gap) for gap in view.gaps] == [3, 5]
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_only_pairs_of_neighbouring_pictures_do_not_cross_a_gap(seed: int) -> None:
     instants, gaps = recorded(seed)
