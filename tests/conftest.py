@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import gc
 import importlib.util
 import os
 import shutil
@@ -10,6 +11,7 @@ import signal
 import subprocess
 import tempfile
 import textwrap
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -34,6 +36,12 @@ def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
+@cache
+def nodes(path: Path) -> tuple[ast.AST, ...]:
+    """All nodes of a file's syntax tree."""
+    return tuple(ast.walk(parsed(path)))
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--nightly", action="store_true", help="random tests at their full size")
     parser.addoption("--undo-sequences", type=int, help="how many random sequences of tools are undone and redone")
@@ -52,6 +60,16 @@ def pytest_configure(config: pytest.Config) -> None:
         importlib.import_module("scipy.linalg")
         threadpoolctl.threadpool_limits(1, user_api="blas")
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the programs that tests start
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    # What is loaded stays: to look through it for garbage takes a quarter of the time.
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
 
 
 def pytest_sessionfinish() -> None:

@@ -14,13 +14,13 @@ from ..viewports.key_list import KeyPoseEntry, known_keys
 def own_key_poses(armature: bpy.types.Object) -> tuple[KeyPoseEntry, ...] | None:
     """Return the animator's key poses; None while they are not known."""
     known = known_keys().known(armature)
-    return None if known is None else tuple(entry for entry in known[0] if not entry.proposed)
+    return None if known is None else tuple(entry for entry in known.entries if not entry.proposed)
 
 
 def _chosen_entries(context: bpy.types.Context) -> tuple[KeyPoseEntry, ...] | None:
     slot = active_performer.chosen(context)
     known = known_keys().known(slot.armature) if slot is not None else None
-    return None if known is None else known[0]
+    return None if known is None else known.entries
 
 
 def has_key_pose(context: bpy.types.Context) -> str:
@@ -75,7 +75,7 @@ def has_tracked_keys(context: bpy.types.Context) -> str:
     """Some performer has keys that the tracker wrote."""
     for slot in active_performer.present(context.scene):
         known = known_keys().known(slot.armature)
-        if known is None or known[1]:
+        if known is None or known.tracked:
             return ""
     return "There are no tracked keys: track first"
 
@@ -87,9 +87,9 @@ def is_tracked_around(context: bpy.types.Context) -> bool:
         known = known_keys().known(slot.armature)
         if known is None:
             return True
-        keyed = [entry.frame for entry in known[0] if not entry.proposed and not entry.bones]
+        keyed = [entry.frame for entry in known.entries if not entry.proposed and not entry.bones]
         first = max((frame for frame in keyed if frame < now), default=now)
         last = min((frame for frame in keyed if frame > now), default=now)
-        if any(begin <= last and first <= end for begin, end in known[1]):
+        if any(begin <= last and first <= end for begin, end in known.tracked):
             return True
     return False

@@ -29,6 +29,14 @@ class KeyPoseEntry:
         return f"Go to this frame: a key pose of {', '.join(self.bones) if self.bones else 'the whole body'}"
 
 
+@dataclass(frozen=True)
+class KnownKeys:
+    """The key poses of an armature, and the runs of frames, first and last, with tracked keys."""
+
+    entries: tuple[KeyPoseEntry, ...]
+    tracked: tuple[tuple[int, int], ...]
+
+
 def find_key_poses(armature: bpy.types.Object) -> tuple[KeyPoseEntry, ...]:
     """Look up the key poses of an armature; empty if it is not a performer's body."""
     from ...core.errors import KFMocapError
@@ -72,8 +80,7 @@ class KeyPoseCache:
     """The key poses and tracked frames of all performers, by the armature's identifier in this session of Blender."""
 
     def __init__(self) -> None:
-        self._entries: dict[int, tuple[KeyPoseEntry, ...]] = {}
-        self._tracked: dict[int, tuple[tuple[int, int], ...]] = {}
+        self._found: dict[int, KnownKeys] = {}
         # Results of `_count` for armatures whose keys have not changed since they were looked up.
         self._current: dict[int, tuple[int, int]] = {}
         self._timer = self.look_up  # one object: Blender knows its timers by identity
@@ -82,34 +89,31 @@ class KeyPoseCache:
         """Return the key poses of an armature as last looked up, None before the first time."""
         if self._current.get(armature.session_uid) != _count(armature):
             self._schedule()
-        return self._entries.get(armature.session_uid)
+        found = self._found.get(armature.session_uid)
+        return None if found is None else found.entries
 
     def tracked(self, armature: bpy.types.Object) -> tuple[tuple[int, int], ...]:
         """Return the runs of frames with tracked keys, as last looked up with the key poses."""
-        return self._tracked.get(armature.session_uid, ())
+        found = self._found.get(armature.session_uid)
+        return () if found is None else found.tracked
 
-    def known(self, armature: bpy.types.Object) -> tuple[tuple[KeyPoseEntry, ...], tuple[tuple[int, int], ...]] | None:
-        """Return the key poses of an armature and the runs of frames with tracked keys.
-
-        None while they may have changed since they were looked up.
-        """
-        entries = self.entries(armature)
-        if entries is None or self._current.get(armature.session_uid) != _count(armature):
+    def known(self, armature: bpy.types.Object) -> KnownKeys | None:
+        """Return what was looked up of an armature; None while it may have changed since."""
+        if self.entries(armature) is None or self._current.get(armature.session_uid) != _count(armature):
             return None
-        return entries, self.tracked(armature)
+        return self._found[armature.session_uid]
 
     def outdate(self) -> None:
         """Mark everything as out of date, to be looked up again."""
         self._current.clear()
-        if self._entries:
+        if self._found:
             self._schedule()
 
     def clear(self) -> None:
         """Forget everything."""
         if bpy.app.timers.is_registered(self._timer):
             bpy.app.timers.unregister(self._timer)
-        self._entries.clear()
-        self._tracked.clear()
+        self._found.clear()
         self._current.clear()
 
     def look_up(self) -> None:
@@ -120,8 +124,8 @@ class KeyPoseCache:
                     continue
                 count = _count(slot.armature)
                 if self._current.get(slot.armature.session_uid) != count:
-                    self._entries[slot.armature.session_uid] = find_key_poses(slot.armature)
-                    self._tracked[slot.armature.session_uid] = find_tracked(slot.armature)
+                    keys = KnownKeys(find_key_poses(slot.armature), find_tracked(slot.armature))
+                    self._found[slot.armature.session_uid] = keys
                     self._current[slot.armature.session_uid] = count
         viewport.redraw(bpy.context)
 

@@ -7,7 +7,7 @@ from collections import defaultdict
 from functools import cache
 from pathlib import Path
 
-from conftest import ROOT, parsed
+from conftest import ROOT, nodes, parsed
 
 LAYERS = (
     "core.errors",
@@ -52,7 +52,7 @@ MODULES = {dotted(path) for path in SOURCES}
 def imports(path: Path) -> list[tuple[int, str]]:
     """Return the line and the name of every module of the project that a file imports."""
     package, found = list(path.relative_to(ROOT).parts[:-1]), []
-    for node in ast.walk(parsed(path)):
+    for node in nodes(path):
         if isinstance(node, ast.ImportFrom) and node.level:
             base = ".".join([*package[: len(package) - node.level + 1], *filter(None, [node.module])])
             for alias in node.names:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-from conftest import ROOT, parsed
+from conftest import ROOT, nodes, parsed
 
 SOURCES = [path for room in ("core", "cli", "kfmocap_addon") for path in sorted((ROOT / room).rglob("*.py"))]
 CHANGING = {
@@ -68,7 +68,7 @@ def test_functions_change_no_variable_of_their_module() -> None:
 
 
 def test_no_function_rebinds_a_variable_of_its_module() -> None:
-    rebound = [place(path, node) for path in SOURCES for node in ast.walk(parsed(path)) if isinstance(node, ast.Global)]
+    rebound = [place(path, node) for path in SOURCES for node in nodes(path) if isinstance(node, ast.Global)]
     assert rebound == []
 
 
@@ -77,7 +77,7 @@ def test_no_function_caches_its_values_unseen() -> None:
     cached = [
         place(path, node)
         for path in SOURCES
-        for node in ast.walk(parsed(path))
+        for node in nodes(path)
         if isinstance(node, ast.FunctionDef)
         if any(name in {"cache", "lru_cache"} for one in node.decorator_list for name in names_in(one))
     ]

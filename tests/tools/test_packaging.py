@@ -13,7 +13,7 @@ from pathlib import Path
 
 import build_extension
 import pytest
-from conftest import ROOT, parsed
+from conftest import ROOT, nodes
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 MANIFEST = tomllib.loads((ROOT / "blender_manifest.toml").read_text())
@@ -86,9 +86,8 @@ def test_the_root_imports_nothing_heavy(tmp_path):
 def test_imports_are_relative_and_the_core_knows_no_blender():
     wrong = []
     for path in SOURCES:
-        nodes = list(ast.walk(parsed(path)))
-        names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
-        names += [node.module for node in nodes if isinstance(node, ast.ImportFrom) and not node.level]
+        names = [alias.name for node in nodes(path) if isinstance(node, ast.Import) for alias in node.names]
+        names += [node.module for node in nodes(path) if isinstance(node, ast.ImportFrom) and not node.level]
         forbidden = {"kfmocap", "core", "cli", "kfmocap_addon", "benchmarks"}
         if path.is_relative_to(ROOT / "core"):
             forbidden |= {"bpy", "bpy_extras", "mathutils", "addon_utils"}

@@ -5,12 +5,13 @@ from __future__ import annotations
 import ast
 import re
 import zipfile
+from collections.abc import Sequence
 from itertools import product
 from pathlib import PurePosixPath
 
 import build_extension
 import pytest
-from conftest import ROOT, parsed
+from conftest import ROOT, nodes
 
 SOURCES = [ROOT / "__init__.py"]
 SOURCES += sorted(path for part in ("cli", "core", "kfmocap_addon") for path in (ROOT / part).rglob("*.py"))
@@ -108,10 +109,10 @@ def test_the_oldest_macos_that_the_wheels_run_on_is_said() -> None:
     assert f"macOS {newest}" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def uses(tree: ast.AST) -> list[tuple[str, ast.AST]]:
-    """What of a module is not on every platform: names of modules and calls, each with the node that uses it."""
+def uses(tree: Sequence[ast.AST]) -> list[tuple[str, ast.AST]]:
+    """What of some nodes is not on every platform: names of modules and calls, each with the node that uses it."""
     found: list[tuple[str, ast.AST]] = []
-    for node in ast.walk(tree):
+    for node in tree:
         if isinstance(node, ast.Import):
             found += [(a.name, node) for a in node.names if a.name in POSIX_MODULES | WINDOWS_MODULES]
         elif isinstance(node, ast.ImportFrom) and node.module in POSIX_MODULES | WINDOWS_MODULES:
@@ -122,14 +123,14 @@ def uses(tree: ast.AST) -> list[tuple[str, ast.AST]]:
     return found
 
 
-def unguarded(source: str) -> list[str]:
-    """Uses of what is not everywhere outside functions that ask where they run."""
-    tree, lines = ast.parse(source), source.splitlines()
+def unguarded(source: str, tree: Sequence[ast.AST] = ()) -> list[str]:
+    """Uses of what is not everywhere outside functions that ask where they run, in a source and its nodes."""
+    tree, lines = tree or tuple(ast.walk(ast.parse(source))), source.splitlines()
     if not (used := uses(tree)):
         return []
     asking = [
         function
-        for function in ast.walk(tree)
+        for function in tree
         if isinstance(function, ast.FunctionDef)
         and ASKED.search("\n".join(lines[function.lineno - 1 : function.end_lineno]))
     ]
@@ -138,7 +139,7 @@ def unguarded(source: str) -> list[str]:
 
 
 def test_calls_that_are_not_everywhere_are_made_where_the_platform_is_asked_for() -> None:
-    found = {str(path.relative_to(ROOT)): unguarded(path.read_text(encoding="utf-8")) for path in SOURCES}
+    found = {str(path.relative_to(ROOT)): unguarded(path.read_text(encoding="utf-8"), nodes(path)) for path in SOURCES}
     assert {path: names for path, names in found.items() if names} == {}
     assert unguarded("import os\ndef nicer():\n    os.nice(5)\n") == ["os.nice"]
     assert unguarded("import fcntl\n") == ["fcntl"]
@@ -149,7 +150,7 @@ def test_files_are_read_and_written_in_utf_8() -> None:
     """Windows would take its own encoding."""
     wrong = []
     for path in SOURCES:
-        calls = [node for node in ast.walk(parsed(path)) if isinstance(node, ast.Call)]
+        calls = [node for node in nodes(path) if isinstance(node, ast.Call)]
         for node in calls:
             method = node.func.attr if isinstance(node.func, ast.Attribute) else ""
             texts = [arg.value for arg in node.args if isinstance(arg, ast.Constant) and isinstance(arg.value, str)]

@@ -74,30 +74,13 @@ def read_rig(
     update()
     for k, name in enumerate(names):
         _refuse_held(armature, name, rest[k], moved[k][k])
-    B = len(names)
-    turn_parents, place_parents, unsteady = [], [], []
-    turns_with, goes_with = np.zeros((B, B), bool), np.zeros((B, B), bool)
-    for k in range(B):
-        own = moved[k][k] @ np.linalg.inv(rest[k])
-        for b in range(B):
-            if b == k:
-                continue
-            change = moved[k][b] @ np.linalg.inv(rest[b])
-            angle = np.linalg.norm(rotations.log(rotations.orthonormal(change[:3, :3])))
-            apart = np.linalg.norm(rotations.log(rotations.orthonormal(own[:3, :3].T @ change[:3, :3])))
-            turns_with[b, k] = apart < _RIGID
-            goal = own[:3, :3] @ rest[b][:3, 3] + own[:3, 3]
-            goes_with[b, k] = np.linalg.norm(moved[k][b][:3, 3] - goal) < _RIGID * size
-            if angle > _RIGID and not turns_with[b, k]:
-                unsteady.append(names[b])
-    for b in range(B):
-        turn_parents.append(_nearest(turns_with[b], turns_with))
-        place_parents.append(_nearest(goes_with[b], goes_with))
+    turns_with, goes_with, unsteady = _followers(rest, np.array(moved), size)
+    turn_parents, place_parents = ([_nearest(own, each) for own in each] for each in (turns_with, goes_with))
     order = _parents_first(names, turn_parents, place_parents)
     place = {b: i for i, b in enumerate(order)} | {-1: -1}
-    tails = np.array([armature.data.bones[name].length for name in names])[:, None] * rest[:, :3, 1] + rest[:, :3, 3]
-    heads = rest[:, :3, 3] @ matrix[:3, :3].T + matrix[:3, 3]
-    tails = tails @ matrix[:3, :3].T + matrix[:3, 3]
+    lengths = np.array([armature.data.bones[name].length for name in names])
+    ends = (rest[:, :3, 3], rest[:, :3, 3] + lengths[:, None] * rest[:, :3, 1])
+    heads, tails = (end @ matrix[:3, :3].T + matrix[:3, 3] for end in ends)
     skeleton = RestSkeleton(
         tuple(names[b] for b in order), tuple(place[place_parents[b]] for b in order), heads[order], tails[order]
     )
@@ -111,7 +94,39 @@ def read_rig(
         np.stack([shifts.get(names[b], scale * R[b]) for b in order]),
         resting_toes,
     )
-    return RigReading(rig, tuple(sorted(set(unsteady))))
+    return RigReading(rig, tuple(sorted(names[b] for b in np.flatnonzero(unsteady))))
+
+
+def _followers(rest: Array, moved: Array, size: float) -> tuple[Bools, Bools, Bools]:
+    """Find what follows each of B controls, by how all of them have moved with each.
+
+    Parameters
+    ----------
+    rest : ndarray, shape (B, 4, 4)
+        The controls' matrices at rest.
+    moved : ndarray, shape (B, B, 4, 4)
+        Their matrices, the second axis, while each control is turned and shifted.
+    size : float
+        Of the rig, in its own length.
+
+    Returns
+    -------
+    turns_with, goes_with : ndarray of bool, shape (B, B)
+        Whether the first control turns, and moves, rigidly with the second.
+    unsteady : ndarray of bool, shape (B,)
+        Controls that turn with another one in part.
+    """
+    change = moved @ np.linalg.inv(rest)
+    own = change[np.arange(len(rest)), np.arange(len(rest))][:, None]
+    angle, apart = (
+        np.linalg.norm(rotations.log(rotations.orthonormal(turn)), axis=-1)
+        for turn in (change[..., :3, :3], np.swapaxes(own[..., :3, :3], -1, -2) @ change[..., :3, :3])
+    )
+    goal = (own[..., :3, :3] @ rest[:, :3, 3, None])[..., 0] + own[..., :3, 3]
+    others = ~np.eye(len(rest), dtype=bool)
+    turns = (apart < _RIGID) & others
+    goes = (np.linalg.norm(moved[..., :3, 3] - goal, axis=-1) < _RIGID * size) & others
+    return turns.T, goes.T, ((angle > _RIGID) & ~turns & others).any(axis=0)
 
 
 def refuse_mirrored(armature: bpy.types.Object, names: Sequence[str]) -> None:
