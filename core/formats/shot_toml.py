@@ -9,6 +9,7 @@ from pathlib import Path
 from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
+from ..cameras.world_axes import AXES, METRES, FileWorld
 from ..errors import ShotError, located
 from ..shot.holds import Hold, check_names
 from ..shot.shot import FIELD_ORDERS, Gap, Settings
@@ -25,6 +26,7 @@ from .reading import first_repeated
 from .toml_tables import Table, read_toml
 
 _TABLES = ("shot", "calibration", "view", "performer", "hold", "track")
+_CALIBRATION = ("file", "resized", "unit", "up")
 _VIEW = ("camera", "footage", "offset", "every", "fields", "keypoints", "missing", "twice")
 _PERFORMER = ("name", "height", "landmarks", "keyframes", "keyposes", "person", "mesh", "fingers")
 _HOLD = ("prop", "holder", "part", "frames")
@@ -44,7 +46,7 @@ def read_shot_spec(path: Path | str) -> ShotSpec:
     head = Table(document.value("shot"), f"{path} [shot]", ("name", "fps", "frames"))
     name, fps, frames = checked_file_name(head.text("name"), head.where), _positive(head, "fps"), _frames(head)
     settings = _settings(document, path)
-    calibration = Table(document.value("calibration"), f"{path} [calibration]", ("file", "resized"))
+    calibration = Table(document.value("calibration"), f"{path} [calibration]", _CALIBRATION)
     views = [_view(table, path.parent) for table in _tables(document, "view", path, _VIEW)]
     _check_distinct([view.camera for view in views], f"{path} [[view]] camera")
     performers = [_performer(table, path.parent, frames) for table in _tables(document, "performer", path, _PERFORMER)]
@@ -61,7 +63,17 @@ def read_shot_spec(path: Path | str) -> ShotSpec:
         settings=settings,
         holds=tuple(_hold(table, performers, frames) for table in _tables(document, "hold", path, _HOLD, least=0)),
         resized=calibration.flag("resized"),
+        world=_world(calibration),
     )
+
+
+def _world(calibration: Table) -> FileWorld:
+    stated = {}
+    for key, known in (("unit", METRES), ("up", AXES)):
+        stated[key] = value = calibration.text(key, None)
+        if value is not None and value not in known:
+            raise calibration.error(key, f"unknown value '{value}'", f"use {', '.join(known)}")
+    return FileWorld(**stated)
 
 
 def _frames(head: Table) -> tuple[int, int]:

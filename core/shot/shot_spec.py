@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
+from ..cameras.world_axes import FileWorld
 from ..errors import ShotError
 from .holds import Hold
 from .shot import Gap, Settings
@@ -96,6 +97,8 @@ class ShotSpec:
         With frame numbers of the footage.
     resized : bool
         Whether footage was resized, uncropped, after its camera was calibrated.
+    world : FileWorld
+        The calibration's.
     """
 
     path: Path
@@ -108,6 +111,7 @@ class ShotSpec:
     settings: Settings = field(default_factory=Settings)
     holds: tuple[Hold, ...] = ()
     resized: bool = False
+    world: FileWorld = field(default_factory=FileWorld)
 
     def files(self) -> list[Path]:
         """Return the files, folders and image sequences that it names."""

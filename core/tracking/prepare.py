@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body import Body
+from ..body import Body, part_poses
 from ..body.inverse_kinematics import fit_poses
 from ..body.limbs import MAIN_JOINTS
 from ..body.measures.measures_from_landmarks import fit_body
@@ -43,6 +43,8 @@ from .solvers.registry import REGISTRY, solver_named
 
 MAIN_LANDMARKS = tuple(side + joint for joint in MAIN_JOINTS for side in "LR")
 """The main joints of both sides."""
+_STATE_UNIT = 'write unit = "mm" or unit = "cm" under [calibration]; unit = "m" if they really are that far apart'
+_STATE_UP = 'write up = "{}" under [calibration]; up = "z" if it is right'
 MIN_LANDMARKS = 4
 """Fewest main joints that a key pose needs; for people who are not wholly in the picture some are unknown."""
 
@@ -110,6 +112,9 @@ def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None) ->
     unstated = [v for v, view in enumerate(spec.views) if view.every is None]
     with located(f"{spec.path} [[view]] footage"):
         check_rates([views[v] for v in unstated], [footages[v] for v in unstated])
+    for performer in prepared:
+        if isinstance(performer, Performer):
+            _check_in_sight(performer, views, spec)
     requests = [p if isinstance(p, PerformerRequest) else None for p in prepared]
     performers = tuple(p.placeholder() if isinstance(p, PerformerRequest) else p for p in prepared)
     holds = tuple(hold.later(-spec.frames[0]) for hold in spec.holds)
@@ -150,7 +155,10 @@ def read_shot_cameras(spec: ShotSpec) -> dict[str, Camera]:
         One message that names the file and the field.
     """
     with located(f"{spec.path} [calibration] file"):
-        cameras = load_cameras(spec.calibration)
+        cameras = {name: spec.world.ours(camera) for name, camera in load_cameras(spec.calibration).items()}
+        with located(str(spec.calibration)):
+            used = [cameras[view.camera] for view in spec.views if view.camera in cameras]
+            spec.world.check(used, unit=_STATE_UNIT, up=_STATE_UP)
     for view in spec.views if spec.resized else ():
         if view.camera in cameras:
             with located(f"{spec.path} [[view]] '{view.camera}' footage"):
@@ -213,6 +221,19 @@ def _performer(spec: PerformerSpec, first: int) -> Performer | PerformerRequest:
     if spec.landmarks is not None:
         return _posed_by_landmarks(spec, spec.landmarks, keys, first)
     return _request(spec, tuple((keys - first).tolist()))
+
+
+def _check_in_sight(performer: Performer, views: Sequence[View], spec: ShotSpec) -> None:
+    """Check that a performer is in some camera's picture on some key frame."""
+    keys, body = performer.key_poses, performer.body
+    joints = part_poses(body, keys.poses)[1]
+    for view in views:
+        for frame, points in zip(keys.frames, joints, strict=True):
+            if view.camera.shows(view.camera.project(points, int(frame))).any():
+                return
+    todo = "see whether they are of the same world as the calibration, and what its unit and up axis are"
+    where = f"{spec.path} [[performer]] '{performer.name}'"
+    raise ShotError("its key poses are in no camera's picture", where=where, todo=todo)
 
 
 def _request(spec: PerformerSpec, frames: tuple[int, ...] | None) -> PerformerRequest:

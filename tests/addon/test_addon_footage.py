@@ -14,6 +14,7 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import SIZE, camera, video  # noqa: E402
 from bpy_extras.io_utils import ImportHelper  # noqa: E402
+from kfmocap.core.cameras.world_axes import METRES  # noqa: E402
 from kfmocap.core.formats.calibrations.toml_cameras import save_cameras  # noqa: E402
 from kfmocap.core.shot.frame_numbers import file_index  # noqa: E402
 from kfmocap.core.shot.shot import Gap  # noqa: E402
@@ -184,6 +185,22 @@ def test_views_of_other_names_than_the_cameras_take_those_that_are_entered_where
         view.name = name
     assert bpy.ops.kfmocap.import_calibration(filepath=str(take / "named.toml")) == {"FINISHED"}
     assert all(view.is_calibrated for view in shot().views)
+
+
+@pytest.mark.parametrize("unit", ["mm", "cm"])
+def test_a_calibration_in_millimetres_is_refused_until_its_unit_is_chosen(take, unit):
+    add(take, "walk_cam01.mp4", "walk_cam02.mp4")
+    true = [camera(1), camera(2)]
+    for own, x in zip(true, (0.0, 2.0), strict=True):
+        own.t_cam_world[:, 0] = x
+    filed = [replace(own, t_cam_world=own.t_cam_world / METRES[unit]) for own in true]
+    save_cameras(take / "calibration.toml", filed)
+    for operator in (bpy.ops.kfmocap.import_calibration, bpy.ops.kfmocap.import_cameras):
+        with pytest.raises(RuntimeError, match=r"m apart, as if it were not in metres .*choose its unit"):
+            operator(filepath=str(take / "calibration.toml"))
+        assert operator(filepath=str(take / "calibration.toml"), unit=unit) == {"FINISHED"}
+    x = [view.camera.matrix_world.translation.x for view in shot().views]
+    assert x == pytest.approx([float(own.centre_world()[0]) for own in true], abs=1e-5)
 
 
 def test_a_calibration_is_scaled_to_footage_that_was_resized_after_it(take):

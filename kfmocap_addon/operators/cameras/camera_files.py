@@ -6,10 +6,11 @@ import bpy
 
 from ..conditions import Conditional
 from ..footage.add_footage import CALIBRATIONS, globbed
+from ..footage.file_world import CalibrationReader
 from ..mixin import FileReader
 
 
-class ImportCameras(FileReader, bpy.types.Operator):
+class ImportCameras(CalibrationReader, FileReader, bpy.types.Operator):
     """Show the cameras of a calibration file as camera objects"""
 
     bl_idname = "kfmocap.import_cameras"
@@ -23,10 +24,9 @@ class ImportCameras(FileReader, bpy.types.Operator):
     filter_glob: bpy.props.StringProperty(default=globbed(CALIBRATIONS), options={"HIDDEN"})
 
     def read(self, context: bpy.types.Context, path: Path) -> None:
-        from ....core.formats import load_cameras
         from ...scene_io import solved_cameras
 
-        cameras = load_cameras(path)
+        cameras = self.cameras_in(path)
         solved_cameras.show_cameras(context.scene, cameras)
         self.report({"INFO"}, f"{len(cameras)} cameras: footage that is named like one gets it")
 

@@ -15,6 +15,7 @@ from ...viewports import screens, timelines
 from ..conditions import Conditional, has_views
 from ..mixin import BesideFootage
 from ..reporting import reported
+from .file_world import CalibrationReader
 
 if TYPE_CHECKING:
     from ...scene_io.added_views import Calibrated
@@ -75,7 +76,7 @@ class AddFootage(bpy.types.Operator, ImportHelper):
         return [folder / name for name in names if name]
 
 
-class ImportCalibration(Conditional, bpy.types.Operator, BesideFootage):
+class ImportCalibration(CalibrationReader, Conditional, bpy.types.Operator, BesideFootage):
     """Assign the cameras of a calibration file to the views, by name"""
 
     bl_idname = "kfmocap.import_calibration"
@@ -97,10 +98,9 @@ class ImportCalibration(Conditional, bpy.types.Operator, BesideFootage):
     )
 
     def act(self, context: bpy.types.Context) -> None:
-        from ....core.formats import load_cameras
         from ...scene_io import added_views
 
-        cameras = load_cameras(bpy.path.abspath(self.filepath))
+        cameras = self.cameras_in(bpy.path.abspath(self.filepath))
         _report_calibrated(self, added_views.calibrate_views(context.scene, cameras, resized=self.resized))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -14,6 +14,7 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.body.prop import body_of_prop
 from kfmocap.core.body.skeleton_motion import RestSkeleton
 from kfmocap.core.cameras.camera import Camera, same_proportions
+from kfmocap.core.cameras.world_axes import AXES
 from kfmocap.core.errors import KFMocapError
 from kfmocap.core.formats import save_cameras, shot_toml, write_trc
 from kfmocap.core.formats.shot_toml import read_shot_spec
@@ -161,6 +162,44 @@ def test_rates_must_be_the_same_unless_the_file_says_how_many_frames_there_are_f
         assert [view.every for view in load_shot(path).views] == [1, every]
 
 
+@pytest.mark.parametrize("up", ["z", "y"])
+def test_the_calibrations_world_is_checked_unless_it_is_stated(folder: Path, up: str) -> None:
+    cameras = load_shot(folder / "shot.toml").views
+    apart = [
+        replace(view.camera, t_cam_world=np.array([[x, 1.0, 4.0]]))
+        for view, x in zip(cameras, (0.3, -0.3), strict=True)
+    ]
+    axes = np.array(AXES[up], float)
+    filed = [
+        replace(camera, R_cam_world=camera.R_cam_world @ axes, t_cam_world=1000 * camera.t_cam_world)
+        for camera in apart
+    ]
+    save_cameras(folder / "calibration.toml", filed)
+    path, asked = folder / "shot.toml", []
+    for stated, said in (
+        ("", r"\[calibration\] file: .*calibration.toml: its cameras are up to 600 m apart.*write unit = \"mm\""),
+        ('unit = "mm"', "" if up == "z" else r"world's y axis, not z, pointed up \(write up = \"y\" under"),
+        (f'unit = "mm"\nup = "{up}"', ""),
+    ):
+        path.write_text(TEXT.replace("[calibration]\n", f"[calibration]\n{stated}\n"))
+        if said:
+            with pytest.raises(KFMocapError, match=said):
+                load_shot(path)
+        else:
+            asked.append(load_shot(path).views)
+    for views in asked:
+        for view, camera in zip(views, apart, strict=True):
+            np.testing.assert_allclose(view.camera.R_cam_world, camera.R_cam_world, atol=1e-9)
+            np.testing.assert_allclose(view.camera.t_cam_world, camera.t_cam_world, atol=1e-9)
+
+
+def test_key_poses_that_no_camera_sees_are_refused(folder: Path) -> None:
+    names, points = walking(LAST - FIRST + 1)
+    write_trc(folder / "landmarks.trc", names, points + [0.0, 0.0, 40.0], 30)
+    with pytest.raises(KFMocapError, match=r"\[\[performer\]\] 'man': its key poses are in no camera's picture"):
+        load_shot(folder / "shot.toml")
+
+
 def test_fields_of_interlaced_footage_are_frames(folder: Path) -> None:
     (folder / "shot.toml").write_text(TEXT.replace("offset = 1.0", 'offset = 12\nfields = "bottom-first"'))
     shot = load_shot(folder / "shot.toml")
@@ -223,6 +262,8 @@ BAD = [
     ('"cam01_%04d.png"', '"calibration.toml"', r"'cam01' footage: .*cannot be read as a video"),
     ("offset = 1.0", "offset = -3.0", r"'cam02' footage.*begins before the footage"),
     ("offset = 1.0", 'offset = "one"', r"\[\[view\]\] 2 offset: must be a number"),
+    ("[calibration]", '[calibration]\nunit = "feet"', r"\[calibration\] unit: unknown value 'feet' \(use m, cm, mm\)"),
+    ("[calibration]", '[calibration]\nup = "up"', r"\[calibration\] up: unknown value 'up' \(use z, -z, y"),
     ("offset = 1.0", "every = 0", r"\[\[view\]\] 2 every: 0 is not a whole number from 1"),
     ("offset = 1.0", "every = 2.0", r"\[\[view\]\] 2 every: 2.0 is not a whole number from 1"),
     ("offset = 1.0", 'fields = "top"', r"\[\[view\]\] 2 fields: unknown value 'top'.*top-first"),

@@ -1,0 +1,93 @@
+"""Worlds of other programs: calibrations in other units than metres, or with another axis than z pointing up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from ..errors import CalibrationError
+from .camera import Camera
+
+METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+"""Length of a unit of length, metres."""
+AXES = {
+    "z": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+    "-z": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
+    "y": [[0, 0, 1], [1, 0, 0], [0, 1, 0]],
+    "-y": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
+    "x": [[0, 1, 0], [0, 0, 1], [1, 0, 0]],
+    "-x": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
+}
+"""Our x, y and z in the axes of a world, by the axis that points up there; for y as in TRC files."""
+_MAX_APART = 100.0
+"""Largest usual distance between two cameras of a shot, metres."""
+_MAX_UPRIGHT = 0.35
+"""Cosine of the angle between a picture's upward direction and the world's from which the camera lies on its side."""
+_MIN_COMMON = 0.7
+"""The same between the pictures' upward directions and another axis, for that to be what points up."""
+
+
+@dataclass(frozen=True)
+class FileWorld:
+    """The world of a calibration file.
+
+    Attributes
+    ----------
+    unit : str, optional
+        One of `METRES`; None if it is not stated: metres, which is checked.
+    up : str, optional
+        The axis that points up, one of `AXES`; None if it is not stated: z, which is checked.
+    """
+
+    unit: str | None = None
+    up: str | None = None
+
+    def ours(self, camera: Camera) -> Camera:
+        """Return a camera of this world in ours: metres, z up."""
+        if self.unit in (None, "m") and self.up in (None, "z"):
+            return camera
+        axes = np.array(AXES[self.up or "z"], float)
+        return replace(
+            camera,
+            R_cam_world=camera.R_cam_world @ axes.T,
+            t_cam_world=camera.t_cam_world * METRES[self.unit or "m"],
+        )
+
+    def check(self, cameras: Sequence[Camera], *, unit: str, up: str) -> None:
+        """Check that cameras, which are ours, can stand where they do, as far as the user has not stated it.
+
+        Parameters
+        ----------
+        cameras : sequence of Camera
+        unit, up : str
+            How the user states what is to be used, for the error; for the axis with {} in its place.
+
+        Raises
+        ------
+        CalibrationError
+            They are too far apart, or all of them lie on the same side.
+        """
+        apart = [float(np.linalg.norm(a.centre_world() - b.centre_world())) for a, b in combinations(cameras, 2)]
+        if self.unit is None and max(apart, default=0.0) > _MAX_APART:
+            what = f"its cameras are up to {max(apart):.0f} m apart, as if it were not in metres"
+            raise CalibrationError(what, todo=unit)
+        if self.up is None and (axis := upward_axis(cameras)) != "z":
+            what = f"all its cameras are tilted as if the world's {axis} axis, not z, pointed up"
+            raise CalibrationError(what, todo=up.format(axis))
+
+
+def upward_axis(cameras: Sequence[Camera]) -> str:
+    """Return which axis of the world points up in the pictures of all cameras; z if that is unclear.
+
+    One camera may be tilted, and several may look down from above or stand on their sides; but they hardly all do so
+    the same way.
+    """
+    upward = np.array([-camera.R_cam_world[:, 1].mean(axis=0) for camera in cameras])
+    if len(cameras) < 2 or (upward[:, 2] > _MAX_UPRIGHT).any():
+        return "z"
+    common = {axis: float((upward @ np.array(rows, float)[2]).min()) for axis, rows in AXES.items()}
+    axis = max(common, key=common.__getitem__)
+    return axis if common[axis] > _MIN_COMMON else "z"
