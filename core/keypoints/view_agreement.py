@@ -77,6 +77,16 @@ class ViewAgreement:
         sigma = view_sigmas(sided, points, inliers) if inliers.any() else None
         return cls(sided, changed, points, inliers * sided.confidence, sigma, fps)
 
+    def __getitem__(self, frames: slice) -> ViewAgreement:
+        """Return what they agree on of some of the frames."""
+        return replace(
+            self,
+            keypoints=self.keypoints[frames],
+            changed=self.changed[:, frames],
+            points_world=self.points_world[frames],
+            confidence=self.confidence[:, frames],
+        )
+
     def averaged(self) -> Array:
         """Return the points averaged over a few frames, metres, (F, L, 3); see the function `averaged`."""
         return np.where(np.isfinite(self.points_world), averaged(self.points_world, self.fps), np.nan)

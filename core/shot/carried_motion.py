@@ -1,11 +1,12 @@
-"""Bending a motion to pass through key poses that were set or changed after it was found."""
+"""Bending a motion to pass through key poses that were set or changed after it was found, and turning it once more."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..body.motion import Motion
-from ..numerics.arrays import Array
+from ..numerics import rotations
+from ..numerics.arrays import Array, Bools
 from .shot import KeyPoses
 
 
@@ -70,3 +71,24 @@ def _passed(motion: Motion, frame: int) -> Motion:
     else:
         before, after, share = (1, 2, -1.0) if frame == 0 else (frame - 2, frame - 1, 2.0)
     return motion[[before]].moved(share * motion[[before]].difference(motion[[after]]))
+
+
+def turned(motion: Motion, fixed: Bools, axis: Array) -> Motion:
+    """Add a whole turn of the root to a motion, which begins and ends as before.
+
+    Parameters
+    ----------
+    motion : Motion
+        F poses.
+    fixed : ndarray of bool, shape (F, D)
+        Degrees of freedom that keep their values.
+    axis : ndarray, shape (3,)
+        Unit vector, in the root's axes.
+    """
+    along = np.linspace(0, 1, len(motion))
+    # Between a constant speed, as in the midst of a pirouette, and one that begins and ends at rest.
+    share = 0.5 * (along + along**2 * (3 - 2 * along))
+    Q = motion.rotations.copy()
+    Q[:, 0] = Q[:, 0] @ rotations.exp(2 * np.pi * share[:, None] * axis)
+    guess = Motion(motion.translations, Q)
+    return guess.moved(np.where(fixed, guess.difference(motion), 0.0))

@@ -23,6 +23,7 @@ from .lifting import lone_view
 from .limb_safeguard import repose_lost_limbs
 from .person_depth import likely_height
 from .single_view import corrected_fit, lifted_fit, lifted_start
+from .single_view_turns import with_whole_turns
 
 
 def first_pass(
@@ -77,8 +78,10 @@ def first_pass(
         todo = "give key poses, or keypoints of two views or more"
         raise KeypointError("no two views agree on a pose of the body", todo=todo)
     problem = FitProblem(agreement, fixed, precision, correlated)
-    fits = [fit_motion(problem, body, start) for start in starts]
-    return _with_lost_limbs_found(problem, min(fits, key=lambda fit: fit.energy))
+    best = min((fit_motion(problem, body, start) for start in starts), key=lambda fit: fit.energy)
+    if view is not None and held is not None:
+        best = with_whole_turns(problem, body, starts[0], held.full().tolist(), best)
+    return _with_lost_limbs_found(problem, best)
 
 
 def scaled_first_pass(

@@ -94,6 +94,10 @@ class FitProblem:
     precision: Array
     correlated: float = 1.0
 
+    def on_frames(self, frames: slice) -> FitProblem:
+        """Return the problem on some of the frames alone."""
+        return replace(self, agreement=self.agreement[frames], fixed=self.fixed[frames])
+
     @property
     def keypoints(self) -> Keypoints:
         """The keypoints that the motion is fitted to, on F frames."""

@@ -11,11 +11,17 @@ from kfmocap.core.body import human, landmark_positions, part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import KeypointError
 from kfmocap.core.keypoints.keypoint_factor import KeypointFactor
+from kfmocap.core.keypoints.keypoint_motion import first_pass as first_pass_module
+from kfmocap.core.keypoints.keypoint_motion import single_view_turns
 from kfmocap.core.keypoints.keypoint_motion.first_pass import first_pass, scaled_first_pass
+from kfmocap.core.keypoints.keypoint_motion.keypoint_fit import FitProblem, fit_motion
 from kfmocap.core.keypoints.keypoint_motion.lifting import lone_view, with_imagined_view
 from kfmocap.core.keypoints.keypoint_motion.person_depth import Rays, expected_depth, likely_height
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
+from kfmocap.core.keypoints.view_agreement import ViewAgreement
+from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.acceleration_prior import acceleration_precision
+from kfmocap.core.shot.keypose_spline import spline
 from kfmocap.core.shot.shot import KeyPoses, Settings
 
 FPS, FRAMES = 30.0, 36
@@ -128,3 +134,38 @@ def test_the_imagined_view_holds_the_depths() -> None:
     points = seen_places(BODY, TRUTH)
     both = with_imagined_view(seen, points, FPS)
     assert np.nanmax(np.abs(both.keypoints.of_views([1]).residuals(points))) < 1e-9
+
+
+def turning_by(degrees: float, first: int, last: int) -> Motion:
+    """The person strolls, and turns on the way between two frames."""
+    share = np.clip((np.arange(FRAMES) - first) / (last - first), 0, 1)
+    rotations_of_parts = TRUTH.rotations.copy()
+    upright = BODY.parts[0].R_world_rest.T @ [0.0, 0.0, 1.0]
+    spin = rotations.exp(np.radians(degrees) * share[:, None] * upright)
+    rotations_of_parts[:, 0] = spin @ rotations_of_parts[:, 0]
+    return Motion(TRUTH.translations, rotations_of_parts)
+
+
+@pytest.mark.parametrize("degrees", [330, -330])
+def test_the_body_turns_between_key_poses_as_one_camera_shows(degrees: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The curve through the key poses goes back by 30 degrees instead, and the lifted motion is no better here."""
+    truth = turning_by(degrees, 6, 24)
+    seen = keypoints_of(cameras(4)[1:2], seen_places(BODY, truth), noise=0.01, seed=1)
+    frames = np.array([0, 6, 24, FRAMES - 1])
+    fixed = np.zeros((FRAMES, BODY.dof), bool)
+    fixed[frames] = True
+    keys = KeyPoses.whole(frames, truth[frames])
+    monkeypatch.setattr(first_pass_module, "lifted_start", lambda *_, **__: spline(keys, FRAMES))
+    found = first_pass(BODY, keys, seen, fixed=fixed, precision=PRECISION, fps=FPS, correlated=9.0)
+    assert joint_errors(found.body, found.motion, BODY, truth).mean() < 0.05
+
+
+def test_no_turn_is_tried_where_keypoints_fit_as_well_as_on_key_poses(monkeypatch: pytest.MonkeyPatch) -> None:
+    frames = np.array([0, 6, 24, FRAMES - 1])
+    fixed = np.zeros((FRAMES, BODY.dof), bool)
+    fixed[frames] = True
+    problem = FitProblem(ViewAgreement.of(seen_by(1), FPS), fixed, PRECISION, 9.0)
+    curve = spline(KeyPoses.whole(frames, TRUTH[frames]), FRAMES)
+    fit = fit_motion(problem, BODY, curve)
+    monkeypatch.setattr(single_view_turns, "fit_motion", lambda *_: pytest.fail("it was fitted once more"))
+    assert single_view_turns.with_whole_turns(problem, BODY, curve, frames.tolist(), fit) is fit

@@ -12,8 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ....body.motion import Motion
-from ....numerics import rotations
-from ....numerics.arrays import Array, Bools
+from ....shot.carried_motion import turned
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import descend
@@ -49,24 +48,3 @@ def with_whole_turn(
     most = starts[int(np.argmax(covers))]
     found = descend(problem, most, workspace)
     return (most, found) if covering_most(problem, first, found) is found else (start, first)
-
-
-def turned(motion: Motion, fixed: Bools, axis: Array) -> Motion:
-    """Add a whole turn of the root to a motion, which begins and ends as before.
-
-    Parameters
-    ----------
-    motion : Motion
-        F poses.
-    fixed : ndarray of bool, shape (F, D)
-        Degrees of freedom that keep their values.
-    axis : ndarray, shape (3,)
-        Unit vector, in the root's axes.
-    """
-    along = np.linspace(0, 1, len(motion))
-    # Between a constant speed, as in the midst of a pirouette, and one that begins and ends at rest.
-    share = 0.5 * (along + along**2 * (3 - 2 * along))
-    Q = motion.rotations.copy()
-    Q[:, 0] = Q[:, 0] @ rotations.exp(2 * np.pi * share[:, None] * axis)
-    guess = Motion(motion.translations, Q)
-    return guess.moved(np.where(fixed, guess.difference(motion), 0.0))

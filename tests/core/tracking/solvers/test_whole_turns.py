@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
+from kfmocap.core.shot.carried_motion import turned
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.starts import whole_turns
-from kfmocap.core.tracking.solvers.starts.whole_turns import turned, with_whole_turn
+from kfmocap.core.tracking.solvers.starts.whole_turns import with_whole_turn
 from made_evidence import Landscape
 from synthetic import at_rest, ends_held, figure
 
