@@ -4,7 +4,7 @@ If the length of a bone is roughly known and its ends are seen on two rays, its 
 nearer or farther than the first. The choice is a shortest path over the frames (Viterbi), first for the trunk, where a
 state says which hip and which shoulder is nearer and whether it leans forward, then for each limb, where a state is the
 choice for its two bones. What people hardly do has a cost: to exceed joint limits, to lean, to have the nose where the
-head does not face, to sink into the floor, and to leap.
+head does not face, to sink into the floor, to raise a foot from it, and to leap.
 """
 
 from __future__ import annotations
@@ -43,6 +43,12 @@ MAX_CHANGE_COST = 16.0
 """Upper bound of the cost of a change between two frames, in units of the variance."""
 FLOOR_SIGMA = 0.05
 """Standard deviation of feet below the floor, metres."""
+STANDING_ANKLE = 0.12
+"""Height of an ankle up to which its foot counts as standing, metres."""
+RAISED_SIGMA = 0.15
+"""Standard deviation of an ankle above that height, metres: people mostly stand on both feet."""
+MAX_RAISED_COST = 4.0
+"""Upper bound of the cost of a raised foot, in units of the variance: kicks and leaps raise feet by more."""
 FLOOR_TOLERANCE = 0.15
 """Feet are assumed to be on the floor, z = 0, if the distance that follows from this differs from the one by the
 lengths of the bones by less than this share."""
@@ -214,6 +220,9 @@ def _limb_points(
         cost += np.sum((turns / POSTURE_SIGMA) ** 2, axis=-1)
     if standing:
         cost += (np.minimum(ends[..., 2], 0.0) / FLOOR_SIGMA) ** 2
+        if last.endswith("Ankle"):
+            raised = np.maximum(ends[..., 2] - STANDING_ANKLE, 0.0) / RAISED_SIGMA
+            cost += np.minimum(raised**2, MAX_RAISED_COST)
     path, total = _cheapest_path(cost, np.concatenate([middles - start, ends - start], axis=-1), fps)
     chosen = path, np.arange(len(path))
     return {middle: middles[chosen], last: ends[chosen]}, total

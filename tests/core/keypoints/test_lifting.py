@@ -15,7 +15,7 @@ from kfmocap.core.keypoints.keypoint_motion import first_pass as first_pass_modu
 from kfmocap.core.keypoints.keypoint_motion import single_view_turns
 from kfmocap.core.keypoints.keypoint_motion.first_pass import first_pass, scaled_first_pass
 from kfmocap.core.keypoints.keypoint_motion.keypoint_fit import FitProblem, fit_motion
-from kfmocap.core.keypoints.keypoint_motion.lifting import lone_view, with_imagined_view
+from kfmocap.core.keypoints.keypoint_motion.lifting import lifted_points, lone_view, with_imagined_view
 from kfmocap.core.keypoints.keypoint_motion.person_depth import Rays, expected_depth, likely_height
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.keypoints.view_agreement import ViewAgreement
@@ -68,6 +68,24 @@ def test_a_bone_that_is_seen_nearly_whole_is_not_taken_to_be_turned_far_away() -
     assert share[4] == pytest.approx(share[3])
     assert share[2] < 0.75 * np.sqrt(1 - 0.95**2)  # a little shorter is likelier than turned away by 18 degrees
     assert share[1] > 0.7 * np.sqrt(1 - 0.5**2)  # half of it is turned away for certain
+
+
+def test_of_two_depths_of_a_leg_the_one_that_leaves_its_foot_on_the_floor_is_chosen() -> None:
+    """Somebody stands with bent knees: turned the other way in depth, the legs would end a hand's breadth higher."""
+    turns = np.zeros((FRAMES, len(BODY), 3))
+    for part, angle in (("thigh.L", 0.5), ("shin.L", -0.8), ("thigh.R", 0.3), ("shin.R", -0.5)):
+        turns[:, BODY.index(part), 0] = angle
+    raised = Motion(np.tile(BODY.offsets[0], (FRAMES, 1)), rotations.exp(turns))
+    lowest = landmark_positions(BODY, raised, ["LHeel", "RHeel"])[..., 2].min()
+    truth = Motion(raised.translations - [0, 0, lowest], raised.rotations)
+    seen = keypoints_of(cameras(4)[3:], seen_places(BODY, truth), noise=0.01, seed=1)
+    found, _ = lifted_points(BODY, seen, FPS)
+    legs = [NAMES.index(side + joint) for side in "LR" for joint in ("Hip", "Knee", "Ankle")]
+    below = [
+        points[:, legs] - points[:, legs[::3]].mean(axis=1, keepdims=True)
+        for points in (found, seen_places(BODY, truth))
+    ]
+    assert np.linalg.norm(below[0] - below[1], axis=-1).mean() < 0.1
 
 
 def test_feet_on_the_floor_tell_the_height_unless_that_is_nobodys() -> None:
