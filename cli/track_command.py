@@ -91,7 +91,7 @@ def _run(
     for view in shot.views:
         rate = kept_rate(shot, view, memory)
         if rate is not None and rate.varies:  # it may not be worth the time then
-            print(f"kfmocap: {view.camera.name}: {rate.text}", file=sys.stderr)
+            print(f"kfmocap: {view.camera.name}: {rate.text(shot.fps * view.every)}", file=sys.stderr)
     refined = None
     with journal_beside(args.out, resume=args.resume) as journal, progress_bar() as progress:
         if args.refine:

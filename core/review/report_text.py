@@ -80,7 +80,7 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
         rate = view["footage_fps"]
         found = FootageRate(**view["rate"]) if view.get("rate") else None
         if found is not None and found.varies:
-            lines.append(f"{view['camera']}: {found.text}")
+            lines.append(f"{view['camera']}: {found.text(values['fps'] * view.get('every', 1))}")
         elif text := rate_text(rate / view.get("every", 1), values["fps"]):
             lines.append(
                 f"{view['camera']}: {text}; if it is right, write fps = {rate / view.get('every', 1):g} under [shot]"

@@ -111,7 +111,7 @@ def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None) ->
                     footages.append(check.result())
     unstated = [v for v, view in enumerate(spec.views) if view.every is None]
     with located(f"{spec.path} [[view]] footage"):
-        check_rates([views[v] for v in unstated], [footages[v] for v in unstated])
+        check_rates([views[v] for v in unstated], [footages[v] for v in unstated], spec.fps)
     for performer in prepared:
         if isinstance(performer, Performer):
             _check_in_sight(performer, views, spec)

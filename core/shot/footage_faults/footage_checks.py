@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 from ...cameras.camera import Camera, same_proportions
 from ...errors import FootageError, located
 from ..footage import Footage, decodable, probe
 from ..frame_numbers import footage_index, frames_per_file_frame, is_interlaced
 from ..image_sequences import check_images, image_files
-from ..shot import View
+from ..shot import Gap, View
+from .footage_times import video_rate
 
 SAME_RATE = 0.02
 """Relative difference within which frame rates that files state count as one, such as 29.97 and 30."""
@@ -67,35 +69,57 @@ def camera_at_size(camera: Camera, size: tuple[int, int], *, resized: bool, decl
     return camera.resized(size)
 
 
-def check_rates(views: Sequence[View], footages: Sequence[Footage]) -> None:
+def check_rates(views: Sequence[View], footages: Sequence[Footage], fps: float) -> None:
     """Check that every frame of some views' footage lasts as long as those of the others, as far as files state it.
+
+    Files are looked through for the times of their frames only where what they state differs.
+
+    Parameters
+    ----------
+    views : sequence of View
+    footages : sequence of Footage
+        Of these views.
+    fps : float
+        The shot's frames per second.
 
     Raises
     ------
     FootageError
-        In one there are more frames for each of the shot than in another; names both and what to do.
+        In one there are more frames for each of the shot than in another, or they do not come at a constant rate; names
+        it and what to do.
     """
+    stated = {v: footage.fps * frames_per_file_frame(views[v]) for v, footage in enumerate(footages) if footage.fps > 0}
+    if _are_the_same(stated.values()):
+        return
+    measured = {v: video_rate(footages[v].path, footages[v].count) for v in stated}
+    for v, rate in measured.items():
+        if rate is not None and rate.varies and not rate.missing:
+            raise FootageError(rate.text(fps / frames_per_file_frame(views[v])), where=_named(views[v]))
     rates = {
-        view.camera.name: (footage.fps * frames_per_file_frame(view), view)
-        for view, footage in zip(views, footages, strict=True)
-        if footage.fps > 0
+        v: stated[v] if rate is None else rate.rate * frames_per_file_frame(views[v]) for v, rate in measured.items()
     }
-    if not rates:
+    if _are_the_same(rates.values()):
         return
-    other, (slow, _) = min(rates.items(), key=lambda item: item[1][0])
-    name, (fast, view) = max(rates.items(), key=lambda item: item[1][0])
-    every = round(fast / slow)
-    if fast <= slow * (1 + SAME_RATE):
-        return
-    if abs(fast / slow - every) <= SAME_RATE * every:
-        todo = f"write every = {every} in its [[view]], and {slow:.5g} as the shot's fps"
+    slow, fast = min(rates, key=rates.__getitem__), max(rates, key=rates.__getitem__)
+    every, wanted = round(rates[fast] / rates[slow]), f"{rates[slow]:.5g}"
+    if _are_the_same((rates[fast], every * rates[slow])):
+        todo = f"write every = {every} in its [[view]], and {wanted} as the shot's fps"
     else:
-        todo = f"convert it, as with: ffmpeg -i FOOTAGE -vf fps={slow:.5g} -crf 14 CONVERTED.mp4"
+        todo = f"convert it, as with: ffmpeg -i FOOTAGE -vf fps={wanted} -crf 14 CONVERTED.mp4"
     raise FootageError(
-        f"it has {fast:.5g} frames per second, the footage of '{other}' {slow:.5g}",
-        where=f"{view.footage} (camera '{name}')",
+        f"it has {rates[fast]:.5g} frames per second, the footage of '{views[slow].camera.name}' {wanted}",
+        where=_named(views[fast]),
         todo=f"{todo}; if its frames are the shot's one by one, whatever the file says, write every = 1",
     )
+
+
+def _are_the_same(rates: Collection[float]) -> bool:
+    """Whether frame rates are the same, as files state them."""
+    return not rates or max(rates) <= min(rates) * (1 + SAME_RATE)
+
+
+def _named(view: View) -> str:
+    return f"{view.footage} (camera '{view.camera.name}')"
 
 
 def stored_frames(view: View, footage: Footage, wanted: int) -> int:
@@ -114,14 +138,22 @@ def _check_range(view: View, footage: Footage, first: int, length: int) -> None:
     unit = "fields" if is_interlaced(view) else "frames"
     every = f" and every = {view.every}" if view.every > 1 else ""
     asked = f"the shot's frames {first} to {last} with offset {offset:g}{every} are its {unit} {start} to {end}"
-    where = f"{view.footage} (camera '{view.camera.name}')"
+    where = _named(view)
     if start < 0:
         raise FootageError(f"the shot begins before the footage: {asked}", where=where)
     count, images = stored_frames(view, footage, end + 1), image_files(view.footage)
-    if end >= count:
+    if end >= count and _end_by_times(view, footage, first + length - 1) >= count:
         raise FootageError(f"the footage has only {count} {unit}: {asked}", where=where)
     if images is not None:
         check_images(view.footage, images, range(start // each, end // each + 1), footage.size)
+
+
+def _end_by_times(view: View, footage: Footage, last: int) -> int:
+    """Return the frame, or field, of footage that shows the shot's last if those that lack by its times are counted."""
+    rate, each = video_rate(footage.path, footage.count), frames_per_file_frame(view)
+    missing = () if rate is None or view.gaps else rate.missing
+    gaps = view.gaps or tuple(Gap(each * frame, each * count, timed=True) for frame, count in missing)
+    return footage_index(replace(view, gaps=gaps), last)
 
 
 def _by(size: tuple[int, int]) -> str:

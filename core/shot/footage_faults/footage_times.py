@@ -53,15 +53,20 @@ class FootageRate:
         """Whether the frame rate is too variable to be treated as constant, or frames are missing."""
         return self.astray > MAX_DEVIATION or len(self.missing) > 0
 
-    @property
-    def text(self) -> str:
-        """Message that the frame rate varies and what to do, or which frames are missing."""
+    def text(self, wanted: float | None = None) -> str:
+        """Return the message that the frame rate varies and what to do, or which frames are missing.
+
+        Parameters
+        ----------
+        wanted : float, optional
+            Frames of the file per second that the shot asks for; by default `rate`.
+        """
         if self.missing:
             gaps = listed([f"{count} before frame {frame}" for frame, count in self.missing], _MAX_SHOWN)
             return f"frames are missing in it, by their times: {gaps} of the file"
         off = f"{self.astray:.1f} frames off a constant rate of {self.rate:.4g}"
         what = f"its frame rate varies: frame {self.frame} of the file is {off}"
-        return f"{what}; convert it, as with: ffmpeg -i FOOTAGE -vf fps={self.rate:.4g} -crf 14 CONVERTED.mp4"
+        return f"{what}; convert it, as with: ffmpeg -i FOOTAGE -vf fps={wanted or self.rate:.5g} -crf 14 CONVERTED.mp4"
 
 
 def footage_rate(shot: Shot, view: View) -> FootageRate | None:

@@ -29,7 +29,9 @@ def show_faults(
     messages, zero = [], scene.kfmocap.frame_start - shot.frames[0]
     for v, (view, own) in enumerate(zip(shot.views, found_gaps(shot, results[-1]), strict=True)):
         gaps = [gap.counted_from(zero) for gap in own]
-        found = [(gap.brief, gap.text) for gap in gaps] + list(_faults(scene.kfmocap.frame_start, v, parts, results))
+        found = [(gap.brief, gap.text) for gap in gaps] + list(
+            _faults(scene.kfmocap.frame_start, v, parts, results, shot.fps * view.every)
+        )
         if rate := rate_text(_rate(view, v, results) / view.every, shot.fps):
             found.append((rate, rate))
         messages += [f"{view.camera.name}: {text}" for _, text in found]
@@ -48,9 +50,11 @@ def _rate(view: View, v: int, results: Sequence[TrackResult]) -> float:
 
 
 def _faults(
-    frame_start: int, v: int, parts: Sequence[Excerpt], results: Sequence[TrackResult]
+    frame_start: int, v: int, parts: Sequence[Excerpt], results: Sequence[TrackResult], wanted: float
 ) -> Iterator[tuple[str, str]]:
-    """Generate what is wrong with a view's footage, in brief and in full."""
+    """Generate what is wrong with a view's footage, in brief and in full; `wanted` is how many frames it should have
+    per second.
+    """
     begins = [frame_start + part.first for part in parts]
     pairs = list(zip(begins, results, strict=True))
     if torn := sorted({begin + frame for begin, r in pairs if r.torn for frame in r.torn[v]}):
@@ -60,4 +64,4 @@ def _faults(
     if damage := [own for r in results if r.damage and (own := r.damage[v]) is not None]:
         yield "its file is damaged" if damage[0].reported else "its pictures may be damaged", damage[0].text
     if rates := [rate for r in results if r.rates and (rate := r.rates[v]) is not None and rate.varies]:
-        yield "frames are missing in it" if rates[0].missing else "its frame rate varies", rates[0].text
+        yield "frames are missing in it" if rates[0].missing else "its frame rate varies", rates[0].text(wanted)

@@ -106,15 +106,15 @@ def test_views_with_other_frame_rates_are_refused_with_what_to_write(
         views.append(View(replace(camera(), name=f"cam{number}"), path))
         footages.append(Footage(path, SIZE, COUNT, rate))
     if said is None:
-        check_rates(views, footages)
+        check_rates(views, footages, 30)
     else:
         with pytest.raises(FootageError, match=said):
-            check_rates(views, footages)
+            check_rates(views, footages, 30)
 
 
 def test_fields_count_as_frames_where_rates_are_compared() -> None:
     views = [View(camera(), Path("a"), fields="top-first"), View(replace(camera(), name="cam02"), Path("b"))]
-    check_rates(views, [Footage(Path("a"), SIZE, COUNT, 25), Footage(Path("b"), SIZE, COUNT, 50)])
+    check_rates(views, [Footage(Path("a"), SIZE, COUNT, 25), Footage(Path("b"), SIZE, COUNT, 50)], 50)
 
 
 def test_frames_come_in_order_from_the_asked_one(video: Path) -> None:

@@ -10,7 +10,9 @@ from threading import Event
 import cv2
 import numpy as np
 import pytest
-from kfmocap.core.shot.footage import Album
+from kfmocap.core.errors import FootageError
+from kfmocap.core.shot.footage import Album, probe
+from kfmocap.core.shot.footage_faults.footage_checks import check_rates, check_view
 from kfmocap.core.shot.footage_faults.footage_times import footage_rate, frame_times, frames_missing, video_rate
 from kfmocap.core.shot.shot import Shot, View
 from kfmocap.core.tracking.picture_store import PictureStore
@@ -71,7 +73,7 @@ def test_a_rate_that_varies_is_said(film: Path) -> None:
     assert rate is not None
     assert rate.varies
     assert rate.astray == pytest.approx(1.2, abs=0.1)
-    assert "convert it" in rate.text
+    assert "convert it, as with: ffmpeg -i FOOTAGE -vf fps=29.97 " in rate.text(30000 / 1001)
     later = footage_rate(shot(path, 13), View(CAMERA, path))
     assert later is not None
     assert not later.varies  # what is not shown does not count
@@ -101,8 +103,34 @@ def test_single_missing_frames_are_told_by_the_times_of_the_others(film: Path, l
     assert rate.varies
     assert rate.missing == tuple((k + 1, 1) for k in lost)
     assert rate.rate == pytest.approx(FPS * durations.mean(), rel=5e-3)
-    assert f"1 before frame {lost[0] + 1}" in rate.text
+    assert f"1 before frame {lost[0] + 1}" in rate.text()
     assert np.flatnonzero(frames_missing(rate, view, range(5, FRAMES))).tolist() == [k - 5 for k in lost if k >= 5]
+
+
+def test_footage_reaches_as_far_as_the_times_of_its_frames(film: Path) -> None:
+    """Six frames of 30 are missing: the file states a lower rate and fewer frames, but is no slower and no shorter."""
+    durations = np.ones(FRAMES)
+    durations[[7, 9, 11, 15, 19, 20]] = 2.0
+    view = View(CAMERA, timed(film, "sparse.mp4", durations / durations.mean()))
+    steady = View(replace(CAMERA, name="steady"), timed(film, "steady.mp4", np.full(FRAMES, 1 / durations.mean())))
+    footages = [check_view(own, 0, FRAMES) for own in (view, steady)]
+    sparse = replace(footages[0], fps=footages[1].fps * FRAMES / (FRAMES + 6))
+    check_rates([view, steady], [sparse, footages[1]], footages[1].fps)
+    check_view(view, 0, FRAMES + 6)
+    for own, length in ((view, FRAMES + 7), (steady, FRAMES + 1)):
+        with pytest.raises(FootageError, match=f"the footage has only {FRAMES} frames"):
+            check_view(own, 0, length)
+
+
+def test_of_views_with_other_rates_the_one_whose_rate_varies_is_to_be_converted(film: Path) -> None:
+    varies = View(replace(CAMERA, name="phone"), timed(film, "phone.mp4", [1.0] * 12 + [1.5] * 12))
+    steady = View(CAMERA, film)
+    footages = [probe(view.footage) for view in (steady, varies)]
+    slower = replace(footages[1], fps=FPS / 1.25)
+    with pytest.raises(
+        FootageError, match=rf"phone.mp4 \(camera 'phone'\): its frame rate varies.* -vf fps={FPS:.5g} "
+    ):
+        check_rates([steady, varies], [footages[0], slower], FPS)
 
 
 def test_frames_that_last_longer_and_longer_are_not_missing(film: Path) -> None:
