@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from dataclasses import dataclass
 from functools import partial
 from threading import Lock
 from typing import Any
@@ -37,6 +38,24 @@ SOLVING_SHARE = 0.7
 """Share of the work on a segment that is done before refinement, for reports of progress."""
 
 
+@dataclass(frozen=True, eq=False)
+class ScheduleCallbacks:
+    """What is called while the segments of a shot are solved and refined.
+
+    Attributes
+    ----------
+    progress : callable, optional
+    observe : callable, optional
+        See `tracker.track`; it needs a single worker.
+    show : callable, optional
+        See `SegmentShown`; called in the threads of the pool.
+    """
+
+    progress: Progress | None = None
+    observe: Observer | None = None
+    show: SegmentShown | None = None
+
+
 class SegmentSchedule:
     """The segments of a shot on their way through a pool of workers.
 
@@ -51,11 +70,7 @@ class SegmentSchedule:
         Segments of an earlier run, and where those of this one are kept.
     threads : int
         Threads of each worker.
-    progress : callable, optional
-    observe : callable, optional
-        See `tracker.track`; it needs a single worker.
-    show : callable, optional
-        See `SegmentShown`; called in the threads of the pool.
+    callbacks : ScheduleCallbacks, optional
     earlier : EarlierTrack, optional
         The shot as it was tracked before, to start from.
 
@@ -76,15 +91,14 @@ class SegmentSchedule:
         *,
         finished: KeptSegments,
         threads: int,
-        progress: Progress | None = None,
-        observe: Observer | None = None,
-        show: SegmentShown | None = None,
+        callbacks: ScheduleCallbacks = ScheduleCallbacks(),
         earlier: EarlierTrack | None = None,
     ) -> None:
         self.state, self.seconds = begin, Seconds()
         self._begin, self._shot, self._observed, self._pool, self._threads = begin, shot, observed, pool, threads
-        self._segments, self._observe, self._show, self._kept = segments(shot), observe, show, finished
-        self._overall, self._earlier = _OverallProgress(shot, progress), earlier
+        self._segments, self._kept, self._earlier = segments(shot), finished, earlier
+        self._observe, self._show = callbacks.observe, callbacks.show
+        self._overall = _OverallProgress(shot, callbacks.progress)
         whole = set(whole_keys(shot, 0, shot.length - 1).tolist())
         # Segments that begin on no key pose of the whole body continue the motion of the one before.
         self._continues = [k > 0 and first not in whole for k, (first, _) in enumerate(self._segments)]

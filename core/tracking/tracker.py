@@ -38,7 +38,7 @@ from .journal import FinishedSegment, KeptSegments
 from .picture_store import fits_in_memory, picture_folder
 from .reader import is_kept, kept_rate
 from .run_context import PLAIN_RUN, RunContext, SolvedShot
-from .schedule import Observer, SegmentSchedule
+from .schedule import Observer, ScheduleCallbacks, SegmentSchedule
 from .segment_footage import SegmentFootage
 from .segment_stages import Around, EarlierTrack, TrackState
 from .segment_tasks import solve_task
@@ -182,9 +182,7 @@ def _tracked(
             pool,
             finished=finished,
             threads=max(1, threads // workers),
-            progress=progress,
-            observe=options.observe,
-            show=run.show,
+            callbacks=ScheduleCallbacks(progress, options.observe, run.show),
             earlier=_carried(begin, shot, options.earlier),
         )
         footage = SegmentFootage(shot, solver, options.pictures, folder=folder, memory=run.memory)

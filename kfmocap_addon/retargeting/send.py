@@ -110,16 +110,7 @@ def send_to_rig(
         remember(armature, sent.holds, sent.settings)
     else:
         keys = _keyed(armature, sent, frames, f"{armature.name} {upright.name}", options.curves)
-    errors = measured_errors(
-        scene,
-        armature,
-        sent.rig,
-        sent.result.poses,
-        shown=sent.shown,
-        at_rest=sent.standing,
-        frames=frames,
-        sample=np.unique(np.linspace(0, len(frames) - 1, _SAMPLE).astype(int)),
-    )
+    errors = _errors(scene, armature, sent, frames)
     return {
         **_report(upright, of_source, armature, bones=sent.bones, rig=sent.rig, result=sent.result),
         "error": errors,
@@ -164,6 +155,20 @@ class _Sent:
     channels: list[ControlChannel]
     holds: dict[tuple[str, str], float]
     settings: dict[tuple[Owner, str], Any]
+
+
+def _errors(scene: bpy.types.Scene, armature: bpy.types.Object, sent: _Sent, frames: Ints) -> dict[str, Any]:
+    """Measure, on some of the frames, how far the rig as it is drawn is from the motion; see `measured_errors`."""
+    return measured_errors(
+        scene,
+        armature,
+        sent.rig,
+        sent.result.poses,
+        shown=sent.shown,
+        at_rest=sent.standing,
+        frames=frames,
+        sample=np.unique(np.linspace(0, len(frames) - 1, _SAMPLE).astype(int)),
+    )
 
 
 def _on_controls(

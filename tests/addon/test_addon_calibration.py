@@ -21,12 +21,16 @@ from kfmocap.core.formats import load_cameras, save_cameras  # noqa: E402
 from kfmocap.kfmocap_addon.panels import calibration_panel  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import capture_scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.cameras import footage_background, scene_cameras  # noqa: E402
+from made_capture import made_capture  # noqa: E402
 from ready_scenes import LFRAME, solution  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
 
 pytestmark = pytest.mark.blender
+
+
+WAND = '[wand]\ncolours = ["green", "blue"]\nlength = 0.4\ndiameter = 0.05\n'
 
 
 def ball_video(path: Path) -> Path:
@@ -64,6 +68,23 @@ def test_a_capture_comes_back_from_its_scene(blender, tmp_path):
     given = some_capture(tmp_path)
     capture_scene.show_capture(bpy.context.scene.kfmocap_capture, given)
     assert same_capture(capture_scene.read_capture(bpy.context.scene.kfmocap_capture), given)
+
+
+def test_a_capture_file_fills_in_the_capture_unless_it_names_points(blender, tmp_path):
+    videos = {name: video(tmp_path / f"{name}.mp4") for name in ("l1", "w1", "l2", "w2")}
+    views = "".join(f'[[view]]\ncamera = "cam0{k}"\nlframe = "l{k}.mp4"\nwand = "w{k}.mp4"\n' for k in (1, 2))
+    file = tmp_path / "wand.toml"
+    file.write_text(f'[lframe]\ncolour = "red"\npoints = {LFRAME.tolist()}\ndiameter = 0.06\n{WAND}{views}')
+    bpy.ops.kfmocap.load_capture(filepath=str(file))
+    found = capture_scene.read_capture(bpy.context.scene.kfmocap_capture)
+    assert [(v.camera, v.lframe, v.wand) for v in found.views] == [
+        (f"cam0{k}", videos[f"l{k}"], videos[f"w{k}"]) for k in (1, 2)
+    ]
+    assert found.wand_length == pytest.approx(0.4)
+    points = tmp_path / "points"
+    points.mkdir()
+    with pytest.raises(RuntimeError, match=r"it names points, not videos.*kfmocap calibrate"):
+        bpy.ops.kfmocap.load_capture(filepath=str(made_capture(points)))
 
 
 def test_what_a_capture_lacks_is_named(blender, tmp_path):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
+import cv2
 import numpy as np
-from kfmocap.core.shot.shot import Settings, Shot
-from synthetic import figure, film, look_at, shot_of, swing
+from kfmocap.core.shot.shot import Settings, Shot, View
+from synthetic import figure, look_at, picture, poses_of, shot_of, swing
 
 BODY, LENGTH, PLACE = figure(), 19, 12
 TRUTH = swing(BODY, LENGTH + 1, size=1.2)
@@ -19,12 +21,19 @@ CAMERAS = {
 SHIFTS = {"whole": 0, "missing": 1, "twice": -1}
 
 
+@cache
+def pictures(name: str) -> tuple[np.ndarray, ...]:
+    """What a camera shows on all frames, and on the one after the last, grey; nobody changes it."""
+    poses = poses_of([BODY], [TRUTH])
+    return tuple(picture([BODY], poses, f, CAMERAS[name]) for f in range(len(TRUTH)))
+
+
 def late_film(home: Path, shift: int, settings: Settings) -> Shot:
     """Film the figure; what the camera at the side shows is ahead by some frames from `PLACE` on."""
-    shown = FRAMES + np.where(FRAMES >= PLACE, shift, 0)
-    views = [
-        view
-        for name, camera in CAMERAS.items()
-        for view in film(home / name, [BODY], [TRUTH[shown if name == "side" else FRAMES]], [camera])
-    ]
+    shown, views = FRAMES + np.where(FRAMES >= PLACE, shift, 0), []
+    for name, camera in CAMERAS.items():
+        (home / name).mkdir(parents=True)
+        for f, own in zip(FRAMES.tolist(), shown.tolist(), strict=True):
+            cv2.imwrite(str(home / name / f"{f:03d}.png"), pictures(name)[own if name == "side" else f])
+        views.append(View(camera, home / name / "%03d.png"))
     return shot_of(views, [BODY], [TRUTH[FRAMES]], (0, 6, LENGTH - 1), settings)

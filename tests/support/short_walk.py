@@ -41,7 +41,8 @@ def short_walk(
         body, motion = first_pose()
         rows = np.zeros(frames, int)
         (folder / "keyposes.bvh").write_text(bvh_text(body, motion[rows]))
-        text = text.replace('landmarks = "landmarks.trc"', 'keyposes = "keyposes.bvh"')
+        # With a height the body is fitted once instead of twice.
+        text = text.replace('landmarks = "landmarks.trc"', 'keyposes = "keyposes.bvh"\nheight = 1.75')
     else:
         landmarks = read_trc(WALK / "landmarks.trc")
         write_trc(folder / "landmarks.trc", landmarks.names, landmarks.points_world[:frames], landmarks.fps)

@@ -116,7 +116,11 @@ def _head_shapes(body: Body) -> list[Shape]:
 
 
 def _limb_shapes(body: Body, side: str) -> list[Shape]:
-    """An arm with its shoulder, and a leg with its shoe."""
+    return [*_arm_shapes(body, side), *_leg_shapes(body, side)]
+
+
+def _arm_shapes(body: Body, side: str) -> list[Shape]:
+    """An arm with its shoulder."""
     sign = 1.0 if side == "L" else -1.0
     shoulder = body.offsets[body.index(f"upper_arm.{side}")]
     return [
@@ -155,6 +159,12 @@ def _limb_shapes(body: Body, side: str) -> list[Shape]:
             (0, 0.1, 0.06),
             ((0.1, 0.015, 0.015, 0.0), (0.9, 0.01, 0.011, 0.0)),
         ),
+    ]
+
+
+def _leg_shapes(body: Body, side: str) -> list[Shape]:
+    """A leg with its shoe."""
+    return [
         _along(
             body,
             f"thigh.{side}",

@@ -225,23 +225,9 @@ def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: A
     starts = [span.start for span in geometry.spans]
     nearest, farthest = (f.reduceat(points[:, 2], starts, axis=1) for f in (np.minimum, np.maximum))
     outlines = Outlines.of(geometry, camera, points, facing, nearest >= NEAR_PLANE)
-    corners = outlines.fixed_point
-
-    label = np.full((n, camera.size[1], camera.size[0]), -1, dtype=np.int16)
     middle = np.add.reduceat(points[:, 2], starts, axis=1) / geometry.counts
-    bounds = outlines.ends.tolist()
-    for j, order in enumerate(np.argsort(-middle, axis=1).tolist()):
-        image = label[j]
-        for i in order:
-            a, b = bounds[j * P + i], bounds[j * P + i + 1]
-            if a < b:
-                cv2.fillConvexPoly(image, corners[a:b], i, shift=FRACTION_BITS)
-
-    flat = label.ravel()
-    index = np.flatnonzero(flat >= 0)
-    group = index // label[0].size * P + flat[index]
-    order = np.argsort(group.astype(np.int16) if n * P < 1 << 15 else group, kind="stable")
-    index, ends = index[order], np.searchsorted(group[order], np.arange(n * P + 1))
+    label = _painted(outlines, middle, camera.size)
+    index, ends = _pixels_by_part(label, P)
     frame, face = np.nonzero(facing)
     linear = -(normals[frame, :, face] / distance[frame, face, None]) @ np.linalg.inv(camera.matrix)
     faces = Faces(
@@ -260,6 +246,31 @@ def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: A
         performer=geometry.performer,
         distance=middle,
     )
+
+
+def _painted(outlines: Outlines, distance: Array, size: tuple[int, int]) -> NDArray[np.int16]:
+    """Draw the outlines of P parts in n frames from the farthest to the nearest, given their distances (n, P); see
+    `LabelImages.part`.
+    """
+    (n, P), (width, height) = distance.shape, size
+    label = np.full((n, height, width), -1, dtype=np.int16)
+    corners, bounds = outlines.fixed_point, outlines.ends.tolist()
+    for j, order in enumerate(np.argsort(-distance, axis=1).tolist()):
+        image = label[j]
+        for i in order:
+            a, b = bounds[j * P + i], bounds[j * P + i + 1]
+            if a < b:
+                cv2.fillConvexPoly(image, corners[a:b], i, shift=FRACTION_BITS)
+    return label
+
+
+def _pixels_by_part(label: NDArray[np.int16], P: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Sort the pixels that show one of P parts by frame and part; see `LabelImages.index` and `LabelImages.ends`."""
+    n, flat = len(label), label.ravel()
+    index = np.flatnonzero(flat >= 0)
+    group = index // label[0].size * P + flat[index]
+    order = np.argsort(group.astype(np.int16) if n * P < 1 << 15 else group, kind="stable")
+    return index[order], np.searchsorted(group[order], np.arange(n * P + 1))
 
 
 def _turned(vectors: Array, owner: Ints, R: Array) -> Array:

@@ -99,6 +99,17 @@ def test_parts_that_no_frame_shows_have_no_colours_of_their_own() -> None:
     assert PartColours.learned(KEY, {0: np.full_like(labels[0], -1)}, whose, apart, 60.0) is None
 
 
+def test_the_nearer_the_camera_the_more_pixels_it_takes_to_know_colours_of_a_part() -> None:
+    """Those that the performer usually wears count as much as a patch of one size on the part."""
+    labels = render_labels(Geometry.of([BODY]), CAMERA, 0, *poses_of([BODY], [MOTION])).part
+    whose, apart = np.zeros(len(BODY), np.int64), parts_apart([BODY])
+    far, near, nearest = (
+        PartColours.learned(KEY, dict(enumerate(labels)), whose, apart, scale) for scale in (60.0, 600.0, 6000.0)
+    )
+    size = [float(np.abs(found.ratio[FOREARM]).max()) for found in (far, near, nearest)]
+    assert size[0] > 2 * size[1] > 4 * size[2] > 0
+
+
 def test_every_pixel_has_the_colour_of_the_palette_that_is_nearest() -> None:
     other = painted(BODY, MOTION, COLOURS + np.array([0, 0, 17], np.uint8))
     [exact], [near] = (KNOWN.images(pictures) for pictures in (KEY, other))

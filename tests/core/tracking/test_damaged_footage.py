@@ -18,20 +18,20 @@ from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
 from kfmocap.core.tracking.run_context import RunContext
 from kfmocap.core.tracking.track_result import TrackResult
 from kfmocap.core.tracking.tracker import track
-from late_footage import BODY, CAMERAS, FRAMES, LENGTH, TRUTH
-from synthetic import picture, poses_of, shot_of
+from late_footage import BODY, CAMERAS, FRAMES, LENGTH, TRUTH, pictures
+from synthetic import shot_of
 
 FIRST, WHOLE = 5, 12
 """The first damaged frame of the view at the side, and the next that is stored whole."""
 SIDE = 1
 KEYS = (0, WHOLE, LENGTH - 1)
+SETTINGS = Settings(limb_search=False)
 
 
 @cache
-def pictures(name: str) -> list[np.ndarray]:
+def in_colour(name: str) -> list[np.ndarray]:
     """What a camera shows; nobody changes it."""
-    poses = poses_of([BODY], [TRUTH])
-    return [cv2.cvtColor(picture([BODY], poses, f, CAMERAS[name]), cv2.COLOR_GRAY2BGR) for f in FRAMES.tolist()]
+    return [cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR) for grey in pictures(name)[:LENGTH]]
 
 
 def video(path: Path, frames: list[np.ndarray]) -> Path:
@@ -57,9 +57,9 @@ def spoilt(frames: list[np.ndarray], seed: int) -> list[np.ndarray]:
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Shot:
     home = tmp_path_factory.mktemp("film")
-    views = [View(CAMERAS[name], video(home / f"{name}.mp4", pictures(name))) for name in CAMERAS]
+    views = [View(CAMERAS[name], video(home / f"{name}.mp4", in_colour(name))) for name in CAMERAS]
     assert whole_pictures(views[SIDE].footage, LENGTH).tolist() == [0, WHOLE]
-    return shot_of(views, [BODY], [TRUTH[FRAMES]], KEYS, Settings())
+    return shot_of(views, [BODY], [TRUTH[FRAMES]], KEYS, SETTINGS)
 
 
 def of_side(shot: Shot, path: Path) -> Shot:
@@ -70,7 +70,7 @@ def of_side(shot: Shot, path: Path) -> Shot:
 @pytest.fixture(scope="module")
 def shown(whole: Shot, tmp_path_factory: pytest.TempPathFactory) -> Shot:
     """A shot with damaged pictures of which the decoder says nothing."""
-    return of_side(whole, video(tmp_path_factory.mktemp("shown") / "side.mp4", spoilt(pictures("side"), 1)))
+    return of_side(whole, video(tmp_path_factory.mktemp("shown") / "side.mp4", spoilt(in_colour("side"), 1)))
 
 
 @pytest.fixture(scope="module")
@@ -112,13 +112,13 @@ def test_what_damaged_pictures_show_changes_nothing(tmp_path: Path, first: int, 
         views = []
         for camera in CAMERAS:
             (tmp_path / name / camera).mkdir(parents=True)
-            for f, image in enumerate(side if camera == "side" else pictures(camera)):
+            for f, image in enumerate(side if camera == "side" else in_colour(camera)):
                 cv2.imwrite(str(tmp_path / name / camera / f"{f:03d}.png"), image)
             views.append(View(CAMERAS[camera], tmp_path / name / camera / "%03d.png"))
         views[SIDE] = replace(views[SIDE], damaged=((first, WHOLE - 1),))
-        return track(shot_of(views, [BODY], [TRUTH[FRAMES]], keys, Settings()))
+        return track(shot_of(views, [BODY], [TRUTH[FRAMES]], keys, SETTINGS))
 
-    spoilt_one, whole_one = tracked("spoilt", spoilt(pictures("side"), 2)), tracked("whole", pictures("side"))
+    spoilt_one, whole_one = tracked("spoilt", spoilt(in_colour("side"), 2)), tracked("whole", in_colour("side"))
     assert spoilt_one.motions[0].rotations.tobytes() == whole_one.motions[0].rotations.tobytes()
     assert spoilt_one.errors[0].deviation.tobytes() == whole_one.errors[0].deviation.tobytes()
     assert spoilt_one.torn[SIDE] == whole_one.torn[SIDE] == ()

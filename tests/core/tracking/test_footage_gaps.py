@@ -19,9 +19,9 @@ from kfmocap.core.tracking.run_context import RunContext
 from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.track_result import TrackResult
 from kfmocap.core.tracking.tracker import track
-from late_footage import BODY, CAMERAS, FRAMES, LENGTH, PLACE, SHIFTS, TRUTH, late_film
+from late_footage import BODY, CAMERAS, FRAMES, LENGTH, PLACE, SHIFTS, TRUTH, late_film, pictures
 from retimed_videos import retimed
-from synthetic import picture, poses_of, shot_of
+from synthetic import shot_of
 
 SIDE = 1
 
@@ -99,10 +99,9 @@ def test_missing_frames_that_the_times_of_a_file_tell_are_counted_from_the_start
 
 def test_one_view_alone_is_counted_by_the_times_of_its_file(tmp_path: Path) -> None:
     path, camera = tmp_path / "side.mp4", CAMERAS["side"]
-    poses = poses_of([BODY], [TRUTH])
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 30.0, camera.size)
     for frame in np.delete(np.arange(LENGTH + 1), PLACE).tolist():
-        writer.write(cv2.cvtColor(picture([BODY], poses, frame, camera), cv2.COLOR_GRAY2BGR))
+        writer.write(cv2.cvtColor(pictures("side")[frame], cv2.COLOR_GRAY2BGR))
     writer.release()
     path.write_bytes(retimed(path.read_bytes(), [1.0 + (k == PLACE - 1) for k in range(LENGTH)]))
     shot = shot_of([View(camera, path)], [BODY], [TRUTH[FRAMES]], (0, 6, LENGTH - 1), Settings())
