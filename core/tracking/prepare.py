@@ -204,7 +204,8 @@ def _view(spec: ViewSpec, cameras: dict[str, Camera]) -> View:
 def _performer(spec: PerformerSpec, first: int) -> Performer | PerformerRequest:
     """Make the performer or, where only keypoints show it, a request to be fulfilled from these."""
     if spec.keyframes is None:
-        raise ShotError("'keyframes' is missing", where=spec.where)
+        todo = 'list the frames of the key poses, or write keyframes = "auto" if the views have keypoints'
+        raise ShotError("'keyframes' is missing", where=spec.where, todo=todo)
     if spec.mesh is not None and (spec.keyposes is None or spec.keyframes == "auto" or spec.height is not None):
         todo = "give 'keyposes', a BVH file with one joint, and a list of 'keyframes'; a prop has no 'height'"
         raise ShotError("the key poses of a prop come from a BVH", where=spec.where, todo=todo)

@@ -13,6 +13,7 @@ from ..image_sequences import check_images, image_files
 from ..shot import Gap, View
 from .footage_times import video_rate
 
+_UNTURN = "ffmpeg -display_rotation 0 -i FOOTAGE -c copy CONVERTED.mp4"
 SAME_RATE = 0.02
 """Relative difference within which frame rates that files state count as one, such as 29.97 and 30."""
 
@@ -60,6 +61,9 @@ def camera_at_size(camera: Camera, size: tuple[int, int], *, resized: bool, decl
     if size == camera.size:
         return camera
     what = f"the footage is {_by(size)}, the calibration of '{camera.name}' {_by(camera.size)}"
+    if size == camera.size[::-1]:
+        as_stored = f"for a camera calibrated on pictures as they are stored, take that out with {_UNTURN}"
+        raise FootageError(what, todo=f"footage is turned as its metadata says; {as_stored}")
     if not same_proportions(size, camera.size):
         what += ": it was cropped, not only resized" if resized else ""
         seen = "sizes are width x height after the rotation that the file asks for"

@@ -152,7 +152,9 @@ def test_rotation_metadata_is_obeyed(tmp_path: Path, degrees: int) -> None:
 
 
 def test_footage_of_another_size_than_the_calibration_names_both(video: Path) -> None:
-    with pytest.raises(FootageError, match=r"clip\.mp4.*64x48.*'cam01' 48x64.*rotation"):
+    with pytest.raises(FootageError, match=r"clip\.mp4.*64x48.*'cam01' 60x64.*rotation"):
+        check_view(View(camera((60, 64)), video), 0, 4)
+    with pytest.raises(FootageError, match=r"64x48.*'cam01' 48x64 \(.*as they are stored.*-display_rotation 0"):
         check_view(View(camera((48, 64)), video), 0, 4)
 
 
