@@ -1,5 +1,5 @@
 """The error of joints that footage cannot show: how far the joints of the model lie from the performer's, and how deep
-a single view's keypoints put them.
+they are in a single view.
 """
 
 from __future__ import annotations
@@ -8,11 +8,12 @@ import numpy as np
 
 from ...body import part_poses
 from ...body.kinematics import tip_positions
+from ...body.limbs import limbs
 from ...body.motion import Motion
 from ...body.tip_landmarks import tip_landmarks
 from ...keypoints.keypoint_places import OFFSET_SIGMA, THINNESS, keypoint_on_body, offset_sigma
 from ...keypoints.observations import PerformerKeypoints
-from ...numerics.arrays import Array
+from ...numerics.arrays import Array, Ints
 from ...shot.shot import KeyPoses, Performer
 
 USUAL_JOINT_SIGMA = 0.003
@@ -21,6 +22,9 @@ LIFTED_ERROR = 0.15
 """Usual error of joints whose depth follows from the lengths of bones in a single view, metres."""
 LIFTED_WITHIN = 0.5
 """Time from a key pose of the whole body within which that error is smaller, seconds."""
+LIMB_DEPTH_SHARE = 0.67
+"""Standard deviation of a joint's depth per distance that it has moved against the beginning of its limb since a key
+pose: without keypoints, a single view hardly shows whether a limb has moved towards it or away."""
 DEPTH_DRIFT = 0.04
 """Variance of a joint's depth per distance from where a key pose has it, metres squared per metre: with keypoints in a
 single view, depth follows from how short a bone seems, and a detector's error there stays the same for long."""
@@ -56,21 +60,36 @@ def body_covariances(
     if observed is not None and observed.is_lifted:
         away = np.minimum(frames_to_key_poses(performer.key_poses, F) / (LIFTED_WITHIN * fps), 1.0)
         found = found + ((LIFTED_ERROR * away) ** 2 / 3)[:, None, None, None] * np.eye(3)
-    elif observed is not None and eye is not None:
-        found = found + _depth_covariances(performer, motion, eye)
+    elif eye is not None:
+        found = found + _depth_covariances(performer, motion, eye, observed is not None)
     return found
 
 
-def _depth_covariances(performer: Performer, motion: Motion, eye: Array) -> Array:
-    """Covariances of the tips along the lines of sight from a camera's centres (F, 3), by how far the tips are from
-    where the nearest key pose has them, (F, P, 3, 3), square metres.
+def _depth_covariances(performer: Performer, motion: Motion, eye: Array, keypoints: bool) -> Array:
+    """Covariances of the tips along the lines of sight from a camera's centres (F, 3), (F, P, 3, 3), square metres.
+
+    With keypoints, they follow from how far the tips are from where the nearest key pose has them; without, from how
+    far they have moved against the beginnings of their limbs.
     """
-    tips = tip_positions(performer.body, part_poses(performer.body, motion))
-    away = [np.linalg.norm(tips - tips[key], axis=-1) for key in performer.key_poses.full()]
+    body, keys = performer.body, performer.key_poses.full()
+    poses = part_poses(body, motion)
+    tips = tip_positions(body, poses)
+    if keypoints:
+        variance = DEPTH_DRIFT * _distances(tips, keys)
+    else:
+        variance = np.zeros(tips.shape[:2])
+        for chain in limbs(body):
+            moved = _distances(tips[:, chain] - poses[1][:, chain[:1]], keys)
+            variance[:, chain] = (LIMB_DEPTH_SHARE * moved) ** 2
     sight = tips - eye[:, None]
     sight /= np.linalg.norm(sight, axis=-1, keepdims=True)
-    variance = DEPTH_DRIFT * np.min(away, axis=0) if away else np.zeros(tips.shape[:2])
     return np.asarray(variance[..., None, None] * sight[..., :, None] * sight[..., None, :])
+
+
+def _distances(points: Array, frames: Ints) -> Array:
+    """Distances of points (F, N, 3) from where they are on the nearest of some frames, (F, N); 0 without frames."""
+    away = [np.linalg.norm(points - points[frame], axis=-1) for frame in frames]
+    return np.asarray(np.min(away, axis=0)) if away else np.zeros(points.shape[:2])
 
 
 def frames_to_key_poses(keys: KeyPoses, length: int) -> Array:
