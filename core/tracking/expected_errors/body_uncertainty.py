@@ -20,8 +20,12 @@ USUAL_JOINT_SIGMA = 0.003
 """Usual distance of the model's joints from the performer's where key poses were set by hand, metres."""
 LIFTED_ERROR = 0.15
 """Usual error of joints whose depth follows from the lengths of bones in a single view, metres."""
+LIFTED_DEPTH = 0.16
+"""Standard deviation of such a joint's depth against the hips, beside that error, metres."""
+LIFTED_DISTANCE_SHARE = 0.04
+"""Standard deviation of the person's distance from that view's camera, as a share of it."""
 LIFTED_WITHIN = 0.5
-"""Time from a key pose of the whole body within which that error is smaller, seconds."""
+"""Time from a key pose of the whole body within which these errors are smaller, seconds."""
 LIMB_DEPTH_SHARE = 0.67
 """Standard deviation of a joint's depth per distance that it has moved against the beginning of its limb since a key
 pose: without keypoints, a single view hardly shows whether a limb has moved towards it or away."""
@@ -57,16 +61,24 @@ def body_covariances(
         joints = np.full(len(body), USUAL_JOINT_SIGMA)
         joints = joints if performer.joint_deviation is None else performer.joint_deviation
         found = np.broadcast_to((joints**2 / 3)[:, None, None] * np.eye(3), (F, len(body), 3, 3))
-    if observed is not None and observed.is_lifted:
-        away = np.minimum(frames_to_key_poses(performer.key_poses, F) / (LIFTED_WITHIN * fps), 1.0)
-        found = found + ((LIFTED_ERROR * away) ** 2 / 3)[:, None, None, None] * np.eye(3)
-    elif eye is not None:
-        found = found + _depth_covariances(performer, motion, eye, observed is not None)
-    return found
+    away = np.minimum(frames_to_key_poses(performer.key_poses, F) / (LIFTED_WITHIN * fps), 1.0)[:, None]
+    is_lifted = observed is not None and observed.is_lifted
+    if is_lifted:
+        found = found + ((LIFTED_ERROR * away) ** 2 / 3)[..., None, None] * np.eye(3)
+    if eye is None:
+        return found
+    sight = tip_positions(body, part_poses(body, motion)) - eye[:, None]
+    distance = np.linalg.norm(sight, axis=-1)
+    if is_lifted:
+        variance = away**2 * (LIFTED_DEPTH**2 + (LIFTED_DISTANCE_SHARE * distance) ** 2)
+    else:
+        variance = _depth_variances(performer, motion, observed is not None)
+    sight /= distance[..., None]
+    return np.asarray(found + variance[..., None, None] * sight[..., :, None] * sight[..., None, :])
 
 
-def _depth_covariances(performer: Performer, motion: Motion, eye: Array, keypoints: bool) -> Array:
-    """Covariances of the tips along the lines of sight from a camera's centres (F, 3), (F, P, 3, 3), square metres.
+def _depth_variances(performer: Performer, motion: Motion, keypoints: bool) -> Array:
+    """Variances of the tips along the line of sight of a single camera between key poses, (F, P), square metres.
 
     With keypoints, they follow from how far the tips are from where the nearest key pose has them; without, from how
     far they have moved against the beginnings of their limbs.
@@ -75,15 +87,12 @@ def _depth_covariances(performer: Performer, motion: Motion, eye: Array, keypoin
     poses = part_poses(body, motion)
     tips = tip_positions(body, poses)
     if keypoints:
-        variance = DEPTH_DRIFT * _distances(tips, keys)
-    else:
-        variance = np.zeros(tips.shape[:2])
-        for chain in limbs(body):
-            moved = _distances(tips[:, chain] - poses[1][:, chain[:1]], keys)
-            variance[:, chain] = (LIMB_DEPTH_SHARE * moved) ** 2
-    sight = tips - eye[:, None]
-    sight /= np.linalg.norm(sight, axis=-1, keepdims=True)
-    return np.asarray(variance[..., None, None] * sight[..., :, None] * sight[..., None, :])
+        return DEPTH_DRIFT * _distances(tips, keys)
+    variance = np.zeros(tips.shape[:2])
+    for chain in limbs(body):
+        moved = _distances(tips[:, chain] - poses[1][:, chain[:1]], keys)
+        variance[:, chain] = (LIMB_DEPTH_SHARE * moved) ** 2
+    return variance
 
 
 def _distances(points: Array, frames: Ints) -> Array:
