@@ -21,7 +21,7 @@ from ..core.runtime.worker_memory import WorkerMemory
 from .arguments import parser
 from .services import Services
 
-WORKING = ("core.tracking.segment_tasks", "core.fitting.shot_cameras")
+WORKER_MODULES = ("core.tracking.segment_tasks", "core.fitting.shot_cameras")
 """Modules that workers import in advance: those that solve segments, and check cameras."""
 
 
@@ -97,7 +97,7 @@ def _workers_ahead(args: argparse.Namespace, services: Services) -> Iterator[Ser
         return
     with closing(WorkerMemory(limit=0)) as workers:
         package = __package__.rpartition(".")[0]
-        workers.start_workers(2, tuple(f"{package}.{module}" for module in WORKING))
+        workers.start_workers(2, tuple(f"{package}.{module}" for module in WORKER_MODULES))
         yield replace(services, workers=workers)
 
 

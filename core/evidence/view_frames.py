@@ -22,7 +22,7 @@ BOX_MARGIN = 6
 """Margin around a requested box for which gradient images are computed as well, pixels."""
 MAX_CACHED_BYTES = 32 << 20
 """Largest size of one view's gradient images in a cache."""
-_NEAREST = 0.5  # metres before the camera: nearer points have the scale of this distance
+_MIN_DEPTH = 0.5  # metres before the camera: nearer points have the scale of this distance
 _ROW = 256
 _STEPS = 1 << cv2.INTER_BITS
 
@@ -225,7 +225,7 @@ class ViewFrames:
         it.
         """
         R, t = self.camera.pose(frame)
-        return float(self.camera.matrix[[0, 1], [0, 1]].mean() / max((R @ point_world + t)[2], _NEAREST))
+        return float(self.camera.matrix[[0, 1], [0, 1]].mean() / max((R @ point_world + t)[2], _MIN_DEPTH))
 
 
 class GradientImageCache:

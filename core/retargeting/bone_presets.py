@@ -87,7 +87,7 @@ def _fingers(pattern: str, words: Sequence[str], joints: Sequence[str] = ("1", "
 
 
 _TITLES = ("Thumb", "Index", "Middle", "Ring", "Pinky")
-_LITTLE = ("Thumb", "Index", "Middle", "Ring", "Little")
+_FINGER_TITLES = ("Thumb", "Index", "Middle", "Ring", "Little")
 _RIGIFY_FINGERS = _fingers("{f}.{j}.{S}", ("thumb", "f_index", "f_middle", "f_ring", "f_pinky"), ("01", "02", "03"))
 
 _KFMOCAP = _by_role(
@@ -222,7 +222,7 @@ _UNITY = _by_role(
         "shin": "{Side}LowerLeg",
         "foot": "{Side}Foot",
         "toe": "{Side}Toes",
-        **_fingers("{Side}{f}{j}", _LITTLE, ("Proximal", "Intermediate", "Distal")),
+        **_fingers("{Side}{f}{j}", _FINGER_TITLES, ("Proximal", "Intermediate", "Distal")),
     }
 )
 _VROID = _by_role(
@@ -240,7 +240,7 @@ _VROID = _by_role(
         "shin": "J_Bip_{S}_LowerLeg",
         "foot": "J_Bip_{S}_Foot",
         "toe": "J_Bip_{S}_ToeBase",
-        **_fingers("J_Bip_{S}_{f}{j}", _LITTLE),
+        **_fingers("J_Bip_{S}_{f}{j}", _FINGER_TITLES),
     }
 )
 _MAKEHUMAN = _by_role(

@@ -23,7 +23,7 @@ _KINDS = {
     **dict.fromkeys(("def", "deform"), "def"),
     "org": "org",
 }
-_CERTAIN = frozenset(["fk", "helper"])
+_DECIDING_KINDS = frozenset(["fk", "helper"])
 """Kinds that count whatever else the name says."""
 _CENTRE = "C"
 """Begins the names of bones in the middle where those of the sides begin with L and R."""
@@ -33,7 +33,7 @@ _HELPERS = re.compile(
     r"|pec|pectoral|breast|out|in|bck|fwd|lat|latissimus|scap|weapon|drehung|ＩＫ|捩|親|キャンセル)$",
     re.IGNORECASE,
 )
-_BENT = re.compile(r"(bend|base)$")
+_BEND_ENDING = re.compile(r"(bend|base)$")
 
 _WORDS: tuple[tuple[str, str], ...] = (
     ("root", r"root|master|reference|armature|全|全て|wurzel"),
@@ -107,14 +107,14 @@ def read_name(name: str) -> BoneName:
         elif token == _CENTRE and not before:
             central = True
         elif of := _kind_of(small):
-            kind = of if of in _CERTAIN else kind or of
+            kind = of if of in _DECIDING_KINDS else kind or of
         elif not (_MADE.match(small) and len(tokens) > 1):
             kept.append(small)
     if central and side:  # no centre, but the controls of a side
         kind = kind or "control"
     word = "".join(kept)
     part = _part_of(word)
-    if not part and (bare := _BENT.sub("", word)) != word:
+    if not part and (bare := _BEND_ENDING.sub("", word)) != word:
         part = _part_of(bare)
     if not part and (bare := word.rstrip("0123456789")) != word:
         part = _part_of(bare)

@@ -14,7 +14,7 @@ from .control_rig import ControlRig, RigPoses, control_poses
 from .rest_alignment import shortest_turn
 
 _MAX_STRETCH = 1 - 1e-9
-_SLACK = 1e-6
+_REACH_TOLERANCE = 1e-6
 _LOWERING_TIME = 0.2  # seconds over which the hips are lowered
 
 
@@ -79,7 +79,7 @@ def _lowered(poses: RigPoses, goals: list[LimbGoal], places: list[Array], fps: f
         joints = [poses.places[:, j] for j in (goal.upper, goal.lower, goal.end)]
         length = sum(np.linalg.norm(b - a, axis=1) for a, b in pairwise(joints))
         way = joints[0] - there
-        far = np.linalg.norm(way, axis=1) > length * (1 + _SLACK)
+        far = np.linalg.norm(way, axis=1) > length * (1 + _REACH_TOLERANCE)
         high = np.sqrt(np.maximum(length**2 - np.sum(way[:, :2] ** 2, axis=1), 0.0))
         drop = np.maximum(drop, np.where(goal.held & far, way[:, 2] - high, 0.0))
     if not (drop > 0).any():

@@ -28,7 +28,7 @@ Image = NDArray[np.uint8]
 
 UNCOVERED, BEYOND = (40, 90, 255), (255, 120, 40)
 """Colours (blue, green, red) where the performer is not covered by the model, and where the model covers background."""
-_DARKENED = 0.6
+_PICTURE_BRIGHTNESS = 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +99,7 @@ def _tinted(picture: Image, ratio: NDArray[np.float32], model: NDArray[np.bool_]
     beside = cv2.distanceTransform((~model).astype(np.uint8), cv2.DIST_L2, 3) < near
     uncovered = np.where(beside & ~model, np.clip(ratio / SURE_LOG_RATIO, 0, 1), 0)
     beyond = np.where(model, np.clip(-ratio / SURE_LOG_RATIO, 0, 1), 0)
-    grey = cv2.cvtColor(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR) * _DARKENED
+    grey = cv2.cvtColor(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR) * _PICTURE_BRIGHTNESS
     for share, tint in ((uncovered, UNCOVERED), (beyond, BEYOND)):
         grey = grey + share[..., None] * (np.array(tint) - grey)
     area = max(int(model.sum()), 1)

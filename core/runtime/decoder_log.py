@@ -12,7 +12,7 @@ from typing import IO, Self, TextIO
 
 from .standard_streams import LenientStream
 
-_SAID = re.compile(rb"\[[\w,/]+ @ 0x[0-9a-f]+\] *(.*)")
+_MESSAGE_LINE = re.compile(rb"\[[\w,/]+ @ 0x[0-9a-f]+\] *(.*)")
 """A line of FFmpeg's: its component, and the message."""
 
 
@@ -41,8 +41,8 @@ class DecoderLog:
     def new(self) -> list[str]:
         """Return FFmpeg's messages since the last call."""
         lines = self._new_lines()
-        self._show(line for line in lines if not _SAID.match(line))
-        said = [m[1].decode(errors="replace").strip() for m in map(_SAID.match, lines) if m]
+        self._show(line for line in lines if not _MESSAGE_LINE.match(line))
+        said = [m[1].decode(errors="replace").strip() for m in map(_MESSAGE_LINE.match, lines) if m]
         self.complaints += said
         return said
 

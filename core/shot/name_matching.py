@@ -8,7 +8,7 @@ from pathlib import Path
 
 from .image_sequences import IMAGE_SUFFIXES
 
-_SAY_NOTHING = {"frame", "frames", "im", "image", "images", "img", "imgs", "out", "output", "pic", "picture", "still"}
+_GENERIC_NAMES = {"frame", "frames", "im", "image", "images", "img", "imgs", "out", "output", "pic", "picture", "still"}
 """Names of images that say nothing of the camera, so that their folder names it."""
 _DUPLICATE = re.compile(r"\.\d{3}$")  # what Blender adds to a name that is taken
 
@@ -103,4 +103,4 @@ def footage_name(path: Path) -> str:
     if path.suffix.lower() not in IMAGE_SUFFIXES:
         return path.stem
     name = re.sub(r"%0?\d*d|#+|\*", "", path.stem).strip("-_. ")
-    return path.parent.name or name if name.lower() in _SAY_NOTHING | {""} else name
+    return path.parent.name or name if name.lower() in _GENERIC_NAMES | {""} else name

@@ -23,13 +23,13 @@ from ..scene_io.body import body_armature, body_channels, shown_pose
 from ..scene_io.cameras import scene_cameras
 from ..scene_io.keys import key_pose_curves
 
-ASKED = [
+PLACING_ORDER = [
     side + joint
     for joints in (("Shoulder", "Elbow", "Wrist"), ("Hip", "Knee", "Ankle"))
     for side in "LR"
     for joint in joints
 ]
-ASKED += ["Head", "Nose", "Neck", "LBigToe", "RBigToe", "LHeel", "RHeel", "LHand", "RHand"]
+PLACING_ORDER += ["Head", "Nose", "Neck", "LBigToe", "RBigToe", "LHeel", "RHeel", "LHand", "RHand"]
 """Landmarks in the order in which they are asked for; others of the body follow."""
 DRAGGING_STEPS = 4
 """Largest number of steps of the fit while a joint is dragged."""
@@ -259,7 +259,7 @@ def _cameras_now(scene: bpy.types.Scene) -> dict[str, Camera]:
 
 def order(body: Body) -> list[str]:
     """Return a body's landmarks in the order in which they are asked for."""
-    first = [name for name in ASKED if name in body.landmarks]
+    first = [name for name in PLACING_ORDER if name in body.landmarks]
     return first + [name for name in body.landmarks if name not in first]
 
 

@@ -13,11 +13,11 @@ from . import mark_drawing
 
 _WIDTH, _HEIGHT, _GAP, _MARGIN = 84, 110, 6, 16  # pixels
 _UNBOUNDED = (0.0, float("inf"))
-_CLEAR = 10  # pixels: a joint so near to a box is too near
-_BACK: Colour = (0.08, 0.08, 0.08, 0.8)
-_CHOSEN: Colour = (0.27, 0.45, 0.75, 0.9)
-_TEXT: Colour = (1.0, 1.0, 1.0, 1.0)
-_PALE = 0.75
+_MIN_JOINT_DISTANCE = 10  # pixels: a joint so near to a box is too near
+_BACKGROUND_COLOUR: Colour = (0.08, 0.08, 0.08, 0.8)
+_CHOSEN_COLOUR: Colour = (0.27, 0.45, 0.75, 0.9)
+_TEXT_COLOUR: Colour = (1.0, 1.0, 1.0, 1.0)
+_OTHERS_OPACITY = 0.75
 """Opacity of the poses that are not chosen."""
 
 Box = tuple[float, float, float, float]
@@ -68,7 +68,9 @@ def row_beside(
 
     def covered(row: list[Box]) -> int:
         left, bottom, right, top = row[0][0], row[0][1], row[-1][2], row[0][3]
-        return sum(left <= x <= right and bottom - _CLEAR <= y <= top + _CLEAR for x, y in joints)
+        return sum(
+            left <= x <= right and bottom - _MIN_JOINT_DISTANCE <= y <= top + _MIN_JOINT_DISTANCE for x, y in joints
+        )
 
     return min(boxes(count, scale, sides=sides), boxes(count, scale, upper=upper, sides=sides), key=covered)
 
@@ -105,11 +107,11 @@ def draw(row: Sequence[Box], bones: Array, colours: Sequence[Colour], centre_wor
     flat = from_the_side(bones, centre_world)
     low, high = flat.min(axis=(0, 1, 2)), flat.max(axis=(0, 1, 2))
     for i, (left, bottom, right, top) in enumerate(row):
-        mark_drawing.bar((left, bottom), (right, top), _CHOSEN if i == chosen else _BACK)
+        mark_drawing.bar((left, bottom), (right, top), _CHOSEN_COLOUR if i == chosen else _BACKGROUND_COLOUR)
         size = 0.85 * min((right - left) / max(high[0] - low[0], 1e-6), (top - bottom) / max(high[1] - low[1], 1e-6))
         middle = np.array([left + right, bottom + top]) / 2
         for ends, (red, green, blue, _) in zip(flat[i], colours, strict=True):
             (x0, y0), (x1, y1) = middle + size * (ends - (low + high) / 2)
-            shown = (red, green, blue, 1.0 if i == chosen else _PALE)
+            shown = (red, green, blue, 1.0 if i == chosen else _OTHERS_OPACITY)
             mark_drawing.lines([(float(x0), float(y0)), (float(x1), float(y1))], shown, 2.5)
-        mark_drawing.label(str(i + 1), (left + 5, bottom + 5), _TEXT)
+        mark_drawing.label(str(i + 1), (left + 5, bottom + 5), _TEXT_COLOUR)

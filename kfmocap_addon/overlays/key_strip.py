@@ -23,11 +23,11 @@ Triangles = tuple[tuple[float, float], ...]
 
 HEIGHT = 13
 """Pixels, from the lower edge: no higher than what else is drawn there begins (`alternative_boxes`)."""
-_BACK: Colour = (0.05, 0.05, 0.05, 0.6)
+_BACKGROUND_COLOUR: Colour = (0.05, 0.05, 0.05, 0.6)
 _TRACKED: Colour = (0.75, 0.75, 0.75, 0.7)
-_DOUBTED: Colour = (0.95, 0.15, 0.1, 0.9)
-_NOW: Colour = (0.35, 0.6, 1.0, 1.0)
-_PALE = 0.45
+_LOST_COLOUR: Colour = (0.95, 0.15, 0.1, 0.9)
+_CURRENT_FRAME_COLOUR: Colour = (0.35, 0.6, 1.0, 1.0)
+_PROPOSAL_OPACITY = 0.45
 """Opacity of proposed key poses."""
 _BAND, _RED, _WHOLE, _PART = 2.0, 4.0, 5.0, 3.0
 """Pixels: height of the bands of tracked and of doubted frames; half the size of key poses of the whole body, and of
@@ -93,7 +93,7 @@ def draw(strip: Strip) -> None:
         mark_drawing.triangles(corners, colour)
     if strip.frames[0] <= context.scene.frame_current <= strip.frames[1]:
         at = position(strip.frames, box, context.scene.frame_current)
-        mark_drawing.bar((at - scale, box[1]), (at + scale, box[3]), _NOW)
+        mark_drawing.bar((at - scale, box[1]), (at + scale, box[3]), _CURRENT_FRAME_COLOUR)
 
 
 def position(frames: Run, box: Box, frame: float) -> float:
@@ -126,10 +126,10 @@ def _pieces(strip: Strip, box: Box, scale: float) -> tuple[tuple[Colour, Triangl
 
     half = _BAND * scale / 2
     found: list[tuple[Colour, Triangles]] = [
-        (_BACK, _rectangle(box[0], low, box[2], high)),
+        (_BACKGROUND_COLOUR, _rectangle(box[0], low, box[2], high)),
         (_TRACKED, bands(strip.tracked, middle - half, middle + half)),
-        (_DOUBTED, bands(strip.doubted, low, low + _RED * scale)),
-        ((*strip.colour, _PALE), diamonds(strip.proposed, _WHOLE)),
+        (_LOST_COLOUR, bands(strip.doubted, low, low + _RED * scale)),
+        ((*strip.colour, _PROPOSAL_OPACITY), diamonds(strip.proposed, _WHOLE)),
         ((*strip.colour, 1.0), diamonds(strip.whole, _WHOLE) + diamonds(strip.partial, _PART)),
     ]
     return tuple((colour, corners) for colour, corners in found if corners)

@@ -17,7 +17,7 @@ from ..viewports import viewport
 
 Position = Sequence[float] | Vector
 _RADIUS, _SIDES = 5.0, 16
-_DARK = (0.0, 0.0, 0.0, 0.75)
+_BACKGROUND_COLOUR = (0.0, 0.0, 0.0, 0.75)
 _TEXT, _EDGE, _BESIDE = 13, 4, 14
 """Height of letters, how much larger the plate behind them is, and how far from the pointer they are, pixels."""
 
@@ -47,7 +47,7 @@ def draw_marks() -> None:
 
 def dot(at: Position, colour: Colour) -> None:
     """A filled dot with a dark rim."""
-    for size, fill in ((_RADIUS + 1.5, _DARK), (_RADIUS, colour)):
+    for size, fill in ((_RADIUS + 1.5, _BACKGROUND_COLOUR), (_RADIUS, colour)):
         _drawn("TRI_FAN", _circle(at, size * _scale()), fill)
 
 
@@ -83,7 +83,9 @@ def lines(points: Sequence[Position], colour: Colour, width: float = 1.5) -> Non
 def label(text: str, at: Position, colour: Colour) -> None:
     """A text whose lower left is at a position, on a dark plate: footage has any colours."""
     width, edge = width_of(text), _EDGE * _scale()
-    bar((at[0] - edge, at[1] - edge), (at[0] + width + edge, at[1] + 0.75 * _TEXT * _scale() + edge), _DARK)
+    bar(
+        (at[0] - edge, at[1] - edge), (at[0] + width + edge, at[1] + 0.75 * _TEXT * _scale() + edge), _BACKGROUND_COLOUR
+    )
     blf.position(0, at[0], at[1], 0)
     blf.color(0, *colour)
     blf.draw(0, text)

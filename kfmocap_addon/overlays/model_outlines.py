@@ -19,10 +19,10 @@ from ..scene_io.body.sides import Colour
 from ..scene_io.review import bone_confidence
 from ..session import SESSION
 
-HIDDEN = (0.6, 0.6, 0.6, 0.55)
+HIDDEN_COLOUR = (0.6, 0.6, 0.6, 0.55)
 _WIDTH = 1.6  # pixels
 _NEARER = 0.004  # lines lie before the faces they bound, as a share of their distance: on the same spot of the picture
-_FAR = 1e4
+_ORTHOGRAPHIC_DISTANCE = 1e4
 _SOLIDS = 256  # parts whose edges and faces are remembered: those of ten bodies
 
 
@@ -31,7 +31,9 @@ def draw_outlines() -> None:
     context = bpy.context
     matrix = context.region_data.view_matrix.inverted()
     toward = np.array(matrix.col[2].xyz)
-    eye = np.array(matrix.translation) + (0.0 if context.region_data.is_perspective else _FAR) * toward
+    eye = (
+        np.array(matrix.translation) + (0.0 if context.region_data.is_perspective else _ORTHOGRAPHIC_DISTANCE) * toward
+    )
     faces: list[Array] = []
     lines: dict[Colour, list[Array]] = {}
     for colour, solid, pose in posed_solids(context.scene, context.evaluated_depsgraph_get()):
@@ -88,7 +90,7 @@ def _draw(faces: Array, lines: dict[Colour, Array], size: tuple[int, int]) -> No
         state.depth_test_set(test)
         stroke.uniform_float("lineWidth", width)
         for colour, batch in batches.items():
-            stroke.uniform_float("color", HIDDEN if test == "GREATER" else colour)
+            stroke.uniform_float("color", HIDDEN_COLOUR if test == "GREATER" else colour)
             batch.draw(stroke)
     state.depth_test_set("NONE")
     state.blend_set("NONE")

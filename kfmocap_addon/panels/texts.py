@@ -7,7 +7,7 @@ import bpy
 
 _BESIDE = 70  # of a line's width: what panels take, in units of the interface
 _ICON = 18  # what an icon takes of it
-_USUAL = 230  # width of a sidebar where there is none to ask
+_USUAL_WIDTH = 230  # width of a sidebar where there is none to ask
 
 
 def draw_text(layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE") -> None:
@@ -42,5 +42,5 @@ def _drawn_width(text: str) -> float:
 def _width(context: bpy.types.Context) -> float:
     region = context.region
     scale = context.preferences.system.ui_scale or 1.0
-    wide = region.width if region is not None and region.type == "UI" else _USUAL * scale
+    wide = region.width if region is not None and region.type == "UI" else _USUAL_WIDTH * scale
     return max(wide - _BESIDE * scale, 0.4 * wide)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.numerics.arrays import Array
 
-_FEW = 100_000  # frames: a table of as many is made faster than numbers are sorted
+_MAX_TABLE_FRAMES = 100_000  # frames: a table of as many is made faster than numbers are sorted
 Keys = NDArray[np.void]
 """Keys of one F-curve, shape (K,), with a field for every property of a Blender key."""
 
@@ -238,7 +238,7 @@ def are_among(numbers: NDArray[np.int64], frames: ArrayLike) -> NDArray[np.bool_
     if not len(chosen) or not len(numbers):
         return np.zeros(numbers.shape, bool)
     first, last = int(chosen.min()), int(chosen.max())
-    if last - first > _FEW:
+    if last - first > _MAX_TABLE_FRAMES:
         return np.isin(numbers, chosen)
     there = np.zeros(last - first + 1, bool)
     there[chosen - first] = True

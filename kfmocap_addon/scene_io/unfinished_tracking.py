@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ...core.tracking.journal import Journal
     from ...core.tracking.segments import Segment
 
-_ASKED = "asked.json"
+_REQUEST_FILE = "asked.json"
 _ENDING = ".segment"
 
 
@@ -36,14 +36,16 @@ def begun(scene: bpy.types.Scene, asked: Sequence[Segment], *, resume: bool) -> 
     folder = _folder(scene)
     with suppress(OSError):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        (folder / _ASKED).write_text(json.dumps(list(asked)), encoding="utf-8")
+        (folder / _REQUEST_FILE).write_text(json.dumps(list(asked)), encoding="utf-8")
     return Journal(folder, resume=resume)
 
 
 def asked_segments(scene: bpy.types.Scene) -> set[Segment]:
     """Return which segments the tracking was asked for that was ended; none where that is not known."""
     with suppress(OSError, ValueError, TypeError, RecursionError):
-        return {(first, last) for first, last in json.loads((_folder(scene) / _ASKED).read_text(encoding="utf-8"))}
+        return {
+            (first, last) for first, last in json.loads((_folder(scene) / _REQUEST_FILE).read_text(encoding="utf-8"))
+        }
     return set()
 
 
@@ -53,7 +55,7 @@ def discard(scene: bpy.types.Scene) -> None:
 
     folder = _folder(scene)
     with suppress(OSError):
-        (folder / _ASKED).unlink(missing_ok=True)
+        (folder / _REQUEST_FILE).unlink(missing_ok=True)
     Journal(folder).discard()
 
 

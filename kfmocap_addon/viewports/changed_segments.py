@@ -15,8 +15,8 @@ from .scene_changes import watch
 
 _REST = 0.4
 """Seconds without a change after which it is looked up."""
-_ALWAYS = (bpy.types.Action, bpy.types.Scene, bpy.types.Camera)
-_SHAPES = (bpy.types.Armature, bpy.types.Mesh)
+_WATCHED_TYPES = (bpy.types.Action, bpy.types.Scene, bpy.types.Camera)
+_GEOMETRY_TYPES = (bpy.types.Armature, bpy.types.Mesh)
 
 
 def find_changed(scene: bpy.types.Scene) -> bool:
@@ -99,7 +99,9 @@ def _matters(update: bpy.types.DepsgraphUpdate) -> bool:
     """Whether an update can change what is tracked: no other bones are selected, and no pose is shown."""
     if isinstance(update.id, bpy.types.Object):
         return bool(update.is_updated_transform)
-    return isinstance(update.id, _ALWAYS) or (isinstance(update.id, _SHAPES) and update.is_updated_geometry)
+    return isinstance(update.id, _WATCHED_TYPES) or (
+        isinstance(update.id, _GEOMETRY_TYPES) and update.is_updated_geometry
+    )
 
 
 @bpy.app.handlers.persistent

@@ -16,14 +16,14 @@ from .performer_boxes import WHOLE, Part, part_with_performers
 
 Box = tuple[int, int, int, int]
 """Left, bottom, right and top, pixels of the window."""
-MOST = 4
+MAX_VIEWS = 4
 """Largest number of views shown at once."""
 SIDEBAR_TAB = "KF Mocap"
 """Name of the tab of the sidebar that holds all panels."""
 NEXT_DRAW = 0.05  # seconds
 _FILLING = 50 * (2 - math.sqrt(2))
 """Blender's zoom at which the picture fills the region, but for a thin border."""
-_CLOSEST = 4.0
+_MAX_MAGNIFICATION = 4.0
 _BESIDE_FOOTAGE = (
     *("show_floor", "show_axis_x", "show_axis_y", "show_axis_z", "show_cursor", "show_text", "show_extras"),
     *("show_bones", "show_motion_paths", "show_object_origins", "show_relationship_lines", "show_outline_selected"),
@@ -261,7 +261,8 @@ def framing(
     zoom : float
         Blender's zoom at which the picture fills the region (view_center_camera).
     part : Part
-        What of the picture is to be seen, at most `_CLOSEST` times as large as in a picture that fills the region.
+        What of the picture is to be seen, at most `_MAX_MAGNIFICATION` times as large as in a picture that fills the
+        region.
 
     Returns
     -------
@@ -273,7 +274,7 @@ def framing(
     width, height = region[2] - region[0], region[3] - region[1]
     shown = min(width, height * aspect)
     fitting = min((free[2] - free[0]) / (part[2] - part[0]), (free[3] - free[1]) * aspect / (part[3] - part[1]))
-    larger = min(1.0 if part == WHOLE else _CLOSEST, fitting / shown)
+    larger = min(1.0 if part == WHOLE else _MAX_MAGNIFICATION, fitting / shown)
     root = (math.sqrt(2) + zoom / 50) * math.sqrt(larger)
     scale = root**2 / 4
     size = (shown * larger, shown * larger / aspect)

@@ -51,7 +51,7 @@ def test_key_poses_are_diamonds_on_their_frames_and_proposals_are_paler():
     assert middles == pytest.approx(at)
     widths = [right - left for left, right in spans(STRIP, (*COLOUR, 1.0))]
     assert widths[1] < widths[0] == pytest.approx(widths[2]), "a pose of some bones is smaller"
-    pale = [np.mean(span) for span in spans(STRIP, (*COLOUR, key_strip._PALE))]
+    pale = [np.mean(span) for span in spans(STRIP, (*COLOUR, key_strip._PROPOSAL_OPACITY))]
     assert pale == pytest.approx([position(STRIP.frames, BOX, frame) for frame in (30, 40)])
 
 
@@ -59,11 +59,11 @@ def test_bands_span_tracked_and_doubted_frames_within_the_shot():
     step = (BOX[2] - BOX[0]) / 40
     for colour, wanted in (
         (key_strip._TRACKED, [(12, 29), (31, 49)]),
-        (key_strip._DOUBTED, [(14, 22), (48, 50)]),  # what overlaps is one band, and none leaves the shot
+        (key_strip._LOST_COLOUR, [(14, 22), (48, 50)]),  # what overlaps is one band, and none leaves the shot
     ):
         edges = [[BOX[0] + (a - 11) * step, BOX[0] + (b - 10) * step] for a, b in wanted]
         np.testing.assert_allclose(spans(STRIP, colour), edges)
-    assert spans(replace(STRIP, doubted=()), key_strip._DOUBTED) == []
+    assert spans(replace(STRIP, doubted=()), key_strip._LOST_COLOUR) == []
 
 
 def test_nothing_leaves_the_strip_and_the_boxes_of_alternatives_begin_above_it():

@@ -41,7 +41,7 @@ _MAX_HEIGHT_SHARE = 0.4  # of the picture's height
 _MIN_SOLIDITY = 0.6  # area over that of the convex hull: less is no disc, even half covered
 _MAX_BLOBS = 60  # the largest that are looked at: more are the room
 _HOLD = np.cos(np.radians(42))
-_MIXED = 3.0  # how many times the share that a ball may have in a pixel is contained in the whole
+_UNMIXING_RATIO = 3.0  # how many times the share that a ball may have in a pixel is contained in the whole
 _MIN_CHANGE, _MIN_CHANGE_SIGMAS = 8.0, 5.0  # of what passes from the background: levels, and deviations of the noise
 
 
@@ -90,7 +90,7 @@ def _brought_out(even: Image, background: Image) -> Image:
     passes = differs > max(_MIN_CHANGE, _MIN_CHANGE_SIGMAS * noise)
     out = np.zeros_like(even)
     behind = LINEAR_LIGHT[background[passes]]
-    light = behind + _MIXED * (LINEAR_LIGHT[even[passes]] - behind)
+    light = behind + _UNMIXING_RATIO * (LINEAR_LIGHT[even[passes]] - behind)
     out[passes] = (255 * np.clip(light, 0, 1) ** (1 / GAMMA)).round()
     return out
 

@@ -29,7 +29,7 @@ _SHARE = 0.35  # of a ball in a pixel of its path: which way that pixel goes fro
 _FILTER_SIGMA = 1.6  # deviation of the filter, pixels
 _PEAK_WINDOW = np.ones((5, 5), np.uint8)  # where a peak is the highest
 _HALF_WINDOW = 26  # of a window around a peak, pixels
-_EDGE = 3  # pixels from the picture's edge within which a part of a ball may be missing
+_EDGE_WIDTH = 3  # pixels from the picture's edge within which a part of a ball may be missing
 _MIN_SAMPLES = 4  # samples of a ball's colour
 _OTHERS = 2  # peaks of a frame that may be balls of the wand: the next one is noise, or something else
 _MIN_PEAK_RATIO = 1.4  # of a ball's peak to the peaks that follow
@@ -237,7 +237,7 @@ class PassingBalls:
     def _measured(self, frame: PassingFrame, place: NDArray[np.int64]) -> tuple[Array, Array, float] | None:
         """Return the centre, shape and standard deviation of the ball at a peak; None if there is no ball."""
         size = np.array(frame.even.shape[:2])
-        if (place < _EDGE).any() or (place >= size - _EDGE).any():
+        if (place < _EDGE_WIDTH).any() or (place >= size - _EDGE_WIDTH).any():
             return None
         (top, left), (bottom, right) = np.maximum(place - _HALF_WINDOW, 0), np.minimum(place + _HALF_WINDOW + 1, size)
         own = slice(top, bottom), slice(left, right)

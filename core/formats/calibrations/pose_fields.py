@@ -14,7 +14,7 @@ ROUNDING = 1e-3
 """Largest deviation of R^T R from the identity that rounding of the printed digits can explain."""
 _VECTORS = ((3,), (3, 1), (1, 3))
 _MATRICES = ((3, 3), (9,))
-_ACCEPTED = "a Rodrigues vector (3, 3x1 or 1x3 numbers, radians) or a 3x3 matrix"
+_ACCEPTED_ROTATIONS = "a Rodrigues vector (3, 3x1 or 1x3 numbers, radians) or a 3x3 matrix"
 
 
 def camera_poses(rotation: Any, translation: Any, where: str) -> tuple[Array, Array]:
@@ -65,13 +65,13 @@ def _matrices(values: Array, where: str) -> Array:
     if shape in _VECTORS:
         return rotations.exp(values.reshape(-1, 3))
     if shape not in _MATRICES:
-        todo = f"give {_ACCEPTED}"
+        todo = f"give {_ACCEPTED_ROTATIONS}"
         if shape == (4,):
             raise CalibrationError("'rotation' has 4 numbers: quaternions are not read", where=where, todo=todo)
         raise CalibrationError(f"'rotation' has shape {shape}, not 3, 3x1, 1x3 or 3x3", where=where, todo=todo)
     R = values.reshape(-1, 3, 3)
     if np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max() > ROUNDING:
-        todo = f"give {_ACCEPTED}; a scale or a translation does not belong in it"
+        todo = f"give {_ACCEPTED_ROTATIONS}; a scale or a translation does not belong in it"
         raise CalibrationError("the 3x3 matrix of 'rotation' is not a rotation", where=where, todo=todo)
     if (np.linalg.det(R) < 0).any():
         todo = "axes must be right-handed: x right, y down, z forward in the camera"

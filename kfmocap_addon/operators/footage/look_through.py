@@ -82,7 +82,9 @@ class QuadView(Conditional, bpy.types.Operator):
         shot = context.scene.kfmocap
         cameras = [view.camera for view in shot.views if view.camera is not None]
         start = cameras.index(context.scene.camera) if context.scene.camera in cameras else 0
-        ordered = cameras if len(cameras) <= screens.MOST else (cameras[start:] + cameras[:start])[: screens.MOST]
+        ordered = (
+            cameras if len(cameras) <= screens.MAX_VIEWS else (cameras[start:] + cameras[:start])[: screens.MAX_VIEWS]
+        )
         screens.split(context, ordered)
         return {"FINISHED"}
 

@@ -21,7 +21,7 @@ from ....core.retargeting.roles import SIDES, BoneMap
 from ...scene_io.body import body_armature
 from ...scene_io.characters.followed_bones import following, solved_bones
 from .rig_at_rest import at_rest, rest_matrices, update
-from .rig_reading import FLAT, moved_matrices, refuse_mirrored
+from .rig_reading import MIN_SCALE, moved_matrices, refuse_mirrored
 from .rig_settings import (
     Owner,
     Settings,
@@ -35,7 +35,7 @@ from .rig_settings import (
 )
 
 _ENDS = (("hand", "forearm"), ("foot", "shin"))
-_RIGID = 1e-3
+_RIGID_TOLERANCE = 1e-3
 """Tolerance within which two bones move rigidly together, radians, and relative to the rig's size."""
 
 
@@ -198,7 +198,7 @@ def refuse_otherwise_moved(armature: bpy.types.Object, carriers: Mapping[str, st
         goal = wanted[k] @ np.linalg.inv(frames[k]) @ rest[k]
         turn = rotations.log(rotations.orthonormal(goal[:3, :3].T @ shown[k][:3, :3]))
         apart = np.linalg.norm(goal[:3, 3] - shown[k][:3, 3])
-        if np.linalg.norm(turn) > 10 * _RIGID or apart > 10 * _RIGID * size:
+        if np.linalg.norm(turn) > 10 * _RIGID_TOLERANCE or apart > 10 * _RIGID_TOLERANCE * size:
             part = above[k] if k < len(names) else names.index(carriers[name])
             with_whom = f" with {names[part]}" if part >= 0 else ""
             raise BodyError(
@@ -242,7 +242,7 @@ def _upstream(armature: bpy.types.Object, bones: Iterable[str]) -> list[str]:
 def _may_be_turned(armature: bpy.types.Object, name: str, bones: Collection[str], held: Collection[str]) -> bool:
     bone = armature.pose.bones[name]
     hangs = any(above.name in held and above.name in bones for above in bone.parent_recursive)
-    flat = abs(bone.matrix.determinant()) < FLAT**3
+    flat = abs(bone.matrix.determinant()) < MIN_SCALE**3
     return name not in held and not all(bone.lock_rotation) and not hangs and not flat
 
 
@@ -269,9 +269,9 @@ def alike(changes: Array, change: Array, rest: Array, size: float) -> Array:
     heads = rest[:, :3, 3]
     goals = heads @ change[:3, :3].T + change[:3, 3]
     places = np.einsum("bij,bj->bi", changes[:, :3, :3], heads) + changes[:, :3, 3]
-    turned = np.linalg.norm(rotations.log(rotations.orthonormal(change[:3, :3]))) > _RIGID
-    still = np.linalg.norm(rotations.log(apart), axis=-1) < _RIGID
-    return np.asarray(turned & still & (np.linalg.norm(places - goals, axis=-1) < _RIGID * size))
+    turned = np.linalg.norm(rotations.log(rotations.orthonormal(change[:3, :3]))) > _RIGID_TOLERANCE
+    still = np.linalg.norm(rotations.log(apart), axis=-1) < _RIGID_TOLERANCE
+    return np.asarray(turned & still & (np.linalg.norm(places - goals, axis=-1) < _RIGID_TOLERANCE * size))
 
 
 def _switched(
@@ -326,14 +326,14 @@ def _chosen(armature: bpy.types.Object, bones: Sequence[str], moved: Mapping[str
 
     def rank(bone: bpy.types.Bone, control: bpy.types.Bone) -> tuple[object, ...]:
         shaped = armature.pose.bones[control.name].custom_shape is not None
-        along = (bone.tail_local - control.tail_local).length < _RIGID * size and not control.use_deform
+        along = (bone.tail_local - control.tail_local).length < _RIGID_TOLERANCE * size and not control.use_deform
         return shaped, len(moved[control.name]), along, len(control.parent_recursive)
 
     found = {}
     for name in bones:
         bone = rest[name]
         able = [rest[c] for c in moved if name in moved[c]]
-        able = [c for c in able if (c.head_local - bone.head_local).length < _RIGID * size]
+        able = [c for c in able if (c.head_local - bone.head_local).length < _RIGID_TOLERANCE * size]
         if able:
             found[name] = max(able, key=lambda control: rank(bone, control)).name
     return found

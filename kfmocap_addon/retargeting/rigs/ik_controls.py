@@ -19,7 +19,7 @@ from .rig_reading import location_axes
 
 _SAME = 0.01
 """Of the upper bone's length: distance of heads that are taken to be in the same place."""
-_BENT = 1e-3
+_MIN_BEND = 1e-3
 """Sine of the least bend of a limb that defines its plane."""
 
 
@@ -115,12 +115,12 @@ def _bend_normals(joints: Array, turns: Array, standing: Array) -> tuple[Array, 
     """
     at_rest = np.cross(standing[1] - standing[0], standing[2] - standing[0])
     size = np.linalg.norm(standing[1] - standing[0]) * np.linalg.norm(standing[2] - standing[0])
-    if np.linalg.norm(at_rest) <= _BENT * size:
+    if np.linalg.norm(at_rest) <= _MIN_BEND * size:
         return None
     lines, bones = (_unit(joints[:, k] - joints[:, 0]) for k in (2, 1))
     normals = np.cross(bones, lines)
     carried = turns @ at_rest
-    bent = np.linalg.norm(normals, axis=1, keepdims=True) > _BENT
+    bent = np.linalg.norm(normals, axis=1, keepdims=True) > _MIN_BEND
     forth = np.sum(normals * carried, axis=1, keepdims=True) > 0
     return _unit(at_rest), _unit(np.where(bent, np.where(forth, normals, -normals), carried))
 

@@ -27,8 +27,8 @@ from ...scene_io.body.body_armature import world_frame
 from .rig_at_rest import pose, rest_matrices, update
 
 _PROBE = Quaternion((0.9553, 0.1837, 0.1342, 0.1885)).normalized()
-FLAT = 1e-4  # scale of a bone below which it counts as nothing
-_RIGID = 1e-3
+MIN_SCALE = 1e-4  # scale of a bone below which it counts as nothing
+_RIGID_TOLERANCE = 1e-3
 """Radians, and lengths of the rig, within which two bones move as one."""
 
 
@@ -124,9 +124,9 @@ def _followers(rest: Array, moved: Array, size: float) -> tuple[Bools, Bools, Bo
     )
     goal = (own[..., :3, :3] @ rest[:, :3, 3, None])[..., 0] + own[..., :3, 3]
     others = ~np.eye(len(rest), dtype=bool)
-    turns = (apart < _RIGID) & others
-    goes = (np.linalg.norm(moved[..., :3, 3] - goal, axis=-1) < _RIGID * size) & others
-    return turns.T, goes.T, ((angle > _RIGID) & ~turns & others).any(axis=0)
+    turns = (apart < _RIGID_TOLERANCE) & others
+    goes = (np.linalg.norm(moved[..., :3, 3] - goal, axis=-1) < _RIGID_TOLERANCE * size) & others
+    return turns.T, goes.T, ((angle > _RIGID_TOLERANCE) & ~turns & others).any(axis=0)
 
 
 def refuse_mirrored(armature: bpy.types.Object, names: Sequence[str]) -> None:
@@ -135,11 +135,13 @@ def refuse_mirrored(armature: bpy.types.Object, names: Sequence[str]) -> None:
     """
     for name in names:
         bone: Any = armature.pose.bones[name]
-        if bone.matrix.determinant() > FLAT**3:
+        if bone.matrix.determinant() > MIN_SCALE**3:
             continue
-        own = next((each for each in reversed([bone, *bone.parent_recursive]) if np.prod(each.scale) <= FLAT**3), bone)
+        own = next(
+            (each for each in reversed([bone, *bone.parent_recursive]) if np.prod(each.scale) <= MIN_SCALE**3), bone
+        )
         raise BodyError(
-            f"it is {'mirrored' if bone.matrix.determinant() < -(FLAT**3) else 'scaled to nothing'}",
+            f"it is {'mirrored' if bone.matrix.determinant() < -(MIN_SCALE**3) else 'scaled to nothing'}",
             where=f"armature {armature.name}, bone {own.name}",
             todo="clear its scale (Alt S), and its keys",
         )
@@ -165,7 +167,7 @@ def location_axes(armature: bpy.types.Object, name: str) -> Array:
     """
     matrix, _ = world_frame(armature)
     bone = armature.pose.bones[name]
-    way = max(bone.bone.length, _RIGID)
+    way = max(bone.bone.length, _RIGID_TOLERANCE)
     update()
     start, found = np.array(bone.head), np.empty((3, 3))
     for i, axis in enumerate(np.eye(3)):
@@ -174,7 +176,7 @@ def location_axes(armature: bpy.types.Object, name: str) -> Array:
         found[:, i] = (np.array(bone.head) - start) / way
     pose(bone)
     update()
-    return np.asarray(matrix[:3, :3] @ (found if abs(np.linalg.det(found)) > _RIGID**3 else np.eye(3)))
+    return np.asarray(matrix[:3, :3] @ (found if abs(np.linalg.det(found)) > _RIGID_TOLERANCE**3 else np.eye(3)))
 
 
 def moved_matrices(armature: bpy.types.Object, name: str, names: Sequence[str], way: float = 0.0) -> Array:

@@ -15,7 +15,7 @@ from ...scene_io.characters.object_motion import what_moves
 from .rig_settings import Owner, owner_of, setting_channel, setting_name
 
 _TURNED, _SHIFTED = 1.0, 10.0  # degrees, and millimetres on a character of the performer's size, from which it is said
-_UNEVEN = 1e-3  # difference of a bone's scales from which it is said
+_SCALE_TOLERANCE = 1e-3  # difference of a bone's scales from which it is said
 
 
 def standing_wrongly(armature: bpy.types.Object, rig: ControlRig) -> list[str]:
@@ -79,7 +79,7 @@ def scaled_unevenly(armature: bpy.types.Object, rig: ControlRig) -> list[str]:
         f"bone {name}: it is scaled by different amounts along its axes, so the bones below it are not exactly in "
         "place: scale it evenly, or clear its scale (Alt S)"
         for name, scale in scales.items()
-        if np.ptp(scale) > _UNEVEN and armature.data.bones[name].children
+        if np.ptp(scale) > _SCALE_TOLERANCE and armature.data.bones[name].children
     ]
 
 

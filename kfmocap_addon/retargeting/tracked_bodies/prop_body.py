@@ -13,8 +13,10 @@ from ...scene_io.body import body_armature
 from ...scene_io.keys import key_pose_curves
 from .skinned_body import use_as_body
 
-_LEAST = 8
-_RIGID = ("SUBSURF", "BEVEL", "MIRROR", "SOLIDIFY", "TRIANGULATE", "WEIGHTED_NORMAL", "EDGE_SPLIT", "ARRAY", "DECIMATE")
+_MIN_VERTICES = 8
+_CONSTANT_MODIFIERS = (
+    *("SUBSURF", "BEVEL", "MIRROR", "SOLIDIFY", "TRIANGULATE", "WEIGHTED_NORMAL", "EDGE_SPLIT", "ARRAY", "DECIMATE"),
+)
 """Kinds of modifiers that do not change over time."""
 
 
@@ -29,8 +31,8 @@ def use_as_prop(current: bpy.types.Scene, mesh: bpy.types.Object) -> bpy.types.O
         Something else than its own location and rotation moves it, or it is flat.
     """
     _refuse_moved(mesh)
-    if min(*mesh.dimensions) <= 0 or len(mesh.data.vertices) < _LEAST:
-        todo = f"give it at least {_LEAST} vertices that enclose a volume"
+    if min(*mesh.dimensions) <= 0 or len(mesh.data.vertices) < _MIN_VERTICES:
+        todo = f"give it at least {_MIN_VERTICES} vertices that enclose a volume"
         raise BodyError("the mesh is flat, or has too few vertices", where=f"mesh {mesh.name}", todo=todo)
     keyed = _keyed_places(current, mesh)
     world = mesh.matrix_world.copy()
@@ -75,7 +77,7 @@ def use_as_prop(current: bpy.types.Scene, mesh: bpy.types.Object) -> bpy.types.O
 def _refuse_moved(mesh: bpy.types.Object) -> None:
     """Raise a BodyError if anything but its own channels moves a mesh, or if its shape changes."""
     holds = next((c for c in mesh.constraints if not c.mute and c.influence), None)
-    shaped = next((m for m in mesh.modifiers if m.show_viewport and m.type not in _RIGID), None)
+    shaped = next((m for m in mesh.modifiers if m.show_viewport and m.type not in _CONSTANT_MODIFIERS), None)
     what = ""
     if holds is not None:
         what = f"it is moved by its constraint '{holds.name}'"

@@ -27,11 +27,11 @@ _NOT_FK = re.compile(r"tweak|(^|_)ik(_|\.|$)|master|gear|parent|heel|target|pivo
 """Names of controls that do not turn one bone about its joint, as Rigify makes them."""
 _SETTINGS = {"IK_FK": 1.0, "FK_limb_follow": 0.0, "neck_follow": 1.0, "head_follow": 1.0, "tail_follow": 1.0}
 """Properties of Rigify's controls with which limbs, neck and tail turn with what they hang on."""
-_STILL = 2e-3
+_STILL_TOLERANCE = 2e-3
 """Radians, and lengths of the rig, within which a bone does not move."""
 _WITH = 0.8
 """Share of a control's turn with which a bone that it does not move rigidly belongs to it: its twist is divided."""
-_LOW = 0.5
+_PAW_HEIGHT_RATIO = 0.5
 """Of the hips' height: below this, hands are front paws."""
 
 
@@ -43,7 +43,7 @@ def is_generated(armature: bpy.types.Object) -> bool:
 def goes_on_four(armature: bpy.types.Object, bones: BoneMap) -> bool:
     """Whether what passes for the hands of a human are front paws."""
     heights = {role: armature.data.bones[bones.bones[role][0]].head_local.z for role in ("hips", "hand.L", "hand.R")}
-    return max(heights["hand.L"], heights["hand.R"]) < _LOW * heights["hips"]
+    return max(heights["hand.L"], heights["hand.R"]) < _PAW_HEIGHT_RATIO * heights["hips"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +101,8 @@ def _observed(armature: bpy.types.Object, controls: Sequence[str], bones: Sequen
         angles = np.linalg.norm(rotations.log(rotations.orthonormal(change[:, :3, :3])), axis=-1)
         ways = np.linalg.norm(moved[:, :3, 3] - rest[:, :3, 3], axis=-1) / size
         rigidly[i] = alike(change, change[i], rest, size)
-        partly[i] = ~rigidly[i] & ((angles > _STILL) | (ways > _STILL))
-        share[i] = angles / max(angles[i], _STILL)
+        partly[i] = ~rigidly[i] & ((angles > _STILL_TOLERANCE) | (ways > _STILL_TOLERANCE))
+        share[i] = angles / max(angles[i], _STILL_TOLERANCE)
     update()
     return _Moves(names, rigidly, partly, share)
 

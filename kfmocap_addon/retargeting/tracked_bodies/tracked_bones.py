@@ -14,7 +14,7 @@ from ...scene_io.body import body_armature, part_meshes
 from ...scene_io.characters.followed_bones import leader_of
 from ...scene_io.characters.object_motion import what_moves
 
-_STILL = 1e-5
+_STILL_TOLERANCE = 1e-5
 """Largest difference between the keys of a channel that does not move."""
 _SCALED = 0.01
 """Least change of a bone's scale that importers' rounding cannot explain."""
@@ -42,7 +42,9 @@ def movable_root(armature: bpy.types.Object) -> tuple[str, ...]:
     for bone in armature.pose.bones:
         if bone.name not in names:
             continue
-        shifted = bone.name != top and (bone.location.length > _STILL or _moves(armature, bone.name, "location"))
+        shifted = bone.name != top and (
+            bone.location.length > _STILL_TOLERANCE or _moves(armature, bone.name, "location")
+        )
         if shifted:
             said.append(
                 f"bone {bone.name}: its turns alone are tracked: clear its location (Alt G), and the keys of it"
@@ -60,7 +62,7 @@ def _followed(armature: bpy.types.Object, name: str) -> list[str]:
     return [name for name in named if name]
 
 
-def _moves(armature: bpy.types.Object, bone: str, attribute: str, still: float = _STILL) -> bool:
+def _moves(armature: bpy.types.Object, bone: str, attribute: str, still: float = _STILL_TOLERANCE) -> bool:
     """Whether keys of a bone's attributes that begin so change anything."""
     bag = fcurves.find_channelbag(armature)
     path = fcurves.bone_path(bone, attribute)
@@ -76,7 +78,7 @@ def refuse_moving_object(current: bpy.types.Scene, armature: bpy.types.Object) -
     bag = fcurves.find_channelbag(armature)
     for curve in bag.fcurves if bag else ():
         whole = curve.data_path.startswith(("location", "rotation", "scale", "delta_"))
-        if whole and np.ptp(fcurves.get_keys(curve)["co"][:, 1]) > _STILL:
+        if whole and np.ptp(fcurves.get_keys(curve)["co"][:, 1]) > _STILL_TOLERANCE:
             raise BodyError(
                 f"keys of {curve.data_path} move the armature object itself, and only bones are tracked",
                 where=where,

@@ -15,8 +15,8 @@ from ....core.numerics.arrays import Array
 
 OF_SKIN = "kfmocap_of_skin"
 """Custom property of a mesh that was made of a character's skin."""
-_FLAT = np.radians(20)
-_THIN = 1e-6
+_FLAT_ANGLE = np.radians(20)
+_MIN_THICKNESS_RATIO = 1e-6
 """Thickness, as a share of the length, that roundings of a plane's vertices in single precision can reach."""
 
 
@@ -43,7 +43,7 @@ def _join_triangles(mesh: bpy.types.Mesh) -> None:
     bm = bmesh.new()
     bm.from_mesh(mesh)
     bmesh.ops.join_triangles(
-        bm, faces=list(bm.faces), angle_face_threshold=_FLAT, angle_shape_threshold=np.pi, cmp_uvs=False
+        bm, faces=list(bm.faces), angle_face_threshold=_FLAT_ANGLE, angle_shape_threshold=np.pi, cmp_uvs=False
     )
     bm.to_mesh(mesh)
     bm.free()
@@ -75,7 +75,7 @@ def check_part(child: bpy.types.Object) -> None:
 
 def check_solid(vertices: Array, armature: bpy.types.Object, bone: bpy.types.Bone) -> None:
     """Raise a BodyError where vertices (V, 3) on a bone enclose no volume."""
-    if len(vertices) < 4 or not np.isfinite(vertices).all() or _thickness(vertices) < _THIN:
+    if len(vertices) < 4 or not np.isfinite(vertices).all() or _thickness(vertices) < _MIN_THICKNESS_RATIO:
         raise BodyError(
             "the mesh on the bone is flat: it encloses no volume",
             where=f"armature {armature.name}, bone {bone.name}",

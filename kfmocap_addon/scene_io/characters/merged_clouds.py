@@ -11,7 +11,7 @@ from ....core.numerics.arrays import Array
 
 _TWIST = ("twist", "roll")
 """Words in the names of bones that divide the twist of the one above; importers lose where bones point."""
-_LOOSE = ("breast", "bust", "pectoral", "jiggle", "skirt", "j_sec")
+_SIMULATED_WORDS = ("breast", "bust", "pectoral", "jiggle", "skirt", "j_sec")
 """Words in the names of bones that a simulation moves, which follow the body."""
 _REACH = 1.5
 """Of the head's own radius: farther off, hair and hats are left out, as a convex solid would span what is between."""
@@ -49,7 +49,7 @@ def merged_clouds(
         if name not in found or bone.parent is None:
             continue
         last = not any(child.name in found for child in bone.children_recursive)
-        twist = last and name not in limbs and (says_twist(name) or _says_loose(name) or _is_twist(bone, found))
+        twist = last and name not in limbs and (says_twist(name) or _is_simulated(name) or _is_twist(bone, found))
         follows = last and name in following
         slight = name not in limbs and np.linalg.norm(np.ptp(found[name], axis=0)) < 2 * small
         above = next((p.name for p in bone.parent_recursive if p.name in found), None)
@@ -67,8 +67,8 @@ def says_twist(name: str) -> bool:
     return any(word in name.casefold() for word in _TWIST)
 
 
-def _says_loose(name: str) -> bool:
-    return any(word in name.casefold() for word in _LOOSE)
+def _is_simulated(name: str) -> bool:
+    return any(word in name.casefold() for word in _SIMULATED_WORDS)
 
 
 def _is_twist(bone: bpy.types.Bone, found: Mapping[str, Array]) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..cameras.camera_poses import coming_back
 
-_STILL = 1e-4
+_STILL_TOLERANCE = 1e-4
 """Largest change of the object's matrix, metres or radians, of one that stays."""
 _SAMPLE = 7
 """Frames on which it is looked for."""
@@ -25,7 +25,7 @@ def what_moves(scene: bpy.types.Scene, armature: bpy.types.Object, frames: tuple
         for frame in np.unique(np.linspace(*frames, _SAMPLE).astype(int)):
             scene.frame_set(int(frame))
             places.append(np.array(armature.evaluated_get(layer.depsgraph).matrix_world))
-    if np.ptp(places, axis=0).max() < _STILL:
+    if np.ptp(places, axis=0).max() < _STILL_TOLERANCE:
         return None
     if armature.parent is not None:
         return f"its parent {armature.parent.name}"

@@ -20,9 +20,9 @@ from .skins import Skin, read_skin
 
 _CORNERS = 24
 """Directions in which a part's solid touches the skin: few faces, drawn many times."""
-_SMALL = 0.045
+_MIN_SIZE_SHARE = 0.045
 """Size of parts, as a share of the skin's height, below which they (fingers, eyes) belong to the part above."""
-_LEAST = 8
+_MIN_VERTICES = 8
 
 
 @dataclass(frozen=True)
@@ -81,12 +81,12 @@ def add_parts(
         raise BodyError("no bone carries a mesh, and no skin is bound to it", where=where, todo=todo)
     clouds = with_taken_in(_clouds(armature, skin, carriers), taken_in, head)
     height = float(np.ptp(skin.points, axis=0).max())
-    merged, left_out = merged_clouds(armature, clouds, _SMALL * height, following, limbs)
+    merged, left_out = merged_clouds(armature, clouds, _MIN_SIZE_SHARE * height, following, limbs)
     remarks += [f"bone {n}: it is moved by {following[n]}, so it is left out, and follows the body" for n in left_out]
     kept = {name: cloud for name, cloud in merged.items() if _is_solid(cloud)}
     if not kept:
         raise BodyError("no bone leads enough of the skin to be a part", where=where, todo="paint its weights")
-    kept = _with_joined_tops(armature, kept, _SMALL * height)
+    kept = _with_joined_tops(armature, kept, _MIN_SIZE_SHARE * height)
     if len(tops := _tops(armature, kept)) > 1:
         kept = _one_tree(armature, kept, tops, remarks)
     made = [part_meshes.build_mesh(_part(armature, n, corners(c)), armature, collection) for n, c in kept.items()]
@@ -98,7 +98,7 @@ def add_parts(
 def leading_bones(armature: bpy.types.Object) -> list[str]:
     """Bones that lead enough of the skin to be a solid, the others being of no use for a body."""
     skin = read_skin(armature)
-    return [name for number, name in enumerate(skin.names) if int((skin.leaders == number).sum()) >= _LEAST]
+    return [name for number, name in enumerate(skin.names) if int((skin.leaders == number).sum()) >= _MIN_VERTICES]
 
 
 def _clouds(armature: bpy.types.Object, skin: Skin, carriers: Mapping[str, str] | None) -> dict[str, Array]:
@@ -135,7 +135,7 @@ def carries_its_parts(armature: bpy.types.Object) -> bool:
 
 
 def _is_solid(cloud: Array) -> bool:
-    if len(cloud) < _LEAST:
+    if len(cloud) < _MIN_VERTICES:
         return False
     try:
         ConvexHull(cloud)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ....core.numerics.arrays import Array
 from .followed_bones import skeletons_following
 
-_LED = 0.5
+_LEADING_SHARE = 0.5
 """Share of a vertex's weight from which on a bone leads it."""
 
 
@@ -85,4 +85,4 @@ def _leader(vertex: bpy.types.MeshVertex, groups: list[int]) -> int:
     if not weights:
         return -1
     most, bone = max(weights)
-    return bone if most >= _LED * sum(weight for weight, _ in weights) else -1
+    return bone if most >= _LEADING_SHARE * sum(weight for weight, _ in weights) else -1

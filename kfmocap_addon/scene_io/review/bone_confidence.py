@@ -26,9 +26,9 @@ ERROR = "kfmocap_error"
 """Custom property of a pose bone: how far its tip may be from its true place, mm."""
 WHITE = (1.0, 1.0, 1.0, 1.0)
 _DESCRIPTION = "How far the tip of this bone may be from its true place on this frame, as last tracked, mm"
-_RAMP = ("min(1, 2 * e / {limit})", "min(1, 2 - 2 * e / {limit})", "0.1")
+_COLOUR_RAMP = ("min(1, 2 * e / {limit})", "min(1, 2 - 2 * e / {limit})", "0.1")
 """Red, green and blue by the error e: green where it is sure, over yellow to red at the limit."""
-_HIDDEN = (0.35, 0.45, 1.0)
+_HIDDEN_COLOUR = (0.35, 0.45, 1.0)
 """Colour of a bone that no camera sees."""
 _UNKNOWN = (0.4, 0.4, 0.4)
 """Colour of a bone that nothing has shown."""
@@ -165,7 +165,7 @@ def _drive(owner: bpy.types.Object, path: str, bone: bpy.types.PoseBone, limit: 
     data = owner.animation_data
     driven = data is not None and data.drivers.find(path) is not None
     unknown = bool(bone.get(unknown_bones.UNKNOWN, 0))
-    for channel, (ramp, hidden) in enumerate(zip(_RAMP, _HIDDEN, strict=True)):
+    for channel, (ramp, hidden) in enumerate(zip(_COLOUR_RAMP, _HIDDEN_COLOUR, strict=True)):
         if driven:
             owner.driver_remove(path, channel)
         if limit is not None and ERROR in bone:
