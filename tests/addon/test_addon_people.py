@@ -50,6 +50,12 @@ def test_unassigned_people_follow_the_order_of_the_performers(slots):
     assert numbers() == [None, 3, 2]
 
 
+def test_two_performers_are_enough_to_exchange_and_one_is_not(slots):
+    for index in (2, 1):
+        slots.remove(index)
+        assert bpy.ops.kfmocap.exchange_people.poll() == (index == 2)
+
+
 def test_nobody_is_exchanged_with_itself(slots):
     with pytest.raises(RuntimeError, match="'man' is no other performer"):
         bpy.context.scene.kfmocap.performer = "man"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from kfmocap.core.evidence.foreground_images.cast_shadows import ShadowModel
+from kfmocap.core.evidence.foreground_images.cast_shadows import CastShadows, ShadowModel
 from kfmocap.core.evidence.foreground_images.foreground import (
     LEVELS_PER_UNIT,
     MAX_LOG_RATIO,
@@ -194,6 +194,15 @@ def test_shadows_fall_near_where_some_frame_shows_them() -> None:
     pictures[BETWEEN][elsewhere] = np.round(0.58 * pictures[BETWEEN][elsewhere])
     assert (still[elsewhere] < -1).mean() > 0.98
     assert (ratios(pictures, masks, True)[BETWEEN][elsewhere] > 1).mean() > 0.9
+
+
+def test_shadows_are_learned_from_an_area_whatever_the_number_of_its_pixels() -> None:
+    """From near, as many pixels are a spot of a few square centimetres, which says nothing of shadows."""
+    pictures, masks, _ = shadow_footage()
+    behind = {frame: ~masks[frame] for frame in KEYS}
+    plate = pictures[list(KEYS)].mean(axis=0).astype(np.uint8)
+    far, near = (CastShadows.learned(pictures, behind, plate, 2.0, scale) for scale in (SCALE_AT_BODY, 1500.0))
+    assert far is not None and near is None
 
 
 def test_factors_and_tint_of_shadows_are_learned() -> None:

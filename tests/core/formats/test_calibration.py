@@ -282,6 +282,30 @@ def test_an_opencv_file_may_hold_integers_of_more_than_32_bits(tmp_path: Path) -
     np.testing.assert_array_equal(load_cameras(path)["front"].matrix, K)
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ("dt: d", "dt: q", "3 x 3 values of type q"),
+        ("rows: 3\n   cols: 3", "rows: 90000\n   cols: 90000", "90000 x 90000 values of type d"),
+        ("rows: 3\n   cols: 3", "rows: 3\n   cols: 0", "3 x 0 values of type d"),
+        ("rows: 3\n   cols: 3", "rows: 3\n   cols: 4", "a matrix of 3 x 4 has 9 values"),
+    ],
+)
+def test_a_matrix_that_opencv_would_stumble_over_is_refused_before_it_is_read(
+    tmp_path: Path, before: str, after: str, message: str
+) -> None:
+    """It allocates memory for as many values as are stated, and stops the program at an unknown type."""
+    path = tmp_path / "front.yml"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("camera_matrix", K)
+    storage.release()
+    text = path.read_text()
+    assert before in text
+    path.write_text(text.replace(before, after))
+    with pytest.raises(CalibrationError, match=message):
+        load_cameras(path)
+
+
 def test_plain_json(tmp_path: Path) -> None:
     path = tmp_path / "front.json"
     values = {"size": SIZE, "matrix": K.tolist(), "distortions": DISTORTIONS}
