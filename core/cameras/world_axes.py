@@ -39,7 +39,7 @@ class FileWorld:
     unit : str, optional
         One of `METRES`; None if it is not stated: metres, which is checked.
     up : str, optional
-        The axis that points up, one of `AXES`; None if it is not stated: z, which is checked.
+        The axis that points up, one of `AXES`; None if it is not stated: z.
     """
 
     unit: str | None = None
@@ -56,27 +56,24 @@ class FileWorld:
             t_cam_world=camera.t_cam_world * METRES[self.unit or "m"],
         )
 
-    def check(self, cameras: Sequence[Camera], *, unit: str, up: str) -> None:
-        """Check that cameras, which are ours, can stand where they do, as far as the user has not stated it.
+    def check(self, cameras: Sequence[Camera], todo: str) -> None:
+        """Check that cameras, which are ours, are no farther apart than cameras of a shot are, unless the user has
+        stated the unit.
 
         Parameters
         ----------
         cameras : sequence of Camera
-        unit, up : str
-            How the user states what is to be used, for the error; for the axis with {} in its place.
+        todo : str
+            How the user states it, for the error.
 
         Raises
         ------
         CalibrationError
-            They are too far apart, or all of them lie on the same side.
         """
         apart = [float(np.linalg.norm(a.centre_world() - b.centre_world())) for a, b in combinations(cameras, 2)]
         if self.unit is None and max(apart, default=0.0) > _MAX_APART:
             what = f"its cameras are up to {max(apart):.0f} m apart, as if it were not in metres"
-            raise CalibrationError(what, todo=unit)
-        if self.up is None and (axis := upward_axis(cameras)) != "z":
-            what = f"all its cameras are tilted as if the world's {axis} axis, not z, pointed up"
-            raise CalibrationError(what, todo=up.format(axis))
+            raise CalibrationError(what, todo=todo)
 
 
 def upward_axis(cameras: Sequence[Camera]) -> str:
@@ -91,3 +88,9 @@ def upward_axis(cameras: Sequence[Camera]) -> str:
     common = {axis: float((upward @ np.array(rows, float)[2]).min()) for axis, rows in AXES.items()}
     axis = max(common, key=common.__getitem__)
     return axis if common[axis] > _MIN_COMMON else "z"
+
+
+def upward_doubt(cameras: Sequence[Camera]) -> str:
+    """Return what speaks against a world of cameras whose z axis points up; "" if nothing does."""
+    axis = upward_axis(cameras)
+    return "" if axis == "z" else f"all cameras are tilted as if the world's {axis} axis, not z, pointed up"

@@ -25,6 +25,8 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
     for view in values["views"]:
         if view["refined"]:
             lines.append(f"{view['camera']}: refined, its picture moved by {view['refined']['shift']:.1f} px")
+    if values["world"]:
+        lines.append(f"{values['world']}: if so, state it as up under [calibration]")
     off = [fit["summary"] for view in values["views"] for fit in view["fits"] if fit["off"]]
     if off:
         lines += [*off, "refine the cameras: kfmocap track --refine, or Refine Cameras in Blender"]

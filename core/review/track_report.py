@@ -14,6 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from ..body.soles import Soles
+from ..cameras.world_axes import upward_doubt
 from ..evidence.occlusion import OCCLUDED_BELOW, intervals, occluded, unseen
 from ..numerics.arrays import Bools
 from ..shot.footage import container_rate
@@ -80,6 +81,7 @@ def report(
             for segment in result.segments
         ],
         "footage_offset": round(result.footage_offset, 3),
+        "world": upward_doubt([view.camera for view in shot.views]),
         "performers": [_performer_values(shot, result, i) for i in range(len(shot.performers))],
         "settings": dataclasses.asdict(shot.settings),
         "views": [

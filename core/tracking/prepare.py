@@ -44,7 +44,6 @@ from .solvers.registry import REGISTRY, solver_named
 MAIN_LANDMARKS = tuple(side + joint for joint in MAIN_JOINTS for side in "LR")
 """The main joints of both sides."""
 _STATE_UNIT = 'write unit = "mm" or unit = "cm" under [calibration]; unit = "m" if they really are that far apart'
-_STATE_UP = 'write up = "{}" under [calibration]; up = "z" if it is right'
 MIN_LANDMARKS = 4
 """Fewest main joints that a key pose needs; for people who are not wholly in the picture some are unknown."""
 
@@ -158,7 +157,7 @@ def read_shot_cameras(spec: ShotSpec) -> dict[str, Camera]:
         cameras = {name: spec.world.ours(camera) for name, camera in load_cameras(spec.calibration).items()}
         with located(str(spec.calibration)):
             used = [cameras[view.camera] for view in spec.views if view.camera in cameras]
-            spec.world.check(used, unit=_STATE_UNIT, up=_STATE_UP)
+            spec.world.check(used, _STATE_UNIT)
     for view in spec.views if spec.resized else ():
         if view.camera in cameras:
             with located(f"{spec.path} [[view]] '{view.camera}' footage"):

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ....core.errors import located
+from ..mixin import OperatorMixin
 
 if TYPE_CHECKING:
     from ....core.cameras.camera import Camera
 
 _CHECKED = "CHECKED"
 _STATE_UNIT = "choose its unit as Unit in the file browser, also if they really are that far apart"
-_STATE_UP = "choose the axis as Up in the file browser, also if it is z"
 
 
-class CalibrationReader:
+class CalibrationReader(OperatorMixin):
     """An operator that reads the cameras of a calibration file, whatever the file's world."""
 
     unit: bpy.props.EnumProperty(
@@ -34,12 +34,12 @@ class CalibrationReader:
     )
     up: bpy.props.EnumProperty(
         items=[
-            (_CHECKED, "Z (Checked)", "Refused if all cameras would lie on the same side"),
-            *((axis, axis.upper(), "") for axis in ("z", "-z", "y", "-y", "x", "-x")),
+            ("z", "Z", "A warning says if all cameras are tilted as if another axis pointed up"),
+            *((axis, axis.upper(), "") for axis in ("-z", "y", "-y", "x", "-x")),
         ],
         name="Up",
         description="Axis of the calibration file's world that points up",
-        default=_CHECKED,
+        default="z",
         options={"SKIP_SAVE"},
     )
 
@@ -50,12 +50,13 @@ class CalibrationReader:
         ------
         CalibrationError
         """
-        from ....core.cameras.world_axes import FileWorld
+        from ....core.cameras.world_axes import FileWorld, upward_doubt
         from ....core.formats import load_cameras
 
-        unit, up = (None if chosen == _CHECKED else chosen for chosen in (self.unit, self.up))
-        world = FileWorld(unit, up)
+        world = FileWorld(None if self.unit == _CHECKED else self.unit, self.up)
         cameras = {name: world.ours(camera) for name, camera in load_cameras(path).items()}
         with located(str(path)):
-            world.check(tuple(cameras.values()), unit=_STATE_UNIT, up=_STATE_UP)
+            world.check(tuple(cameras.values()), _STATE_UNIT)
+        if doubt := upward_doubt(tuple(cameras.values())):
+            self.report({"WARNING"}, f"{doubt}: if so, import again, with it as Up")
         return cameras

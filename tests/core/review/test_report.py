@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ import pytest
 from kfmocap.core.body import human
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
+from kfmocap.core.cameras.world_axes import AXES, upward_doubt
 from kfmocap.core.errors import LandmarkError
 from kfmocap.core.formats import Landmarks
 from kfmocap.core.keypoints.observations import ShotKeypoints
@@ -23,6 +24,7 @@ from kfmocap.core.shot.footage_faults.footage_times import FootageRate
 from kfmocap.core.shot.shot import Gap, KeyPoses, Performer, Shot, View
 from kfmocap.core.tracking.expected_errors.uncertainty import JointErrors
 from kfmocap.core.tracking.late_views import LateView
+from synthetic import look_at
 
 
 @dataclass
@@ -39,8 +41,9 @@ def tracked() -> tuple[Shot, type]:
     """A shot that begins at frame 100, two views, and what the tracker would hand back of it."""
     body, F = human(), 24
     motion = Motion(np.zeros((F, 3)), np.tile(np.eye(3), (F, len(body), 1, 1)))
+    upright = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     cameras = [
-        Camera.create(name, (64, 48), [[60, 0, 31], [0, 60, 23], [0, 0, 1]], np.eye(3), np.zeros(3))
+        Camera.create(name, (64, 48), [[60, 0, 31], [0, 60, 23], [0, 0, 1]], upright, np.zeros(3))
         for name in ("cam01", "cam02")
     ]
     performer = Performer("man", body, KeyPoses.whole([0, 23], motion[[0, 23]]))
@@ -140,6 +143,17 @@ def test_blind_spots_are_reported_in_one_line_each(tracked: tuple[Shot, type]) -
     nothing = np.zeros_like(result.errors[0].lost)
     result.errors = (JointErrors(nothing, nothing, nothing),)
     assert not report_lines(report(shot, result))
+
+
+def test_cameras_that_another_axis_than_z_is_upright_for_are_reported(tracked: tuple[Shot, type]) -> None:
+    shot, result = tracked
+    for up in ("z", "y"):
+        cameras = [look_at("cam01", (3, -4, 1.5)), look_at("cam02", (-4, -2, 2))]
+        filed = [replace(camera, R_cam_world=camera.R_cam_world @ np.array(AXES[up], float)) for camera in cameras]
+        views = tuple(replace(view, camera=camera) for view, camera in zip(shot.views, filed, strict=True))
+        lines = report_lines(report(replace(shot, views=views), result))
+        said = [line for line in lines if "world's" in line]
+        assert [line.split(":")[0] for line in said] == ([] if up == "z" else [upward_doubt(filed)])
 
 
 def test_a_footage_offset_is_reported_unless_it_was_given(tracked: tuple[Shot, type]) -> None:
