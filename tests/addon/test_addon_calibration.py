@@ -87,6 +87,13 @@ def test_a_capture_file_fills_in_the_capture_unless_it_names_points(blender, tmp
         bpy.ops.kfmocap.load_capture(filepath=str(made_capture(points)))
 
 
+@pytest.mark.parametrize(("name", "shown"), [("red", 0), ("green", 1), ("blue", 2)])
+def test_the_colour_that_is_shown_is_the_middle_of_its_range(name, shown):
+    """Red's range passes through 0."""
+    found = capture_scene.typical(parsed(name, ""))
+    assert np.argmax(found) == shown and found[shown] > 2 * np.delete(found, shown).max()
+
+
 def test_what_a_capture_lacks_is_named(blender, tmp_path):
     slot = bpy.context.scene.kfmocap_capture
     with pytest.raises(CalibrationError, match="two views"):

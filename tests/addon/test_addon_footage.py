@@ -232,6 +232,13 @@ def test_cameras_just_calibrated_in_the_scene_become_the_views(take, footage_fir
     assert bpy.context.scene.camera == shot().views[0].camera
 
 
+def test_calibrating_again_leaves_nothing_of_the_cameras_before(take):
+    for _ in range(2):
+        solved_cameras.show_cameras(bpy.context.scene, {c.name: c for c in (camera(1), camera(2))}, {})
+        solved_cameras.show_points(bpy.context.scene, "Wand", np.zeros((2, 3)), [(0, 1)])
+    assert (len(bpy.data.cameras), len(bpy.data.meshes)) == (2, 1)
+
+
 def test_the_camera_that_blender_starts_with_calibrates_nothing(take):
     current = bpy.context.scene
     owner = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))

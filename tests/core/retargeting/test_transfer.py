@@ -16,7 +16,7 @@ from kfmocap.core.retargeting.control_rig import local_places, local_turns
 from kfmocap.core.retargeting.rest_alignment import toe_reach
 from kfmocap.core.retargeting.retarget import grounded, prepared, retarget
 from kfmocap.core.retargeting.roles import BoneMap
-from kfmocap.core.retargeting.transfer import RetargetOptions, chain_blends
+from kfmocap.core.retargeting.transfer import BoneBlend, RetargetOptions, chain_blends, source_blends
 from made_rigs import LONGER_LEGS, SHORTER_ARMS, made_rig, moved_body, moved_rig, wild_motion
 from render.motions import MOTIONS
 
@@ -237,3 +237,15 @@ def test_a_spine_brought_to_more_bones_and_back_is_what_it_was(few, many):
     longer = [blend.of(np.stack([*chain, before], axis=1)) for blend in there]  # -1 is the bone below the chain
     again = [blend.of(np.stack([*longer, before], axis=1)) for blend in back]
     assert np.abs(np.array(again) - np.array(chain)).max() < 1e-9
+
+
+def test_a_source_without_a_spine_moves_none_and_without_a_neck_the_head_turns_it() -> None:
+    names = ("hips", "chest", "head")
+    rest = RestSkeleton(names, (-1, 0, 1), np.zeros((3, 3)), np.zeros((3, 3)))
+    headless = {"hips": ("hips",), "spine": ("chest",)}
+    whole = BoneMap(headless | {"head": ("head",)})
+    assert source_blends(rest, BoneMap({"hips": ("hips",), "head": ("head",)}), "spine", 2) == []
+    assert source_blends(rest, BoneMap(headless), "neck", 1) == []
+    [neck] = source_blends(rest, whole, "neck", 1)
+    assert (neck.low, neck.high) == (1, 2) and 0 < neck.share < 1
+    assert source_blends(rest, whole, "head", 1) == [BoneBlend(2, 2)]

@@ -13,6 +13,7 @@ from kfmocap.core.shot.frame_numbers import (
     across_gaps,
     footage_delay,
     footage_index,
+    frames_damaged,
     gap_frame,
     shot_frames,
     shown_delay,
@@ -126,3 +127,10 @@ def test_pictures_that_are_late_show_an_earlier_moment() -> None:
     assert footage_delay(view) == 0.25
     assert shown_delay(view, Settings(footage_offset=0.4)) == pytest.approx(-0.15)
     assert shown_delay(view, Settings()) == 0.25
+
+
+def test_damaged_frames_are_those_from_the_first_to_the_last_of_each_run() -> None:
+    """As the file counts them: the view's frames are those of the shot and three more."""
+    view = View(look_at("front", (0.5, -2.8, 1.5)), Path("none.mp4"), offset=3.0, damaged=((7, 8), (10, 10)))
+    assert np.flatnonzero(frames_damaged(view, range(2, 10))).tolist() == [2, 3, 5]
+    assert not frames_damaged(replace(view, damaged=()), range(2, 10)).any()
