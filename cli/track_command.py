@@ -18,6 +18,7 @@ from ..core.body.unknown_parts import known_landmarks
 from ..core.cameras.camera import Camera
 from ..core.errors import InputError, ShotError, located
 from ..core.fitting.camera_refinement import Refinement
+from ..core.fitting.footage_match import FootageMatch
 from ..core.fitting.shot_cameras import (
     CameraFit,
     camera_fits,
@@ -230,7 +231,7 @@ class _CameraCheck:
     def __init__(self, shot: Shot) -> None:
         self._shot = shot
         self._gaps: tuple[tuple[Gap, ...], ...] = ()
-        self._job: Future[tuple[CameraFit, ...]] | None = None
+        self._job: Future[tuple[CameraFit | FootageMatch, ...]] | None = None
 
     def begin(self, pool: WorkerPool, solved: TrackResult | SolvedShot) -> None:
         """Start the check in a pool, unless it was started before with the same gaps in the footage."""
@@ -239,7 +240,7 @@ class _CameraCheck:
             work = partial(camera_fits, self._shot, for_camera_fits(self._shot, solved))
             self._job = pool.submit(work, lambda _: None)
 
-    def result(self) -> tuple[CameraFit, ...]:
+    def result(self) -> tuple[CameraFit | FootageMatch, ...]:
         """Wait for the result."""
         assert self._job is not None
         return self._job.result()

@@ -32,6 +32,7 @@ from ..tracking.schedule import SegmentShown
 from ..tracking.segments import whole_keys
 from ..tracking.track_result import TrackResult
 from .camera_refinement import RefinedCamera, Refinement, refine_cameras
+from .footage_match import FootageMatch, footage_matches
 from .key_frame_views import pictured_key_frames, read_key_frames
 from .keypoint_cameras import PictureShift, contradictions
 from .outline_fit import RefinementStage
@@ -94,7 +95,7 @@ def fit_by_key_poses(
     shot: Shot,
     pictures: Sequence[Mapping[int, NDArray[np.uint8]]] | None = None,
     progress: Progress | None = None,
-) -> tuple[CameraFit, ...]:
+) -> tuple[CameraFit | FootageMatch, ...]:
     """Compare the cameras with the key poses of the whole body, by the performers' outlines.
 
     Parameters
@@ -107,8 +108,9 @@ def fit_by_key_poses(
 
     Returns
     -------
-    tuple of CameraFit
-        One per view that shows the performers clearly enough; none if there is no key pose of the whole body.
+    tuple of CameraFit or FootageMatch
+        One per view that shows the performers clearly enough; none if there is no key pose of the whole body. For
+        views whose footage does not match the key poses, although the camera is not off, that is said instead.
 
     Raises
     ------
@@ -124,18 +126,25 @@ def fit_by_key_poses(
     else:
         shot = replace(shot, views=tuple(replace(view, camera=view.camera.rectified()) for view in shot.views))
         views = pictured_key_frames(shot, frames, pictures)
+    wrong = [match for match in footage_matches(shot, views, frames) if match.off]
     try:
         found = refine_cameras(shot, progress, views=views, stages=CHECK_STAGES, settled=CHECK_CONVERGED_PIXELS)
-    except CalibrationError:  # no view shows the performers clearly: nothing can be said
-        return ()
-    return tuple(
+    except CalibrationError:  # no view shows the performers clearly: nothing more can be said
+        return tuple(wrong)
+    fits = [
         CameraFit(one.shift, one.deviation, one.limit, one.camera.name, "key poses")
         for one in found.views
         if not one.lost
-    )
+    ]
+    # A camera that can be corrected explains that its footage does not match.
+    explained = {fit.camera for fit in fits if fit.off}
+    unexplained = {match.camera: match for match in wrong if match.camera not in explained}
+    return (*unexplained.values(), *(fit for fit in fits if fit.camera not in unexplained))
 
 
-def camera_fits(shot: Shot, result: SolvedShot, progress: Progress | None = None) -> tuple[CameraFit, ...]:
+def camera_fits(
+    shot: Shot, result: SolvedShot, progress: Progress | None = None
+) -> tuple[CameraFit | FootageMatch, ...]:
     """Compare the cameras of a solved shot with one another and with its key poses.
 
     Parameters
@@ -167,12 +176,12 @@ class CheckedTrack:
     Attributes
     ----------
     results : list of TrackResult
-    fits : tuple of CameraFit, or None
+    fits : tuple of CameraFit or FootageMatch, or None
         None if only part of the shot was tracked: its cameras were not compared.
     """
 
     results: list[TrackResult]
-    fits: tuple[CameraFit, ...] | None
+    fits: tuple[CameraFit | FootageMatch, ...] | None
 
 
 def track_and_check(

@@ -27,9 +27,12 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
             lines.append(f"{view['camera']}: refined, its picture moved by {view['refined']['shift']:.1f} px")
     if values["world"]:
         lines.append(f"{values['world']}: if so, state it as up under [calibration]")
-    off = [fit["summary"] for view in values["views"] for fit in view["fits"] if fit["off"]]
-    if off:
-        lines += [*off, "refine the cameras: kfmocap track --refine, or Refine Cameras in Blender"]
+    off = [fit for view in values["views"] for fit in view["fits"] if fit["off"]]
+    lines += [fit["summary"] for fit in off]
+    if any(fit["by"] != "movement" for fit in off):
+        lines.append(
+            "if their offsets are right, refine the cameras: kfmocap track --refine, or Refine Cameras in Blender"
+        )
     lines += _footage_lines(values)
     for performer in values["performers"]:
         lines += [f"{performer['name']}: {line}" for line in _performer_lines(performer)]

@@ -27,6 +27,7 @@ from .suggestions import suggest_keys_beside_hidden, suggest_keys_by_error
 
 if TYPE_CHECKING:
     from ..fitting.camera_refinement import RefinedCamera, Refinement
+    from ..fitting.footage_match import FootageMatch
     from ..fitting.shot_cameras import CameraFit
     from ..keypoints.observations import PerformerKeypoints
     from ..tracking.expected_errors.uncertainty import JointErrors
@@ -41,7 +42,7 @@ def report(
     result: TrackResult,
     seconds: Mapping[str, float] | None = None,
     *,
-    fits: Sequence[CameraFit] = (),
+    fits: Sequence[CameraFit | FootageMatch] = (),
     refined: Refinement | None = None,
 ) -> dict[str, Any]:
     """Summarise a tracking job as plain values for JSON.
@@ -52,7 +53,7 @@ def report(
     result : TrackResult
     seconds : mapping, optional
         Seconds of further stages, beside those of `result`.
-    fits : sequence of CameraFit
+    fits : sequence of CameraFit or FootageMatch
         How well those cameras fit that were compared.
     refined : Refinement, optional
         How the cameras were refined before tracking, if they were.
@@ -233,8 +234,10 @@ def _keypoints(shot: Shot, own: PerformerKeypoints) -> dict[str, Any]:
     }
 
 
-def _camera_fit(fit: CameraFit) -> dict[str, Any]:
-    """Return how well a camera fits, in pixels."""
+def _camera_fit(fit: CameraFit | FootageMatch) -> dict[str, Any]:
+    """Return how well a camera fits, in pixels, or its footage."""
+    if fit.by == "movement":
+        return {"by": fit.by, "off": fit.off, "match": round(fit.match, 2), "summary": fit.summary}
     return {
         "by": fit.by,
         "off": fit.off,

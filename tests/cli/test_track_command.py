@@ -12,6 +12,7 @@ from kfmocap.cli import track_command
 from kfmocap.core.body import human
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.fitting.camera_refinement import RefinedCamera, Refinement
+from kfmocap.core.fitting.footage_match import FootageMatch
 from kfmocap.core.fitting.resection import adjusted
 from kfmocap.core.fitting.shot_cameras import CameraFit
 from kfmocap.core.formats import load_cameras, read_trc
@@ -73,11 +74,23 @@ def test_cameras_that_do_not_fit_are_printed_and_reported(
     assert track(folder) == 0
     assert capsys.readouterr().err.splitlines()[:2] == [
         "kfmocap: cam01: its picture is 12 px off the key poses; up to 5 px could be chance",
-        "kfmocap: refine the cameras: kfmocap track --refine, or Refine Cameras in Blender",
+        "kfmocap: if their offsets are right, refine the cameras: kfmocap track --refine, or Refine Cameras in Blender",
     ]
     [view] = json.loads((folder / "out" / "report.json").read_text())["views"]
     assert [fit["off"] for fit in view["fits"]] == [False, True] and view["fits"][1]["shift"] == 12.4
     assert view["refined"] is None
+
+
+def test_footage_that_is_not_the_key_poses_is_printed_without_advice_to_refine(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(track_command, "camera_fits", lambda *_: (FootageMatch("cam01", 0.571),))
+    assert track(folder) == 0
+    said = capsys.readouterr().err
+    assert "kfmocap: cam01: its pictures do not change where the key poses move (0.57; 1 where they do" in said
+    assert "refine the cameras" not in said
+    [view] = json.loads((folder / "out" / "report.json").read_text())["views"]
+    assert [(fit["by"], fit["off"], fit["match"]) for fit in view["fits"]] == [("movement", True, 0.57)]
 
 
 def test_refining_first_tracks_with_the_refined_cameras_and_writes_them(

@@ -21,6 +21,7 @@ from . import camera_poses, distortion, footage_background, scene_cameras
 from .view_gaps import packed_gaps
 
 if TYPE_CHECKING:
+    from ....core.fitting.footage_match import FootageMatch
     from ....core.fitting.shot_cameras import CameraFit
 
 
@@ -68,7 +69,7 @@ def show_camera(slot: bpy.types.PropertyGroup, camera: Camera, frame_start: int)
     )
 
 
-def show_fits(slots: Iterable[bpy.types.PropertyGroup], fits: Sequence[CameraFit]) -> list[str]:
+def show_fits(slots: Iterable[bpy.types.PropertyGroup], fits: Sequence[CameraFit | FootageMatch]) -> list[str]:
     """Show which views' cameras do not fit; returns what is to be said about them."""
     off = {fit.camera: fit for fit in fits if fit.off}
     for slot in slots:

@@ -1,0 +1,77 @@
+"""Footage that is not the key poses' is named, and that of dim or changing light is not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from kfmocap.core.fitting.footage_match import FootageMatch, footage_matches
+from kfmocap.core.fitting.key_frame_views import KeyFrameView, read_key_frames
+from kfmocap.core.fitting.shot_cameras import CameraFit, checked_frames, fit_by_key_poses
+from kfmocap.core.shot.shot import Shot, View
+from synthetic import figure, film, look_at, shot_of, swing
+
+BODY = figure()
+TRUTH = swing(BODY, 16, size=0.9)[::4]
+FRONT, SIDE = look_at("front", (0.5, -2.8, 1.5)), look_at("side", (-2.4, -1.4, 1.3))
+FRAMES = np.arange(len(TRUTH))
+
+
+@pytest.fixture(scope="module")
+def shot(tmp_path_factory: pytest.TempPathFactory) -> Shot:
+    views = film(tmp_path_factory.mktemp("film"), [BODY], [TRUTH], [FRONT, SIDE])
+    return shot_of(views, [BODY], [TRUTH], range(len(TRUTH)))
+
+
+@pytest.fixture(scope="module")
+def pictured(shot: Shot) -> list[KeyFrameView]:
+    return read_key_frames(shot, FRAMES, None)
+
+
+def swapped(shot: Shot) -> Shot:
+    a, b = shot.views
+    return replace(shot, views=(replace(a, footage=b.footage), replace(b, footage=a.footage)))
+
+
+def lit(view: KeyFrameView, gains: Sequence[float], noise: float) -> KeyFrameView:
+    rng = np.random.default_rng(1)
+    bright = np.array(gains)[:, None, None, None] * view.pictures + rng.normal(0, noise, view.pictures.shape)
+    return replace(view, pictures=np.clip(bright, 0, 255).astype(np.uint8))
+
+
+def test_the_right_footage_matches_its_key_poses_in_any_light(shot: Shot, pictured: list[KeyFrameView]) -> None:
+    for gains, noise in (((1, 1, 1, 1), 0.0), ((0.5, 0.7, 0.9, 1.1), 2.0), ((0.2, 0.2, 0.2, 0.2), 3.0)):
+        matches = footage_matches(shot, [lit(view, gains, noise) for view in pictured], FRAMES)
+        assert [(own.camera, own.off) for own in matches] == [("front", False), ("side", False)]
+        assert min(own.match for own in matches) > 0.93
+
+
+def test_the_footage_of_another_camera_is_named_and_the_camera_is_not_blamed(shot: Shot) -> None:
+    assert all(isinstance(fit, CameraFit) for fit in fit_by_key_poses(shot))
+    fits = fit_by_key_poses(swapped(shot))
+    off = [fit for fit in fits if isinstance(fit, FootageMatch)]
+    assert off
+    assert len({fit.camera for fit in fits}) == len(fits)  # and nothing is said about pixels beside it
+    assert f"see whether this is the footage of {off[0].camera}, whether its offset is right" in off[0].summary
+
+
+def test_cameras_that_move_and_poses_that_hardly_differ_are_not_judged(
+    shot: Shot, pictured: list[KeyFrameView]
+) -> None:
+    turning = replace(
+        FRONT,
+        R_cam_world=np.repeat(FRONT.R_cam_world, len(TRUTH), axis=0),
+        t_cam_world=FRONT.t_cam_world + 0.01 * FRAMES[:, None],
+    )
+    moving = replace(shot, views=(View(turning, shot.views[0].footage), shot.views[1]))
+    assert [own.camera for own in footage_matches(moving, pictured, FRAMES)] == ["side"]
+    assert (
+        footage_matches(shot, [replace(v, pictures=v.pictures[:1], frames=FRAMES[:1]) for v in pictured], FRAMES[:1])
+        == []
+    )
+
+
+def test_key_frames_are_those_that_are_checked(shot: Shot) -> None:
+    assert checked_frames(shot) == FRAMES.tolist()
