@@ -14,13 +14,13 @@ from dataclasses import replace
 
 from ...body.motion import Motion
 from ...runtime.timing import Seconds
-from .descent_stages import SETTLED
+from .descent_stages import OUTLINE_REACH, SETTLED
 from .equations.measurement import Workspace
 from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
-from .gauss_newton import continued, descend
+from .gauss_newton import continued, descend, farthest_joint
 from .judgement.settled_solutions import SettledSolution
-from .judgement.solution_doubts import doubted_performers, images_contradict, worst_first
-from .judgement.solution_ranking import covering_most
+from .judgement.solution_doubts import doubted_performers, images_contradict, limb_contradicted, worst_first
+from .judgement.solution_ranking import covering_most, settled_further
 from .limb_corrections.limb_exchange import with_limbs_exchanged
 from .limb_corrections.mirrored_limbs import with_limbs_mirrored
 from .limb_corrections.search_rounds import TrialRound, searched
@@ -90,8 +90,8 @@ def best_of_own_starts(
     The motion is followed frame by frame from the key poses, unless others hide the performer on the way; then limbs
     are searched for around the solutions. If nothing but uncovered foreground contradicts the first solution, and no
     whole turn is added to it, a single round of the search decides first whether the performer's limbs can be there at
-    all: the foreground may be a bystander. So it does for the solution from the motion that was followed: the search
-    goes on only if it finds a likelier one.
+    all: the foreground may be a bystander. So it does for the solution from the motion that was followed, and where
+    both starts lead to the same motion (`starts_agree`): the search goes on only if it finds a likelier one.
 
     Parameters
     ----------
@@ -127,10 +127,14 @@ def best_of_own_starts(
         solutions.append(descend(problem, initial, workspace.part(0.15, 0.25)))
         seconds.add(solutions[1].seconds)
     best = covering_most(problem, *solutions)
-    if searching and best is not first:
+    agreed = searching and trial is None and starts_agree(problem, *solutions)
+    if searching and (agreed or best is not first):
         with seconds.measure("initial solution"):
             settled = SettledSolution.after(problem, best, workspace.silent())
-            dispelled = not images_contradict(problem, settled.solution)
+            if agreed:  # at rest, as a search may be likelier for having come nearer to the same motion
+                rested = settled_further(problem, settled.noise, settled.solution, workspace.silent())
+                settled = replace(settled, solution=rested)
+            dispelled = agreed or not images_contradict(problem, settled.solution)
             if dispelled:
                 trial = TrialRound.around(problem, settled, workspace.part(0.25, 0.35))
                 dispelled = not trial.gains(problem)
@@ -141,3 +145,14 @@ def best_of_own_starts(
         with seconds.measure("initial solution"):
             best = searched(problem, start, solutions, workspace.part(0.35, 1.0), trial=trial, settled=settled)
     return replace(best, seconds=seconds, doubted=(performer,))
+
+
+def starts_agree(problem: SegmentProblem, *solutions: SegmentSolution) -> bool:
+    """Whether solutions for a single performer from different starts are as near to each other as a descent reaches,
+    although they explain too little, and no limb is known to be lost.
+    """
+    first, *others = solutions
+    if not others or len(problem.bodies) > 1:
+        return False
+    near = all(farthest_joint(problem, first.motions, other.motions) < OUTLINE_REACH for other in others)
+    return near and not any(limb_contradicted(problem, one) for one in solutions)

@@ -240,11 +240,12 @@ def _seen_beside(gaps: Sequence[FrameRange], support: Array) -> bool:
 
 
 def images_contradict(problem: SegmentProblem, solution: SegmentSolution) -> bool:
-    """Whether anything but uncovered foreground contradicts a solution: it explains too little of a performer, or limbs
-    lie on the background or are hidden from all views.
+    """Whether anything but uncovered foreground contradicts a solution: it explains too little of a performer, or
+    `limb_contradicted`.
     """
-    return (
-        is_doubtful(problem, solution)
-        or limb_on_background(problem, solution)
-        or limb_hidden_for_long(problem, solution)
-    )
+    return is_doubtful(problem, solution) or limb_contradicted(problem, solution)
+
+
+def limb_contradicted(problem: SegmentProblem, solution: SegmentSolution) -> bool:
+    """Whether limbs lie on the background or are hidden from all views."""
+    return limb_on_background(problem, solution) or limb_hidden_for_long(problem, solution)

@@ -25,8 +25,8 @@ def with_whole_turn(
 ) -> tuple[Sequence[Motion], SegmentSolution]:
     """Solve from the turned start that covers most, if the images contradict a solution between two whole key poses.
 
-    The images contradict most solutions for one of several performers, whom the others hide. Nothing is solved then if
-    the turned start covers much less than the given one.
+    Nothing is solved if every turned start covers much less than the given one: a body that turns covers the performer
+    better with the turn, wherever its limbs are.
 
     Parameters are those of `multi_start.best_of_own_starts`.
 
@@ -43,7 +43,7 @@ def with_whole_turn(
     starts = [(*start[:performer], way, *start[performer + 1 :]) for way in ways]
     quiet = workspace.silent()
     covers = [cover_at(problem, first, motions, quiet) for motions in starts]
-    if problem.only is not None and is_hopeless(first, max(covers), cover_at(problem, first, start, quiet)):
+    if is_hopeless(first, max(covers), cover_at(problem, first, start, quiet)):
         return start, first
     most = starts[int(np.argmax(covers))]
     found = descend(problem, most, workspace)

@@ -95,6 +95,39 @@ def test_a_motion_that_was_followed_ends_the_doubt_unless_the_pictures_contradic
     assert error(best) < 0.01
 
 
+@pytest.mark.parametrize(
+    ("apart", "contradicted", "elsewhere", "doubted"),
+    [
+        (0.0, False, False, False),
+        (1.1, False, False, True),
+        (0.0, True, False, True),
+        (0.0, False, True, True),
+    ],
+)
+def test_two_starts_that_lead_to_the_same_motion_end_the_doubt_that_it_explains_too_little(
+    monkeypatch: pytest.MonkeyPatch, apart: float, contradicted: bool, elsewhere: bool, doubted: bool
+) -> None:
+    """Unless a limb of it is contradicted, or a look around it finds limbs elsewhere."""
+    landscape = Landscape(truth=TRUTH, reach=0.0)
+    first = landscape.solution(PROBLEM, off(TRUTH, ARMS, 0.05))
+    monkeypatch.setattr(multi_start, "follow_both_ways", lambda *_: [off(TRUTH, ARMS, 0.05 + apart)])
+    monkeypatch.setattr(multi_start, "with_whole_turn", lambda _problem, start, first, _: (start, first))
+    monkeypatch.setattr(multi_start, "images_contradict", lambda *_: True)
+    monkeypatch.setattr(multi_start, "limb_contradicted", lambda *_: contradicted)
+    monkeypatch.setattr(search_rounds.TrialRound, "gains", lambda *_: elsewhere)
+    monkeypatch.setattr(search_rounds, "search_round", lambda *_, **__: first)
+    best = multi_start.best_of_own_starts(PROBLEM, first.motions, first, landscape)
+    assert best.doubted == ((0,) if doubted else ())
+
+
+def test_somebody_among_others_stays_doubted_where_two_starts_lead_to_the_same_motion() -> None:
+    solution = Landscape(truth=TRUTH).solution(PROBLEM, TRUTH)
+    problem = replace(PROBLEM, bodies=(HUMAN, HUMAN))
+    assert multi_start.starts_agree(PROBLEM, solution, solution)
+    assert not multi_start.starts_agree(problem, solution, solution)
+    assert not multi_start.starts_agree(PROBLEM, solution)
+
+
 def explained(problem: SegmentProblem, motion: Motion) -> SegmentSolution:
     """A motion as if it had been found."""
     evidence = Workspace().measure(problem, [motion], Sampling(1.0, 1.0, 2, 0.07)).evidence
