@@ -85,7 +85,8 @@ class ShadowModel:
         Returns
         -------
         ShadowModel or None
-            None if fewer samples, or less than half of them, are dimmed alike: then the cause is no shadow.
+            None if fewer samples, or less than half of them, are dimmed alike, or one of their colours is not dimmed:
+            then the cause is no shadow.
         """
         known = (np.minimum(samples, lit) >= _MIN_LEVEL).all(axis=1)
         samples, lit = samples[known], lit[known].astype(float)
@@ -93,6 +94,8 @@ class ShadowModel:
             return None
         factor = samples.mean(axis=1) / lit.mean(axis=1)
         tint = np.median(np.log(samples / lit) / np.log(factor)[:, None], axis=0)
+        if (tint <= 0).any():
+            return None
         miss = np.abs(samples - lit * factor[:, None] ** tint).max(axis=1)
         alike = miss < MAX_LIGHT_DIFFERENCE * sigma
         if alike.sum() < max(least, len(samples) / 2):

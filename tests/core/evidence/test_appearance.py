@@ -226,3 +226,13 @@ def test_what_is_darker_in_many_different_tints_is_not_a_shadow() -> None:
     lit = rng.uniform(120, 250, (4000, 3))
     dark = lit * rng.uniform(0.2, 1, lit.shape)
     assert ShadowModel.of(dark.astype(np.uint8), lit.astype(np.uint8), seen=40000, sigma=4.0, least=200) is None
+
+
+def test_what_is_darker_but_brighter_in_one_colour_is_not_a_shadow() -> None:
+    """Somebody in red who passes before a grey wall: a factor of 0 would have no brightness in that colour."""
+    rng = np.random.default_rng(0)
+    lit = rng.uniform(150, 180, (4000, 3))
+    passing = lit * rng.uniform(0.5, 0.6, (len(lit), 1)) ** np.array([1.6, 1.6, -0.2])
+    with np.errstate(all="raise"):
+        found = ShadowModel.of(passing.astype(np.uint8), lit.astype(np.uint8), seen=40000, sigma=4.0, least=200)
+    assert found is None
