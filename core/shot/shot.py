@@ -88,8 +88,7 @@ class KeyPoses:
     @classmethod
     def whole(cls, frames: NDArray[np.int64] | list[int], poses: Motion) -> KeyPoses:
         """Return key poses on frames (K,) that fix every degree of freedom."""
-        D = 3 + 3 * poses.rotations.shape[1]
-        return cls(np.asarray(frames, dtype=np.int64), poses, np.ones((len(poses), D), dtype=bool))
+        return cls(np.asarray(frames, np.int64), poses, np.ones((len(poses), 3 + 3 * poses.rotations.shape[1]), bool))
 
     @classmethod
     def proposed(cls, frames: NDArray[np.int64] | list[int], poses: Motion) -> KeyPoses:

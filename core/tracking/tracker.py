@@ -13,7 +13,9 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from ..body.motion import Motion
 from ..body.unknown_parts import without_hidden_solids
@@ -189,14 +191,8 @@ def _tracked(
         started = time.perf_counter()
         for views in footage.by_segment(begin.motions, finished.known, seconds):
             schedule.add(views)
-
-        def solved(state: TrackState) -> None:
-            if run.solved is not None and pool.workers > 1:
-                gaps = tuple(view.gaps for view in shot.views)
-                found = SolvedShot(footage.pictures, observed, state.footage_offset(shot), gaps)
-                run.solved(pool, found.of_views(options.views_as_given))
-
-        state, done = schedule.finish(solved)
+        found = partial(_hand_out_solved, pool=pool, pictures=footage.pictures, observed=observed)
+        state, done = schedule.finish(partial(found, shot=shot, options=options))
         passed = time.perf_counter() - started - seconds["footage"]
     seconds.add(_scaled_to_elapsed(schedule.seconds, passed))
     report_progress(progress, "tracking", 1.0)
@@ -208,6 +204,21 @@ def _tracked(
         rates=tuple(rate.result() for rate in rates),
     )
     return result, done
+
+
+def _hand_out_solved(
+    state: TrackState,
+    *,
+    shot: Shot,
+    options: _TrackOptions,
+    pool: WorkerPool,
+    pictures: tuple[dict[int, Any], ...],
+    observed: ShotKeypoints,
+) -> None:
+    """Hand out what is final once all segments are solved; see `RunContext.solved`."""
+    if options.run.solved is not None and pool.workers > 1:
+        found = SolvedShot(pictures, observed, state.footage_offset(shot), tuple(view.gaps for view in shot.views))
+        options.run.solved(pool, found.of_views(options.views_as_given))
 
 
 def _in_order(shot: Shot) -> tuple[Shot, list[int]]:
