@@ -9,8 +9,9 @@ Pattern Recognition Letters 27 (2006) 861-874).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache, partial
 from itertools import combinations
 from typing import Literal
 
@@ -20,10 +21,14 @@ from numpy.typing import NDArray
 
 from ..body.kinematics import Poses, scene_poses
 from ..cameras.camera import Camera
+from ..errors import FootageError
 from ..evidence.rendering.label_images import render_labels
 from ..evidence.rendering.part_geometry import Geometry
 from ..numerics.arrays import Array, Bools
-from ..shot.shot import Shot
+from ..shot.footage import frames_at, probe
+from ..shot.footage_faults.footage_checks import stored_frames
+from ..shot.frame_numbers import footage_index
+from ..shot.shot import Shot, View
 from .key_frame_views import KeyFrameView
 
 MIN_MATCH = 0.9
@@ -36,6 +41,12 @@ _MIN_CHANGE = 4.0
 """Largest difference between two pictures, grey levels, of pictures that show nobody and say nothing."""
 _MARGIN = np.ones((5, 5), np.uint8)
 """Pixels around the performers that count neither way: key poses are inexact."""
+_MAX_SHIFT, _MIN_SHIFT = 30, 2
+"""Offsets that are tried, frames of the shot."""
+_MAX_SHIFTED_KEYS, _MAX_READ = 5, 300
+"""Key frames that are used for that, and how far apart they are, frames."""
+_MIN_SHIFTED_MATCH, _MIN_GAIN, _MIN_LACK = 0.97, 3.0, 0.01
+"""What another offset must match, and what the present one lacks: so many times as much, and a little more."""
 _CORE = np.ones((3, 3), np.uint8)
 
 
@@ -48,26 +59,33 @@ class FootageMatch:
     camera : str
     match : float
         Probability that a pixel of the performers differs more between two key frames than one beside them.
+    offset : float, optional
+        An offset of the view (see `View`) with which it matches much better.
     by : str
     """
 
     camera: str
     match: float
+    offset: float | None = None
     by: Literal["movement"] = "movement"
 
     @property
     def off(self) -> bool:
         """Whether this is hardly the footage in which the poses were set."""
-        return self.match < MIN_MATCH
+        return self.match < MIN_MATCH or self.offset is not None
 
     @property
     def brief(self) -> str:
         """A few words, for the user."""
+        if self.offset is not None:
+            return f"an offset of {self.offset:g} fits the key poses better"
         return "footage and key poses do not belong together"
 
     @property
     def summary(self) -> str:
         """One line on what is wrong and what to look for, for the user."""
+        if self.offset is not None:
+            return f"{self.camera}: its pictures fit the key poses better with an offset of about {self.offset:g}"
         return (
             f"{self.camera}: its pictures do not change where the key poses move ({self.match:.2f}; 1 where they do, "
             f"0.5 by chance): see whether this is the footage of {self.camera}, whether its offset is right, and "
@@ -79,16 +97,67 @@ def footage_matches(shot: Shot, views: Sequence[KeyFrameView], frames: NDArray[n
     """Compare every view's pictures of K key frames with the key poses; cameras that move are left out, and views in
     which the poses differ too little.
     """
-    bodies = [performer.body for performer in shot.performers]
-    keys = [performer.key_poses for performer in shot.performers]
-    poses = scene_poses(bodies, [key.poses[np.searchsorted(key.frames, frames)] for key in keys])
-    geometry, found = Geometry.of(bodies), []
+    poses = key_poses_of(shot, frames)
+    geometry, found = Geometry.of([performer.body for performer in shot.performers]), []
     for view, pictured in zip(shot.views, views, strict=True):
         if view.camera.stands_still:
             own = _match(pictured.rectified(view.camera), pictured.camera(view.camera), geometry, poses)
             if own is not None:
                 found.append(FootageMatch(view.camera.name, own))
     return found
+
+
+def better_offset(shot: Shot, view: View, frames: NDArray[np.int64]) -> float | None:
+    """Return an offset with which a view's footage matches the key poses on K frames much better than with its own.
+
+    Only the first part of long footage is read.
+    """
+    frames = frames[frames - frames[0] <= _MAX_READ][:_MAX_SHIFTED_KEYS]
+    if len(frames) < 2 or not view.camera.stands_still:
+        return None
+    try:
+        places = {int(f) + d for f in frames for d in range(-_MAX_SHIFT, _MAX_SHIFT + 1)}
+        footage = probe(view.footage)
+        count = stored_frames(view, footage, 0)
+        shown = [f for f in sorted(places) if 0 <= footage_index(view, shot.frames[0] + f) < count]
+        factor = max(1.0, max(view.camera.size) / _SIDE)
+        read = frames_at(view, [shot.frames[0] + f for f in shown], factor, grey=False)
+        pictures = dict(zip(shown, read, strict=True))
+    except FootageError:
+        return None
+    return _best_offset(shot, view, frames, pictures, factor)
+
+
+def _best_offset(
+    shot: Shot, view: View, frames: NDArray[np.int64], pictures: Mapping[int, NDArray[np.uint8]], factor: float
+) -> float | None:
+    bodies, camera = [p.body for p in shot.performers], view.camera.reduced(factor).rectified()
+    geometry, (R, T) = Geometry.of(bodies), key_poses_of(shot, frames)
+
+    def lack(kept: tuple[int, ...], shift: int) -> float | None:
+        shown = np.stack([pictures[int(frames[k]) + shift] for k in kept])
+        match = _match(shown, camera, geometry, (R[list(kept)], T[list(kept)]))
+        return None if match is None else 1 - match
+
+    present = cache(partial(lack, shift=0))
+    best, least = None, 1 - _MIN_SHIFTED_MATCH
+    for shift in range(-_MAX_SHIFT, _MAX_SHIFT + 1):
+        kept = tuple(k for k, f in enumerate(frames) if {int(f), int(f) + shift} <= pictures.keys())
+        if abs(shift) < _MIN_SHIFT or len(kept) < max(2, len(frames) / 2):
+            continue
+        own, other = present(kept), lack(kept, shift)
+        if own is not None and other is not None and other < least and own > _MIN_GAIN * other + _MIN_LACK:
+            best, least = shift, other
+    return None if best is None else view.offset + view.every * best
+
+
+def key_poses_of(shot: Shot, frames: NDArray[np.int64]) -> Poses:
+    """Return the world poses of all performers' parts on K frames on which all of them have key poses."""
+    keys = [performer.key_poses for performer in shot.performers]
+    return scene_poses(
+        [performer.body for performer in shot.performers],
+        [key.poses[np.searchsorted(key.frames, frames)] for key in keys],
+    )
 
 
 def _match(pictures: NDArray[np.uint8], camera: Camera, geometry: Geometry, poses: Poses) -> float | None:

@@ -32,7 +32,7 @@ from ..tracking.schedule import SegmentShown
 from ..tracking.segments import whole_keys
 from ..tracking.track_result import TrackResult
 from .camera_refinement import RefinedCamera, Refinement, refine_cameras
-from .footage_match import FootageMatch, footage_matches
+from .footage_match import FootageMatch, better_offset, footage_matches
 from .key_frame_views import pictured_key_frames, read_key_frames
 from .keypoint_cameras import PictureShift, contradictions
 from .outline_fit import RefinementStage
@@ -121,25 +121,39 @@ def fit_by_key_poses(
     frames = np.array(checked_frames(shot), dtype=np.int64)
     if not len(frames):
         return ()
+    given = shot
     if pictures is None:
         views = read_key_frames(shot, frames, progress)
     else:
         shot = replace(shot, views=tuple(replace(view, camera=view.camera.rectified()) for view in shot.views))
         views = pictured_key_frames(shot, frames, pictures)
-    wrong = [match for match in footage_matches(shot, views, frames) if match.off]
     try:
-        found = refine_cameras(shot, progress, views=views, stages=CHECK_STAGES, settled=CHECK_CONVERGED_PIXELS)
-    except CalibrationError:  # no view shows the performers clearly: nothing more can be said
-        return tuple(wrong)
+        found = refine_cameras(shot, progress, views=views, stages=CHECK_STAGES, settled=CHECK_CONVERGED_PIXELS).views
+    except CalibrationError:  # no view shows the performers clearly
+        found = ()
     fits = [
-        CameraFit(one.shift, one.deviation, one.limit, one.camera.name, "key poses")
-        for one in found.views
-        if not one.lost
+        CameraFit(one.shift, one.deviation, one.limit, one.camera.name, "key poses") for one in found if not one.lost
     ]
-    # A camera that can be corrected explains that its footage does not match.
-    explained = {fit.camera for fit in fits if fit.off}
-    unexplained = {match.camera: match for match in wrong if match.camera not in explained}
-    return (*unexplained.values(), *(fit for fit in fits if fit.camera not in unexplained))
+    return _explained(given, frames, footage_matches(shot, views, frames), fits)
+
+
+def _explained(
+    shot: Shot, frames: NDArray[np.int64], matches: Sequence[FootageMatch], fits: Sequence[CameraFit]
+) -> tuple[CameraFit | FootageMatch, ...]:
+    """Return the cameras' fits, and what else explains that views do not show the key poses.
+
+    A camera that can be corrected explains that its footage does not match. Another offset explains both; but where
+    performers walk steadily, a camera that was turned looks like one that is late.
+    """
+    correctable = {fit.camera for fit in fits if fit.off}
+    unlike = {match.camera: match for match in matches if match.off and match.camera not in correctable}
+    views = {view.camera.name: view for view in shot.views}
+    for match in matches:
+        if match.camera in correctable or match.camera in unlike:
+            offset = better_offset(shot, views[match.camera], frames)
+            if offset is not None:
+                unlike[match.camera] = replace(match, offset=offset)
+    return (*unlike.values(), *(fit for fit in fits if fit.off or fit.camera not in unlike))
 
 
 def camera_fits(

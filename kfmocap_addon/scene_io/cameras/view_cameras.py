@@ -71,10 +71,10 @@ def show_camera(slot: bpy.types.PropertyGroup, camera: Camera, frame_start: int)
 
 def show_fits(slots: Iterable[bpy.types.PropertyGroup], fits: Sequence[CameraFit | FootageMatch]) -> list[str]:
     """Show which views' cameras do not fit; returns what is to be said about them."""
-    off = {fit.camera: fit for fit in fits if fit.off}
+    off = [fit for fit in fits if fit.off]
     for slot in slots:
-        slot.misfit = off[slot.name].brief if slot.name in off else ""
-    return [fit.summary for fit in off.values()]
+        slot.misfit = "; ".join(fit.brief for fit in off if fit.camera == slot.name)
+    return [fit.summary for fit in off]
 
 
 def adopt(slot: bpy.types.PropertyGroup, owner: bpy.types.Object, scene: bpy.types.Scene) -> None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from kfmocap.core.fitting.footage_match import FootageMatch, footage_matches
+from kfmocap.core.fitting.footage_match import FootageMatch, better_offset, footage_matches
 from kfmocap.core.fitting.key_frame_views import KeyFrameView, read_key_frames
-from kfmocap.core.fitting.shot_cameras import CameraFit, checked_frames, fit_by_key_poses
+from kfmocap.core.fitting.shot_cameras import CameraFit, _explained, checked_frames, fit_by_key_poses
 from kfmocap.core.shot.shot import Shot, View
 from synthetic import figure, film, look_at, shot_of, swing
 
@@ -53,8 +54,23 @@ def test_the_footage_of_another_camera_is_named_and_the_camera_is_not_blamed(sho
     fits = fit_by_key_poses(swapped(shot))
     off = [fit for fit in fits if isinstance(fit, FootageMatch)]
     assert off
-    assert len({fit.camera for fit in fits}) == len(fits)  # and nothing is said about pixels beside it
     assert f"see whether this is the footage of {off[0].camera}, whether its offset is right" in off[0].summary
+
+
+@pytest.mark.parametrize("every", [1, 2])
+def test_an_offset_that_is_wrong_by_some_frames_is_found(tmp_path: Path, every: int) -> None:
+    truth, keys = swing(BODY, 40, size=0.9), np.array([6, 12, 18, 24])
+    right = film(tmp_path, [BODY], [truth], [FRONT, SIDE])[1]
+    shot = shot_of([right], [BODY], [truth[:32:every]], (keys // every).tolist())
+    assert better_offset(shot, replace(right, every=every), keys // every) is None
+    for wrong in (-6.0, 8.0):
+        late = replace(right, offset=wrong, every=every)
+        offset = better_offset(shot, late, keys // every)
+        assert offset == pytest.approx(0.0, abs=2.0)
+        off = CameraFit(9.0, 1.0, 5.0, "side", "key poses")
+        found, *others = _explained(replace(shot, views=(late,)), keys // every, [FootageMatch("side", 0.95)], [off])
+        assert isinstance(found, FootageMatch) and found.off and others == [off]  # a camera that was turned may be it
+        assert f"side: its pictures fit the key poses better with an offset of about {offset:g}" in found.summary
 
 
 def test_cameras_that_move_and_poses_that_hardly_differ_are_not_judged(
