@@ -10,10 +10,6 @@ pictures of those frames instead.
 
 from __future__ import annotations
 
-import hashlib
-import os
-import shutil
-import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -21,20 +17,20 @@ import bpy
 import cv2
 import numpy as np
 from kfmocap.core.body import part_poses
-from kfmocap.core.formats import save_cameras
 from mathutils import Matrix, Vector
 from numpy.typing import NDArray
 from render.chosen_shots import render_chosen
 from render.creatures import CREATURES, FPS, FRAMES, Creature, HeldProp
 from render.drawing import linear
 from render.painted_scene import Floor, PaintedView, Sensor, Surface, lit
+from render.rig_folders import digest, write_folder, write_footage
+from render.rig_parts import bind, coloured_mesh, key_turn
 from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 EXPOSURE, MOMENTS = 0.5, 3
 """Share of the time between frames, and the times at which it is sampled."""
-JPEG_QUALITY = 90
-LOOKS = ("creatures", "drawing", "figure", "movement_phrases", "painted_scene", "shapes", "textures")
+LOOKS = ("creatures", "drawing", "figure", "movement_phrases", "painted_scene", "rig_parts", "shapes", "textures")
 FIRST = 1
 """Frame of the rig's file that shows the first picture."""
 
@@ -134,21 +130,10 @@ def _direction(rng: np.random.Generator) -> Array:
 def _add_skin(creature: Creature, armature: bpy.types.Object, to_local: Array) -> None:
     """Add the skin as one mesh below the armature, bound by an armature modifier."""
     figure = creature.figure
-    mesh = bpy.data.meshes.new("skin")
     points = figure.vertices @ to_local[:3, :3].T
-    mesh.from_pydata(points.tolist(), [], figure.triangles.tolist())
-    skin = bpy.data.objects.new("skin", mesh)
-    bpy.context.scene.collection.objects.link(skin)
-    skin.parent = armature
-    colours = mesh.color_attributes.new("colour", "FLOAT_COLOR", "POINT")
-    rgba = np.concatenate([linear(figure.colours), np.ones((len(points), 1))], axis=1)
-    colours.data.foreach_set("color", rgba.astype(np.float32).ravel())
-    for i, name in enumerate(figure.body.names):
-        group = skin.vertex_groups.new(name=creature.bones[name])
-        for vertex in np.flatnonzero(figure.weights[:, i] > 0).tolist():
-            group.add([vertex], float(figure.weights[vertex, i]), "REPLACE")
-    modifier = skin.modifiers.new("Armature", "ARMATURE")
-    modifier.object = armature
+    skin = coloured_mesh("skin", points, figure.triangles, figure.colours)
+    names = (creature.bones[name] for name in figure.body.names)
+    bind(skin, armature, dict(zip(names, figure.weights.T, strict=True)))
 
 
 def _animate(creature: Creature, armature: bpy.types.Object, axes: Array, to_world: Array) -> None:
@@ -161,51 +146,23 @@ def _animate(creature: Creature, armature: bpy.types.Object, axes: Array, to_wor
         bone = armature.pose.bones[creature.bones[part.name]]
         own = turns[:, i] if part.parent < 0 else np.swapaxes(turns[:, part.parent], -1, -2) @ turns[:, i]
         Q = rest[i].T @ own @ rest[i]
-        euler = None
         for f in range(FRAMES):
-            matrix = Matrix(Q[f].tolist())
-            if bone.rotation_mode == "QUATERNION":
-                turned = matrix.to_quaternion()
-                if f:
-                    turned.make_compatible(bone.rotation_quaternion)
-                bone.rotation_quaternion = turned
-                bone.keyframe_insert("rotation_quaternion", frame=FIRST + f)
-            else:
-                euler = matrix.to_euler(bone.rotation_mode, euler) if euler else matrix.to_euler(bone.rotation_mode)
-                bone.rotation_euler = euler
-                bone.keyframe_insert("rotation_euler", frame=FIRST + f)
+            key_turn(bone, Matrix(Q[f].tolist()), FIRST + f)
             if part.parent < 0:
                 bone.location = (rest[i].T @ (T[f, 0] - figure.T_stance[0]) / creature.scale).tolist()
                 bone.keyframe_insert("location", frame=FIRST + f)
 
 
-def digest(name: str) -> str:
-    """Hash of everything that a character's files depend on."""
-    here = Path(__file__)
-    sources = [here, *(here.parent / "render" / f"{module}.py" for module in LOOKS)]
-    return hashlib.sha256(b"".join([*(source.read_bytes() for source in sources), name.encode()])).hexdigest()[:16]
-
-
 def render_creature(name: str, out: Path) -> None:
     """Render a character into a folder of its name, unless it is there."""
-    folder, mark = out / name, digest(name)
-    if (folder / "digest.txt").is_file() and (folder / "digest.txt").read_text() == mark:
-        return
-    creature = CREATURES[name]()
-    with tempfile.TemporaryDirectory(dir=out, prefix=f".{name}-") as scratch:
-        part = Path(scratch) / name
-        for camera in creature.cameras:
-            (part / camera.name).mkdir(parents=True)
-        for v, frame, image in pictures(creature, range(FRAMES)):
-            path = part / creature.cameras[v].name / f"{frame:04d}.jpg"
-            if not cv2.imwrite(str(path), image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]):
-                raise OSError(f"{path} cannot be written")
-        save_cameras(part / "calibration.toml", {camera.name: camera for camera in creature.cameras})
+
+    def write(folder: Path) -> None:
+        creature = CREATURES[name]()
+        write_footage(folder, creature.cameras, pictures(creature, range(FRAMES)))
         build_rig(creature)
-        bpy.ops.wm.save_as_mainfile(filepath=str(part / "rig.blend"))
-        (part / "digest.txt").write_text(mark)
-        shutil.rmtree(folder, ignore_errors=True)
-        os.replace(part, folder)
+        bpy.ops.wm.save_as_mainfile(filepath=str(folder / "rig.blend"))
+
+    write_folder(out / name, digest(name, Path(__file__), LOOKS), write)
 
 
 def preview(name: str, frames: Sequence[int], out: Path) -> None:

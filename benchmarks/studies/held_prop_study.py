@@ -16,7 +16,8 @@ from ...kfmocap_addon.registration import registered
 from ...kfmocap_addon.scene_io import added_views
 from ..footage_renderer import render
 from ..tables import markdown
-from .rig_study import CACHE, KEY_EVERY, done, keep_keys, mesh_on_frames, skin_on_frames
+from .rig_study import CACHE, KEY_EVERY, done, keep_keys
+from .shown_meshes import vertices_on_frames
 
 CREATURE = "worker"
 HAND = "Te_r"
@@ -50,7 +51,7 @@ def measured(folder: Path, *, held: bool, every: int = KEY_EVERY) -> list[Array]
         group = skin.vertex_groups[HAND].index
         hand = [v.index for v in skin.data.vertices if any(g.group == group and g.weight > 0.9 for g in v.groups)]
         prop = scene.objects["hammer"]
-        truth = [skin_on_frames(armature), mesh_on_frames(prop)]
+        truth = [vertices_on_frames([mesh]) for mesh in (skin, prop)]
         for owner in (armature, prop):
             keep_keys(owner, every)
             bpy.context.view_layer.objects.active = owner
@@ -62,7 +63,7 @@ def measured(folder: Path, *, held: bool, every: int = KEY_EVERY) -> list[Array]
         if held:
             done(bpy.ops.kfmocap.hold_prop)
         done(bpy.ops.kfmocap.track)
-        found = [skin_on_frames(armature), mesh_on_frames(prop)]
+        found = [vertices_on_frames([mesh]) for mesh in (skin, prop)]
     person, thing = (np.linalg.norm(a - b, axis=-1) for a, b in zip(found, truth, strict=True))
     return [person.mean(axis=1), person[:, hand].mean(axis=1), thing.mean(axis=1)]
 

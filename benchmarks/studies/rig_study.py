@@ -21,8 +21,11 @@ from ...kfmocap_addon.registration import registered
 from ...kfmocap_addon.scene_io import added_views, fcurves
 from ..footage_renderer import ROOT, render
 from ..tables import markdown
+from .shown_meshes import meshes_of, vertices_on_frames
 
 CREATURES = ("person", "dog", "hammer")
+RIGS = ("bird", "cat", "dragon", "robot", "avatar")
+CHARACTERS = (*CREATURES, *RIGS)
 CACHE = ROOT / "build" / "creatures"
 KEY_EVERY = 24
 BAR = 0.2
@@ -67,7 +70,7 @@ def measured(name: str, folder: Path, save: Path | None = None) -> RigRow:
     Parameters
     ----------
     folder : Path
-        As `tools/render_creatures.py` writes it.
+        As `tools/render_creatures.py` or `tools/render_rigs.py` writes it.
     save : Path, optional
         Where the tracked file is saved.
     """
@@ -75,9 +78,10 @@ def measured(name: str, folder: Path, save: Path | None = None) -> RigRow:
         bpy.ops.wm.open_mainfile(filepath=str(folder / "rig.blend"))
         scene = bpy.context.scene
         armature = next(o for o in scene.objects if o.type == "ARMATURE")
-        truth = skin_on_frames(armature)
+        meshes = [mesh.name for mesh in meshes_of(armature)]
+        truth = _shown(meshes)
         keep_keys(armature, KEY_EVERY)
-        curves = skin_on_frames(armature)
+        curves = _shown(meshes)
         bpy.context.view_layer.objects.active = armature
         done(bpy.ops.kfmocap.use_armature)
         cameras = load_cameras(folder / "calibration.toml")
@@ -86,7 +90,7 @@ def measured(name: str, folder: Path, save: Path | None = None) -> RigRow:
         begin = time.process_time()
         done(bpy.ops.kfmocap.track)
         seconds = time.process_time() - begin
-        found = skin_on_frames(armature)
+        found = _shown(meshes)
         parts = sum(child.parent_type == "BONE" for child in armature.children)
         if save is not None:
             bpy.ops.wm.save_as_mainfile(filepath=str(save))
@@ -94,31 +98,15 @@ def measured(name: str, folder: Path, save: Path | None = None) -> RigRow:
     return RigRow(name, parts, tracked, interpolated, seconds)
 
 
+def _shown(names: Sequence[str]) -> Array:
+    """Return the vertices of meshes on every frame; using a rig as a body may have made references to them invalid."""
+    return vertices_on_frames([bpy.data.objects[name] for name in names])
+
+
 def done(operator: Callable[[], set[str]]) -> None:
     """Run an operator of the add-on; an error that it reports becomes a RuntimeError."""
     if operator() != {"FINISHED"}:
         raise KFMocapError("it was cancelled", where=str(operator))
-
-
-def skin_on_frames(armature: bpy.types.Object) -> Array:
-    """Return the vertices of an armature's skin, see `mesh_on_frames`."""
-    return mesh_on_frames(next(c for c in armature.children if c.type == "MESH" and c.parent_type == "OBJECT"))
-
-
-def mesh_on_frames(skin: bpy.types.Object) -> Array:
-    """Return the evaluated vertices of a mesh on every frame of the scene, world frame, metres, shape (F, V, 3)."""
-    scene = bpy.context.scene
-    shown = []
-    for frame in range(scene.frame_start, scene.frame_end + 1):
-        scene.frame_set(frame)
-        posed = skin.evaluated_get(bpy.context.evaluated_depsgraph_get())
-        mesh = posed.to_mesh()
-        points = np.empty(3 * len(mesh.vertices), np.float32)
-        mesh.vertices.foreach_get("co", points)
-        matrix = np.array(posed.matrix_world)
-        shown.append(points.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3])
-        posed.to_mesh_clear()
-    return np.array(shown)
 
 
 def keep_keys(armature: bpy.types.Object, every: int) -> None:
@@ -133,13 +121,15 @@ def keep_keys(armature: bpy.types.Object, every: int) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure characters and print the table."""
     parser = argparse.ArgumentParser(prog="python -m kfmocap.benchmarks.studies.rig_study", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"by default all: {', '.join(CREATURES)}")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"by default all: {', '.join(CHARACTERS)}")
     parser.add_argument("--save", type=Path, metavar="FOLDER", help="save the tracked files there")
     args = parser.parse_args(argv)
-    if unknown := sorted(set(args.names) - set(CREATURES)):
-        parser.error(f"there is no {', '.join(unknown)}; there are {', '.join(CREATURES)}")
-    names = args.names or list(CREATURES)
-    render("render_creatures.py", [*names, "--out", str(CACHE)], what=" ".join(names))
+    if unknown := sorted(set(args.names) - set(CHARACTERS)):
+        parser.error(f"there is no {', '.join(unknown)}; there are {', '.join(CHARACTERS)}")
+    names = args.names or list(CHARACTERS)
+    for script, known in (("render_creatures.py", CREATURES), ("render_rigs.py", RIGS)):
+        if chosen := [name for name in names if name in known]:
+            render(script, [*chosen, "--out", str(CACHE)], what=" ".join(chosen))
     if args.save is not None:
         args.save.mkdir(parents=True, exist_ok=True)
     rows = []
