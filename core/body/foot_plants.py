@@ -16,7 +16,8 @@ from ..numerics.arrays import Array, Bools
 from ..numerics.frame_ranges import runs
 
 _MEAN_DWELL = 0.25  # seconds: mean time in a state that transitions are as likely as
-_MIN_DURATION = 0.08  # seconds: shorter plants and swings are noise
+MIN_DURATION = 0.08
+"""Shorter plants and swings are noise, seconds."""
 _ITERATIONS = 12
 # In legs, and legs per second: bounds of what is estimated.
 _SPEED_PLANTED, _SPEED_SWINGING = (0.015, 0.2), (0.6, 4.0)
@@ -82,7 +83,7 @@ def find_plants(points: Array, fps: float, leg: float, sigma: Array | None = Non
     gain = _log_ratios(speed, height, sizes, doubt, fps)
     change = np.log(_MEAN_DWELL * fps)
     planted = np.stack([_most_likely(column, change) for column in gain.T], axis=1)
-    shortest = round(_MIN_DURATION * fps)
+    shortest = round(MIN_DURATION * fps)
     planted = np.stack([_without_short(_without_short(c, shortest, False), shortest, True) for c in planted.T], axis=1)
     return Plants(planted, sizes.floor * leg, sizes.planted * leg)
 

@@ -5,10 +5,11 @@ but must not be held, so each plant is tested as a whole: the increase of the le
 point stands still throughout, has a chi-squared distribution with three degrees of freedom per step. It takes the full
 covariance of the steps into account, in which a drift over many frames weighs more than jitter. The covariance of the
 normal equations is first scaled by the ratio of errors to it that the shot shows for leg and foot: key poses that were
-predicted without themselves are missed by more where feet are half hidden. Smoothness blurs the moments at which a foot
-lands and leaves, so plants that pass take in the frames beside them on which the point may stand, too. Then all are
-held together. All of this uses the same normal equations: images do not show the last millimetres, and are not
-evaluated again.
+predicted without themselves are missed by more where feet are half hidden. The pictures around the point are asked as
+well whether it stands or moves as it was tracked: they do not depend on the shape of the foot, whose errors make it
+drift. Smoothness blurs the moments at which a foot lands and leaves, so plants that pass take in the frames beside them
+on which the point may stand, too; those that are brief all the same are left out. Then all are held together, on the
+same normal equations.
 
 A single view hardly contradicts any plant. With one view, candidates are kept still during the refinement already, and
 nothing is tested here.
@@ -23,10 +24,12 @@ from functools import cached_property
 import numpy as np
 from scipy.special import chdtri
 
+from ...body.foot_plants import MIN_DURATION
 from ...body.kinematics import part_poses
 from ...body.motion import Motion
 from ...body.soles import Soles
-from ...numerics.arrays import Array, Bools
+from ...evidence.standing_points import log_odds_of_standing
+from ...numerics.arrays import Array, Bools, Ints
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.frame_ranges import runs
 from ...numerics.robust_kernels import Quadratic
@@ -43,6 +46,11 @@ JOINING_SIGNIFICANCE = 0.1
 """Significance level at which a frame beside a plant that passed is refused: the step to it is tested by itself."""
 REST_SPEED_SIGMA = 0.005
 """Standard deviation of the velocity of a standing point along each axis, metres per second."""
+PICTURES_ODDS = 10.0
+"""How many times likelier the pictures around a point must be if it stands than if it moves as it was tracked, for a
+plant to pass though the normal equations say otherwise."""
+SHOE_HEIGHT = 0.02
+"""Height above the sole of what is looked at in the pictures, metres: the side of a shoe."""
 NEWTON_STEPS = 4
 """Gauss-Newton steps, all on the same normal equations."""
 
@@ -97,7 +105,7 @@ def with_plants_at_rest(
         standing = {}
         for i in members:
             now = before.motions[i].replaced(before.first, motions[i])
-            seeming, earlier = (_seeming(problem, i, motion, before.first) for motion in (now, before.motions[i]))
+            seeming, earlier = (_Seeming.of(problem, i, motion, before.first) for motion in (now, before.motions[i]))
             if seeming is not None:
                 keyed, fitting = evidence.plants_that_fit(i, seeming, earlier, ratios[i])
                 planted[i] = keyed.frames | fitting.frames
@@ -120,34 +128,36 @@ class _Evidence:
     motions: tuple[Motion, ...]
 
     def plants_that_fit(
-        self, performer: int, seeming: PlantFactor, earlier: PlantFactor | None, ratios: Array
+        self, performer: int, seeming: _Seeming, earlier: _Seeming | None, ratios: Array
     ) -> tuple[PlantFactor, PlantFactor]:
         """Return the apparent plants of a member that are held: those between key poses on neighbouring frames, which
-        nothing moves, and those that pass the test, with the frames beside them that do.
+        nothing moves, and those that pass the tests, with the frames beside them that do, unless they are brief.
 
         Parameters
         ----------
         performer : int
-        seeming, earlier : PlantFactor
+        seeming, earlier : _Seeming
             As found now, and before the refinement.
         ratios : ndarray, shape (P,)
         """
         problem = self.problem
         body, held = problem.bodies[performer], problem.fixed[performer].all(axis=1)
         movable = ~(held[1:] & held[:-1])
-        found = np.zeros_like(seeming.steps)
-        for c, column in enumerate(seeming.steps.T):
-            part = seeming.soles.parts[c]
+        plants = seeming.plants
+        found = np.zeros_like(plants.steps)
+        for c, column in enumerate(plants.steps.T):
+            part = plants.soles.parts[c]
             ratio = float(ratios[[part, max(body.parents[part], 0)]].mean())  # a sole lies between the tips of both
-            longer = [] if earlier is None else runs(earlier.steps[:, c] & movable)
+            longer = [] if earlier is None else runs(earlier.plants.steps[:, c] & movable)
             for run in runs(column & movable):
-                tried = [_Plant(seeming, c, steps) for steps in dict.fromkeys((_joined(run, longer), run))]
+                tried = [_Plant(plants, c, steps) for steps in dict.fromkeys((_joined(run, longer), run))]
                 fitting = next((plant for plant in tried if self._agrees(performer, plant, ratio)), None)
                 if fitting is not None:
-                    first, last = self._lengthened(performer, fitting, ratio, movable).steps
-                    found[first : last + 1, c] = True
-        keyed = replace(seeming, steps=seeming.steps & ~movable[:, None])
-        return keyed, PlantFactor(seeming.soles, found, REST_SPEED_SIGMA / problem.fps, Quadratic())
+                    fitting = self._lengthened(performer, fitting, ratio, movable)
+                    if seeming.steps_around(fitting) >= MIN_DURATION * problem.fps:
+                        found[fitting.steps[0] : fitting.steps[1] + 1, c] = True
+        keyed = replace(plants, steps=plants.steps & ~movable[:, None])
+        return keyed, PlantFactor(plants.soles, found, REST_SPEED_SIGMA / problem.fps, Quadratic())
 
     def with_plants_held(self, plants: Mapping[int, PlantFactor]) -> tuple[Motion, ...]:
         """Solve for the motions with the planted points of members at rest."""
@@ -170,9 +180,23 @@ class _Evidence:
         return bool(np.sum(drift**2) < np.ptp(keyed) * plant.sigma**2 * chdtri(3, SIGNIFICANCE))
 
     def _agrees(self, performer: int, plant: _Plant, ratio: float) -> bool:
-        """Test a plant against the key poses, and against the evidence, whose covariance is multiplied by a ratio."""
-        within = chdtri(3 * len(plant), SIGNIFICANCE)
-        return self._key_poses_agree(performer, plant.factor) and self._cost(performer, plant, ratio) < within
+        """Test a plant against key poses, pictures, and the evidence, whose covariance is multiplied by a ratio.
+
+        Whoever moves may do so on every step along three axes, and explains the pictures better by chance.
+        """
+        if not self._key_poses_agree(performer, plant.factor):
+            return False
+        within, odds = chdtri(3 * len(plant), SIGNIFICANCE), self._log_odds(performer, plant)
+        if 2 * odds < -within:
+            return False
+        return odds > np.log(PICTURES_ODDS) or self._cost(performer, plant, ratio) < within
+
+    def _log_odds(self, performer: int, plant: _Plant) -> float:
+        """Logarithm of how much likelier the pictures are if a plant's point stands than if it moves as tracked."""
+        problem, (first, last), soles = self.problem, plant.steps, plant.seeming.soles
+        poses = part_poses(problem.bodies[performer], self.motions[performer][slice(first, last + 2)])
+        path = soles.world(poses)[:, plant.point] + [0.0, 0.0, SHOE_HEIGHT]
+        return sum(log_odds_of_standing(view, problem.first + first, path) for view in problem.views)
 
     def _lengthened(self, performer: int, plant: _Plant, ratio: float, movable: Bools) -> _Plant:
         """Return a plant that passed with the frames beside it, one after the other, on which the evidence has nothing
@@ -249,14 +273,36 @@ class _Plant:
         return replace(self, steps=(first, last))
 
 
-def _seeming(problem: SegmentProblem, performer: int, motion: Motion, first: int) -> PlantFactor | None:
-    """Find the points that seem planted on a segment in a motion that has `first` frames before it; None if there are
-    none.
+@dataclass(frozen=True, eq=False)
+class _Seeming:
+    """The points that seem planted on a segment.
+
+    Attributes
+    ----------
+    plants : PlantFactor
+    before, after : ndarray of int, shape (C,)
+        Number of steps in a row before and after the segment on which each of the points seems planted as well.
     """
-    found = PlantFactor.found(problem.bodies[performer], motion, problem.fps)
-    if found is None or not (steps := found.steps[first : first + problem.length - 1]).any():
-        return None
-    return replace(found, steps=steps)
+
+    plants: PlantFactor
+    before: Ints
+    after: Ints
+
+    @classmethod
+    def of(cls, problem: SegmentProblem, performer: int, motion: Motion, first: int) -> _Seeming | None:
+        """Find them in a motion that has `first` frames before the segment; None if there are none."""
+        found = PlantFactor.found(problem.bodies[performer], motion, problem.fps)
+        last = first + problem.length - 1
+        if found is None or not (steps := found.steps[first:last]).any():
+            return None
+        before, after = (np.cumprod(s, axis=0).sum(axis=0) for s in (found.steps[:first][::-1], found.steps[last:]))
+        return cls(replace(found, steps=steps), before, after)
+
+    def steps_around(self, plant: _Plant) -> int:
+        """Return the length of a plant with what it has on the segments beside."""
+        before = self.before[plant.point] if plant.steps[0] == 0 else 0
+        after = self.after[plant.point] if plant.steps[1] == len(self.plants.steps) - 1 else 0
+        return int(before + len(plant) + after)
 
 
 def _joined(run: tuple[int, int], others: Sequence[tuple[int, int]]) -> tuple[int, int]:
