@@ -285,7 +285,7 @@ def _add_ik(
     chain = armature.pose.bones[f"MCH-{lower}"].constraints.new("IK")
     chain.target, chain.subtarget, chain.chain_count = armature, f"IK-{end}", 2
     for name, followed in ((upper, f"MCH-{upper}"), (lower, f"MCH-{lower}"), (end, f"IK-{end}")):
-        held = _copy(armature, f"DEF-{name}", followed, "COPY_TRANSFORMS" if name != end else "COPY_ROTATION")
+        held = _copy(armature, f"DEF-{name}", followed, "COPY_TRANSFORMS")
         _drive(held.driver_add("influence").driver, owner, path, expression)
 
 

@@ -35,6 +35,7 @@ def write_folder(folder: Path, mark: str, write: Callable[[Path], None]) -> None
     write : callable
         Writes the files into another folder, which becomes this one.
     """
+    folder = folder.resolve()  # Blender's relative paths need whole ones
     if (folder / "digest.txt").is_file() and (folder / "digest.txt").read_text() == mark:
         return
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-") as scratch:

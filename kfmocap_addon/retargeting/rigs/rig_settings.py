@@ -115,12 +115,16 @@ def keep_in_override(armature: bpy.types.Object, settings: Settings, frame: int)
                 fcurves.set_keys(curve, [fcurves.new_keys([frame], channel.values[:, 0], "KEYFRAME", "CONSTANT")])
 
 
+def setting_curves(armature: bpy.types.Object, name: Owner, key: str) -> list[bpy.types.FCurve]:
+    """Return the curves with keys of a property."""
+    bag = fcurves.find_channelbag(owner_of(armature, name).id_data)
+    path = fcurves.bone_path(name, fcurves.property_key(key)) if isinstance(name, str) else fcurves.property_key(key)
+    return [] if bag is None else [curve for curve in bag.fcurves if curve.data_path == path]
+
+
 def has_keys(armature: bpy.types.Object, name: Owner, key: str) -> bool:
     """Whether a property has keys."""
-    block = owner_of(armature, name).id_data
-    bag = fcurves.find_channelbag(block)
-    path = fcurves.bone_path(name, fcurves.property_key(key)) if isinstance(name, str) else fcurves.property_key(key)
-    return bag is not None and any(curve.data_path == path for curve in bag.fcurves)
+    return bool(setting_curves(armature, name, key))
 
 
 def property_ends(owner: Any, key: str) -> tuple[float, float]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from typing import Any
+from collections.abc import Collection
 
 import bpy
 import numpy as np
@@ -22,11 +21,12 @@ from ..rigs.fk_controls import FkControls
 from ..rigs.overrides import editable
 from ..rigs.rig_at_rest import at_rest, leave_rest_position, rest_matrices
 from ..rigs.rig_reading import moved_matrices
-from ..rigs.rig_settings import Owner, Settings, has_keys, keep_in_override, setting_name, with_settings
+from ..rigs.rig_settings import has_keys, keep_in_override, setting_name, with_settings
 from ..target_armatures import target_bones
 from .part_roles import PART_ROLES, limb_bones, limbs_of, taken_in
 from .rig_landmarks import add_landmarks
 from .rigify_animals import animal_controls, goes_on_four, is_generated
+from .switched_key_poses import keep_key_poses
 from .tracked_bones import movable_root, refuse_following, refuse_moving_object, remove_parts
 
 _FOLLOWS = 0.5
@@ -79,12 +79,15 @@ def _taken(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.ty
             head=next(iter(limbs.bones.get("head", ())), ""),
         )
         refuse_following(armature, made.parts, followed)
+        settings, before = {}, {}
     else:
-        with with_settings(armature, preset_of(mechanism).settings):
+        settings = preset_of(mechanism).settings
+        with with_settings(armature, settings) as before:
             made = _with_shoulders(armature, collection, mechanism) or _parts_of(armature, collection, mechanism)
     try:
         taken = performers.take_armature(current, armature)
-        return taken, (*made.remarks, *(movable_root(armature) if mechanism is None else ()))
+        root = movable_root(armature) if mechanism is None else ()
+        return taken, (*made.remarks, *root, *keep_key_poses(taken, settings, before))
     except BodyError:
         remove_parts(armature, made.parts)
         raise
@@ -137,22 +140,10 @@ def _use_animal(
         try:
             fk_controls.refuse_otherwise_moved(armature, {})
             taken = performers.take_armature(current, armature)
-            remarks = *made.remarks, *movable_root(armature), *_changed_poses(armature, controls.settings, before)
-            return taken, remarks
+            return taken, (*made.remarks, *movable_root(armature), *keep_key_poses(taken, controls.settings, before))
         except BodyError:
             remove_parts(armature, made.parts)
             raise
-
-
-def _changed_poses(
-    armature: bpy.types.Object, settings: Settings, before: Mapping[tuple[Owner, str], Any]
-) -> tuple[str, ...]:
-    """Name the properties that were changed of a rig that has key poses already: these look different now."""
-    changed = {key: settings[name][key] for (name, key), was in before.items() if was != settings[name][key]}
-    if not changed or fcurves.find_channelbag(armature) is None:
-        return ()
-    what = " and ".join(f"'{key}' is {value:g} now" for key, value in changed.items())
-    return (f"armature {armature.name}: {what}, so that parts turn with what they hang on: look through its key poses",)
 
 
 def _controls(armature: bpy.types.Object) -> FkControls | None:
@@ -192,7 +183,7 @@ def _use_controls(
             remarks.append(f"bone {name}: it is moved by {held[name]}, so it is left out, and follows the body")
     halves = taken_in(armature, roles)
     carriers |= {name: carriers[above] for name, above in halves.items() if name in carriers and above in carriers}
-    with with_settings(armature, controls.settings):
+    with with_settings(armature, controls.settings) as before:
         made = skinned_parts.add_parts(
             armature, collection, carriers, limbs=[carriers.get(n, n) for n in limbs_of(roles)]
         )
@@ -205,9 +196,12 @@ def _use_controls(
             raise
     for owner, values in controls.settings.items():
         for key, value in values.items():
-            keyed = has_keys(armature, owner, key)
-            what = f"has keys: delete them, and leave it at {value:g}" if keyed else f"is {value:g} now"
-            remarks.append(f"{setting_name(owner)}: its property '{key}' {what}: the limb is turned by FK controls")
+            where = ", on all its keys" if has_keys(armature, owner, key) else ""
+            remarks.append(
+                f"{setting_name(owner)}: its property '{key}' is {value:g} now{where}: "
+                f"the limb is turned by FK controls"
+            )
+    remarks += keep_key_poses(taken, controls.settings, before)
     keep_in_override(taken, controls.settings, current.frame_start)
     return taken, tuple(remarks)
 

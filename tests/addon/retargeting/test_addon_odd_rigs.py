@@ -106,14 +106,6 @@ def test_limbs_that_a_property_switches_are_switched_to_their_fk_controls_with_a
     assert {name.removeprefix(CONTROL) for name in names} == set(BODY.names)
 
 
-def test_a_property_with_keys_that_would_switch_a_limb_back_is_named():
-    armature = switched_human()
-    armature.pose.bones["IK-hand.L"].keyframe_insert('["ik_fk"]', frame=1)
-    _, remarks = use_as_body(bpy.context.scene, armature)
-    [said] = [text for text in remarks if "has keys" in text]
-    assert said.startswith("bone IK-hand.L: its property 'ik_fk' has keys: delete them, and leave it at 0")
-
-
 def test_motion_is_sent_past_keys_that_switch_a_limb_to_inverse_kinematics():
     scene, target = bpy.context.scene, switched_human()
     target.pose.bones["IK-hand.L"].keyframe_insert('["ik_fk"]', frame=1)

@@ -15,7 +15,7 @@ from kfmocap.kfmocap_addon.retargeting.rigs.rig_reading import moved_matrices  #
 from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
-from odd_characters import generated_animal  # noqa: E402
+from odd_characters import generated_animal, shown_heads  # noqa: E402
 from synthetic import swing  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
@@ -73,8 +73,14 @@ def test_the_limbs_of_an_animal_turn_with_their_controls():
     np.testing.assert_allclose(after[1], before[1], atol=1e-5)
 
 
-def test_key_poses_that_look_different_on_the_body_of_an_animal_are_named():
-    given = generated_animal("bird")
-    given.pose.bones["head"].keyframe_insert("rotation_quaternion", frame=1)
-    _, [remark] = use_as_body(bpy.context.scene, given)
-    assert "'head_follow' is 1 now" in remark and "'tail_follow' is 1 now" in remark
+def test_key_poses_of_an_animal_look_as_before_on_its_body():
+    """As soon as the rig is a body, its legs turn with the trunk."""
+    given, legs = generated_animal("bird"), ["DEF-shin.L", "DEF-foot.R"]
+    for frame in (1, 4):
+        given.pose.bones["torso"].rotation_quaternion = (0.95, 0.1 * frame, 0.0, 0.0)
+        given.pose.bones["torso"].keyframe_insert("rotation_quaternion", frame=frame)
+    wanted = shown_heads(given, 4, legs)[[0, 3]]
+    taken, remarks = use_as_body(bpy.context.scene, given)
+    assert np.linalg.norm(shown_heads(taken, 4, legs)[[0, 3]] - wanted, axis=-1).max() < 2e-3
+    [said] = [text for text in remarks if "key poses" in text]
+    assert said.startswith("armature rig: 2 key poses set with other controls are keyed on thigh_fk.L, shin_fk.L")

@@ -207,12 +207,14 @@ def test_switches_of_the_object_come_back_when_a_character_stops_following():
     assert switched("object", target) == [1, 1, 1, 1]
 
 
-def test_keys_of_a_switch_on_the_object_are_named():
+def test_keys_of_a_switch_on_the_object_get_its_value_with_a_word():
     armature = switched_human(where="object")
     armature.keyframe_insert('["ik_fk hand.L"]', frame=1)
     _, remarks = use_as_body(bpy.context.scene, armature)
-    [said] = [text for text in remarks if "has keys" in text]
-    assert said.startswith(f"object {armature.name}: its property 'ik_fk hand.L' has keys: delete them, and leave it")
+    [said] = [text for text in remarks if "on all its keys" in text]
+    assert said.startswith(f"object {armature.name}: its property 'ik_fk hand.L' is 0 now, on all its keys")
+    bpy.context.scene.frame_set(1)
+    assert armature["ik_fk hand.L"] == 0
 
 
 @pytest.mark.parametrize(

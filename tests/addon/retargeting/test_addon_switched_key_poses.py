@@ -1,0 +1,103 @@
+"""Key poses that were set with inverse kinematics stay what they are when a rig is tracked through its FK controls."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+bpy = pytest.importorskip("bpy")
+
+from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import fcurves  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves  # noqa: E402
+from odd_characters import BODY, CONTROL, generated_rig, shown_heads, switched_human  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
+
+pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
+
+KEYED = (1, 7)
+LIMBS = [f"DEF-{part}.{side}" for part in ("upper_arm", "forearm", "hand", "thigh", "shin", "foot") for side in "LR"]
+KNEES = [f"DEF-{part}.{side}" for part in ("forearm", "shin") for side in "LR"]
+ENDS = [f"DEF-{part}.{side}" for part in ("hand", "foot") for side in "LR"]
+
+
+def keyed_goals(armature, ways):
+    """Key goals of inverse kinematics at rest, and six frames later elsewhere, by ways in the armature's
+    axes, metres.
+    """
+    for k, frame in enumerate(KEYED):
+        for name, way in ways.items():
+            bone = armature.pose.bones[name]
+            axes = np.array(bone.bone.matrix_local)[:3, :3] if bone.bone.use_local_location else np.eye(3)
+            bone.location = (k * np.array(way) @ axes).tolist()
+            bone.keyframe_insert("location", frame=frame)
+
+
+def swung(part, end, axis, angle):
+    """How far the end of a straight limb goes when it is swung about its first joint."""
+    arm = BODY.parts[BODY.index(end)].head_world - BODY.parts[BODY.index(part)].head_world
+    return Rotation.from_euler(axis, angle, degrees=True).apply(arm) - arm
+
+
+ARM, LEG = swung("upper_arm.L", "hand.L", "z", -35), swung("thigh.R", "foot.R", "x", 30)
+
+
+def test_key_poses_of_goals_become_those_of_fk_controls():
+    armature = switched_human()
+    keyed_goals(armature, {"IK-hand.L": ARM, "IK-foot.R": LEG})
+    wanted = shown_heads(armature, KEYED[-1], LIMBS)[[frame - 1 for frame in KEYED]]
+    assert np.ptp(wanted, axis=0).max() > 0.2
+    taken, remarks = use_as_body(bpy.context.scene, armature)
+    found = shown_heads(taken, KEYED[-1], LIMBS)[[frame - 1 for frame in KEYED]]
+    assert np.linalg.norm(found - wanted, axis=-1).max() < 2e-3
+    [said] = [text for text in remarks if "key poses" in text]
+    assert said.startswith(
+        f"armature {taken.name}: 2 key poses set with other controls are keyed on {CONTROL}upper_arm.L"
+    )
+    assert f"{CONTROL}thigh.R" in said
+    poses = key_pose_curves.read_key_poses(taken, 1, KEYED[-1])
+    assert poses.frames.tolist() == [frame - 1 for frame in KEYED]
+    body = body_armature.body_from_armature(taken)
+    i = body.index(f"{CONTROL}forearm.L")
+    assert poses.fixed[:, 3 + 3 * i : 6 + 3 * i].all()
+
+
+def test_keys_of_a_switch_get_its_value_for_tracking():
+    armature = switched_human()
+    goal = armature.pose.bones["IK-hand.L"]
+    for frame in KEYED:
+        goal.keyframe_insert('["ik_fk"]', frame=frame)
+    keyed_goals(armature, {"IK-hand.L": ARM})
+    wanted = shown_heads(armature, KEYED[-1], LIMBS)[[frame - 1 for frame in KEYED]]
+    taken, remarks = use_as_body(bpy.context.scene, armature)
+    found = shown_heads(taken, KEYED[-1], LIMBS)[[frame - 1 for frame in KEYED]]
+    assert np.linalg.norm(found - wanted, axis=-1).max() < 2e-3
+    curves = {c.data_path: fcurves.get_keys(c) for c in fcurves.find_channelbag(taken).fcurves}
+    assert (curves['pose.bones["IK-hand.L"]["ik_fk"]']["co"][:, 1] == 0).all()
+    assert any(text.startswith("bone IK-hand.L: its property 'ik_fk' is 0 now, on all its keys") for text in remarks)
+
+
+def test_hands_and_feet_of_rigifys_key_poses_are_kept_though_its_limbs_stretch():
+    rig = generated_rig()
+    keyed_goals(rig, {"hand_ik.L": (-0.3, -0.1, 0.1), "foot_ik.R": (0.0, -0.3, 0.3), "torso": (0.0, 0.0, -0.04)})
+    wanted = shown_heads(rig, KEYED[-1], ENDS + KNEES)[[frame - 1 for frame in KEYED]]
+    taken, remarks = use_as_body(bpy.context.scene, rig)
+    found = shown_heads(taken, KEYED[-1], ENDS + KNEES)[[frame - 1 for frame in KEYED]]
+    apart = np.linalg.norm(found - wanted, axis=-1)
+    assert apart[:, :4].max() < 0.001 and apart[:, 4:].max() < 0.04
+    [said] = [text for text in remarks if "key poses" in text]
+    assert "forearm_fk.L" in said and "shin_fk.R" in said and "cm, at bone DEF-shin.R" in said
+
+
+def test_rigs_without_key_poses_and_those_at_fk_are_left_as_they_are():
+    _, remarks = use_as_body(bpy.context.scene, switched_human())
+    assert not any("key poses" in text for text in remarks)
+    armature = switched_human(influence=0.0)
+    keyed_goals(armature, {"IK-hand.L": ARM})
+    taken, remarks = use_as_body(bpy.context.scene, armature)
+    assert not any("key poses" in text for text in remarks)
+    assert not any(CONTROL in curve.data_path for curve in fcurves.find_channelbag(taken).fcurves)
+    assert len(BODY) == len(body_armature.body_from_armature(taken))
