@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from typing import Any
 
 import bpy
 import numpy as np
@@ -21,7 +22,7 @@ from ..rigs.fk_controls import FkControls
 from ..rigs.overrides import editable
 from ..rigs.rig_at_rest import at_rest, leave_rest_position, rest_matrices
 from ..rigs.rig_reading import moved_matrices
-from ..rigs.rig_settings import has_keys, keep_in_override, setting_name, with_settings
+from ..rigs.rig_settings import Owner, has_keys, keep_in_override, setting_name, with_settings
 from ..target_armatures import target_bones
 from .part_roles import PART_ROLES, limb_bones, limbs_of, taken_in
 from .rig_landmarks import add_landmarks
@@ -61,6 +62,8 @@ def _taken(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.ty
         return performers.take_armature(current, armature), movable_root(armature)
     collection = scene.ensure_collection(current, "Performers")
     mechanism = _mechanism(armature)
+    settings: Mapping[Any, Mapping[str, float]] = {}
+    before: Mapping[tuple[Owner, str], Any] = {}
     if is_generated(armature) and (mechanism is None or goes_on_four(armature, mechanism)):
         return _use_animal(current, armature, collection)
     found = _controls(armature) if mechanism is None else None
@@ -79,7 +82,6 @@ def _taken(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.ty
             head=next(iter(limbs.bones.get("head", ())), ""),
         )
         refuse_following(armature, made.parts, followed)
-        settings, before = {}, {}
     else:
         settings = preset_of(mechanism).settings
         with with_settings(armature, settings) as before:

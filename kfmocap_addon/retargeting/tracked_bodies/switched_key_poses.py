@@ -152,10 +152,11 @@ def _reach(armature: bpy.types.Object, frames: Ints, limb: tuple[int, int, int],
     """Key a limb so that the joint of its last part is at a place, (F, 3) in the armature, on scene frames: limbs of
     inverse kinematics may be stretched a little, and then differ by centimetres there.
     """
-    body, (upper, lower, _) = body_armature.body_from_armature(armature), limb
-    R, T = part_poses(body, _motion(armature, frames))
+    upper, lower, end = limb
+    R, T = part_poses(body_armature.body_from_armature(armature), _motion(armature, frames))
     matrix, _ = body_armature.world_frame(armature)
-    first, second = two_bone_turns(*(T[:, i] for i in limb), heads @ matrix[:3, :3].T + matrix[:3, 3])
+    goal = heads @ matrix[:3, :3].T + matrix[:3, 3]
+    first, second = two_bone_turns(T[:, upper], T[:, lower], T[:, end], goal)
     R = R.copy()
     R[:, upper], R[:, lower] = first @ R[:, upper], second @ R[:, lower]
     _write(armature, frames, (R, T), limb)
