@@ -99,6 +99,54 @@ def exchanges(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[Ex
     ------
     Exchange
     """
+    for swap in swaps(problem, motions):
+        if problem.only is not None and problem.shows_depth:
+            yield Exchange(swap.of_places(problem, motions), places=True)
+        yield Exchange(swap.of_directions(problem, motions))
+
+
+@dataclass(frozen=True, eq=False)
+class Swap:
+    """A pair of limbs, and frames on which they may be mistaken for each other.
+
+    Attributes
+    ----------
+    performer : int
+    pair : tuple of lists of int
+        The limbs as chains of parts, see `limb_pairs`.
+    frames : ndarray of bool, shape (F,)
+    """
+
+    performer: int
+    pair: tuple[list[int], list[int]]
+    frames: NDArray[np.bool_]
+
+    def of_directions(self, problem: SegmentProblem, motions: Sequence[Motion]) -> tuple[Motion, ...]:
+        """Return motions with the limbs' directions exchanged (`exchanged`)."""
+        i = self.performer
+        new = exchanged(problem.bodies[i], motions[i], self.pair, self.frames)
+        return (*motions[:i], new, *motions[i + 1 :])
+
+    def of_places(self, problem: SegmentProblem, motions: Sequence[Motion]) -> tuple[Motion, ...]:
+        """Return motions with the limbs' places exchanged (`with_places_exchanged`)."""
+        i = self.performer
+        new = with_places_exchanged(problem.bodies[i], motions[i], self.pair, self.frames)
+        return (*motions[:i], new, *motions[i + 1 :])
+
+    def reaches_across(self, problem: SegmentProblem, motions: Sequence[Motion]) -> bool:
+        """Whether each limb is on the other's side, in the mean over the frames and all joints but the first.
+
+        So it is if limbs follow each other's pictures.
+        """
+        left, right = self.pair
+        _, T = part_poses(problem.bodies[self.performer], motions[self.performer][self.frames])
+        across = T[:, right[0]] - T[:, left[0]]
+        sides = T[:, right[1:]] - T[:, left[1:]]
+        return bool(np.einsum("fa,fka->", across, sides) < 0)
+
+
+def swaps(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[Swap]:
+    """Generate the pairs of limbs, and the frames, that may be mistaken for each other; see `exchanges`."""
     for i in problem.sought:
         body, motion = problem.bodies[i], motions[i]
         for pair in limb_pairs(body):
@@ -112,12 +160,7 @@ def exchanges(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[Ex
                 frames[a + fixed[a] : b] = True
                 if not (fixed & frames).any() and max(distance[a], distance[b]) < MEETING_RATIO * distance[a:b].max():
                     begin, end = _smoothest(each, (a, b), fixed, problem.fps)
-                    frames = (np.arange(len(motion)) >= begin) & (np.arange(len(motion)) < end)
-                    if problem.only is not None and problem.shows_depth:
-                        new = with_places_exchanged(body, motion, pair, frames)
-                        yield Exchange((*motions[:i], new, *motions[i + 1 :]), places=True)
-                    new = exchanged(body, motion, pair, frames)
-                    yield Exchange((*motions[:i], new, *motions[i + 1 :]))
+                    yield Swap(i, pair, (np.arange(len(motion)) >= begin) & (np.arange(len(motion)) < end))
 
 
 def exchanged(body: Body, motion: Motion, pair: tuple[list[int], list[int]], frames: NDArray[np.bool_]) -> Motion:

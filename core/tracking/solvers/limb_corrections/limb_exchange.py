@@ -9,6 +9,7 @@ from itertools import islice
 import numpy as np
 
 from ....body.limbs import limb_pairs
+from ....runtime.timing import Seconds
 from ..descent_stages import SETTLED, SETTLING
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
@@ -26,7 +27,7 @@ from ..judgement.solution_ranking import (
     same_solution,
     settled_further,
 )
-from .like_limbs import Exchange, exchanges
+from .like_limbs import Exchange, Swap, exchanges, swaps
 from .local_trials import LocalTrial
 
 LENDER_TOLERANCE = 0.03
@@ -92,6 +93,48 @@ def with_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspa
     if motions is best.motions:
         return best
     return continued(best, descend(problem, motions, workspace.silent(), SETTLED))
+
+
+def with_crossed_limbs_exchanged(
+    problem: SegmentProblem, best: SegmentSolution, workspace: Workspace
+) -> SegmentSolution:
+    """Exchange the places of limbs of a single performer that reach across each other, where that is better.
+
+    Legs that pass each other may have followed each other's pictures so well that nothing contradicts the solution. The
+    exchange is solved only if it covers more at once, and only in several views: a single one does not show which limb
+    is in front.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    best : SegmentSolution
+    workspace : Workspace
+    """
+    if len(problem.bodies) > 1 or not problem.shows_depth:
+        return best
+    crossed = [swap for swap in swaps(problem, best.motions) if swap.reaches_across(problem, best.motions)]
+    seconds = Seconds(best.seconds)
+    with seconds.measure("initial solution"):
+        covering = [
+            swap
+            for swap in crossed
+            if cover_at(problem, best, swap.of_places(problem, best.motions), workspace) > best.cover
+        ]
+        kept = _with_places_exchanged(problem, best, covering, workspace) if covering else best
+    return replace(kept, seconds=dict(seconds), doubted=best.doubted) if crossed else best
+
+
+def _with_places_exchanged(
+    problem: SegmentProblem, best: SegmentSolution, covering: Sequence[Swap], workspace: Workspace
+) -> SegmentSolution:
+    noise = noise_at(problem, best, workspace)
+    kept, settled = best, _settled_on(problem, best, noise, workspace)
+    for swap in covering:
+        exchange = Exchange(swap.of_places(problem, settled.motions), places=True)
+        found = _exchange_tried(problem, settled, exchange, noise, workspace)
+        if found is not None and _exchange_counts(problem, settled, found, noise):
+            kept = settled = continued(settled, found)
+    return kept
 
 
 def _with_own_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspace: Workspace) -> SegmentSolution:
@@ -169,7 +212,8 @@ def _exchange_settled(
     motions = exchange.motions
     if problem.only is None:
         rival = likelihood(problem, noise, best) + RESTING_GAIN if likelihood_decides(problem) else -np.inf
-        found = descend(problem, motions, workspace, (*SETTLING, *SETTLED), noise)
+        stages = SETTLED if exchange.places else (*SETTLING, *SETTLED)
+        found = descend(problem, motions, workspace, stages, noise)
         return settled_further(problem, noise, found, workspace, rival=rival)
     if not exchange.places:
         motions, *_ = approach(problem, motions, workspace.part(0.0, 0.3), SETTLING)

@@ -21,7 +21,7 @@ from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, Segm
 from kfmocap.core.tracking.solvers.judgement import solution_doubts, solution_ranking
 from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSolution
 from kfmocap.core.tracking.solvers.limb_corrections import limb_exchange, search_rounds
-from kfmocap.core.tracking.solvers.limb_corrections.like_limbs import exchanges
+from kfmocap.core.tracking.solvers.limb_corrections.like_limbs import exchanges, swaps
 from kfmocap.core.tracking.solvers.limb_corrections.local_trials import ADAPTATION_TIME, HELD_FRAMES
 from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import MIN_GAIN
 from made_evidence import Landscape
@@ -589,6 +589,43 @@ def test_legs_are_exchanged_though_they_become_likelier_only_once_they_are_at_re
     monkeypatch.setattr(solution_ranking, "descend", at_last)
     found = limb_exchange.with_limbs_exchanged(problem, wrong, landscape)
     assert np.abs(found.motions[0].difference(truth)).max() < 0.05
+
+
+def test_legs_of_one_performer_that_reach_across_each_other_come_back_to_their_places() -> None:
+    """They have followed each other's pictures, and nothing contradicts that. In one view depth is not known."""
+    truth = striding(40)
+    views = (*dark(CAMERAS[0], 40), *dark(CAMERAS[1], 40))
+    problem = SegmentProblem(views, (HUMAN,), 0, FPS, (ends_held(HUMAN, 40),))
+    (wrong,) = next(swaps(problem, [truth])).of_places(problem, [truth])
+    landscape = Landscape(truth=truth)
+    solution = replace(landscape.solution(problem, wrong), doubted=(0,))
+    assert np.abs(wrong.difference(truth)).max() > 2 * landscape.reach
+    found = limb_exchange.with_crossed_limbs_exchanged(problem, solution, landscape)
+    assert np.abs(found.motions[0].difference(truth)).max() < 0.05
+    assert found.doubted == solution.doubted and "initial solution" in found.seconds
+    one_view = replace(problem, views=views[:1])
+    assert limb_exchange.with_crossed_limbs_exchanged(one_view, solution, landscape) is solution
+
+
+def test_legs_that_do_not_reach_across_each_other_cost_no_time() -> None:
+    truth = striding(40)
+    problem = SegmentProblem((*dark(CAMERAS[0], 40), *dark(CAMERAS[1], 40)), (HUMAN,), 0, FPS, (ends_held(HUMAN, 40),))
+    landscape = Landscape(truth=truth)
+    solution = landscape.solution(problem, truth)
+    assert limb_exchange.with_crossed_limbs_exchanged(problem, solution, landscape) is solution
+    assert not landscape.measured
+
+
+def test_legs_that_cross_rightly_stay_as_they_were() -> None:
+    """Not even solved further."""
+    straight = striding(40)
+    views = (*dark(CAMERAS[0], 40), *dark(CAMERAS[1], 40))
+    problem = SegmentProblem(views, (HUMAN,), 0, FPS, (ends_held(HUMAN, 40),))
+    (truth,) = next(swaps(problem, [straight])).of_places(problem, [straight])
+    landscape = Landscape(truth=truth)
+    solution = landscape.solution(problem, truth)
+    found = limb_exchange.with_crossed_limbs_exchanged(problem, solution, landscape)
+    assert found.motions is solution.motions
 
 
 def test_an_exchange_is_refused_by_the_frames_beside_it() -> None:
