@@ -28,26 +28,22 @@ from .equations.measurement import Workspace
 from .equations.problem import SegmentProblem, SegmentSolution
 from .gauss_newton import continued, descend, farthest_joint
 from .judgement.solution_doubts import doubted_performers
-from .limb_corrections.faded_limbs import with_faded_limbs_found
 from .limb_corrections.leaping_limbs import with_leaps_bridged
 from .limb_corrections.limb_exchange import with_crossed_limbs_exchanged
 from .limb_corrections.limb_search import pictures_find_limbs
 from .limb_corrections.regained_limbs import with_limbs_regained
-from .multi_start import MIN_FOLLOWED_SHARE, best_of_starts
+from .multi_start import best_of_starts
 
 
 def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
-    """Solve from several starts, exchange limbs that reach across each other, search for limbs that fade where some
-    performers hide others, and bridge leaps of limbs.
+    """Solve from several starts, exchange limbs that reach across each other, and bridge leaps of limbs.
 
     Parameters as in `gauss_newton.descend`.
     """
     solution = best_of_starts(problem, start, workspace.part(0.0, 0.8))
     if not pictures_find_limbs(problem):
         return solution
-    solution = with_crossed_limbs_exchanged(problem, solution, workspace.silent())
-    if solution.unhidden.min() <= MIN_FOLLOWED_SHARE:
-        solution = with_faded_limbs_found(problem, solution, workspace.part(0.8, 0.9))
+    solution = with_crossed_limbs_exchanged(problem, solution, workspace.part(0.8, 0.9))
     return with_leaps_bridged(problem, solution, workspace.part(0.9, 1.0))
 
 

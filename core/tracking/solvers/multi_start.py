@@ -19,7 +19,13 @@ from .equations.measurement import Workspace
 from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .gauss_newton import continued, descend, farthest_joint
 from .judgement.settled_solutions import SettledSolution
-from .judgement.solution_doubts import doubted_performers, images_contradict, limb_contradicted, worst_first
+from .judgement.solution_doubts import (
+    MIN_FOLLOWED_SHARE,
+    doubted_performers,
+    images_contradict,
+    limb_contradicted,
+    worst_first,
+)
 from .judgement.solution_ranking import covering_most, settled_further
 from .limb_corrections.limb_exchange import with_limbs_exchanged
 from .limb_corrections.mirrored_limbs import with_limbs_mirrored
@@ -27,11 +33,6 @@ from .limb_corrections.search_rounds import TrialRound, searched
 from .limb_corrections.strayed_limbs import with_limbs_returned
 from .starts.sequential_start import follow_both_ways
 from .starts.whole_turns import with_whole_turn
-
-MIN_FOLLOWED_SHARE = 0.9
-"""Share of a performer that must be unhidden by others on every frame for its motion to be followed frame by frame: a
-window of a few frames shows too little of somebody whom others pass in front of. Where less of any performer is
-unhidden, limbs of all may have been led astray, see `faded_limbs`."""
 
 
 def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:

@@ -491,7 +491,7 @@ def test_the_motion_of_a_performer_whom_others_hide_is_not_followed(
     first = told.found(alone, WRONG)
     first.unhidden[1, 3] = in_sight
     multi_start.best_of_own_starts(alone, WRONG, first, Workspace())
-    assert followed == ([1] if in_sight > multi_start.MIN_FOLLOWED_SHARE else [])
+    assert followed == ([1] if in_sight > solution_doubts.MIN_FOLLOWED_SHARE else [])
 
 
 @pytest.mark.parametrize(("gain", "turned"), [(0.0, False), (100.0, False), (0.0, True)])

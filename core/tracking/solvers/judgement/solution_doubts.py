@@ -22,6 +22,10 @@ MIN_EXPLAINED_RATIO = 0.8
 """Smallest ratio between what a solution explains of a frame's image and what the key poses explain of theirs."""
 MIN_UNHIDDEN_SHARE = 0.5
 """Share of a performer that must be unhidden by others for this ratio to count on a frame."""
+MIN_FOLLOWED_SHARE = 0.9
+"""Share of a performer that must be unhidden by others on every frame for its motion to be followed frame by frame: a
+window of a few frames shows too little of somebody whom others pass in front of. Where less of any performer is
+unhidden, limbs of all may have been led astray, see `faded_limbs`."""
 LIMB_SHARE = 0.5
 """Area of uncovered foreground beside a performer, relative to the area of its smallest limb, from which on it may be a
 lost limb."""

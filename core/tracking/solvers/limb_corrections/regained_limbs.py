@@ -1,10 +1,11 @@
 """Searching again for limbs once a segment is solved and the motion beside it is known.
 
-Two signs show that a limb is lost, even in front of the body, where it covers foreground and so seems right:
+These signs show that a limb is lost, even in front of the body, where it covers foreground and so seems right:
 
 - Its velocity changes abruptly at a key pose. The performer knows nothing of the frames that the animator chose, so a
   fist that moves steadily up to a key pose and turns away exactly there has been lost on one side of it.
 - Brightness does not change across its sides as on key poses, or its pixels look as if it were not there.
+- Where performers hide one another, the images show it less clearly for a moment (`faded_limbs`).
 
 Others show no sign. If the images contradicted the first solution of a single performer, the whole body is therefore
 led out of its minimum once, and each of its limbs is searched for.
@@ -31,7 +32,7 @@ from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
 from ..gauss_newton import descend, farthest_joint
 from ..judgement.settled_solutions import SettledSolution, SettledSolutions
-from ..judgement.solution_doubts import MIN_DURATION
+from ..judgement.solution_doubts import MIN_DURATION, MIN_FOLLOWED_SHARE
 from ..judgement.solution_ranking import (
     RESTING_GAIN,
     likeliest_at_rest,
@@ -40,6 +41,7 @@ from ..judgement.solution_ranking import (
     settled_further,
 )
 from ..limb_evidence.limb_likelihood import MIN_GAIN, LimbOfPerformer, support_of_limbs
+from .faded_limbs import faded_limbs
 from .limb_search import freed_limb, is_elsewhere
 from .search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
 
@@ -58,7 +60,8 @@ KEY_ERROR = 0.01
 
 
 def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentSolution:
-    """Search again for limbs that are bent at the ends of a refined solution, or refuted.
+    """Search again for limbs that are bent at the ends of a refined solution, or refuted; where performers hide one
+    another, also for those that have faded.
 
     Parameters
     ----------
@@ -70,6 +73,8 @@ def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, work
     with seconds.measure("initial solution"):
         lost = [(i, chain) for i in problem.sought for chain in bent_limbs(problem, i, solution.motions[i])]
         lost += [place for place in refuted_limbs(problem, solution.motions) if place not in lost]
+        if solution.unhidden.min() <= MIN_FOLLOWED_SHARE:
+            lost += [place for place in faded_limbs(problem, solution.motions) if place not in lost]
         known = SettledSolutions()
         for k, place in enumerate(lost):
             part = workspace.part(k / len(lost), (k + 1) / len(lost))
