@@ -13,6 +13,8 @@ from ..tracking.footage_gaps import FoundGap
 from ..tracking.late_views import LateView
 
 _MAX_LISTED = 10
+_MIN_AGREEMENT = 0.45
+"""Share of a view's keypoints that agree from which nothing is said: see docs/keypoints.md."""
 _RATE_TOLERANCE = 5e-4  # 29.97 and 30 frames per second differ by twice as much
 
 
@@ -41,7 +43,12 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
 
 def _performer_lines(performer: Mapping[str, Any]) -> list[str]:
     """Return the report's lines on a performer."""
-    lines = []
+    lines = [
+        f"of its keypoints in {camera}, {1 - own['agreement']:.0%} contradict the other views or the motion: see "
+        "whether they are of this footage and this person, and whether its offset is right"
+        for camera, own in performer.get("keypoints", {}).items()
+        if own["frames"] and own["agreement"] < _MIN_AGREEMENT
+    ]
     if identity := performer.get("identity", {}).get("text"):
         lines.append(identity)
     if performer["lifted"]:

@@ -222,3 +222,17 @@ def test_problems_of_the_footage_are_reported(
     assert [line for line in lines if "frames 61, 64 of the file (error while decoding MB 10 74)" in line]
     assert [line for line in lines if line.startswith("cam02: pictures that") and "frames 103, 104" in line]
     assert [line for line in lines if line.startswith("cam01: early from about frame 117 on: a frame seems to be miss")]
+
+
+def test_keypoints_of_other_footage_are_reported(tracked: tuple[Shot, type]) -> None:
+    shot, result = tracked
+    values = report(shot, result())
+    agreements = {"cam01": 0.21, "cam02": 0.65}
+    values["performers"][0]["keypoints"] = {
+        camera: {"frames": 30, "agreement": agreement, "sides_changed": []} for camera, agreement in agreements.items()
+    }
+    said = [line for line in report_lines(values) if "keypoints" in line]
+    assert len(said) == 1 and "of its keypoints in cam01, 79% contradict the other views" in said[0]
+    for own in values["performers"][0]["keypoints"].values():
+        own["frames"] = 0  # none was found: that is said elsewhere
+    assert not [line for line in report_lines(values) if "keypoints" in line]
