@@ -32,6 +32,7 @@ from ..keypoints.proposals import KeypointPoses, poses_from_keypoints, propose_p
 from ..keypoints.seen_landmarks import unseen_parts
 from ..runtime.progress import Progress, report_progress, share
 from ..runtime.threads import one_library_thread, worker_count
+from ..shot.carried_motion import with_keys
 from ..shot.footage import probe
 from ..shot.footage_faults.footage_checks import camera_at_size, check_rates, check_view
 from ..shot.grips import shot_with_grips
@@ -39,6 +40,7 @@ from ..shot.image_sequences import named_footage
 from ..shot.performer_request import PerformerRequest
 from ..shot.shot import KeyPoses, Performer, Shot, View
 from ..shot.shot_spec import PerformerSpec, ShotSpec, ViewSpec
+from .shot_scale import ShotScale
 from .solvers.registry import REGISTRY, solver_named
 
 MAIN_LANDMARKS = tuple(side + joint for joint in MAIN_JOINTS for side in "LR")
@@ -169,9 +171,18 @@ def read_shot_cameras(spec: ShotSpec) -> dict[str, Camera]:
 def pose_by_keypoint_files(
     shot: Shot, frames: Sequence[int] | None = None, progress: Progress | None = None
 ) -> tuple[KeypointPoses, ...]:
-    """Read the keypoints of a shot's views and fit every performer's motion to them; see `poses_from_keypoints`."""
+    """Read the keypoints of a shot's views and fit every performer's motion to them; see `poses_from_keypoints`.
+
+    Bodies of other sizes than people's are fitted at human size (`ShotScale`).
+    """
     report_progress(progress, "keypoints", 0.0)
-    return poses_from_keypoints(shot, read_shot_keypoints(shot), frames, share(progress, 0.1, 1.0))
+    scale = ShotScale.of(shot)
+    found = poses_from_keypoints(scale.shot(shot), read_shot_keypoints(shot), frames, share(progress, 0.1, 1.0))
+    motions = scale.back.motions([own.motion for own in found])
+    return tuple(
+        replace(own, motion=with_keys(motion, performer.key_poses))
+        for own, motion, performer in zip(found, motions, shot.performers, strict=True)
+    )
 
 
 @one_library_thread()

@@ -25,7 +25,7 @@ from kfmocap.core.shot.fixed_degrees import fixed_degrees
 from kfmocap.core.shot.keypose_spline import spline
 from kfmocap.core.shot.performer_request import PerformerRequest
 from kfmocap.core.shot.shot import KeyPoses, Performer, Settings, Shot, View
-from kfmocap.core.tracking.prepare import load_shot
+from kfmocap.core.tracking.prepare import load_shot, pose_by_keypoint_files
 from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.selection import selected
 from kfmocap.core.tracking.shot_scale import ShotScale
@@ -289,6 +289,20 @@ def test_keypoints_of_a_small_shot_are_in_its_lengths(tmp_path: Path) -> None:
     assert found.sigma is not None
     assert found.sigma.max() < 0.003
     np.testing.assert_allclose(own.motion.translations, 0.1 * truth.translations, atol=0.005)
+
+
+@pytest.mark.parametrize("views", [1, 3])
+def test_a_body_of_any_size_is_posed_alike_by_keypoints(tmp_path: Path, views: int) -> None:
+    """Somebody may pose a rig of any size, even one with bones of a kilometre."""
+    shot = shot_with(tmp_path, people(1), [0, 23])
+    shot = replace(shot, views=shot.views[:views])
+    ((usual,), (large,)) = (pose_by_keypoint_files(ShotScale(factor).shot(shot)) for factor in (1.0, 3000.0))
+    assert large.frames.tolist() == usual.frames.tolist()
+    height = np.ptp(landmark_positions(human(), usual.motion, ["Nose", "LAnkle"])[..., 2])
+    apart = large.motion.translations / 3000 - usual.motion.translations
+    assert np.abs(apart).max() < 0.05 * height
+    keys = ShotScale(3000.0).shot(shot).performers[0].key_poses
+    np.testing.assert_array_equal(large.motion.translations[keys.frames], keys.poses.translations)
 
 
 def test_keypoints_of_two_views_show_accelerations_that_two_key_poses_do_not(tmp_path: Path) -> None:
