@@ -32,7 +32,6 @@ from ..keypoints.proposals import KeypointPoses, poses_from_keypoints, propose_p
 from ..keypoints.seen_landmarks import unseen_parts
 from ..runtime.progress import Progress, report_progress, share
 from ..runtime.threads import one_library_thread, worker_count
-from ..shot.carried_motion import with_keys
 from ..shot.footage import probe
 from ..shot.footage_faults.footage_checks import camera_at_size, check_rates, check_view
 from ..shot.grips import shot_with_grips
@@ -178,11 +177,8 @@ def pose_by_keypoint_files(
     report_progress(progress, "keypoints", 0.0)
     scale = ShotScale.of(shot)
     found = poses_from_keypoints(scale.shot(shot), read_shot_keypoints(shot), frames, share(progress, 0.1, 1.0))
-    motions = scale.back.motions([own.motion for own in found])
-    return tuple(
-        replace(own, motion=with_keys(motion, performer.key_poses))
-        for own, motion, performer in zip(found, motions, shot.performers, strict=True)
-    )
+    motions = scale.motions_back([own.motion for own in found], shot.performers)
+    return tuple(replace(own, motion=motion) for own, motion in zip(found, motions, strict=True))
 
 
 @one_library_thread()

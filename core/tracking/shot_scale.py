@@ -87,6 +87,13 @@ class ShotScale:
             return tuple(motions)
         return tuple(Motion(self.factor * motion.translations, motion.rotations) for motion in motions)
 
+    def motions_back(self, motions: Iterable[Motion], performers: Sequence[Performer]) -> tuple[Motion, ...]:
+        """Scale motions of a scaled shot back; the given performers' key poses are exact again."""
+        found = self.back.motions(motions)
+        if self.factor == 1:
+            return found
+        return tuple(with_keys(motion, own.key_poses) for motion, own in zip(found, performers, strict=True))
+
     def around(self, around: Around) -> Around:
         """Scale the poses beside a shot."""
         before, after = (poses if poses is None else self.motions(poses) for poses in around)
@@ -120,10 +127,9 @@ class ShotScale:
         if self.factor == 1:
             return result
         back = self.back
-        motions = zip(back.motions(result.motions), performers, strict=True)
         return replace(
             result,
-            motions=tuple(with_keys(motion, performer.key_poses) for motion, performer in motions),
+            motions=self.motions_back(result.motions, performers),
             segments=tuple(
                 replace(one, accelerations=tuple(back._of_root(own) for own in one.accelerations))
                 for one in result.segments
