@@ -7,7 +7,7 @@ and the best solution is kept; then all joints and cameras are adjusted together
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from ...errors import CaptureError, located
 from ...formats.keypoint_files import read_keypoints
 from ...keypoints.observations import correlated_frames
 from ...runtime.progress import Progress, report_progress
-from ...shot.detections import Detections
 from ...shot.footage import probe
 from ...shot.shot_spec import ShotSpec, ViewSpec
 from ..solving.assumed_lens import Lens
@@ -152,7 +151,7 @@ def _view(view: ViewSpec, lenses: Mapping[str, Camera]) -> PerformerView:
         raise CaptureError("there are no keypoints of this view", where=f"{view.where} keypoints", todo=todo)
     footage = probe(view.footage)
     with located(f"keypoints of camera '{view.camera}'"):
-        detections = _on_shot_frames(view, read_keypoints(view.keypoints, footage.size))
+        detections = read_keypoints(view.keypoints, footage.size)
     lens = lenses.get(view.camera)
     if lens is not None and lens.size != footage.size:
         raise CaptureError(
@@ -161,22 +160,7 @@ def _view(view: ViewSpec, lenses: Mapping[str, Camera]) -> PerformerView:
             where=f"camera '{view.camera}'",
             todo="give the calibration of this footage",
         )
-    return PerformerView(view.camera, footage.size, detections, 0.0 if view.every else view.offset, lens)
-
-
-def _on_shot_frames(view: ViewSpec, detections: Detections) -> Detections:
-    """Return a view's detections with the frames of the shot, if not every frame of its footage is one."""
-    if view.every is None:
-        return detections
-    frames, between = np.divmod(detections.frames - round(view.offset), view.every)
-    kept = between == 0
-    return replace(
-        detections,
-        frames=frames[kept],
-        points=detections.points[kept],
-        confidence=detections.confidence[kept],
-        tracks=detections.tracks[kept],
-    )
+    return PerformerView(view.camera, footage.size, detections, view.offset, lens, view.every or 1)
 
 
 def cameras_by_performer(

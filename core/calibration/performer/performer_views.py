@@ -30,10 +30,11 @@ class PerformerView:
     size : tuple of int
         Width and height, pixels.
     detections : Detections
-        The detector's results; frame f of the shot is frame f + offset of the footage, rounded.
+        The detector's results; frame f of the shot is frame every * f + offset of the footage, rounded.
     offset : float
     lens : Camera, optional
         A camera with this lens, whose focal length, principal point and distortion are kept.
+    every : int
     """
 
     camera: str
@@ -41,6 +42,7 @@ class PerformerView:
     detections: Detections
     offset: float = 0.0
     lens: Camera | None = None
+    every: int = 1
 
     def matrix(self, focal: float) -> Array:
         """Return the intrinsic matrix of the lens, or if it is not known, of a focal length in pixels, shape (3, 3)."""
@@ -69,7 +71,8 @@ def joint_sightings(views: Sequence[PerformerView], frames: tuple[int, int], cor
         names = [name for name in JOINTS if name in view.detections.names]
         columns, places = [view.detections.names.index(n) for n in names], [JOINTS.index(n) for n in names]
         largest = np.zeros(shape[1])
-        for i, frame in enumerate(view.detections.frames - round(view.offset) - first):
+        found, between = np.divmod(view.detections.frames - round(view.offset), view.every)
+        for i, frame in enumerate(np.where(between == 0, found - first, -1)):
             own, sure = view.detections.points[i, columns], view.detections.confidence[i, columns]
             there = np.isfinite(own).all(axis=-1) & (sure >= MIN_CONFIDENCE)
             if not 0 <= frame < shape[1] or there.sum() < 2:

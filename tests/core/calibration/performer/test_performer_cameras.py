@@ -133,6 +133,23 @@ def test_of_several_people_the_largest_counts() -> None:
     np.testing.assert_array_equal(among.points, alone.points)
 
 
+def test_of_a_camera_with_twice_the_frame_rate_every_second_frame_is_used() -> None:
+    view, twice = views_of(cameras(1))[0], 2 * np.arange(FRAMES)
+    seen = view.detections
+    between = replace(seen, frames=2 * seen.frames + 1, points=seen.points + 50.0)
+    for offset in (0, 3):
+        both = Detections(
+            NAMES,
+            offset + np.concatenate([twice, between.frames]),
+            np.concatenate([seen.points, between.points]),
+            np.concatenate([seen.confidence, between.confidence]),
+            np.concatenate([seen.tracks, between.tracks]),
+        )
+        fast = replace(view, detections=both, offset=offset, every=2)
+        found, usual = (joint_sightings([one], (0, FRAMES - 1)) for one in (fast, view))
+        np.testing.assert_array_equal(found.points, usual.points)
+
+
 def test_derivatives_are_those_of_the_cost() -> None:
     rng = np.random.default_rng(3)
     rig = rig_of(cameras(2))
