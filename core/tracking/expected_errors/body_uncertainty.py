@@ -67,30 +67,31 @@ def body_covariances(
         found = found + ((LIFTED_ERROR * away) ** 2 / 3)[..., None, None] * np.eye(3)
     if eye is None:
         return found
-    sight = tip_positions(body, part_poses(body, motion)) - eye[:, None]
+    poses = part_poses(body, motion)
+    tips = tip_positions(body, poses)
+    sight = tips - eye[:, None]
     distance = np.linalg.norm(sight, axis=-1)
     if is_lifted:
         variance = away**2 * (LIFTED_DEPTH**2 + (LIFTED_DISTANCE_SHARE * distance) ** 2)
     else:
-        variance = _depth_variances(performer, motion, observed is not None)
+        variance = _depth_variances(performer, poses[1], tips, keypoints=observed is not None)
     sight /= distance[..., None]
     return np.asarray(found + variance[..., None, None] * sight[..., :, None] * sight[..., None, :])
 
 
-def _depth_variances(performer: Performer, motion: Motion, keypoints: bool) -> Array:
-    """Variances of the tips along the line of sight of a single camera between key poses, (F, P), square metres.
+def _depth_variances(performer: Performer, joints: Array, tips: Array, *, keypoints: bool) -> Array:
+    """Variances of the tips (F, P, 3) of a body's parts along the line of sight of a single camera between key poses,
+    (F, P), square metres.
 
     With keypoints, they follow from how far the tips are from where the nearest key pose has them; without, from how
-    far they have moved against the beginnings of their limbs.
+    far they have moved against the beginnings of their limbs, which are among the joints (F, P, 3).
     """
-    body, keys = performer.body, performer.key_poses.full()
-    poses = part_poses(body, motion)
-    tips = tip_positions(body, poses)
+    keys = performer.key_poses.full()
     if keypoints:
         return DEPTH_DRIFT * _distances(tips, keys)
     variance = np.zeros(tips.shape[:2])
-    for chain in limbs(body):
-        moved = _distances(tips[:, chain] - poses[1][:, chain[:1]], keys)
+    for chain in limbs(performer.body):
+        moved = _distances(tips[:, chain] - joints[:, chain[:1]], keys)
         variance[:, chain] = (LIMB_DEPTH_SHARE * moved) ** 2
     return variance
 
