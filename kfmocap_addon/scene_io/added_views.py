@@ -14,7 +14,7 @@ import numpy as np
 from ...core.cameras.camera import Camera
 from ...core.errors import CalibrationError, FootageError, ShotError, located
 from ...core.shot.footage import Footage, probe
-from ...core.shot.footage_faults.footage_checks import SAME_RATE, camera_at_size
+from ...core.shot.footage_faults.footage_checks import camera_at_size, frames_for_each
 from ...core.shot.name_matching import footage_name, footage_of, paired
 from ...core.shot.shot import View
 from . import scene, solved_cameras
@@ -91,8 +91,7 @@ def add_footage(current: bpy.types.Scene, files: Sequence[Path]) -> list[str]:
 
 def _every(current: bpy.types.Scene, footage: Footage) -> int:
     """Return how many frames of footage there are for each of the scene, if that is a whole number; otherwise 1."""
-    times = footage.fps / scene.frame_rate(current)
-    return round(times) if times > 1 and abs(times / round(times) - 1) <= SAME_RATE else 1
+    return frames_for_each(footage.fps, scene.frame_rate(current)) or 1
 
 
 def hide_startup_cube(current: bpy.types.Scene) -> str:

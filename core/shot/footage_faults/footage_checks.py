@@ -105,8 +105,8 @@ def check_rates(views: Sequence[View], footages: Sequence[Footage], fps: float) 
     if _are_the_same(rates.values()):
         return
     slow, fast = min(rates, key=rates.__getitem__), max(rates, key=rates.__getitem__)
-    every, wanted = round(rates[fast] / rates[slow]), f"{rates[slow]:.5g}"
-    if _are_the_same((rates[fast], every * rates[slow])):
+    wanted = f"{rates[slow]:.5g}"
+    if every := frames_for_each(rates[fast], rates[slow]):
         todo = f"write every = {every} in its [[view]], and {wanted} as the shot's fps"
     else:
         todo = f"convert it, as with: ffmpeg -i FOOTAGE -vf fps={wanted} -crf 14 CONVERTED.mp4"
@@ -120,6 +120,14 @@ def check_rates(views: Sequence[View], footages: Sequence[Footage], fps: float) 
 def _are_the_same(rates: Collection[float]) -> bool:
     """Whether frame rates are the same, as files state them."""
     return not rates or max(rates) <= min(rates) * (1 + SAME_RATE)
+
+
+def frames_for_each(fast: float, slow: float) -> int | None:
+    """Return how many frames at one rate there are for each at another, as files state them; None if that is not a
+    whole number.
+    """
+    every = round(fast / slow)
+    return every if every and _are_the_same((fast, every * slow)) else None
 
 
 def _named(view: View) -> str:
