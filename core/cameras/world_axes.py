@@ -38,18 +38,18 @@ class FileWorld:
     ----------
     unit : str, optional
         One of `METRES`; None if it is not stated: metres, which is checked.
-    up : str, optional
-        The axis that points up, one of `AXES`; None if it is not stated: z.
+    up : str
+        The axis that points up, one of `AXES`.
     """
 
     unit: str | None = None
-    up: str | None = None
+    up: str = "z"
 
     def ours(self, camera: Camera) -> Camera:
         """Return a camera of this world in ours: metres, z up."""
-        if self.unit in (None, "m") and self.up in (None, "z"):
+        if self.unit in (None, "m") and self.up == "z":
             return camera
-        axes = np.array(AXES[self.up or "z"], float)
+        axes = np.array(AXES[self.up], float)
         return replace(
             camera,
             R_cam_world=camera.R_cam_world @ axes.T,

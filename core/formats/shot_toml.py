@@ -68,12 +68,11 @@ def read_shot_spec(path: Path | str) -> ShotSpec:
 
 
 def _world(calibration: Table) -> FileWorld:
-    stated = {}
-    for key, known in (("unit", METRES), ("up", AXES)):
-        stated[key] = value = calibration.text(key, None)
+    unit, up = calibration.text("unit", None), calibration.text("up", "z")
+    for key, value, known in (("unit", unit, METRES), ("up", up, AXES)):
         if value is not None and value not in known:
             raise calibration.error(key, f"unknown value '{value}'", f"use {', '.join(known)}")
-    return FileWorld(**stated)
+    return FileWorld(unit, up)
 
 
 def _frames(head: Table) -> tuple[int, int]:

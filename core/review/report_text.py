@@ -89,14 +89,12 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
     """Return lines on problems of the views' footage."""
     lines = []
     for view in values["views"]:
-        rate = view["footage_fps"]
+        rate, every = view["footage_fps"], view.get("every", 1)
         found = FootageRate(**view["rate"]) if view.get("rate") else None
         if found is not None and found.varies:
-            lines.append(f"{view['camera']}: {found.text(values['fps'] * view.get('every', 1))}")
-        elif text := rate_text(rate / view.get("every", 1), values["fps"]):
-            lines.append(
-                f"{view['camera']}: {text}; if it is right, write fps = {rate / view.get('every', 1):g} under [shot]"
-            )
+            lines.append(f"{view['camera']}: {found.text(values['fps'] * every)}")
+        elif text := rate_text(rate / every, values["fps"]):
+            lines.append(f"{view['camera']}: {text}; if it is right, write fps = {rate / every:g} under [shot]")
         if view.get("damage"):
             lines.append(f"{view['camera']}: {FootageDamage(**view['damage']).text}")
         if view["torn"]:

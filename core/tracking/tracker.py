@@ -191,8 +191,10 @@ def _tracked(
         started = time.perf_counter()
         for views in footage.by_segment(begin.motions, finished.known, seconds):
             schedule.add(views)
-        found = partial(_hand_out_solved, pool=pool, pictures=footage.pictures, observed=observed)
-        state, done = schedule.finish(partial(found, shot=shot, options=options))
+        solved = partial(
+            _hand_out_solved, shot=shot, options=options, pool=pool, pictures=footage.pictures, observed=observed
+        )
+        state, done = schedule.finish(solved)
         passed = time.perf_counter() - started - seconds["footage"]
     seconds.add(_scaled_to_elapsed(schedule.seconds, passed))
     report_progress(progress, "tracking", 1.0)

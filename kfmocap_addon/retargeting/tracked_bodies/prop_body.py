@@ -15,7 +15,15 @@ from .skinned_body import use_as_body
 
 _MIN_VERTICES = 8
 _CONSTANT_MODIFIERS = (
-    *("SUBSURF", "BEVEL", "MIRROR", "SOLIDIFY", "TRIANGULATE", "WEIGHTED_NORMAL", "EDGE_SPLIT", "ARRAY", "DECIMATE"),
+    "SUBSURF",
+    "BEVEL",
+    "MIRROR",
+    "SOLIDIFY",
+    "TRIANGULATE",
+    "WEIGHTED_NORMAL",
+    "EDGE_SPLIT",
+    "ARRAY",
+    "DECIMATE",
 )
 """Kinds of modifiers that do not change over time."""
 

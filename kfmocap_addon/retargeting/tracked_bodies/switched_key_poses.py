@@ -116,9 +116,8 @@ def keep_key_poses(
     apart = np.linalg.norm((limbs.shown(armature, frames) - wanted)[..., 3], axis=-1).max(axis=0)
     left = body_armature.world_frame(armature)[1] * apart.max()
     what = [f"keyed on {', '.join(body.names[i] for i in sorted(turned))} now"] if turned else []
-    what += [f"changed by up to {100 * left:.1f} cm, at bone {limbs.bones[int(apart.argmax())]}"] * bool(
-        left > _CHANGED
-    )
+    if left > _CHANGED:
+        what.append(f"changed by up to {100 * left:.1f} cm, at bone {limbs.bones[int(apart.argmax())]}")
     if not what:
         return ()
     return (f"armature {armature.name}: {len(frames)} key poses set with other controls are {', and '.join(what)}",)
