@@ -24,7 +24,7 @@ from render.creatures import CREATURES, FPS, FRAMES, Creature, HeldProp
 from render.drawing import linear
 from render.painted_scene import Floor, PaintedView, Sensor, Surface, lit
 from render.rig_folders import digest, write_folder, write_footage
-from render.rig_parts import bind, coloured_mesh, key_turn
+from render.rig_parts import any_direction, bind, coloured_mesh, key_turn
 from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
@@ -110,7 +110,7 @@ def _add_bones(creature: Creature, armature: bpy.types.Object, to_local: Array) 
     for i, part in enumerate(figure.body.parts):
         bone = bones.new(creature.bones[part.name])
         bone.head = Vector((to_local[:3, :3] @ figure.T_stance[i]).tolist())
-        bone.tail = bone.head + Vector((length * _direction(rng)).tolist())
+        bone.tail = bone.head + Vector((length * any_direction(rng)).tolist())
         bone.roll = float(rng.uniform(-3, 3))
         bone.parent = bones[creature.bones[figure.body.parts[part.parent].name]] if part.parent >= 0 else None
     for name, (above, head, tail) in creature.spare.items():
@@ -120,11 +120,6 @@ def _add_bones(creature: Creature, armature: bpy.types.Object, to_local: Array) 
     bpy.ops.object.mode_set(mode="OBJECT")
     names = [creature.bones[name] for name in figure.body.names]
     return np.array([np.array(armature.data.bones[name].matrix_local)[:3, :3] for name in names])
-
-
-def _direction(rng: np.random.Generator) -> Array:
-    way = rng.normal(size=3)
-    return np.asarray(way / np.linalg.norm(way))
 
 
 def _add_skin(creature: Creature, armature: bpy.types.Object, to_local: Array) -> None:

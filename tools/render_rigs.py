@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from render.chosen_shots import render_chosen
 from render.painted_scene import Floor, PaintedView, Sensor, Surface, lit
 from render.rig_folders import digest, write_folder, write_footage
-from render.rig_parts import colours_of, key_turn
+from render.rig_parts import any_direction, colours_of, key_turn
 from render.rigs import LINKED, RIGS
 from render.takes import camera_looking_at
 from scipy.spatial.transform import Rotation
@@ -91,8 +91,8 @@ def animate(armature: bpy.types.Object, bones: Sequence[str], seed: int) -> None
     t = np.arange(FRAMES) / FPS
     for k, name in enumerate(bones):
         bone = armature.pose.bones[name]
-        axis, size = _direction(rng), SWING * rng.uniform(0.6, 1.2) if k else ROOT_SWING
-        frequency, phase, other = rng.uniform(0.8, 1.25), rng.uniform(0, 2 * np.pi), _direction(rng)
+        axis, size = any_direction(rng), SWING * rng.uniform(0.6, 1.2) if k else ROOT_SWING
+        frequency, phase, other = rng.uniform(0.8, 1.25), rng.uniform(0, 2 * np.pi), any_direction(rng)
         turn = 2 * np.pi * frequency * t[:, None]
         vectors = size * (np.sin(turn + phase) * axis + 0.4 * np.sin(0.6 * turn + 2 * phase) * other)
         vectors[:, list(bone.lock_rotation)] = 0
@@ -108,11 +108,6 @@ def _move(armature: bpy.types.Object, bone: bpy.types.PoseBone, turns: Array) ->
     for f, way in enumerate(0.25 * np.stack(ways, axis=1)):
         bone.location = to_bone @ Vector(way.tolist())
         bone.keyframe_insert("location", frame=FIRST + f)
-
-
-def _direction(rng: np.random.Generator) -> Array:
-    way = rng.normal(size=3)
-    return np.asarray(way / np.linalg.norm(way))
 
 
 def shown(owners: Sequence[bpy.types.Object], frame: float) -> Array:

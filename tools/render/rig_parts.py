@@ -16,6 +16,12 @@ COLOURS = "colour"
 """Attribute of a mesh with the colours of its vertices, linear light."""
 
 
+def any_direction(rng: np.random.Generator) -> Array:
+    """Return a unit vector in a random direction, shape (3,)."""
+    way = rng.normal(size=3)
+    return np.asarray(way / np.linalg.norm(way))
+
+
 def key_turn(bone: bpy.types.PoseBone, turn: Matrix, frame: int) -> None:
     """Turn a bone from its rest pose, near to how it is turned, and key it in its rotation mode."""
     if bone.rotation_mode == "QUATERNION":
