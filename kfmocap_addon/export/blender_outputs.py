@@ -6,6 +6,7 @@ import contextlib
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -45,7 +46,7 @@ def show_shot(shot: Shot, home: Path | str, beside: Path | None = None) -> bpy.t
     FootageError
         Blender cannot read some footage.
     """
-    scene, folder = _fresh_scene(), Path(home).resolve()
+    scene, folder, shot = _fresh_scene(), Path(home).resolve(), _with_absolute_paths(shot)
     # Blender takes relative paths from there as long as no file is open. If the folder is still to be made, paths are
     # changed afterwards, and Blender opens all footage again.
     there = folder if folder.is_dir() or beside is None else beside.resolve()
@@ -120,6 +121,15 @@ def write_blender_outputs(
         bpy.ops.wm.save_as_mainfile(filepath=str(target), copy=True, check_existing=False, relative_remap=False)
     paths.append(folder / "shot.blend")
     return paths
+
+
+def _with_absolute_paths(shot: Shot) -> Shot:
+    """Return a shot whose files are found from any working directory."""
+    views = [
+        replace(view, footage=view.footage.absolute(), keypoints=view.keypoints and view.keypoints.absolute())
+        for view in shot.views
+    ]
+    return replace(shot, views=tuple(views))
 
 
 def _fresh_scene() -> bpy.types.Scene:

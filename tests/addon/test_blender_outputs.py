@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -169,6 +170,16 @@ def test_a_shot_is_shown_though_the_folder_of_its_results_is_still_to_be_made(bl
     assert [clip.filepath for clip in clips] == ["//../../cam01.mp4", "//../../cam02.mp4"]
     assert [clip.frame_duration for clip in clips] == [30, 30]
     assert not (tmp_path / "new").exists()
+
+
+def test_a_shot_whose_files_are_named_from_the_working_folder_is_shown(blender, tmp_path, monkeypatch):
+    """As after `cd shot; kfmocap track shot.toml`: its paths are relative to where the command was run."""
+    given = shot(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    views = tuple(replace(view, footage=Path(view.footage.name)) for view in given.views)
+    (tmp_path / "out").mkdir()
+    blender_outputs.show_shot(replace(given, views=views), Path("out"))
+    assert [clip.filepath for clip in bpy.data.movieclips] == ["//../cam01.mp4", "//../cam02.mp4"]
 
 
 def test_far_footage_is_named_by_its_absolute_path(tmp_path):
