@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -14,6 +15,7 @@ from .reading import NUMBER_LIMIT, read_text, reading
 
 _REQUIRED: Any = object()
 _LONGEST_PATH, _LONGEST_NAME, _SHOWN = 4000, 255, 60
+_BACKSLASHES = "write paths with /, as in 'D:/shoot/cam01.mp4', or between single quotes"
 # tomllib takes quadratic time for a key with very many parts. The possessive repetitions never backtrack.
 _LONG_KEY = re.compile(r"""(?<![\w"'-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){50}""")
 
@@ -21,7 +23,9 @@ _LONG_KEY = re.compile(r"""(?<![\w"'-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]
 def read_toml(path: Path, what: str, error: type[KFMocapError]) -> dict[str, Any]:
     """Read the document in a TOML file, which is called `what` in messages of the type `error`."""
     text = read_text(path, what, error)
-    with reading(path, "a TOML file", error):
+    # In double quotes a backslash begins an escape sequence: Windows' paths seldom are valid ones.
+    todo = _BACKSLASHES if "\\" in text else None
+    with reading(path, "a TOML file", error, todo):
         if _LONG_KEY.search(text):
             raise ValueError("a key has too many parts")
         return tomllib.loads(text)
@@ -99,10 +103,14 @@ class Table:
         return value
 
     def path(self, key: str, folder: Path, default: Any = _REQUIRED) -> Path | Any:
-        """Return a path, which is relative to the folder of the file."""
+        """Return a path, which is relative to the folder of the file; it may be written with backslashes anywhere."""
         if key not in self._values and default is not _REQUIRED:
             return default
         text = self.text(key)
+        if any(character in text for character in "\b\t\n\f\r"):
+            raise self.error(key, f"{_shown(text)} cannot be a path: a backslash began an escape", _BACKSLASHES)
+        if os.sep == "/":
+            text = text.replace("\\", "/")
         longest = max(len(part.encode(errors="replace")) for part in re.split(r"[/\\]", text))
         if "\0" in text or len(text) > _LONGEST_PATH or longest > _LONGEST_NAME:
             raise self.error(key, f"{_shown(text)} cannot be a path")

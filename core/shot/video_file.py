@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
+import os
+import re
+import unicodedata
 from pathlib import Path
 
 from ..errors import FootageError
@@ -11,6 +15,8 @@ _HEAD = 64
 """Number of bytes examined: in every video container or stream, some of these do not occur in text."""
 _TEXT = bytes([*b"\t\n\f\r", *range(0x20, 0x7F)])
 _VIDEO_WITH_A_TEXT_FIRST = b"YUV4MPEG2"
+_LIKENESS = 0.8
+"""Similarity, 0 to 1, from which a file's name may be what a misspelt one meant."""
 _OTHERS = {b"BLENDER": "a Blender file", b"\x28\xb5\x2f\xfd": "a compressed Blender file", b"PK\3\4": "a ZIP archive"}
 """What begins like this, and is no video."""
 
@@ -31,7 +37,9 @@ def check_video_file(path: Path) -> None:
     if not path.is_file():
         if path.exists():
             raise FootageError("this is not a file but a pipe or a device", where=str(path), todo=f"name {PATTERNS}")
-        raise FootageError("there is no such footage", where=str(path), todo=f"name {PATTERNS}")
+        meant = _meant(path)
+        todo = f"did you mean '{meant}'?" if meant else f"name {PATTERNS}"
+        raise FootageError("there is no such footage", where=str(path), todo=todo)
     try:
         str(path).encode()
     except UnicodeEncodeError as error:
@@ -48,3 +56,24 @@ def check_video_file(path: Path) -> None:
     for begin, kind in _OTHERS.items():
         if head.startswith(begin):
             raise FootageError(f"this is {kind}, not a video", where=str(path), todo=f"name {PATTERNS}")
+
+
+def _meant(path: Path) -> str | None:
+    """Return the name in a path's folder that is most like its own and has the same digits; None if none is like it.
+
+    Names that differ in capitals alone, or in how a system writes letters with accents, count as the same.
+    """
+    try:
+        names = {_plain(name): name for name in os.listdir(path.parent) if _digits(name) == _digits(path.name)}
+    except OSError:
+        return None
+    near = difflib.get_close_matches(_plain(path.name), names, n=1, cutoff=_LIKENESS)
+    return names[near[0]] if near else None
+
+
+def _digits(name: str) -> list[str]:
+    return re.findall(r"\d+", name.rpartition(".")[0])
+
+
+def _plain(name: str) -> str:
+    return unicodedata.normalize("NFC", name).casefold()

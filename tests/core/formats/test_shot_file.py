@@ -291,6 +291,9 @@ BAD = [
     ('solver = "relaxation"', "threads = 0", r"\[track\] threads: it is 0"),
     ('solver = "relaxation"', "threads = 100000", r"\[track\] threads: it is 100000 .*1 to 256"),
     ("[calibration]", "[calibration", r"shot\.toml: is not a TOML file.*line"),
+    ('"cam01_%04d.png"', r'"C:\Users\me\cam01.mp4"', r"not a TOML file.*\(write paths with /.*single quotes"),
+    ('"cam01_%04d.png"', r'"C:\takes\cam01.mp4"', r"not a TOML file.*\(write paths with /.*single quotes"),
+    ('"cam01_%04d.png"', r'"walk\take1.mp4"', r"1 footage: .* a backslash began an escape \(write paths with /"),
 ]
 
 
@@ -315,6 +318,16 @@ def test_footage_may_be_the_folder_of_an_image_sequence(folder: Path) -> None:
     (own / "thumbnail.jpg").touch()
     with pytest.raises(KFMocapError, match=r"1 footage: .*several image sequences: cam01_####\.png, thumbnail\.jpg"):
         load_shot(path)
+
+
+def test_paths_may_be_written_with_backslashes(folder: Path) -> None:
+    own = folder / "cam01"
+    own.mkdir()
+    for file in sorted(folder.glob("cam01_*.png")):
+        file.rename(own / file.name)
+    path = folder / "shot.toml"
+    path.write_text(TEXT.replace('"cam01_%04d.png"', r"'cam01\cam01_%04d.png'"))
+    assert load_shot(path).views[0].footage == own / "cam01_%04d.png"
 
 
 @pytest.mark.parametrize(("name", "frame"), [("RKnee", None), ("LWrist", 6)])

@@ -6,6 +6,7 @@ import os
 import struct
 import sys
 import time
+import unicodedata
 import zlib
 from dataclasses import replace
 from pathlib import Path
@@ -178,6 +179,23 @@ def test_missing_and_unreadable_footage_is_refused(tmp_path: Path) -> None:
     (tmp_path / "text.mp4").write_text("this is no video")
     with pytest.raises(FootageError, match=r"text\.mp4.*cannot be read"):
         probe(tmp_path / "text.mp4")
+
+
+@pytest.mark.parametrize(
+    ("named", "there", "meant"),
+    [
+        ("Take1.MP4", "take1.mp4", True),
+        (unicodedata.normalize("NFC", "Käm1.mp4"), unicodedata.normalize("NFD", "Käm1.mp4"), True),
+        ("cam_1.mp4", "cam1.mp4", True),
+        ("take1.mp4", "take2.mp4", False),
+    ],
+)
+def test_missing_footage_names_the_file_that_may_be_meant(tmp_path: Path, named: str, there: str, meant: bool) -> None:
+    """As after copying from a system that does not tell capitals apart, or that writes accents otherwise."""
+    (tmp_path / there).touch()
+    with pytest.raises(FootageError) as caught:
+        probe(tmp_path / named)
+    assert (caught.value.todo == f"did you mean '{there}'?") is meant
 
 
 def test_footage_that_breaks_off_names_the_frame(tmp_path: Path) -> None:
