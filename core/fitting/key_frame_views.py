@@ -86,7 +86,7 @@ def read_key_frames(shot: Shot, frames: NDArray[np.int64], progress: Progress | 
     """
     found = []
     for v, view in enumerate(shot.views):
-        check_view(view, shot.frames[0], shot.length)
+        check_view(view, shot.frames[0], shot.length, shot.fps)
         report_progress(progress, "footage", v / len(shot.views))
         found.append(_read(view, shot, frames))
     return found

@@ -79,7 +79,7 @@ def misfit_picture(shot: Shot, view: View, motions: Sequence[Motion], frame: int
         raise ShotError("there is no key pose of the whole body around it", where=where, todo="set one, and track")
     frames = sorted({*keys, frame})
     camera = view.camera.reduced(factor := working_factor(view, MAX_PICTURE_SIDE)).rectified()
-    check_view(view, shot.frames[0], shot.length)
+    check_view(view, shot.frames[0], shot.length, shot.fps)
     colour = np.stack(list(frames_at(view, [shot.frames[0] + f for f in frames], factor, grey=False)))
     bodies = [performer.body for performer in shot.performers]
     R, T = scene_poses(bodies, poses_after(motions, shown_delay(view, shot.settings), frames))

@@ -99,8 +99,8 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
             lines.append(f"{view['camera']}: {FootageDamage(**view['damage']).text}")
         if view["torn"]:
             lines.append(f"{view['camera']}: {torn_text(view['torn'])}")
-        for gap in view.get("gaps", ()):
-            lines.append(f"{view['camera']}: {FoundGap(**gap).text}")
+        gaps = [FoundGap(**gap) for gap in view.get("gaps", ())]
+        lines += [f"{view['camera']}: {gap.text}" for gap in gaps if not gap.timed]
         if view.get("late"):
             lines.append(f"{view['camera']}: {LateView(**view['late']).text}")
     return lines

@@ -22,7 +22,7 @@ from ..shot.footage_faults.footage_damage import FootageDamage
 from ..shot.footage_faults.footage_times import FootageRate
 from ..shot.shot import Performer, Shot
 from ..tracking.expected_errors.uncertainty import expected_errors, joint_parts
-from ..tracking.footage_gaps import found_gaps
+from ..tracking.footage_gaps import found_gaps, torn_frames
 from .suggestions import suggest_keys_beside_hidden, suggest_keys_by_error
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def _view_values(shot: Shot, result: TrackResult, number: int) -> dict[str, Any]
         "keypoints": str(view.keypoints) if view.keypoints else None,
         "footage_fps": container_rate(view),
         "rate": _of_view(result.rates, number),
-        "torn": [shot.frames[0] + frame for frame in result.torn[number]] if result.torn else [],
+        "torn": [shot.frames[0] + frame for frame in torn_frames(shot, result)[number]] if result.torn else [],
         "gaps": [dataclasses.asdict(gap) for gap in found_gaps(shot, result)[number]],
         "late": _late(shot, result, number),
         "damage": _of_view(result.damage, number),

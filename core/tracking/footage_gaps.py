@@ -16,8 +16,8 @@ import numpy as np
 from ..shot.footage import probe
 from ..shot.footage_faults.continuity import COMPARED_PAIRS
 from ..shot.footage_faults.footage_checks import stored_frames
-from ..shot.footage_faults.footage_times import FootageRate
-from ..shot.frame_numbers import footage_index, frames_damaged, frames_per_file_frame, gap_frame
+from ..shot.footage_faults.footage_times import FootageRate, timed_gaps
+from ..shot.frame_numbers import across_gaps, footage_index, frames_damaged, gap_frame
 from ..shot.shot import Gap, Shot, View
 from .journal import FinishedSegment
 from .track_result import TrackResult
@@ -31,14 +31,14 @@ SAME_GAP_FRAMES = 2
 
 
 def with_timed_gaps(shot: Shot, rates: Sequence[FootageRate | None]) -> Shot:
-    """Return a shot in which frames are missing in views without known gaps where the times in their files say so."""
+    """Return a shot in which frames are missing, or there too often, in views without known gaps where the times in
+    their files say so.
+    """
     if not shot.settings.correct_gaps:
         return shot
     views = []
     for view, rate in zip(shot.views, rates, strict=True):
-        each, missing = frames_per_file_frame(view), () if rate is None else rate.missing
-        timed = tuple(Gap(each * frame, each * count, timed=True) for frame, count in missing)
-        views.append(replace(view, gaps=view.gaps or timed))
+        views.append(replace(view, gaps=view.gaps or timed_gaps(view, rate)))
     return replace(shot, views=tuple(views))
 
 
@@ -101,12 +101,13 @@ class FoundGap:
     ----------
     frame : int
         The shot's first frame that is missing in the footage; or the one behind the frame that is there more than once.
-    missing : int
+    missing, timed
         See `Gap`.
     """
 
     frame: int
     missing: int
+    timed: bool = False
 
     def counted_from(self, first: int) -> FoundGap:
         """Return the same with frames in a count in which the shot's first has a number."""
@@ -135,9 +136,21 @@ class FoundGap:
 def found_gaps(shot: Shot, result: TrackResult) -> list[list[FoundGap]]:
     """Return the gaps of every view as they are reported, with frames in the count of `Shot.frames`."""
     return [
-        [FoundGap(gap_frame(replace(view, gaps=gaps), gap), gap.missing) for gap in gaps]
+        [FoundGap(gap_frame(replace(view, gaps=gaps), gap), gap.missing, gap.timed) for gap in gaps]
         for view, gaps in zip(shot.views, result.gaps or [()] * len(shot.views), strict=True)
     ]
+
+
+def torn_frames(shot: Shot, result: TrackResult) -> list[list[int]]:
+    """Return the frames of every view that do not continue the one before, counted from the shot's first, except those
+    at gaps that the times in its file show.
+    """
+    frames, found = range(shot.frames[0], shot.frames[1] + 1), []
+    for view, torn in zip(with_found_gaps(shot, result.gaps).views, result.torn, strict=True):
+        timed = tuple(gap for gap in view.gaps if gap.timed)
+        across = across_gaps(replace(view, gaps=timed), frames)
+        found.append([frame for frame in torn if not across[frame - 1]])
+    return found
 
 
 def with_found_gaps(shot: Shot, gaps: Sequence[tuple[Gap, ...]]) -> Shot:

@@ -101,7 +101,7 @@ def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None) ->
     length = spec.frames[1] - spec.frames[0] + 1
     # The footage is probed in other threads while bodies are fitted.
     with ThreadPoolExecutor(worker_count(spec.settings.threads)) as pool:
-        checked = [pool.submit(check_view, view, spec.frames[0], length) for view in views]
+        checked = [pool.submit(check_view, view, spec.frames[0], length, spec.fps) for view in views]
         try:
             prepared = [_performer(performer, spec.frames[0]) for performer in spec.performers]
         finally:

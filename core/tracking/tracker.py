@@ -279,7 +279,7 @@ def _footage_checked(shot: Shot, run: RunContext) -> Iterator[list[Future[Footag
         if not (run.footage_checked or (run.memory is not None and is_kept(shot, view, run.memory)))
     ]
     with ThreadPoolExecutor(worker_count(shot.settings.threads)) as pool:
-        checked = [pool.submit(check_view, view, shot.frames[0], shot.length) for view in unchecked]
+        checked = [pool.submit(check_view, view, shot.frames[0], shot.length, shot.fps) for view in unchecked]
         yield [pool.submit(kept_rate, shot, view, run.memory) for view in shot.views]
         for check in checked:
             check.result()

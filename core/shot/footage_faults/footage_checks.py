@@ -10,15 +10,15 @@ from ...errors import FootageError, located
 from ..footage import Footage, decodable, probe
 from ..frame_numbers import footage_index, frames_per_file_frame, is_interlaced
 from ..image_sequences import check_images, image_files
-from ..shot import Gap, View
-from .footage_times import video_rate
+from ..shot import View
+from .footage_times import timed_gaps, video_rate
 
 _UNTURN = "ffmpeg -display_rotation 0 -i FOOTAGE -c copy CONVERTED.mp4"
 SAME_RATE = 0.02
 """Relative difference within which frame rates that files state count as one, such as 29.97 and 30."""
 
 
-def check_view(view: View, first: int, length: int) -> Footage:
+def check_view(view: View, first: int, length: int, fps: float | None = None) -> Footage:
     """Check that a view's footage fits a shot.
 
     Parameters
@@ -26,6 +26,8 @@ def check_view(view: View, first: int, length: int) -> Footage:
     view : View
     first, length : int
         First shot frame, and number of frames.
+    fps : float, optional
+        The shot's frames per second, at which frames are counted by their times if they do not come at a constant rate.
 
     Raises
     ------
@@ -36,7 +38,7 @@ def check_view(view: View, first: int, length: int) -> Footage:
     footage = probe(view.footage)
     with located(str(view.footage)):
         camera_at_size(view.camera, footage.size, resized=False, declare="say so: resized = true under [calibration]")
-    _check_range(view, footage, first, length)
+    _check_range(view, footage, first, length, fps)
     return footage
 
 
@@ -89,20 +91,27 @@ def check_rates(views: Sequence[View], footages: Sequence[Footage], fps: float) 
     Raises
     ------
     FootageError
-        In one there are more frames for each of the shot than in another, or they do not come at a constant rate; names
-        it and what to do.
+        In one there are more frames for each of the shot than in another, or they do not come at a constant rate and
+        cannot be counted by their times at the shot's; names it and what to do.
     """
     stated = {v: footage.fps * frames_per_file_frame(views[v]) for v, footage in enumerate(footages) if footage.fps > 0}
     if _are_the_same(stated.values()):
         return
-    measured = {v: video_rate(footages[v].path, footages[v].count) for v in stated}
+    measured = {v: video_rate(footages[v].path, footages[v].count, _file_rate(views[v], fps)) for v in stated}
     for v, rate in measured.items():
-        if rate is not None and rate.varies and not rate.missing:
-            raise FootageError(rate.text(fps / frames_per_file_frame(views[v])), where=_named(views[v]))
+        if rate is not None and rate.varies and not (rate.missing or rate.counted):
+            raise FootageError(rate.text(_file_rate(views[v], fps)), where=_named(views[v]))
     rates = {
-        v: stated[v] if rate is None else rate.rate * frames_per_file_frame(views[v]) for v, rate in measured.items()
+        v: stated[v] if rate is None else rate.rate * frames_per_file_frame(views[v])
+        for v, rate in measured.items()
+        if rate is None or not rate.counted
     }
     if _are_the_same(rates.values()):
+        if len(rates) < len(measured) and not _are_the_same((*rates.values(), fps)):
+            v, constant = next(iter(rates.items()))
+            what = f"it has {constant:.5g} frames per second, the shot {fps:.5g}"
+            todo = f"write fps = {constant:.5g} under [shot]: views whose rate varies are counted by their times"
+            raise FootageError(what, where=_named(views[v]), todo=todo)
         return
     slow, fast = min(rates, key=rates.__getitem__), max(rates, key=rates.__getitem__)
     wanted = f"{rates[slow]:.5g}"
@@ -144,7 +153,7 @@ def stored_frames(view: View, footage: Footage, wanted: int) -> int:
     return count
 
 
-def _check_range(view: View, footage: Footage, first: int, length: int) -> None:
+def _check_range(view: View, footage: Footage, first: int, length: int, fps: float | None) -> None:
     start, end = footage_index(view, first), footage_index(view, first + length - 1)
     last, offset, each = first + length - 1, view.offset, frames_per_file_frame(view)
     unit = "fields" if is_interlaced(view) else "frames"
@@ -154,18 +163,22 @@ def _check_range(view: View, footage: Footage, first: int, length: int) -> None:
     if start < 0:
         raise FootageError(f"the shot begins before the footage: {asked}", where=where)
     count, images = stored_frames(view, footage, end + 1), image_files(view.footage)
-    if end >= count and _end_by_times(view, footage, first + length - 1) >= count:
+    if end >= count and _end_by_times(view, footage, first + length - 1, fps) >= count:
         raise FootageError(f"the footage has only {count} {unit}: {asked}", where=where)
     if images is not None:
         check_images(view.footage, images, range(start // each, end // each + 1), footage.size)
 
 
-def _end_by_times(view: View, footage: Footage, last: int) -> int:
+def _end_by_times(view: View, footage: Footage, last: int, fps: float | None) -> int:
     """Return the frame, or field, of footage that shows the shot's last if those that lack by its times are counted."""
-    rate, each = video_rate(footage.path, footage.count), frames_per_file_frame(view)
-    missing = () if rate is None or view.gaps else rate.missing
-    gaps = view.gaps or tuple(Gap(each * frame, each * count, timed=True) for frame, count in missing)
-    return footage_index(replace(view, gaps=gaps), last)
+    wanted = None if fps is None else _file_rate(view, fps)
+    rate = None if view.gaps else video_rate(footage.path, footage.count, wanted)
+    return footage_index(replace(view, gaps=view.gaps or timed_gaps(view, rate)), last)
+
+
+def _file_rate(view: View, fps: float) -> float:
+    """Return how many frames of a view's file per second a shot's frame rate asks for."""
+    return fps * view.every / frames_per_file_frame(view)
 
 
 def _by(size: tuple[int, int]) -> str:

@@ -16,12 +16,18 @@ from ...numerics.arrays import Array, Bools, Ints
 from ...numerics.frame_ranges import runs
 from ..frame_numbers import file_index, frames_per_file_frame
 from ..image_sequences import image_files
-from ..shot import Shot, View
+from ..shot import Gap, Shot, View
 
 MAX_DEVIATION = 0.5
 """Largest deviation of a frame from a constant rate that is ignored, frames."""
+MAX_ASTRAY_COUNTED = 0.6
+"""Largest deviation of a frame from the one that it is counted as, frames. With half a frame, frames that come halfway
+between two would be counted now as the one, now as the other."""
+_MAX_JUMPS_SHARE = 0.4
+"""Share of a file's frames up to which they are counted by their times; beyond that the rate asked for is another."""
 _WHOLE_TOLERANCE = 0.25
 """Largest deviation of a gap between two frames from a whole number of frames, for frames to be missing there."""
+_COUNTED = "tracking counts the others rightly, unless correct_gaps = false"
 _MAX_SHOWN = 5
 _MAX_REORDERING = 32
 """Upper limit to how many places a packet's order in the file differs from the order in which frames are shown."""
@@ -41,12 +47,16 @@ class FootageRate:
         The frame of the file with that deviation.
     missing : sequence of (int, int)
         Frames of the file, and how many are missing before each, where the rate is otherwise constant.
+    counted : sequence of (int, int)
+        Where it is not: the same by the times at the rate that the shot asks for; where there are too many frames, how
+        many, negative, from that frame on.
     """
 
     rate: float
     astray: float
     frame: int
     missing: Sequence[Sequence[int]] = ()
+    counted: Sequence[Sequence[int]] = ()
 
     @property
     def varies(self) -> bool:
@@ -63,10 +73,17 @@ class FootageRate:
         """
         if self.missing:
             gaps = listed([f"{count} before frame {frame}" for frame, count in self.missing], _MAX_SHOWN)
-            return f"frames are missing in it, by their times: {gaps} of the file"
+            return f"frames are missing in it, by their times: {gaps} of the file; {_COUNTED}"
         off = f"{self.astray:.1f} frames off a constant rate of {self.rate:.4g}"
         what = f"its frame rate varies: frame {self.frame} of the file is {off}"
-        return f"{what}; convert it, as with: ffmpeg -i FOOTAGE -vf fps={wanted or self.rate:.5g} -crf 14 CONVERTED.mp4"
+        if self.counted:
+            lacks, extra = (sum(max(sign * count, 0) for _, count in self.counted) for sign in (1, -1))
+            what += f"; {lacks} are missing, and {extra} too many, by their times; {_COUNTED}"
+            return f"{what}; for Blender's pictures, {self._converted(wanted)}"
+        return f"{what}; {self._converted(wanted)}"
+
+    def _converted(self, wanted: float | None) -> str:
+        return f"convert it, as with: ffmpeg -i FOOTAGE -vf fps={wanted or self.rate:.5g} -crf 14 CONVERTED.mp4"
 
 
 def footage_rate(shot: Shot, view: View) -> FootageRate | None:
@@ -75,15 +92,20 @@ def footage_rate(shot: Shot, view: View) -> FootageRate | None:
     Nothing is decoded.
     """
     first, last = (file_index(view, frame) for frame in shot.frames)
-    return _rate(frame_times(view.footage, last + 1)[max(first, 0) :], first, frames_per_file_frame(view))
+    each = frames_per_file_frame(view)
+    times = frame_times(view.footage, last + 1)[max(first, 0) :]
+    return _rate(times, first, each, shot.fps * view.every / each)
 
 
-def video_rate(path: Path, count: int) -> FootageRate | None:
-    """Return the rate of a video's first frames, without decoding; None if the container does not state times."""
-    return _rate(frame_times(path, count), 0, 1)
+def video_rate(path: Path, count: int, wanted: float | None = None) -> FootageRate | None:
+    """Return the rate of a video's first frames, without decoding; None if the container does not state times.
+
+    If frames per second are `wanted`, they are counted by their times where the rate varies.
+    """
+    return _rate(frame_times(path, count), 0, 1, wanted)
 
 
-def _rate(times: Array, first: int, each: int) -> FootageRate | None:
+def _rate(times: Array, first: int, each: int, wanted: float | None) -> FootageRate | None:
     """Return the rate of frames at some times, seconds, from number `first` in the file; `each` fields make a frame."""
     if len(times) < 3 or times[-1] <= times[0]:
         return None
@@ -97,7 +119,23 @@ def _rate(times: Array, first: int, each: int) -> FootageRate | None:
         if np.abs(left).max() <= MAX_DEVIATION / 2:
             missing = tuple((first + int(k) + 1, int(gaps[k])) for k in np.flatnonzero(gaps))
             return FootageRate(float(each / steady), astray, missing[0][0], missing)
-    return FootageRate(float(each / slope), astray, first + worst)
+    counted = _counted(times, first, wanted) if wanted and astray > MAX_DEVIATION else ()
+    return FootageRate(float(each / slope), astray, first + worst, counted=counted)
+
+
+def _counted(times: Array, first: int, rate: float) -> tuple[tuple[int, int], ...]:
+    """Return before which frames at some times, seconds, others are missing at a constant rate, and how many, or how
+    many are too many; none where that would be most of them.
+    """
+    places = (times - times[0]) * rate
+    places -= np.angle(np.exp(2j * np.pi * places).mean()) / (2 * np.pi)  # the mean of what is off whole numbers
+    number, jumps = round(float(places[0])), []
+    for k, place in enumerate(places[1:], 1):
+        number += 1
+        if abs(place - number) > MAX_ASTRAY_COUNTED:
+            jumps.append((first + k, round(place - number)))
+            number += jumps[-1][1]
+    return tuple(jumps) if len(jumps) <= _MAX_JUMPS_SHARE * len(times) else ()
 
 
 def _missing(lasting: Array) -> Ints:
@@ -115,6 +153,12 @@ def _constant_rate(number: Ints, times: Array) -> tuple[float, Array]:
     slope, start = np.polyfit(number, times, 1)
     off = (times - start - slope * number) / slope
     return float(slope), np.asarray(off - (off.max() + off.min()) / 2)
+
+
+def timed_gaps(view: View, rate: FootageRate | None) -> tuple[Gap, ...]:
+    """Return the gaps in a view's footage that the times in its file show."""
+    each, found = frames_per_file_frame(view), () if rate is None else rate.missing or rate.counted
+    return tuple(Gap(each * frame, each * count, timed=True) for frame, count in found)
 
 
 def frames_missing(rate: FootageRate | None, view: View, frames: range) -> Bools:

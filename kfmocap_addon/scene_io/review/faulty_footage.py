@@ -10,7 +10,7 @@ from ....core.errors import listed
 from ....core.review.report_text import rate_text, torn_text
 from ....core.shot.footage import container_rate
 from ....core.shot.shot import Shot, View
-from ....core.tracking.footage_gaps import found_gaps
+from ....core.tracking.footage_gaps import found_gaps, torn_frames
 from ....core.tracking.retracking import Excerpt
 from ....core.tracking.track_result import TrackResult
 
@@ -28,9 +28,9 @@ def show_faults(
     slots = {slot.name: slot for slot in scene.kfmocap.views}
     messages, zero = [], scene.kfmocap.frame_start - shot.frames[0]
     for v, (view, own) in enumerate(zip(shot.views, found_gaps(shot, results[-1]), strict=True)):
-        gaps = [gap.counted_from(zero) for gap in own]
+        gaps = [gap.counted_from(zero) for gap in own if not gap.timed]
         found = [(gap.brief, gap.text) for gap in gaps] + list(
-            _faults(scene.kfmocap.frame_start, v, parts, results, shot.fps * view.every)
+            _faults(scene.kfmocap.frame_start, v, shot, parts, results)
         )
         if rate := rate_text(_rate(view, v, results) / view.every, shot.fps):
             found.append((rate, rate))
@@ -50,18 +50,21 @@ def _rate(view: View, v: int, results: Sequence[TrackResult]) -> float:
 
 
 def _faults(
-    frame_start: int, v: int, parts: Sequence[Excerpt], results: Sequence[TrackResult], wanted: float
+    frame_start: int, v: int, shot: Shot, parts: Sequence[Excerpt], results: Sequence[TrackResult]
 ) -> Iterator[tuple[str, str]]:
-    """Generate what is wrong with a view's footage, in brief and in full; `wanted` is how many frames it should have
-    per second.
-    """
+    """Generate what is wrong with a view's footage, in brief and in full."""
     begins = [frame_start + part.first for part in parts]
     pairs = list(zip(begins, results, strict=True))
-    if torn := sorted({begin + frame for begin, r in pairs if r.torn for frame in r.torn[v]}):
+    shots = [shot.between(part.first, part.last) for part in parts]
+    each = [torn_frames(own, r)[v] if r.torn else [] for own, r in zip(shots, results, strict=True)]
+    if torn := sorted({begin + frame for begin, found in zip(begins, each, strict=True) for frame in found}):
         yield f"pictures at {listed(torn, _SHOWN)} do not continue", torn_text(torn)
     if late := [off.counted_from(begin) for begin, r in pairs if r.late and (off := r.late[v]) is not None]:
         yield late[0].brief, late[0].text
     if damage := [own for r in results if r.damage and (own := r.damage[v]) is not None]:
         yield "its file is damaged" if damage[0].reported else "its pictures may be damaged", damage[0].text
     if rates := [rate for r in results if r.rates and (rate := r.rates[v]) is not None and rate.varies]:
-        yield "frames are missing in it" if rates[0].missing else "its frame rate varies", rates[0].text(wanted)
+        yield (
+            "frames are missing in it" if rates[0].missing else "its frame rate varies",
+            rates[0].text(shot.fps * shot.views[v].every),
+        )

@@ -224,6 +224,17 @@ def test_problems_of_the_footage_are_reported(
     assert [line for line in lines if line.startswith("cam01: early from about frame 117 on: a frame seems to be miss")]
 
 
+def test_gaps_that_the_times_of_a_file_show_are_reported_once(tracked: tuple[Shot, type]) -> None:
+    shot, result = tracked
+    result.torn = ((), (3, 4, 5))
+    result.gaps = ((), (Gap(shot.frames[0] + 4, 1, timed=True),))
+    result.rates = (None, FootageRate(25.0, 0.6, 4, missing=((shot.frames[0] + 4, 1),)))
+    said = [line for line in report_lines(report(shot, result())) if line.startswith("cam02: ")]
+    assert [line for line in said if "frames are missing in it, by their times: 1 before frame 104" in line]
+    assert [line for line in said if line.startswith("cam02: pictures that") and "on or before frames 103;" in line]
+    assert not [line for line in said if "frame 104 is missing" in line]
+
+
 def test_keypoints_of_other_footage_are_reported(tracked: tuple[Shot, type]) -> None:
     shot, result = tracked
     values = report(shot, result())

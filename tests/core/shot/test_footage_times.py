@@ -13,7 +13,14 @@ import pytest
 from kfmocap.core.errors import FootageError
 from kfmocap.core.shot.footage import Album, probe
 from kfmocap.core.shot.footage_faults.footage_checks import check_rates, check_view
-from kfmocap.core.shot.footage_faults.footage_times import footage_rate, frame_times, frames_missing, video_rate
+from kfmocap.core.shot.footage_faults.footage_times import (
+    footage_rate,
+    frame_times,
+    frames_missing,
+    timed_gaps,
+    video_rate,
+)
+from kfmocap.core.shot.frame_numbers import footage_index
 from kfmocap.core.shot.shot import Shot, View
 from kfmocap.core.tracking.picture_store import PictureStore
 from kfmocap.core.tracking.reader import SegmentReader
@@ -78,7 +85,7 @@ def test_a_rate_that_varies_is_said(film: Path) -> None:
     assert later is not None
     assert not later.varies  # what is not shown does not count
     assert later.rate == pytest.approx(FPS / 1.2, rel=1e-2)
-    assert video_rate(path, FRAMES) == rate
+    assert video_rate(path, FRAMES, FPS) == rate
     early = video_rate(path, 12)
     assert early is not None and not early.varies
 
@@ -122,14 +129,50 @@ def test_footage_reaches_as_far_as_the_times_of_its_frames(film: Path) -> None:
             check_view(own, 0, length)
 
 
-def test_of_views_with_other_rates_the_one_whose_rate_varies_is_to_be_converted(film: Path) -> None:
-    varies = View(replace(CAMERA, name="phone"), timed(film, "phone.mp4", [1.0] * 12 + [1.5] * 12))
+def test_frames_whose_rate_varies_are_counted_by_their_times(film: Path) -> None:
+    """A phone that films a quarter slower from its twelfth frame on shows every fifth frame of the shot not at all."""
+    durations = np.array([1.0] * 12 + [1.25] * 12)
+    fps = FPS * durations.mean()
+    view = View(CAMERA, timed(film, "phone.mp4", durations / durations.mean()))
+    rate = footage_rate(replace(shot(view.footage), fps=fps), view)
+    assert rate is not None and rate.varies and not rate.missing
+    assert [count for _, count in rate.counted] == [1, 1, 1]
+    assert "3 are missing, and 0 too many, by their times" in rate.text(fps)
+    counted = replace(view, gaps=timed_gaps(view, rate))
+    places = np.r_[0, np.cumsum(durations)[:-1]]
+    shown = [places[footage_index(counted, frame)] for frame in range(27)]
+    assert np.abs(np.array(shown) - np.arange(27)).max() < 1.1
+    check_view(view, 0, FRAMES + 3, fps)
+    with pytest.raises(FootageError, match=f"has only {FRAMES} frames"):
+        check_view(view, 0, FRAMES + 3)
+
+
+def test_frames_that_come_too_often_for_the_shot_are_left_out(film: Path) -> None:
+    durations = np.array([1.0] * 12 + [0.75] * 12)
+    view = View(CAMERA, timed(film, "faster.mp4", durations / durations.mean()))
+    gaps = timed_gaps(view, footage_rate(replace(shot(view.footage), fps=FPS * durations.mean()), view))
+    assert gaps and {gap.missing for gap in gaps} == {-1}
+    places = np.r_[0, np.cumsum(durations)[:-1]]
+    shown = [places[footage_index(replace(view, gaps=gaps), frame)] for frame in range(20)]
+    assert np.abs(np.array(shown) - np.arange(20)).max() < 0.7
+
+
+def test_a_view_whose_rate_varies_may_stand_beside_one_at_the_shots(film: Path) -> None:
+    varies = View(replace(CAMERA, name="phone"), timed(film, "phone.mp4", [1.0] * 12 + [1.25] * 12))
     steady = View(CAMERA, film)
     footages = [probe(view.footage) for view in (steady, varies)]
-    slower = replace(footages[1], fps=FPS / 1.25)
-    with pytest.raises(
-        FootageError, match=rf"phone.mp4 \(camera 'phone'\): its frame rate varies.* -vf fps={FPS:.5g} "
-    ):
+    slower = replace(footages[1], fps=FPS / 1.1)
+    check_rates([steady, varies], [footages[0], slower], FPS)
+    with pytest.raises(FootageError, match=r"it has 30 frames per second, the shot 27 \(write fps = 30 under \[shot\]"):
+        check_rates([steady, varies], [footages[0], slower], 27.0)
+
+
+def test_of_views_with_other_rates_one_that_cannot_be_counted_is_to_be_converted(film: Path) -> None:
+    varies = View(replace(CAMERA, name="phone"), timed(film, "half.mp4", np.linspace(1.0, 3.0, FRAMES)))
+    steady = View(CAMERA, film)
+    footages = [probe(view.footage) for view in (steady, varies)]
+    slower = replace(footages[1], fps=FPS / 2)
+    with pytest.raises(FootageError, match=rf"half.mp4 \(camera 'phone'\): its frame rate varies.* -vf fps={FPS:.5g} "):
         check_rates([steady, varies], [footages[0], slower], FPS)
 
 

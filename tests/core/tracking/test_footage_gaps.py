@@ -95,6 +95,8 @@ def test_missing_frames_that_the_times_of_a_file_tell_are_counted_from_the_start
     known = replace(shot, views=tuple(replace(view, gaps=(Gap(7, -1),)) for view in shot.views))
     assert with_timed_gaps(known, rates).views[0].gaps == (Gap(7, -1),)
     assert not with_timed_gaps(replace(shot, settings=Settings(correct_gaps=False)), rates).views[0].gaps
+    varies = replace(rates[0], missing=(), counted=((5, 2), (9, -1)))
+    assert with_timed_gaps(shot, (varies, *rates[1:])).views[0].gaps == (Gap(5, 2, timed=True), Gap(9, -1, timed=True))
 
 
 def test_one_view_alone_is_counted_by_the_times_of_its_file(tmp_path: Path) -> None:
