@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 
 from ..body.skeleton_motion import RestSkeleton
-from .bone_words import BoneName, read_name
+from .bone_words import BoneName, read_name, shared_words
 from .roles import FINGERS, SIDES, BoneMap
 from .skeleton_tree import SkeletonTree
 
@@ -19,6 +19,7 @@ _FAMILIES: tuple[frozenset[str], ...] = tuple(
         ("",),
         ("def",),
         ("", "def"),
+        ("", "stretch"),
         ("org",),
         ("", "org"),
         ("", "fk"),
@@ -36,16 +37,20 @@ Named = Mapping[str, list[int]]
 
 
 def roles_by_name(rest: RestSkeleton) -> BoneMap:
-    """Return the roles that words in the bones' names suggest, preferring bones of one kind that make up a human."""
-    names = [read_name(name) for name in rest.names]
+    """Return the roles that words in the bones' names suggest, preferring bones of one kind that make up a human.
+
+    Words that most names share are read at first, too: a rig may have many hands or legs.
+    """
     tree = SkeletonTree(rest)
     found = BoneMap({}, found_by="names")
-    for kinds in _FAMILIES:
-        one = BoneMap(_roles(rest, names, tree, kinds), found_by="names")
-        if not one.missing():
-            return one
-        if len(one.missing()) < len(found.missing()) or not found.bones:
-            found = one
+    for shared in dict.fromkeys((frozenset[str](), shared_words(rest.names))):
+        names = [read_name(name, shared) for name in rest.names]
+        for kinds in _FAMILIES:
+            one = BoneMap(_roles(rest, names, tree, kinds), found_by="names")
+            if not one.missing():
+                return one
+            if len(one.missing()) < len(found.missing()) or not found.bones:
+                found = one
     return found
 
 
@@ -87,6 +92,8 @@ def _leg(parts: Named, tree: SkeletonTree) -> dict[str, list[int]]:
     thighs = parts.get("thigh", [])
     if not thighs and lower and legs:
         thighs, legs = legs, []
+    if not thighs and not lower and (second := _second(legs, tree)):
+        thighs, legs = legs[:1], second
     if not thighs and (lower or legs):
         thighs = parts.get("hips", [])
     shins = sorted([*lower, *legs])
@@ -100,14 +107,19 @@ def _leg(parts: Named, tree: SkeletonTree) -> dict[str, list[int]]:
 def _arm(parts: Named, tree: SkeletonTree) -> dict[str, list[int]]:
     """Return collar bone, upper arm, forearm and hand of one side."""
     uppers = parts.get("upper_arm", []) or parts.get("arm", [])
-    lowers = sorted([*parts.get("forearm", []), *parts.get("elbow", [])])
+    lowers = sorted([*parts.get("forearm", []), *parts.get("elbow", [])]) or _second(uppers, tree)
     shoulders, collars = parts.get("shoulder", []), parts.get("collar", [])
     if not uppers and lowers:
         above = [j for j in shoulders if tree.is_above(j, lowers[0])] or shoulders
         uppers, shoulders = above[-1:], [j for j in shoulders if j not in above[-1:]]
-    hands = sorted([*parts.get("hand", []), *parts.get("wrist", [])])
+    hands = sorted([*parts.get("hand", []), *parts.get("wrist", [])]) or parts.get("palm", [])
     found = {"shoulder": (collars or shoulders)[:1], "upper_arm": uppers[:1], "forearm": lowers[:1], "hand": hands[:1]}
     return {role: bones for role, bones in found.items() if bones}
+
+
+def _second(bones: Sequence[int], tree: SkeletonTree) -> list[int]:
+    """Return the lower of two bones of the same name, of which one hangs on the other; nothing if they are not two."""
+    return tree.chain(bones, 2)[1:] if len(bones) == 2 else []
 
 
 def _fingers(parts: Named, names: Sequence[BoneName], tree: SkeletonTree) -> dict[str, list[int]]:

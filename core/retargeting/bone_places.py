@@ -19,7 +19,7 @@ _MIN_LENGTH = 0.08  # of the height: least length of a thigh, shin, upper arm or
 def roles_by_place(rest: RestSkeleton) -> dict[str, tuple[str, ...]]:
     """Return bones by role for an upright, symmetrical skeleton; empty if it is not human.
 
-    Left and right are found from the direction of the feet.
+    Left and right are as the names of the limbs say, else as the feet point.
     """
     points = np.where(np.isnan(rest.tails), rest.heads, rest.tails)
     height = float(max(rest.heads[:, 2].max(), points[:, 2].max()) - min(rest.heads[:, 2].min(), points[:, 2].min()))
@@ -36,12 +36,12 @@ def roles_by_place(rest: RestSkeleton) -> dict[str, tuple[str, ...]]:
         return {}
     arms = max(higher, key=lambda pair: _length(rest, paths[pair]))
     found: dict[str, tuple[str, ...]] = {}
-    forward = _forward(rest, legs, lateral)
+    left = _left(rest, (legs, arms), lateral)
     for branch in (legs, arms):
         for one in branch:
-            left = float(np.cross(np.array([0.0, 0.0, 1.0]), forward) @ (rest.heads[one] - _middle(rest, branch))) > 0
+            on_left = float(left @ (rest.heads[one] - _middle(rest, branch))) > 0
             limb = _limb_roles(rest, one, branch == arms, lateral, _MIN_LENGTH * height)
-            found |= {f"{role}.{'L' if left else 'R'}": (rest.names[j],) for role, j in limb.items()}
+            found |= {f"{role}.{'L' if on_left else 'R'}": (rest.names[j],) for role, j in limb.items()}
     found |= _trunk(rest, legs[0], arms[0])
     return found
 
@@ -104,6 +104,19 @@ def _length(rest: RestSkeleton, path: Sequence[int]) -> float:
 
 def _middle(rest: RestSkeleton, pair: tuple[int, int]) -> Array:
     return np.asarray(rest.heads[list(pair)].mean(axis=0))
+
+
+def _left(rest: RestSkeleton, pairs: Sequence[tuple[int, int]], lateral: Array) -> Array:
+    """Return the direction of the left side, given pairs of limbs, that of the legs first; unit vector."""
+    marked = 0.0
+    for pair in pairs:
+        for one in pair:
+            aside = float((rest.heads[one] - _middle(rest, pair)) @ lateral)
+            sides = [read_name(rest.names[j]).side for j in _subtree(rest, one)]
+            marked += np.sign(aside) * (sides.count("L") - sides.count("R"))
+    if marked:
+        return np.asarray(np.sign(marked) * lateral)
+    return np.asarray(np.cross([0.0, 0.0, 1.0], _forward(rest, pairs[0], lateral)))
 
 
 def _forward(rest: RestSkeleton, legs: tuple[int, int], lateral: Array) -> Array:

@@ -223,6 +223,8 @@ _UNITY = _by_role(
         "foot": "{Side}Foot",
         "toe": "{Side}Toes",
         **_fingers("{Side}{f}{j}", _FINGER_TITLES, ("Proximal", "Intermediate", "Distal")),
+        # Unity and VRM 0 call a thumb's bones as those of fingers, VRM 1.0 calls them metacarpal, proximal and distal.
+        "thumb": [f"{{Side}}Thumb{joint}" for joint in ("Metacarpal", "Proximal", "Intermediate", "Distal")],
     }
 )
 _VROID = _by_role(

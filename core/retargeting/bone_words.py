@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import re
+import unicodedata
+from collections import Counter
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 NAMESPACE = re.compile(r"^.*[:|]")
 """What comes before a bone's name in files of other programs, as in mixamorig:Hips."""
+_REMARK = re.compile(r"\[.*?\]|\(.*?\)")
 _TOKEN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\W\d_a-zA-Z]+")
 _SIDES = {
     **dict.fromkeys(("l", "left", "lf", "lft", "lt", "左"), "L"),
@@ -22,6 +26,7 @@ _KINDS = {
     **dict.fromkeys(("c", "ctrl", "ctl", "control", "con"), "control"),
     **dict.fromkeys(("def", "deform"), "def"),
     "org": "org",
+    "stretch": "stretch",
 }
 _DECIDING_KINDS = frozenset(["fk", "helper"])
 """Kinds that count whatever else the name says."""
@@ -29,11 +34,15 @@ _CENTRE = "C"
 """Begins the names of bones in the middle where those of the sides begin with L and R."""
 _HELPERS = re.compile(
     r"^(ik|ikhandle|mch|tgt|target|pole|tweak|twist\d*|twk|roll|share|corrective|cor|helper|helpers|volume|jiggle|spring"
-    r"|nub|end|tip|eff|effector|sec|adj|metacarpals?|carpals?|metatarsals?|vis|driver|offset|stretch|scale|parent|prop"
-    r"|pec|pectoral|breast|out|in|bck|fwd|lat|latissimus|scap|weapon|drehung|ＩＫ|捩|親|キャンセル)$",
+    r"|nub|end|tip|eff|effector|sec|adj|metacarpals?|carpals?|metatarsals?|vis|driver|offset|scale|parent|prop"
+    r"|pec|pectoral|breast|out|in|bck|fwd|lat|latissimus|scap|weapon|drehung|捩|親|キャンセル)$",
     re.IGNORECASE,
 )
 _BEND_ENDING = re.compile(r"(bend|base)$")
+_REGION = re.compile(r"^(arm|leg)(?=.)")
+_METACARPAL = re.compile(r"metacarpals?", re.IGNORECASE)
+_NEARLY_ALL = 0.9
+_PHALANX = r"(proximal|intermediate|distal)?\d*"
 
 _WORDS: tuple[tuple[str, str], ...] = (
     ("root", r"root|master|reference|armature|全|全て|wurzel"),
@@ -41,24 +50,25 @@ _WORDS: tuple[tuple[str, str], ...] = (
     ("toe", r"toes?(base)?\d*|ball|toebone|つま先|zehen?"),
     ("foot", r"foot|feet|足首|fu(ß|ss)"),
     ("ankle", r"ankle"),
-    ("shin", r"shin|calf|lowerleg|leglower|lowleg|crus|unterschenkel"),
+    ("shin", r"shin|calf|lowerleg|leglower|lowleg|crus|tibia|fibula|unterschenkel"),
     ("knee", r"knee|ひざ|膝|knie"),
     ("leg", r"leg|bein"),
     ("thigh", r"thigh|upleg|upperleg|legupper|femur|足|oberschenkel"),
-    ("thumb", r"(hand)?thumb\d*|親指|daumen\d*"),
-    ("index", r"(hand|f)?(index|pointer|fore)(finger)?\d*|人指|人差指|人差し指|zeigefinger\d*"),
-    ("middle", r"(hand|f)?(middle|mid)(finger)?\d*|中指|mittelfinger\d*"),
-    ("ring", r"(hand|f)?ring(finger)?\d*|薬指"),
-    ("pinky", r"(hand|f)?(pinky|little|pinkie|small)(finger)?\d*|小指|kleine?finger\d*"),
+    ("thumb", rf"(hand)?thumb(metacarpal|{_PHALANX})|親指\d*|daumen\d*"),
+    ("index", rf"(hand|f)?(index|pointer|fore)(finger)?{_PHALANX}|(人指|人差指|人差し指)\d*|zeigefinger\d*"),
+    ("middle", rf"(hand|f)?(middle|mid)(finger)?{_PHALANX}|中指\d*|mittelfinger\d*"),
+    ("ring", rf"(hand|f)?ring(finger)?{_PHALANX}|薬指\d*"),
+    ("pinky", rf"(hand|f)?(pinky|little|pinkie|small)(finger)?{_PHALANX}|小指\d*|kleine?finger\d*"),
     ("finger", r"finger\d+"),
-    ("hand", r"hand"),
+    ("hand", r"hand|fist"),
     ("wrist", r"wrist|手首|handgelenk"),
-    ("forearm", r"forearm|lowerarm|armlower|lowarm|ひじ|肘|unterarm"),
+    ("palm", r"palm"),
+    ("forearm", r"forearm|radius|ulna|lowerarm|armlower|lowarm|ひじ|肘|unterarm"),
     ("elbow", r"elbow|ell(en)?bogen"),
     ("upper_arm", r"upperarm|uparm|armupper|humerus|腕|shldr|oberarm"),
     ("arm", r"arm"),
     ("shoulder", r"shoulder|肩|schulter"),
-    ("collar", r"clavicle|collar|clav|collarbone|scapula|schl(ü|ue)sselbein"),
+    ("collar", r"clav(i|icle)?|collar(bone)?|scapula|schl(ü|ue)sselbein"),
     ("head", r"head\d*|頭|kopf"),
     ("neck", r"neck(lower|upper)?\d*|首|hals|nacken"),
     (
@@ -82,8 +92,9 @@ class BoneName:
         A part of `_WORDS`, or empty. For limbs it is either the segment or the joint at which it begins, as a shin may
         be called knee.
     kind : str
-        Empty for a plain bone, "def" for a deforming one, "org" for one that deforming bones copy, "fk" and "control"
-        for controls, "helper" for bones that do not belong to the skeleton, such as twist bones.
+        Empty for a plain bone, "def" for a deforming one, "stretch" for one that is stretched and may deform the skin,
+        "org" for one that deforming bones copy, "fk" and "control" for controls, "helper" for bones that do not belong
+        to the skeleton, such as twist bones.
     digits : str
         The numbers after the part's word.
     """
@@ -94,13 +105,20 @@ class BoneName:
     digits: str
 
 
-def read_name(name: str) -> BoneName:
-    """Read a bone's name, whatever the rig's conventions."""
+def read_name(name: str, shared: Collection[str] = ()) -> BoneName:
+    """Read a bone's name, whatever the rig's conventions.
+
+    Parameters
+    ----------
+    name : str
+    shared : collection of str
+        Words that say nothing, see `shared_words`.
+    """
     tokens, side, kind, central = _tokens(name), "", "", False
     kept: list[str] = []
     for before, token in zip(["", *tokens], tokens, strict=False):
         small = token.lower()
-        if token.isdigit() and _NUMBERED.match(before.lower()):
+        if small in shared or (token.isdigit() and (before.lower() in shared or _NUMBERED.match(before.lower()))):
             continue
         if small in _SIDES and not side:
             side = _SIDES[small]
@@ -113,15 +131,26 @@ def read_name(name: str) -> BoneName:
     if central and side:  # no centre, but the controls of a side
         kind = kind or "control"
     word = "".join(kept)
-    part = _part_of(word)
-    if not part and (bare := _BEND_ENDING.sub("", word)) != word:
-        part = _part_of(bare)
-    if not part and (bare := word.rstrip("0123456789")) != word:
-        part = _part_of(bare)
-    if kind == "helper" and part == "neck" and not side:
+    readings = (word, _BEND_ENDING.sub("", word), word.rstrip("0123456789"), _REGION.sub("", word))
+    part = next((part for reading in readings if (part := _part_of(reading))), "")
+    first_of_thumb = part == "thumb" and any(map(_METACARPAL.fullmatch, tokens))
+    if kind == "helper" and (first_of_thumb or (part == "neck" and not side)):
         kind = ""  # some rigs call the neck's own bones twist bones
     found = re.search(r"\d+$", word)
     return BoneName(side, part, kind, found.group() if found else "")
+
+
+def shared_words(names: Sequence[str]) -> frozenset[str]:
+    """Return the words that most names of a rig have, such as a character's, and that say nothing of a bone.
+
+    A word that may stand for a part of the body says nothing only where nearly all of the names have it.
+    """
+    counts = Counter(word for name in names for word in {token.lower() for token in _tokens(name)})
+    return frozenset(
+        word
+        for word, count in counts.items()
+        if count > (_NEARLY_ALL if _part_of(word) else 0.5) * len(names) and word not in _SIDES
+    )
 
 
 def _kind_of(word: str) -> str:
@@ -131,7 +160,7 @@ def _kind_of(word: str) -> str:
 
 def _tokens(name: str) -> list[str]:
     """Split a name into words, numbers and single letters, with marks of the side separated."""
-    plain = NAMESPACE.sub("", name)
+    plain = _REMARK.sub("", NAMESPACE.sub("", unicodedata.normalize("NFKC", name)))
     found: list[str] = []
     for token in _TOKEN.findall(plain):
         small = token.lower()
@@ -148,7 +177,7 @@ def _tokens(name: str) -> list[str]:
 
 def _apart(token: str) -> list[str]:
     """Split the function off the end of a word in a script without upper and lower case."""
-    match = re.fullmatch(r"(.*?)(ＩＫ|捩|親|キャンセル)", token)
+    match = re.fullmatch(r"(.*?)(捩|親|キャンセル)", token)
     return [part for part in match.groups() if part] if match else [token]
 
 

@@ -366,6 +366,156 @@ SKELETONS = {
         Fuß_{S} | Unterschenkel_{S} | ankle | foot
         Zehen_{S} | Fuß_{S} | ball | toe
         """,
+    "a prefix on most bones, helpers of other prefixes": """
+        SKEL_ROOT | | hips | hips
+        SKEL_Pelvis | SKEL_ROOT | hips
+        SKEL_{S}_Thigh | SKEL_Pelvis | thigh | thigh
+        RB_{S}_ThighRoll | SKEL_{S}_Thigh | thightwist
+        SKEL_{S}_Calf | SKEL_{S}_Thigh | knee | shin
+        MH_{S}_Knee | SKEL_{S}_Calf | knee
+        SKEL_{S}_Foot | SKEL_{S}_Calf | ankle | foot
+        PH_{S}_Foot | SKEL_{S}_Foot | ankle
+        SKEL_{S}_Toe0 | SKEL_{S}_Foot | ball | toe
+        SKEL_Spine_Root | SKEL_ROOT | spine1
+        SKEL_Spine0 | SKEL_Spine_Root | spine1 | spine
+        SKEL_Spine1 | SKEL_Spine0 | spine2 | spine
+        SKEL_Spine3 | SKEL_Spine1 | spine3 | spine
+        SKEL_Neck_1 | SKEL_Spine3 | neck | neck
+        SKEL_Head | SKEL_Neck_1 | head | head
+        SKEL_{S}_Clavicle | SKEL_Spine3 | collar | shoulder
+        SKEL_{S}_UpperArm | SKEL_{S}_Clavicle | shoulder | upper_arm
+        RB_{S}_ArmRoll | SKEL_{S}_UpperArm | armtwist
+        SKEL_{S}_Forearm | SKEL_{S}_UpperArm | elbow | forearm
+        SKEL_{S}_Hand | SKEL_{S}_Forearm | wrist | hand
+        IK_{S}_Hand | SKEL_{S}_Hand | wrist
+        SKEL_{S}_Finger00 | SKEL_{S}_Hand | thumb0 | thumb
+        SKEL_{S}_Finger10 | SKEL_{S}_Hand | index0 | index
+        """,
+    "remarks in brackets": """
+        NPC Root [Root] | | ground
+        NPC COM [COM ] | NPC Root [Root] | hips | hips
+        NPC Pelvis [Pelv] | NPC COM [COM ] | hips
+        NPC {S} Thigh [{S}Thg] | NPC Pelvis [Pelv] | thigh | thigh
+        NPC {S} Calf [{S}Clf] | NPC {S} Thigh [{S}Thg] | knee | shin
+        NPC {S} Foot [{S}ft ] | NPC {S} Calf [{S}Clf] | ankle | foot
+        NPC {S} Toe0 [{S}Toe] | NPC {S} Foot [{S}ft ] | ball | toe
+        NPC Spine [Spn0] | NPC COM [COM ] | spine1 | spine
+        NPC Spine1 [Spn1] | NPC Spine [Spn0] | spine3 | spine
+        NPC Neck [Neck] | NPC Spine1 [Spn1] | neck | neck
+        NPC Head [Head] | NPC Neck [Neck] | head | head
+        NPC {S} Clavicle [{S}Clv] | NPC Spine1 [Spn1] | collar | shoulder
+        NPC {S} UpperArm [{S}Uar] | NPC {S} Clavicle [{S}Clv] | shoulder | upper_arm
+        NPC {S} Forearm [{S}Lar] | NPC {S} UpperArm [{S}Uar] | elbow | forearm
+        NPC {S} Hand [{S}Hnd] | NPC {S} Forearm [{S}Lar] | wrist | hand
+        NPC {S} Finger00 [{S}F00] | NPC {S} Hand [{S}Hnd] | thumb0 | thumb
+        NPC {S} Finger10 [{S}F10] | NPC {S} Hand [{S}Hnd] | index0 | index
+        """,
+    "a word of the body on all bones": """
+        Body_Pelvis | | hips | hips
+        Body_Spine_Lower | Body_Pelvis | spine1 | spine
+        Body_Spine_Upper | Body_Spine_Lower | spine3 | spine
+        Body_Neck | Body_Spine_Upper | neck | neck
+        Body_Head | Body_Neck | head | head
+        Body_Arm_Upper_{Side} | Body_Spine_Upper | shoulder | upper_arm
+        Body_Arm_Lower_{Side} | Body_Arm_Upper_{Side} | elbow | forearm
+        Body_Hand_{Side} | Body_Arm_Lower_{Side} | wrist | hand
+        Body_Leg_Upper_{Side} | Body_Pelvis | thigh | thigh
+        Body_Leg_Lower_{Side} | Body_Leg_Upper_{Side} | knee | shin
+        Body_Foot_{Side} | Body_Leg_Lower_{Side} | ankle | foot
+        """,
+    "limbs of numbered bones, fists": """
+        Hip | | hips | hips
+        Spine1 | Hip | spine1 | spine
+        Spine2 | Spine1 | spine3 | spine
+        Head | Spine2 | head | head
+        Arm1.{S} | Spine2 | shoulder | upper_arm
+        Arm2.{S} | Arm1.{S} | elbow | forearm
+        Fist.{S} | Arm2.{S} | wrist | hand
+        Leg1.{S} | Hip | thigh | thigh
+        Leg2.{S} | Leg1.{S} | knee | shin
+        Foot.{S} | Leg2.{S} | ankle | foot
+        """,
+    "stretched bones that auto-rig pro exports": """
+        root.x | | hips | hips
+        spine_01.x | root.x | spine1 | spine
+        spine_02.x | spine_01.x | spine3 | spine
+        neck.x | spine_02.x | neck | neck
+        head.x | neck.x | head | head
+        jawbone.x | head.x | face
+        shoulder.{s} | spine_02.x | collar | shoulder
+        arm_stretch.{s} | shoulder.{s} | shoulder | upper_arm
+        arm_twist.{s} | arm_stretch.{s} | shoulder
+        forearm_stretch.{s} | arm_stretch.{s} | elbow | forearm
+        forearm_twist.{s} | forearm_stretch.{s} | foretwist
+        hand.{s} | forearm_stretch.{s} | wrist | hand
+        thigh_stretch.{s} | root.x | thigh | thigh
+        thigh_twist.{s} | thigh_stretch.{s} | thigh
+        leg_stretch.{s} | thigh_stretch.{s} | knee | shin
+        leg_twist.{s} | leg_stretch.{s} | shintwist
+        foot.{s} | leg_stretch.{s} | ankle | foot
+        toes_01.{s} | foot.{s} | ball | toe
+        """,
+    "mikumikudance in blender": """
+        全ての親 | | ground
+        腰 | 全ての親 | hips | hips
+        下半身 | 腰 | spine1
+        上半身 | 腰 | spine1 | spine
+        首 | 上半身 | neck | neck
+        頭 | 首 | head | head
+        肩.{S} | 上半身 | collar | shoulder
+        腕.{S} | 肩.{S} | shoulder | upper_arm
+        腕捩.{S} | 腕.{S} | armtwist
+        ひじ.{S} | 腕捩.{S} | elbow | forearm
+        手首.{S} | ひじ.{S} | wrist | hand
+        親指０.{S} | 手首.{S} | thumb0 | thumb
+        親指１.{S} | 親指０.{S} | thumb1 | thumb
+        人指１.{S} | 手首.{S} | index0 | index
+        人指２.{S} | 人指１.{S} | index1 | index
+        小指１.{S} | 手首.{S} | pinky0 | pinky
+        足.{S} | 下半身 | thigh | thigh
+        ひざ.{S} | 足.{S} | knee | shin
+        足首.{S} | ひざ.{S} | ankle | foot
+        つま先.{S} | 足首.{S} | ball | toe
+        足ＩＫ.{S} | 全ての親 | ankle
+        足IK親.{S} | 全ての親 | ankle
+        """,
+    "anatomical words behind those of limbs": """
+        COG | | hips | hips
+        hips | COG | hips
+        spine_0 | COG | spine1 | spine
+        spine_1 | spine_0 | spine3 | spine
+        neck_0 | spine_1 | neck | neck
+        head | neck_0 | head | head
+        {s}_arm_clavicle | spine_1 | collar | shoulder
+        {s}_arm_humerus | {s}_arm_clavicle | shoulder | upper_arm
+        {s}_arm_radius | {s}_arm_humerus | elbow | forearm
+        {s}_arm_wrist | {s}_arm_radius | wrist | hand
+        {s}_leg_femur | hips | thigh | thigh
+        {s}_leg_tibia | {s}_leg_femur | knee | shin
+        {s}_leg_ankle | {s}_leg_tibia | ankle | foot
+        {s}_leg_ball | {s}_leg_ankle | ball | toe
+        """,
+    "vrm 1.0 as blender marks sides": """
+        hips | | hips | hips
+        spine | hips | spine1 | spine
+        upper_chest | spine | spine3 | spine
+        neck | upper_chest | neck | neck
+        head | neck | head | head
+        shoulder.{S} | upper_chest | collar | shoulder
+        upper_arm.{S} | shoulder.{S} | shoulder | upper_arm
+        lower_arm.{S} | upper_arm.{S} | elbow | forearm
+        hand.{S} | lower_arm.{S} | wrist | hand
+        thumb.metacarpal.{S} | hand.{S} | thumb0 | thumb
+        thumb.proximal.{S} | thumb.metacarpal.{S} | thumb1 | thumb
+        index.metacarpal.{S} | hand.{S} | palm
+        index.proximal.{S} | index.metacarpal.{S} | index0 | index
+        index.intermediate.{S} | index.proximal.{S} | index1 | index
+        little.proximal.{S} | hand.{S} | pinky0 | pinky
+        upper_leg.{S} | hips | thigh | thigh
+        lower_leg.{S} | upper_leg.{S} | knee | shin
+        foot.{S} | lower_leg.{S} | ankle | foot
+        toes.{S} | foot.{S} | ball | toe
+        """,
 }
 
 

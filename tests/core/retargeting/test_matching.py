@@ -108,8 +108,10 @@ def test_bones_may_be_named_after_the_joints_in_which_they_begin():
 def test_bones_of_other_programs_are_found(kind):
     """Twist and IK bones, hips and spines that hang side by side, words of other meanings, layers of controls."""
     rest, roles = foreign_skeleton(kind)
-    found = match_bones(rest).bones
+    of_rig = match_bones(rest)
+    found = of_rig.bones
     assert {role: names for role, names in found.items() if role in roles} == roles
+    assert of_rig.found_by == ("places" if "finnish" in kind else "names") or of_rig.preset
     strays = set(found) - set(roles)
     assert all(role.split(".")[0] in ("root", *FINGERS) for role in strays)
 
@@ -164,6 +166,24 @@ def test_bones_without_telling_names_are_found_by_their_places(turn, droop):
             assert tuple(meant[name] for name in bones) == rig.bones.bones[role], role
     limbs = {f"{limb}.{side}" for limb in ("thigh", "shin", "foot", "upper_arm", "forearm", "hand") for side in "LR"}
     assert limbs | {"hips", "head"} <= set(found)
+
+
+def test_places_of_limbs_go_by_the_sides_that_names_say_and_not_by_feet_that_point_nowhere():
+    made = made_rig("kfmocap", BODY, 0.5).rest
+    words = {"upper_arm": "braço", "forearm": "antebraço", "thigh": "coxa", "shin": "perna", "foot": "pé"}
+    kept = [j for j, name in enumerate(made.names) if name.split(".")[0] not in ("toe", *FINGERS)]
+    names = [made.names[j].split(".") for j in kept]
+    foreign = tuple(".".join([words.get(word, f"osso_{word}"), *side]) for word, *side in names)
+    tails = made.tails[kept].copy()
+    for k, (word, *_) in enumerate(names):
+        if word == "foot":
+            tails[k] = made.heads[kept[k]] + [0.0, 0.01, -0.05]
+    parents = tuple(kept.index(made.parents[j]) if made.parents[j] >= 0 else -1 for j in kept)
+    found = match_bones(RestSkeleton(foreign, parents, made.heads[kept], tails))
+    assert found.found_by == "places"
+    for side in "LR":
+        assert found.bones[f"upper_arm.{side}"] == (f"braço.{side}",)
+        assert found.bones[f"shin.{side}"] == (f"perna.{side}",)
 
 
 def test_a_bone_that_marks_the_end_of_the_head_is_not_the_head_where_places_decide():
