@@ -81,7 +81,7 @@ def _root(rest: RestSkeleton, named: Sequence[int], hips: Sequence[int], tree: S
         return list(named[:1])
     above, heights = tree.above(hips[0]), rest.heads[:, 2] - rest.heads[:, 2].min()
     on_ground = [j for j in above if heights[j] < _GROUND_SHARE * heights[hips[0]]]
-    beside = [j for j in named if not tree.is_above(hips[0], j)]
+    beside = [j for j in named if j != hips[0] and not tree.is_above(hips[0], j)]
     return [j for j in named if j in above][:1] or beside[:1] or on_ground[:1]
 
 

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from ..body.skeleton_motion import RestSkeleton
 from ..numerics.arrays import Array, Bools
-from .roles import BoneMap
+from .roles import FINGERS, BoneMap, parent_role
 
 MOVED = ("root", "hips")
 """Roles of the bones that move through the world."""
+_ON_THE_BONE_ABOVE = frozenset(["forearm", "hand", "shin", "foot", "toe", *FINGERS])
+"""Roles whose bones hang on that of the role above; others may hang on any bone of the body."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +34,7 @@ class ControlRig:
         Orientation at rest.
     location_axes : ndarray, shape (B, 3, 3)
         How each unit of a control's location channels moves it in the world at rest, metres, as columns. Only those of
-        controls that play a role of `MOVED` are used.
+        controls that play a role of `MOVED` and of those that are apart are used.
     resting_toes : mapping of str to float
         For the sides ("L", "R") whose feet have toe bones that are not among the controls and keep their rest rotation:
         horizontal distance at rest from the ankle to the tips of the toes, metres; 0 where it is unknown.
@@ -47,6 +50,13 @@ class ControlRig:
     def index(self, role: str, place: int = 0) -> int:
         """Return the index of the control that plays a role; `place` counts along a chain."""
         return self.rest.indices([self.bones.bones[role][place]])[0]
+
+    @cached_property
+    def carriers(self) -> dict[int, int]:
+        """Controls that are apart, as they hang on nothing that carries them, such as a foot on the rig's root; by
+        each, the control that it belongs on.
+        """
+        return carriers_of_apart(self.rest, self.bones)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +81,26 @@ class RigPoses:
         return len(self.turns)
 
 
+def carriers_of_apart(rest: RestSkeleton, bones: BoneMap) -> dict[int, int]:
+    """Return the bones of a body that are not carried by it, and the bone that each belongs on, see `ControlRig`."""
+    body = {j for role in bones.bones if role != "root" for j in rest.indices(bones.bones[role])}
+    found = {}
+    for role, names in bones.bones.items():
+        if role in MOVED:
+            continue
+        before = rest.indices(bones.bones[parent_role(role, bones.bones)])[-1]
+        limb = role.partition(".")[0] in _ON_THE_BONE_ABOVE
+        for j in rest.indices(names):
+            above, p = set(), rest.parents[j]
+            while p >= 0 and p not in above:
+                above.add(p)
+                p = rest.parents[p]
+            if not above & ({before} if limb else body):
+                found[j] = before
+            before = j
+    return found
+
+
 def control_poses(rig: ControlRig, turns: Array, driven: Bools, tops: dict[int, Array]) -> RigPoses:
     """Return the poses of all controls (forward kinematics).
 
@@ -92,10 +122,11 @@ def control_poses(rig: ControlRig, turns: Array, driven: Bools, tops: dict[int, 
             turns[:, b] = turns[:, k] if k >= 0 else np.eye(3)
         if b in tops:
             places[:, b] = tops[b]
-        elif p < 0:
-            places[:, b] = heads[b]
-        else:
+        elif b in rig.carriers or p >= 0:
+            p = rig.carriers.get(b, p)
             places[:, b] = places[:, p] + turns[:, p] @ (heads[b] - heads[p])
+        else:
+            places[:, b] = heads[b]
     return RigPoses(turns, places, driven)
 
 

@@ -252,15 +252,14 @@ def shown_bone(armature: bpy.types.Object, follows: Mapping[str, str], name: str
 def control_channels(
     armature: bpy.types.Object, rig: ControlRig, poses: RigPoses, left_out: set[int]
 ) -> list[ControlChannel]:
-    """Return the rotations of all driven controls, and places of those that move through the world."""
+    """Return the rotations of all driven controls, and places of those that move through the world, or are apart."""
     turns = local_turns(rig, poses)
     channels = []
     for b, name in enumerate(rig.rest.names):
         if poses.driven[b] and b not in left_out:
             channels.append(rotation_channel(armature.pose.bones[name], turns[:, b]))
-    for role in MOVED:
-        if role in rig.bones.bones and poses.driven[rig.index(role)]:
-            b = rig.index(role)
+    for b in (*(rig.index(role) for role in MOVED if role in rig.bones.bones), *rig.carriers):
+        if poses.driven[b] and b not in left_out:
             channels.append(ControlChannel(rig.rest.names[b], "location", local_places(rig, poses, b)))
     return channels
 
@@ -284,6 +283,7 @@ def _warnings(armature: bpy.types.Object, sent: _Sent, errors: dict[str, Any], *
         *rig_warnings.scaled_unevenly(armature, sent.rig),
         *rig_warnings.set_elsewhere(armature, sent.settings),
         *rig_warnings.freed(armature, sent.holds, "now" if live else "in the new action"),
+        *(rig_warnings.apart(sent.rig) if live else []),
         *rig_warnings.not_as_asked(sent.unsteady, errors, sent.result.placement.scale),
     ]
 

@@ -20,7 +20,7 @@ from ....core.body.skeleton_motion import RestSkeleton
 from ....core.errors import BodyError
 from ....core.numerics import rotations
 from ....core.numerics.arrays import Array, Bools
-from ....core.retargeting.control_rig import MOVED, ControlRig
+from ....core.retargeting.control_rig import MOVED, ControlRig, carriers_of_apart
 from ....core.retargeting.retarget import grounded
 from ....core.retargeting.roles import BoneMap
 from ...scene_io.body.body_armature import world_frame
@@ -76,16 +76,18 @@ def read_rig(
         _refuse_held(armature, name, rest[k], moved[k][k])
     turns_with, goes_with, unsteady = _followers(rest, np.array(moved), size)
     turn_parents, place_parents = ([_nearest(own, each) for own in each] for each in (turns_with, goes_with))
-    order = _parents_first(names, turn_parents, place_parents)
-    place = {b: i for i, b in enumerate(order)} | {-1: -1}
     lengths = np.array([armature.data.bones[name].length for name in names])
     ends = (rest[:, :3, 3], rest[:, :3, 3] + lengths[:, None] * rest[:, :3, 1])
     heads, tails = (end @ matrix[:3, :3].T + matrix[:3, 3] for end in ends)
+    carriers = carriers_of_apart(RestSkeleton(tuple(names), tuple(place_parents), heads, tails), bones)
+    order = _parents_first(names, turn_parents, place_parents, [carriers.get(b, -1) for b in range(len(names))])
+    place = {b: i for i, b in enumerate(order)} | {-1: -1}
     skeleton = RestSkeleton(
         tuple(names[b] for b in order), tuple(place[place_parents[b]] for b in order), heads[order], tails[order]
     )
     R = rotations.orthonormal(matrix[:3, :3] / scale @ rest[:, :3, :3])
-    shifts = {bones.bones[r][0]: location_axes(armature, bones.bones[r][0]) for r in MOVED if r in bones.bones}
+    shifted = [*(bones.bones[role][0] for role in MOVED if role in bones.bones), *(names[b] for b in carriers)]
+    shifts = {name: location_axes(armature, name) for name in shifted}
     rig = ControlRig(
         grounded(skeleton, bones, float(matrix[2, 3])),
         bones,

@@ -72,6 +72,17 @@ def freed(armature: bpy.types.Object, holds: Mapping[tuple[str, str], float], wh
     return list(found)
 
 
+def apart(rig: ControlRig) -> list[str]:
+    """Return warnings about controls that hang on nothing that carries them, for a rig that follows live: constraints
+    turn them, and keys alone move them.
+    """
+    names = rig.rest.names
+    return [
+        f"bone {names[b]}: it does not hang on {names[carrier]}, and stays behind: send keys instead of following live"
+        for b, carrier in rig.carriers.items()
+    ]
+
+
 def scaled_unevenly(armature: bpy.types.Object, rig: ControlRig) -> list[str]:
     """Return warnings about controls that are scaled by different amounts along their axes."""
     scales = {name: np.array(armature.pose.bones[name].scale) for name in rig.rest.names}

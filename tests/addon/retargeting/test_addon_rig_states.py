@@ -10,6 +10,7 @@ bpy = pytest.importorskip("bpy")
 from addon_shots import joint_error  # noqa: E402
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.live import LiveSource  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
@@ -80,6 +81,43 @@ def test_bones_that_do_not_inherit_rotation_are_turned_as_the_others():
     report = sent(armature)
     assert report["warnings"] == []
     assert worst_degrees(armature) < 0.1
+
+
+def hung_on(armature, bones):
+    """Hang bones elsewhere, where they stand."""
+    with body_armature.edit_bones(armature) as edited:
+        for name, other in bones.items():
+            edited[name].use_connect = False
+            edited[name].parent = edited[other] if other else None
+
+
+@pytest.mark.parametrize(
+    "bones",
+    [
+        {"foot.L": "ground", "foot.R": "ground"},
+        {"foot.L": "", "hand.R": "pelvis"},
+        {"spine": "", "head": "", "thigh.R": "ground"},
+    ],
+    ids=["feet on the root", "a foot on nothing and a hand on the hips", "several roots"],
+)
+def test_bones_that_hang_on_nothing_that_carries_them_go_with_the_body(bones):
+    armature = skinned_human()
+    add_bones(armature, [("ground", "", (0, 0, 0), (0, 0.3, 0))])
+    hung_on(armature, bones)
+    report = sent(armature)
+    assert report["warnings"] == []
+    assert worst_degrees(armature) < 0.1
+    own, (_, heads) = motion(), shown(armature)
+    apart = heads - own.positions[:, own.rest.indices(BODY.names)]
+    assert np.ptp(apart, axis=1).max() < 0.001
+
+
+def test_bones_that_stay_behind_a_character_that_follows_live_are_named():
+    performer = body_armature.build_armature(BODY, "man", bpy.context.scene.collection)
+    armature = skinned_human()
+    hung_on(armature, {"foot.L": ""})
+    report = send_to_rig(bpy.context.scene, motion(), armature, 1, SendOptions(live=LiveSource(performer, {})))
+    assert any(said.startswith("bone foot.L: it does not hang on shin.L") for said in report["warnings"])
 
 
 def test_a_character_in_its_rest_position_shows_the_motion_with_a_word():

@@ -108,7 +108,7 @@ def test_bones_may_be_named_after_the_joints_in_which_they_begin():
 def test_bones_of_other_programs_are_found(kind):
     """Twist and IK bones, hips and spines that hang side by side, words of other meanings, layers of controls."""
     rest, roles = foreign_skeleton(kind)
-    of_rig = match_bones(rest)
+    of_rig = match_bones(rest).checked(rest.names, kind)
     found = of_rig.bones
     assert {role: names for role, names in found.items() if role in roles} == roles
     assert of_rig.found_by == ("places" if "finnish" in kind else "names") or of_rig.preset
