@@ -24,7 +24,7 @@ from ...core.retargeting.rest_alignment import alignments
 from ...core.retargeting.roles import BoneMap
 from ...core.retargeting.transfer import Placement, hip_centre, hip_path, source_blends
 from ..scene_io.body import body_armature
-from .rigs.held_bones import restore_holds
+from .rigs.held_bones import Driver, restore_drivers, restore_holds
 from .rigs.rig_settings import Owner, restore_settings
 
 NAME = "KF Mocap Live"
@@ -105,12 +105,15 @@ def follow(
 
 
 def remember(
-    armature: bpy.types.Object, holds: Mapping[tuple[str, str], float], settings: Mapping[tuple[Owner, str], Any]
+    armature: bpy.types.Object,
+    holds: Mapping[tuple[str, str], float],
+    settings: Mapping[tuple[Owner, str], Any],
+    muted: Sequence[Driver] = (),
 ) -> None:
-    """Store the rig's constraints and settings, for `stop_following`."""
+    """Store what has changed of the rig's constraints and settings, and its muted drivers, for `stop_following`."""
     helper: Any = _helper_of(armature)
     rows = [[*key, float(value)] for key, value in holds.items()], [[*key, value] for key, value in settings.items()]
-    helper[_CHANGED] = json.dumps(rows)
+    helper[_CHANGED] = json.dumps([*rows, muted])
 
 
 def is_following(armature: bpy.types.Object) -> bool:
@@ -125,10 +128,11 @@ def stop_following(armature: bpy.types.Object) -> bool:
     for bone, constraint in found:
         bone.constraints.remove(constraint)
     if helper is not None:
-        holds, settings = json.loads(helper.get(_CHANGED, "[[], []]"))
+        holds, settings, *more = json.loads(helper.get(_CHANGED, "[[], []]"))  # older files have no drivers
         restore_holds(armature, {(bone, name): value for bone, name, value in holds})
         owned = {(name if isinstance(name, str) else tuple(name), key): value for name, key, value in settings}
         restore_settings(armature, owned)
+        restore_drivers(armature, [(bone, attribute) for muted in more for bone, attribute in muted])
         for child in list(helper.children):
             bpy.data.objects.remove(child)
         bpy.data.armatures.remove(helper.data)

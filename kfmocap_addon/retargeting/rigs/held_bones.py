@@ -1,13 +1,14 @@
-"""Constraints that hold the controls of a rig: taken away while the controls are posed, and given back."""
+"""Constraints and drivers that hold the controls of a rig: taken away while the controls are posed, and given back."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import bpy
 
+from ...scene_io import fcurves
 from .rig_at_rest import update
 
 _HOLDS = (
@@ -18,27 +19,42 @@ _HOLDS = (
     "LOCKED_TRACK",
     "TRACK_TO",
     "STRETCH_TO",
+    "SPLINE_IK",
+    "TRANSFORM",
     "LIMIT_ROTATION",
     "LIMIT_LOCATION",
+    "LIMIT_DISTANCE",
+    "FLOOR",
+    "SHRINKWRAP",
+    "PIVOT",
 )
-"""Kinds of constraints that set the rotation of the bones that they act on, or clip their rotation or their way."""
+"""Kinds of constraints that set the rotation of the bones that they act on, clip their rotation or their way, or shift
+them from where they hang."""
+_PLACES = ("COPY_LOCATION", "FOLLOW_PATH", "CLAMP_TO")
+"""Kinds of constraints that set where bones are: they hold those that move through the world; others they may carry."""
+_CHAINS = ("IK", "SPLINE_IK")
+Driver = tuple[str, str]
+"""A driver of a bone's rotation or place: the bone and the attribute."""
 
 
 @contextmanager
-def without_holds(armature: bpy.types.Object, controls: Sequence[str]) -> Iterator[dict[tuple[str, str], float]]:
+def without_holds(
+    armature: bpy.types.Object, controls: Sequence[str], moved: Collection[str] = ()
+) -> Iterator[dict[tuple[str, str], float]]:
     """Take the influence of constraints that pose controls in their owner's stead; after an error they have it again.
 
     Gives what they had, by bone and constraint. Inverse kinematics acts from the bone that ends its chain, which
-    may be below the controls.
+    may be below the controls. Those of the controls that are moved through the world are given besides.
     """
     before = {}
     for bone in armature.pose.bones:
         for constraint in list[Any](bone.constraints):
             poses = [bone.name]
-            if constraint.type == "IK":
+            if constraint.type in _CHAINS:
                 chain = [bone, *bone.parent_recursive]
                 poses = [one.name for one in chain[: constraint.chain_count or len(chain)]]
-            holds = constraint.type in _HOLDS and not constraint.mute and constraint.influence > 0
+            kinds = _HOLDS + _PLACES if bone.name in moved else _HOLDS
+            holds = constraint.type in kinds and not constraint.mute and constraint.influence > 0
             if holds and set(poses) & set(controls):
                 before[bone.name, constraint.name] = constraint.influence
                 constraint.influence = 0.0
@@ -48,6 +64,47 @@ def without_holds(armature: bpy.types.Object, controls: Sequence[str]) -> Iterat
     except BaseException:
         restore_holds(armature, before)
         raise
+
+
+@contextmanager
+def without_drivers(
+    armature: bpy.types.Object, controls: Sequence[str], moved: Collection[str] = ()
+) -> Iterator[tuple[Driver, ...]]:
+    """Mute the drivers of the rotations of controls, and of the places of those that are moved through the world, as
+    keys would be without effect; after an error they act again. Gives those that acted. Those of an override stay, as
+    no file keeps what is changed of them.
+    """
+    found: dict[Driver, None] = {}
+    for curve in _drivers(armature) if armature.override_library is None else ():
+        bone, attribute = fcurves.bone_of(curve.data_path), curve.data_path.rpartition(".")[2]
+        turns = attribute.startswith("rotation_") and attribute != "rotation_mode" and bone in controls
+        if not curve.mute and (turns or (attribute == "location" and bone in moved)):
+            found[bone, attribute] = None
+    _mute(armature, found, mute=True)
+    try:
+        yield tuple(found)
+    except BaseException:
+        restore_drivers(armature, tuple(found))
+        raise
+
+
+def restore_drivers(armature: bpy.types.Object, muted: Collection[Driver]) -> None:
+    """Have drivers act again, where they are still there."""
+    _mute(armature, muted, mute=False)
+
+
+def _mute(armature: bpy.types.Object, drivers: Collection[Driver], *, mute: bool) -> None:
+    paths = {fcurves.bone_path(*driver) for driver in drivers}
+    for curve in _drivers(armature):
+        if curve.data_path in paths:
+            curve.mute = mute
+    if paths:
+        armature.update_tag()
+        update()
+
+
+def _drivers(armature: bpy.types.Object) -> Sequence[Any]:
+    return list(armature.animation_data.drivers) if armature.animation_data else []
 
 
 def restore_holds(armature: bpy.types.Object, before: Mapping[tuple[str, str], float]) -> None:

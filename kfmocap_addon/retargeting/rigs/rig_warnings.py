@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import bpy
@@ -12,6 +12,7 @@ from ....core.retargeting.control_rig import ControlRig
 from ....core.retargeting.rest_alignment import feet_point_back
 from ....core.retargeting.retarget import upright_turn
 from ...scene_io.characters.object_motion import what_moves
+from .held_bones import Driver
 from .rig_settings import Owner, owner_of, setting_channel, setting_name
 
 _TURNED, _SHIFTED = 1.0, 10.0  # degrees, and millimetres on a character of the performer's size, from which it is said
@@ -52,6 +53,14 @@ def set_elsewhere(armature: bpy.types.Object, settings: Mapping[tuple[Owner, str
         "turned by FK controls"
         for name, key in settings
         if setting_channel(armature, name, key) is None
+    ]
+
+
+def undriven(muted: Sequence[Driver]) -> list[str]:
+    """Return what to report of drivers that no longer act."""
+    return [
+        f"bone {bone}: the driver of its {attribute.partition('_')[0]} is muted, as keys would be without effect"
+        for bone, attribute in muted
     ]
 
 

@@ -10,7 +10,8 @@ bpy = pytest.importorskip("bpy")
 from addon_shots import joint_error  # noqa: E402
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
-from kfmocap.kfmocap_addon.retargeting.live import LiveSource  # noqa: E402
+from kfmocap.core.retargeting.transfer import RetargetOptions  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.live import LiveSource, stop_following  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
@@ -221,6 +222,69 @@ def test_a_limit_of_the_hips_way_is_taken_with_a_word():
     report = sent(armature)
     assert report["warnings"] == ["bone pelvis: its constraint 'Limit Location' has no influence in the new action"]
     assert report["error"]["trunk"]["worst_mm"] < 0.1
+
+
+@pytest.mark.parametrize(
+    ("bone", "kind"),
+    [("pelvis", "COPY_LOCATION"), ("pelvis", "LIMIT_DISTANCE"), ("foot.L", "FLOOR"), ("foot.L", "PIVOT")],
+)
+def test_constraints_that_shift_bones_from_where_they_hang_are_taken_with_a_word(bone, kind):
+    armature = skinned_human()
+    add_bones(armature, [("aside", "", (0.5, 0, 1), (0.5, 0, 1.2))])
+    constraint = armature.pose.bones[bone].constraints.new(kind)
+    constraint.target, constraint.subtarget = armature, "aside"
+    [said] = sent(armature)["warnings"]
+    assert said == f"bone {bone}: its constraint '{constraint.name}' has no influence in the new action"
+    assert worst_degrees(armature) < 0.1
+
+
+def test_a_spine_along_a_curve_is_freed_with_a_word():
+    armature = skinned_human()
+    curve = bpy.data.curves.new("path", "CURVE")
+    curve.dimensions = "3D"
+    curve.splines.new("POLY").points.add(2)
+    for k, point in enumerate(curve.splines[0].points):
+        point.co = (0, 0.1 * k, 1 + 0.3 * k, 1)
+    path = bpy.data.objects.new("path", curve)
+    bpy.context.scene.collection.objects.link(path)
+    constraint = armature.pose.bones["chest"].constraints.new("SPLINE_IK")
+    constraint.target, constraint.chain_count = path, 2
+    [said] = sent(armature)["warnings"]
+    assert said == "bone chest: its constraint 'Spline IK' has no influence in the new action"
+    assert worst_degrees(armature) < 0.1
+
+
+def driven(armature, bone, attribute, index):
+    """Give a bone a driver whose value is 0.3."""
+    armature.pose.bones[bone].rotation_mode = "XYZ"
+    armature.pose.bones[bone].driver_add(attribute, index).driver.expression = "0.3"
+    bpy.context.view_layer.update()
+
+
+@pytest.mark.parametrize(
+    ("bone", "attribute", "index", "what"),
+    [("pelvis", "location", 2, "location"), ("upper_arm.L", "rotation_euler", 0, "rotation")],
+)
+def test_drivers_of_what_gets_keys_are_muted_with_a_word(bone, attribute, index, what):
+    armature = skinned_human()
+    driven(armature, bone, attribute, index)
+    [said] = sent(armature)["warnings"]
+    assert said == f"bone {bone}: the driver of its {what} is muted, as keys would be without effect"
+    assert worst_degrees(armature) < 0.1
+
+
+def test_drivers_act_again_after_an_error_and_when_a_character_stops_following():
+    performer = body_armature.build_armature(BODY, "man", bpy.context.scene.collection)
+    armature = skinned_human()
+    driven(armature, "upper_arm.L", "rotation_euler", 0)
+    [driver] = armature.animation_data.drivers
+    with pytest.raises(BodyError):
+        send_to_rig(bpy.context.scene, motion(), armature, 1, SendOptions(retarget=RetargetOptions(root="root-bone")))
+    assert not driver.mute
+    send_to_rig(bpy.context.scene, motion(), armature, 1, SendOptions(live=LiveSource(performer, {})))
+    assert driver.mute
+    stop_following(armature)
+    assert not driver.mute
 
 
 def test_a_character_that_lies_at_rest_is_named():

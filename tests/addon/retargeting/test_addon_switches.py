@@ -156,7 +156,9 @@ def test_constraints_without_a_bone_and_flat_controls_are_no_hindrance():
 
 def test_limbs_that_a_constraint_shifts_are_said():
     armature = skinned_human()
-    armature.pose.bones["forearm.L"].constraints.new("PIVOT").offset = (0.3, 0.0, 0.0)
+    add_bones(armature, [("aside", "", (0.5, 0, 1), (0.5, 0, 1.2))])
+    shift = armature.pose.bones["forearm.L"].constraints.new("COPY_LOCATION")
+    shift.target, shift.subtarget, shift.influence = armature, "aside", 0.5
     report = send.send_to_rig(bpy.context.scene, motion_of_body(BODY, swing(BODY, FRAMES), "man", 30.0), armature, 1)
     assert [text for text in report["warnings"] if text.startswith("arm.L: the rig is up to") and " mm off" in text]
 
