@@ -8,8 +8,9 @@ normal equations is first scaled by the ratio of errors to it that the shot show
 predicted without themselves are missed by more where feet are half hidden. The pictures around the point are asked as
 well whether it stands or moves as it was tracked: they do not depend on the shape of the foot, whose errors make it
 drift. Smoothness blurs the moments at which a foot lands and leaves, so plants that pass take in the frames beside them
-on which the point may stand, too; those that are brief all the same are left out. Then all are held together, on the
-same normal equations.
+on which the point may stand, too. Two plants of a point with no time for a step between them become one if that
+passes as well. Those that are brief all the same are left out. Then all are held together, on the same normal
+equations.
 
 A single view hardly contradicts any plant. With one view, candidates are kept still during the refinement already, and
 nothing is tested here.
@@ -149,13 +150,16 @@ class _Evidence:
             part = plants.soles.parts[c]
             ratio = float(ratios[[part, max(body.parents[part], 0)]].mean())  # a sole lies between the tips of both
             longer = [] if earlier is None else runs(earlier.plants.steps[:, c] & movable)
+            fitting: list[_Plant] = []
             for run in runs(column & movable):
                 tried = [_Plant(plants, c, steps) for steps in dict.fromkeys((_joined(run, longer), run))]
-                fitting = next((plant for plant in tried if self._agrees(performer, plant, ratio)), None)
-                if fitting is not None:
-                    fitting = self._lengthened(performer, fitting, ratio, movable)
-                    if seeming.steps_around(fitting) >= MIN_DURATION * problem.fps:
-                        found[fitting.steps[0] : fitting.steps[1] + 1, c] = True
+                one = next((plant for plant in tried if self._agrees(performer, plant, ratio)), None)
+                if one is not None:
+                    one = self._lengthened(performer, one, ratio, movable)
+                    fitting = self._with_next(performer, fitting, one, ratio, movable)
+            for plant in fitting:
+                if seeming.steps_around(plant) >= MIN_DURATION * problem.fps:
+                    found[plant.steps[0] : plant.steps[1] + 1, c] = True
         keyed = replace(plants, steps=plants.steps & ~movable[:, None])
         return keyed, PlantFactor(plants.soles, found, REST_SPEED_SIGMA / problem.fps, Quadratic())
 
@@ -211,6 +215,24 @@ class _Evidence:
                     break
                 plant, cost = longer, more
         return plant
+
+    def _with_next(
+        self, performer: int, plants: Sequence[_Plant], following: _Plant, ratio: float, movable: Bools
+    ) -> list[_Plant]:
+        """Return plants of a point with the one that follows, if there is time for a step between it and the last of
+        them. If not, as a foot that stands does not jump aside and stand again, they are one plant where the evidence
+        agrees; else the longer one is kept.
+        """
+        if not plants:
+            return [following]
+        *before, last = plants
+        between = slice(last.steps[1] + 1, following.steps[0])
+        if between.stop - between.start > round(MIN_DURATION * self.problem.fps) or not movable[between].all():
+            return [*plants, following]
+        whole = replace(last, steps=(last.steps[0], max(last.steps[1], following.steps[1])))
+        if not self._agrees(performer, whole, ratio):
+            whole = max(last, following, key=len)
+        return [*before, whole]
 
     def _cost(self, performer: int, plant: _Plant, ratio: float) -> float:
         """Increase of the least cost of the evidence, whose covariance is multiplied by a ratio, by a plant."""

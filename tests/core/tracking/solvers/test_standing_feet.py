@@ -289,3 +289,20 @@ def test_pictures_overrule_the_evidence_but_not_key_poses(
     still = standing(BODY, FRAMES)
     crept = Motion(still.translations + path, still.rotations)
     assert not rested(crept).planted[0].any()
+
+
+@pytest.mark.parametrize(("jump", "is_one"), [(0.018, True), (0.05, False)])
+def test_a_foot_that_stands_does_not_jump_aside_and_stand_again(jump: float, is_one: bool) -> None:
+    """A plant that a jump of the solution divides is held as one, or on one side of the jump if the jump is too far."""
+    first, last = max(runs(planted(WALK)[:, 0]), key=np.ptp)
+    middle = (first + last) // 2
+    shift = np.zeros((FRAMES, BODY.dof))
+    shift[middle + 1 : -1, 0] = jump
+    divided = tracked(WALK, 1).moved(shift)
+    assert len(runs(planted(divided)[first : last + 1, 0])) == 2
+    unsure, frames = [4 * EXACT], SolvedFrames((divided,))
+    found = with_plants_at_rest(problem_of(BODY), [evidence()], (divided,), frames, ratios=unsure)
+    [held] = found.planted
+    assert held is not None and held[first : last + 1, 0].any()
+    assert bool(held[middle : middle + 2, 0].all()) == is_one
+    assert steps_of(found.motions[0], held).max() < 0.002
