@@ -31,6 +31,9 @@ def _add_track(command: argparse.ArgumentParser) -> None:
     command.add_argument("--out", required=True, type=_path, metavar="DIR", help="folder for the results")
     command.add_argument("--views", metavar="CAM,CAM", help="use only the views of these cameras")
     command.add_argument("--keyframes", metavar="N,N | auto", help="use these key frames instead of the shot's")
+    command.add_argument(
+        "--offset", action="append", metavar="CAM=N", help="use this offset of a camera's footage; may be repeated"
+    )
     command.add_argument("--refine", action="store_true", help="refine the cameras first, and write them as well")
     command.add_argument("--threads", type=int, metavar="N", help="work on so many cores (default: all)")
     command.add_argument(

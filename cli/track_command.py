@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -258,7 +259,13 @@ def _shot(args: argparse.Namespace, services: Services, cameras: Mapping[str, Ca
     if args.shot is not None:
         shot = prepare_shot(_spec(args), cameras)
     elif services.in_blender:
-        shot = selected(services.blender().read_shot(), _views(args), _keyframes(args.keyframes), args.solver)
+        shot = selected(
+            services.blender().read_shot(),
+            _views(args),
+            _keyframes(args.keyframes),
+            args.solver,
+            offsets=_offsets(args.offset),
+        )
     else:
         raise ShotError("no shot file is named", where="kfmocap track", todo="kfmocap track SHOT.toml --out DIR")
     if args.threads is None:
@@ -270,12 +277,26 @@ def _shot(args: argparse.Namespace, services: Services, cameras: Mapping[str, Ca
 def _spec(args: argparse.Namespace) -> ShotSpec:
     """Read the shot file, and apply the choices of the command line."""
     return read_shot_spec(args.shot).selected(
-        views=_views(args), keyframes=_keyframes(args.keyframes), solver=args.solver
+        views=_views(args), keyframes=_keyframes(args.keyframes), solver=args.solver, offsets=_offsets(args.offset)
     )
 
 
 def _views(args: argparse.Namespace) -> list[str] | None:
     return None if args.views is None else [name for name in args.views.split(",") if name]
+
+
+def _offsets(given: Sequence[str] | None) -> dict[str, float]:
+    found = {}
+    for text in given or ():
+        camera, _, number = text.rpartition("=")
+        try:
+            found[camera] = float(number)
+        except ValueError:
+            found[camera] = math.nan
+        if not camera or not math.isfinite(found[camera]):
+            todo = "give a camera and a number of frames, such as cam02=3"
+            raise ShotError(f"'{text}' is not an offset of a camera", where="--offset", todo=todo)
+    return found
 
 
 def _keyframes(text: str | None) -> list[int] | Literal["auto"] | None:

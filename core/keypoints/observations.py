@@ -69,6 +69,13 @@ class PerformerKeypoints:
         """Whether a single view shows the performer, so that depths follow from the lengths of its bones."""
         return self.factor.imagined is not None
 
+    def agreements(self) -> list[float | None]:
+        """Return which share of each view's keypoints agrees with the other views and the motion, 0 to 1; None if there
+        are none.
+        """
+        found = zip(self.weights, self.factor.keypoints.confidence, strict=True)
+        return [float(weights.sum() / confidence.sum()) if confidence.any() else None for weights, confidence in found]
+
     def of_views(self, views: list[int]) -> PerformerKeypoints:
         """Return the same of some views, in that order."""
         return replace(

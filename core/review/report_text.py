@@ -29,9 +29,9 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
             lines.append(f"{view['camera']}: refined, its picture moved by {view['refined']['shift']:.1f} px")
     if values["world"]:
         lines.append(f"{values['world']}: if so, state it as up under [calibration]")
-    off = [fit for view in values["views"] for fit in view["fits"] if fit["off"]]
-    lines += [fit["summary"] for fit in off]
-    if any(fit["by"] != "movement" for fit in off):
+    off = [(view["camera"], fit) for view in values["views"] for fit in view["fits"] if fit["off"]]
+    lines += [f"{fit['summary']}{_offset_text(camera, fit.get('offset'))}" for camera, fit in off]
+    if any(fit["by"] != "movement" for _, fit in off):
         lines.append(
             "if their offsets are right, refine the cameras: kfmocap track --refine, or Refine Cameras in Blender"
         )
@@ -41,13 +41,16 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
     return lines
 
 
+def _offset_text(camera: str, offset: float | None) -> str:
+    return "" if offset is None else f": write it into the [[view]], or track with --offset {camera}={offset:g}"
+
+
 def _performer_lines(performer: Mapping[str, Any]) -> list[str]:
     """Return the report's lines on a performer."""
     lines = [
-        f"of its keypoints in {camera}, {1 - own['agreement']:.0%} contradict the other views or the motion: see "
-        "whether they are of this footage and this person, and whether its offset is right"
+        f"of its keypoints in {camera}, {text}"
         for camera, own in performer.get("keypoints", {}).items()
-        if own["frames"] and own["agreement"] < _MIN_AGREEMENT
+        if own["frames"] and (text := keypoints_text(own["agreement"]))
     ]
     if identity := performer.get("identity", {}).get("text"):
         lines.append(identity)
@@ -104,6 +107,16 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
         if view.get("late"):
             lines.append(f"{view['camera']}: {LateView(**view['late']).text}")
     return lines
+
+
+def keypoints_text(agreement: float) -> str:
+    """Return a text that most of some keypoints contradict the others, and what to see to; empty if they do not."""
+    if agreement >= _MIN_AGREEMENT:
+        return ""
+    return (
+        f"{1 - agreement:.0%} contradict the other views or the motion: see whether they are of this footage and this "
+        "person, and whether its offset is right"
+    )
 
 
 def rate_text(rate: float, fps: float) -> str:

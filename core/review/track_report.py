@@ -223,11 +223,11 @@ def _keypoints(shot: Shot, own: PerformerKeypoints) -> dict[str, Any]:
     """Return for each view on how many frames a performer's keypoints were found, how well they agree with the other
     views, and where left and right were exchanged.
     """
-    keypoints = own.factor.keypoints
+    keypoints, agreements = own.factor.keypoints, own.agreements()
     return {
         view.camera.name: {
             "frames": int(keypoints.confidence[v].any(axis=1).sum()),
-            "agreement": round(float(own.weights[v].sum() / max(keypoints.confidence[v].sum(), 1e-9)), 3),
+            "agreement": round(agreements[v] or 0.0, 3),
             "sides_changed": intervals(own.changed[v].any(axis=1), shot.frames[0]),
         }
         for v, view in enumerate(shot.views)
@@ -237,7 +237,8 @@ def _keypoints(shot: Shot, own: PerformerKeypoints) -> dict[str, Any]:
 def _camera_fit(fit: CameraFit | FootageMatch) -> dict[str, Any]:
     """Return how well a camera fits, in pixels, or its footage."""
     if fit.by == "movement":
-        return {"by": fit.by, "off": fit.off, "match": round(fit.match, 2), "summary": fit.summary}
+        found = {"by": fit.by, "off": fit.off, "match": round(fit.match, 2), "summary": fit.summary}
+        return found if fit.offset is None else {**found, "offset": fit.offset}
     return {
         "by": fit.by,
         "off": fit.off,

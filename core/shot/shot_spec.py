@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -125,6 +125,7 @@ class ShotSpec:
         views: Sequence[str] | None = None,
         keyframes: Sequence[int] | Literal["auto"] | None = None,
         solver: str | None = None,
+        offsets: Mapping[str, float] | None = None,
     ) -> ShotSpec:
         """Return the specification with choices that override the file's.
 
@@ -135,6 +136,8 @@ class ShotSpec:
         keyframes : sequence of int or "auto", optional
             The key frames of every performer.
         solver : str, optional
+        offsets : mapping of str to float, optional
+            Offsets of some cameras' footage.
 
         Raises
         ------
@@ -142,8 +145,15 @@ class ShotSpec:
             There is no such view or solver, or a key frame is outside the shot.
         """
         spec = self
+        known = [view.camera for view in self.views]
+        if offsets is not None:
+            check_cameras(offsets, known, where="--offset")
+            spec = replace(spec, views=tuple(replace(v, offset=offsets.get(v.camera, v.offset)) for v in spec.views))
         if views is not None:
-            spec = replace(spec, views=self._chosen_views(views))
+            check_cameras(views, known, where="--views")
+            if not views:
+                raise ShotError("no view is named", where="--views", todo=f"there are {', '.join(known)}")
+            spec = replace(spec, views=tuple(view for view in spec.views if view.camera in views))
         if keyframes is not None:
             keys: KeyFrames = (
                 "auto" if keyframes == "auto" else checked_keyframes(keyframes, self.frames, where="--keyframes")
@@ -153,15 +163,18 @@ class ShotSpec:
             spec = replace(spec, settings=replace(self.settings, solver=solver))
         return spec
 
-    def _chosen_views(self, cameras: Sequence[str]) -> tuple[ViewSpec, ...]:
-        known = [view.camera for view in self.views]
-        todo = f"there are {', '.join(known)}"
-        for name in cameras:
-            if name not in known:
-                raise ShotError(f"no view has the camera '{name}'", where="--views", todo=todo)
-        if not cameras:
-            raise ShotError("no view is named", where="--views", todo=todo)
-        return tuple(view for view in self.views if view.camera in cameras)
+
+def check_cameras(names: Iterable[str], known: Sequence[str], *, where: str) -> None:
+    """Check that views have cameras of some names.
+
+    Raises
+    ------
+    ShotError
+        No view has one of them.
+    """
+    for name in names:
+        if name not in known:
+            raise ShotError(f"no view has the camera '{name}'", where=where, todo=f"there are {', '.join(known)}")
 
 
 def checked_keyframes(frames: Sequence[int], shot_frames: tuple[int, int], *, where: str) -> tuple[int, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -11,6 +11,7 @@ import numpy as np
 from ..body.motion import Motion
 from ..errors import ShotError
 from ..shot.shot import KeyPoses, Performer, Shot
+from ..shot.shot_spec import check_cameras
 from .prepare import with_proposed_keys
 
 
@@ -19,6 +20,7 @@ def selected(
     views: Sequence[str] | None = None,
     keyframes: Sequence[int] | Literal["auto"] | None = None,
     solver: str | None = None,
+    offsets: Mapping[str, float] | None = None,
 ) -> Shot:
     """Restrict a shot to the views of some cameras and the key poses on some frames, and choose the solver.
 
@@ -29,6 +31,8 @@ def selected(
         Frames in the footage's count; each must have a key pose. "auto" keeps all key poses and adds proposals from
         keypoints.
     solver : str, optional
+    offsets : mapping of str to float, optional
+        Offsets of some cameras' footage.
 
     Raises
     ------
@@ -37,8 +41,15 @@ def selected(
     KeypointError
         The keypoints do not show a performer well enough.
     """
+    known = [view.camera.name for view in shot.views]
+    if offsets is not None:
+        check_cameras(offsets, known, where="--offset")
+        shot = replace(
+            shot, views=tuple(replace(view, offset=offsets.get(view.camera.name, view.offset)) for view in shot.views)
+        )
     if views is not None:
-        shot = replace(shot, views=tuple(view for view in shot.views if view.camera.name in _known(shot, views)))
+        check_cameras(views or ("",), known, where="--views")
+        shot = replace(shot, views=tuple(view for view in shot.views if view.camera.name in views))
     if keyframes == "auto":
         if not any(view.keypoints for view in shot.views):
             raise ShotError("no view has keypoints to propose key poses from", where="--keyframes")
@@ -49,14 +60,6 @@ def selected(
     if solver is not None:
         shot = replace(shot, settings=replace(shot.settings, solver=solver))
     return shot
-
-
-def _known(shot: Shot, names: Sequence[str]) -> Sequence[str]:
-    known = [view.camera.name for view in shot.views]
-    for name in names or ("",):
-        if name not in known:
-            raise ShotError(f"no view has the camera '{name}'", where="--views", todo=f"there are {', '.join(known)}")
-    return names
 
 
 def _at(performer: Performer, keyframes: Sequence[int], first: int) -> Performer:

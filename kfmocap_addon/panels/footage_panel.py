@@ -7,6 +7,7 @@ from ..operators.footage.add_footage import AddFootage, ImportCalibration, Remov
 from ..operators.footage.load_shot import LoadShot
 from ..operators.footage.look_through import LookThrough, QuadView, StepView
 from ..operators.footage.recover import RelinkFootage
+from ..operators.footage.use_offset import UseOffset
 from ..operators.open_section import OpenSection
 from .section import FoldedPart, Section, draw_as_form
 from .texts import draw_text
@@ -65,10 +66,19 @@ def _draw_problems(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
         column = layout.column(align=True)
         for text in off:
             draw_text(column, context, text, "ERROR")
+        _draw_offsets(column, context)
         column.operator(RefineCameras.bl_idname, icon="CON_CAMERASOLVER")
     for view in views:
         if view.faults:
             draw_text(layout, context, f"{view.name}: {view.faults}", "ERROR")
+
+
+def _draw_offsets(column: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw a button for each view with whose footage another offset fits better."""
+    for index, view in enumerate(context.scene.kfmocap.views):
+        if view.fitting_offset:
+            text = f"Use Offset {view.fitting_offset} for {view.name}"
+            column.operator(UseOffset.bl_idname, text=text, icon="TIME").view = index
 
 
 def _draw_single(column: bpy.types.UILayout, context: bpy.types.Context, view: bpy.types.PropertyGroup) -> None:

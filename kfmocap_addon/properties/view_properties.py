@@ -96,6 +96,10 @@ class KFMocapView(bpy.types.PropertyGroup):
     misfit: bpy.props.StringProperty(
         name="Misfit", description="How far the camera is off the key poses or the other cameras; empty where it fits"
     )
+    fitting_offset: bpy.props.StringProperty(
+        name="Fitting Offset",
+        description="An offset with which the footage fits the key poses better; empty where none is known",
+    )
 
     @property
     def gaps(self) -> tuple[Any, ...]:

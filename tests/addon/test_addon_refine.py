@@ -14,6 +14,7 @@ from kfmocap.cli import calibrate_command
 from kfmocap.core import fitting
 from kfmocap.core.errors import CalibrationError, CancelledError
 from kfmocap.core.fitting.camera_refinement import RefinedCamera, Refinement
+from kfmocap.core.fitting.footage_match import FootageMatch
 from kfmocap.core.fitting.resection import adjusted
 from kfmocap.core.fitting.shot_cameras import CameraFit
 from kfmocap.core.formats import load_cameras, save_cameras
@@ -175,10 +176,25 @@ def test_a_camera_that_does_not_fit_is_shown_until_it_is_refined(blender, tmp_pa
     scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
     views = bpy.context.scene.kfmocap.views
     fits = [CameraFit(14.6, 2.0, 5.0, "cam01", "key poses"), CameraFit(1.0, 2.0, 5.0, "cam02", "key poses")]
-    assert view_cameras.show_fits(views, fits) == [fits[0].summary]
+    assert view_cameras.show_fits(views, fits) == [f"{fits[0].summary}. Refine Cameras may help"]
     assert [view.misfit for view in views] == ["15 px off the key poses", ""]
     bpy.ops.kfmocap.refine_cameras()
     assert not any(view.misfit for view in views)
+
+
+@in_blender
+def test_an_offset_that_fits_better_is_taken_by_a_button(blender, tmp_path):
+    scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    views = bpy.context.scene.kfmocap.views
+    [said] = view_cameras.show_fits(views, [FootageMatch("cam02", 0.8, offset=6.0), FootageMatch("cam01", 0.97)])
+    assert "offset of about 6" in said and "Use Offset" in said
+    assert [view.fitting_offset for view in views] == ["", "6"]
+    before = views[0].offset
+    assert bpy.ops.kfmocap.use_offset(view=1) == {"FINISHED"}
+    assert [view.offset for view in views] == [before, 6.0]
+    assert not any(view.misfit or view.fitting_offset for view in views)
+    with pytest.raises(RuntimeError, match="No better offset is known"):
+        bpy.ops.kfmocap.use_offset(view=1)
 
 
 @in_blender

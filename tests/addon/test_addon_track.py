@@ -11,7 +11,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import PARTS, keys_of, motion, shot  # noqa: E402
+from addon_shots import PARTS, keys_of, motion, shot, track_result  # noqa: E402
 from kfmocap.core.errors import CancelledError, ShotError  # noqa: E402
 from kfmocap.core.runtime.job import Job  # noqa: E402
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate  # noqa: E402
@@ -474,6 +474,20 @@ def test_footage_of_another_frame_rate_is_said(built, tracker, monkeypatch):
         monkeypatch.setattr(faulty_footage, "container_rate", lambda view, given=given: given)
         bpy.ops.kfmocap.track()
         assert [view.faults for view in built.kfmocap.views] == [said] * len(built.kfmocap.views)
+
+
+def test_keypoints_that_contradict_the_others_are_said_beside_their_view(built, tracker, monkeypatch):
+    monkeypatch.setattr(faulty_footage, "container_rate", lambda view: 0.0)
+    others = [None] * (len(built.kfmocap.views) - 2)
+    performer = SimpleNamespace(agreements=lambda: [0.21, 0.65, *others])
+    observed = SimpleNamespace(performers=(performer,))
+    tracked = scene.shot_from_scene(built)
+    part = Excerpt(0, tracked.length - 1)
+    result = track_result(tracked, [motion(tracked.length)])
+    result.observed = observed
+    [said] = faulty_footage.show_faults(built, tracked, [part], [result])
+    assert said.startswith("cam01: of its keypoints, 79% contradict the other views")
+    assert built.kfmocap.views[0].faults == "most of its keypoints contradict the others"
 
 
 def test_files_whose_rate_tracking_has_measured_are_not_opened_again(built, tracker, monkeypatch):

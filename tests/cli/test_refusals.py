@@ -84,6 +84,9 @@ def test_the_libraries_below_add_nothing_to_the_message(folder: Path) -> None:
     [
         (["--views", "cam07"], ["--views", "'cam07'", "cam01"]),
         (["--views", ","], ["--views"]),
+        (["--offset", "cam07=3"], ["--offset", "'cam07'", "cam01"]),
+        (["--offset", "cam01"], ["--offset", "'cam01'", "cam02=3"]),
+        (["--offset", "cam01=nan"], ["--offset", "'cam01=nan'"]),
         (["--keyframes", "0,9"], ["--keyframes", "key frame 9", "0 to 5"]),
         (["--keyframes", "0,x"], ["--keyframes", "'0,x'"]),
         (["--keyframes", "auto"], ["[[performer]] 1", "nothing to take the key poses from"]),

@@ -93,6 +93,21 @@ def test_footage_that_is_not_the_key_poses_is_printed_without_advice_to_refine(
     assert [(fit["by"], fit["off"], fit["match"]) for fit in view["fits"]] == [("movement", True, 0.57)]
 
 
+def test_an_offset_that_fits_better_is_printed_with_the_option_that_takes_it(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(track_command, "camera_fits", lambda *_: (FootageMatch("cam01", 0.9, offset=-6.0),))
+    offsets = []
+    monkeypatch.setattr(
+        track_command, "track", lambda shot, *_, **__: offsets.append(shot.views[0].offset) or made_result(shot)
+    )
+    assert track(folder) == 0
+    said = capsys.readouterr().err
+    assert "with an offset of about -6: write it into the [[view]], or track with --offset cam01=-6\n" in said
+    assert track(folder, "--offset", "cam01=0.25") == 0
+    assert offsets == [0.0, 0.25]
+
+
 def test_refining_first_tracks_with_the_refined_cameras_and_writes_them(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -134,7 +134,7 @@ class Tracking(Conditional, JobOperator):
         unfinished_tracking.discard(scene)
         if tracked.fits is not None:
             for line in view_cameras.show_fits(scene.kfmocap.views, tracked.fits):
-                self.report({"WARNING"}, f"{line}. Refine Cameras may help")
+                self.report({"WARNING"}, line)
         for text in faulty_footage.show_faults(scene, shot, parts, results):
             self.report({"WARNING"}, text)
         frames = sum(part.last + 1 - part.first for part in parts)

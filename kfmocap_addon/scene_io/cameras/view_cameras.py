@@ -70,11 +70,20 @@ def show_camera(slot: bpy.types.PropertyGroup, camera: Camera, frame_start: int)
 
 
 def show_fits(slots: Iterable[bpy.types.PropertyGroup], fits: Sequence[CameraFit | FootageMatch]) -> list[str]:
-    """Show which views' cameras do not fit; returns what is to be said about them."""
+    """Show which views' cameras do not fit; returns what is to be said about them, and which tool may help."""
     off = [fit for fit in fits if fit.off]
+    offsets = {fit.camera: fit.offset for fit in off if fit.by == "movement"}
     for slot in slots:
         slot.misfit = "; ".join(fit.brief for fit in off if fit.camera == slot.name)
-    return [fit.summary for fit in off]
+        offset = offsets.get(slot.name)
+        slot.fitting_offset = "" if offset is None else f"{offset:g}"
+    return [f"{fit.summary}. {_advice(fit)}" if _advice(fit) else fit.summary for fit in off]
+
+
+def _advice(fit: CameraFit | FootageMatch) -> str:
+    if fit.by != "movement":
+        return "Refine Cameras may help"
+    return "" if fit.offset is None else "Use Offset in Footage and Cameras takes it"
 
 
 def adopt(slot: bpy.types.PropertyGroup, owner: bpy.types.Object, scene: bpy.types.Scene) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import bpy
 
 from ....core.errors import listed
-from ....core.review.report_text import rate_text, torn_text
+from ....core.review.report_text import keypoints_text, rate_text, torn_text
 from ....core.shot.footage import container_rate
 from ....core.shot.shot import Shot, View
 from ....core.tracking.footage_gaps import found_gaps, torn_frames
@@ -63,6 +63,14 @@ def _faults(
         yield late[0].brief, late[0].text
     if damage := [own for r in results if r.damage and (own := r.damage[v]) is not None]:
         yield "its file is damaged" if damage[0].reported else "its pictures may be damaged", damage[0].text
+    contradicting = [
+        text
+        for r in results
+        for performer in r.observed.performers
+        if (agreement := performer.agreements()[v]) is not None and (text := keypoints_text(agreement))
+    ]
+    if contradicting:
+        yield "most of its keypoints contradict the others", f"of its keypoints, {contradicting[0]}"
     if rates := [rate for r in results if r.rates and (rate := r.rates[v]) is not None and rate.varies]:
         yield (
             "frames are missing in it" if rates[0].missing else "its frame rate varies",

@@ -136,6 +136,8 @@ def test_arguments_override_the_file(folder: Path) -> None:
     assert [view.camera.name for view in shot.views] == ["cam02"]
     assert shot.performers[0].key_poses.frames.tolist() == [0, 3]
     assert shot.settings.solver == "gauss-newton"
+    moved = selected(load_shot(folder / "shot.toml"), offsets={"cam02": 1.5})
+    assert [view.offset for view in moved.views] == [0.0, 1.5]
 
 
 def test_frames_that_footage_lacks_or_has_twice_are_listed(folder: Path) -> None:
@@ -215,6 +217,7 @@ def test_a_part_of_a_shot_can_be_selected(folder: Path) -> None:
     ("arguments", "message"),
     [
         ({"views": ["cam09"]}, "--views: no view has the camera 'cam09'"),
+        ({"offsets": {"cam09": 1.0}}, "--offset: no view has the camera 'cam09'"),
         ({"keyframes": [4]}, "--keyframes: man has no key pose at frame 4"),
         ({"keyframes": []}, "--keyframes: at least one"),
         ({"solver": "magic"}, "unknown solver 'magic'"),
