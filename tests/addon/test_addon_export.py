@@ -6,6 +6,8 @@ import errno
 import os
 import struct
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -22,6 +24,7 @@ from kfmocap.core.numerics import rotations  # noqa: E402
 from kfmocap.kfmocap_addon.export import destinations, exporters, presets, whole_files  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_formats import EXPORT_FORMATS  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
+from kfmocap.kfmocap_addon.panels import export_panel  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from mathutils import Matrix  # noqa: E402
@@ -46,6 +49,18 @@ def test_exporting_a_moved_armature_puts_it_where_it_is(blender, tmp_path):
     assert built.frame_current == 7 and len(bpy.data.scenes) == 1
     for name in ("walk.bvh", "walk.fbx"):
         assert joint_error(imported(tmp_path / name), body, motion(12)) < TOLERANCE
+
+
+def test_who_is_exported_is_asked_only_where_motion_went_to_a_rig(blender, tmp_path):
+    def asked():
+        layout = MagicMock()
+        export_panel.ExportPanel.draw_content(SimpleNamespace(layout=layout), bpy.context)
+        return [call.args[1] for call in layout.row.return_value.prop.call_args_list if call.args[1] == "whom"]
+
+    built = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    assert asked() == []
+    built.kfmocap.retarget.target = built.kfmocap.performers[0].armature
+    assert asked() == ["whom"]
 
 
 def test_the_export_tool_writes_what_was_asked_for(blender, tmp_path):

@@ -102,7 +102,12 @@ def test_proposals_and_a_first_pass_without_any_key_pose(blender, tmp_path):
         bpy.context.scene.frame_set(1 + frame)
         assert error(slot, WALK[[frame]]) < 0.03
     assert bpy.ops.kfmocap.show_key_pictures() == {"FINISHED"}
-    assert sorted(SESSION.of(KeyPictures).icons(slot.armature)) == proposed
+    pictures = SESSION.of(KeyPictures)
+    assert sorted(pictures.icons(slot.armature)) == proposed
+    pictures.clear()  # as when the add-on is disabled
+    assert pictures.icons(slot.armature) == {}
+    assert bpy.ops.kfmocap.show_key_pictures() == {"FINISHED"}
+    assert sorted(pictures.icons(slot.armature)) == proposed
     before = motion_curves.read_motion(slot.armature, 1, 30)
     assert bpy.ops.kfmocap.refuse_proposal(frame=proposed[0]) == {"FINISHED"}
     assert key_pose_curves.keyed_bones(slot.armature) == ({}, proposed[1:])

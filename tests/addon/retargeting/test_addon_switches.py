@@ -78,6 +78,18 @@ def test_limbs_are_switched_to_fk_wherever_their_switches_are(where):
     assert limbs_apart(armature) < 1e-4
 
 
+def test_a_switch_is_turned_to_the_far_end_of_its_range():
+    """As in rigs whose switches count from 0 to 10, and where 10 is FK."""
+    rig = switched_human(0.0, "object", "1.0 - 0.1 * s")
+    for end in ENDS:
+        rig.id_properties_ui(f"ik_fk {end}").update(soft_min=0.0, soft_max=10.0)
+    armature, _ = use_as_body(bpy.context.scene, rig)
+    assert switched("object", armature) == [10, 10, 10, 10]
+    body = body_armature.body_from_armature(armature)
+    motion_curves.write_motion(armature, swing(body, FRAMES), 1)
+    assert joint_error(armature, body, swing(body, FRAMES)) < 0.1
+
+
 @pytest.mark.parametrize("where", SWITCHES)
 def test_motion_is_sent_through_fk_wherever_the_switches_are(where):
     target = SWITCHES[where]()
