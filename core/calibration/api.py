@@ -13,6 +13,8 @@ from ..capture.capture import Capture, CaptureView, Markers
 from ..capture.capture_videos import CaptureVideos
 from ..errors import CaptureError
 from ..runtime.progress import Progress, share
+from ..runtime.threads import worker_count
+from ..runtime.worker_pool import WorkerPool
 from ..shot.footage import probe
 from ..shot.footage_faults.footage_times import video_rate
 from .calibration_result import CalibrationResult
@@ -20,11 +22,13 @@ from .findings import LFRAME_NOT_SEEN, Finding, interlaced, lframe_missed, rate_
 from .remeasure import remeasured, with_lframes_remeasured
 from .resync import known_camera, synchronise
 from .solving.clocks import Clocks
-from .video_markers import VideoMarkers, find_all, find_wand
+from .video_markers import VideoMarkers, find_all, find_wands
 from .wand_calibration import solve_capture
 
 _MARKERS_FOUND, _BALLS_REMEASURED, _CAMERAS_SOLVED = 0.6, 0.9, 0.95
 """Fractions of the work after which markers are found, small ones measured again, and cameras solved from these."""
+MIN_PARALLEL_PICTURES = 400
+"""Pictures of the wand from which views are worked on in several processes: ten times what it takes to start one."""
 
 
 def calibrate(
@@ -52,17 +56,25 @@ def calibrate(
     """
     if isinstance(source, Capture):
         return solve_capture(source, progress, drift=drift)
-    found = find_all(source, share(progress, 0.0, _MARKERS_FOUND))
     middle = (_MARKERS_FOUND + _BALLS_REMEASURED) / 2
-    doubtful = list(_doubtful(found))
-    first = _first(found, doubtful, share(progress, _MARKERS_FOUND, middle), drift=drift)
-    found = remeasured(found.with_lframes_identified(first), first, share(progress, middle, _BALLS_REMEASURED))
+    with _workers(source) as pool:
+        found = find_all(source, share(progress, 0.0, _MARKERS_FOUND), pool)
+        doubtful = list(_doubtful(found))
+        first = _first(found, doubtful, share(progress, _MARKERS_FOUND, middle), drift=drift)
+        found = found.with_lframes_identified(first)
+        found = remeasured(found, first, share(progress, middle, _BALLS_REMEASURED), pool)
     solution = solve_capture(
         found.capture(first.cameras), share(progress, _BALLS_REMEASURED, _CAMERAS_SOLVED), drift=drift
     )
     solution = _with_lframe_remeasured(found, solution, share(progress, _CAMERAS_SOLVED, 1.0), drift=drift)
     missed = tuple(lframe_missed(camera) for camera in found.without_lframe())
     return replace(solution, findings=(*solution.findings, *doubtful, *missed))
+
+
+def _workers(videos: CaptureVideos) -> WorkerPool:
+    """Return workers for the videos of all views: one per core, or this process alone if there is little to do."""
+    pictures = sum(probe(view.wand).count for view in videos.views)
+    return WorkerPool(min(worker_count(), len(videos.views)) if pictures >= MIN_PARALLEL_PICTURES else 1, (__name__,))
 
 
 def _with_lframe_remeasured(
@@ -128,13 +140,23 @@ def synchronise_take(
 
 def _wands(videos: CaptureVideos, cameras: Mapping[str, Camera], progress: Progress | None) -> Capture:
     """Find the wand in the videos."""
-    views, count = [], len(videos.views)
-    for k, view in enumerate(videos.views):
-        footage = probe(view.wand)
-        camera = known_camera(cameras, view.camera, footage.size)
-        seen = find_wand(view, videos, footage.count, share(progress, k / count, (k + 1) / count))
-        wand = seen.corrected(camera.matrix, camera.distortions)
-        views.append(CaptureView(view.camera, footage.size, footage.fps or None, _unseen(), wand, view.offset))
+    footages = [probe(view.wand) for view in videos.views]
+    known = [
+        known_camera(cameras, view.camera, footage.size) for view, footage in zip(videos.views, footages, strict=True)
+    ]
+    with _workers(videos) as pool:
+        wands = find_wands(videos, footages, progress, pool)
+    views = [
+        CaptureView(
+            view.camera,
+            footage.size,
+            footage.fps or None,
+            _unseen(),
+            seen.corrected(camera.matrix, camera.distortions),
+            view.offset,
+        )
+        for view, footage, camera, seen in zip(videos.views, footages, known, wands, strict=True)
+    ]
     return Capture(videos.lframe_points, videos.wand_length, tuple(views))
 
 

@@ -7,6 +7,7 @@ on which its balls were too faint to be found without a prediction.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,9 @@ from numpy.typing import NDArray
 from ..capture.calibration_objects import LFRAME_ARMS, LFRAME_BALLS
 from ..capture.capture import Markers
 from ..numerics.arrays import Array
-from ..runtime.progress import Progress, report_progress, share
+from ..runtime.progress import Progress, report_progress
+from ..runtime.threads import one_library_thread
+from ..runtime.worker_pool import WorkerPool
 from ..shot.footage import pictures
 from .balls.ball_appearance import BallAppearance, BallGuess, BallImage
 from .balls.ball_images import fit_ball
@@ -42,7 +45,12 @@ _MAX_LEVEL_DIFFERENCE = 10.0
 _UNMEASURED_RADIUS_SIGMA = 0.1  # standard deviation of radii if no diameter is given, relative
 
 
-def remeasured(found: VideoMarkers, solution: CalibrationResult, progress: Progress | None = None) -> VideoMarkers:
+def remeasured(
+    found: VideoMarkers,
+    solution: CalibrationResult,
+    progress: Progress | None = None,
+    pool: WorkerPool | None = None,
+) -> VideoMarkers:
     """Measure the small balls of all videos again, and search for those that were missed.
 
     Parameters
@@ -51,6 +59,8 @@ def remeasured(found: VideoMarkers, solution: CalibrationResult, progress: Progr
     solution : CalibrationResult
         The solution from these markers.
     progress : callable, optional
+    pool : WorkerPool, optional
+        See `find_all`.
 
     Raises
     ------
@@ -59,14 +69,19 @@ def remeasured(found: VideoMarkers, solution: CalibrationResult, progress: Progr
     CancelledError
         `progress` returned False.
     """
-    count = len(found.views)
-    views = []
-    for c, view in enumerate(found.views):
-        part = share(progress, c / count, (c + 1) / count)
-        report_progress(part, f"{view.videos.camera}: small balls", 0.0)
-        seen = _RemeasuredView.create(found, solution, c)
-        views.append(seen.measured(part) if seen.is_small else view)
+    tasks = [
+        (f"{view.videos.camera}: small balls", partial(_measured_again, found, solution, c))
+        for c, view in enumerate(found.views)
+    ]
+    views = (pool or WorkerPool(1)).do_all(tasks, progress)
     return VideoMarkers(found.videos, tuple(views))
+
+
+@one_library_thread()
+def _measured_again(found: VideoMarkers, solution: CalibrationResult, c: int, progress: Progress | None) -> SeenView:
+    """Return a view with its small balls measured again, or as it is if it has none."""
+    seen = _RemeasuredView.create(found, solution, c)
+    return seen.measured(progress) if seen.is_small else seen.seen
 
 
 def with_lframes_remeasured(found: VideoMarkers, solution: CalibrationResult) -> VideoMarkers:

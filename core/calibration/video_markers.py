@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,8 @@ from ..capture.capture_videos import CaptureVideos, CaptureVideoView
 from ..errors import CalibrationError
 from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress, share
+from ..runtime.threads import one_library_thread
+from ..runtime.worker_pool import WorkerPool
 from ..shot.footage import Footage, pictures, probe
 from .balls.ball_centres import centres_of
 from .balls.found_balls import Balls
@@ -142,10 +145,17 @@ def _candidates(view: SeenView, matrix: Array, distortions: Array) -> Markers | 
     return Markers(np.zeros(1, np.int64), points[None], balls.sigma[None])
 
 
-def find_all(videos: CaptureVideos, progress: Progress | None = None) -> VideoMarkers:
+def find_all(videos: CaptureVideos, progress: Progress | None = None, pool: WorkerPool | None = None) -> VideoMarkers:
     """Find the balls in all videos, frame by frame.
 
     If enough other views show the L-frame, a view in which it is not found is treated as having no video of it.
+
+    Parameters
+    ----------
+    videos : CaptureVideos
+    progress : callable, optional
+    pool : WorkerPool, optional
+        Workers that do a view each; by default this process does one after the other.
 
     Raises
     ------
@@ -156,23 +166,32 @@ def find_all(videos: CaptureVideos, progress: Progress | None = None) -> VideoMa
     CancelledError
         `progress` returned False.
     """
-    count = len(videos.views)
+    pool = pool or WorkerPool(1)
     footages = [_footage(view) for view in videos.views]
-    lframes: list[SeenLFrame] = []
-    for k, (view, footage) in enumerate(zip(videos.views, footages, strict=True)):
-        part = share(progress, _LFRAME_WORK * k / count, _LFRAME_WORK * (k + 1) / count)
-        lframes.append(find_lframe(view, videos, footage.size, part))
+    views = list(zip(videos.views, footages, strict=True))
+    looking = [(f"{view.camera}: L-frame", partial(find_lframe, view, videos, footage.size)) for view, footage in views]
+    lframes: list[SeenLFrame] = pool.do_all(looking, share(progress, 0.0, _LFRAME_WORK))
     missed = [lframe.unidentified for lframe in lframes if lframe.unidentified is not None]
     showing = [len(own.balls.markers) > 0 or len(own.candidates) >= _MIN_CANDIDATES for own in lframes]
     if missed and sum(showing) < MIN_LFRAME_VIEWS:
         raise missed[0]
-    seen = []
-    for k, (view, footage, lframe) in enumerate(zip(videos.views, footages, lframes, strict=True)):
-        begin, end = (_LFRAME_WORK + (1 - _LFRAME_WORK) * done / count for done in (k, k + 1))
-        part = share(progress, begin, end)
-        wand = find_wand(view, videos, footage.count, part)
-        seen.append(SeenView(view, footage, lframe.balls, wand, lframe.candidates))
-    return VideoMarkers(videos, tuple(seen), missed[0] if missed else None)
+    wands = find_wands(videos, footages, share(progress, _LFRAME_WORK, 1.0), pool)
+    seen = tuple(
+        SeenView(view, footage, lframe.balls, wand, lframe.candidates)
+        for (view, footage), lframe, wand in zip(views, lframes, wands, strict=True)
+    )
+    return VideoMarkers(videos, seen, missed[0] if missed else None)
+
+
+def find_wands(
+    videos: CaptureVideos, footages: Sequence[Footage], progress: Progress | None, pool: WorkerPool
+) -> list[SeenBalls]:
+    """Find the wand's balls in all videos, each of which is one of the pool's tasks; see `find_wand`."""
+    tasks = [
+        (f"{view.camera}: wand", partial(find_wand, view, videos, footage.count))
+        for view, footage in zip(videos.views, footages, strict=True)
+    ]
+    return pool.do_all(tasks, progress)
 
 
 def _footage(view: CaptureVideoView) -> Footage:
@@ -185,6 +204,7 @@ def _footage(view: CaptureVideoView) -> Footage:
     return footage
 
 
+@one_library_thread()
 def find_wand(view: CaptureVideoView, videos: CaptureVideos, count: int, progress: Progress | None = None) -> SeenBalls:
     """Find the wand's balls on every frame of a camera's video on which they are seen.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from threading import Lock
 from typing import TypeVar
 
 from ..errors import CancelledError
@@ -30,6 +31,36 @@ def share(progress: Progress | None, begin: float, end: float) -> Progress | Non
     if progress is None:
         return None
     return lambda what, fraction: progress(what, begin + fraction * (end - begin))
+
+
+class ParallelProgress:
+    """Progress of a job whose parts are done at the same time, in any threads.
+
+    Parameters
+    ----------
+    progress : callable, optional
+        Called by one thread at a time.
+    """
+
+    def __init__(self, progress: Progress | None) -> None:
+        self._progress = progress
+        self._done: list[float] = []
+        self._lock = Lock()
+
+    def part(self, what: str, work: float) -> Callable[[float], None]:
+        """Return a callback for the fraction done of a part, which is the fraction `work` of the job.
+
+        It raises CancelledError where the job is cancelled.
+        """
+        place = len(self._done)
+        self._done.append(0.0)
+
+        def report(fraction: float) -> None:
+            with self._lock:
+                self._done[place] = max(self._done[place], fraction * work)
+                report_progress(self._progress, what, min(sum(self._done), 1.0))
+
+        return report
 
 
 def step_share(

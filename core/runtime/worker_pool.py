@@ -12,6 +12,7 @@ from threading import Event
 from typing import Any
 
 from ..errors import CancelledError, WorkerEndedError
+from .progress import ParallelProgress, Progress
 from .worker_process import Work, WorkerProcess
 
 
@@ -86,6 +87,24 @@ class WorkerPool:
         done: Future[Any] = Future()
         done.set_result(work(lambda _, fraction: progress(fraction) is not False))
         return done
+
+    def do_all(self, tasks: Sequence[tuple[str, Work]], progress: Progress | None = None) -> list[Any]:
+        """Do tasks, and return their results in their order.
+
+        Parameters
+        ----------
+        tasks : sequence of tuple of str and callable
+            What is reported while a task is done, and the task; all count as the same amount of work.
+        progress : callable, optional
+
+        Raises
+        ------
+        Exception
+            Whatever the first of those that failed raised.
+        """
+        overall = ParallelProgress(progress)
+        done = [self.submit(work, overall.part(what, 1 / len(tasks))) for what, work in tasks]
+        return [task.result() for task in done]
 
     def _done(self, work: Work, progress: Callable[[float], object]) -> Any:
         """Do a task in an idle process; there are no more threads that run this than processes."""

@@ -11,14 +11,13 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
-from threading import Lock
 from typing import Any
 
 from ..body.motion import Motion
 from ..evidence.part_shapes import ShapeEvidence
 from ..evidence.view_frames import ViewFrames
 from ..keypoints.observations import ShotKeypoints
-from ..runtime.progress import Progress, report_progress
+from ..runtime.progress import ParallelProgress, Progress
 from ..runtime.timing import Seconds
 from ..runtime.worker_pool import WorkerPool
 from ..shot.shot import Shot
@@ -98,7 +97,7 @@ class SegmentSchedule:
         self._begin, self._shot, self._observed, self._pool, self._threads = begin, shot, observed, pool, threads
         self._segments, self._kept, self._earlier = segments(shot), finished, earlier
         self._observe, self._show = callbacks.observe, callbacks.show
-        self._overall = _OverallProgress(shot, callbacks.progress)
+        self._overall = ParallelProgress(callbacks.progress)
         whole = set(whole_keys(shot, 0, shot.length - 1).tolist())
         # Segments that begin on no key pose of the whole body continue the motion of the one before.
         self._continues = [k > 0 and first not in whole for k, (first, _) in enumerate(self._segments)]
@@ -114,16 +113,14 @@ class SegmentSchedule:
         self._await_solved(k if self._continues[k] else k - READ_AHEAD * self._pool.workers + 1)
         self._views.append(views)
         if (known := self._kept.known.get(self._segments[k])) is not None:
-            self._overall.part(self._segments[k], 1.0)(1.0)
+            self._part(k, 1.0)(1.0)
             self._solving.append(known)
             if self._show is not None:
                 self._show(known.segment, known.motions)
         else:
             state = self.state if self._continues[k] else self._begin
             work = partial(solve_task, self._task(k, state), self._observed, self._earlier, watch=self._watcher(k))
-            solving: Future[SolvedSegment] = self._pool.submit(
-                work, self._overall.part(self._segments[k], SOLVING_SHARE)
-            )
+            solving: Future[SolvedSegment] = self._pool.submit(work, self._part(k, SOLVING_SHARE))
             solving.add_done_callback(lambda done: self._hand_out(done, k, lambda s: s.solution.motions))
             self._solving.append(solving)
         if self._pool.workers == 1:
@@ -145,6 +142,11 @@ class SegmentSchedule:
 
     def _task(self, k: int, state: TrackState) -> SegmentTask:
         return SegmentTask(self._shot, self._segments[k], self._views[k], state, self._threads)
+
+    def _part(self, k: int, work: float) -> Callable[[float], None]:
+        """Return the callback for a part of the work on a segment."""
+        first, last = self._segments[k]
+        return self._overall.part("tracking", work * (last - first) / (self._shot.length - 1))
 
     def _watcher(self, k: int) -> Watcher | None:
         return None if self._observe is None else partial(self._observe, self._segments[k])
@@ -183,9 +185,7 @@ class SegmentSchedule:
                 self._await_refined(k)
                 state = state.with_solution(self._segments[k - 1], self._done[k - 1].motions)
             work = partial(refine_task, self._task(k, state), solved, self._shapes_beside(k), watch=self._watcher(k))
-            refining: Future[RefinedSegment] = self._pool.submit(
-                work, self._overall.part(self._segments[k], 1 - SOLVING_SHARE)
-            )
+            refining: Future[RefinedSegment] = self._pool.submit(work, self._part(k, 1 - SOLVING_SHARE))
             refining.add_done_callback(lambda done: self._hand_out(done, k, lambda r: r.finished.motions))
             self._refining.append(refining)
         self._await_refined(k - 2 * self._pool.workers)
@@ -213,24 +213,3 @@ class SegmentSchedule:
                 if isinstance(view, StoredView):
                     view.remove()
             self._views[k] = ()
-
-
-class _OverallProgress:
-    """Reports progress over all segments of a shot, which are in work at the same time."""
-
-    def __init__(self, shot: Shot, progress: Progress | None) -> None:
-        self._last, self._progress = shot.length - 1, progress
-        self._parts: list[float] = []
-        self._lock = Lock()
-
-    def part(self, segment: Segment, work: float) -> Callable[[float], None]:
-        """Return the callback for a part of the work on a segment."""
-        share, place = work * (segment[1] - segment[0]) / self._last, len(self._parts)
-        self._parts.append(0.0)
-
-        def report(done: float) -> None:
-            with self._lock:
-                self._parts[place] = max(self._parts[place], done * share)
-                report_progress(self._progress, "tracking", min(sum(self._parts), 1.0))
-
-        return report

@@ -100,6 +100,12 @@ def killed_elsewhere(home: int, progress: Progress) -> None:
         time.sleep(0.01)
 
 
+def waiting(progress: Progress) -> None:
+    """Goes on until it is told to stop."""
+    while progress("waiting", 0.5):
+        time.sleep(0.01)
+
+
 def process_id(progress: Progress) -> int:
     """Tells where it is done, after a while."""
     time.sleep(0.2)

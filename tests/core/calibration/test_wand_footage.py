@@ -17,6 +17,7 @@ from kfmocap.core.calibration.wand_calibration import solve_capture
 from kfmocap.core.capture.capture import Markers
 from kfmocap.core.errors import CalibrationError, CancelledError, CaptureError
 from kfmocap.core.formats.wand_toml import load_wand
+from kfmocap.core.runtime.worker_pool import WorkerPool
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate
 from render.waving import CAMERAS, OFFSETS, WandTake
 from render_wand import write_take
@@ -34,7 +35,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def sightings(folder: Path) -> VideoMarkers:
-    return find_all(load_wand(folder / "wand.toml"))
+    with WorkerPool(2) as pool:
+        return find_all(load_wand(folder / "wand.toml"), None, pool)
 
 
 def test_balls_are_found_in_compressed_blurred_pictures_among_others(sightings):
@@ -57,6 +59,14 @@ def test_cameras_come_out_where_they_stood(sightings):
         solved = solution.cameras[camera.name]
         assert np.linalg.norm(solved.centre_world() - camera.centre_world()) < 0.04
         assert solved.matrix[0, 0] == pytest.approx(camera.matrix[0, 0], rel=0.01)
+
+
+def test_the_balls_are_the_same_in_another_process(folder, sightings):
+    film = load_wand(folder / "wand.toml")
+    for view, seen in zip(film.views, sightings.views, strict=True):
+        alone = find_lframe(view, film, seen.footage.size).balls
+        np.testing.assert_array_equal(alone.markers.points, seen.lframe.markers.points)
+        np.testing.assert_array_equal(alone.radii, seen.lframe.radii)
 
 
 def test_looking_for_balls_can_be_cancelled(folder):

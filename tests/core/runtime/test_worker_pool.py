@@ -8,7 +8,7 @@ from functools import partial
 
 import job_functions
 import pytest
-from kfmocap.core.errors import CaptureError, WorkerEndedError
+from kfmocap.core.errors import CancelledError, CaptureError, WorkerEndedError
 from kfmocap.core.runtime.worker_pool import WorkerPool
 from kfmocap.core.runtime.worker_process import WorkerProcess
 
@@ -44,6 +44,31 @@ def test_an_error_of_the_work_comes_as_it_was_and_the_worker_lives() -> None:
             with pytest.raises(CaptureError, match="it lies in a plane"):
                 future.result()
         assert pool.submit(job_functions.process_id, unheard).result() > 0
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_results_have_the_order_of_their_tasks_and_progress_grows_whoever_does_them(workers: int) -> None:
+    told: list[tuple[str, float]] = []
+    tasks = [(f"part {n}", partial(job_functions.halfway, n)) for n in range(5)]
+    with WorkerPool(workers) as pool:
+        assert pool.do_all(tasks, lambda what, fraction: not told.append((what, fraction))) == [0, 1, 2, 3, 4]
+    assert {what for what, _ in told} == {what for what, _ in tasks}
+    assert [fraction for _, fraction in told] == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_the_error_of_the_first_task_that_failed_is_raised(workers: int) -> None:
+    tasks = [("sound", job_functions.process_id), ("in a plane", job_functions.failing), ("bug", job_functions.broken)]
+    with pytest.raises(CaptureError, match="it lies in a plane"), WorkerPool(workers) as pool:
+        pool.do_all(tasks)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_tasks_that_are_cancelled_end_all_of_them(workers: int) -> None:
+    begun = time.monotonic()
+    with pytest.raises(CancelledError), WorkerPool(workers) as pool:
+        pool.do_all([("waiting", job_functions.waiting)] * 3, lambda *_: time.monotonic() < begun + 0.5)
+    assert time.monotonic() < begun + 20
 
 
 def test_a_process_has_what_it_was_to_import_before_its_first_work() -> None:
