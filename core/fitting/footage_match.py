@@ -29,6 +29,7 @@ from ..shot.footage import frames_at, probe
 from ..shot.footage_faults.footage_checks import stored_frames
 from ..shot.frame_numbers import footage_index
 from ..shot.shot import Shot, View
+from .background_shift import BackgroundShift, background_shift
 from .key_frame_views import KeyFrameView
 
 MIN_MATCH = 0.9
@@ -48,6 +49,10 @@ _MAX_SHIFTED_KEYS, _MAX_READ = 5, 300
 _MIN_SHIFTED_MATCH, _MIN_GAIN, _MIN_LACK = 0.97, 3.0, 0.01
 """What another offset must match, and what the present one lacks: so many times as much, and a little more."""
 _CORE = np.ones((3, 3), np.uint8)
+_STABILISE = (
+    "stabilise its footage, as with: ffmpeg -i FOOTAGE -vf vidstabdetect=tripod=1 -f null - && ffmpeg -i FOOTAGE -vf "
+    "vidstabtransform=tripod=1:optzoom=0 -crf 14 CONVERTED.mp4; or solve the camera's motion, as in Blender"
+)
 
 
 @dataclass(frozen=True)
@@ -61,22 +66,27 @@ class FootageMatch:
         Probability that a pixel of the performers differs more between two key frames than one beside them.
     offset : float, optional
         An offset of the view (see `View`) with which it matches much better.
+    shift : BackgroundShift, optional
+        How far the background has moved, if it has: the camera did not stand still.
     by : str
     """
 
     camera: str
     match: float
     offset: float | None = None
+    shift: BackgroundShift | None = None
     by: Literal["movement"] = "movement"
 
     @property
     def off(self) -> bool:
         """Whether this is hardly the footage in which the poses were set."""
-        return self.match < MIN_MATCH or self.offset is not None
+        return self.match < MIN_MATCH or self.offset is not None or self.shift is not None
 
     @property
     def brief(self) -> str:
         """A few words, for the user."""
+        if self.shift is not None:
+            return f"its camera moved: the background shifts by {self.shift.pixels:.0f} px"
         if self.offset is not None:
             return f"an offset of {self.offset:g} fits the key poses better"
         return "footage and key poses do not belong together"
@@ -84,6 +94,12 @@ class FootageMatch:
     @property
     def summary(self) -> str:
         """One line on what is wrong and what to look for, for the user."""
+        if self.shift is not None:
+            return (
+                f"{self.camera}: its camera moved: the background lies {self.shift.pixels:.0f} px elsewhere on frame "
+                f"{self.shift.frames[1]} than on frame {self.shift.frames[0]}, but the calibration has one pose; "
+                f"{_STABILISE}"
+            )
         if self.offset is not None:
             return f"{self.camera}: its pictures fit the key poses better with an offset of about {self.offset:g}"
         return (
@@ -105,6 +121,17 @@ def footage_matches(shot: Shot, views: Sequence[KeyFrameView], frames: NDArray[n
             if own is not None:
                 found.append(FootageMatch(view.camera.name, own))
     return found
+
+
+def shifted_background(
+    shot: Shot, view: View, pictured: KeyFrameView, frames: NDArray[np.int64]
+) -> BackgroundShift | None:
+    """Return how far the background of a camera that should stand still moves between K key frames, if it does."""
+    if not view.camera.stands_still:
+        return None
+    camera, geometry = pictured.camera(view.camera), Geometry.of([performer.body for performer in shot.performers])
+    body = render_labels(geometry, camera, 0, *key_poses_of(shot, frames)).part >= 0
+    return background_shift(pictured.rectified(view.camera), list(body), frames.tolist(), pictured.factor)
 
 
 def better_offset(shot: Shot, view: View, frames: NDArray[np.int64]) -> float | None:

@@ -32,8 +32,8 @@ from ..tracking.schedule import SegmentShown
 from ..tracking.segments import whole_keys
 from ..tracking.track_result import TrackResult
 from .camera_refinement import RefinedCamera, Refinement, refine_cameras
-from .footage_match import FootageMatch, better_offset, footage_matches
-from .key_frame_views import pictured_key_frames, read_key_frames
+from .footage_match import FootageMatch, better_offset, footage_matches, shifted_background
+from .key_frame_views import KeyFrameView, pictured_key_frames, read_key_frames
 from .keypoint_cameras import PictureShift, contradictions
 from .outline_fit import RefinementStage
 from .shared_keypoints import CameraEstimate, SharedKeypoints
@@ -134,7 +134,31 @@ def fit_by_key_poses(
     fits = [
         CameraFit(one.shift, one.deviation, one.limit, one.camera.name, "key poses") for one in found if not one.lost
     ]
-    return _explained(given, frames, footage_matches(shot, views, frames), fits)
+    matches = footage_matches(shot, views, frames)
+    moved = _moved(shot, views, frames, matches, fits)
+    rest = [fit for fit in fits if fit.camera not in moved]
+    return (*moved.values(), *_explained(given, frames, [own for own in matches if own.camera not in moved], rest))
+
+
+def _moved(
+    shot: Shot,
+    views: Sequence[KeyFrameView],
+    frames: NDArray[np.int64],
+    matches: Sequence[FootageMatch],
+    fits: Sequence[CameraFit],
+) -> dict[str, FootageMatch]:
+    """Return the cameras that do not fit, or whose footage does not match, because they were moved during the shot."""
+    found = {}
+    for view, pictured in zip(shot.views, views, strict=True):
+        name = view.camera.name
+        if any(own.camera == name and own.off for own in (*fits, *matches)):
+            shift = shifted_background(shot, view, pictured, frames)
+            if shift is not None:
+                first = shot.frames[0]
+                there = replace(shift, frames=(first + shift.frames[0], first + shift.frames[1]))
+                match = next((own.match for own in matches if own.camera == name), 1.0)
+                found[name] = FootageMatch(name, match, shift=there)
+    return found
 
 
 def _explained(

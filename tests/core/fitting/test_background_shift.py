@@ -1,0 +1,79 @@
+"""A camera that moves though its calibration has one pose is told by the background, whatever else moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from kfmocap.core.fitting.background_shift import background_shift
+from kfmocap.core.fitting.footage_match import FootageMatch
+from kfmocap.core.fitting.shot_cameras import fit_by_key_poses
+from kfmocap.core.shot.shot import View
+from synthetic import figure, look_at, shot_of, swing
+
+SIZE = (320, 240)
+BODY = figure()
+TRUTH = swing(BODY, 13, size=0.9)[::4]
+FRONT = look_at("front", (0.5, -2.8, 1.5))
+
+
+def wall(size: tuple[int, int] = SIZE) -> np.ndarray:
+    rough = np.random.default_rng(3).uniform(0, 255, (size[1], size[0], 3))
+    return cv2.normalize(cv2.GaussianBlur(rough, (0, 0), 2.0), None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+
+
+def moved(picture: np.ndarray, x: float, y: float, degrees: float = 0.0) -> np.ndarray:
+    h, w = picture.shape[:2]
+    turn = cv2.getRotationMatrix2D((w / 2, h / 2), degrees, 1.0)
+    turn[:, 2] += x, y
+    return cv2.warpAffine(picture, turn, (w, h), borderMode=cv2.BORDER_REFLECT)
+
+
+def shift_of(*pictures: np.ndarray, factor: float = 1.0):
+    nobody = [np.zeros(picture.shape[:2], bool) for picture in pictures]
+    return background_shift(pictures, nobody, [10 * k for k in range(len(pictures))], factor)
+
+
+def test_the_largest_shift_is_named_in_pixels_of_the_footage() -> None:
+    found = shift_of(wall(), moved(wall(), 3, 0), moved(wall(), 12, -9, 1.0), moved(wall(), 0, 5), factor=2.0)
+    assert found is not None
+    assert found.frames == (0, 20)
+    assert found.pixels == pytest.approx(30.0, abs=2.0)
+
+
+@pytest.mark.parametrize("light", [1.0, 0.5])
+def test_a_camera_stands_still_though_something_large_moves(light: float) -> None:
+    passing = wall()
+    passing[:, :140] = moved(wall(), 15, 4)[:, :140]  # a curtain, or somebody who passes
+    assert shift_of(wall(), (light * passing).astype(np.uint8), wall()) is None
+
+
+def test_a_plain_wall_and_other_footage_tell_nothing() -> None:
+    plain = np.full((240, 320, 3), 120, np.uint8)
+    assert shift_of(plain, plain) is None
+    assert shift_of(wall(), wall()[::-1, ::-1].copy()) is None
+
+
+def test_where_performers_are_does_not_count() -> None:
+    """They fill all but a strip of the picture, and turn the same way."""
+    here = np.zeros((240, 320), bool)
+    here[:, :250] = True
+    turning = wall()
+    turning[:, :250] = moved(wall(), 6, 0)[:, :250]
+    assert background_shift([wall(), turning], [here, here], [0, 5], 1.0) is None
+
+
+def test_a_camera_that_does_not_fit_because_it_was_moved_is_said_to_have_moved() -> None:
+    shot = shot_of([View(FRONT, "front.mp4")], [BODY], [TRUTH], range(len(TRUTH)))
+    shot = replace(shot, frames=(100, 100 + len(TRUTH) - 1))
+    still = wall(FRONT.size)
+    pictures = [{k: moved(still, 4 * k, 0) for k in range(len(TRUTH))}]
+    [said] = fit_by_key_poses(shot, pictures)
+    assert isinstance(said, FootageMatch) and said.off and said.shift is not None
+    last = 100 + len(TRUTH) - 1
+    assert f"front: its camera moved: the background lies 12 px elsewhere on frame {last} than on frame 100" in (
+        said.summary
+    )
+    assert "vidstabtransform=tripod=1" in said.summary and "the background shifts by 12 px" in said.brief
