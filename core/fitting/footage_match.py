@@ -131,7 +131,7 @@ def shifted_background(
         return None
     camera, geometry = pictured.camera(view.camera), Geometry.of([performer.body for performer in shot.performers])
     body = render_labels(geometry, camera, 0, *key_poses_of(shot, frames)).part >= 0
-    return background_shift(pictured.rectified(view.camera), list(body), frames.tolist(), pictured.factor)
+    return background_shift(list(pictured.rectified(view.camera)), list(body), frames.tolist(), pictured.factor)
 
 
 def better_offset(shot: Shot, view: View, frames: NDArray[np.int64]) -> float | None:

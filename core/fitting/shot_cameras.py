@@ -149,9 +149,10 @@ def _moved(
 ) -> dict[str, FootageMatch]:
     """Return the cameras that do not fit, or whose footage does not match, because they were moved during the shot."""
     found = {}
+    off = {fit.camera for fit in fits if fit.off} | {match.camera for match in matches if match.off}
     for view, pictured in zip(shot.views, views, strict=True):
         name = view.camera.name
-        if any(own.camera == name and own.off for own in (*fits, *matches)):
+        if name in off:
             shift = shifted_background(shot, view, pictured, frames)
             if shift is not None:
                 first = shot.frames[0]
