@@ -20,6 +20,7 @@ from ....core.numerics.arrays import Array
 from ....core.retargeting.roles import SIDES, BoneMap
 from ...scene_io.body import body_armature
 from ...scene_io.characters.followed_bones import following, solved_bones
+from .held_bones import without_limits
 from .rig_at_rest import at_rest, rest_matrices, update
 from .rig_reading import MIN_SCALE, moved_matrices, refuse_mirrored
 from .rig_settings import (
@@ -76,7 +77,7 @@ def find_controls(armature: bpy.types.Object, bones: Sequence[str], held: Collec
     refuse_mirrored(armature, bones)
     fixed = (set(held) | solved_bones(armature)) - switched_bones(armature)
     candidates = [name for name in _upstream(armature, bones) if _may_be_turned(armature, name, bones, fixed)]
-    with at_rest(armature, [bone.name for bone in armature.data.bones]):
+    with at_rest(armature, [bone.name for bone in armature.data.bones]), without_limits(armature):
         switched, moved = _switched(armature, bones, _moved(armature, bones, candidates))
     chosen = _chosen(armature, bones, moved)
     return FkControls(chosen, switched, _carried(armature, bones, moved, set(chosen.values())))
@@ -176,7 +177,7 @@ def refuse_otherwise_moved(armature: bpy.types.Object, carriers: Mapping[str, st
     above = body_armature.parents_of(parts)
     bones = [bone for bone in carriers if carriers[bone] in names]
     dice = np.random.default_rng(0)
-    with at_rest(armature, [bone.name for bone in armature.data.bones]):
+    with at_rest(armature, [bone.name for bone in armature.data.bones]), without_limits(armature):
         for name in names:
             armature.pose.bones[name].scale = (1.0, 1.0, 1.0)  # the parts have that of the skin at rest
         update()
@@ -317,9 +318,14 @@ def _carried(
     return found
 
 
+def _is_visible(bone: bpy.types.Bone) -> bool:
+    collections = list(bone.collections)
+    return not bone.hide and (not collections or any(each.is_visible for each in collections))
+
+
 def _chosen(armature: bpy.types.Object, bones: Sequence[str], moved: Mapping[str, set[str]]) -> dict[str, str]:
     """Return the control of each bone: of those that it moves with and that turn about its head, one that has a shape,
-    and moves most; of equals the one that lies on the bone, or the lowest.
+    and moves most; of equals one that is not hidden, the one that lies on the bone, or the lowest.
     """
     rest = armature.data.bones
     size = float(np.ptp([bone.head_local for bone in rest], axis=0).max()) or 1.0
@@ -327,7 +333,7 @@ def _chosen(armature: bpy.types.Object, bones: Sequence[str], moved: Mapping[str
     def rank(bone: bpy.types.Bone, control: bpy.types.Bone) -> tuple[object, ...]:
         shaped = armature.pose.bones[control.name].custom_shape is not None
         along = (bone.tail_local - control.tail_local).length < _RIGID_TOLERANCE * size and not control.use_deform
-        return shaped, len(moved[control.name]), along, len(control.parent_recursive)
+        return shaped, len(moved[control.name]), _is_visible(control), along, len(control.parent_recursive)
 
     found = {}
     for name in bones:

@@ -107,6 +107,21 @@ def _drivers(armature: bpy.types.Object) -> Sequence[Any]:
     return list(armature.animation_data.drivers) if armature.animation_data else []
 
 
+@contextmanager
+def without_limits(armature: bpy.types.Object) -> Iterator[None]:
+    """Mute the limits of rotations while the block runs."""
+    held = [c for bone in armature.pose.bones for c in bone.constraints if c.type == "LIMIT_ROTATION" and not c.mute]
+    for limit in held:
+        limit.mute = True
+    update()
+    try:
+        yield
+    finally:
+        for limit in held:
+            limit.mute = False
+        update()
+
+
 def restore_holds(armature: bpy.types.Object, before: Mapping[tuple[str, str], float]) -> None:
     """Give constraints the influence that they had, by bone and constraint, where they are still there."""
     for (name, held_by), influence in before.items():

@@ -24,11 +24,12 @@ from ..rigs.rig_at_rest import at_rest, leave_rest_position, rest_matrices
 from ..rigs.rig_reading import moved_matrices
 from ..rigs.rig_settings import Owner, has_keys, keep_in_override, setting_name, with_settings
 from ..target_armatures import target_bones
+from .freed_limbs import freed_remarks, without_goals
 from .part_roles import PART_ROLES, limb_bones, limbs_of, taken_in
 from .rig_landmarks import add_landmarks
 from .rigify_animals import animal_controls, goes_on_four, is_generated
-from .switched_key_poses import keep_key_poses
-from .tracked_bones import movable_root, refuse_following, refuse_moving_object, remove_parts
+from .switched_key_poses import keep_freed_poses, keep_key_poses
+from .tracked_bones import movable_root, refuse_apart, refuse_following, refuse_moving_object, remove_parts
 
 _FOLLOWS = 0.5
 """Least fraction of a control's rotation with which a deforming bone follows it."""
@@ -49,7 +50,9 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
     """
     armature = editable(armature, current)
     refuse_moving_object(current, armature)
-    taken, remarks = _taken(current, armature)
+    with without_goals(armature) as goals:
+        taken, remarks = _taken(current, armature)
+        remarks = (*remarks, *freed_remarks(goals), *keep_freed_poses(taken, goals))
     add_landmarks(taken)
     if taken.animation_data is not None:
         fcurves.show_action(taken)
@@ -72,6 +75,7 @@ def _taken(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.ty
     if mechanism is None:
         followed = following(armature)
         limbs = limb_bones(armature)
+        refuse_apart(armature, limbs)
         loose = {name: what for name, what in followed.items() if name not in limbs.names()}
         made = skinned_parts.add_parts(
             armature,

@@ -21,6 +21,7 @@ from ...scene_io.body import body_armature, body_channels
 from ...scene_io.keys import key_pose_curves
 from ..rigs.rig_at_rest import rest_matrices
 from ..rigs.rig_settings import Owner, setting_curves, trying_settings
+from .freed_limbs import Goal, with_goals
 
 _SAME_PLACE = 0.01
 """Distance at rest between a control and the bone that it moves, as a share of the bones' extent."""
@@ -42,7 +43,7 @@ class _Limbs:
     own : ndarray of int, shape (L,)
         The deforming bone of each.
     bones : tuple of str, length B
-        All deforming bones that are not parts themselves.
+        All deforming bones.
     """
 
     parts: Ints
@@ -50,9 +51,10 @@ class _Limbs:
     bones: tuple[str, ...]
 
     @classmethod
-    def of(cls, armature: bpy.types.Object, controls: Sequence[str]) -> _Limbs:
+    def of(cls, armature: bpy.types.Object) -> _Limbs:
         """Find them by their places at rest."""
-        deforming = tuple(bone.name for bone in armature.data.bones if bone.use_deform and bone.name not in controls)
+        controls = [bone.name for bone in body_armature.body_bones(armature)]
+        deforming = tuple(bone.name for bone in armature.data.bones if bone.use_deform)
         if not deforming:
             return cls(np.zeros(0, np.int64), np.zeros(0, np.int64), ())
         there, others = (rest_matrices(armature, names)[:, :3, 3] for names in (controls, deforming))
@@ -91,18 +93,35 @@ def keep_key_poses(
     before : mapping of (Owner, str) to value
         What the properties were, by owner and name.
     """
-    body = body_armature.body_from_armature(armature)
-    frames, limbs = _key_frames(armature), _Limbs.of(armature, body.names)
     if not before:
         return ()
+    frames, limbs = _key_frames(armature), _Limbs.of(armature)
     set_before: dict[Owner, dict[str, Any]] = {}
     for (owner, key), value in before.items():
         set_before.setdefault(owner, {})[key] = value
     with trying_settings(armature, set_before):
         wanted = limbs.shown(armature, frames)
     _switch_keys(armature, {(owner, key): settings[owner][key] for owner, key in before})
+    return _kept(armature, frames, limbs, wanted)
+
+
+def keep_freed_poses(armature: bpy.types.Object, goals: Collection[Goal]) -> tuple[str, ...]:
+    """Key the bones of limbs that look different since constraints are muted, as `keep_key_poses` does."""
+    if not goals:
+        return ()
+    frames, limbs = _key_frames(armature), _Limbs.of(armature)
+    with with_goals(armature, goals):
+        wanted = limbs.shown(armature, frames)
+    return _kept(armature, frames, limbs, wanted)
+
+
+def _kept(armature: bpy.types.Object, frames: Ints, limbs: _Limbs, wanted: Array) -> tuple[str, ...]:
+    """Key parts of the body so that bones look as they did on scene frames, `wanted`; returns what has been done, in
+    words.
+    """
     if not wanted.size:
         return ()
+    body = body_armature.body_from_armature(armature)
     turned: set[int] = set()
     for _ in range(_ROUNDS):
         turns = limbs.axes(wanted) @ np.swapaxes(limbs.axes(limbs.shown(armature, frames)), -1, -2)

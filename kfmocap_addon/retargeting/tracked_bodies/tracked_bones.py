@@ -9,11 +9,14 @@ import bpy
 import numpy as np
 
 from ....core.errors import BodyError
+from ....core.retargeting.roles import BoneMap, parent_role
 from ...scene_io import fcurves
 from ...scene_io.body import body_armature, part_meshes
 from ...scene_io.characters.followed_bones import leader_of
 from ...scene_io.characters.object_motion import what_moves
 
+_LOWER = ("forearm", "hand", "shin", "foot")
+"""Roles of bones that hang on those of the limb above."""
 _STILL_TOLERANCE = 1e-5
 """Largest difference between the keys of a channel that does not move."""
 _SCALED = 0.01
@@ -114,6 +117,23 @@ def refuse_following(armature: bpy.types.Object, parts: tuple[str, ...], followe
                 todo="mute it, so that the bone is posed itself"
                 if (leader := leader_of(armature)) is None
                 else f"make {leader.name} active instead, which it follows",
+            )
+
+
+def refuse_apart(armature: bpy.types.Object, limbs: BoneMap) -> None:
+    """Raise a BodyError where a bone of a human's limb hangs on another bone than those of its limb, as feet do on a
+    rig's root: it would not move with the limb.
+    """
+    for role, names in limbs.bones.items():
+        above = limbs.bones.get(parent_role(role, limbs.bones), ())
+        if role.partition(".")[0] not in _LOWER or not above:
+            continue
+        bone = armature.data.bones[names[0]]
+        if bone.parent is not None and armature.data.bones[above[-1]] not in bone.parent_recursive:
+            raise BodyError(
+                f"it hangs on {bone.parent.name} instead of {above[-1]}, and would not move with it",
+                where=f"armature {armature.name}, bone {bone.name}",
+                todo="give it that parent in edit mode (Ctrl P, Keep Offset)",
             )
 
 

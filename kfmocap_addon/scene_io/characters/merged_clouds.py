@@ -11,7 +11,10 @@ from ....core.numerics.arrays import Array
 
 _TWIST = ("twist", "roll")
 """Words in the names of bones that divide the twist of the one above; importers lose where bones point."""
-_SIMULATED_WORDS = ("breast", "bust", "pectoral", "jiggle", "skirt", "j_sec")
+_SIMULATED_WORDS = (
+    "breast", "bust", "pectoral", "jiggle", "skirt", "dress", "coat", "cape", "cloak", "cloth", "sleeve", "ribbon",
+    "hair", "j_sec", "スカート", "マント", "リボン", "髪", "胸", "袖",
+)  # fmt: skip
 """Words in the names of bones that a simulation moves, which follow the body."""
 _REACH = 1.5
 """Of the head's own radius: farther off, hair and hats are left out, as a convex solid would span what is between."""

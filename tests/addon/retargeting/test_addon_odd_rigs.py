@@ -158,6 +158,30 @@ def test_a_limb_that_has_inverse_kinematics_alone_is_named_with_what_to_do():
     assert not armature.children
 
 
+def test_limits_of_controls_do_not_keep_them_from_being_those_of_the_body():
+    armature = controlled_human()
+    limit = armature.pose.bones["CTRL-forearm.L"].constraints.new("LIMIT_ROTATION")
+    limit.owner_space = "LOCAL"
+    limit.use_limit_x = limit.use_limit_y = limit.use_limit_z = True
+    limit.min_x = -2.5
+    use_as_body(bpy.context.scene, armature)
+    assert "CTRL-forearm.L" in body_armature.body_from_armature(armature).names
+    assert not limit.mute
+
+
+def test_a_hidden_bone_of_the_mechanism_is_not_taken_for_the_control_that_it_hangs_on():
+    armature = controlled_human()
+    for name in ("thigh.L", "shin.L", "head"):
+        control = armature.data.bones[CONTROL + name]
+        add_bones(armature, [(f"dummy-{name}", control.name, control.head_local, control.tail_local)])
+        armature.data.bones[f"dummy-{name}"].hide = True
+        [held] = armature.pose.bones[f"DEF-{name}"].constraints
+        held.subtarget = f"dummy-{name}"
+    use_as_body(bpy.context.scene, armature)
+    names = body_armature.body_from_armature(armature).names
+    assert {f"{CONTROL}thigh.L", f"{CONTROL}shin.L", f"{CONTROL}head"} < set(names)
+
+
 def test_a_control_that_does_not_turn_with_the_one_above_is_named():
     armature = controlled_human()
     armature.data.bones["CTRL-head"].use_inherit_rotation = False

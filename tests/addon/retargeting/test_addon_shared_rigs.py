@@ -84,9 +84,13 @@ def test_a_skeleton_that_follows_controls_is_refused_with_their_name():
         use_as_body(bpy.context.scene, skeleton)
 
 
-def test_a_limb_with_inverse_kinematics_is_refused_with_what_to_do():
-    with pytest.raises(BodyError, match=r"bone shin.L: .*'IK': it cannot be tracked \(mute it, so that the bone is"):
-        use_as_body(bpy.context.scene, limited_legs())
+def test_limbs_with_inverse_kinematics_on_their_own_bones_are_freed_with_a_word():
+    armature, remarks = use_as_body(bpy.context.scene, limited_legs())
+    body = body_armature.body_from_armature(armature)
+    assert {"shin.L", "foot.L", "shin.R", "foot.R"} < set(body.names)
+    assert remarks == tuple(
+        f"bone shin.{side}: its constraint 'IK' is muted now: the limb is turned by its own bones" for side in "LR"
+    )
 
 
 def test_motion_for_a_file_goes_to_the_controls_and_not_to_the_skeleton_that_follows_them():

@@ -336,6 +336,16 @@ def test_a_hand_or_a_foot_that_a_constraint_moves_is_not_left_out():
         use_as_body(bpy.context.scene, armature)
 
 
+def test_a_foot_that_hangs_on_another_bone_than_its_shin_is_named():
+    armature = skinned()
+    with body_armature.edit_bones(armature) as bones:
+        bones["foot.L"].use_connect = False
+        bones["foot.L"].parent = bones["pelvis"]
+    with pytest.raises(BodyError, match=r"bone foot\.L: it hangs on pelvis instead of shin\.L.*Ctrl P"):
+        use_as_body(bpy.context.scene, armature)
+    assert not armature.children
+
+
 def test_a_bone_that_a_constraint_moves_is_named():
     armature = skinned()
     armature.pose.bones["forearm.R"].constraints.new("IK")

@@ -8,11 +8,20 @@ from scipy.spatial.transform import Rotation
 
 bpy = pytest.importorskip("bpy")
 
+from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import fcurves  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves  # noqa: E402
-from odd_characters import BODY, CONTROL, generated_rig, shown_heads, switched_human  # noqa: E402
+from odd_characters import (  # noqa: E402
+    BODY,
+    CONTROL,
+    add_bones,
+    generated_rig,
+    shown_heads,
+    skinned_human,
+    switched_human,
+)
 
 pytest_plugins = ("addon_fixtures",)
 
@@ -101,3 +110,42 @@ def test_rigs_without_key_poses_and_those_at_fk_are_left_as_they_are():
     assert not any("key poses" in text for text in remarks)
     assert not any(CONTROL in curve.data_path for curve in fcurves.find_channelbag(taken).fcurves)
     assert len(BODY) == len(body_armature.body_from_armature(taken))
+
+
+def limbs_with_own_goals():
+    """A character whose limbs have inverse kinematics on their own bones; hands and feet turn with the goals."""
+    armature = skinned_human()
+    for end, lower in (("hand", "forearm"), ("foot", "shin")):
+        for side in "LR":
+            part = BODY.parts[BODY.index(f"{end}.{side}")]
+            add_bones(armature, [(f"goal-{end}.{side}", "", part.head_world, part.tail_world)])
+            chain = armature.pose.bones[f"{lower}.{side}"].constraints.new("IK")
+            turn = armature.pose.bones[f"{end}.{side}"].constraints.new("COPY_ROTATION")
+            chain.chain_count = 2
+            for held in (chain, turn):
+                held.target, held.subtarget = armature, f"goal-{end}.{side}"
+    bpy.context.view_layer.update()
+    return armature
+
+
+def test_key_poses_of_goals_that_move_a_limbs_own_bones_become_turns_of_these():
+    armature = limbs_with_own_goals()
+    keyed_goals(armature, {"goal-hand.L": ARM, "goal-foot.R": LEG})
+    own = [name.removeprefix("DEF-") for name in LIMBS]
+    wanted = shown_heads(armature, KEYED[-1], own)[[frame - 1 for frame in KEYED]]
+    assert np.ptp(wanted, axis=0).max() > 0.2
+    taken, remarks = use_as_body(bpy.context.scene, armature)
+    found = shown_heads(taken, KEYED[-1], own)[[frame - 1 for frame in KEYED]]
+    assert np.linalg.norm(found - wanted, axis=-1).max() < 2e-3
+    assert "bone foot.R: its constraint 'Copy Rotation' is muted now: the limb is turned by its own bones" in remarks
+    assert any("2 key poses set with other controls are keyed on upper_arm.L, forearm.L" in text for text in remarks)
+    poses = key_pose_curves.read_key_poses(taken, 1, KEYED[-1])
+    assert poses.frames.tolist() == [frame - 1 for frame in KEYED]
+
+
+def test_goals_act_again_where_a_character_is_refused():
+    armature = limbs_with_own_goals()
+    armature.data.bones["head"].use_inherit_rotation = False
+    with pytest.raises(BodyError, match="bone head"):
+        use_as_body(bpy.context.scene, armature)
+    assert not any(held.mute for bone in armature.pose.bones for held in bone.constraints)

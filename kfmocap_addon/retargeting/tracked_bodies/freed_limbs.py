@@ -1,0 +1,103 @@
+"""Limbs whose own bones inverse kinematics move: these are freed, so that they are posed themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import bpy
+
+from ....core.retargeting.bone_matching import preset_of
+from ....core.retargeting.roles import SIDES
+from ...scene_io import fcurves
+from ...scene_io.characters.followed_bones import following
+from ..rigs.rig_at_rest import update
+from .part_roles import limb_bones
+
+Goal = tuple[str, str]
+"""A constraint that moves a limb: its bone and its name."""
+_LIMBS = (("upper_arm", "forearm", "hand"), ("thigh", "shin", "foot"))
+_TRUNK = ("hips", "spine", "neck", "head")
+_TURNING = ("IK", "COPY_ROTATION", "COPY_TRANSFORMS", "DAMPED_TRACK", "LOCKED_TRACK", "TRACK_TO", "STRETCH_TO")
+"""Kinds of constraints that turn the bones of a limb with inverse kinematics, its hand or foot included."""
+
+
+@contextmanager
+def without_goals(armature: bpy.types.Object) -> Iterator[tuple[Goal, ...]]:
+    """Mute what moves limbs by inverse kinematics on their own bones; after an error it acts again. Gives what acted.
+
+    Limbs that a property or another driver switches are left to those who read the switches, and rigs whose bones
+    follow controls to those who look for these.
+    """
+    found = tuple(_goals(armature))
+    _mute(armature, found, muted=True)
+    try:
+        yield found
+    except BaseException:
+        _mute(armature, found, muted=False)
+        raise
+
+
+@contextmanager
+def with_goals(armature: bpy.types.Object, goals: Collection[Goal]) -> Iterator[None]:
+    """Have muted constraints act while the block runs."""
+    _mute(armature, goals, muted=False)
+    try:
+        yield
+    finally:
+        _mute(armature, goals, muted=True)
+
+
+def freed_remarks(goals: Collection[Goal]) -> list[str]:
+    """Return what to report of limbs that have been freed."""
+    return [
+        f"bone {bone}: its constraint '{name}' is muted now: the limb is turned by its own bones"
+        for bone, name in goals
+    ]
+
+
+def _goals(armature: bpy.types.Object) -> Iterator[Goal]:
+    bones = limb_bones(armature)
+    trunk = {name for role, names in bones.bones.items() if role in _TRUNK for name in names}
+    if preset_of(bones).settings or trunk & set(following(armature)):
+        return
+    driven = _driven_constraints(armature)
+    for limb in _LIMBS:
+        for side in SIDES:
+            found = _goals_of(
+                armature, [bones.bones[f"{role}.{side}"][0] for role in limb if f"{role}.{side}" in bones.bones]
+            )
+            if not set(found) & driven:
+                yield from found
+
+
+def _goals_of(armature: bpy.types.Object, limb: list[str]) -> list[Goal]:
+    """Return the constraints that turn a limb, given its bones from above, if inverse kinematics do."""
+    found, solved = [], False
+    for bone in armature.pose.bones:
+        for held in list[Any](bone.constraints):
+            if held.type not in _TURNING or held.mute or held.influence == 0 or getattr(held, "target", None) is None:
+                continue
+            chain = [bone.name]
+            if held.type == "IK":
+                chain = [each.name for each in [bone, *bone.parent_recursive][: held.chain_count or None]]
+                solved |= bool(set(chain) & set(limb[:2]))
+            if set(chain) & set(limb):
+                found.append((bone.name, held.name))
+    return found if solved else []
+
+
+def _driven_constraints(armature: bpy.types.Object) -> set[Goal]:
+    data = armature.animation_data
+    paths = [driver.data_path for driver in data.drivers] if data else []
+    return {(fcurves.bone_of(path), fcurves.constraint_of(path)) for path in paths if fcurves.constraint_of(path)}
+
+
+def _mute(armature: bpy.types.Object, goals: Collection[Goal], *, muted: bool) -> None:
+    for bone, name in goals:
+        held: Any = armature.pose.bones[bone].constraints[name]
+        held.mute = muted
+    if goals:
+        armature.update_tag()
+        update()
