@@ -48,6 +48,8 @@ class DescentStage:
         It also ends before a step that would move no joint by more than this on any frame, metres.
     noticed : float
         It also ends before a step that is shorter, see `MIN_STEP_SIGMAS`.
+    thinned : bool
+        Whether fewer pixels of each view are used the more views there are, see `sampling_of`.
     plants : bool
         Soles that seem planted are kept still. That guides a descent, but would also hold feet that creep, so it is off
         in stages that are the last; with a single view, which hardly shows creeping, plants are used all the same.
@@ -61,10 +63,15 @@ class DescentStage:
     still: float = 0.0
     negligible: float = 0.0
     noticed: float = 0.0
+    thinned: bool = True
     plants: bool = True
 
     def sampling_of(self, views: int) -> Sampling:
-        """Return the sampling for a number of views: the more there are, the fewer pixels of each are needed."""
+        """Return the sampling for a number of views: the more there are, the fewer pixels of each are needed on the
+        way. At its end they are not spared: much of a body is seen by few of the views.
+        """
+        if not self.thinned:
+            return self.sampling
         return replace(self.sampling, stride=max(self.sampling.stride, min(views, MAX_STRIDE)))
 
 
@@ -87,6 +94,7 @@ POLISH = (
         small=0.004,
         small_refused=True,
         negligible=MIN_JOINT_MOVE,
+        thinned=False,
         plants=False,
     ),
 )
@@ -113,6 +121,7 @@ RESUMED = (
         small_refused=True,
         negligible=MIN_JOINT_MOVE,
         noticed=MIN_STEP_SIGMAS,
+        thinned=False,
         plants=False,
     ),
 )
