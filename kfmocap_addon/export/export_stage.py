@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ...core.errors import ShotError
+from ...core.errors import BodyError, ShotError
 from ...core.numerics.arrays import Array
 from ...core.numerics.resampling import sample_times, slerped
+from ..retargeting.target_armatures import target_bones
 from ..scene_io import fcurves
-from ..scene_io.body import body_armature, body_channels
+from ..scene_io.body import body_armature
 from ..scene_io.characters import followed_bones
 from ..scene_io.review import unknown_bones
 from ..scene_io.scene import frame_rate, set_rate
@@ -45,7 +47,7 @@ def stage_of(
         _sample(copy, armature, first, times, options)
         _sample_followed(copy, armature, scene, (first, times), options)
         copy.rename(preset.node or name, mode="ALWAYS")  # the files shall have the armature's name
-        copy.parent = None
+        _be_plain(copy)
         copy.data.transform(Matrix.Scale(preset.scale, 4) @ turn @ armature.matrix_world)
         copy.matrix_world = Matrix.Identity(4)
         stage.collection.objects.link(copy)
@@ -75,6 +77,14 @@ def stage_of(
         bpy.data.armatures.remove(copy.data)
         bpy.data.scenes.remove(stage)
         armature.rename(name, mode="ALWAYS")
+
+
+def _be_plain(copy: bpy.types.Object) -> None:
+    """Free an object from what shifts it or keeps it from being selected: a parent, delta transforms, being hidden."""
+    copy.parent = None
+    copy.delta_location = copy.delta_rotation_euler = (0.0, 0.0, 0.0)
+    copy.delta_rotation_quaternion, copy.delta_scale = (1.0, 0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
+    copy.hide_select = copy.hide_viewport = copy.hide_render = False
 
 
 @contextmanager
@@ -200,16 +210,50 @@ def _at_times(values: dict[tuple[str, int], Array], frames: Array, times: Array)
 def _scale_locations(
     values: dict[tuple[str, int], Array], armature: bpy.types.Object, scale: float, root_motion: bool
 ) -> None:
-    """Convert locations to another unit, in place; without root motion the root stays over its first position."""
+    """Convert locations to another unit, in place; without root motion the hips stay over their first position."""
     if not root_motion:
-        root = armature.pose.bones[body_armature.body_bones(armature)[0].name]
-        path = f"{root.path_from_id()}.location"
-        rows = [values.get((path, k)) for k in range(3)]
-        if all(row is not None for row in rows):
-            axes = body_channels.root_frame(armature)[0]
-            world = np.stack(rows, axis=1) @ axes.T
-            world[:, :2] = world[0, :2]
-            values.update({(path, k): row for k, row in enumerate((world @ axes).T)})
+        _stay_in_place(values, armature)
     for (path, index), row in values.items():
         if path.endswith(".location"):
             values[path, index] = scale * row
+
+
+def _stay_in_place(values: dict[tuple[str, int], Array], armature: bpy.types.Object) -> None:
+    """Take the horizontal way of the hips, or of what carries them, away from all bones that move through the world."""
+    paths = {bone.name: bone.path_from_id("location") for bone in armature.pose.bones}
+    there = [name for name, path in paths.items() if all((path, k) in values for k in range(3))]
+    moved = {name for name in there if any(np.ptp(values[paths[name], k]) for k in range(3))}
+    posed: Any = armature.pose.bones
+    tops = [
+        name
+        for name in there
+        if name in moved and not any(above.name in moved for above in posed[name].parent_recursive)
+    ]
+    hips = posed[_hips_of(armature)]
+    carrier = next((each.name for each in (hips, *hips.parent_recursive) if each.name in tops), None)
+    if carrier is None:
+        return
+    ways = {name: np.stack([values[paths[name], k] for k in range(3)], axis=1) for name in tops}
+    aside = ways[carrier] @ _location_axes(armature, carrier).T * [1.0, 1.0, 0.0]
+    for name, way in ways.items():
+        stays = way - (aside - aside[0]) @ _location_axes(armature, name)
+        values.update({(paths[name], k): row for k, row in enumerate(stays.T)})
+
+
+def _hips_of(armature: bpy.types.Object) -> str:
+    """Return the topmost bone of a body, or the hips of a character."""
+    try:
+        return body_armature.body_bones(armature)[0].name
+    except BodyError:
+        return target_bones(armature).bones["hips"][0]
+
+
+def _location_axes(armature: bpy.types.Object, name: str) -> Array:
+    """Return the directions in the world of a bone's location channels, as columns."""
+    bone: Any = armature.pose.bones[name]
+    axes = armature.matrix_world
+    if bone.parent is not None:
+        axes = axes @ bone.parent.matrix @ bone.parent.bone.matrix_local.inverted()
+    if bone.bone.use_local_location:
+        axes = axes @ bone.bone.matrix_local
+    return np.array(axes.to_3x3().normalized())

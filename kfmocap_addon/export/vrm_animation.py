@@ -12,15 +12,15 @@ from typing import Any
 
 import bpy
 
-from ...core.body.skeleton_motion import rest_of_body
 from ...core.errors import BodyError
-from ...core.retargeting.bone_matching import match_bones
 from ...core.retargeting.bone_presets import PRESETS
 from ...core.retargeting.roles import PARENTS
-from ..scene_io.body import body_armature
+from ..retargeting.target_armatures import target_bones
 
 _EXTENSION = "VRMC_vrm_animation"
 _REQUIRED = ("hips", "spine", "head", *(f"{s}{b}" for s in ("left", "right") for b in ("UpperArm", "UpperLeg")))
+_NO_THUMB = "Intermediate"
+"""Bone that the thumbs of VRM 1.0 lack: theirs are metacarpal, proximal and distal."""
 _MAGIC, _JSON = 0x46546C67, 0x4E4F534A
 
 
@@ -32,13 +32,12 @@ def humanoid_bones(armature: bpy.types.Object) -> dict[str, str]:
     BodyError
         It is not human, or lacks a bone that VRM requires.
     """
-    rest = rest_of_body(body_armature.body_from_armature(armature))
-    own, theirs = match_bones(rest, where=f"armature {armature.name}").bones, PRESETS["unity"].bones
+    own, theirs = target_bones(armature).bones, PRESETS["unity"].bones
     found = {}
     for role in PARENTS:
-        names = own.get(role, ())
-        for their, name in zip(theirs.get(role, ()), names, strict=False):
-            found[their[0].lower() + their[1:]] = name
+        their = [name for name in theirs.get(role, ()) if name.rpartition("Thumb")[2] != _NO_THUMB]
+        for vrm, name in zip(their, own.get(role, ()), strict=False):
+            found[vrm[0].lower() + vrm[1:]] = name
     missing = [name for name in _REQUIRED if name not in found]
     if missing:
         raise BodyError(

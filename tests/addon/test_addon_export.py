@@ -16,18 +16,21 @@ bpy = pytest.importorskip("bpy")
 
 import addon_utils  # noqa: E402
 from addon_shots import joint_error, motion, shot  # noqa: E402
-from exported_files import TOLERANCE, exported, imported, read_joints, result_of  # noqa: E402
+from exported_files import TOLERANCE, exported, glb_joints, imported, read_joints, result_of  # noqa: E402
 from kfmocap.core.body import human, part_poses  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
+from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import OutputError, ShotError  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
 from kfmocap.kfmocap_addon.export import destinations, exporters, presets, whole_files  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_formats import EXPORT_FORMATS  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
 from kfmocap.kfmocap_addon.panels import export_panel  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.send import send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from mathutils import Matrix  # noqa: E402
+from odd_characters import add_bones, skinned_human  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
 
@@ -93,6 +96,30 @@ def test_the_character_of_send_to_rig_is_exported_instead_if_that_is_chosen(blen
             there = motion(12)
             there.translations[:, 0] += shift
             assert joint_error(imported(tmp_path / folder / name), human(1.7), there) < TOLERANCE
+
+
+@pytest.mark.parametrize("root_motion", [True, False])
+def test_characters_of_all_kinds_are_exported_where_blender_shows_them(blender, tmp_path, root_motion):
+    """Shifted by delta transforms, kept from being selected, or with feet that hang on the root."""
+    body = human(1.7)
+    hero = skinned_human(body=body)
+    add_bones(hero, [("ground", "", (0, 0, 0), (0, 0.3, 0))])
+    with body_armature.edit_bones(hero) as edited:
+        edited["foot.L"].use_connect = False
+        edited["foot.L"].parent = edited["ground"]
+    hero.delta_location, hero.delta_rotation_euler, hero.delta_scale = (1, 2, 0.5), (0, 0, 0.7), (2, 2, 2)
+    hero.hide_select = True
+    bpy.context.view_layer.update()
+    given = motion_of_body(body, motion(4), "man", 60.0)
+    send_to_rig(bpy.context.scene, given, hero, 1)
+    shown = read_joints(hero, list(body.names), list(range(1, 5)))
+    if not root_motion:
+        shown = shown - (shown[:, :1] - shown[:1, :1]) * [1.0, 1.0, 0.0]
+    options = ExportOptions(formats=("fbx", "glb"), frames=(1, 4), root_motion=root_motion)
+    fbx, glb = exporters.export_armatures(bpy.context.scene, [("hero", hero)], tmp_path, options, "hero")
+    places, _ = glb_joints(glb, list(body.names))
+    assert np.abs(places - shown).max() < 1e-4
+    assert np.abs(read_joints(imported(fbx), list(body.names), list(range(1, 5))) - shown).max() < 1e-4
 
 
 def test_the_export_goes_beside_the_footage_and_then_where_it_went_last(blender, tmp_path):

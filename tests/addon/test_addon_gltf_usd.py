@@ -2,71 +2,25 @@
 
 from __future__ import annotations
 
-import json
-import struct
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import motion, shot  # noqa: E402
-from exported_files import TOLERANCE, result_of  # noqa: E402
+from exported_files import TOLERANCE, glb_content, glb_joints, result_of  # noqa: E402
 from kfmocap.core.body import human, part_poses  # noqa: E402
+from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters, presets  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.send import send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
-from scipy.spatial.transform import Rotation  # noqa: E402
+from odd_characters import BODY, add_bones, skinned_human  # noqa: E402
+from synthetic import swing  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
 
 pytestmark = pytest.mark.blender
-
-
-def glb_content(path: Path) -> tuple[dict, bytes]:
-    """The JSON and the binary part of a .glb file, read by its specification."""
-    data = path.read_bytes()
-    magic, version, length = struct.unpack_from("<4sII", data)
-    assert (magic, version, length) == (b"glTF", 2, len(data))
-    (size,) = struct.unpack_from("<I", data, 12)
-    return json.loads(data[20 : 20 + size]), data[28 + size :]
-
-
-def glb_values(content: dict, binary: bytes, accessor: int) -> np.ndarray:
-    one = content["accessors"][accessor]
-    view = content["bufferViews"][one["bufferView"]]
-    columns = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[one["type"]]
-    start = view.get("byteOffset", 0) + one.get("byteOffset", 0)
-    return np.frombuffer(binary, np.float32, one["count"] * columns, start).reshape(one["count"], columns)
-
-
-def glb_joints(path: Path, names: list[str]) -> tuple[np.ndarray, np.ndarray]:
-    """World places of joints on every frame (F, P, 3), Z up, and the seconds of the frames (F,)."""
-    content, binary = glb_content(path)
-    nodes = content["nodes"]
-    (animation,) = content["animations"]
-    seconds = glb_values(content, binary, animation["samplers"][0]["input"])[:, 0]
-    moving = {}
-    for channel in animation["channels"]:
-        sampler = animation["samplers"][channel["sampler"]]
-        moving[channel["target"]["node"], channel["target"]["path"]] = glb_values(content, binary, sampler["output"])
-    parents = {child: n for n, node in enumerate(nodes) for child in node.get("children", ())}
-
-    def placed(n: int, frame: int) -> np.ndarray:
-        default = {"translation": [0, 0, 0], "rotation": [0, 0, 0, 1], "scale": [1, 1, 1]}
-        t, q, s = (
-            moving[n, key][min(frame, len(moving[n, key]) - 1)] if (n, key) in moving else nodes[n].get(key, value)
-            for key, value in default.items()
-        )
-        matrix = np.eye(4)
-        matrix[:3, :3] = Rotation.from_quat(q).as_matrix() * s
-        matrix[:3, 3] = t
-        return placed(parents[n], frame) @ matrix if n in parents else matrix
-
-    index = {node["name"]: n for n, node in enumerate(nodes)}
-    places = np.array([[placed(index[name], f)[:3, 3] for name in names] for f in range(len(seconds))])
-    return places @ np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]), seconds
 
 
 @pytest.mark.parametrize("preset", ["BLENDER", "UNREAL"])
@@ -100,6 +54,35 @@ def test_a_vrm_animation_says_which_joints_are_which_bones(blender, tmp_path):
     assert not any(path == "scale" for _, path in played)
     places, _ = glb_joints(path, human(1.7).names)
     assert np.abs(places - part_poses(human(1.7), motion(12))[1]).max() < TOLERANCE / 1000
+
+
+def test_a_character_is_written_as_vrm_animation_with_its_fingers(blender, tmp_path):
+    """VRM 1.0 calls a thumb's bones metacarpal, proximal and distal, those of fingers proximal to distal."""
+    hero = skinned_human()
+    hand = BODY.parts[BODY.index("hand.L")]
+    for finger in ("thumb", "f_index"):
+        above = "hand.L"
+        for k in range(3):
+            name = f"{finger}.0{k + 1}.L"
+            place = hand.tail_world + [0.03 * k, 0.0, 0.0]
+            add_bones(hero, [(name, above, place, place + [0.03, 0.0, 0.0])])
+            above = name
+    send_to_rig(bpy.context.scene, motion_of_body(BODY, swing(BODY, 4), "man", 30.0), hero, 1)
+    options = ExportOptions(formats=("vrma",), frames=(1, 4))
+    [path] = exporters.export_armatures(bpy.context.scene, [("hero", hero)], tmp_path, options, "hero")
+    content, _ = glb_content(path)
+    bones = content["extensions"]["VRMC_vrm_animation"]["humanoid"]["humanBones"]
+    named = {bone: content["nodes"][one["node"]]["name"] for bone, one in bones.items()}
+    assert named["leftLowerLeg"] == "shin.L"
+    fingers = {bone: name for bone, name in named.items() if "Thumb" in bone or "Index" in bone}
+    assert fingers == {
+        "leftThumbMetacarpal": "thumb.01.L",
+        "leftThumbProximal": "thumb.02.L",
+        "leftThumbDistal": "thumb.03.L",
+        "leftIndexProximal": "f_index.01.L",
+        "leftIndexIntermediate": "f_index.02.L",
+        "leftIndexDistal": "f_index.03.L",
+    }
 
 
 @pytest.mark.parametrize("preset", ["BLENDER", "UNREAL"])
