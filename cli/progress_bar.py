@@ -38,3 +38,9 @@ def progress_bar() -> Iterator[Progress | None]:
         yield draw
     finally:
         print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+
+
+def print_beside_bar(text: str) -> None:
+    """Print a line on standard error while a bar may be drawn there."""
+    bar = "\r\x1b[K" if sys.stderr.isatty() else ""
+    print(f"{bar}{text}", file=sys.stderr, flush=True)

@@ -12,7 +12,7 @@ from contextlib import ExitStack, closing, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from ..core.body import landmark_positions
 from ..core.body.unknown_parts import known_landmarks
@@ -24,6 +24,8 @@ from ..core.fitting.shot_cameras import (
     CameraFit,
     camera_fits,
     checked_frames,
+    early_frames,
+    early_misfits,
     for_camera_fits,
     refine_shot_cameras,
 )
@@ -34,7 +36,7 @@ from ..core.formats.trc import write_trc
 from ..core.keypoints.hand_points import tracked_hands
 from ..core.numerics.arrays import Array
 from ..core.review.overlay import contact_sheet, sheet_frames, write_contact_sheet
-from ..core.review.report_text import report_lines
+from ..core.review.report_text import offset_text, report_lines
 from ..core.review.track_report import report
 from ..core.runtime.files import check_inputs_kept, check_writable, staged, write_json
 from ..core.runtime.interrupts import REPORT_FILE, results_are_written
@@ -48,12 +50,12 @@ from ..core.shot.shot_spec import ShotSpec, result_names
 from ..core.tracking.journal import Journal, journal_beside
 from ..core.tracking.prepare import prepare_shot
 from ..core.tracking.reader import kept_rate
-from ..core.tracking.run_context import RunContext, SolvedShot
+from ..core.tracking.run_context import FirstPictures, RunContext, SolvedShot
 from ..core.tracking.selection import selected
 from ..core.tracking.track_result import TrackResult
 from ..core.tracking.tracker import WORKER_MODULES, track, workers_for
 from .printed import print_outcome
-from .progress_bar import progress_bar
+from .progress_bar import print_beside_bar, progress_bar
 from .services import BlenderWriter, OutputRequest, Services
 
 REFINING = 0.2
@@ -202,7 +204,8 @@ def run_track(
             memory = stack.enter_context(closing(WorkerMemory(limit=0)))
         check = _CameraCheck(shot)
         # A shot's reader has just checked its footage.
-        context = RunContext(journal, memory, solved=check.begin, footage_checked=not open_scene)
+        early = FirstPictures(early_frames(shot), partial(_print_misfits, shot))
+        context = RunContext(journal, memory, solved=check.begin, first_pictures=early, footage_checked=not open_scene)
         pictures = sorted({*sheet_frames(shot), *checked_frames(shot)})
         result = track(shot, share(progress, 0.0, 0.9), pictures=pictures, run=context)
         # Blender keeps one core busy, in this thread; meanwhile the others draw, and check the cameras if still needed.
@@ -224,6 +227,13 @@ def run_track(
         write_json(stage / REPORT_FILE, report(shot, result, times, fits=fits, refined=refined))
         written = sorted(file.name for file in stage.iterdir())
     return [out_dir / name for name in written]
+
+
+def _print_misfits(shot: Shot, pictures: Sequence[Mapping[int, Any]]) -> None:
+    """Print which footage does not match the first key poses while the shot is being tracked."""
+    for misfit in early_misfits(shot, pictures):
+        offset = offset_text(misfit.camera, misfit.offset)
+        print_beside_bar(f"kfmocap: {misfit.summary}{offset} (tracking goes on; Ctrl-C ends it)")
 
 
 class _CameraCheck:

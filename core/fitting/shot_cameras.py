@@ -23,12 +23,13 @@ from ..keypoints.view_agreement import without_midpoints
 from ..runtime.progress import Progress, share
 from ..runtime.threads import one_library_thread
 from ..runtime.worker_memory import WorkerMemory
+from ..runtime.worker_process import Show
 from ..shot.shot import Shot
 from ..tracking.footage_gaps import with_found_gaps
 from ..tracking.journal import Journal
+from ..tracking.reader import is_kept
 from ..tracking.retracking import Excerpt, preview_segment, track_excerpts
-from ..tracking.run_context import RunContext, SolvedShot
-from ..tracking.schedule import SegmentShown
+from ..tracking.run_context import FirstPictures, RunContext, SolvedShot
 from ..tracking.segments import whole_keys
 from ..tracking.track_result import TrackResult
 from .camera_refinement import RefinedCamera, Refinement, refine_cameras
@@ -40,6 +41,10 @@ from .shared_keypoints import CameraEstimate, SharedKeypoints
 
 MAX_CHECKED_KEYS = 8
 """Largest number of key frames that cameras are compared with, evenly spaced over the shot."""
+EARLY_MISFITS = "footage that does not match"
+"""Key with which these are shown, beside those of segments."""
+EARLY_KEYS = 3
+"""Number of key frames by which footage is compared with the key poses before the shot is tracked."""
 CHECK_STAGES = (RefinementStage(0.25, 4.0, 4, learns_once=True), RefinementStage(0.10, 1.0, 4, learns_once=True))
 """Few stages: a camera that fits passes soon, and one that does not need not be corrected to be detected."""
 CHECK_CONVERGED_PIXELS = 0.25
@@ -88,6 +93,30 @@ def fit_by_keypoints(shot: Shot, performers: Sequence[Keypoints]) -> tuple[Camer
     shifts, _ = _compared(shot, performers)
     names = [view.camera.name for view in shot.views]
     return tuple(CameraFit(s.shift, s.deviation, s.limit, names[v], "keypoints") for v, s in shifts.items())
+
+
+def early_frames(shot: Shot) -> frozenset[int]:
+    """Return the shot frames whose pictures `early_misfits` compares: the first with key poses of the whole body."""
+    return frozenset(whole_keys(shot, 0, shot.length - 1)[:EARLY_KEYS].tolist())
+
+
+@one_library_thread()
+def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]]) -> list[FootageMatch]:
+    """Return the views whose footage does not match the first key poses, which is known before anything is tracked.
+
+    Parameters
+    ----------
+    shot : Shot
+    pictures : sequence of mappings
+        Per view: rectified pictures by shot frame, including those of `early_frames`.
+    """
+    frames = np.array(sorted(early_frames(shot)), dtype=np.int64)
+    if len(frames) < 2:
+        return []
+    rectified = replace(shot, views=tuple(replace(view, camera=view.camera.rectified()) for view in shot.views))
+    views = pictured_key_frames(rectified, frames, pictures)
+    off = [match for match in footage_matches(rectified, views, frames) if match.off]
+    return [match for match in _explained(shot, frames, off, ()) if isinstance(match, FootageMatch)]
 
 
 @one_library_thread()
@@ -230,12 +259,13 @@ def track_and_check(
     *,
     journal: Journal | None = None,
     memory: WorkerMemory | None = None,
-    show: SegmentShown | None = None,
+    show: Show | None = None,
     looking_at: int = 0,
 ) -> CheckedTrack:
     """Track excerpts of a shot, and compare its cameras if the whole shot is tracked.
 
-    Parameters as of `track_excerpts` and `RunContext`. The segment with the shot frame `looking_at`, which the user has
+    Parameters as of `track_excerpts` and `RunContext`; `show` is also called with `EARLY_MISFITS` and a list of
+    FootageMatch, if there are any. The segment with the shot frame `looking_at`, which the user has
     on the screen, is shown first.
 
     Raises
@@ -244,13 +274,26 @@ def track_and_check(
         See `core.tracking.tracker.track`.
     """
     whole = len(excerpts) == 1 and (excerpts[0].first, excerpts[0].last) == (0, shot.length - 1)
+    first = _first_pictures(shot, show, memory) if whole else None
     tracking = share(progress, 0.0, 0.9) if whole else progress
     if show is not None:
         preview_segment(shot, excerpts, looking_at, show, progress=progress, memory=memory)
-    results = track_excerpts(shot, excerpts, tracking, run=RunContext(journal, memory, show))
+    results = track_excerpts(shot, excerpts, tracking, run=RunContext(journal, memory, show, first_pictures=first))
     if not whole:
         return CheckedTrack(results, None)
     return CheckedTrack(results, camera_fits(shot, for_camera_fits(shot, results[0]), share(progress, 0.9, 1.0)))
+
+
+def _first_pictures(shot: Shot, show: Show | None, memory: WorkerMemory | None) -> FirstPictures | None:
+    """Return what shows early that footage does not match the key poses, unless the footage was tracked before."""
+    if show is None or (memory is not None and all(is_kept(shot, view, memory) for view in shot.views)):
+        return None
+
+    def seen(pictures: Sequence[Mapping[int, NDArray[np.uint8]]]) -> None:
+        if found := early_misfits(shot, pictures):
+            show(EARLY_MISFITS, found)
+
+    return FirstPictures(early_frames(shot), seen)
 
 
 def checked_frames(shot: Shot) -> list[int]:

@@ -30,7 +30,7 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
     if values["world"]:
         lines.append(f"{values['world']}: if so, state it as up under [calibration]")
     off = [(view["camera"], fit) for view in values["views"] for fit in view["fits"] if fit["off"]]
-    lines += [f"{fit['summary']}{_offset_text(camera, fit.get('offset'))}" for camera, fit in off]
+    lines += [f"{fit['summary']}{offset_text(camera, fit.get('offset'))}" for camera, fit in off]
     if any(fit["by"] != "movement" for _, fit in off):
         lines.append(
             "if their offsets are right, refine the cameras: kfmocap track --refine, or Refine Cameras in Blender"
@@ -41,7 +41,8 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _offset_text(camera: str, offset: float | None) -> str:
+def offset_text(camera: str, offset: float | None) -> str:
+    """Return how to take an offset that fits better, as the end of a sentence; empty if none is known."""
     return "" if offset is None else f": write it into the [[view]], or track with --offset {camera}={offset:g}"
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -40,6 +40,22 @@ class SolvedShot:
 
 
 @dataclass(frozen=True, eq=False)
+class FirstPictures:
+    """What is called as soon as some of a shot's frames are read, before most of it is tracked.
+
+    Attributes
+    ----------
+    frames : frozenset of int
+        These frames, counted from the shot's first.
+    seen : callable
+        Called with each view's pictures of at least these, by frame: see `core.tracking.track_result.TrackResult`.
+    """
+
+    frames: frozenset[int]
+    seen: Callable[[Sequence[Mapping[int, Any]]], None]
+
+
+@dataclass(frozen=True, eq=False)
 class RunContext:
     """What a run of the tracker may store, reuse and hand out early. None of it changes the result.
 
@@ -54,6 +70,8 @@ class RunContext:
     solved : callable, optional
         Called with the pool of workers and a `SolvedShot` once all segments are solved, while the last are refined and
         some workers are idle. It is not called with a single worker.
+    first_pictures : FirstPictures, optional
+        What is called once some frames are read; these are decoded even if they are in memory.
     footage_checked : bool
         The footage has just been checked by `core.tracking.prepare`, and need not be checked again.
     """
@@ -62,6 +80,7 @@ class RunContext:
     memory: WorkerMemory | None = None
     show: SegmentShown | None = None
     solved: Callable[[WorkerPool, SolvedShot], None] | None = None
+    first_pictures: FirstPictures | None = None
     footage_checked: bool = False
 
 

@@ -143,7 +143,8 @@ def _tracked_again(
 ) -> tuple[TrackResult, list[FinishedSegment]]:
     """Track again what changes with corrected gaps or damaged frames; the time counts in all."""
     kept = unaffected(done, with_found_gaps(before, result.gaps), corrected)
-    again, done_again = _tracked(corrected, replace(options, run=replace(options.run, solved=None)), kept)
+    run = replace(options.run, solved=None, first_pictures=None)
+    again, done_again = _tracked(corrected, replace(options, run=run), kept)
     seconds = Seconds(result.seconds)
     seconds.add(again.seconds)
     return replace(again, seconds=seconds), done_again
@@ -187,9 +188,14 @@ def _tracked(
             callbacks=ScheduleCallbacks(progress, options.observe, run.show),
             earlier=_carried(begin, shot, options.earlier),
         )
-        footage = SegmentFootage(shot, solver, options.pictures, folder=folder, memory=run.memory)
+        first = run.first_pictures
+        wanted = {*options.pictures, *(() if first is None else first.frames)}
+        footage = SegmentFootage(shot, solver, wanted, folder=folder, memory=run.memory)
         started = time.perf_counter()
         for views in footage.by_segment(begin.motions, finished.known, seconds):
+            if first is not None and all(first.frames <= own.keys() for own in footage.pictures):
+                first.seen([footage.pictures[v] for v in options.views_as_given])
+                first = None
             schedule.add(views)
         solved = partial(
             _hand_out_solved, shot=shot, options=options, pool=pool, pictures=footage.pictures, observed=observed
@@ -201,7 +207,7 @@ def _tracked(
     result = replace(
         result_of_segments(shot, state, done, observed, tuple(tuple(frames) for frames in footage.torn)),
         seconds=seconds,
-        pictures=footage.pictures,
+        pictures=footage.pictures if options.pictures else tuple({} for _ in shot.views),
         gaps=tuple(view.gaps for view in shot.views),
         rates=tuple(rate.result() for rate in rates),
     )

@@ -28,6 +28,9 @@ class TrackPanel(Section, bpy.types.Panel):
         if job is not None:
             draw_progress(layout, job)
             layout.label(text="Cancel: Esc, or in the status bar", icon="CANCEL")
+            for view in properties.views:
+                if view.misfit:
+                    draw_text(layout, context, f"{view.name}: {view.misfit}", "ERROR")
             return
         if len(properties.performers) > 1:
             slot = active_performer.chosen(context)

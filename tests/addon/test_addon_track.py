@@ -13,6 +13,8 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import PARTS, keys_of, motion, shot, track_result  # noqa: E402
 from kfmocap.core.errors import CancelledError, ShotError  # noqa: E402
+from kfmocap.core.fitting.footage_match import FootageMatch  # noqa: E402
+from kfmocap.core.fitting.shot_cameras import EARLY_MISFITS  # noqa: E402
 from kfmocap.core.runtime.job import Job  # noqa: E402
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate  # noqa: E402
 from kfmocap.core.shot.shot import Gap, Settings  # noqa: E402
@@ -474,6 +476,13 @@ def test_footage_of_another_frame_rate_is_said(built, tracker, monkeypatch):
         monkeypatch.setattr(faulty_footage, "container_rate", lambda view, given=given: given)
         bpy.ops.kfmocap.track()
         assert [view.faults for view in built.kfmocap.views] == [said] * len(built.kfmocap.views)
+
+
+def test_footage_that_does_not_match_is_shown_while_it_is_tracked(built):
+    tracking = SimpleNamespace(_asked=(built.name, None, ()), _preview=None)
+    Tracking.show(tracking, bpy.context, {EARLY_MISFITS: [FootageMatch("cam02", 0.5)]})
+    assert [view.misfit for view in built.kfmocap.views[:2]] == ["", "footage and key poses do not belong together"]
+    assert tracking._preview is None
 
 
 def test_keypoints_that_contradict_the_others_are_said_beside_their_view(built, tracker, monkeypatch):

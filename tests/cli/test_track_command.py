@@ -93,6 +93,17 @@ def test_footage_that_is_not_the_key_poses_is_printed_without_advice_to_refine(
     assert [(fit["by"], fit["off"], fit["match"]) for fit in view["fits"]] == [("movement", True, 0.57)]
 
 
+def test_footage_that_does_not_match_is_printed_before_the_results(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(track_command, "early_misfits", lambda *_: [FootageMatch("cam01", 0.6, offset=4.0)])
+    assert track(folder) == 0
+    said = capsys.readouterr().err.splitlines()[0]
+    assert "offset of about 4: write it" in said and said.endswith(
+        "--offset cam01=4 (tracking goes on; Ctrl-C ends it)"
+    )
+
+
 def test_an_offset_that_fits_better_is_printed_with_the_option_that_takes_it(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

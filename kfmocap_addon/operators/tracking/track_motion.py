@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
@@ -25,7 +25,6 @@ from ..key_conditions import has_tracked_keys
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ....core.body.motion import Motion
     from ....core.fitting.shot_cameras import CheckedTrack
     from ....core.shot.shot import Shot
     from ....core.tracking.segments import Segment
@@ -100,12 +99,17 @@ class Tracking(Conditional, JobOperator):
         count = unfinished_tracking.segment_count(context.scene)
         return f". Continue goes on from {count} finished segment{'s' if count > 1 else ''}" if count else ""
 
-    def show(self, _context: bpy.types.Context, shown: dict[Segment, tuple[Motion, ...]]) -> None:
-        """Show the frames tracked so far."""
+    def show(self, _context: bpy.types.Context, shown: dict[Any, Any]) -> None:
+        """Show the frames tracked so far, and which footage does not match the key poses."""
+        from ....core.fitting.shot_cameras import EARLY_MISFITS
+        from ...scene_io.cameras import view_cameras
         from ...scene_io.keys.tracking_preview import TrackingPreview
 
         scene: bpy.types.Scene | None = bpy.data.scenes.get(self._asked[0])
-        if scene is not None:
+        misfits = shown.pop(EARLY_MISFITS, ())
+        if scene is not None and misfits:
+            view_cameras.show_fits(scene.kfmocap.views, misfits)
+        if scene is not None and shown:
             self._preview = self._preview or TrackingPreview(scene, self._asked[1].slots)
             self._preview.show(shown)
 
