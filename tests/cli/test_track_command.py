@@ -96,6 +96,11 @@ def test_footage_that_is_not_the_key_poses_is_printed_without_advice_to_refine(
 def test_footage_that_does_not_match_is_printed_before_the_results(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def tracked(shot, *_, run, **__) -> TrackResult:
+        run.first_pictures.seen([{}])
+        return made_result(shot)
+
+    monkeypatch.setattr(track_command, "track", tracked)
     monkeypatch.setattr(track_command, "early_misfits", lambda *_: [FootageMatch("cam01", 0.6, offset=4.0)])
     assert track(folder) == 0
     said = capsys.readouterr().err.splitlines()[0]
