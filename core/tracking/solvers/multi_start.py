@@ -23,6 +23,7 @@ from .judgement.solution_doubts import (
     MIN_FOLLOWED_SHARE,
     doubted_performers,
     images_contradict,
+    is_doubtful,
     limb_contradicted,
     worst_first,
 )
@@ -88,8 +89,9 @@ def best_of_own_starts(
     """Solve for one performer from several starts and return the best solution.
 
     The body may have turned the longer way round from one key pose to the next, which is tried first (`whole_turns`).
-    The motion is followed frame by frame from the key poses, unless others hide the performer on the way; then limbs
-    are searched for around the solutions. If nothing but uncovered foreground contradicts the first solution, and no
+    Where the first solution explains too little of the performer, the motion is followed frame by frame from the key
+    poses, unless others hide the performer on the way: a limb that is lost alone would be lost again. Then limbs are
+    searched for around the solutions. If nothing but uncovered foreground contradicts the first solution, and no
     whole turn is added to it, a single round of the search decides first whether the performer's limbs can be there at
     all: the foreground may be a bystander. So it does for the solution from the motion that was followed, and where
     both starts lead to the same motion (`starts_agree`): the search goes on only if it finds a likelier one.
@@ -122,7 +124,8 @@ def best_of_own_starts(
             trial = TrialRound.around(problem, begin, workspace.part(0.0, 0.1))
         if not trial.explains(problem):
             return replace(first, seconds=seconds)
-    if not searching or first.unhidden[performer].min() > MIN_FOLLOWED_SHARE:
+    alone_in_sight = first.unhidden[performer].min() > MIN_FOLLOWED_SHARE
+    if not searching or (alone_in_sight and is_doubtful(problem, first)):
         with seconds.measure("initial solution"):
             initial = follow_both_ways(problem, start, workspace.part(0.0, 0.15))
         solutions.append(descend(problem, initial, workspace.part(0.15, 0.25)))

@@ -88,6 +88,7 @@ def test_a_motion_that_was_followed_ends_the_doubt_unless_the_pictures_contradic
     monkeypatch.setattr(multi_start, "follow_both_ways", lambda *_: [TRUTH])
     monkeypatch.setattr(multi_start, "with_whole_turn", lambda _problem, start, first, _: (start, first))
     monkeypatch.setattr(multi_start, "images_contradict", lambda _, one: contradicted or one is lost)
+    monkeypatch.setattr(multi_start, "is_doubtful", lambda _, one: one is lost)
     monkeypatch.setattr(search_rounds.TrialRound, "gains", lambda *_: elsewhere)
     monkeypatch.setattr(search_rounds, "search_round", lambda *_, **__: found)
     best = multi_start.best_of_own_starts(PROBLEM, lost.motions, lost, landscape)
@@ -113,11 +114,29 @@ def test_two_starts_that_lead_to_the_same_motion_end_the_doubt_that_it_explains_
     monkeypatch.setattr(multi_start, "follow_both_ways", lambda *_: [off(TRUTH, ARMS, 0.05 + apart)])
     monkeypatch.setattr(multi_start, "with_whole_turn", lambda _problem, start, first, _: (start, first))
     monkeypatch.setattr(multi_start, "images_contradict", lambda *_: True)
+    monkeypatch.setattr(multi_start, "is_doubtful", lambda *_: True)
     monkeypatch.setattr(multi_start, "limb_contradicted", lambda *_: contradicted)
     monkeypatch.setattr(search_rounds.TrialRound, "gains", lambda *_: elsewhere)
     monkeypatch.setattr(search_rounds, "search_round", lambda *_, **__: first)
     best = multi_start.best_of_own_starts(PROBLEM, first.motions, first, landscape)
     assert best.doubted == ((0,) if doubted else ())
+
+
+@pytest.mark.parametrize("little", [False, True])
+def test_a_motion_is_followed_only_where_too_little_of_the_body_is_explained(
+    monkeypatch: pytest.MonkeyPatch, little: bool
+) -> None:
+    """A limb that is lost alone is searched for around the solution: following the whole body would not find it."""
+    landscape, followed, begun = Landscape(truth=TRUTH, reach=0.0), list[bool](), list[int]()
+    first = landscape.solution(PROBLEM, off(TRUTH, ARMS, 0.05))
+    monkeypatch.setattr(multi_start, "follow_both_ways", lambda *_: followed.append(True) or [TRUTH])
+    monkeypatch.setattr(multi_start, "with_whole_turn", lambda _problem, start, first, _: (start, first))
+    monkeypatch.setattr(multi_start, "images_contradict", lambda *_: True)
+    monkeypatch.setattr(multi_start, "is_doubtful", lambda *_: little)
+    monkeypatch.setattr(multi_start, "limb_contradicted", lambda *_: True)
+    monkeypatch.setattr(multi_start, "searched", lambda _p, _s, from_, *_, **__: begun.append(len(from_)) or first)
+    assert multi_start.best_of_own_starts(PROBLEM, first.motions, first, landscape).doubted == (0,)
+    assert followed == [True] * little and begun == [1 + little], "limbs are searched for in any case"
 
 
 def test_somebody_among_others_stays_doubted_where_two_starts_lead_to_the_same_motion() -> None:
