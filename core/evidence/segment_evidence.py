@@ -77,6 +77,15 @@ class SegmentEvidence:
         count = BY_PART_SHARE if self.sampling.by_part else 1.0
         return np.asarray(count * self.sampling.stride**2 / (density * correlation_length**2))
 
+    def without_equations(self) -> SegmentEvidence:
+        """Return the evidence without the normal equations, which are nearly all of its memory: enough to judge it."""
+        gradients, outlines = self.gradients, self.outlines
+        return replace(
+            self,
+            gradients=replace(gradients, H=gradients.H[:0].copy(), g=gradients.g[:0].copy()),
+            outlines=replace(outlines, H=outlines.H[:0].copy(), g=outlines.g[:0].copy()),
+        )
+
     def without(self, hidden: NDArray[np.bool_]) -> SegmentEvidence:
         """Return the evidence without the normal equations of hidden parts, (F, P); paper 1, equation (38)."""
         return replace(

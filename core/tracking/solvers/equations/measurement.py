@@ -16,7 +16,6 @@ from ....evidence.frame_comparison import EvidenceCaches
 from ....evidence.occlusion import unseen
 from ....evidence.sampling import Sampling
 from ....evidence.segment_evidence import SegmentEvidence, accumulate_evidence
-from ....evidence.view_frames import MAX_CACHED_BYTES
 from ....numerics.arrays import Array
 from ....numerics.banded_blocks import BandedBlocks
 from ....runtime.progress import step_share
@@ -25,6 +24,9 @@ from .problem import SegmentProblem, SegmentSolution
 CACHED_EVALUATIONS = 4
 """Number of evaluations that are kept: the end of a descent is still among them when the next descent starts there,
 even if later steps were evaluated and refused."""
+MAX_EVIDENCE_BYTES = 160 << 20
+"""Largest size of their normal equations, bytes: two evaluations of 1,000 frames from four views, as a descent holds
+anyway."""
 StepCallback = Callable[[float, Sequence[Motion]], None]
 """Called before each step with the share of the work done, 0 to 1, and the motions; may raise to cancel the job."""
 
@@ -82,9 +84,7 @@ class RecentEvidence:
     """The evidence of the last evaluations: a descent that starts where another one ended need not measure it again."""
 
     def __init__(self) -> None:
-        self._kept: deque[tuple[tuple[object, ...], list[Array | None], SegmentEvidence]] = deque(
-            maxlen=CACHED_EVALUATIONS
-        )
+        self._kept: deque[tuple[tuple[object, ...], list[Array | None], SegmentEvidence]] = deque()
 
     def evidence(self, of: tuple[object, ...], arrays: list[Array | None]) -> SegmentEvidence | None:
         """Return the evidence that was measured with the same objects and equal arrays; None if it is not kept."""
@@ -94,9 +94,15 @@ class RecentEvidence:
         return None
 
     def keep(self, of: tuple[object, ...], arrays: list[Array | None], evidence: SegmentEvidence) -> None:
-        """Keep evidence in the place of the oldest, unless it takes too much memory (`MAX_CACHED_BYTES`)."""
-        if CACHED_EVALUATIONS * evidence.gradients.H.nbytes <= MAX_CACHED_BYTES:
-            self._kept.append((of, arrays, evidence))
+        """Keep evidence; the oldest goes where there are too many (`CACHED_EVALUATIONS`), or where they take too much
+        memory (`MAX_EVIDENCE_BYTES`).
+        """
+        self._kept.append((of, arrays, evidence))
+        while len(self._kept) > CACHED_EVALUATIONS or self._nbytes() > MAX_EVIDENCE_BYTES:
+            self._kept.popleft()
+
+    def _nbytes(self) -> int:
+        return sum(evidence.gradients.H.nbytes for _, _, evidence in self._kept)
 
 
 def _same(values: Array | None, others: Array | None) -> bool:

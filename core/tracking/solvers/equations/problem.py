@@ -245,6 +245,12 @@ class SegmentSolution:
             only=only,
         )
 
+    def without_equations(self) -> SegmentSolution:
+        """Return the solution without the normal equations of its evidence, which comparisons do not need: a search in
+        a long segment holds many solutions.
+        """
+        return self if self.evidence is None else replace(self, evidence=self.evidence.without_equations())
+
     @property
     def cover(self) -> float:
         """Sum of `explained` over all performers and frames: how well the parts cover the foreground."""

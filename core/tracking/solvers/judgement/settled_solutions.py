@@ -33,7 +33,8 @@ class SettledSolution:
     def after(cls, problem: SegmentProblem, begin: SegmentSolution, workspace: Workspace) -> SettledSolution:
         """Solve a solution further."""
         noise = noise_at(problem, begin, workspace)
-        return cls(begin, noise, descend(problem, begin.motions, workspace, SETTLED, noise))
+        settled = descend(problem, begin.motions, workspace, SETTLED, noise)
+        return cls(begin, noise, settled.without_equations())
 
 
 class SettledSolutions:

@@ -70,7 +70,7 @@ def recombined(
         found = [best]
         for n, motions in enumerate(mixtures):
             part = share.part(n / len(mixtures), (n + 1) / len(mixtures))
-            found.append(descend(problem, motions, part, SETTLED, noise))
+            found.append(descend(problem, motions, part, SETTLED, noise).without_equations())
         best = likeliest_at_rest(problem, noise, *found, workspace=workspace)
     return best
 

@@ -125,7 +125,7 @@ def searched(
     known = trial if trial is not None and trial.settled.begin is first else None
     ahead = settled if known is None else known.settled
     rested = [
-        descend(problem, solution.motions, workspace.silent(), SETTLED, noise)
+        descend(problem, solution.motions, workspace.silent(), SETTLED, noise).without_equations()
         if ahead is None or solution is not ahead.begin
         else ahead.solution
         for solution in likely
@@ -199,4 +199,5 @@ def search_round(
     """
     begin = found_limbs(problem, motions, seed, workspace.part(0.0, 0.6))
     settled, *_ = approach(around, begin, workspace.part(0.6, 0.8), SETTLING)
-    return descend(problem, untangled_limbs(problem, settled), workspace.part(0.8, 1.0), SETTLED, noise)
+    found = descend(problem, untangled_limbs(problem, settled), workspace.part(0.8, 1.0), SETTLED, noise)
+    return found.without_equations()

@@ -33,12 +33,18 @@ def test_what_is_kept_takes_no_time_again() -> None:
     assert found is not None and found.seconds == {"gradients": 0.0}
 
 
-def test_the_oldest_goes_first_and_what_is_large_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_oldest_goes_first_and_of_what_is_large_fewer_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     recent = RecentEvidence()
     for k in range(CACHED_EVALUATIONS + 1):
         recent.keep((k,), [POSES], no_evidence(1, 3, 2))
     kept = [recent.evidence((k,), [POSES]) is not None for k in range(CACHED_EVALUATIONS + 1)]
     assert kept == [False] + [True] * CACHED_EVALUATIONS
-    monkeypatch.setattr(measurement, "MAX_CACHED_BYTES", 1000)
-    recent.keep(("large",), [POSES], no_evidence(1, 3, 2))
-    assert recent.evidence(("large",), [POSES]) is None
+    size = no_evidence(1, 3, 2).gradients.H.nbytes
+    monkeypatch.setattr(measurement, "MAX_EVIDENCE_BYTES", 2 * size)
+    for name in ("large", "next", "last"):
+        recent.keep((name,), [POSES], no_evidence(1, 3, 2))
+    kept = [recent.evidence((name,), [POSES]) is not None for name in ("large", "next", "last")]
+    assert kept == [False, True, True], "a descent begins where the last evaluation or the one before it was"
+    monkeypatch.setattr(measurement, "MAX_EVIDENCE_BYTES", size - 1)
+    recent.keep(("larger",), [POSES], no_evidence(1, 3, 2))
+    assert recent.evidence(("larger",), [POSES]) is None
