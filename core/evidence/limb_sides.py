@@ -29,6 +29,8 @@ SEARCH_OFFSETS = (-1.5, 0.0, 1.5)
 """Offsets across a side at which the steepest change is searched for, pixels."""
 SLOPE_BIN_EDGES = np.array([1.0, 2.0, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0, 35.0, 50.0])
 """Limits between the bins of changes of brightness, grey levels (of 256) per pixel."""
+_BIN_OF = np.searchsorted(SLOPE_BIN_EDGES, np.arange(SLOPE_BIN_EDGES[-1] + 1), side="right")
+"""The bin of every whole change up to the last limit: all limits are whole."""
 PRIOR_COUNT = 8.0
 """Number of prior observations with equal likelihoods, since a few sides teach little."""
 _SMOOTHING = 1.0  # pixels
@@ -191,4 +193,5 @@ class SideRatios:
 
     def of(self, change: NDArray[np.float32], visible: Bools) -> NDArray[np.float32]:
         """Look up the log likelihood ratios of changes, same shape; 0 for hidden ones."""
-        return self.ratio[np.digitize(change, SLOPE_BIN_EDGES)] * visible
+        whole = np.minimum(change, np.float32(SLOPE_BIN_EDGES[-1])).astype(np.intp)
+        return np.asarray(self.ratio[_BIN_OF].take(whole) * visible)

@@ -20,10 +20,11 @@ from ....body import Body, part_poses
 from ....body.kinematics import scene_poses
 from ....body.limbs import limbs
 from ....body.motion import Motion
+from ....evidence.rendering.label_images import LabelImages
 from ....evidence.rendering.part_geometry import Geometry
 from ....evidence.view_frames import views_with_foreground
 from ....numerics import rotations
-from ....numerics.arrays import Array
+from ....numerics.arrays import Array, Bools
 from ....numerics.frame_ranges import runs
 from ....numerics.likeliest_path import likeliest_path, place_probabilities
 from ....numerics.repeatable import on_grid
@@ -123,10 +124,17 @@ def is_elsewhere(body: Body, chain: Sequence[int], before: Motion, after: Motion
     """Whether some joint of a limb, relative to its first, is farther from where it was than a descent reaches, on so
     many frames in a row.
     """
+    return bool(frames_elsewhere(body, chain, before, after, frames).any())
+
+
+def frames_elsewhere(body: Body, chain: Sequence[int], before: Motion, after: Motion, frames: int = 1) -> Bools:
+    """Return on which frames that is so, shape (F,)."""
     joints = [part_poses(body, motion)[1][:, chain] for motion in (before, after)]
     a, b = (each - each[:, :1] for each in joints)
     away = np.linalg.norm(b - a, axis=-1).max(axis=1) > OUTLINE_REACH
-    return any(last + 1 - first >= frames for first, last in runs(away))
+    for first, last in runs(away):
+        away[first : last + 1] = last + 1 - first >= frames
+    return np.asarray(away)
 
 
 def _with_limb_found(
@@ -175,15 +183,24 @@ def _seen_shares(
     held = np.zeros((len(poses[0]), len(parts)))
     free = np.zeros(held.shape)
     for view in ratios:
-        labels, performer = view.labels(geometry, poses), view.foreground > EVEN_LEVEL
+        labels = view.labels(geometry, poses)
         for k, part in enumerate(parts):
-            seen = labels.part == part
-            like = 1.0 if view.coloured is None else np.exp(np.minimum(view.coloured.of(part), 0).astype(float))
-            right = (seen & performer) * like
-            right = right.sum(axis=(1, 2)) / np.maximum(seen.sum(axis=(1, 2)), 1)
+            right = _right_share(view, labels, part)
             held[:, k] = np.maximum(held[:, k], labels.share[:, part] * right)
             free[:, k] = np.maximum(free[:, k], labels.share[:, part] * np.clip(1 - 2 * right, 0, 1))
     return held * (1 - free)
+
+
+def _right_share(view: ViewRatios, labels: LabelImages, part: int) -> Array:
+    """Share of a part's visible pixels that are foreground of its own colours, on each frame, shape (F,)."""
+    frames, *size = labels.part.shape
+    pixels = np.flatnonzero(labels.part == part)
+    frame, right = pixels // np.prod(size), view.foreground.ravel().take(pixels) > EVEN_LEVEL
+    if view.coloured is not None:
+        ratio = view.coloured.colours.ratio[part].take(view.coloured.palette.ravel().take(pixels))
+        right = right * np.exp(np.minimum(ratio, 0).astype(float))
+    count = np.bincount(frame, minlength=frames)
+    return np.asarray(np.bincount(frame, right, frames) / np.maximum(count, 1))
 
 
 def _likeliest(
