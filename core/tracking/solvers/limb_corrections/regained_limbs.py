@@ -29,10 +29,9 @@ from .. import gauss_newton
 from ..descent_stages import COARSE_RESTART, SETTLED, UNCONVERGED_MOVE
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
-from ..equations.segment_equations import SegmentNoise
 from ..gauss_newton import descend, farthest_joint
-from ..judgement.settled_solutions import SettledSolution, SettledSolutions
-from ..judgement.solution_doubts import MIN_DURATION, MIN_FOLLOWED_SHARE
+from ..judgement.settled_solutions import SettledSolutions
+from ..judgement.solution_doubts import MIN_FOLLOWED_SHARE
 from ..judgement.solution_ranking import (
     RESTING_GAIN,
     likeliest_at_rest,
@@ -42,7 +41,16 @@ from ..judgement.solution_ranking import (
 )
 from ..limb_evidence.limb_likelihood import MIN_GAIN, LimbOfPerformer, support_of_limbs
 from .faded_limbs import faded_limbs
-from .limb_search import freed_limb, is_elsewhere
+from .limb_search import is_elsewhere
+from .limbs_elsewhere import (
+    found_elsewhere,
+    leads_elsewhere,
+    likelier,
+    likelier_with_limb,
+    solved_from,
+    to_be_beaten,
+    with_motion,
+)
 from .search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
 
 BEND_RATIO = 3.0
@@ -111,8 +119,8 @@ def _stirred(
     found = descend(problem, first.solution.motions, workspace, (*COARSE_RESTART, *SETTLED), first.noise)
     if farthest_joint(problem, first.solution.motions, found.motions) < UNCONVERGED_MOVE:
         return solution
-    found = settled_further(problem, first.noise, found, workspace, rival=_to_be_beaten(problem, first))
-    return _likelier(problem, solution, first, found, workspace)
+    found = settled_further(problem, first.noise, found, workspace, rival=to_be_beaten(problem, first))
+    return likelier(problem, solution, first, found, workspace)
 
 
 def _with_limb_looked_for(
@@ -131,34 +139,13 @@ def _with_limb_looked_for(
     i, chain = place
     for turn in range(MAX_SEARCH_ROUNDS):
         before, first = solution.motions[i], known.after(problem, solution, workspace)
-        motions, seed = first.solution.motions, (1 + more) * MAX_SEARCH_ROUNDS + turn
-        there = _solved_elsewhere(problem, motions, place, seed, noise=first.noise, workspace=workspace)
-        if there is None:
+        found = found_elsewhere(problem, first.solution.motions, place, (1 + more) * MAX_SEARCH_ROUNDS + turn)
+        if found is None:
             break
-        if _leads_elsewhere(problem, place, motions, there.motions):
-            there = settled_further(problem, first.noise, there, workspace, rival=_to_be_beaten(problem, first))
-        solution = _likelier(problem, solution, first, there, workspace)
+        solution = likelier_with_limb(problem, solution, first, place, found, workspace=workspace)
         if not is_elsewhere(problem.bodies[i], chain, before, solution.motions[i]):
             break
     return solution
-
-
-def _likelier(
-    problem: SegmentProblem,
-    solution: SegmentSolution,
-    settled: SettledSolution,
-    found: SegmentSolution,
-    workspace: Workspace,
-) -> SegmentSolution:
-    """Return a solution, or what was found beside it, refined, if that is likelier than the solution when settled."""
-    if likelihood(problem, settled.noise, found) <= _to_be_beaten(problem, settled):
-        return solution
-    return gauss_newton.continued(solution, gauss_newton.refine(problem, found.motions, workspace))
-
-
-def _to_be_beaten(problem: SegmentProblem, settled: SettledSolution) -> float:
-    """Log likelihood of the images that another solution must exceed to take the place of a settled one."""
-    return likelihood(problem, settled.noise, settled.solution) + RESTING_GAIN
 
 
 def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[LimbOfPerformer]:
@@ -271,8 +258,9 @@ def with_limb_regained(
     for turn in range(MAX_SEARCH_ROUNDS):
         motions, reached = settled[-1].motions, most
         part = workspace.part(turn / MAX_SEARCH_ROUNDS, (turn + 1) / MAX_SEARCH_ROUNDS)
-        there = _solved_elsewhere(alone, motions, place, turn, noise=noise, workspace=part)
-        elsewhere = there is not None and _leads_elsewhere(alone, place, motions, there.motions)
+        found = found_elsewhere(alone, motions, place, turn)
+        there = None if found is None else solved_from(alone, with_motion(motions, place[0], found), noise, part)
+        elsewhere = there is not None and leads_elsewhere(alone, place, motions, there.motions)
         if there is not None and (elsewhere or not several):
             settled.append(there)
             reached = likelihood(alone, noise, there)
@@ -285,35 +273,3 @@ def with_limb_regained(
     if best is settled[0]:
         return solution
     return gauss_newton.continued(solution, gauss_newton.refine(problem, best.motions, workspace.silent()))
-
-
-def _solved_elsewhere(
-    alone: SegmentProblem,
-    motions: Sequence[Motion],
-    place: LimbOfPerformer,
-    seed: int,
-    *,
-    noise: SegmentNoise,
-    workspace: Workspace,
-) -> SegmentSolution | None:
-    """Search for a limb once, and solve from where it is found; None if it is found where it is: as near as a descent
-    reaches. With a single view, it reaches less far in depth.
-    """
-    i, chain = place
-    found = freed_limb(alone, motions, place, seed)
-    several = len(alone.bodies) > 1
-    least = 1 if several else max(2, round(MIN_DURATION * alone.fps))  # sampled poses scatter
-    near = several or alone.shows_depth
-    if found is motions[i] or (near and not is_elsewhere(alone.bodies[i], chain, motions[i], found, least)):
-        return None
-    return descend(alone, (*motions[:i], found, *motions[i + 1 :]), workspace, SETTLED, noise)
-
-
-def _leads_elsewhere(
-    alone: SegmentProblem, place: LimbOfPerformer, before: Sequence[Motion], after: Sequence[Motion]
-) -> bool:
-    """Whether a search has led to another motion: with several performers, of this limb, see `is_elsewhere`."""
-    i, chain = place
-    if len(alone.bodies) > 1:
-        return is_elsewhere(alone.bodies[i], chain, before[i], after[i])
-    return farthest_joint(alone, before, after) > UNCONVERGED_MOVE

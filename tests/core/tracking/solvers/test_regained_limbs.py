@@ -17,7 +17,7 @@ from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.gauss_newton_solver import refined
-from kfmocap.core.tracking.solvers.limb_corrections import regained_limbs
+from kfmocap.core.tracking.solvers.limb_corrections import limbs_elsewhere, regained_limbs
 from kfmocap.core.tracking.solvers.limb_corrections.regained_limbs import (
     MAX_RETURNS,
     bend_of,
@@ -111,7 +111,8 @@ def without_descent(monkeypatch: pytest.MonkeyPatch) -> None:
         return SegmentSolution.of(motions, evidence, iterations=1, energy=[0.0])
 
     monkeypatch.setattr("kfmocap.core.tracking.solvers.gauss_newton.refine", measured)
-    for module in ("limb_corrections.regained_limbs", "judgement.settled_solutions", "judgement.solution_ranking"):
+    limbs = ("limb_corrections.regained_limbs", "limb_corrections.limbs_elsewhere")
+    for module in (*limbs, "judgement.settled_solutions", "judgement.solution_ranking"):
         monkeypatch.setattr(f"kfmocap.core.tracking.solvers.{module}.descend", measured)
 
 
@@ -143,8 +144,9 @@ def test_a_doubted_performer_that_comes_to_rest_where_it_was_is_not_solved_furth
 ) -> None:
     """Whatever is solved further becomes a little likelier."""
     further: list[object] = []
-    monkeypatch.setattr(regained_limbs, "settled_further", lambda *given, **_: further.append(given) or given[2])
-    monkeypatch.setattr(regained_limbs, "freed_limb", lambda _problem, motions, place, _seed: motions[place[0]])
+    for module in (regained_limbs, limbs_elsewhere):
+        monkeypatch.setattr(module, "settled_further", lambda *given, **_: further.append(given) or given[2])
+    monkeypatch.setattr(limbs_elsewhere, "freed_limb", lambda _problem, motions, place, _seed: motions[place[0]])
     refined(replace(problem, doubted=(0,)), [TRUTH], Workspace())
     assert not further
 
@@ -195,7 +197,7 @@ def test_the_search_ends_once_the_limb_comes_to_rest_where_it_was_or_with_severa
         found.rotations[1:-1, ARM[0]] = found.rotations[1:-1, ARM[0]] @ rotations.exp(np.array([0.0, 0.0, -turn]))
         return found
 
-    monkeypatch.setattr("kfmocap.core.tracking.solvers.limb_corrections.regained_limbs.freed_limb", turned)
+    monkeypatch.setattr("kfmocap.core.tracking.solvers.limb_corrections.limbs_elsewhere.freed_limb", turned)
     views = tuple(replace(v, foreground=np.repeat(v.foreground, performers, axis=0)) for v in problem.views)
     apart = [replace(TRUTH, translations=TRUTH.translations + [2.0 * i, 0, 0]) for i in range(performers)]
     several = replace(problem, views=views, bodies=(BODY,) * performers, fixed=problem.fixed * performers)
