@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from ..judgement.settled_solutions import SettledSolution
 from ..judgement.solution_doubts import explains_little
 from ..judgement.solution_ranking import (
     RESTING_GAIN,
+    cover_at,
     covering_most,
     likeliest_at_rest,
     likelihood,
@@ -37,6 +38,9 @@ MAX_SEARCH_ROUNDS = 5
 """Most rounds of the search for limbs."""
 MAX_VAIN_ROUNDS = 2
 """Rounds in a row without a better solution after which the search ends."""
+MIN_START_SHARE = 0.25
+"""Share of what the best solution covers that the start must cover for a round with the trunk held there: a curve that
+covers next to nothing is no better place for the trunk."""
 SearchRound = Callable[[SegmentProblem, SegmentProblem, Sequence[Motion], int, Workspace], SegmentSolution]
 """See `search_round`."""
 
@@ -92,7 +96,7 @@ def searched(
        the best explains little. They are first solved a little further; those that then have the same motion count
        once.
     2. If the best still explains little, there is one round with the trunk held to its motion at the start, which
-       misplaced limbs cannot have led astray.
+       misplaced limbs cannot have led astray, unless the start covers next to nothing (`MIN_START_SHARE`).
     3. Further rounds search around the best so far. They end once the best has an equal, after `MAX_VAIN_ROUNDS` rounds
        that did not improve on the given solutions, or after `MAX_SEARCH_ROUNDS` rounds in all.
 
@@ -132,6 +136,7 @@ def searched(
     ]
     begins = [(motions, problem) for motions in _distinct_motions(rested)]
     found: list[SegmentSolution] = []
+    start_cover = cache(lambda: cover_at(problem, first, start, workspace))
     searching, exchanging = workspace.part(0.0, 0.7), workspace.part(0.7, 1.0)
     while begins and len(found) < MAX_SEARCH_ROUNDS:
         motions, around = begins.pop(0)
@@ -144,7 +149,7 @@ def searched(
         best = covering_most(problem, *rested, *found)
         if begins or (problem.only is not None and best in found):
             continue
-        if explains_little(problem, best) and around is not held:
+        if around is not held and explains_little(problem, best) and start_cover() > MIN_START_SHARE * best.cover:
             begins.append((start, held))
         elif not _is_confirmed(problem, best, [*rested, *found]) and (best in found or len(found) < MAX_VAIN_ROUNDS):
             begins.append((best.motions, problem))

@@ -455,6 +455,26 @@ def test_for_one_among_others_a_round_that_leads_to_the_same_motion_is_the_last(
     assert len(results) == most
 
 
+@pytest.mark.parametrize(("share", "held"), [(1.2, True), (0.8, False)])
+def test_the_trunk_is_held_to_the_start_for_a_round_unless_the_start_covers_next_to_nothing(
+    monkeypatch: pytest.MonkeyPatch, share: float, held: bool
+) -> None:
+    """Between key poses far apart, the curve leads the trunk away from the performer."""
+    monkeypatch.setattr(search_rounds, "explains_little", lambda *_: True)
+    landscape, trunks = Landscape(truth=TRUTH, reach=0.0), list[bool]()
+    first = landscape.solution(PROBLEM, off(TRUTH, ARMS, LOST))
+    cover = share * search_rounds.MIN_START_SHARE * first.cover
+    monkeypatch.setattr(search_rounds, "cover_at", lambda _problem, _one, motions, _: cover if motions is start else 0)
+
+    def search(_: object, around: SegmentProblem, motions: Sequence[Motion], *__: object) -> SegmentSolution:
+        trunks.append(bool(around.fixed[0][:, :6].all()))
+        return landscape.solution(PROBLEM, motions[0])
+
+    start = [off(TRUTH, ARMS, LOST)]
+    search_rounds.searched(PROBLEM, start, [first], landscape, search)
+    assert any(trunks) == held and not trunks[0]
+
+
 @pytest.mark.parametrize("only", [None, 0])
 def test_for_one_among_others_a_round_that_finds_more_is_the_last_however_little_is_explained(
     monkeypatch: pytest.MonkeyPatch, only: int | None
