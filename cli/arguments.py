@@ -15,7 +15,7 @@ def parser() -> argparse.ArgumentParser:
     _add_track(commands.add_parser("track", help="track a shot and write motion, pictures and a report"))
     _add_batch(commands.add_parser("batch", help="track many shots, and sum them up in one table"))
     _add_calibrate(
-        commands.add_parser("calibrate", help="solve for cameras from a waved wand, or refine those of a shot")
+        commands.add_parser("calibrate", help="find cameras from a waved wand or a performer, or refine a shot's")
     )
     _add_synchronise(
         commands.add_parser("synchronise", help="find the time offsets of another take's videos from its wand")
@@ -27,19 +27,23 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _add_track(command: argparse.ArgumentParser) -> None:
-    command.add_argument("shot", nargs="?", type=_path, metavar="SHOT.toml", help="inside Blender: the open scene")
+    command.add_argument(
+        "shot", nargs="?", type=_path, metavar="SHOT.toml", help="by default, in Blender, the open scene"
+    )
     command.add_argument("--out", required=True, type=_path, metavar="DIR", help="folder for the results")
     command.add_argument("--views", metavar="CAM,CAM", help="use only the views of these cameras")
-    command.add_argument("--keyframes", metavar="N,N | auto", help="use these key frames instead of the shot's")
+    command.add_argument("--keyframes", metavar="N,N | auto", help="use these key frames, or proposed ones")
     command.add_argument(
         "--offset", action="append", metavar="CAM=N", help="use this offset of a camera's footage; may be repeated"
     )
     command.add_argument("--refine", action="store_true", help="refine the cameras first, and write them as well")
-    command.add_argument("--threads", type=int, metavar="N", help="work on so many cores (default: all)")
+    command.add_argument("--threads", type=int, metavar="N", help="use N cores (default: all)")
     command.add_argument(
         "--leave-out-unknown", action="store_true", help="write no landmarks and bones of parts that nothing shows"
     )
-    command.add_argument("--resume", action="store_true", help="go on from the segments that an ended run had finished")
+    command.add_argument(
+        "--resume", action="store_true", help="continue from the finished segments of an interrupted run"
+    )
     _add_tracking(command)
 
 
@@ -86,7 +90,7 @@ def _add_demo(command: argparse.ArgumentParser) -> None:
 def _add_retarget(command: argparse.ArgumentParser) -> None:
     command.add_argument("motions", nargs="+", type=_path, metavar="MOTION", help="motion files (.bvh, .fbx)")
     command.add_argument("--to", required=True, type=_path, metavar="CHARACTER.blend", help="file with the character")
-    command.add_argument("--armature", metavar="NAME", help="its armature (default: the only one that can be meant)")
+    command.add_argument("--armature", metavar="NAME", help="the character's armature (default: the only candidate)")
     command.add_argument("--preset", metavar="NAME", help="kind of rig, such as rigify, mixamo (default: by its bones)")
     command.add_argument(
         "--out", required=True, type=_path, metavar="MOVED.blend", help="file to write; for several motions a folder"
@@ -105,7 +109,7 @@ def _add_retarget(command: argparse.ArgumentParser) -> None:
         type=float,
         default=(0.0, 0.0),
         metavar=("DEG", "MM"),
-        help="leave out keys whose lack changes rotations and places by no more",
+        help="leave out keys without which rotations and positions change by no more",
     )
 
 

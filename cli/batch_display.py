@@ -30,7 +30,7 @@ class BatchDisplay:
         self._total, self._finished = total, 0
         self._live = sys.stderr.isatty()
         self._drawn, self._last = 0, 0.0
-        self._told: dict[str, int] = {}
+        self._printed_steps: dict[str, int] = {}
 
     def __enter__(self) -> BatchDisplay:
         return self
@@ -42,7 +42,7 @@ class BatchDisplay:
 
     def started(self, name: str, process_id: int) -> None:
         """Show that a shot is being tracked."""
-        self._told[name] = 0
+        self._printed_steps[name] = 0
         if not self._live:
             self.said(f"{name}: started, process {process_id}")
 
@@ -70,8 +70,8 @@ class BatchDisplay:
         if not self._live:
             for name, (what, fraction) in states.items():
                 step = int(fraction / _STEP)
-                if step > self._told.get(name, 0):
-                    self._told[name] = step
+                if step > self._printed_steps.get(name, 0):
+                    self._printed_steps[name] = step
                     self.said(f"{name}: {what} {fraction:.0%}")
             return
         now = time.monotonic()
