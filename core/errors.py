@@ -78,7 +78,7 @@ class CaptureError(CalibrationError):
     Attributes
     ----------
     name : str
-        Which kind of capture it is, such as "wand-in-a-plane".
+        Which problem the capture has, such as "wand-in-a-plane"; see `core.calibration.findings`.
     """
 
     def __init__(self, what: str, *, name: str = "capture", where: str | None = None, todo: str | None = None) -> None:

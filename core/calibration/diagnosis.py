@@ -56,7 +56,7 @@ def check_capture(capture: Capture) -> None:
         twice = next(name for name in names if names.count(name) > 1)
         raise CaptureError("the camera is listed twice", name="camera-twice", where=twice)
     if len(names) < 2:
-        todo = "film with more; one camera alone can be refined from key poses"
+        todo = "film with more, or find a single camera from a performer with --performer"
         raise CaptureError("a wand needs at least two cameras", name="one-camera", todo=todo)
     if not (np.isfinite(capture.wand_length) and capture.wand_length > 0):
         raise CaptureError("the wand's length must be greater than 0", name="wand-length-wrong")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..capture.capture import Markers
 from ..numerics.arrays import Array
 from .solving.ball_observations import BallObservations
-from .solving.camera_rig import CENTRE, DRIFT, FOCAL, K1, K2, OFFSET, SHIFT, Rig
+from .solving.camera_rig import CAMERA_DOF, CENTRE, DRIFT, FOCAL, K1, K2, OFFSET, SHIFT, Rig
 from .solving.wand_tracks import picked, sampled
 from .solving.wand_triangulation import rays, triangulated
 from .wand_matching import matched
@@ -152,7 +152,8 @@ def _camera(solution: CalibrationResult, c: int) -> dict[str, Any]:
         return _number(sigma[index]) if free[index] else None
 
     near, middle, far = depths(solution)[c]
-    shift = solution.covariance[13 * c : 13 * (c + 1), 13 * c : 13 * (c + 1)][SHIFT, SHIFT]
+    own_unknowns = slice(CAMERA_DOF * c, CAMERA_DOF * (c + 1))
+    shift = solution.covariance[own_unknowns, own_unknowns][SHIFT, SHIFT]
     return {
         "camera": rig.names[c],
         "size": [int(n) for n in rig.sizes[c]],

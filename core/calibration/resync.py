@@ -17,7 +17,7 @@ from .solving.bundle_scene import BundleEvidence, Scene
 from .solving.camera_rig import CAMERA_DOF, DRIFT, OFFSET, rig_of
 from .solving.clocks import Clocks
 from .solving.first_cameras import MIN_LINK_FRAMES
-from .solving.synchrony import synchrony, with_capture_clock
+from .solving.synchrony import find_synchrony, with_capture_clock
 from .solving.wand_triangulation import sight
 from .wand_matching import labelled
 
@@ -53,14 +53,14 @@ def synchronise(
         report_progress(progress, "offsets", 0.0)
 
     check()
-    together = synchrony(capture)
+    synchrony = find_synchrony(capture)
     rig = rig_of([known_camera(cameras, view.camera, view.size) for view in capture.views])
-    rig = replace(rig, rate=together.rate, offset=together.offset)
+    rig = replace(rig, rate=synchrony.rate, offset=synchrony.offset)
     free = np.zeros((len(rig), CAMERA_DOF), bool)
-    free[:, OFFSET], free[:, DRIFT] = together.loose, together.loose & drift
+    free[:, OFFSET], free[:, DRIFT] = synchrony.estimated, synchrony.estimated & drift
     noise = _LOOSE_GATE
     for _ in range(_ROUNDS):
-        tracks = together.tracks(rig)
+        tracks = synchrony.tracks(rig)
         wand = sight(with_capture_clock(rig), tracks, capture.wand_length, noise).wand(
             tracks.frames, capture.wand_length
         )
@@ -68,7 +68,7 @@ def synchronise(
             raise findings.nothing_agrees().error()
         scene = Scene(rig, wand)
         seen, _ = labelled(scene, capture.views, noise)
-        evidence = BundleEvidence(seen, smooth=together.between)
+        evidence = BundleEvidence(seen, smooth=synchrony.needs_interpolation)
         fit = adjust(scene, evidence, free, scale=4 * noise, cancel=check)
         rig, noise = fit.scene.rig, max(fit.noise, 1.0)
     sigma = noise * np.sqrt(np.diag(covariance(fit.scene, evidence, fit.free))).reshape(-1, CAMERA_DOF)

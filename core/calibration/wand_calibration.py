@@ -26,7 +26,7 @@ from .solving.bundle_scene import BundleEvidence, Scene
 from .solving.camera_rig import DRIFT, OFFSET, Rig
 from .solving.first_cameras import MIN_LINK_FRAMES, crossed_views, find_links, first_rig, unknown_lens
 from .solving.pairwise import FOCAL_GRID
-from .solving.synchrony import Synchrony, synchrony, with_capture_clock
+from .solving.synchrony import Synchrony, find_synchrony, with_capture_clock
 from .solving.wand_motion import Wand
 from .solving.wand_triangulation import sight
 from .wand_matching import labelled
@@ -66,29 +66,29 @@ def solve_capture(capture: Capture, progress: Progress | None = None, *, drift: 
     steps = _ReportedSteps(progress)
     diagnosis.check_capture(capture)
     steps.next("offsets", 0.0)
-    together = synchrony(capture)
-    tracks = together.tracks()
+    synchrony = find_synchrony(capture)
+    tracks = synchrony.tracks()
     known = [_lens(view) for view in capture.views]
     steps.next("pairs", 0.1)
     links = find_links(tracks, known, steps.check)
     names = [view.camera for view in capture.views]
     diagnosis.check_links(names, links, tracks)
-    together = together.turned(crossed_views(links))
+    synchrony = synchrony.with_ends_exchanged(crossed_views(links))
     steps.next("first cameras", 0.15)
-    start = first_rig(names, together.tracks(), known, links, length=capture.wand_length, cancel=steps.check)
+    start = first_rig(names, synchrony.tracks(), known, links, length=capture.wand_length, cancel=steps.check)
     if start is None:
         raise diagnosis.unsolved(names, links).error()
-    start = replace(start, offset=together.offset, rate=together.rate)
+    start = replace(start, offset=synchrony.offset, rate=synchrony.rate)
     free = np.stack([unknown_lens(lens) for lens in known])
-    free[:, OFFSET] = together.loose
-    free[:, DRIFT] = together.loose & drift
+    free[:, OFFSET] = synchrony.estimated
+    free[:, DRIFT] = synchrony.estimated & drift
     steps.next("wand", 0.4)
-    draft = _polished(start, capture, together, free, steps)
+    draft = _polished(start, capture, synchrony, free, steps)
     if draft is None:
         raise diagnosis.unsolved(names, links).error()
     diagnosis.check_solution(names, draft.used, draft.scene.wand)
     steps.next("L-frame", 0.6)
-    return _finished(draft, capture, together, free, known=known, steps=steps)
+    return _finished(draft, capture, synchrony, free, known=known, steps=steps)
 
 
 class _ReportedSteps:
@@ -127,20 +127,20 @@ class _Draft:
     noise: float
 
 
-def _polished(rig: Rig, capture: Capture, together: Synchrony, free: Bools, steps: _ReportedSteps) -> _Draft | None:
+def _polished(rig: Rig, capture: Capture, synchrony: Synchrony, free: Bools, steps: _ReportedSteps) -> _Draft | None:
     """Adjust cameras on all frames and select the wand's balls, in turn; None if no wand is seen."""
     noise = 3.0
     draft: _Draft | None = None
     for _ in range(_MAX_ROUNDS):
         before = draft
-        wand = _sighted(rig, together, capture.wand_length, noise)
+        wand = _sighted(rig, synchrony, capture.wand_length, noise)
         if len(wand) < MIN_LINK_FRAMES:
             return None
         scene = Scene(rig, wand)
         noise = max(noise if draft is None else draft.noise, 1.0)
         for _ in range(2):
             seen, used = labelled(scene, capture.views, noise)
-            evidence = _evidence(capture, seen, together)
+            evidence = _evidence(capture, seen, synchrony)
             fit = adjust(scene, evidence, free, scale=_ROBUST_SCALE * noise, tolerance=1e-4, cancel=steps.check)
             scene, noise = fit.scene, max(fit.noise, _MIN_NOISE)
         draft = _Draft(scene, seen, used, noise)
@@ -153,16 +153,16 @@ def _polished(rig: Rig, capture: Capture, together: Synchrony, free: Bools, step
     return draft
 
 
-def _sighted(rig: Rig, together: Synchrony, length: float, noise: float) -> Wand:
+def _sighted(rig: Rig, synchrony: Synchrony, length: float, noise: float) -> Wand:
     """Triangulate the wand on the capture's frames."""
-    tracks = together.tracks(rig)
+    tracks = synchrony.tracks(rig)
     found = sight(with_capture_clock(rig), tracks, length, max(noise, 1.0))
-    return found.wand(tracks.frames, length, single=not together.between)
+    return found.wand(tracks.frames, length, single=not synchrony.needs_interpolation)
 
 
-def _evidence(capture: Capture, seen: BallObservations, together: Synchrony) -> BundleEvidence:
+def _evidence(capture: Capture, seen: BallObservations, synchrony: Synchrony) -> BundleEvidence:
     focal = np.array([np.nan if v.focal is None or v.matrix is not None else v.focal for v in capture.views])
-    return BundleEvidence(seen, focal=focal, focal_sigma=FOCAL_SIGMA, smooth=together.between)
+    return BundleEvidence(seen, focal=focal, focal_sigma=FOCAL_SIGMA, smooth=synchrony.needs_interpolation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,13 +234,13 @@ class _World:
 
 
 def _finished(
-    draft: _Draft, capture: Capture, together: Synchrony, free: Bools, *, known: Sequence[Lens], steps: _ReportedSteps
+    draft: _Draft, capture: Capture, synchrony: Synchrony, free: Bools, *, known: Sequence[Lens], steps: _ReportedSteps
 ) -> CalibrationResult:
     """Define the world by the L-frame, select the lens parameters, and adjust once more to all observations."""
     floor = _FloorCapture.of(capture, draft)
     world, capture, draft = _World.of(floor), floor.capture, floor.draft
     evidence = replace(
-        _evidence(capture, draft.seen, together), lframe=world.resting, lframe_measures=capture.lframe_points
+        _evidence(capture, draft.seen, synchrony), lframe=world.resting, lframe_measures=capture.lframe_points
     )
     steps.next("lenses", 0.7)
     fit = adjust(world.scene, evidence, free, cancel=steps.check)

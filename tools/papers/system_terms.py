@@ -72,8 +72,8 @@ SYSTEM_TERMS = (
     Term(
         "paper 2, section 5: a day's shoot",
         "core/calibration/resync.py",
-        "offset=together.offset)",
-        "offset=-together.offset)",
+        "offset=synchrony.offset)",
+        "offset=-synchrony.offset)",
         "tests/core/formats/test_wand_files.py::test_a_take_of_known_cameras_is_synchronised",
     ),
     Term(

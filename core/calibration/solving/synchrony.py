@@ -26,27 +26,27 @@ class Synchrony:
         Without outliers if the wand is waved, see `wand_tracks.cleaned`.
     rate, offset : ndarray, shape (V,)
         Frame s of the capture is frame rate s + offset of a video.
-    loose : ndarray of bool, shape (V,)
+    estimated : ndarray of bool, shape (V,)
         Videos whose offset was estimated and is to be refined.
     """
 
     wands: tuple[Markers, ...]
     rate: Array
     offset: Array
-    loose: NDArray[np.bool_]
+    estimated: NDArray[np.bool_]
 
     @property
-    def between(self) -> bool:
+    def needs_interpolation(self) -> bool:
         """Whether videos see the wand between the capture's frames, so that its path must be interpolated."""
-        return bool(self.loose.any() or (self.offset % 1).any() or (self.rate != 1).any())
+        return bool(self.estimated.any() or (self.offset % 1).any() or (self.rate != 1).any())
 
     def tracks(self, rig: Rig | None = None) -> Tracks:
         """Return the wand on the capture's frames, with a rig's clocks or else the first estimates."""
-        if rig is None or not self.loose.any():
+        if rig is None or not self.estimated.any():
             return synchronised(self.wands, self.rate, self.offset)
         return synchronised(self.wands, rig.rate * (1 + rig.drift), rig.offset)
 
-    def turned(self, views: Sequence[int]) -> Synchrony:
+    def with_ends_exchanged(self, views: Sequence[int]) -> Synchrony:
         """Return the same with the wand's ends exchanged in some views."""
         wands = list(self.wands)
         for v in views:
@@ -54,7 +54,7 @@ class Synchrony:
         return replace(self, wands=tuple(wands))
 
 
-def synchrony(capture: Capture) -> Synchrony:
+def find_synchrony(capture: Capture) -> Synchrony:
     """Find the time offsets between a capture's videos: as given, or from the wand's path.
 
     Raises

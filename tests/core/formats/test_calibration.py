@@ -64,7 +64,7 @@ def toml_table(head: str, more: str = "") -> str:
     )
 
 
-def test_aniposelib_and_pose2sim_toml(tmp_path: Path) -> None:
+def test_toml_of_aniposelib_and_pose2sim_is_read(tmp_path: Path) -> None:
     path = tmp_path / "Calib.toml"
     path.write_text(toml_table('[cam_1]\nname = "cam01"', "fisheye = false") + "[metadata]\nadjusted = false\n")
     assert_same(load_cameras(path)["cam01"], one_camera())
@@ -178,7 +178,7 @@ error = 0.0
 """  # noqa: E501
 
 
-def test_a_calibration_that_pose2sim_wrote(tmp_path: Path) -> None:
+def test_a_calibration_that_pose2sim_wrote_is_read(tmp_path: Path) -> None:
     path = tmp_path / "Calib_scene.toml"
     path.write_text(POSE2SIM)
     [camera] = load_cameras(path).values()
@@ -246,7 +246,7 @@ def test_qualisys_errors_name_the_value(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".yml", ".json"])
-def test_opencv_files_with_a_node_per_camera(tmp_path: Path, suffix: str) -> None:
+def test_opencv_files_with_a_node_per_camera_are_read(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"rig{suffix}"
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
     for name in ("cam01", "cam02"):
@@ -306,7 +306,7 @@ def test_a_matrix_that_opencv_would_stumble_over_is_refused_before_it_is_read(
         load_cameras(path)
 
 
-def test_plain_json(tmp_path: Path) -> None:
+def test_opencvs_values_in_plain_json_are_a_camera(tmp_path: Path) -> None:
     path = tmp_path / "front.json"
     values = {"size": SIZE, "matrix": K.tolist(), "distortions": DISTORTIONS}
     path.write_text(json.dumps(values | {"rvec": ROTATION.tolist(), "tvec": TRANSLATION.tolist()}))
@@ -314,7 +314,7 @@ def test_plain_json(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("together", [True, False])
-def test_easymocap_files(tmp_path: Path, together: bool) -> None:
+def test_easymocaps_one_file_or_two_are_the_same_cameras(tmp_path: Path, together: bool) -> None:
     names = ["1", "2"]
     parts: dict[str, dict[str, object]] = {"intri": {}, "extri": {}}
     for name in names:
