@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cameras.world_axes import METRES
 from ..errors import LandmarkError
 from ..numerics.arrays import Array
 from .reading import NUMBER_LIMIT, read_bytes, reading
-from .trc import METRES, WORLD_OF_Y_UP, Landmarks
+from .trc import WORLD_OF_Y_UP, Landmarks
 
 UPRIGHT = ("auto", "z", "y")
 """Which axis of a file points up; "auto" means as the file states (POINT:Y_SCREEN), or z if it does not."""

@@ -13,7 +13,8 @@ from .toml_tables import read_toml
 
 Kind = Literal["shot", "capture", "calibration", "keypoints", "landmarks"]
 LANDMARKS = (".trc", ".c3d")
-_CAPTURE = {"lframe", "wand"}
+_CAPTURE_BESIDE_WAND = {"lframe", "floor", "view"}
+"""Tables of a capture file; which of the first two there is depends on how the floor is found."""
 
 
 def file_kind(path: Path | str) -> Kind:
@@ -34,7 +35,7 @@ def file_kind(path: Path | str) -> Kind:
     document = read_toml(path, "the file", KFMocapError)
     if "shot" in document:
         return "shot"
-    return "capture" if document.keys() >= _CAPTURE else "calibration"
+    return "capture" if "wand" in document and document.keys() & _CAPTURE_BESIDE_WAND else "calibration"
 
 
 def _has_people(path: Path) -> bool:

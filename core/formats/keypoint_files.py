@@ -161,7 +161,7 @@ def _gathered(
     names, table = _table(found)
     if (shares := np.array([person.normalised for person in found], bool)).any():
         if size is None:
-            raise KeypointError("its places are shares of a picture of unknown size", where=str(path))
+            raise KeypointError("its coordinates are fractions of a picture of unknown size", where=str(path))
         table[shares, :, :2] = table[shares, :, :2] * size - 0.5  # integers at pixel centres
     # Detectors write (0, 0) or a confidence of 0 for keypoints that they did not find.
     missing = ~np.isfinite(table).all(axis=-1) | (table[..., 2] <= 0) | (table[..., :2] == 0).all(axis=-1)

@@ -1,6 +1,7 @@
-"""Marker points as CSV: the balls of an L-frame and a wand as found by any detector.
+"""Marker points as CSV: the balls of an L-frame and a wand, or a standing performer's feet and head, as found by any
+detector.
 
-Each row is one ball, with columns camera, take (lframe or wand), frame, marker, u, v in any order, and optionally
+Each row is one point, with columns camera, take (one of `TAKES`), frame, marker, u, v in any order, and optionally
 sigma.
 """
 

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from types import UnionType
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 from ..cameras.world_axes import AXES, METRES, FileWorld
 from ..errors import ShotError, located
@@ -44,7 +44,7 @@ def read_shot_spec(path: Path | str) -> ShotSpec:
     path = Path(path)
     document = Table(read_toml(path, "the shot file", ShotError), str(path), _TABLES)
     head = Table(document.value("shot"), f"{path} [shot]", ("name", "fps", "frames"))
-    name, fps, frames = checked_file_name(head.text("name"), head.where), _positive(head, "fps"), _frames(head)
+    name, fps, frames = checked_file_name(head.text("name"), head.where), head.positive("fps"), _frames(head)
     settings = _settings(document, path)
     calibration = Table(document.value("calibration"), f"{path} [calibration]", _CALIBRATION)
     views = [_view(table, path.parent) for table in _tables(document, "view", path, _VIEW)]
@@ -80,13 +80,6 @@ def _frames(head: Table) -> tuple[int, int]:
     if len(frames) != 2 or not 0 <= frames[0] <= frames[1]:
         raise head.error("frames", f"must be [first, last] with 0 <= first <= last, not {frames}")
     return frames[0], frames[1]
-
-
-def _positive(table: Table, key: str) -> float:
-    value = table.number(key)
-    if value <= 0:
-        raise table.error(key, f"must be greater than 0, not {value}")
-    return float(value)
 
 
 def _tables(document: Table, key: str, path: Path, keys: Sequence[str], *, least: int = 1) -> list[Table]:
@@ -154,10 +147,6 @@ def _setting(table: Table, name: str, kind: Any) -> Any:
     value = table.value(name)
     if float in kinds:
         return float(table.number(name))
-    if get_origin(kinds[0]) is tuple:
-        if not isinstance(value, list) or any(type(v) not in (int, float) for v in value):
-            raise table.error(name, f"must be a list of numbers, not {value!r}")
-        return tuple(value)
     if int in kinds and type(value) is int:
         return table.number(name)
     if type(value) not in kinds:

@@ -88,6 +88,13 @@ class Table:
             raise self.error(key, f"must be a number, not {_shown(value)}")
         return value
 
+    def positive(self, key: str) -> float:
+        """Return a number greater than 0."""
+        value = self.number(key)
+        if value <= 0:
+            raise self.error(key, f"must be greater than 0, not {value}")
+        return float(value)
+
     def integers(self, key: str, default: Any = _REQUIRED) -> list[int]:
         """Return a list of integers."""
         value: list[int] = self.value(key, default)

@@ -12,13 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
+from ..cameras.world_axes import METRES
 from ..errors import LandmarkError
 from ..numerics.arrays import Array
 from ..runtime.files import replacing
 from .reading import NUMBER_LIMIT, first_repeated, read_text, reading
 
-METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-"""Metres per unit of a file."""
 WORLD_OF_Y_UP = [2, 0, 1]
 _TRC_OF_WORLD = [1, 2, 0]
 _HEADER_LINES = 5

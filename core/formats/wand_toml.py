@@ -41,22 +41,22 @@ def load_wand(path: Path | str) -> CaptureVideos | Capture:
         without = bool(floor) or performer is not None
         points = np.full((LFRAME_BALLS, 3), np.nan) if without else _vectors(lframe, "points", (LFRAME_BALLS, 3))
         scale_open = performer is not None and "length" not in wand
-        length = USUAL_WAND_LENGTH if scale_open else _positive(wand, "length")
+        length = USUAL_WAND_LENGTH if scale_open else wand.positive("length")
         performer = None if performer is None else replace(performer, gives_scale=scale_open)
         views = _views(document, path)
         if "points" in document:
             table = Table(document.value("points"), f"{path} [points]", ("file", "lframe", "origin"))
-            diameter = _positive(wand, "diameter") if "diameter" in wand else 0.0
+            diameter = wand.positive("diameter") if "diameter" in wand else 0.0
             capture = _capture(table, points, length, views, path)
             return replace(capture, floor=floor, floor_height=diameter / 2, performer=performer)
         colours = _colours(wand)
         return CaptureVideos(
             lframe_points=points,
             lframe_colour=colours[0] if without else parsed(lframe.value("colour"), f"{lframe.where} colour"),
-            lframe_diameter=_positive(lframe, "diameter") if "diameter" in lframe else None,
+            lframe_diameter=lframe.positive("diameter") if "diameter" in lframe else None,
             wand_length=length,
             wand_colours=colours,
-            wand_diameter=_positive(wand, "diameter") if "diameter" in wand else None,
+            wand_diameter=wand.positive("diameter") if "diameter" in wand else None,
             views=tuple(_capture_view(view, path.parent) for view in views),
             floor=floor,
             performer=performer,
@@ -78,7 +78,7 @@ def _floor(document: Table, path: Path) -> tuple[tuple[tuple[int, int], ...], St
     found = {camera: m for (camera, take), m in read_marker_points(file).items() if take == "performer"}
     if not found:
         raise floor.error("points", f"{file} has no points of the take 'performer'")
-    return (), StandingPerformer(_positive(floor, "height"), _frame_ranges(floor, "performer"), found)
+    return (), StandingPerformer(floor.positive("height"), _frame_ranges(floor, "performer"), found)
 
 
 def _frame_ranges(floor: Table, key: str, count: int | None = None) -> tuple[tuple[int, int], ...]:
@@ -119,7 +119,7 @@ def _capture_view(view: Table, folder: Path) -> CaptureVideoView:
 def _known_beforehand(view: Table) -> tuple[float | None, float | None, Array | None, Array | None]:
     """Read offset, focal length, matrix and distortions, each None if it is not given."""
     offset = view.number("offset", None)
-    focal = _positive(view, "focal") if "focal" in view else None
+    focal = view.positive("focal") if "focal" in view else None
     matrix = _vectors(view, "matrix", (3, 3)) if "matrix" in view else None
     distortions = _vectors(view, "distortions", None) if "distortions" in view else None
     if matrix is not None and not (matrix[0, 0] > 0 and matrix[1, 1] > 0):
@@ -152,7 +152,7 @@ def _capture(table: Table, points: Array, length: float, views: list[Table], pat
         size = _vectors(view, "size", (2,))
         if not ((size == size.round()) & (size > 0)).all():
             raise view.error("size", "must be two whole numbers of pixels")
-        fps = _positive(view, "fps") if "fps" in view else None
+        fps = view.positive("fps") if "fps" in view else None
         lframe, wand = (found.get((name, take), _nothing(TAKES[take])) for take in ("lframe", "wand"))
         if digitised and table.value("origin", ORIGINS[0]) == ORIGINS[1]:
             lframe, wand = from_bottom(lframe, int(size[1])), from_bottom(wand, int(size[1]))
@@ -176,13 +176,6 @@ def _digitised(table: Table, folder: Path) -> dict[tuple[str, str], Markers]:
 
 def _nothing(balls: int) -> Markers:
     return Markers(np.zeros(0, np.int64), np.zeros((0, balls, 2)), np.zeros((0, balls)))
-
-
-def _positive(table: Table, key: str) -> float:
-    value = table.number(key)
-    if value <= 0:
-        raise table.error(key, f"must be greater than 0, not {value}")
-    return float(value)
 
 
 def _vectors(table: Table, key: str, shape: tuple[int, ...] | None) -> Array:

@@ -171,7 +171,7 @@ def test_ground_truth_of_coco_is_numbered_by_its_pictures_and_hidden_points_coun
     assert (confidence["LKnee"], confidence["LAnkle"], confidence["RAnkle"]) == (1.0, 0.5, 0.0)
 
 
-def test_several_people_and_empty_pictures(tmp_path: Path) -> None:
+def test_a_picture_may_show_several_people_or_nobody(tmp_path: Path) -> None:
     for f, people in enumerate((2, 0, 3)):
         (tmp_path / f"{f}.json").write_text(json.dumps(openpose(f, people)))
     found = read_keypoints(tmp_path)

@@ -132,6 +132,9 @@ def test_landmarks_of_something_else_are_refused():
         ("broken.json", "{", "calibration"),
         ("cameras.yml", "", "calibration"),
         ("shot.toml", "[shot]", "shot"),
+        ("cameras.toml", "[cam01]", "calibration"),
+        ("wand.toml", "[lframe]\n[wand]", "capture"),
+        ("floor.toml", "[floor]\n[wand]\n[[view]]", "capture"),
     ],
 )
 def test_files_are_recognised_by_their_content(tmp_path: Path, name: str, text: str, kind: str):

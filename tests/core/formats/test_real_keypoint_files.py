@@ -28,7 +28,7 @@ def seen(found: Detections, person: int, name: str) -> tuple[float, float, float
     return (*found.points[person, column], found.confidence[person, column])
 
 
-def test_alphapose_of_26_keypoints() -> None:
+def test_alphaposes_26_keypoints_are_read_in_halpes_order() -> None:
     found = sample("alphapose")
     assert found.frames.tolist() == [0, 1] and found.tracks.tolist() == [1, 1]
     assert np.isfinite(found.points).all()
@@ -38,7 +38,7 @@ def test_alphapose_of_26_keypoints() -> None:
     assert seen(found, 1, "RHeel") == (549.4737548828125, 359.9336853027344, 0.9009984135627747)
 
 
-def test_coco_annotations() -> None:
+def test_hidden_joints_of_coco_annotations_have_half_the_confidence() -> None:
     found = sample("coco_annotations")
     assert found.frames.tolist() == [785, 40083]
     assert np.isfinite(found.points[..., 0]).sum(axis=1).tolist() == [17, 14]  # as their `num_keypoints`
@@ -47,7 +47,7 @@ def test_coco_annotations() -> None:
     assert not np.isfinite(found.points[1, found.names.index("RWrist")]).any()
 
 
-def test_coco_results() -> None:
+def test_coco_results_give_people_by_picture() -> None:
     found = sample("coco_results")
     assert found.frames.tolist() == [139, 192, 192]
     assert np.isfinite(found.points[..., 0]).sum(axis=1).tolist() == [15, 12, 11]
@@ -56,7 +56,7 @@ def test_coco_results() -> None:
     assert seen(found, 2, "RAnkle") == (496, 450, 1.0)
 
 
-def test_mediapipe() -> None:
+def test_mediapipes_fractions_of_the_picture_become_pixels() -> None:
     found = sample("mediapipe")
     assert found.frames.tolist() == [0]
     u, v = 0.42014033 * 1080 - 0.5, 0.47778308 * 1920 - 0.5
@@ -95,7 +95,7 @@ def test_a_pose_in_three_dimensions_is_refused(tmp_path: Path) -> None:
         read_keypoints(tmp_path)
 
 
-def test_openpose_of_25_keypoints_in_its_second_order() -> None:
+def test_openposes_second_order_of_25_keypoints_is_recognised() -> None:
     found = sample("openpose_body25b")
     assert found.frames.tolist() == [0, 0]
     assert seen(found, 0, "LKnee") == (468.482, 999.354, 0.645111)

@@ -399,7 +399,6 @@ class ManySettings:
     sweeps: int = 5
     robust: bool = True
     limit: float | None = None
-    factors: tuple[float, ...] = (4, 2)
 
 
 @pytest.mark.parametrize(
@@ -409,7 +408,6 @@ class ManySettings:
         ("sweeps = 7", "sweeps", 7),
         ("robust = false", "robust", False),
         ("limit = 0.5", "limit", 0.5),
-        ("factors = [8, 4]", "factors", (8, 4)),
     ],
 )
 def test_every_setting_is_a_key_of_its_own_type(folder: Path, monkeypatch, line: str, key: str, value) -> None:
@@ -425,7 +423,6 @@ def test_every_setting_is_a_key_of_its_own_type(folder: Path, monkeypatch, line:
         ("sweeps = 7.5", "a whole number"),
         ("robust = 1", "true or false"),
         ('limit = "far"', "a number"),
-        ("factors = 4", "a list of numbers"),
     ],
 )
 def test_a_setting_of_another_type_is_refused(folder: Path, monkeypatch, line: str, meant: str) -> None:
