@@ -1,4 +1,4 @@
-"""Loading modules without searching what they make, meanwhile, for cycles of objects that nothing refers to."""
+"""Loading modules faster, with the garbage collector off."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def without_garbage_collection() -> Iterator[None]:
-    """Keep the garbage collector from going through objects while the block makes them.
+    """Switch the garbage collector off while the block runs.
 
     Modules are loaded in two thirds of the time: they make many objects, hardly any of which are not needed until the
     end. Later they are searched like others (no `gc.freeze`): Blender's module ends Blender when it is collected.

@@ -45,7 +45,7 @@ def put_folder(place: Path, folder: Path) -> None:
         os.rename(place / RESULTS, folder)
         return
     others = _other_files(place, folder)
-    if others is None or not _is_exchanged(place, folder, others):
+    if others is None or not _exchange(place, folder, others):
         _move_files(place, folder)
 
 
@@ -72,8 +72,8 @@ def _is_worked_in(folder: Path) -> bool:
     return any(Path(path).is_relative_to(folder) for path in working)
 
 
-def _is_exchanged(place: Path, folder: Path, others: Sequence[str]) -> bool:
-    """Exchange a folder for the results and links to its other files."""
+def _exchange(place: Path, folder: Path, others: Sequence[str]) -> bool:
+    """Exchange a folder for the results and links to its other files; returns whether the system could do that."""
     results = place / RESULTS
     linked = []
     try:

@@ -61,7 +61,7 @@ def _made(beside: Path) -> tuple[Path, IO[bytes]]:
         place = Path(tempfile.mkdtemp(prefix=PREFIX, dir=beside))
         try:
             lock = (place / _LOCK).open("wb")
-            _is_locked_now(lock)
+            _try_lock(lock)
             (place / RESULTS).mkdir()
             return place, lock
         except FileNotFoundError:
@@ -105,7 +105,7 @@ def _remove_leftover(place: Path) -> None:
         place.rmdir()  # fails if its lock was created meanwhile
         return
     with (place / _LOCK).open("r+b") as lock:
-        if not _is_locked_now(lock):
+        if not _try_lock(lock):
             return  # another process is using it
         if (place / MOVING).is_file():
             _finish_moving(place)
@@ -132,8 +132,8 @@ def move_files(place: Path, folder: Path) -> None:
         os.replace(file, folder / file.name)
 
 
-def _is_locked_now(lock: IO[bytes]) -> bool:
-    """Lock a file, unless another process holds it."""
+def _try_lock(lock: IO[bytes]) -> bool:
+    """Lock a file, unless another process holds it; returns whether it is locked now."""
     try:
         if sys.platform == "win32":
             import msvcrt

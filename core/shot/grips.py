@@ -15,7 +15,7 @@ from .shot import KeyPoses, Performer, Shot
 
 
 def completed(shot: Shot) -> Shot:
-    """Return the shot with everything filled in that depends on the whole shot, so that excerpts can be tracked
+    """Return the shot with everything filled in that depends on the whole shot, so that segments can be tracked
     alone.
     """
     return shot_with_grips(shot.with_settings_filled())

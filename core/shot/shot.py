@@ -28,7 +28,7 @@ MAX_OFFSET = 0.5
 
 @dataclass(frozen=True)
 class Gap:
-    """A place in footage at which its frames do not count on.
+    """A place in footage where frames are missing, or are there once too often.
 
     Attributes
     ----------
@@ -50,10 +50,25 @@ class Gap:
 class View:
     """A camera and its footage: shot frame f is the footage's frame (or field, if interlaced) every * f + offset.
 
-    If the offset is fractional, that lies between two frames of the footage. The nearest is used as frame f, and shows
-    the performers a little later or earlier (`core.body.time_shift`); a moving camera's pose of frame f is the pose at
-    the footage's frame itself. Behind a gap (in order of their frames) the count goes on as if it were none, see
-    `core.shot.frame_numbers`. The damaged frames, first and last of each stretch of the file, are not used as evidence.
+    Attributes
+    ----------
+    camera : Camera
+        A moving camera's pose of frame f is the pose at the footage's frame itself.
+    footage : Path
+        The video, or the pattern of an image sequence.
+    offset : float
+        Frames, or fields, of the footage. Between two of them, the nearest is used as frame f, and shows the performers
+        a little later or earlier (`core.body.time_shift`).
+    fields : str
+        One of `FIELD_ORDERS`.
+    keypoints : Path, optional
+        File or folder of a detector's 2D keypoints.
+    gaps : tuple of Gap
+        In order of their frames. Behind a gap, frames are counted as if it were none, see `core.shot.frame_numbers`.
+    damaged : tuple of (int, int)
+        First and last frame of the file of each damaged stretch, which is not used as evidence.
+    every : int
+        Number of the footage's frames, or fields, for each frame of the shot.
     """
 
     camera: Camera
@@ -294,8 +309,15 @@ class Shot:
 
     Attributes
     ----------
+    name : str
+        Name of the files with its results.
+    fps : float
+        Frames per second; for interlaced footage, fields per second.
     frames : tuple of int
         First and last frame number of the footage, inclusive; shot frame 0 is the first.
+    views : tuple of View
+    performers : tuple of Performer
+    settings : Settings
     holds : tuple of Hold
         Which performers (props) are held by which others, and when.
     """
