@@ -1,9 +1,9 @@
 """Assigning detections to performers: several people, in several views, over time.
 
-First, the people who are seen by two views or more are located in space (`people`). A performer with key poses is the
-person who stands where these put it. Performers without key poses are given people in the order in which these appear;
-if there are more people than performers, those who take up most of the pictures are chosen. With a single view nobody
-can be located in space; there, key poses are compared with the tracks of that view.
+First, the people who are seen by two views or more are located in space (`located_people`). A performer with key poses
+is the person who stands where these put it. Performers without key poses are given people in the order in which these
+appear; if there are more people than performers, those who take up most of the pictures are chosen. With a single view
+nobody can be located in space; there, key poses are compared with the tracks of that view.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ..triangulation import triangulate
 from .located_people import MAX_TRACK_DISTANCE, find_people
 from .person import LocatedPerson, distance_to, prominence
 from .person_detections import detections_of
-from .tracks import Track, ViewDetections, detection_tracks, without_sides
+from .tracks import Track, ViewDetections, detection_tracks, doubles, without_sides
 
 Reason = Literal["number", "key poses", "order of appearance", "nobody else"]
 MAX_PERSON_DISTANCE = 0.5
@@ -192,17 +192,12 @@ def _by_key_poses(
             (distance, k)
             for k, track in enumerate(free)
             if not any(track is t for t in own)
-            and not _doubled(own, track)
+            and not doubles(own, track)
             and (distance := _distance(detections, empty, track, places)) < MAX_TRACK_DISTANCE
         ]
         if not offers:
             return own
         own.append(free[min(offers)[1]])
-
-
-def _doubled(owned: Sequence[Track], track: Track) -> bool:
-    """Whether a person would be seen twice in one view on the same frame if the track were added to its own."""
-    return any(own.view == track.view and np.intersect1d(own.frames, track.frames).size for own in owned)
 
 
 def _distance(detections: Sequence[ViewDetections], empty: Keypoints, track: Track, places: Array) -> float:

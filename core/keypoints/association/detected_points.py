@@ -21,7 +21,7 @@ class DetectedPoints:
 
     @classmethod
     def of(cls, detections: Sequence[ViewDetections], empty: Keypoints) -> DetectedPoints:
-        """Return the points of the detections of every view; `empty` is as in `people.find_people`."""
+        """Return the points of the detections of every view; `empty` is as in `located_people.find_people`."""
         names, _ = without_sides(empty.names, np.zeros((0, len(empty.names), 2)))
         V, F = empty.confidence.shape[:2]
         rays, confidence = np.full((V, F, len(names), 2), np.nan), np.zeros((V, F, len(names)))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...numerics.arrays import Array, Ints
-from .tracks import Track, ViewDetections
+from .tracks import Track, ViewDetections, doubles
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class LocatedPerson:
 
     def doubled_by(self, track: Track) -> bool:
         """Whether the person would be seen twice in one view on the same frame if the track were added to its own."""
-        return any(t.view == track.view and np.intersect1d(t.frames, track.frames).size for t in self.tracks)
+        return doubles(self.tracks, track)
 
 
 def prominence(detections: Sequence[ViewDetections], person: LocatedPerson) -> float:
@@ -56,5 +56,5 @@ def distance_to(person: LocatedPerson, places: Array) -> float:
 
 
 def _seen(rays: Array) -> Array:
-    """Return which of n detections (n, L, 2) have any keypoint."""
+    """Return those of the detections (n, L, 2) that have any keypoint."""
     return rays[np.isfinite(rays).any(axis=(1, 2))]

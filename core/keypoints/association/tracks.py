@@ -58,6 +58,11 @@ class ViewDetections:
     tracks: Ints
 
 
+def doubles(owned: Sequence[Track], track: Track) -> bool:
+    """Whether a person would be seen twice in one view on the same frame if a track were added to its own."""
+    return any(own.view == track.view and np.intersect1d(own.frames, track.frames).size for own in owned)
+
+
 def without_sides(names: Sequence[str], points: Array) -> tuple[tuple[str, ...], Array]:
     """Return the names and positions of points without a side: middles of left and right ones, and those that have no
     side anyway.

@@ -7,6 +7,7 @@ exact only if the points are as far apart as the joints of the body.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import scipy  # its parts are loaded when they are used
@@ -17,15 +18,42 @@ from ...numerics import rotations
 from ...numerics.arrays import Array
 from ...numerics.resampling import gaps_filled
 
+
+@dataclass(frozen=True)
+class LimbChain:
+    """A limb of two parts with a hinge between them, on either side of the body.
+
+    Attributes
+    ----------
+    upper, lower : str
+        The parts, without their side.
+    joints : tuple of str
+        Landmarks where the upper part begins, at the hinge, and where the lower part ends, without their side.
+    sign : float
+        Sign of the rotation about the x axis that bends the limb: elbows and knees bend in opposite directions.
+    farthest : float
+        Cosine of the farthest twist that is possible: points that show more are taken to be wrong.
+    """
+
+    upper: str
+    lower: str
+    joints: tuple[str, str, str]
+    sign: float
+    farthest: float
+
+    def parts(self, body: Body, side: str) -> tuple[int, int]:
+        """Return the indices of both parts on a side ("L" or "R")."""
+        return body.index(f"{self.upper}.{side}"), body.index(f"{self.lower}.{side}")
+
+
 TRUNK_LANDMARKS = ("LHip", "RHip", "LShoulder", "RShoulder")
 LIMB_CHAINS = (
-    ("upper_arm", "forearm", "Shoulder", "Elbow", "Wrist", 1.0, -0.3),
-    ("thigh", "shin", "Hip", "Knee", "Ankle", -1.0, 0.3),
+    LimbChain("upper_arm", "forearm", ("Shoulder", "Elbow", "Wrist"), sign=1.0, farthest=-0.3),
+    LimbChain("thigh", "shin", ("Hip", "Knee", "Ankle"), sign=-1.0, farthest=0.3),
 )
-"""Upper and lower part, their three joints, the sign of the rotation about the x axis that bends the limb, and the
-cosine of the farthest twist that is possible: points that show more are taken to be wrong."""
 POSED_PARTS = frozenset(
-    {"pelvis", "spine", "chest", *(f"{part}.{side}" for two in LIMB_CHAINS for part in two[:2] for side in "LR")}
+    {"pelvis", "spine", "chest"}
+    | {f"{part}.{side}" for limb in LIMB_CHAINS for part in (limb.upper, limb.lower) for side in "LR"}
 )
 """Parts that a body needs to be posed in closed form; the default body has them."""
 STRAIGHT_SINES = (0.1, 0.3)
@@ -92,14 +120,13 @@ def _orientations(body: Body, known: Mapping[str, Array], fps: float | None) -> 
         rest = body.R_parent_rest[i] if parent < 0 else R[:, parent] @ body.R_parent_rest[i]
         R[:, i] = world.get(i, rest)
         part, _, side = name.partition(".")
-        for upper, lower, *joints, sign, farthest in LIMB_CHAINS:
-            if part != upper or side not in ("L", "R"):
+        for limb in LIMB_CHAINS:
+            if part != limb.upper or side not in ("L", "R"):
                 continue
-            a, b, c = (known.get(side + str(joint)) for joint in joints)
+            a, b, c = (known.get(side + joint) for joint in limb.joints)
             if a is not None and b is not None and c is not None:
-                R[:, i], world[body.index(f"{lower}.{side}")] = limb_orientations(
-                    R[:, i], b - a, c - b, sign=float(sign), farthest=float(farthest), fps=fps
-                )
+                _, lower = limb.parts(body, side)
+                R[:, i], world[lower] = limb_orientations(R[:, i], b - a, c - b, limb, fps)
             elif a is not None and b is not None:
                 R[:, i] = _swung(R[:, i], b - a)
         toe, ankle = (known.get(side[:1] + joint) for joint in ("BigToe", "Ankle"))
@@ -109,7 +136,7 @@ def _orientations(body: Body, known: Mapping[str, Array], fps: float | None) -> 
 
 
 def closed_form_limb(
-    body: Body, motion: Motion, parts: tuple[int, int], points_world: Array, *, sign: float, farthest: float, fps: float
+    body: Body, motion: Motion, limb: LimbChain, side: str, points_world: Array, *, fps: float
 ) -> Array:
     """Return the rotations of a motion's parts after one limb is posed in closed form, shape (F, P, 3, 3).
 
@@ -118,19 +145,18 @@ def closed_form_limb(
     body : Body
     motion : Motion
         F poses.
-    parts : tuple of int
-        Upper and lower part.
+    limb : LimbChain
+    side : str
+        "L" or "R".
     points_world : ndarray, shape (F, 2, 3)
         Elbow and wrist, or knee and ankle; NaN where not known.
-    sign, farthest : float
-        See `LIMB_CHAINS`.
     fps : float
     """
     (R, T), Q = part_poses(body, motion), motion.rotations.copy()
-    upper, lower = parts
+    upper, lower = limb.parts(body, side)
     middle, end = (gaps_filled(points_world[:, k]) for k in range(2))
     rest = R[:, body.parents[upper]] @ body.R_parent_rest[upper]
-    first, second = limb_orientations(rest, middle - T[:, upper], end - middle, sign=sign, farthest=farthest, fps=fps)
+    first, second = limb_orientations(rest, middle - T[:, upper], end - middle, limb, fps)
     Q[:, upper] = np.swapaxes(rest, -1, -2) @ first
     Q[:, lower] = np.swapaxes(first @ body.R_parent_rest[lower], -1, -2) @ second
     return rotations.orthonormal(Q)
@@ -178,7 +204,7 @@ def along_and_across(along: Array, across: Array) -> Array:
 
 
 def limb_orientations(
-    rest: Array, upper: Array, lower: Array, *, sign: float, farthest: float, fps: float | None
+    rest: Array, upper: Array, lower: Array, limb: LimbChain, fps: float | None
 ) -> tuple[Array, Array]:
     """Return the world rotations of both parts of a limb, shape (..., 3, 3) each.
 
@@ -191,18 +217,15 @@ def limb_orientations(
         World orientations of the upper part without a rotation of its joint.
     upper, lower : ndarray, shape (..., 3)
         Directions of the two parts, world frame.
-    sign : float
-        Sign of the hinge's axis, as elbows and knees bend in opposite directions.
-    farthest : float
-        Cosine of the largest angle between the hinge's axis and the untwisted one at which the axis is used.
+    limb : LimbChain
     fps : float or None
         Frames per second, if the first axis is time; None for unrelated poses.
     """
     a, b = (v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9) for v in (upper, lower))
-    hinge = sign * np.cross(a, b)
+    hinge = limb.sign * np.cross(a, b)
     bend = np.linalg.norm(hinge, axis=-1, keepdims=True)
     least = (_swing(rest[..., 1], a) @ rest[..., :1])[..., 0]
-    likely = np.sum(hinge * least, axis=-1, keepdims=True) > farthest * bend
+    likely = np.sum(hinge * least, axis=-1, keepdims=True) > limb.farthest * bend
     if fps is None:
         share = np.clip((bend - STRAIGHT_SINES[0]) / (STRAIGHT_SINES[1] - STRAIGHT_SINES[0]), 0.0, 1.0) * likely
         across = share * hinge / np.maximum(bend, 1e-9) + (1 - share) * least

@@ -36,9 +36,10 @@ def first_pass(
     fps: float,
     correlated: float,
 ) -> KeypointFit:
-    """Fit the motion of a body to keypoints, from each of two starts, and return the better fit.
+    """Fit the motion of a body to keypoints, from each of several starts, and return the best fit.
 
-    One start is the curve through the key poses, the other is posed on the keypoints alone.
+    One start is the curve through the key poses, another is posed on the keypoints alone. If a single view has
+    keypoints, depths are lifted (`single_view`), and whole turns between the key poses are tried as well.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ from ...numerics.arrays import Array, Ints
 from ..keypoint_rays import Keypoints
 from ..keypoint_sigmas import LIFTED_SIGMA, USUAL_SIGMA
 from ..view_agreement import ViewAgreement, without_midpoints
-from .closed_form import LIMB_CHAINS, POSED_PARTS, TRUNK_LANDMARKS, along_and_across, limb_orientations
+from .closed_form import LIMB_CHAINS, POSED_PARTS, TRUNK_LANDMARKS, LimbChain, along_and_across, limb_orientations
 from .person_depth import Rays, floor_ratio, rest_places, root_depth, torso_length
 
 LEAN_SIGMA = 0.5
@@ -96,21 +96,17 @@ def lifted_points(body: Body, keypoints: Keypoints, fps: float, *, mirrored: boo
     hips, shoulders = (0.5 * (points["L" + joint] + points["R" + joint]) for joint in ("Hip", "Shoulder"))
     pelvis = along_and_across(shoulders - hips, points["LHip"] - points["RHip"])
     chest = along_and_across(shoulders - hips, points["LShoulder"] - points["RShoulder"])
-    for upper, lower, *joints in _limb_joints():
-        trunk = chest if upper == "upper_arm" else pelvis
+    for chain in LIMB_CHAINS:
+        trunk = chest if chain.upper == "upper_arm" else pelvis
         for side in "LR":
-            if all(side + joint in rays.directions for joint in joints):
-                limb = Limb.of(body, (f"{upper}.{side}", f"{lower}.{side}"), [side + joint for joint in joints])
+            if all(side + joint in rays.directions for joint in chain.joints):
+                limb = Limb(body, chain, side)
                 found, cost = _limb_points(rays, limb, trunk, points[limb.joints[0]], fps=fps, standing=standing)
                 points, total = points | found, total + cost
     out = np.full((len(keypoints), len(keypoints.names), 3), np.nan)
     for name, place in points.items():
         out[:, keypoints.names.index(name)] = place
     return out, total
-
-
-def _limb_joints() -> list[tuple[str, str, str, str, str]]:
-    return [(upper, lower, a, b, c) for upper, lower, a, b, c, _, _ in LIMB_CHAINS]
 
 
 def _trunk_points(
@@ -160,24 +156,21 @@ def _distance(rays: Rays, name: str, points: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Limb:
-    """Two parts of a body and their three joints.
-
-    Attributes
-    ----------
-    body : Body
-    parts : tuple of int
-    joints : list of str
-        Shoulder, elbow and wrist, or hip, knee and ankle.
-    """
+    """A limb of a body, on one side ("L" or "R")."""
 
     body: Body
-    parts: tuple[int, int]
-    joints: list[str]
+    chain: LimbChain
+    side: str
 
-    @classmethod
-    def of(cls, body: Body, names: tuple[str, str], joints: list[str]) -> Limb:
-        """Return the limb of two parts by their names."""
-        return cls(body, (body.index(names[0]), body.index(names[1])), joints)
+    @property
+    def parts(self) -> tuple[int, int]:
+        """Indices of the upper and the lower part."""
+        return self.chain.parts(self.body, self.side)
+
+    @property
+    def joints(self) -> list[str]:
+        """Landmarks of the limb: shoulder, elbow and wrist, or hip, knee and ankle."""
+        return [self.side + joint for joint in self.chain.joints]
 
     def lengths(self) -> list[float]:
         """Lengths of both parts, metres."""
@@ -188,14 +181,12 @@ class Limb:
         """Return the rotation vectors of both parts, which point along `upper` and `lower`, relative to a trunk (F, 3,
         3).
         """
-        name = self.body.names[self.parts[0]]
-        sign, farthest = next((float(s), float(f)) for part, *_, s, f in LIMB_CHAINS if name.startswith(part))
         # The arms hang on the chest through collar bones, which rest here.
-        carrier = self.body.parts[self.body.index("chest" if name.startswith("upper_arm") else "pelvis")]
+        carrier = self.body.parts[self.body.index("chest" if self.chain.upper == "upper_arm" else "pelvis")]
         R0_upper = carrier.R_world_rest.T @ self.body.parts[self.parts[0]].R_world_rest
         R0_lower = self.body.R_parent_rest[self.parts[1]]
         rest = np.broadcast_to(trunk @ R0_upper, (*upper.shape, 3))
-        first, second = limb_orientations(rest, upper, lower, sign=sign, farthest=farthest, fps=None)
+        first, second = limb_orientations(rest, upper, lower, self.chain, fps=None)
         return [
             rotations.log(np.swapaxes(rest, -1, -2) @ first),
             rotations.log(np.swapaxes(first @ R0_lower, -1, -2) @ second),

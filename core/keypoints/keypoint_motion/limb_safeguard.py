@@ -50,21 +50,18 @@ def repose_lost_limbs(
     aims = points_world - np.einsum("flab,lb->fla", poses[0][:, places.parts], places.offsets)
     worse = _mean_error(keypoints, places.world(poses), sigma) - _mean_error(keypoints, points_world, sigma)
     rotations = motion.rotations
-    for upper, lower, _, *joints, sign, farthest in LIMB_CHAINS:
+    for limb in LIMB_CHAINS:
         for side in "LR":
-            ends = [side + str(joint) for joint in joints]
-            if f"{upper}.{side}" not in body.names or not set(ends) <= set(names):
+            ends = [side + joint for joint in limb.joints[1:]]
+            if f"{limb.upper}.{side}" not in body.names or not set(ends) <= set(names):
                 continue
             columns = [names.index(end) for end in ends]
             lost = _lost_frames(worse[:, columns].max(axis=1), fps)
             lost &= np.isfinite(aims[:, columns]).all(axis=(1, 2))
             if lost.any():
-                pair = body.index(f"{upper}.{side}"), body.index(f"{lower}.{side}")
                 so_far = Motion(motion.translations, rotations)
-                posed = closed_form_limb(
-                    body, so_far, pair, aims[:, columns], sign=float(sign), farthest=float(farthest), fps=fps
-                )
-                chosen = lost[:, None] & np.isin(np.arange(len(body)), pair)
+                posed = closed_form_limb(body, so_far, limb, side, aims[:, columns], fps=fps)
+                chosen = lost[:, None] & np.isin(np.arange(len(body)), limb.parts(body, side))
                 rotations = np.where(chosen[..., None, None], posed, rotations)
     return None if rotations is motion.rotations else Motion(motion.translations, rotations)
 

@@ -91,7 +91,7 @@ def test_a_hand_that_is_not_the_performers_is_nobodys(tmp_path: Path) -> None:
         hand_points(shot, read_shot_keypoints(shot, hands=True), WRISTS)
 
 
-def test_one_view_does_not_do(tmp_path: Path) -> None:
+def test_hands_in_a_single_view_are_refused(tmp_path: Path) -> None:
     shot = shot_with(tmp_path, "openpose", [HANDS.reshape(FRAMES, 42, 3)], count=1)
     with pytest.raises(KeypointError, match="1 of 3 views"):
         hand_points(shot, read_shot_keypoints(shot, hands=True), WRISTS)

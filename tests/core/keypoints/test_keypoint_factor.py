@@ -70,7 +70,7 @@ def test_a_keypoint_factor_pulls_towards_its_keypoints() -> None:
     assert joint_errors(body, start, body, motion).max() < 2e-3
 
 
-def test_a_keypoint_factor_of_some_frames() -> None:
+def test_a_keypoint_factor_is_cut_to_some_frames() -> None:
     body = human()
     seen = keypoints_of(cameras(2), seen_places(body, strolling(body, 6)))
     cut = KeypointFactor(seen, Places.on(body, NAMES), 1.0)[2:5]
