@@ -54,7 +54,7 @@ def with_clean_feet(
     source, bones = prepared(motion_of_body(body, motion, "body", fps))
     R_rest = np.stack([part.R_world_rest for part in body.parts])
     parents = tuple(body.parents)
-    rig = ControlRig(source.rest, _whole(bones), parents, R_rest, R_rest)
+    rig = ControlRig(source.rest, _without_root(bones), parents, R_rest, R_rest)
     poses = retarget(source, bones, rig, RetargetOptions(feet="clean", scale=1.0), planted).poses
     if rig.index("hips") != 0:
         raise BodyError("the hips hang on another part", where=f"part {rig.bones.bones['hips'][0]}")
@@ -66,7 +66,7 @@ def with_clean_feet(
     return motion.moved(step - _of_keys(step, keys))
 
 
-def _whole(bones: BoneMap) -> BoneMap:
+def _without_root(bones: BoneMap) -> BoneMap:
     return BoneMap({role: names for role, names in bones.bones.items() if role != "root"}, bones.preset)
 
 

@@ -14,6 +14,7 @@ from ..errors import BodyError
 from ..numerics.arrays import Array
 from .roles import FINGERS, PARENTS, SIDES, BoneMap, parent_role
 
+_Skeleton = tuple[RestSkeleton, BoneMap]
 _UP = np.array([0.0, 0.0, 1.0])
 _NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shin", "shin": "foot", "foot": "toe"}
 _MIN_TOE_LENGTH, _USUAL_TOE_LENGTH = 0.2, 0.5
@@ -130,10 +131,7 @@ def shortest_turn(a: Array, b: Array) -> Array:
     return np.asarray(R)
 
 
-Rig = tuple[RestSkeleton, BoneMap]
-
-
-def _hand(source: Rig, target: Rig, role: str, above: Array) -> Array:
+def _hand(source: _Skeleton, target: _Skeleton, role: str, above: Array) -> Array:
     """Align a hand's direction if both tails are reliable, and the palms' normals if both have fingers."""
     side = role.partition(".")[2]
     palms = [palm_axes(*rig, side) for rig in (source, target)]
@@ -149,7 +147,9 @@ def _hand(source: Rig, target: Rig, role: str, above: Array) -> Array:
 
 
 def palm_axes(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
-    """Return the hand's axes at rest: along the middle finger, across the palm, out of it; None without fingers."""
+    """Return the hand's axes at rest as columns, shape (3, 3): across the palm towards the index finger, along the
+    middle finger, and perpendicular to both; None without fingers.
+    """
     across = [bones.bones.get(f"{finger}.{side}") for finger in ("index", "pinky")]
     if None in across or f"middle.{side}" not in bones.bones:
         return None
@@ -164,7 +164,7 @@ def palm_axes(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
     return np.stack([x, y, np.cross(x, y)], axis=1)
 
 
-def _finger(source: Rig, target: Rig, role: str, above: Array) -> list[Array]:
+def _finger(source: _Skeleton, target: _Skeleton, role: str, above: Array) -> list[Array]:
     """Align each bone of a finger with the source's corresponding bone, with the hand and then by the shortest
     rotation.
     """
@@ -183,7 +183,7 @@ def _finger(source: Rig, target: Rig, role: str, above: Array) -> list[Array]:
     return found
 
 
-def _foot(source: Rig, target: Rig, role: str, F: Array) -> Array:
+def _foot(source: _Skeleton, target: _Skeleton, role: str, F: Array) -> Array:
     """Turn a foot about the vertical to point where the source's does; toes follow the foot."""
     side = role.partition(".")[2]
     of_source, of_target = (ankle_to_ball(*rig, side) for rig in (source, target))

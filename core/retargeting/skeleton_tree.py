@@ -9,6 +9,9 @@ import numpy as np
 from ..body.skeleton_motion import RestSkeleton
 from .roles import SIDES
 
+_TOPS = ("thigh", "upper_arm")
+"""Roles of the uppermost bones of the limbs."""
+
 
 class SkeletonTree:
     """The hierarchy of a skeleton; bones are given by their indices, parents first."""
@@ -78,6 +81,3 @@ class SkeletonTree:
         free = [j for j in path if j not in others]
         named = [j for j in free if j in roles.get(role, [])]
         return named or free
-
-
-_TOPS = ("thigh", "upper_arm")

@@ -107,14 +107,12 @@ def place(source: SkeletonMotion, of_source: BoneMap, rig: ControlRig, scale: fl
     scale : float, optional
         Metres of the target per unit of the source; by default the ratio of their legs' lengths.
     """
-    ratio = scale
-    legs = leg_length(rig.rest, rig.bones) / leg_length(source.rest, of_source)
-    unit = 1.0 if 0.2 < legs < 5.0 else 10.0 ** round(float(np.log10(legs)))
-    if ratio is None:
-        ratio = legs
+    ratio = leg_length(rig.rest, rig.bones) / leg_length(source.rest, of_source)
+    # Legs of so different lengths are given in different units: so is the place where the source stands.
+    unit = 1.0 if 0.2 < ratio < 5.0 else 10.0 ** round(float(np.log10(ratio)))
     hips = source.rest.indices(of_source.bones["hips"])[0]
     first = source.positions[0, hips] * [1.0, 1.0, 0.0] + [0.0, 0.0, source.rest.ground]
-    return Placement(ratio, first, first * unit)
+    return Placement(ratio if scale is None else scale, first, first * unit)
 
 
 def transfer(
@@ -148,7 +146,7 @@ def transfer(
     for role, alignment in A.items():
         for k, blend in enumerate(source_blends(source.rest, of_source, role, len(alignment))):
             b = rig.index(role, k)
-            turns[:, b], driven[b] = blend.of(source.turns) @ alignment[k], True
+            turns[:, b], driven[b] = blend.rotation(source.turns) @ alignment[k], True
     hips = rig.index("hips")
     centre = placement.moved(hip_path(source, of_source))
     if root == "in-place":
@@ -188,7 +186,7 @@ class BoneBlend:
     high: int
     share: float = 0.0
 
-    def of(self, turns: Array) -> Array:
+    def rotation(self, turns: Array) -> Array:
         """Return the interpolated rotation (F, 3, 3) from the rotations of all bones (F, J, 3, 3)."""
         low = turns[:, self.low]
         if self.low == self.high:

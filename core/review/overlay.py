@@ -36,18 +36,17 @@ SHEET_WIDTH = 2400
 """Width of the contact sheet, pixels."""
 COLUMNS = 7
 """Number of pictures side by side."""
-_CELL_HEIGHT = 460
-_CELL_SPACING = 4
-_MARGIN = 1.2
+_MAX_CELL_HEIGHT, _CELL_SPACING = 460, 4  # pixels
+_MARGIN = 1.2  # size of a crop, relative to the performers'
 _MAX_ZOOM = 1.5
 _WHITE, _HIDDEN, _KEY = (255, 255, 255), (150, 150, 150), (0, 215, 255)
-_BACKGROUND = 24
+_BACKGROUND = 24  # grey level
 _SUBPIXEL_BITS = 4
-_POINT_SPACING = 1.5
+_POINT_SPACING = 1.5  # pixels
 
 
 def sheet_frames(shot: Shot) -> list[int]:
-    """Return the key frames and the frames midway between them, counted from the shot's first."""
+    """Return up to `COLUMNS` of the key frames and the frames midway between them, counted from the shot's first."""
     keys = sorted({int(f) for performer in shot.performers for f in performer.key_poses.frames})
     ends = sorted({0, *keys, shot.length - 1})
     middles = [(a + b) // 2 for a, b in pairwise(ends)]
@@ -152,7 +151,7 @@ def _row(
     R, T = poses
     camera = view.camera.rectified()
     boxes = [_framing(camera, f, geometry, R[k], T[k]) for k, f in enumerate(frames)]
-    height = round(np.clip(np.max([e[1] / e[0] for _, e in boxes]) * width, 0.7 * width, _CELL_HEIGHT))
+    height = round(np.clip(np.max([e[1] / e[0] for _, e in boxes]) * width, 0.7 * width, _MAX_CELL_HEIGHT))
     factors = [max(e[0] / width, e[1] / height, 1 / _MAX_ZOOM) for _, e in boxes]
     images: Iterable[Image]
     if pictures is None:
@@ -189,7 +188,7 @@ def _framing(camera: Camera, frame: int, geometry: Geometry, R: Array, T: Array)
 
 
 def draw_outlines(image: Image, geometry: Geometry, camera: Camera, *, frame: int, R: Array, T: Array) -> None:
-    """Draw the outline of every part into an image: white where it is visible, thin and grey where it is hidden.
+    """Draw the outline of every part into an image: white where it is visible, grey where it is hidden.
 
     Parameters
     ----------
@@ -205,9 +204,9 @@ def draw_outlines(image: Image, geometry: Geometry, camera: Camera, *, frame: in
             outline = _resampled(labels.outlines.uv[a:b])
             outlines.append((outline, _seen(outline, labels.part[0], i)))
     for outline, seen in outlines:
-        _draw_runs(image, outline, ~seen, _HIDDEN, 1)
+        _draw_runs(image, outline, ~seen, _HIDDEN)
     for outline, seen in outlines:
-        _draw_runs(image, outline, seen, _WHITE, 1)
+        _draw_runs(image, outline, seen, _WHITE)
 
 
 def _resampled(corners: NDArray[Any]) -> Array:
@@ -230,14 +229,12 @@ def _seen(outline: Array, label: NDArray[np.int16], part: int) -> NDArray[np.boo
     return seen
 
 
-def _draw_runs(
-    image: Image, outline: Array, mask: NDArray[np.bool_], colour: tuple[int, int, int], thickness: int
-) -> None:
+def _draw_runs(image: Image, outline: Array, mask: NDArray[np.bool_], colour: tuple[int, int, int]) -> None:
     """Draw the pieces of an outline where the mask is True."""
     points = np.round(outline * (1 << _SUBPIXEL_BITS)).astype(np.int32)
     for first, last in runs(mask):
         line = points[first : last + 2]
-        cv2.polylines(image, [line], False, colour, thickness, cv2.LINE_AA, _SUBPIXEL_BITS)
+        cv2.polylines(image, [line], False, colour, 1, cv2.LINE_AA, _SUBPIXEL_BITS)
 
 
 def _cropped(image: Image, centre: Array, size: tuple[int, int]) -> Image:

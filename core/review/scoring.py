@@ -22,6 +22,8 @@ class Score:
     ----------
     frames : int
         Number of frames compared.
+    mean, median : float
+        Of all joints on these frames.
     per_landmark : dict of str to float
         Mean error of each landmark.
     """

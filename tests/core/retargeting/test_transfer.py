@@ -234,8 +234,8 @@ def test_a_spine_brought_to_more_bones_and_back_is_what_it_was(few, many):
     dice = np.random.default_rng(few)
     before, *chain = rotations.exp(dice.normal(0, 0.4, (few + 1, 4, 3)))
     there, back = chain_blends(few, many, has_end=False), chain_blends(many, few, has_end=False)
-    longer = [blend.of(np.stack([*chain, before], axis=1)) for blend in there]  # -1 is the bone below the chain
-    again = [blend.of(np.stack([*longer, before], axis=1)) for blend in back]
+    longer = [blend.rotation(np.stack([*chain, before], axis=1)) for blend in there]  # -1 is the bone below the chain
+    again = [blend.rotation(np.stack([*longer, before], axis=1)) for blend in back]
     assert np.abs(np.array(again) - np.array(chain)).max() < 1e-9
 
 
