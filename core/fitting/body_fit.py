@@ -49,6 +49,7 @@ FIT_STAGES = (
     RefinementStage(0.15, 2.0, 6, excess=0.2),
     RefinementStage(0.10, 1.0, 8, excess=0.1),
 )
+"""From coarse to fine; the body may be up to 40 % wider than the performer at first."""
 CONVERGED_MOVE = 0.001
 """A stage ends when no joint moves by more than this, metres."""
 _ROWS = 9  # of an outline's row: wrench in camera axes, and by the part's stretches

@@ -37,14 +37,13 @@ SIGNIFICANCE = 1e-3
 MIN_OUTLINE_SHARE = 0.3
 """A camera is left unchanged if its view shows the performers' outlines less clearly than this near the model's: the
 performers must be elsewhere in the picture."""
-
-
 REFINEMENT_STAGES = (
     RefinementStage(0.40, 4.0, 8),
     RefinementStage(0.25, 4.0, 4),
     RefinementStage(0.15, 2.0, 4),
     RefinementStage(0.10, 1.0, 6),
 )
+"""From coarse to fine: the outlines are searched for up to 40 cm from the model, in the end up to 10 cm."""
 
 
 @dataclass(frozen=True, eq=False)

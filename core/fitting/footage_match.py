@@ -39,16 +39,18 @@ _SIDE = 160
 _MIN_PIXELS = 60
 """Fewest pixels on which performers must be on one key frame and not on another."""
 _MIN_CHANGE = 4.0
-"""Largest difference between two pictures, grey levels, of pictures that show nobody and say nothing."""
+"""Grey levels by which some pixel of two pictures must differ: others show the same, and say nothing."""
 _MARGIN = np.ones((5, 5), np.uint8)
 """Pixels around the performers that count neither way: key poses are inexact."""
 _MAX_SHIFT, _MIN_SHIFT = 30, 2
-"""Offsets that are tried, frames of the shot."""
+"""Greatest and least change of the offset that is tried, frames of the shot."""
 _MAX_SHIFTED_KEYS, _MAX_READ = 5, 300
-"""Key frames that are used for that, and how far apart they are, frames."""
+"""Greatest number of key frames that are used for that, and of frames from the first of them to the last."""
 _MIN_SHIFTED_MATCH, _MIN_GAIN, _MIN_LACK = 0.97, 3.0, 0.01
-"""What another offset must match, and what the present one lacks: so many times as much, and a little more."""
+"""Another offset is better if it matches at least this well, and if the present one lacks more of a match (1 - match):
+this many times what the other lacks, and this much more."""
 _CORE = np.ones((3, 3), np.uint8)
+"""Pixels inside the performers' outlines that do not count as theirs, for the same reason as `_MARGIN`."""
 _STABILISE = (
     "stabilise its footage, as with: ffmpeg -i FOOTAGE -vf vidstabdetect=tripod=1 -f null - && ffmpeg -i FOOTAGE -vf "
     "vidstabtransform=tripod=1:optzoom=0 -crf 14 CONVERTED.mp4; or solve the camera's motion, as in Blender"
