@@ -57,7 +57,7 @@ class Placing:
         self.slot, self.scene, self.frame = slot, scene, scene.frame_current
         self.bones = bones
         self.body = body_armature.body_from_armature(slot.armature)
-        self.landmarks = order(self.body)
+        self.landmarks = landmarks_in_order(self.body)
         self.marks = joint_marks.on_frame(slot, self.frame)
         self._before = shown_pose.shown_values(slot.armature), joint_marks.everything(slot)
         self._cameras = _cameras_now(scene)
@@ -257,7 +257,7 @@ def _cameras_now(scene: bpy.types.Scene) -> dict[str, Camera]:
     return {slot.name: camera for slot, camera in zip(slots, cameras, strict=True)}
 
 
-def order(body: Body) -> list[str]:
+def landmarks_in_order(body: Body) -> list[str]:
     """Return a body's landmarks in the order in which they are asked for."""
     first = [name for name in PLACING_ORDER if name in body.landmarks]
     return first + [name for name in body.landmarks if name not in first]

@@ -31,7 +31,7 @@ _RATES_DIFFER = 0.01
 
 
 def frames_wanted(scene: bpy.types.Scene) -> list[int] | None:
-    """Shot frames that the scene's settings ask for; None where they are to be proposed.
+    """Return the shot frames that the scene's settings ask for; None where they are to be proposed.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def frames_listed(text: str) -> list[int]:
 
 
 def set_key_poses(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, frames: Sequence[int], poses: Motion) -> int:
-    """Key poses on shot frames as if the animator had set them, beside the keys that are there already unless the
+    """Set key poses on shot frames as if the animator had done so, beside the keys that are there already unless the
     settings say that these are replaced; returns how many were set.
     """
     start = scene.kfmocap.frame_start
@@ -161,7 +161,7 @@ def mark_keypoints(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> int
 def landmark_poses(
     scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, path: Path, up: str, first_row: int
 ) -> tuple[list[int], Motion]:
-    """Shot frames and poses of a file of landmarks, on the frames that the settings ask for.
+    """Return shot frames, and the poses that a file of landmarks shows there, on the frames that the settings ask for.
 
     Raises
     ------

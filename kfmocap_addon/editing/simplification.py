@@ -90,10 +90,10 @@ def simplify(
         Number of keys before and after.
     """
     before = after = 0
-    for track in _tracks(armature, bones):
-        before += track.count()
-        _thin_out(track, angle if track.turns else distance)
-        after += track.count()
+    for attribute in _keyed_attributes(armature, bones):
+        before += attribute.count()
+        _thin_out(attribute, angle if attribute.turns else distance)
+        after += attribute.count()
     return before, after
 
 
@@ -111,7 +111,7 @@ def thin_out_curves(curves: Sequence[bpy.types.FCurve], tolerance: float, *, tur
     _thin_out(_KeyedAttribute(turns, tuple(curves), tuple(k[:0] for k in keys), keys), tolerance)
 
 
-def _tracks(armature: bpy.types.Object, bones: Collection[str] | None) -> Iterator[_KeyedAttribute]:
+def _keyed_attributes(armature: bpy.types.Object, bones: Collection[str] | None) -> Iterator[_KeyedAttribute]:
     channels = body_channels.list_channels(armature)
     found = [
         row for row in key_ownership.channel_keys(armature, channels) if bones is None or channels[row[0]].bone in bones
@@ -132,22 +132,22 @@ def _frames(groups: Iterable[fcurves.Keys]) -> set[int]:
     return {frame for keys in groups for frame in fcurves.frames_of(keys).tolist()}
 
 
-def _thin_out(track: _KeyedAttribute, tolerance: float) -> None:
+def _thin_out(attribute: _KeyedAttribute, tolerance: float) -> None:
     """From the fewest keys on, keys come back where the curves stray most, until they stray too far nowhere."""
-    frames = track.frames()
-    target = track.values(frames)
-    able = _frames(track.tracked)
-    kept = ({int(frames[0]), int(frames[-1])} | track.breaks()) & able
-    anchors = _frames(track.own)
+    frames = attribute.frames()
+    target = attribute.values(frames)
+    able = _frames(attribute.tracked)
+    kept = ({int(frames[0]), int(frames[-1])} | attribute.breaks()) & able
+    anchors = _frames(attribute.own)
     while True:
-        track.keep(kept)
-        stray = track.strays(target, track.values(frames))
+        attribute.keep(kept)
+        stray = attribute.strays(target, attribute.values(frames))
         missing = _worst(frames, np.where(stray > tolerance, stray, 0.0), kept | anchors) & (able - kept)
         if not missing:
             break
         kept |= missing
     if (stray > tolerance).any():
-        track.keep(able)
+        attribute.keep(able)
 
 
 def _worst(frames: NDArray[np.int64], excess: Array, knots: Collection[int]) -> set[int]:

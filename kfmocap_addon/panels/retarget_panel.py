@@ -10,8 +10,10 @@ from .section import Section, draw_as_form
 from .texts import draw_text
 
 
-class KFMOCAP_UL_bones(bpy.types.UIList):  # noqa: N801  Blender's own way of naming lists
+class BoneList(bpy.types.UIList):
     """Roles and the bones that play them."""
+
+    bl_idname = "KFMOCAP_UL_bones"
 
     def draw_item(
         self,
@@ -66,7 +68,7 @@ class RetargetPanel(Section, bpy.types.Panel):
         row.operator(SaveBoneMap.bl_idname, text="", icon="FILE_TICK")
         row.operator(ForgetBones.bl_idname, text="", icon="X")
         if settings.bones:
-            layout.template_list("KFMOCAP_UL_bones", "", settings, "bones", settings, "active_bone", rows=6)
+            layout.template_list(BoneList.bl_idname, "", settings, "bones", settings, "active_bone", rows=6)
         fingers = layout.column(align=True)
         fingers.operator_menu_enum(HandShape.bl_idname, "shape", icon="VIEW_PAN")
         fingers.operator(FingersFromKeypoints.bl_idname, icon="VIEW_PAN")
@@ -83,4 +85,4 @@ def _draw_errors(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) 
             row.label(text=f"{error.degrees:.2f}°  {error.distance:.1f} mm")
 
 
-CLASSES = (KFMOCAP_UL_bones, RetargetPanel)
+CLASSES = (BoneList, RetargetPanel)

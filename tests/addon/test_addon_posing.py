@@ -171,7 +171,7 @@ def test_marks_are_pixels_of_the_undistorted_footage(blender, tmp_path):
 
 
 def test_joints_are_asked_for_limb_by_limb_with_names_that_people_say():
-    names = click_posing.order(BODY)
+    names = click_posing.landmarks_in_order(BODY)
     assert names[:3] == ["LShoulder", "LElbow", "LWrist"] and sorted(names) == sorted(BODY.landmarks)
     assert [click_posing.spoken(n) for n in ("LBigToe", "Neck", "RHip")] == ["Left Big Toe", "Neck", "Right Hip"]
 

@@ -122,7 +122,7 @@ def test_kept_keys_are_still_the_trackers_and_tracking_replaces_them(armature):
     assert angle < 1e-5 and distance < 1e-6
 
 
-def test_some_bones_alone(armature):
+def test_simplifying_some_bones_leaves_the_keys_of_others(armature):
     before = {name: keys.tobytes() for name, keys in keys_of(armature).items()}
     simplification.simplify(armature, np.radians(2), 0.01, {"hand.L"})
     changed = {name for name, keys in keys_of(armature).items() if keys.tobytes() != before[name]}
