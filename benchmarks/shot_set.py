@@ -40,8 +40,6 @@ MADE: Mapping[str, str] = MappingProxyType(
 )
 """The half that each rendered shot belongs to."""
 CACHE = ROOT / "build" / "shots"
-FOLDER = ROOT.parent / "shared" / "data" / "shots"
-"""Default folder of further shots, which belong to the deciding half."""
 GIVEN = ("shot.toml", "shot_keypoints.toml", "landmarks.trc")
 """The files of a further shot."""
 
@@ -83,7 +81,7 @@ def judged_shots(shot: str | None = None, data: Path | None = None) -> list[Judg
     Parameters
     ----------
     data : Path, optional
-        A folder of further shots, by default `FOLDER` if it is there.
+        A folder of further shots, which belong to the deciding half.
 
     Raises
     ------
@@ -105,8 +103,9 @@ def judged_shots(shot: str | None = None, data: Path | None = None) -> list[Judg
 
 
 def _given_shots(data: Path | None) -> list[JudgedShot]:
-    folder = FOLDER if data is None else data
-    if data is not None and not data.is_dir():
+    if data is None:
+        return []
+    if not data.is_dir():
         raise FootageError("there is no such folder", where=str(data))
-    homes = sorted(file.parent for file in folder.glob("*/shot.toml")) if folder.is_dir() else []
+    homes = sorted(file.parent for file in data.glob("*/shot.toml"))
     return [JudgedShot(home.name, DECIDING, home) for home in homes if all((home / name).is_file() for name in GIVEN)]

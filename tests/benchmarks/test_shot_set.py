@@ -46,7 +46,6 @@ def rendered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[list[str]]
                 write_shot_file(tmp_path / "cache" / name, cameras=1 if name == "waving_far" else 2)
 
     monkeypatch.setattr(shot_set, "CACHE", tmp_path / "cache")
-    monkeypatch.setattr(shot_set, "FOLDER", tmp_path / "given")
     monkeypatch.setattr(shot_set, "render", render)
     return calls
 
