@@ -187,7 +187,7 @@ def _repeated(case: Case, folder: Path, repeat: int) -> dict[str, Any]:
 
 def measured_alone(case: Case, folder: Path) -> dict[str, Any]:
     """Measure a case in a separate process, so that its memory and times are its own."""
-    command = [sys.executable, "-m", f"{__package__}.case", json.dumps(case.as_json()), str(folder)]
+    command = [sys.executable, "-m", f"{__package__}.measured_case", json.dumps(case.as_json()), str(folder)]
     threads = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
     process = subprocess.run(command, env=os.environ | threads, capture_output=True, text=True, check=False)
     if process.returncode:

@@ -23,8 +23,8 @@ from ..core.shot.shot import KeyPoses, Shot
 from ..core.tracking.prepare import load_shot
 from ..core.tracking.selection import selected
 from ..core.tracking.tracker import track
-from .case import Watch
 from .experiments_pictures import Image, Panels, stacked_rows
+from .measured_case import Watch
 from .tables import convergence, markdown
 
 Switches = Sequence[tuple[int, int, str]]

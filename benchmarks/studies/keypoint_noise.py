@@ -20,7 +20,7 @@ from ...core.shot.detections import Detections
 from ...core.shot.shot import Shot
 from ...core.tracking.prepare import load_shot
 from ...core.tracking.tracker import track
-from ..case import Reference
+from ..measured_case import Reference
 from ..tables import markdown
 
 MISSING, TURNED, LEAPS, LEAP = 0.20, 0.10, 0.05, 100.0

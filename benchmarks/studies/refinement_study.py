@@ -22,7 +22,7 @@ from ...core.formats import Landmarks, load_cameras, read_trc
 from ...core.shot.shot import Shot
 from ...core.tracking.prepare import load_shot
 from ...core.tracking.tracker import track
-from ..case import Reference
+from ..measured_case import Reference
 
 Cameras = Mapping[str, Camera]
 

@@ -16,7 +16,7 @@ from ...core.tracking.prepare import load_shot
 from ...core.tracking.selection import selected
 from ...core.tracking.solvers.paper_relaxation import relaxation
 from ...core.tracking.tracker import track
-from ..case import Reference
+from ..measured_case import Reference
 from ..tables import markdown
 
 

@@ -12,7 +12,7 @@ import pytest
 from conftest import ROOT
 from kfmocap.__main__ import main
 from kfmocap.benchmarks import bench, tables
-from kfmocap.benchmarks.case import Watch
+from kfmocap.benchmarks.measured_case import Watch
 from kfmocap.benchmarks.rows import CONVERGENCE, ROWS, SWEEPS, Case, Row, cases
 from kfmocap.core.body import human
 from kfmocap.core.body.motion import Motion

@@ -1,4 +1,4 @@
-"""Measuring one case in its own process: `python -m kfmocap.benchmarks.case CASE FOLDER` prints JSON."""
+"""Measuring one case in its own process: `python -m kfmocap.benchmarks.measured_case CASE FOLDER` prints JSON."""
 
 from __future__ import annotations
 
