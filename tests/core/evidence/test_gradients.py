@@ -290,7 +290,7 @@ def test_evidence_pulls_a_wrong_pose_back() -> None:
     assert np.linalg.norm(after - true) < 0.4 * np.linalg.norm(before - true)
 
 
-def test_cameras_add() -> None:
+def test_evidence_of_two_cameras_is_that_of_each_and_leaves_less_open() -> None:
     motion, views = two_frames()
     both = evidence_of(views, motion)
     for v in range(2):

@@ -56,7 +56,7 @@ def test_fixed_unknowns_are_exactly_zero_whatever_they_are_coupled_to() -> None:
     assert (x[fixed] == 0).all() and (x[~fixed] != 0).all()
 
 
-def test_several_right_hand_sides_at_once() -> None:
+def test_several_right_hand_sides_are_solved_at_once() -> None:
     blocks, _ = system(5, 3)
     factor = BandedFactor(blocks, np.zeros((5, 3), bool))
     right = np.random.default_rng(1).normal(0, 1, (5, 3, 4))

@@ -133,7 +133,9 @@ def test_segments_of_another_shot_are_not_taken(tmp_path: Path, shot: Shot, ende
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, CancelledError, OSError, None])
 @pytest.mark.parametrize("resume", [False, True])
-def test_what_stays_of_a_run(tmp_path: Path, ended: Path, error: type[BaseException] | None, resume: bool) -> None:
+def test_segments_stay_of_a_run_that_failed_or_was_interrupted_with_resume(
+    tmp_path: Path, ended: Path, error: type[BaseException] | None, resume: bool
+) -> None:
     """All of it where it failed; what was interrupted stays where it was asked for; nothing of what ended well."""
     folder = copied(ended, tmp_path / f"out{JOURNAL_SUFFIX}")
     with suppress(BaseException), journal_beside(tmp_path / "out", resume=resume) as journal:
