@@ -29,7 +29,7 @@ from .ball_outlines import (
     refined_outlines,
 )
 from .coloured_spots import coloured_spots
-from .found_balls import Balls
+from .found_balls import Balls, FoundBall
 from .small_balls import MAX_RADIUS, find_small_balls, without_rod
 
 Image = NDArray[Any]
@@ -40,7 +40,7 @@ _MIN_AREA = 12  # pixels
 _MAX_HEIGHT_SHARE = 0.4  # of the picture's height
 _MIN_SOLIDITY = 0.6  # area over that of the convex hull: less is no disc, even half covered
 _MAX_BLOBS = 60  # the largest that are looked at: more are the room
-_HOLD = np.cos(np.radians(42))
+_ROD_COSINE = np.cos(np.radians(42))  # of the angle from a rod within which it may hide a ball's outline
 _UNMIXING_RATIO = 3.0  # how many times the share that a ball may have in a pixel is contained in the whole
 _MIN_CHANGE, _MIN_CHANGE_SIGMAS = 8.0, 5.0  # of what passes from the background: levels, and deviations of the noise
 
@@ -109,8 +109,7 @@ def find_balls(picture: Picture, colour: Colour) -> Balls:
     if picture.passing is not None:
         masks.append(colour.mask(picture.passing))
     small = find_small_balls(image, LIGHT, masks)
-    tiny = Balls(small.centres, small.shapes, small.sigma)
-    return Balls.joined([balls, tiny[_is_small(tiny) & ~_within_others(tiny, balls)]])
+    return Balls.joined([balls, small[_is_small(small) & ~_within_others(small, balls)]])
 
 
 def find_spots(picture: Picture, colour: Colour, most: int) -> Balls:
@@ -118,8 +117,7 @@ def find_spots(picture: Picture, colour: Colour, most: int) -> Balls:
     pure = colour.pure()
     if pure is None:
         return Balls.joined([])
-    spots = coloured_spots(picture.even, LIGHT, colour.paler().mask(picture.hsv), pure, most=most)
-    return Balls(spots.centres, spots.shapes, spots.sigma)
+    return coloured_spots(picture.even, LIGHT, colour.paler().mask(picture.hsv), pure, most=most)
 
 
 def _is_small(balls: Balls) -> NDArray[np.bool_]:
@@ -161,7 +159,7 @@ def without_rods(
         return balls, small
     spokes = CIRCLE @ balls.shapes
     spokes /= np.linalg.norm(spokes, axis=-1, keepdims=True)
-    hidden = (spokes @ np.swapaxes(ways, 1, 2) > _HOLD).any(axis=-1)
+    hidden = (spokes @ np.swapaxes(ways, 1, 2) > _ROD_COSINE).any(axis=-1)
     measured, good = refined_outlines(
         picture.even, balls, hidden, MEASURING_TOLERANCE, CIRCLE_TERMS if still else ELLIPSE_TERMS
     )
@@ -174,7 +172,7 @@ def _small_without_rods(picture: Picture, balls: Balls, small: NDArray[np.bool_]
         return balls
     columns = [balls.centres.copy(), balls.shapes.copy(), balls.sigma.copy()]
     for k in np.flatnonzero(small):
-        own = balls.centres[k], balls.shapes[k]
+        own = FoundBall(balls.centres[k], balls.shapes[k], float(balls.sigma[k]))
         measured = without_rod(picture.even, LIGHT, own, ways[k], still=still)
         if measured is not None:
             for column, value in zip(columns, measured, strict=True):

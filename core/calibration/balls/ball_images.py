@@ -67,8 +67,8 @@ def fit_ball(image: Image, plate: Array | None, guess: BallGuess) -> BallImage |
     image : ndarray, shape (h, w, 3)
         Levels from 0 to 255.
     plate : ndarray, shape (h, w, 3), optional
-        The same camera's picture without the ball, levels. Where it does not fit around the ball, a plane through the
-        pixels around it is the background.
+        The same camera's picture without the ball (a clean plate), levels from 0 to 255. Where it does not fit around
+        the ball, a plane through the pixels around it is the background.
     guess : BallGuess
 
     Returns

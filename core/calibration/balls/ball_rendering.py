@@ -38,7 +38,7 @@ _BALL_REACH = 2.5  # pixels beyond the outline from which on there is background
 _ROD_REACH = 3.0  # pixels to both sides of a rod that may be its own
 _MAX_MOMENTS = 6  # of the exposure, at most
 _MAX_MOMENT_SPACING = 0.8  # of the path between two moments: no more than the blur bridges
-_PLATE_MISFIT = 0.03  # levels by which pixels around a ball may differ from the background seen without it
+_PLATE_MISFIT = 0.03  # levels, 0 to 1, by which pixels around a ball may differ from the background seen without it
 _PLATE_GAIN = 1.4  # factor by which the exposure may differ from that of the background's picture
 
 

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from ...capture.linear_light import LINEAR_LIGHT
 from ...numerics.arrays import Array
 from ...numerics.robust_kernels import NORMAL_MAD
-from .small_balls import SmallBalls, measure_small_ball
+from .found_balls import Balls, FoundBall
+from .small_balls import measure_small_ball
 
 Image = NDArray[Any]
 
@@ -30,7 +31,7 @@ _MIDDLE_WINDOW = np.ones((3, 3), np.uint8)  # of a spot's middle, where the pict
 _MIN_SPACING = 2.0  # pixels within which two spots are one
 
 
-def coloured_spots(image: Image, light: Array, coloured: Image, pure: Array, *, most: int) -> SmallBalls:
+def coloured_spots(image: Image, light: Array, coloured: Image, pure: Array, *, most: int) -> Balls:
     """Return the small balls among the spots of a colour, the most conspicuous first.
 
     Parameters
@@ -46,15 +47,15 @@ def coloured_spots(image: Image, light: Array, coloured: Image, pure: Array, *, 
     most : int
         How many of them at most.
     """
-    found: list[tuple[Array, Array, float]] = []
+    found: list[FoundBall] = []
     near = cv2.dilate(coloured, _MIDDLE_WINDOW) > 0
     for v, u in _peaks(_standing_out(_share_of(image, pure)), near):
         if len(found) == most:
             break
         ball = measure_small_ball(image, light, np.array([u, v], float))
-        if ball is not None and all(np.linalg.norm(ball[0] - other) > _MIN_SPACING for other, _, _ in found):
+        if ball is not None and all(np.linalg.norm(ball.centre - other.centre) > _MIN_SPACING for other in found):
             found.append(ball)
-    return SmallBalls.of(found)
+    return Balls.of(found)
 
 
 def _share_of(image: Image, pure: Array) -> Image:

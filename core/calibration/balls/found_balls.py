@@ -1,15 +1,33 @@
-"""Balls that were found in a picture: where and how large their outlines are."""
+"""Balls that were found in a picture: where and how large they are."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...numerics.arrays import Array
+
+
+class FoundBall(NamedTuple):
+    """One ball that was found in a picture: a row of `Balls`.
+
+    Attributes
+    ----------
+    centre : ndarray, shape (2,)
+        Pixels.
+    shape : ndarray, shape (2, 2)
+        See `Balls.shapes`.
+    sigma : float
+        Standard deviation of each coordinate of the centre, pixels.
+    """
+
+    centre: Array
+    shape: Array
+    sigma: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,7 +37,7 @@ class Balls:
     Attributes
     ----------
     centres : ndarray, shape (n, 2)
-        Of their outlines' ellipses, pixels.
+        Of their outlines' ellipses, or of their colour where they are too small for an outline, pixels.
     shapes : ndarray, shape (n, 2, 2)
         Symmetric; an outline is centre + shape @ (cos, sin), pixels. A ball that moved while the shutter was open is
         longer than wide.
@@ -46,6 +64,13 @@ class Balls:
         """Return these balls where `which`, shape (n,), says so, and as many others elsewhere."""
         pairs = [(getattr(self, item.name), getattr(others, item.name)) for item in fields(Balls)]
         return Balls(*(np.where(which.reshape(-1, *[1] * (own.ndim - 1)), own, other) for own, other in pairs))
+
+    @classmethod
+    def of(cls, balls: Sequence[FoundBall]) -> Balls:
+        """Return single balls as a set."""
+        if not balls:
+            return cls.joined([])
+        return cls(*(np.array(column, float) for column in zip(*balls, strict=True)))
 
     @classmethod
     def joined(cls, balls: Sequence[Balls]) -> Balls:

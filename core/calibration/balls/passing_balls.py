@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ...capture.linear_light import GAMMA, LINEAR_LIGHT
 from ...numerics.arrays import Array
 from ...numerics.robust_kernels import NORMAL_MAD
-from .small_balls import SmallBalls
+from .found_balls import Balls, FoundBall
 
 Image = NDArray[Any]
 
@@ -205,22 +205,22 @@ class PassingBalls:
                 if ball.even is even and near.any():
                     own.append(float(heights[near][0]))
                     if (again := found._measured(frame, places[near][0])) is not None:
-                        sizes.append(ball.radius / float(np.linalg.norm(again[1], -2)))
+                        sizes.append(ball.radius / float(np.linalg.norm(again.shape, -2)))
         above = _MIN_PEAK_RATIO * float(np.median(others))
         threshold = max(_MIN_PEAK_SIGMAS, min(above, _MAX_SAMPLE_SHARE * float(np.median(own or [np.inf]))))
         return replace(found, threshold=threshold, size=float(np.median(sizes or [1.0])))
 
-    def find(self, frame: PassingFrame) -> SmallBalls:
+    def find(self, frame: PassingFrame) -> Balls:
         """Return the small moving balls of a frame, the most certain first."""
         places = self._peaks(frame, self.threshold)[1]
-        found: list[tuple[Array, Array, float]] = []
+        found: list[FoundBall] = []
         for place in places[:_MAX_PEAKS]:
             measured = self._measured(frame, place)
             if measured is not None and all(
-                np.linalg.norm(measured[0] - c) > np.linalg.norm(s, 2) for c, s, _ in found
+                np.linalg.norm(measured.centre - other.centre) > np.linalg.norm(other.shape, 2) for other in found
             ):
                 found.append(measured)
-        return SmallBalls.of(found)
+        return Balls.of(found)
 
     def _peaks(self, frame: PassingFrame, least: float) -> tuple[Array, NDArray[np.int64]]:
         """Return the heights of the filter's peaks, decreasing, in deviations of its noise, and their pixels (v, u)."""
@@ -234,8 +234,8 @@ class PassingBalls:
         order = np.argsort(-heights)
         return heights[order], places[order]
 
-    def _measured(self, frame: PassingFrame, place: NDArray[np.int64]) -> tuple[Array, Array, float] | None:
-        """Return the centre, shape and standard deviation of the ball at a peak; None if there is no ball."""
+    def _measured(self, frame: PassingFrame, place: NDArray[np.int64]) -> FoundBall | None:
+        """Return the ball at a peak; None if there is none."""
         size = np.array(frame.even.shape[:2])
         if (place < _EDGE_WIDTH).any() or (place >= size - _EDGE_WIDTH).any():
             return None
@@ -268,7 +268,7 @@ class PassingBalls:
         sigma = float(
             np.sqrt(_MIN_SIGMA**2 + scatter**2 + (_PATH_SHARE * path / 2) ** 2 + (_SHADING_SHARE * radius) ** 2)
         )
-        return centre + [left, top], shape, sigma
+        return FoundBall(centre + [left, top], shape, sigma)
 
     def _share(self, frame: PassingFrame, own: tuple[slice, slice]) -> tuple[Array, float]:
         """Return how much of every pixel of a window is the ball's colour, and its standard deviation."""

@@ -8,7 +8,6 @@ one side of its middle as on the other.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from ...numerics.arrays import Array, Bools
 from ...numerics.least_squares import GAUSS_NEWTON, minimise
+from .found_balls import Balls, FoundBall
 from .swept_disc import STOPPING, DiscFit
 
 Image = NDArray[Any]
@@ -49,33 +49,7 @@ _MIN_RADIUS = 1.0  # pixels
 _MAX_SHARE_AROUND = 0.35  # share of a blob's colour that may lie around it
 
 
-@dataclass(frozen=True, eq=False)
-class SmallBalls:
-    """Small balls, as measured.
-
-    Attributes
-    ----------
-    centres : ndarray, shape (n, 2)
-        Pixels.
-    shapes : ndarray, shape (n, 2, 2)
-        See `Balls.shapes`.
-    sigma : ndarray, shape (n,)
-        Standard deviations of the centres' coordinates, pixels.
-    """
-
-    centres: Array
-    shapes: Array
-    sigma: Array
-
-    @classmethod
-    def of(cls, found: Sequence[tuple[Array, Array, float]]) -> SmallBalls:
-        """Return the balls of a centre, a shape and a standard deviation each."""
-        if not found:
-            return cls(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0))
-        return cls(*(np.array(column, float) for column in zip(*found, strict=True)))
-
-
-def find_small_balls(image: Image, light: Array, masks: Sequence[Image]) -> SmallBalls:
+def find_small_balls(image: Image, light: Array, masks: Sequence[Image]) -> Balls:
     """Measure the small blobs of a colour.
 
     Parameters
@@ -86,7 +60,7 @@ def find_small_balls(image: Image, light: Array, masks: Sequence[Image]) -> Smal
     masks : sequence of ndarray of uint8, shape (h, w)
         Where the picture has the colour, by one or several ranges.
     """
-    found: list[tuple[Array, Array, float]] = []
+    found: list[FoundBall] = []
     # Opened, the mask lets go of specks of its colour that touch a ball.
     candidates = [
         (m, mask, blobs)
@@ -110,14 +84,14 @@ def find_small_balls(image: Image, light: Array, masks: Sequence[Image]) -> Smal
             measured = _measured(light[image[window]], labels[window] == k, mask[window] > 0)
             if measured is None:
                 continue
-            centre = measured[0] + [window[1].start, window[0].start]
-            if all(np.linalg.norm(centre - other) > _MIN_SPACING for other, _, _ in found):
-                found.append((centre, *measured[1:]))
-    return SmallBalls.of(found)
+            centre = measured.centre + [window[1].start, window[0].start]
+            if all(np.linalg.norm(centre - other.centre) > _MIN_SPACING for other in found):
+                found.append(measured._replace(centre=centre))
+    return Balls.of(found)
 
 
-def measure_small_ball(image: Image, light: Array, place: Array) -> tuple[Array, Array, float] | None:
-    """Return the centre, shape and standard deviation of a small ball near a place (2,), pixels; None if there is none.
+def measure_small_ball(image: Image, light: Array, place: Array) -> FoundBall | None:
+    """Return the small ball near a place (2,), pixels; None if there is none.
 
     As `find_small_balls`, but without a range of colours: the pixels some distance away are the background.
     """
@@ -132,7 +106,7 @@ def measure_small_ball(image: Image, light: Array, place: Array) -> tuple[Array,
     v, u = np.indices(image[window].shape[:2])
     away = np.hypot(u + start[0] - place[0], v + start[1] - place[1])
     measured = _measured(light[image[window]], away < _CORE_RADIUS, away < _BALL_RADIUS)
-    return None if measured is None else (measured[0] + start, *measured[1:])
+    return None if measured is None else measured._replace(centre=measured.centre + start)
 
 
 def _window(size: tuple[int, ...], box: Sequence[int]) -> tuple[slice, slice] | None:
@@ -144,8 +118,8 @@ def _window(size: tuple[int, ...], box: Sequence[int]) -> tuple[slice, slice] | 
     return slice(max(y0, 0), min(y1, size[0])), slice(max(x0, 0), min(x1, size[1]))
 
 
-def _measured(light: Array, blob: Bools, coloured: Bools) -> tuple[Array, Array, float] | None:
-    """Return the centre, shape and standard deviation of one blob in its window; None if it is not a ball."""
+def _measured(light: Array, blob: Bools, coloured: Bools) -> FoundBall | None:
+    """Return one blob as a ball, in the pixels of its window; None if it is none."""
     share = _share_of_ball(light, blob, coloured)
     if share is None:
         return None
@@ -177,7 +151,7 @@ def _measured(light: Array, blob: Bools, coloured: Bools) -> tuple[Array, Array,
     shape = (vectors * [radius, radius + path / 2]) @ vectors.T
     noise = float(np.std(share[~around])) if (~around).any() else _NOISE_SHARE
     scatter = noise * float(np.sqrt((off[near] ** 2).sum() / 2)) / total
-    return centre, shape, float(np.sqrt(_MIN_SIGMA**2 + scatter**2 + (BLUR_SHARE * path / 2) ** 2))
+    return FoundBall(centre, shape, float(np.sqrt(_MIN_SIGMA**2 + scatter**2 + (BLUR_SHARE * path / 2) ** 2)))
 
 
 def _core(share: Array, blob: Bools) -> Bools:
@@ -213,9 +187,7 @@ def _share_of_ball(light: Array, blob: Bools, coloured: Bools) -> Array | None:
     return np.asarray(np.clip((share - least) / max(1 - least, 1e-6), 0, 1))
 
 
-def without_rod(
-    image: Image, light: Array, ball: tuple[Array, Array], ways: Array, *, still: bool
-) -> tuple[Array, Array, float] | None:
+def without_rod(image: Image, light: Array, ball: FoundBall, ways: Array, *, still: bool) -> FoundBall | None:
     """Measure a small ball again by the part of it that rods cannot hide.
 
     A disc that is swept along the ball's path and blurred is fitted to the shares of its colour, in all pixels that do
@@ -226,8 +198,8 @@ def without_rod(
     image : ndarray of uint8, shape (h, w, 3)
     light : ndarray, shape (256,)
         Linear light of its levels.
-    ball : tuple of ndarray, shapes (2,) and (2, 2)
-        Centre and shape before, see `SmallBalls`.
+    ball : FoundBall
+        As it was measured with the rods.
     ways : ndarray, shape (m, 2)
         Unit vectors from its middle along the rods; NaN for none.
     still : bool
@@ -235,11 +207,11 @@ def without_rod(
 
     Returns
     -------
-    tuple of ndarray, shapes (2,) and (2, 2), and float, or None
-        Centre, shape and standard deviation; None where too little is left of the ball.
+    FoundBall or None
+        None where too little is left of it.
     """
-    centre, shape = ball
-    values, vectors = np.linalg.eigh(shape)
+    centre = ball.centre
+    values, vectors = np.linalg.eigh(ball.shape)
     radius, path = float(values[0]), 0.0 if still else 2 * float(values[1] - values[0])
     half = int(np.ceil(values[1] + _RIM_WIDTH)) + _MARGIN
     u0, v0 = (round(float(x)) - half for x in centre)
@@ -277,4 +249,4 @@ def without_rod(
     length = float(np.hypot(*x[3:]))
     way = x[3:] / length if length > 1e-9 else np.array([1.0, 0.0])
     grown = x[2] * np.eye(2) + length / 2 * np.outer(way, way)
-    return x[:2], grown, float(np.sqrt(_MIN_SIGMA**2 + sigma**2 + (BLUR_SHARE * length / 2) ** 2))
+    return FoundBall(x[:2], grown, float(np.sqrt(_MIN_SIGMA**2 + sigma**2 + (BLUR_SHARE * length / 2) ** 2)))

@@ -28,7 +28,7 @@ _SIZE_SIGMA = 0.12  # standard deviation of the balls' sizes in the picture, rel
 _MIRROR_MARGIN = 9.0  # how much better, in squared standard deviations, a mirrored L-frame must fit
 
 
-def standing(seen: Sequence[Balls], most: int = _MAX_CANDIDATES) -> Balls:
+def static_balls(seen: Sequence[Balls], most: int = _MAX_CANDIDATES) -> Balls:
     """Return the balls that stand still in several pictures, averaged, the largest first."""
     seen = [balls for balls in seen if len(balls)]
     if not seen:
@@ -92,7 +92,7 @@ def identified(balls: Balls, frame: LFrameModel, where: str) -> list[int]:
     Parameters
     ----------
     balls : Balls
-        The static balls.
+        Those that stand still, see `static_balls`.
     frame : LFrameModel
     where : str
         Video and camera, for error messages.

@@ -20,7 +20,7 @@ from ...shot.footage import pictures, probe
 from ..balls.ball_centres import centres_of
 from ..balls.ball_detection import Picture, find_balls, find_spots, without_rods
 from ..balls.found_balls import Balls
-from .lframe_detection import TRIED_FOCALS, LFrameModel, LFrameUnseenError, identified, standing
+from .lframe_detection import TRIED_FOCALS, LFrameModel, LFrameUnseenError, identified, static_balls
 
 _SEARCHED_PICTURES, _AVERAGED_PICTURES = 15, 200
 """Frames on which balls are looked for, and of which the mean is taken."""
@@ -98,10 +98,10 @@ def find_lframe(
     frame = LFrameModel(videos.lframe_points, videos.lframe_diameter, (np.array(size) - 1) / 2, focals)
     where = f"{view.lframe} (camera {view.camera})"
     images = [Picture.of(image) for image in spread_out(view.lframe)]
-    balls = standing([find_balls(picture, videos.lframe_colour) for picture in images], _MAX_CANDIDATES)
+    balls = static_balls([find_balls(picture, videos.lframe_colour) for picture in images], _MAX_CANDIDATES)
     # Small balls drown in the noise of single frames, not in that of all of them together.
     still = Picture.of(still_picture(view.lframe).round().astype(np.uint8))
-    calm = standing([find_balls(still, videos.lframe_colour)], _MAX_CANDIDATES)
+    calm = static_balls([find_balls(still, videos.lframe_colour)], _MAX_CANDIDATES)
     spots = find_spots(still, videos.lframe_colour, _MAX_CANDIDATES)
     candidates = Balls.joined([balls, calm[_apart(calm, balls)]])
     candidates = Balls.joined([candidates, spots[_apart(spots, candidates)]])
@@ -166,7 +166,7 @@ def _without_arms(images: Sequence[Picture], balls: Balls, which: list[int]) -> 
         there = [which.index(other) for other in held if other in which]
         ends[row, : len(there)] = balls.centres[there]
     seen = [without_rods(picture, balls, ends, still=True) for picture in images]
-    measured = [standing([own[[k]][good[[k]]] for own, good in seen]) for k in range(len(balls))]
+    measured = [static_balls([own[[k]][good[[k]]] for own, good in seen]) for k in range(len(balls))]
     return Balls.joined([ball if len(ball) else balls[[k]] for k, ball in enumerate(measured)])
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from ...numerics.arrays import Array
 from ...numerics.robust_kernels import Cauchy
 from ..solving.camera_rig import Rig
-from .limb_residuals import JOINTS, JointScene
+from .limb_residuals import JOINTS, LIMB_ENDS, JointScene
 
 LEVEL_SIGMA = np.radians(2.0)
 """How far a camera on a tripod usually leans to its side, radians."""
@@ -19,6 +19,7 @@ ANKLE_SHARE = 0.29
 _TILT_KERNEL_SCALE = 2.0
 """Scale of the kernel on what cameras lean, in standard deviations: some are turned on purpose, or propped up."""
 _ROUNDS = 20  # of reweighting
+_SHIN = list(LIMB_ENDS).index("shin")
 _STANDING_SHARE = 0.25
 """Share of the frames on which the lower ankle is no higher than on the floor."""
 
@@ -43,7 +44,7 @@ def in_performers_world(scene: JointScene) -> Rig:
     ankles = np.stack([joint["RAnkle"], joint["LAnkle"]]) @ up
     lower = np.where(np.isfinite(ankles), ankles, np.inf).min(axis=0)
     lower = lower[np.isfinite(lower)]
-    floor = (np.quantile(lower, _STANDING_SHARE) if len(lower) else 0.0) - ANKLE_SHARE * scene.lengths[0]
+    floor = (np.quantile(lower, _STANDING_SHARE) if len(lower) else 0.0) - ANKLE_SHARE * scene.lengths[_SHIN]
     origin = np.nan_to_num(hips[first])
     t = -R @ origin
     t[2] = -floor

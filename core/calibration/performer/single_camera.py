@@ -131,18 +131,19 @@ def camera_by_performer(
         raise CaptureError("no frame shows a limb", where=f"keypoints of camera '{view.camera}'", todo=todo)
     knows_lens = view.lens is not None
 
-    def setting(x: Array) -> _Setting:
+    def tried(x: Array) -> _TriedCamera:
         usual = USUAL_FOCAL * max(view.size)
         matrix = view.matrix(usual if knows_lens else usual * np.exp(LOG_FOCAL_SIGMA * x[3]))
-        return _Setting(TILT_SIGMA * x[0], LEVEL_SIGMA * x[1], USUAL_HEIGHT * np.exp(LOG_HEIGHT_SIGMA * x[2]), matrix)
+        above = USUAL_HEIGHT * np.exp(LOG_HEIGHT_SIGMA * x[2])
+        return _TriedCamera(TILT_SIGMA * x[0], LEVEL_SIGMA * x[1], above, matrix)
 
     def residuals(x: Array) -> Array:
         """All residuals in standard deviations, as are the unknowns themselves, relative to their usual values."""
         level = _robust(x[1:2], _LEAN_SCALE)
-        return np.concatenate([standing.residuals(setting(x)), x[:1], level, x[2:]])
+        return np.concatenate([standing.residuals(tried(x)), x[:1], level, x[2:]])
 
     found = least_squares(residuals, np.zeros(3 if knows_lens else 4))
-    best = setting(found.x)
+    best = tried(found.x)
     deviation = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
     return SingleViewCalibration(
         _camera(view, best, standing.first_hips(best)),
@@ -154,8 +155,18 @@ def camera_by_performer(
 
 
 @dataclass(frozen=True, eq=False)
-class _Setting:
-    """The unknowns of the camera: angles in radians, height above the floor in metres, focal length in pixels."""
+class _TriedCamera:
+    """A camera that is tried, above the floor of a world whose origin is not fixed yet.
+
+    Attributes
+    ----------
+    tilt, roll : float
+        By how much it looks down, and is turned about its line of sight, radians.
+    height : float
+        Above the floor, metres.
+    matrix : ndarray, shape (3, 3)
+        Intrinsic matrix, pixels.
+    """
 
     tilt: float
     roll: float
@@ -224,18 +235,18 @@ class _Standing:
             correlated=seen.correlated,
         )
 
-    def residuals(self, setting: _Setting) -> Array:
+    def residuals(self, camera: _TriedCamera) -> Array:
         """Distances of the lower ankle from the floor, by frame, and the performer's median lean."""
-        focal, down = setting.matrix[1, 1], setting.down
+        focal, down = camera.matrix[1, 1], camera.down
         depth = focal / self.scale
-        below = (setting.rays(self.ankles) @ down) * depth[:, None]
+        below = (camera.rays(self.ankles) @ down) * depth[:, None]
         below = below[np.isfinite(below).any(axis=1)]
         lower = np.maximum(np.nanmax(below, axis=1), _MIN_DEPTH) if len(below) else np.zeros(0)
         # A performer of other proportions seems farther away or nearer, so errors of heights are relative.
-        off = np.log(lower / max(setting.height - self.ankle_height, _MIN_DEPTH)) / PROPORTION_SIGMA
-        return np.concatenate([_robust(off, _ROBUST_SCALE, self.correlated), self._leaning(setting, depth)])
+        off = np.log(lower / max(camera.height - self.ankle_height, _MIN_DEPTH)) / PROPORTION_SIGMA
+        return np.concatenate([_robust(off, _ROBUST_SCALE, self.correlated), self._leaning(camera, depth)])
 
-    def _leaning(self, setting: _Setting, depth: Array) -> Array:
+    def _leaning(self, camera: _TriedCamera, depth: Array) -> Array:
         """Return the median angle in the picture between the performer and the vertical there; empty if it is not
         seen.
         """
@@ -244,20 +255,20 @@ class _Standing:
         seen = np.isfinite(body).all(axis=1)
         if not seen.any():
             return np.zeros(0)
-        head = setting.rays(feet[seen]) * depth[seen, None] - self.tall * setting.down
-        vertical = head[:, :2] / np.maximum(head[:, 2:], _MIN_DEPTH) * setting.matrix[[0, 1], [0, 1]]
-        vertical += setting.matrix[:2, 2] - feet[seen]
+        head = camera.rays(feet[seen]) * depth[seen, None] - self.tall * camera.down
+        vertical = head[:, :2] / np.maximum(head[:, 2:], _MIN_DEPTH) * camera.matrix[[0, 1], [0, 1]]
+        vertical += camera.matrix[:2, 2] - feet[seen]
         across = vertical[:, 0] * body[seen, 1] - vertical[:, 1] * body[seen, 0]
         angle = np.arctan2(across, (vertical * body[seen]).sum(axis=1))
         middle = np.median(angle)
         spread = NORMAL_MAD * np.median(np.abs(angle - middle))  # bending at times makes it less certain
         return np.array([middle / np.hypot(SWAY_SIGMA, spread)])
 
-    def first_hips(self, setting: _Setting) -> Array:
+    def first_hips(self, camera: _TriedCamera) -> Array:
         """Position of the hips on the first frame on which they are seen, in camera axes, metres."""
         frame = int(np.argmax(np.isfinite(self.hips).all(axis=1)))
-        point = np.where(np.isfinite(self.hips[frame]), self.hips[frame], setting.matrix[:2, 2])
-        return np.asarray(setting.rays(point) * setting.matrix[1, 1] / self.scale[frame])
+        point = np.where(np.isfinite(self.hips[frame]), self.hips[frame], camera.matrix[:2, 2])
+        return np.asarray(camera.rays(point) * camera.matrix[1, 1] / self.scale[frame])
 
 
 def _robust(residuals: Array, scale: float, correlated: float = 1.0) -> Array:
@@ -265,12 +276,12 @@ def _robust(residuals: Array, scale: float, correlated: float = 1.0) -> Array:
     return np.asarray(np.sign(residuals) * np.sqrt(Cauchy(scale).cost(residuals**2) / correlated))
 
 
-def _camera(view: PerformerView, setting: _Setting, hips: Array) -> Camera:
+def _camera(view: PerformerView, camera: _TriedCamera, hips: Array) -> Camera:
     """Return the camera in the performer's world."""
-    up = -setting.down
+    up = -camera.down
     right = np.array([1.0, 0.0, 0.0]) - up[0] * up
     right /= np.linalg.norm(right)
     R = np.stack([right, np.cross(up, right), up], axis=1)
     centre = -hips @ R  # beside the hips, and above the floor
-    t = -R @ np.array([centre[0], centre[1], setting.height])
-    return view.camera_at(setting.matrix, R, t)
+    t = -R @ np.array([centre[0], centre[1], camera.height])
+    return view.camera_at(camera.matrix, R, t)

@@ -71,9 +71,16 @@ class Clocks:
 
 @dataclass(frozen=True)
 class Lag:
-    """The lag between two videos, in frames of the second: frame f of one is frame ratio f + lag of the other.
+    """The lag between two videos.
 
-    With it, the balls are at a median `distance` from their epipolar lines, pixels, on the frames that both share.
+    Attributes
+    ----------
+    lag : float
+        Frames of the second: frame f of the first is frame ratio f + lag of the second.
+    distance : float
+        Median distance of the balls from their epipolar lines with this lag, pixels.
+    shared : int
+        Number of frames on which both videos show the wand.
     """
 
     lag: float

@@ -327,7 +327,7 @@ def _resected(
 
 
 def _posed(points: Array, straight: Array, focal: float) -> tuple[float, float, Array, Array] | None:
-    """Return the misfit of a focal length, the focal length, and the pose that belongs to it."""
+    """Return how many points a focal length fits, those that are off counted less; the focal length; and its pose."""
     cv2.setRNGSeed(1)
     K = np.diag([focal, focal, 1.0])
     found, rvec, t, inliers = cv2.solvePnPRansac(

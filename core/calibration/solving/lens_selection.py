@@ -56,7 +56,7 @@ def select_lens_unknowns(
         if every[c, K2] and not free[c, K2]:
             k2 = rig.distortions[c, 1] - scene.rig.distortions[c, 1]
             out[c, K2] = k2**2 > chdtri(1, _SIGNIFICANCE) * block[K2, K2] and block[K2, K2] < MAX_K2_SIGMA**2
-        if every[c, 7] and not free[c, 7]:
+        if every[c, CENTRE].any() and not free[c, CENTRE].any():
             shift = rig.centre[c] - lens.centre
             own = block[CENTRE, CENTRE]
             sure = np.sqrt(np.linalg.eigvalsh(own)[-1]) < MAX_CENTRE_SIGMA * lens.size[0]

@@ -40,6 +40,7 @@ class Epipolar:
     F : ndarray, shape (3, 3)
         x_jᵀ F x_i = 0 for points about the principal points, without distortion.
     bend : float
+        The lens distortion with which they agree, see `Lens.straight`.
     agreeing : ndarray of bool, shape (n,)
         The correspondences that fit.
     flatness : float

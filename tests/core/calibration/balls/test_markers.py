@@ -11,7 +11,7 @@ import pytest
 from kfmocap.core.calibration.balls.ball_centres import centres_of
 from kfmocap.core.calibration.balls.ball_detection import Picture, background_of, find_balls, without_rods
 from kfmocap.core.calibration.balls.found_balls import Balls
-from kfmocap.core.calibration.lframe.lframe_detection import TRIED_FOCALS, LFrameModel, identified, standing
+from kfmocap.core.calibration.lframe.lframe_detection import TRIED_FOCALS, LFrameModel, identified, static_balls
 from kfmocap.core.calibration.wand_detection import Pairs, likeliest_pairs, swapped_ends
 from kfmocap.core.capture.colours import parsed
 from kfmocap.core.errors import CalibrationError
@@ -237,7 +237,7 @@ def test_only_what_stands_still_is_of_the_lframe():
         moving = balls_at(CAMERAS[0], np.array([[0.3 + 0.05 * k, 0.4, 0.5]]))
         both = Balls.joined([still, moving])
         seen.append(replace(both, centres=both.centres + rng.normal(0, 0.1, (5, 2))))
-    kept = standing(seen)
+    kept = static_balls(seen)
     assert len(kept) == 4
     np.testing.assert_allclose(np.sort(kept.centres, axis=0), np.sort(still.centres, axis=0), atol=0.15)
 
