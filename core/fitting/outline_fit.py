@@ -26,7 +26,7 @@ from ..numerics.least_squares import GAUSS_NEWTON, LeastSquaresResult, StoppingR
 from ..numerics.normal_equations import NormalEquations
 from ..runtime.progress import Progress, report_progress
 
-_STRIDE = 2
+_STRIDE = 2  # of the pixels at which the model's parts are looked up to find its outlines
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from ..numerics import rotations
 from ..numerics.arrays import Array, slices_of
 from ..numerics.normal_equations import DenseEquations
 from ..runtime.threads import worker_count
+from .body_estimate import PART_DOF
 from .key_frame_views import KeyFrameView
 from .outline_fit import RefinementStage, key_foreground, key_outlines, outline_products
 
@@ -47,7 +48,6 @@ POSED_JOINT_SIGMA = 0.05
 CAMERA_DOF = 7
 """Number of unknowns of a camera: a twist (v, omega) in its axes, metres and radians, and the logarithm of its focal
 length."""
-_SHAPE = 6  # of a part: stretch and shift along its axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ class CameraState:
     ) -> CameraState:
         """Return the estimate before any change."""
         frames = len(next(iter(motions.values()))[0])
-        size = CAMERA_DOF * len(cameras) + sum(_SHAPE * len(body) + frames * body.dof for body in bodies)
+        size = CAMERA_DOF * len(cameras) + sum(PART_DOF * len(body) + frames * body.dof for body in bodies)
         return cls(tuple(cameras), tuple(bodies), Geometry.of(bodies), motions, np.zeros(size))
 
     @property
@@ -99,11 +99,11 @@ class CameraState:
     def shape_columns(self) -> Columns:
         """Return the columns of the shapes of all parts, shape (P, 6)."""
         first, P = CAMERA_DOF * len(self.cameras), len(self.geometry.spans)
-        return first + np.arange(_SHAPE * P).reshape(P, _SHAPE)
+        return first + np.arange(PART_DOF * P).reshape(P, PART_DOF)
 
     def pose_columns(self) -> list[Columns]:
         """Return the columns of every performer's key poses, shape (K, D) each."""
-        first = CAMERA_DOF * len(self.cameras) + _SHAPE * len(self.geometry.spans)
+        first = CAMERA_DOF * len(self.cameras) + PART_DOF * len(self.geometry.spans)
         ends = first + np.cumsum([0] + [self.frames * body.dof for body in self.bodies])
         return [np.arange(a, b).reshape(self.frames, -1) for a, b in pairwise(ends.tolist())]
 
@@ -240,7 +240,7 @@ def _jacobian(body: Body, camera: Camera, poses: Poses) -> Array:
     """
     (R, T), (Rc, tc) = poses, camera.poses(0, len(poses[0]))
     known = CAMERA_DOF + 3
-    B = np.zeros((*T.shape[:2], known, CAMERA_DOF + _SHAPE + body.dof))
+    B = np.zeros((*T.shape[:2], known, CAMERA_DOF + PART_DOF + body.dof))
     B[..., range(known), range(known)] = 1
     B[..., :3, known : known + 3] = Rc[:, None] @ R
     B[..., :6, known + 3 :] = camera_twist(Rc, tc)[:, None] @ twist_jacobian(body, R, T)

@@ -39,7 +39,7 @@ SAME_POSE_DISTANCE = 0.05
 """Poses count as the same if no joint of their limbs differs by more than this, metres."""
 CLEAR_MARGIN = 10.0
 """By how much a pose is clearly likelier than another, in squared standard deviations."""
-_ROUNDING = 1e-6  # radians, metres: rounding
+_ROUNDING = 1e-6  # radians or metres by which the same pose may differ, by rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +165,7 @@ class _LimbDepths:
         found = [pose.rotations[0, parts]]
         for there in (joint, _other_side(root, joint, centre)):
             for far in _on_ray(there, tip, centre, float(np.linalg.norm(tip - joint))):
-                if np.linalg.norm(there - joint) + np.linalg.norm(far - tip) > 1e-6:
+                if np.linalg.norm(there - joint) + np.linalg.norm(far - tip) > _ROUNDING:
                     bones = np.stack([there - root, far - there])
                     found.append(_turned(body, R, parts, np.stack([joint - root, tip - joint]), bones))
         return cls(parts, np.stack(found))

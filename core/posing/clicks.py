@@ -229,13 +229,27 @@ class ClickSolver:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Least squares of clicks, joint limits and movement over the degrees of freedom that are not held."""
+    """Least squares of clicks, joint limits and movement over the degrees of freedom that are not held.
+
+    Attributes
+    ----------
+    body : Body
+    clicks : Keypoints
+        On one frame.
+    held : ndarray of bool, shape (1, D)
+    given : Motion
+        The pose from which it moves as little as possible.
+    precision : ndarray, shape (D,)
+        Of this movement, see `movement_precision`.
+    depth : float
+        Inverse variance of the depth of landmarks clicked in one view alone, metres^-2.
+    """
 
     body: Body
     clicks: Keypoints
-    held: NDArray[np.bool_]  # (1, D)
+    held: NDArray[np.bool_]
     given: Motion
-    precision: Array  # (D,)
+    precision: Array
     depth: float
 
     def descended(self, pose: Motion, steps: int) -> ClickFit:

@@ -11,7 +11,7 @@ from ..body import Body
 from ..body.motion import Motion
 
 _ACROSS = np.diag([1.0, -1.0, -1.0])  # rotations about a bone's y and z axes change sign
-_SIDEWAYS = np.diag([-1.0, 1.0, 1.0])
+_SIDEWAYS = np.diag([-1.0, 1.0, 1.0])  # reflects across the symmetry plane of the rest pose, in the root's frame
 
 
 def mirrored_poses(body: Body, motion: Motion, partners: Sequence[int], root: bool = True) -> Motion:
