@@ -49,8 +49,8 @@ def read_motion(path: Path, bones: BoneMap | None = None) -> tuple[SkeletonMotio
     except RuntimeError as error:
         raise ShotError(f"Blender cannot read it: {last_line(error)}", where=str(path)) from error
     armature = _moving_human(path, bones)
-    lasts = armature.animation_data.action.frame_range
-    frames = math.ceil(lasts[0] - 1e-3), math.floor(lasts[1] + 1e-3)
+    span = armature.animation_data.action.frame_range
+    frames = math.ceil(span[0] - 1e-3), math.floor(span[1] + 1e-3)
     motion, found = motion_of_armature(bpy.context.scene, armature, frames, bones)
     return motion, found
 

@@ -21,7 +21,7 @@ from ....core.retargeting.roles import SIDES, BoneMap
 from ...scene_io.body import body_armature
 from ...scene_io.characters.followed_bones import following, solved_bones
 from .held_bones import without_limits
-from .rig_at_rest import at_rest, rest_matrices, update
+from .rig_at_rest import at_rest, posed_matrices, update
 from .rig_reading import MIN_SCALE, moved_matrices, refuse_mirrored
 from .rig_settings import (
     Owner,
@@ -143,7 +143,7 @@ def _without_loose_ends(armature: bpy.types.Object, bones: BoneMap, found: FkCon
                 continue
             [name], [limb] = bones.bones[end], bones.bones[above]
             pair = [found.by_bone.get(limb, limb), found.by_bone.get(name, name)]
-            rest = rest_matrices(armature, pair)
+            rest = posed_matrices(armature, pair)
             size = float(armature.data.bones[limb].length) or 1.0
             change = moved_matrices(armature, pair[0], pair) @ np.linalg.inv(rest)
             update()
@@ -182,7 +182,7 @@ def refuse_otherwise_moved(armature: bpy.types.Object, carriers: Mapping[str, st
             armature.pose.bones[name].scale = (1.0, 1.0, 1.0)  # the parts have that of the skin at rest
         update()
         standing, _ = body_armature.standing_frames(armature, parts)
-        rest = rest_matrices(armature, [*names, *bones])
+        rest = posed_matrices(armature, [*names, *bones])
         size = float(np.ptp(rest[:, :3, 3], axis=0).max()) or 1.0
         posed: list[Array] = []
         for i, name in enumerate(names):
@@ -192,7 +192,7 @@ def refuse_otherwise_moved(armature: bpy.types.Object, carriers: Mapping[str, st
             posed.append(start @ own)
             armature.pose.bones[name].matrix_basis = Matrix(own.tolist())
         update()
-        shown = rest_matrices(armature, [*names, *bones])
+        shown = posed_matrices(armature, [*names, *bones])
     wanted = [*posed, *(posed[names.index(carriers[bone])] for bone in bones)]
     frames = [*standing, *(standing[names.index(carriers[bone])] for bone in bones)]
     for k, name in enumerate([*names, *bones]):
@@ -249,7 +249,7 @@ def _may_be_turned(armature: bpy.types.Object, name: str, bones: Collection[str]
 
 def _moved(armature: bpy.types.Object, bones: Sequence[str], candidates: Sequence[str]) -> dict[str, set[str]]:
     """Return the bones that move rigidly with each candidate."""
-    rest, standing = rest_matrices(armature, bones), rest_matrices(armature, candidates)
+    rest, standing = posed_matrices(armature, bones), posed_matrices(armature, candidates)
     size = float(np.ptp(rest[:, :3, 3], axis=0).max()) or 1.0
     back = np.linalg.inv(rest)
     found = {}

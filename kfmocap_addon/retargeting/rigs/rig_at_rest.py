@@ -120,6 +120,6 @@ def update() -> None:
     bpy.context.view_layer.update()
 
 
-def rest_matrices(armature: bpy.types.Object, names: Sequence[str]) -> Array:
-    """Return the matrices (B, 4, 4) of bones as they stand, in the armature."""
+def posed_matrices(armature: bpy.types.Object, names: Sequence[str]) -> Array:
+    """Return the matrices (B, 4, 4) of bones as they are posed now, in the armature: those at rest within `at_rest`."""
     return np.array([armature.pose.bones[name].matrix for name in names]).reshape(-1, 4, 4)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import bpy
@@ -16,6 +15,7 @@ from ...editing.simplification import thin_out_curves
 from ...scene_io import fcurves
 
 _MODES = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}
+"""The attribute that holds a bone's rotation, by its mode; in all other modes it is `rotation_euler`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ def write_channels(
     for channel in channels:
         sparse = len(channel.values) == len(frames) and (options.angle > 0 or options.distance > 0)
         curves = []
-        for index, column in _columns(channel):
+        for index, column in enumerate(channel.values.T):
             curve = fcurves.ensure_fcurve(bag, channel.path, index, channel.bone)
             fcurves.set_keys(curve, [fcurves.new_keys(frames[: len(column)], column, "KEYFRAME", "LINEAR")])
             curves.append(curve)
@@ -113,10 +113,6 @@ def write_channels(
                 thin_out_curves(curves, tolerance, turns=channel.attribute == "rotation_quaternion")
         count += sum(len(curve.keyframe_points) for curve in curves)
     return count
-
-
-def _columns(channel: ControlChannel) -> Iterator[tuple[int, Array]]:
-    yield from enumerate(channel.values.T)
 
 
 def _make_room(armature: bpy.types.Object, layer: bool) -> None:

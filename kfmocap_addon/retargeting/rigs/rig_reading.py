@@ -24,9 +24,10 @@ from ....core.retargeting.control_rig import MOVED, ControlRig, carriers_of_apar
 from ....core.retargeting.retarget import grounded
 from ....core.retargeting.roles import BoneMap
 from ...scene_io.body.body_armature import world_frame
-from .rig_at_rest import pose, rest_matrices, update
+from .rig_at_rest import pose, posed_matrices, update
 
 _PROBE = Quaternion((0.9553, 0.1837, 0.1342, 0.1885)).normalized()
+"""How a control is turned to see what follows it: by 34 degrees about an axis that is none of its own."""
 MIN_SCALE = 1e-4  # scale of a bone below which it counts as nothing
 _RIGID_TOLERANCE = 1e-3
 """Radians, and lengths of the rig, within which two bones move as one."""
@@ -67,7 +68,7 @@ def read_rig(
     """
     names = bones.names()
     matrix, scale = world_frame(armature)
-    rest = rest_matrices(armature, names)
+    rest = posed_matrices(armature, names)
     size = float(np.ptp(rest[:, :3, 3], axis=0).max()) or 1.0
     refuse_mirrored(armature, names)
     moved = [moved_matrices(armature, name, names, 0.1 * size) for name in names]
@@ -186,7 +187,7 @@ def moved_matrices(armature: bpy.types.Object, name: str, names: Sequence[str], 
     bone = armature.pose.bones[name]
     pose(bone, (way, 0.7 * way, -0.4 * way), _PROBE)
     update()
-    found = rest_matrices(armature, names)
+    found = posed_matrices(armature, names)
     pose(bone)
     return found
 

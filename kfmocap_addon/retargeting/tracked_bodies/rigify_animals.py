@@ -19,7 +19,7 @@ from ....core.numerics import rotations
 from ....core.numerics.arrays import Array, Bools
 from ....core.retargeting.roles import BoneMap
 from ..rigs.fk_controls import FkControls, alike
-from ..rigs.rig_at_rest import at_rest, rest_matrices, update
+from ..rigs.rig_at_rest import at_rest, posed_matrices, update
 from ..rigs.rig_reading import moved_matrices
 from ..rigs.rig_settings import trying_settings
 
@@ -92,7 +92,7 @@ def _observed(armature: bpy.types.Object, controls: Sequence[str], bones: Sequen
     """Turn each control a little; the rig must be at rest."""
     names = [*controls, *bones]
     update()
-    rest = rest_matrices(armature, names)
+    rest = posed_matrices(armature, names)
     size = float(np.ptp(rest[:, :3, 3], axis=0).max()) or 1.0
     rigidly, partly, share = (np.zeros((len(controls), len(names)), kind) for kind in (bool, bool, float))
     for i, control in enumerate(controls):

@@ -20,7 +20,7 @@ from ...scene_io.characters.merged_clouds import says_twist
 from ..rigs import fk_controls
 from ..rigs.fk_controls import FkControls
 from ..rigs.overrides import editable
-from ..rigs.rig_at_rest import at_rest, leave_rest_position, rest_matrices
+from ..rigs.rig_at_rest import at_rest, leave_rest_position, posed_matrices
 from ..rigs.rig_reading import moved_matrices
 from ..rigs.rig_settings import Owner, has_keys, keep_in_override, setting_name, with_settings
 from ..target_armatures import target_bones
@@ -229,7 +229,7 @@ def _carriers(armature: bpy.types.Object, controls: list[str]) -> dict[str, str]
     found: dict[str, str] = {}
     depth: dict[str, int] = {}
     with at_rest(armature, controls):
-        rest = rest_matrices(armature, [*deforming, *controls])
+        rest = posed_matrices(armature, [*deforming, *controls])
         moved = {name: moved_matrices(armature, name, [*deforming, *controls]) for name in controls}
     D = len(deforming)
     for name, matrices in moved.items():

@@ -247,13 +247,13 @@ def test_skins_are_not_deformed_while_a_rig_is_read(hidden, monkeypatch):
     target = skinned_human()
     [skin] = skins.skinned_meshes(target)
     skin.hide_viewport = hidden
-    seen, read = [], rig_at_rest.rest_matrices
+    seen, read = [], rig_at_rest.posed_matrices
 
     def watched(*given):
         seen.append(skin.hide_viewport)
         return read(*given)
 
-    monkeypatch.setattr(rig_reading, "rest_matrices", watched)
+    monkeypatch.setattr(rig_reading, "posed_matrices", watched)
     send.send_to_rig(bpy.context.scene, motion_of_body(BODY, swing(BODY, 2), "man", 30.0), target, 1)
     assert seen
     assert all(seen)
