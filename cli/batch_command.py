@@ -153,7 +153,7 @@ class _Batch:
             outcome = _outcome(each)
             if outcome is None:
                 self.waiting.append((each.shot, each.digest, each.attempt + 1))
-                self.display.said(f"{each.shot.name}: its process was ended from outside; it is tried again")
+                self.display.print_line(f"{each.shot.name}: its process was ended from outside; it is tried again")
             else:
                 self._close(outcome)
 

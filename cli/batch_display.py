@@ -44,23 +44,23 @@ class BatchDisplay:
         """Show that a shot is being tracked."""
         self._printed_steps[name] = 0
         if not self._live:
-            self.said(f"{name}: started, process {process_id}")
+            self.print_line(f"{name}: started, process {process_id}")
 
     def skipped(self, outcome: ShotOutcome) -> None:
         """Show that a shot was done before."""
         self._finished += 1
-        self.said(f"[{self._finished}/{self._total}] {outcome.name}: was done before")
+        self.print_line(f"[{self._finished}/{self._total}] {outcome.name}: was done before")
 
     def finished(self, outcome: ShotOutcome) -> None:
         """Show that a shot is done, or has failed."""
         self._finished += 1
-        said = outcome.message
+        details = outcome.message
         if outcome.state == ShotState.DONE:
             error = "" if outcome.expected_error is None else f", expected error {outcome.expected_error:.0f} mm"
-            said = f"{outcome.seconds or 0:.0f} s{error}"
-        self.said(f"[{self._finished}/{self._total}] {outcome.name}: {outcome.state}, {said}")
+            details = f"{outcome.seconds or 0:.0f} s{error}"
+        self.print_line(f"[{self._finished}/{self._total}] {outcome.name}: {outcome.state}, {details}")
 
-    def said(self, line: str) -> None:
+    def print_line(self, line: str) -> None:
         """Print a line that stays."""
         self._clear()
         print(f"kfmocap: {line}", file=sys.stderr, flush=True)
@@ -72,7 +72,7 @@ class BatchDisplay:
                 step = int(fraction / _STEP)
                 if step > self._printed_steps.get(name, 0):
                     self._printed_steps[name] = step
-                    self.said(f"{name}: {what} {fraction:.0%}")
+                    self.print_line(f"{name}: {what} {fraction:.0%}")
             return
         now = time.monotonic()
         if now - self._last < _REDRAW_SECONDS:

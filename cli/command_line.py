@@ -45,7 +45,7 @@ def main(argv: Sequence[str] | None = None, services: Services | None = None) ->
     with DecoderLog(), Interruptions() as interruptions:
         before = results_seen(getattr(args, "out", None))
 
-        def said(error: BaseException) -> str:
+        def reason(error: BaseException) -> str:
             # Checked only now: the signal may have come between putting the results in place and reporting it.
             return interrupted_text(error, written=results_seen(getattr(args, "out", None)) != before)
 
@@ -57,14 +57,14 @@ def main(argv: Sequence[str] | None = None, services: Services | None = None) ->
         except Exception as error:
             if interruptions.received is not None:
                 # Blender, and NumPy where it compares, turn an interrupt into errors of their own.
-                print(f"kfmocap: {said(error)}", file=sys.stderr)
+                print(f"kfmocap: {reason(error)}", file=sys.stderr)
                 return interruptions.exit_code
             if not isinstance(error, KFMocapError):
                 raise
             print(f"kfmocap: error: {' '.join(str(error).split())}", file=sys.stderr)
             return 1
         except KeyboardInterrupt as interrupt:
-            print(f"kfmocap: {said(interrupt)}", file=sys.stderr)
+            print(f"kfmocap: {reason(interrupt)}", file=sys.stderr)
             return interruptions.exit_code
     return exit_code
 
