@@ -34,7 +34,7 @@ from .operators.posing import (
     set_key_pose,
     show_key_pictures,
 )
-from .operators.tracking import bake, go_to_frame, plants, show_misfit, simplify, track_motion
+from .operators.tracking import bake, go_to_frame, plants, show_residual, simplify, track_motion
 from .panels import guide
 from .scene_io.cameras import missing_footage
 from .session import SESSION
@@ -64,7 +64,7 @@ OPERATOR_MODULES = (
     go_to_frame,
     job_operator,
     track_motion,
-    show_misfit,
+    show_residual,
     plants,
     bake,
     simplify,

@@ -68,7 +68,7 @@ def _of_mapping(document: Mapping[str, Any]) -> list[DetectedPerson] | None:
     if "annotations" in document:
         return _annotations(document)
     if "instance_info" in document:
-        return _mmpose_video(document["instance_info"], _spoken_names(document.get("meta_info", {})))
+        return _mmpose_video(document["instance_info"], _described_names(document.get("meta_info", {})))
     if "instances" in document:
         return [_mmpose(one, None) for one in document["instances"]]
     for key in ("frames", "results", "predictions"):
@@ -149,7 +149,7 @@ def _annotations(document: Mapping[str, Any]) -> list[DetectedPerson]:
     return found
 
 
-def _spoken_names(meta: Mapping[str, Any]) -> tuple[str, ...] | None:
+def _described_names(meta: Mapping[str, Any]) -> tuple[str, ...] | None:
     names = meta.get("keypoint_id2name")
     if isinstance(names, Mapping):
         names = [names[key] for key in sorted(names, key=int)]

@@ -98,7 +98,7 @@ def _extents(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(found.sum(axis=(1, 2)) >= 3, np.linalg.norm(highest - lowest, axis=1), np.nan)
 
 
-_SPOKEN = {
+_LANDMARK_BY_WORDS = {
     **{name.lower(): name for name in _listed("Nose Eye Ear Shoulder Elbow Wrist Hip Knee Ankle Heel Neck Head")},
     "big toe": "BigToe",
     "foot index": "BigToe",
@@ -108,12 +108,12 @@ _SPOKEN = {
 }
 
 
-def landmark_of(spoken: str) -> str:
+def landmark_of(name: str) -> str:
     """Return the landmark name for a keypoint's name in a file, such as `left_shoulder`; empty if it is not used."""
-    words = spoken.lower().replace("_", " ").split()
+    words = name.lower().replace("_", " ").split()
     side = {"left": "L", "right": "R"}.get(words[0], "") if words else ""
-    name = _SPOKEN.get(" ".join(words[1:] if side else words), "")
-    return side + name if name else ""
+    landmark = _LANDMARK_BY_WORDS.get(" ".join(words[1:] if side else words), "")
+    return side + landmark if landmark else ""
 
 
 def mirrored_name(name: str) -> str:

@@ -59,7 +59,7 @@ class Placing:
         self.body = body_armature.body_from_armature(slot.armature)
         self.landmarks = landmarks_in_order(self.body)
         self.marks = joint_marks.on_frame(slot, self.frame)
-        self._before = shown_pose.shown_values(slot.armature), joint_marks.everything(slot)
+        self._before = shown_pose.shown_values(slot.armature), joint_marks.all_marks(slot)
         self._cameras = _cameras_now(scene)
         self._held = _held(self.body, self.bones)
         self._given = shown_pose.read_shown_pose(slot.armature)
@@ -263,8 +263,8 @@ def landmarks_in_order(body: Body) -> list[str]:
     return first + [name for name in body.landmarks if name not in first]
 
 
-def spoken(landmark: str) -> str:
-    """Return a landmark's name as people say it: "Left Big Toe" for LBigToe."""
+def landmark_label(landmark: str) -> str:
+    """Return a landmark's name as the interface shows it: "Left Big Toe" for LBigToe."""
     side = {"L": "Left ", "R": "Right "}.get(landmark[0], "") if landmark[1:2].isupper() else ""
     name = landmark[1:] if side else landmark
     return side + "".join(" " + c if c.isupper() and i else c for i, c in enumerate(name))

@@ -4,7 +4,7 @@ import bpy
 
 from ..operators.tracking.go_to_frame import GoToFrame
 from ..operators.tracking.plants import CleanFeet, FindPlants, ForgetPlantEdits, SetPlant
-from ..operators.tracking.show_misfit import HideResidual, ShowResidual
+from ..operators.tracking.show_residual import HideResidual, ShowResidual
 from ..scene_io import active_performer
 from ..scene_io.review import bone_visibility
 from . import performer_rows

@@ -10,7 +10,7 @@ def slot_of(scene: bpy.types.Scene, armature: bpy.types.Object | None) -> bpy.ty
     return next((slot for slot in scene.kfmocap.performers if armature is not None and slot.armature == armature), None)
 
 
-def missing(scene: bpy.types.Scene, hold: bpy.types.PropertyGroup) -> str:
+def why_unused(scene: bpy.types.Scene, hold: bpy.types.PropertyGroup) -> str:
     """Return what keeps a hold from being used, as a sentence for the user; an empty text where nothing does."""
     shot = scene.kfmocap
     if slot_of(scene, hold.prop) is None:

@@ -6,7 +6,8 @@ import bpy
 
 Snapshot = dict[tuple[str, str], tuple[float, float]]
 """The marks of a frame: pixels by view and landmark."""
-Everything = list[tuple[str, str, int, tuple[float, float]]]
+AllMarks = list[tuple[str, str, int, tuple[float, float]]]
+"""Landmark, view, scene frame and pixel of every mark of a performer."""
 
 
 def on_frame(slot: bpy.types.PropertyGroup, frame: int) -> Snapshot:
@@ -29,12 +30,12 @@ def put(slot: bpy.types.PropertyGroup, frame: int, marks: Snapshot) -> None:
         _add(slot, landmark, view, frame, pixel)
 
 
-def everything(slot: bpy.types.PropertyGroup) -> Everything:
+def all_marks(slot: bpy.types.PropertyGroup) -> AllMarks:
     """All marks of a performer."""
     return [(mark.name, mark.view, mark.frame, tuple(mark.pixel)) for mark in slot.marks]
 
 
-def restore(slot: bpy.types.PropertyGroup, marks: Everything) -> None:
+def restore(slot: bpy.types.PropertyGroup, marks: AllMarks) -> None:
     """Restore all marks, in their order."""
     slot.marks.clear()
     for mark in marks:

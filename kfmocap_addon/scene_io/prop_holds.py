@@ -21,7 +21,7 @@ def read_holds(scene: bpy.types.Scene) -> tuple[Hold, ...]:
     last = properties.length - 1
     for hold in properties.holds:
         first, end = (frame - properties.frame_start for frame in (hold.first, hold.last))
-        if not hold_checks.missing(scene, hold):
+        if not hold_checks.why_unused(scene, hold):
             prop, holder = (hold_checks.slot_of(scene, owner).name for owner in (hold.prop, hold.holder))
             found.append(Hold(prop, holder, hold.bone, (max(first, 0), min(end, last))))
     return tuple(found)

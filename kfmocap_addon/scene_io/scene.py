@@ -214,9 +214,8 @@ def read_settings(properties: bpy.types.PropertyGroup) -> Settings:
     """
     shown = {"solver": properties.solver, "contact": properties.contact}
     stored = json.loads(properties.settings or "{}") | shown
-    known = {f.name: stored[f.name] for f in dataclasses.fields(Settings) if f.name in stored}
-    values: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in known.items()}
-    return Settings(**values)
+    known: dict[str, Any] = {f.name: stored[f.name] for f in dataclasses.fields(Settings) if f.name in stored}
+    return Settings(**known)
 
 
 def find_collection(scene: bpy.types.Scene, name: str) -> bpy.types.Collection | None:

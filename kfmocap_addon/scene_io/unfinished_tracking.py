@@ -21,7 +21,7 @@ _ENDING = ".segment"
 
 
 def segment_count(scene: bpy.types.Scene) -> int:
-    """Return how many segments an ended tracking of a scene has finished."""
+    """Return how many segments a stopped tracking of a scene has finished."""
     with suppress(OSError):
         return sum(entry.name.endswith(_ENDING) for entry in os.scandir(_folder(scene)))
     return 0
@@ -41,7 +41,7 @@ def begun(scene: bpy.types.Scene, asked: Sequence[Segment], *, resume: bool) -> 
 
 
 def asked_segments(scene: bpy.types.Scene) -> set[Segment]:
-    """Return which segments the tracking was asked for that was ended; none where that is not known."""
+    """Return which segments the stopped tracking was to track; none where that is not known."""
     with suppress(OSError, ValueError, TypeError, RecursionError):
         return {
             (first, last) for first, last in json.loads((_folder(scene) / _REQUEST_FILE).read_text(encoding="utf-8"))
@@ -50,7 +50,7 @@ def asked_segments(scene: bpy.types.Scene) -> set[Segment]:
 
 
 def discard(scene: bpy.types.Scene) -> None:
-    """Forget the tracking that was ended, or is done."""
+    """Forget the tracking that was stopped, or is done."""
     from ...core.tracking.journal import Journal
 
     folder = _folder(scene)

@@ -66,7 +66,7 @@ def test_the_button_finds_prop_hand_and_frames(scene):
 def test_what_is_not_whole_is_not_used_and_says_so(scene):
     bpy.ops.kfmocap.hold_prop()
     [hold] = scene.kfmocap.holds
-    assert hold_checks.missing(scene, hold) == ""
+    assert hold_checks.why_unused(scene, hold) == ""
     for name, value, said in (
         ("bone", "paw", "bone"),
         ("prop", None, "prop"),
@@ -76,11 +76,11 @@ def test_what_is_not_whole_is_not_used_and_says_so(scene):
     ):
         before = getattr(hold, name)
         setattr(hold, name, value)
-        assert said in hold_checks.missing(scene, hold)
+        assert said in hold_checks.why_unused(scene, hold)
         assert scenes.shot_from_scene(scene).holds == ()
         setattr(hold, name, before)
     hold.first, hold.last = LAST + 10, LAST + 20
-    assert "outside" in hold_checks.missing(scene, hold)
+    assert "outside" in hold_checks.why_unused(scene, hold)
     scene.kfmocap.performers["stick"].name = "staff"
     hold.first, hold.last = -5, 500
     [read] = scenes.shot_from_scene(scene).holds

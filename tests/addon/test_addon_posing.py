@@ -111,7 +111,7 @@ def test_an_arm_alone_is_posed_and_keyed(blender, tmp_path):
 
 
 def state(slot) -> list:
-    return [shown_pose.shown_values(slot.armature), joint_marks.everything(slot)]
+    return [shown_pose.shown_values(slot.armature), joint_marks.all_marks(slot)]
 
 
 def test_what_is_cancelled_leaves_pose_and_marks_to_the_last_bit(blender, tmp_path):
@@ -173,7 +173,8 @@ def test_marks_are_pixels_of_the_undistorted_footage(blender, tmp_path):
 def test_joints_are_asked_for_limb_by_limb_with_names_that_people_say():
     names = click_posing.landmarks_in_order(BODY)
     assert names[:3] == ["LShoulder", "LElbow", "LWrist"] and sorted(names) == sorted(BODY.landmarks)
-    assert [click_posing.spoken(n) for n in ("LBigToe", "Neck", "RHip")] == ["Left Big Toe", "Neck", "Right Hip"]
+    labels = {name: click_posing.landmark_label(name) for name in ("LBigToe", "Neck", "RHip")}
+    assert labels == {"LBigToe": "Left Big Toe", "Neck": "Neck", "RHip": "Right Hip"}
 
 
 def test_a_body_of_another_origin_is_posed_by_its_bones(blender, tmp_path):

@@ -41,7 +41,7 @@ def hint_at(placing: Placing, asked: str | None, *, away: bool, discards: bool) 
     if discards:
         return _ASKING
     misfit = f"missed by {1000 * placing.fitted.misfit:.0f} mm"
-    return _HINT.format(asked=_spoken(asked) if asked else "-", count=len(placing.marks), misfit=misfit)
+    return _HINT.format(asked=_label(asked) if asked else "-", count=len(placing.marks), misfit=misfit)
 
 
 def handle_under(placing: Placing, look: viewport.Look, pointer: tuple[int, int]) -> str | None:
@@ -113,9 +113,9 @@ def draw(
     inside = 0 <= x < look.region.width and 0 <= y < look.region.height
     if not inside or box_under(placing, look, pointer) is not None:
         return
-    labels = [(_spoken(asked), asked, y + 12)] if asked is not None else []
+    labels = [(_label(asked), asked, y + 12)] if asked is not None else []
     if taken is not None and taken != asked:
-        labels.append((f"drag: {_spoken(taken)}", taken, y - 22))
+        labels.append((f"drag: {_label(taken)}", taken, y - 22))
     right = screens.uncovered_part(look.area)[2] - look.region.x
     for text, joint, height in labels:
         overlay.label(text, (overlay.beside(x, overlay.width_of(text), right), height), colour_of(joint))
@@ -131,7 +131,7 @@ def _draw_alternatives(placing: Placing, look: viewport.Look) -> None:
         alternative_boxes.draw(row, bones, colours, centre, placing.alternative)
 
 
-def _spoken(landmark: str) -> str:
-    from ...editing.click_posing import spoken
+def _label(landmark: str) -> str:
+    from ...editing.click_posing import landmark_label
 
-    return spoken(landmark)
+    return landmark_label(landmark)

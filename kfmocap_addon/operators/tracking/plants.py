@@ -32,6 +32,7 @@ class _FindingAnew(PlantOperator):
     Attributes
     ----------
     emptied : str
+        Name of that list.
     """
 
     emptied = ""
@@ -62,10 +63,10 @@ class SetPlant(PlantOperator, bpy.types.Operator):
 
     point: bpy.props.EnumProperty(
         items=[
-            ("heel.L", "Left Heel", ""),
-            ("ball.L", "Left Ball", ""),
-            ("heel.R", "Right Heel", ""),
-            ("ball.R", "Right Ball", ""),
+            ("heel.L", "Left Heel", "The heel alone"),
+            ("ball.L", "Left Ball", "The ball of the foot alone"),
+            ("heel.R", "Right Heel", "The heel alone"),
+            ("ball.R", "Right Ball", "The ball of the foot alone"),
             ("L", "Left Foot", "Heel and ball"),
             ("R", "Right Foot", "Heel and ball"),
         ],

@@ -181,7 +181,7 @@ class TrackChanges(Tracking, bpy.types.Operator):
 
 
 def _was_ended(context: bpy.types.Context) -> str:
-    return "" if unfinished_tracking.segment_count(context.scene) else "No tracking of this scene was ended"
+    return "" if unfinished_tracking.segment_count(context.scene) else "No tracking of this scene was stopped"
 
 
 class ContinueTracking(Tracking, bpy.types.Operator):

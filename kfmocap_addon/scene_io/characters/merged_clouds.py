@@ -19,6 +19,7 @@ _SIMULATED_WORDS = (
 _REACH = 1.5
 """Of the head's own radius: farther off, hair and hats are left out, as a convex solid would span what is between."""
 _STRAIGHT = np.cos(np.radians(15))
+"""Cosine of the angle within which a bone goes on as the one above, so that it may only divide its twist."""
 
 
 def with_taken_in(clouds: Mapping[str, Array], taken_in: Mapping[str, str], head: str) -> dict[str, Array]:

@@ -21,6 +21,7 @@ KEY_FRAMES, KEY_TRANSLATIONS, KEY_ROTATIONS = (
     "kfmocap_key_translations",
     "kfmocap_key_rotations",
 )
+"""Custom properties of an armature: key poses that were written, as they were before Blender rounded them."""
 
 
 def write_key_poses(armature: bpy.types.Object, key_poses: KeyPoses, frame_start: int) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 PROPERTY = "kfmocap_written"
+"""Custom property of an action: a record for each of its slots."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,17 @@ from . import motion_curves
 
 @dataclass(frozen=True)
 class _Lent:
-    """An armature that shows a copy of its action, and what it showed before."""
+    """An armature that shows a copy of its action, and what it showed before.
+
+    Attributes
+    ----------
+    armature : bpy.types.Object
+    action : bpy.types.Action
+        Its own.
+    slot : int
+        Which of the action's slots is the armature's.
+    copy : bpy.types.Action
+    """
 
     armature: bpy.types.Object
     action: bpy.types.Action
