@@ -1,4 +1,4 @@
-"""Image sequences: finding the files that match a pattern, and checking that they can be used as footage."""
+"""Image sequences: the patterns of files, the files that match a pattern, and whether they can be used as footage."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ Image = NDArray[Any]
 
 IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 PATTERNS = "a video, or a pattern of images such as frame_%04d.png, frame_####.png or frame_*.png"
+_FRAME_NUMBER = re.compile(r"\d+(?=\D*$)")  # in a name without suffix: its last number
 _MAX_NAME_BYTES = 255  # of a file, in bytes, on the file systems in use
 _MAX_DIGITS = 18  # of a frame number
 _PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
@@ -79,10 +80,26 @@ def _patterns_in(folder: Path) -> list[str]:
     digits: dict[tuple[str, str], int] = {}
     for file in _listed(folder):
         if file.suffix.lower() in IMAGE_SUFFIXES and not file.name.startswith("."):
-            number = re.search(r"\d+(?=\D*$)", file.stem)
+            number = _FRAME_NUMBER.search(file.stem)
             around = (file.name, "") if number is None else (file.stem[: number.start()], file.name[number.end() :])
             digits[around] = min(digits.get(around, _MAX_DIGITS), 0 if number is None else len(number[0]))
     return sorted(before + "#" * count + after for (before, after), count in digits.items())
+
+
+def footage_of(files: Iterable[Path]) -> list[Path]:
+    """Return the footage among chosen files, sorted by name: videos, and one pattern per sequence of numbered images.
+
+    See `image_files` for patterns.
+    """
+    found: dict[Path, None] = {}
+    for file in sorted(files):
+        number = _FRAME_NUMBER.search(file.stem) if file.suffix.lower() in IMAGE_SUFFIXES else None
+        if number is None:
+            found[file] = None
+        else:
+            hashes = file.stem[: number.start()] + "#" * len(number[0]) + file.stem[number.end() :]
+            found[file.with_name(hashes + file.suffix)] = None
+    return list(found)
 
 
 def _is_file(path: Path) -> bool:

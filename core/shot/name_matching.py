@@ -1,4 +1,4 @@
-"""Matching footage to cameras by their names, and image files to sequences."""
+"""Matching footage to cameras by their names."""
 
 from __future__ import annotations
 
@@ -80,22 +80,6 @@ def _joined(name: str) -> str:
 def _number(name: str) -> int | None:
     numbers = re.findall(r"\d+", _DUPLICATE.sub("", name))
     return int(numbers[-1]) if numbers else None
-
-
-def footage_of(files: Iterable[Path]) -> list[Path]:
-    """Return the footage among chosen files, sorted by name: videos, and one pattern per sequence of numbered images.
-
-    See `core.shot.image_sequences.image_files` for patterns.
-    """
-    found: dict[Path, list[Path]] = {}
-    for file in sorted(files):
-        number = re.search(r"\d+(?=\D*$)", file.stem) if file.suffix.lower() in IMAGE_SUFFIXES else None
-        if number is None:
-            found[file] = [file]
-        else:
-            hashes = file.stem[: number.start()] + "#" * len(number[0]) + file.stem[number.end() :]
-            found.setdefault(file.with_name(hashes + file.suffix), []).append(file)
-    return list(found)
 
 
 def footage_name(path: Path) -> str:

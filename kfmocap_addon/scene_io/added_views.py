@@ -15,7 +15,8 @@ from ...core.cameras.camera import Camera
 from ...core.errors import CalibrationError, FootageError, ShotError, located
 from ...core.shot.footage import Footage, probe
 from ...core.shot.footage_faults.footage_checks import camera_at_size, frames_for_each
-from ...core.shot.name_matching import footage_name, footage_of, paired
+from ...core.shot.image_sequences import footage_of
+from ...core.shot.name_matching import footage_name, paired
 from ...core.shot.shot import View
 from . import scene, solved_cameras
 from .cameras import camera_poses, footage_background, scene_cameras, view_cameras

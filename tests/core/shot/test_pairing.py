@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from kfmocap.core.shot.name_matching import footage_name, footage_of, paired
+from kfmocap.core.shot.image_sequences import footage_of
+from kfmocap.core.shot.name_matching import footage_name, paired
 
 
 @pytest.mark.parametrize(
