@@ -19,7 +19,6 @@ from scipy.sparse.linalg import splu
 from .arrays import Array
 from .banded import BandedFactor
 from .banded_blocks import BandedBlocks
-from .robust_kernels import Quadratic, RobustKernel
 
 Step_co = TypeVar("Step_co", covariant=True)
 Factor_co = TypeVar("Factor_co", covariant=True)
@@ -106,26 +105,6 @@ class DenseEquations(_MatrixEquations[DenseFactor]):
     matrix: Array
     gradient: Array
     cost: float
-
-    @classmethod
-    def from_residuals(cls, residuals: Array, jacobian: Array, kernel: RobustKernel | None = None) -> DenseEquations:
-        """Normal equations of m whitened residuals of k components each.
-
-        Parameters
-        ----------
-        residuals : ndarray, shape (m, k)
-        jacobian : ndarray, shape (m, k, n)
-        kernel : RobustKernel, optional
-            Kernel on the norm of each residual; by default plain least squares.
-        """
-        kernel = kernel or Quadratic()
-        squared = np.sum(residuals**2, axis=1)
-        weight = kernel.weight(squared)
-        return cls(
-            np.einsum("mki,m,mkj->ij", jacobian, weight, jacobian, optimize=True),
-            np.einsum("mki,m,mk->i", jacobian, weight, residuals),
-            float(kernel.cost(squared).sum()),
-        )
 
     def _factor(self, damping: float) -> DenseFactor:
         diagonal = _damped_diagonal(self.matrix.diagonal(), damping)
