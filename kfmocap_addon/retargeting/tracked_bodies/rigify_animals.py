@@ -19,7 +19,7 @@ from ....core.numerics import rotations
 from ....core.numerics.arrays import Array, Bools
 from ....core.retargeting.roles import BoneMap
 from ..rigs.fk_controls import FkControls, alike
-from ..rigs.rig_at_rest import at_rest, posed_matrices, update
+from ..rigs.rig_at_rest import at_rest, posed_matrices, rest_skeleton, update
 from ..rigs.rig_reading import moved_matrices
 from ..rigs.rig_settings import trying_settings
 
@@ -42,8 +42,10 @@ def is_generated(armature: bpy.types.Object) -> bool:
 
 def goes_on_four(armature: bpy.types.Object, bones: BoneMap) -> bool:
     """Whether what passes for the hands of a human are front paws."""
-    heights = {role: armature.data.bones[bones.bones[role][0]].head_local.z for role in ("hips", "hand.L", "hand.R")}
-    return max(heights["hand.L"], heights["hand.R"]) < _PAW_HEIGHT_RATIO * heights["hips"]
+    rest = rest_skeleton(armature)  # in the world, as importers of FBX lay armatures on their backs
+    heights = rest.heads[:, 2] - rest.heads[:, 2].min()
+    hips, *hands = (heights[rest.indices(bones.bones[role])[0]] for role in ("hips", "hand.L", "hand.R"))
+    return bool(max(hands) < _PAW_HEIGHT_RATIO * hips)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as
 from kfmocap.kfmocap_addon.scene_io.body import body_armature, part_meshes  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.characters import skinned_parts, skins  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402
+from mathutils import Matrix  # noqa: E402
 from odd_characters import as_imported, bind, foreign_armature, mixamo_like, points_of, quadruped  # noqa: E402
 from scipy.spatial import ConvexHull  # noqa: E402
 
@@ -445,6 +446,20 @@ def test_a_character_of_other_bones_has_landmarks_and_soles():
         for soles in [[each.landmarks[f"{side}{tip}"] for side in "LR" for tip in ("Heel", "BigToe")]]
     )
     np.testing.assert_allclose(found, own, atol=0.01)
+
+
+@pytest.mark.parametrize("degrees", [90, -90])
+def test_feet_of_a_character_whose_object_lies_have_soles(degrees):
+    """As importers leave it: the heights of hands and hips are those in the world."""
+    armature = skinned()
+    turn = Matrix.Rotation(np.radians(degrees), 4, "X") @ Matrix.Scale(0.01, 4)
+    for data in (armature.data, *(skin.data for skin in skins.skinned_meshes(armature))):
+        data.transform(Matrix.Translation((0.0, -0.5, 0.0)))
+        data.transform(turn.inverted())
+    armature.matrix_world = turn
+    bpy.context.view_layer.update()
+    use_as_body(bpy.context.scene, armature)
+    assert Soles.of(body_armature.body_from_armature(armature)) is not None
 
 
 def test_an_animal_has_no_landmarks_of_people():
