@@ -17,10 +17,11 @@ Image = NDArray[Any]
 Range = tuple[float, float]
 
 _HUES = {"red": 0, "orange": 25, "yellow": 55, "green": 120, "cyan": 185, "blue": 225, "purple": 275, "magenta": 310}
+"""Middle hues of the named colours, degrees."""
 _NAMED_WIDTH = 25.0  # half the range of hues of a named colour, degrees
 _NAMED_SATURATION = (0.5, 1.0)
 _PICKED_WIDTH = 18.0  # half the range of hues of a picked colour, degrees
-_STEPS = 255.0
+_STEPS = 255.0  # what OpenCV stores for hues of 360 degrees, and for saturations and values of 1
 _WHOLE_HUE = (0.0, 360.0)
 _MAX_HUE_WIDTH = 180.0
 """Width of a range of hues from which on it has no middle to speak of, degrees."""

@@ -17,12 +17,15 @@ from numpy.typing import NDArray
 from ..numerics.arrays import Array, Bools
 
 _MAX_CORNERS, _MIN_CORNERS = 200, 20
+"""How many corners are followed at most, and how many tell something at least."""
 _MIN_DISTANCE, _WINDOW, _LEVELS = 8, (21, 21), 4
+"""Distance between corners and size of the window around each, pixels, and levels of the pyramid."""
 _MARGIN = np.ones((15, 15), np.uint8)
 """Pixels around the performers that are left out: key poses are inexact, and corners have a neighbourhood."""
 _STILL, _MAX_ERROR = 1.0, 1.5
 """Distances up to which a corner stays, and returns to its place or agrees with a similarity, pixels."""
 _MIN_SHIFT = 2.0
+"""Least median displacement of a camera that has moved, pixels of the reduced pictures."""
 _MIN_SHARE = 0.5
 """Share of the corners that a similarity must explain for the camera to have moved."""
 
