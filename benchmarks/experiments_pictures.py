@@ -33,6 +33,7 @@ GAP = 4
 QUALITY = 82
 """Of the JPEG file, up to 100."""
 _BACKGROUND = 24
+"""Grey level between and beside the parts."""
 
 
 @dataclass(frozen=True, eq=False)

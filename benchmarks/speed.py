@@ -25,10 +25,13 @@ from .tables import markdown
 
 LENGTHS = (34, 100, 400, 1000)
 LONG = 3000
+"""Numbers of frames of the shots."""
 FAR_APART = 400
 """Number of frames of the shot with key poses only at its ends."""
 CORES_LENGTH = 400
+"""Number of frames of the shot that is tracked with different numbers of cores."""
 _CHART = (560, 280)
+"""Width and height of the plot, pixels."""
 
 
 @dataclass(frozen=True)

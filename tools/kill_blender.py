@@ -26,6 +26,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PATIENCE, STARTING = 2.0, 120.0
+"""Seconds in which a worker must be gone, and in which Blender must begin to track, or be gone itself."""
 SPAN = 3.0
 """Seconds of tracking in which Blender is killed."""
 

@@ -30,6 +30,7 @@ from render.painted_scene import Floor, PaintedView, Sensor, Surface, joined, li
 from render.people import Person, Wardrobe, skin_at, true_landmarks
 
 VOXEL = 0.014
+"""Size of the cells in which the surface of a person is found, metres."""
 BLUE = Wardrobe(((0.24, 0.33, 0.56),), (0.22, 0.22, 0.25), pattern=0.06)
 RED = Wardrobe(((0.62, 0.22, 0.2), (0.5, 0.16, 0.16)), (0.42, 0.36, 0.28), hair=(0.5, 0.36, 0.2))
 MAN, WOMAN = {"thigh": 1.04, "shoulder_width": 1.05}, {"shoulder_width": 0.95, "torso": 1.03}

@@ -31,6 +31,7 @@ LARGE = 4096.0
 """MB of a disk that is large enough for anything."""
 _SIGNS = ("No space left", "is the disk full?")
 _TABLE_END, _MARK, _LENGTHS = 1, 16, 0.02
+"""Last bytes that all whole tables have in common, and all whole scenes; difference in length of two, relative."""
 
 
 @contextmanager

@@ -27,6 +27,7 @@ ROOT = Path(__file__).resolve().parents[1]
 STEPS = {"tutorial": "tutorial", "tools": "tool", "walk": "shot", "beam": "shot"}
 """Scripts in tools/walkthrough, without their ending `_steps.py`."""
 SIZE = (1440, 900)
+"""Width and height of Blender's window, pixels."""
 WIDTH, QUALITY = 1200, 78
 """Width in pixels and JPEG quality of the pictures on the page."""
 

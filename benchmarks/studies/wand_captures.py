@@ -13,9 +13,11 @@ from ...core.numerics.arrays import Array
 
 LFRAME = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.6, 0, 0], [0, 0.2, 0]])
 WAND_LENGTH = 0.5
+"""The balls of the L-frame, shape (4, 3), and the distance between those of the wand, metres."""
 SIZE = (1920, 1080)
 FPS = 30.0
 LFRAME_FRAMES = 60
+"""Number of frames on which a camera sees the L-frame."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,10 +33,13 @@ from .wand_captures import FPS, HARD, LFRAME, WAND_LENGTH, Faults, capture, ring
 
 CAMERAS = 4
 POSITIONS = 300
+"""Places of the wand that all cameras film, one for each frame."""
 FARTHEST_OFFSET = 30.0
+"""By how much an unsynchronised camera begins earlier or later than the others, at most, frames."""
 WRONG_FOCAL, WRONG_CENTRE = 0.02, 0.05
 """Errors from which a solution counts as wrong: of the focal length, relative, and of the position, metres."""
 _EXACT = 1e-6
+"""Standard deviation of the balls of an L-frame whose measures are exact, metres."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,8 @@ _BONE_SHARES = (0.50, 0.28, 0.22)
 """Lengths of a finger's bones as shares of the finger's length."""
 _THUMB, _THUMB_BONES = (0.12, 0.12), (0.22, 0.17, 0.14)
 _THUMB_DIRECTION = np.array([1.0, 1.0]) / np.sqrt(2)
-"""Where the thumb begins, how long its bones are, and where it points, along the hand and across it."""
+"""Where the thumb begins and how long its bones are, hand lengths, and the unit vector of its direction: along the hand
+and across it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .calibration_result import CalibrationResult
 
 
-_QUANTILES = (0.05, 0.5, 0.95)
+_QUANTILES = (0.05, 0.5, 0.95)  # of what is near, in the middle and far
 _BLOCK_BALLS = 40
 """Number of consecutive balls by which it is tested whether a camera was moved."""
 _SIGNIFICANT_SIGMAS = 8.0  # standard deviations
@@ -61,7 +61,7 @@ def _at(track: Markers, frames: Array) -> tuple[Array, Array]:
 
 
 def depths(solution: CalibrationResult) -> Array:
-    """Return the least, median and largest depth of the wand's balls in each camera, shape (C, 3), metres."""
+    """Return the depths (`_QUANTILES`) of the wand's balls in each camera, shape (C, 3), metres."""
     rig, out = solution.rig, np.full((len(solution.rig), 3), np.nan)
     for c in range(len(rig)):
         points = seen_points(solution, c)

@@ -12,7 +12,7 @@ import numpy as np
 from ..numerics.arrays import Array
 from .camera import Camera
 
-_GRID = 48
+_GRID = 48  # points on each side of the picture
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,8 @@ from ..errors import KFMocapError, ShotError
 from .reading import NUMBER_LIMIT, read_text, reading
 
 _REQUIRED: Any = object()
-_LONGEST_PATH, _LONGEST_NAME, _SHOWN = 4000, 255, 60
+_LONGEST_PATH, _LONGEST_NAME = 4000, 255  # characters of a path, and bytes of each of its parts
+_SHOWN = 60  # characters of a value in a message
 _BACKSLASHES = "write paths with /, as in 'D:/shoot/cam01.mp4', or between single quotes"
 # tomllib takes quadratic time for a key with very many parts. The possessive repetitions never backtrack.
 _LONG_KEY = re.compile(r"""(?<![\w"'-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){50}""")

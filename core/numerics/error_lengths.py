@@ -7,7 +7,7 @@ from scipy.special import chdtr, fdtr
 
 from .arrays import Array
 
-_HALVINGS = 40
+_HALVINGS = 40  # of the interval that contains the quantile
 
 
 def length_quantile(

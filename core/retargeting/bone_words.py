@@ -41,7 +41,7 @@ _HELPERS = re.compile(
 _BEND_ENDING = re.compile(r"(bend|base)$")
 _REGION = re.compile(r"^(arm|leg)(?=.)")
 _METACARPAL = re.compile(r"metacarpals?", re.IGNORECASE)
-_NEARLY_ALL = 0.9
+_NEARLY_ALL = 0.9  # share of the names
 _PHALANX = r"(proximal|intermediate|distal)?\d*"
 
 _WORDS: tuple[tuple[str, str], ...] = (

@@ -13,8 +13,8 @@ from ..numerics.arrays import Array, Bools
 from .control_rig import ControlRig, RigPoses, control_poses
 from .rest_alignment import shortest_turn
 
-_MAX_STRETCH = 1 - 1e-9
-_REACH_TOLERANCE = 1e-6
+_MAX_STRETCH = 1 - 1e-9  # of a limb, as a share of its length: where it is straight, its plane is undefined
+_REACH_TOLERANCE = 1e-6  # beyond which a goal is out of reach, as a share of the limb's length
 _LOWERING_TIME = 0.2  # seconds over which the hips are lowered
 
 

@@ -9,7 +9,7 @@ _PNG_PIECE = 12  # bytes of a chunk's length, type and checksum
 _JPEG_SIZES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # markers of the frame headers that hold the size
 _TIFF_SIDES = 256, 257  # tags of its width and height
 _TIFF_TYPES = {3: "H", 4: "I", 16: "Q"}  # of whole numbers
-_PIXELS_OF_A_BYTE, _SMALL = 32, 1 << 20
+_PIXELS_OF_A_BYTE, _SMALL = 32, 1 << 20  # in a camera's pictures, at most; bytes of a file that may state up to 8K
 
 
 def image_size(data: bytes) -> tuple[int, int] | None:

@@ -28,8 +28,9 @@ from .segments import PosedFrames
 
 KEY_POSE_REACH = 0.1
 """Distance by which a performer may differ from its nearest key poses, metres; it grows by `REACH_GROWTH` per second of
-the time between. """
+the time between."""
 REACH_GROWTH = 0.5
+"""Metres per second."""
 MAX_REACH = 1.0
 """Upper limit of that distance, metres."""
 

@@ -28,6 +28,7 @@ from ..scene_io.cameras import view_cameras
 from ..scene_io.keys import key_pose_curves, motion_curves
 
 _RATES_DIFFER = 0.01
+"""Relative difference from which the rate of a file is meant to be another than the shot's: 29.97 and 30 are not."""
 
 
 def frames_wanted(scene: bpy.types.Scene) -> list[int] | None:

@@ -20,7 +20,7 @@ _END_LENGTHS = (20, 24, 32)  # of the last block, which is but a header: before 
 _ZSTD, _ZSTD_END = b"\x28\xb5\x2f\xfd", b"\xb1\xea\x92\x8f"  # a compressed file, and the end of its table of frames
 _FBX = b"Kaydara FBX Binary"
 _FBX_END = bytes.fromhex("f85a8c6adef5d97eece90ce3758f290b")
-_TAIL = 64
+_TAIL = 64  # bytes of an end that is looked at
 
 
 def check_whole(path: Path, shown: Path | None = None) -> None:

@@ -10,7 +10,7 @@ from ..session import SESSION
 from . import viewport
 from .scene_changes import watch
 
-_DELAY = 0.05
+_DELAY = 0.05  # seconds
 
 
 @dataclass(frozen=True)

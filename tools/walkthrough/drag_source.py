@@ -19,6 +19,7 @@ VERSION, PATIENCE = 5, 10.0
 """Version of the protocol, and seconds to wait for an answer."""
 _SELECTION_REQUEST, _SELECTION_NOTIFY, _CLIENT_MESSAGE = 30, 31, 33
 _ATOM, _CURRENT_TIME, _REPLACE, _ANY = 4, 0, 0, 0
+"""Numbers of X11's events, and of its own type, time and modes."""
 
 
 class _Message(Structure):

@@ -21,6 +21,7 @@ from tutorial_steps import WORK, carry_out, idle, picture, scene, sidebar
 
 EXAMPLE = sys.argv[-1]
 AT_MOST = 12
+"""Clicks and drops from an empty scene to exported files."""
 KEY_ROW = 50
 """Least height of a timeline below whose frame numbers keys are seen, pixels."""
 

@@ -48,7 +48,7 @@ _COMPARED = np.array([_BRIGHTNESS, _COLOURS, _COLOURS])[:, None] * [
 ]
 """Brightness and differences of colour (ITU-R BT.601) of blue, green and red."""
 _PIXEL_SIGMA = 0.02  # of what the model leaves, levels from 0 to 1
-_KERNEL = Cauchy(3.0)
+_KERNEL = Cauchy(3.0)  # of differences in units of that
 _PIXELS_PER_OBSERVATION = 2.0  # pixels that count as one observation, as blur correlates them
 _APPEARANCE_SIGMA = 0.1  # standard deviation of how balls of one view look, about what they have in common
 _MIN_SIGMA = 0.03  # standard deviation that the best of images leaves, pixels

@@ -30,6 +30,7 @@ _MAX_HEIGHT_SPREAD = 0.05
 _MAX_HEIGHT_ERROR = 0.1
 """Largest relative difference from the stated height that shoes and hair can explain."""
 _HEAD = PERFORMER_POINTS - 1
+"""Index of the top of the head among the points of a place, after those of the feet."""
 
 
 @dataclass(frozen=True, eq=False)

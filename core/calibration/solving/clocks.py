@@ -26,7 +26,7 @@ MIN_FRAMES = 30
 _SAMPLED_FRAMES = 250
 """Number of frames used in the first evaluation of an offset."""
 _CANDIDATES = 8  # offsets that are refined between frames
-_FRACTIONS = np.linspace(-1, 1, 17)
+_FRACTIONS = np.linspace(-1, 1, 17)  # shifts that are tried around the best whole number, frames
 _ROUNDS = 3  # of this refinement
 _CLOSE_DISTANCE = 3.0
 """Median distance from epipolar lines, pixels, below which the other order of the wand's ends is not tried."""

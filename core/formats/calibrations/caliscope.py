@@ -12,7 +12,7 @@ from ...cameras.camera import Camera
 from ...numerics import rotations
 from ...runtime.files import replacing
 
-_COEFFICIENTS = 5
+_COEFFICIENTS = 5  # of distortion, in a file
 
 
 def write_caliscope_cameras(path: Path, cameras: Sequence[Camera]) -> None:

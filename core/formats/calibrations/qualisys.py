@@ -17,8 +17,8 @@ from ...errors import CalibrationError
 from ...runtime.files import replacing
 from ..reading import NUMBER_LIMIT, read_bytes, reading
 
-_SUBPIXELS = 64.0
-_FLIP = np.diag([1.0, -1.0, -1.0])
+_SUBPIXELS = 64.0  # to a pixel: units of the lengths in the file
+_FLIP = np.diag([1.0, -1.0, -1.0])  # from axes with y up and z backwards to ours with y down and z forwards
 
 
 def read_qualisys_cameras(path: Path) -> list[Camera]:

@@ -55,7 +55,9 @@ lengths of the bones by less than this share."""
 MIN_DEPTH = 0.1
 """Points that are nearer to the imagined camera than this are left out, metres."""
 _NEVER = 1e6
+"""Cost of a side that a second path must not take, far above all others."""
 _ASIDE = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+"""Rotation from the camera to one that looks at the person from the side."""
 
 
 def lone_view(body: Body, keypoints: Keypoints) -> int | None:
