@@ -8,7 +8,7 @@ from the shot: from the scatter of the keypoints, and from how exactly the outli
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -41,6 +41,9 @@ from .shared_keypoints import CameraEstimate, SharedKeypoints
 
 MAX_CHECKED_KEYS = 8
 """Largest number of key frames that cameras are compared with, evenly spaced over the shot."""
+MAX_OFFSET_SPREAD = 4.0
+"""Largest difference between offsets of all views that mean one thing, key poses that lag, frames: each is known to two
+frames at most."""
 EARLY_MISFITS = "footage that does not match"
 """Key with which these are shown, beside those of segments."""
 EARLY_KEYS = 3
@@ -207,7 +210,17 @@ def _explained(
             offset = better_offset(shot, views[match.camera], frames)
             if offset is not None:
                 unlike[match.camera] = replace(match, offset=offset)
+    if len(matches) > 1 and len(unlike) == len(matches) and not _agree(unlike.values()):
+        # The key poses are elsewhere, or of another movement: some offset always fits a little better.
+        unlike = {name: without for name, own in unlike.items() if (without := replace(own, offset=None)).off}
     return (*unlike.values(), *(fit for fit in fits if fit.off or fit.camera not in unlike))
+
+
+def _agree(matches: Iterable[FootageMatch]) -> bool:
+    """Whether offsets that fit better are known of all of some views, and are about the same."""
+    offsets = [match.offset for match in matches]
+    known = [offset for offset in offsets if offset is not None]
+    return len(known) == len(offsets) and max(known) - min(known) <= MAX_OFFSET_SPREAD
 
 
 def camera_fits(

@@ -126,9 +126,9 @@ def _begin_shot(current: bpy.types.Scene, probed: Sequence[Footage]) -> None:
     scene.set_rate(current, next((footage.fps for footage in probed if footage.fps > 0), None))
     saved = Path(bpy.data.filepath).stem
     properties.shot = properties.shot or saved or _folder_name(probed[0].path) or _UNNAMED
-    properties.zero, properties.first = scene.FRAME_START, 0
+    properties.zero, properties.first = max(current.frame_start, 0), 0
     properties.last = max(min(footage.count for footage in probed) - 1, 0)
-    current.frame_set(scene.FRAME_START)
+    current.frame_set(properties.zero)
 
 
 def _folder_name(footage: Path) -> str:

@@ -149,6 +149,15 @@ def test_a_shot_from_an_empty_scene_can_be_read_without_a_shot_file(take):
     assert read.name == take.name and read.fps == 25
 
 
+def test_footage_begins_where_the_scene_does(take):
+    """Many studios count frames from 1001."""
+    bpy.context.scene.frame_start = 1001
+    add(take, "walk_cam01.mp4")
+    assert (shot().scene_first, shot().scene_last) == (1001, 1030)
+    [clip] = bpy.data.movieclips
+    assert clip.frame_start == 1001 and bpy.context.scene.frame_current == 1001
+
+
 def test_footage_is_added_all_or_none(take):
     (take / "broken.mp4").write_bytes(b"no video")
     with pytest.raises(RuntimeError, match=r"broken\.mp4"):

@@ -73,6 +73,21 @@ def test_an_offset_that_is_wrong_by_some_frames_is_found(tmp_path: Path, every: 
         assert f"side: its pictures fit the key poses better with an offset of about {offset:g}" in found.summary
 
 
+@pytest.mark.parametrize(("found", "kept"), [((21.0, 19.0), True), ((21.0, -8.0), False), ((21.0, None), False)])
+def test_offsets_of_all_views_are_named_only_if_they_agree(
+    shot: Shot, monkeypatch: pytest.MonkeyPatch, found: tuple[float | None, ...], kept: bool
+) -> None:
+    """A body that was moved is nowhere where the footage shows it: in each view, some other offset fits better."""
+    offsets = dict(zip(("front", "side"), found, strict=True))
+    monkeypatch.setattr(
+        "kfmocap.core.fitting.shot_cameras.better_offset", lambda _shot, view, _frames: offsets[view.camera.name]
+    )
+    matches = [FootageMatch(name, 0.6) for name in offsets]
+    said = _explained(shot, FRAMES, matches, [])
+    assert [own.off for own in said] == [True, True]
+    assert [own.offset for own in said if isinstance(own, FootageMatch)] == (list(found) if kept else [None, None])
+
+
 def test_cameras_that_move_and_poses_that_hardly_differ_are_not_judged(
     shot: Shot, pictured: list[KeyFrameView]
 ) -> None:
