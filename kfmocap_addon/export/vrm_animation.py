@@ -7,21 +7,22 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import bpy
+import numpy as np
 
 from ...core.errors import BodyError
 from ...core.retargeting.bone_presets import PRESETS
 from ...core.retargeting.roles import PARENTS
 from ..retargeting.target_armatures import target_bones
+from .glb_animation import add_turns_between, packed
 
 _EXTENSION = "VRMC_vrm_animation"
 _REQUIRED = ("hips", "spine", "head", *(f"{s}{b}" for s in ("left", "right") for b in ("UpperArm", "UpperLeg")))
 _NO_THUMB = "Intermediate"
 """Bone that the thumbs of VRM 1.0 lack: theirs are metacarpal, proximal and distal."""
-_MAGIC, _JSON = 0x46546C67, 0x4E4F534A
 
 
 def humanoid_bones(armature: bpy.types.Object) -> dict[str, str]:
@@ -36,7 +37,7 @@ def humanoid_bones(armature: bpy.types.Object) -> dict[str, str]:
     found = {}
     for role in PARENTS:
         their = [name for name in theirs.get(role, ()) if name.rpartition("Thumb")[2] != _NO_THUMB]
-        for vrm, name in zip(their, own.get(role, ()), strict=False):
+        for vrm, name in zip(their, _spread(own.get(role, ()), len(their)), strict=False):
             found[vrm[0].lower() + vrm[1:]] = name
     missing = [name for name in _REQUIRED if name not in found]
     if missing:
@@ -48,8 +49,17 @@ def humanoid_bones(armature: bpy.types.Object) -> dict[str, str]:
     return found
 
 
+def _spread(names: Sequence[str], most: int) -> list[str]:
+    """Return at most so many of some names, from the first to the last."""
+    if len(names) <= most:
+        return list(names)
+    return [names[round(k)] for k in np.linspace(0, len(names) - 1, most)]
+
+
 def as_vrm_animation(glb: bytes, bones: Mapping[str, str]) -> bytes:
     """Return a .glb file's content as a VRM animation: rotations of the humanoid's bones, and the way of its hips.
+
+    Turns of bones between them are added to those of the humanoid's bones below, as nothing else is played.
 
     Parameters
     ----------
@@ -58,17 +68,15 @@ def as_vrm_animation(glb: bytes, bones: Mapping[str, str]) -> bytes:
     """
     (size,) = struct.unpack_from("<I", glb, 12)
     content: dict[str, Any] = json.loads(glb[20 : 20 + size])
+    binary = bytearray(glb[28 + size :])
     nodes = {node.get("name", ""): n for n, node in enumerate(content["nodes"])}
     humans = {bone: {"node": nodes[name]} for bone, name in bones.items() if name in nodes}
     content["extensionsUsed"] = sorted({*content.get("extensionsUsed", ()), _EXTENSION})
     content.setdefault("extensions", {})[_EXTENSION] = {"specVersion": "1.0", "humanoid": {"humanBones": humans}}
-    played = {(one["node"], "rotation") for one in humans.values()} | {(humans["hips"]["node"], "translation")}
+    hips = humans["hips"]["node"]
+    played = {(one["node"], "rotation") for one in humans.values()} | {(hips, "translation")}
     for animation in content.get("animations", ()):
+        add_turns_between(content, binary, animation, {node for node, _ in played}, hips)
         channels = animation["channels"]
         animation["channels"] = [c for c in channels if (c["target"]["node"], c["target"]["path"]) in played]
-    text = json.dumps(content, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % 4)
-    rest = glb[20 + size :]
-    return (
-        struct.pack("<III", _MAGIC, 2, 20 + len(text) + len(rest)) + struct.pack("<II", len(text), _JSON) + text + rest
-    )
+    return packed(content, binary)

@@ -8,14 +8,17 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import motion, shot  # noqa: E402
-from exported_files import TOLERANCE, glb_content, glb_joints, result_of  # noqa: E402
+from exported_files import TOLERANCE, glb_content, glb_joints, glb_values, result_of  # noqa: E402
 from kfmocap.core.body import human, part_poses  # noqa: E402
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
+from kfmocap.core.retargeting.transfer import RetargetOptions  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters, presets  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
-from kfmocap.kfmocap_addon.retargeting.send import send_to_rig  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
+from made_rigs import made_rig  # noqa: E402
 from odd_characters import BODY, add_bones, skinned_human  # noqa: E402
+from scipy.spatial.transform import Rotation  # noqa: E402
 from synthetic import swing  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
@@ -83,6 +86,55 @@ def test_a_character_is_written_as_vrm_animation_with_its_fingers(blender, tmp_p
         "leftIndexIntermediate": "f_index.02.L",
         "leftIndexDistal": "f_index.03.L",
     }
+
+
+def rig_with_root():
+    """A rig with five bones in its spine, two in its neck and a root, as a game engine's mannequin."""
+    made = made_rig("unreal", BODY, 0.7)
+    armature = bpy.data.objects.new("hero", bpy.data.armatures.new("hero"))
+    bpy.context.scene.collection.objects.link(armature)
+    bones = [
+        (name, made.rest.names[p] if p >= 0 else "root", head, tail)
+        for name, p, head, tail in zip(
+            made.rest.names, made.rest.parents, made.rest.heads, made.rest.tails, strict=True
+        )
+    ]
+    add_bones(armature, [("root", "", (0, 0, 0), (0, 0.3, 0)), *bones])
+    return armature
+
+
+def test_what_vrm_has_no_bone_for_is_played_by_the_bones_that_it_has(blender, tmp_path):
+    """Players read the rotations of the humanoid's bones alone, and the place of its hips."""
+    hero = rig_with_root()
+    given = motion_of_body(BODY, swing(BODY, 4, 0.3), "man", 30.0)
+    send_to_rig(bpy.context.scene, given, hero, 1, SendOptions(retarget=RetargetOptions(root="root-bone")))
+    options = ExportOptions(formats=("vrma",), frames=(1, 4))
+    [path] = exporters.export_armatures(bpy.context.scene, [("hero", hero)], tmp_path, options, "hero")
+    content, binary = glb_content(path)
+    bones = content["extensions"]["VRMC_vrm_animation"]["humanoid"]["humanBones"]
+    nodes, [animation] = content["nodes"], content["animations"]
+    above = {child: n for n, node in enumerate(nodes) for child in node.get("children", ())}
+    curves = {
+        (c["target"]["node"], c["target"]["path"]): glb_values(
+            content, binary, animation["samplers"][c["sampler"]]["output"]
+        )
+        for c in animation["channels"]
+    }
+    assert {node for node, _ in curves} <= {one["node"] for one in bones.values()}
+
+    def turned(node, frame):
+        own = curves.get((node, "rotation"), [nodes[node].get("rotation", (0, 0, 0, 1))] * 4)[frame]
+        return turned(above[node], frame) * Rotation.from_quat(own) if node in above else Rotation.from_quat(own)
+
+    y_up = Rotation.from_euler("x", -90, degrees=True)
+    for frame in range(4):
+        bpy.context.scene.frame_set(frame + 1)
+        for one in bones.values():
+            shown = hero.pose.bones[nodes[one["node"]]["name"]].matrix.to_quaternion()
+            wanted = y_up * Rotation.from_quat([*shown[1:], shown[0]])
+            assert (turned(one["node"], frame).inv() * wanted).magnitude() < 1e-3
+    way = given.positions[:, given.rest.names.index("pelvis"), :2]
+    assert np.ptp(curves[bones["hips"]["node"], "translation"][:, 0]) == pytest.approx(np.ptp(way[:, 0]), rel=0.05)
 
 
 @pytest.mark.parametrize("preset", ["BLENDER", "UNREAL"])
