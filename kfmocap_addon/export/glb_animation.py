@@ -22,7 +22,7 @@ Curves = Mapping[tuple[int, str], Array]
 """The values (F, C) of animated properties, by node and path."""
 
 
-def packed(content: Mapping[str, Any], binary: bytes) -> bytes:
+def packed(content: Mapping[str, Any], binary: bytes | bytearray) -> bytes:
     """Return a .glb file of its two parts."""
     text = json.dumps(content, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
@@ -89,7 +89,7 @@ def _matrices(content: Mapping[str, Any], curves: Curves, node: int, length: int
     return found
 
 
-def _values(content: Mapping[str, Any], binary: bytes, accessor: int) -> Array:
+def _values(content: Mapping[str, Any], binary: bytes | bytearray, accessor: int) -> Array:
     """Return the values (F, C) of an accessor of floating-point numbers."""
     one = content["accessors"][accessor]
     view = content["bufferViews"][one["bufferView"]]
