@@ -69,6 +69,32 @@ class Link:
         return 0.0 if self.geometry is None else self.agreeing * (1 - self.geometry.flatness)
 
 
+@dataclass(frozen=True, eq=False)
+class _FilmedWand:
+    """The wand as several views show it.
+
+    Attributes
+    ----------
+    tracks : Tracks
+        The wand on common frames.
+    lenses : sequence of Lens
+        One per view.
+    length : float
+        Length of the wand, metres.
+    cancel : callable
+        Called repeatedly; may raise.
+    """
+
+    tracks: Tracks
+    lenses: Sequence[Lens]
+    length: float
+    cancel: Cancel
+
+    def by(self, views: Sequence[int]) -> _FilmedWand:
+        """Return the wand as only these views show it."""
+        return replace(self, tracks=self.tracks.views(views), lenses=[self.lenses[v] for v in views])
+
+
 def find_links(tracks: Tracks, lenses: Sequence[Lens], cancel: Cancel) -> list[Link]:
     """Return all pairs of views that share enough frames."""
     links = []
@@ -134,7 +160,7 @@ def first_rig(
     for link in sorted(links, key=lambda link: -link.worth)[:_SEEDS]:
         if link.geometry is None:
             continue
-        rig = _grown(blank, _thinned(tracks, link), lenses, link, links, length=length, cancel=cancel)
+        rig = _grown(blank, _FilmedWand(_thinned(tracks, link), lenses, length, cancel), link, links)
         if rig is None:
             continue
         share = _agreement(rig, tracks, length)
@@ -204,56 +230,46 @@ def unknown_lens(lens: Lens) -> Bools:
     return free
 
 
-def _grown(
-    blank: Rig,
-    tracks: Tracks,
-    lenses: Sequence[Lens],
-    seed: Link,
-    links: Sequence[Link],
-    *,
-    length: float,
-    cancel: Cancel,
-) -> Rig | None:
+def _grown(blank: Rig, filmed: _FilmedWand, seed: Link, links: Sequence[Link]) -> Rig | None:
     """Add all cameras to those of a seed; next is always the one with most frames linked to known cameras."""
-    pair = _seeded(blank, tracks, lenses, seed, length=length, cancel=cancel)
+    pair = _seeded(blank, filmed, seed)
     if pair is None:
         return None
     rig, known = blank.put(seed.views, pair), list(seed.views)
     while len(known) < len(rig):
-        cancel()
+        filmed.cancel()
         joining = [link for link in links if sum(v in known for v in link.views) == 1 and link.geometry is not None]
         if not joining:
             return None
         link = max(joining, key=lambda link: link.agreeing)
         new = next(v for v in link.views if v not in known)
-        camera = _resected(rig, tracks, lenses[new], link, known, new=new, length=length, cancel=cancel)
+        camera = _resected(rig, filmed, link, known, new)
         if camera is None:
             return None
         known.append(new)
         rig = rig.put([new], camera)
-        fit = _adjusted(rig.take(known), tracks.views(known), [lenses[v] for v in known], length, cancel)
+        fit = _adjusted(rig.take(known), filmed.by(known))
         if fit is None:
             return None
         rig = rig.put(known, fit.scene.rig)
     return rig
 
 
-def _seeded(
-    blank: Rig, tracks: Tracks, lenses: Sequence[Lens], seed: Link, *, length: float, cancel: Cancel
-) -> Rig | None:
+def _seeded(blank: Rig, filmed: _FilmedWand, seed: Link) -> Rig | None:
     """Return the two cameras of a link, with the first at the origin."""
-    i, j = seed.views
+    tracks, (i, j) = filmed.tracks, seed.views
+    lenses = filmed.lenses[i], filmed.lenses[j]
     frames = np.flatnonzero(tracks.seen[[i, j]].all(axis=(0, 2)))
     assert seed.geometry is not None
     x, y = (tracks.points[v, frames].reshape(-1, 2) for v in (i, j))
-    again = epipolar(x, y, lenses[i], lenses[j])
+    again = epipolar(x, y, *lenses)
     if again is None:
         return None
     both = again.agreeing.reshape(-1, 2).all(axis=1)
     ends_i, ends_j = tracks.points[i, frames[both]], tracks.points[j, frames[both]]
-    guesses = starts(again, (ends_i, ends_j), (lenses[i], lenses[j]), length)
-    rigs = [_pair(blank.take([i, j]), guess, again, (lenses[i], lenses[j])) for guess in guesses]
-    fits = [_adjusted(rig, tracks.views([i, j]), [lenses[i], lenses[j]], length, cancel) for rig in rigs]
+    guesses = starts(again, (ends_i, ends_j), lenses, filmed.length)
+    rigs = [_pair(blank.take([i, j]), guess, again, lenses) for guess in guesses]
+    fits = [_adjusted(rig, filmed.by([i, j])) for rig in rigs]
     good = [fit for fit in fits if fit is not None]
     return min(good, key=lambda fit: fit.cost / len(fit.residual) ** 1.5).scene.rig if good else None
 
@@ -269,36 +285,27 @@ def _pair(rig: Rig, guess: Start, geometry: Epipolar, lenses: Sequence[Lens]) ->
     return replace(rig, focal=focal, distortions=distortions, R_cam_world=R, t_cam_world=t)
 
 
-def _adjusted(rig: Rig, tracks: Tracks, lenses: Sequence[Lens], length: float, cancel: Cancel) -> BundleFit | None:
+def _adjusted(rig: Rig, filmed: _FilmedWand) -> BundleFit | None:
     """Adjust the cameras, first with a loose and then with a tight loss; None if they see the wand nowhere."""
-    free = np.stack([unknown_lens(lens) for lens in lenses])
+    free = np.stack([unknown_lens(lens) for lens in filmed.lenses])
     fit = None
     for scale, tolerance in ((_FIRST_SCALE, 0.3), (_ADJUSTED_SCALE, 0.15)):
         noise = scale if fit is None else max(scale, fit.noise)
-        sighting = sight(rig, tracks, length, noise, tolerance)
+        sighting = sight(rig, filmed.tracks, filmed.length, noise, tolerance)
         if sighting.known.sum() < MIN_LINK_FRAMES // 2:
             return None
-        scene = Scene(rig, sighting.wand(tracks.frames, length))
-        evidence = BundleEvidence(observed(tracks, sighting))
-        fit = adjust(scene, evidence, free, scale=scale, iterations=15, tolerance=1e-2, cancel=cancel)
+        scene = Scene(rig, sighting.wand(filmed.tracks.frames, filmed.length))
+        evidence = BundleEvidence(observed(filmed.tracks, sighting))
+        fit = adjust(scene, evidence, free, scale=scale, iterations=15, tolerance=1e-2, cancel=filmed.cancel)
         rig = fit.scene.rig
     return fit
 
 
-def _resected(
-    rig: Rig,
-    tracks: Tracks,
-    lens: Lens,
-    link: Link,
-    known: Sequence[int],
-    *,
-    new: int,
-    length: float,
-    cancel: Cancel,
-) -> Rig | None:
+def _resected(rig: Rig, filmed: _FilmedWand, link: Link, known: Sequence[int], new: int) -> Rig | None:
     """Return one more camera, as a rig of one, by resection from the wand that the others see."""
     assert link.geometry is not None
-    sighting = sight(rig.take(known), tracks.views(known), length, _ADJUSTED_SCALE)
+    tracks, lens = filmed.tracks, filmed.lenses[new]
+    sighting = sight(rig.take(known), tracks.views(known), filmed.length, _ADJUSTED_SCALE)
     usable = sighting.known & tracks.seen[new].all(axis=1)
     points, uv = sighting.ends_world[usable].reshape(-1, 3), tracks.points[new, usable].reshape(-1, 2)
     if len(points) < MIN_LINK_FRAMES:
@@ -317,11 +324,11 @@ def _resected(
     alone = replace(alone, focal=focals, distortions=distortions, R_cam_world=R[None], t_cam_world=t[None])
     v, f = np.zeros(2 * usable.sum(), int), np.repeat(tracks.frames[usable], 2).astype(float)
     seen = BallObservations(v, np.tile([0, 1], usable.sum()), f, uv, tracks.sigma[new, usable].ravel())
-    scene = Scene(alone, sighting.wand(tracks.frames, length))
+    scene = Scene(alone, sighting.wand(tracks.frames, filmed.length))
     free = unknown_lens(lens)[None]
     for scale in (3 * _FIRST_SCALE, _ADJUSTED_SCALE):
         scene = adjust(
-            scene, BundleEvidence(seen), free, scale=scale, tolerance=1e-3, free_wand=False, cancel=cancel
+            scene, BundleEvidence(seen), free, scale=scale, tolerance=1e-3, free_wand=False, cancel=filmed.cancel
         ).scene
     return scene.rig
 
