@@ -47,6 +47,7 @@ _MAX_BREADTH = 2.5  # how many times as broad as a ball's own a trace may be, sq
 _MIN_SIGMA, _PATH_SHARE = 0.15, 0.12  # deviation of a centroid, pixels, and as a share of half the path
 _SHADING_SHARE = 0.18  # of the radius: what light from one side, a rod or a hand shift the centroid
 _EXPOSURE_STRIDE = 8  # between the pixels by which a frame's exposure is estimated
+_NOISE_STRIDE = 4  # between the pixels by which a frame's noise is estimated
 _MIN_LIT_LEVEL, _MAX_LIT_LEVEL, _MIN_LIT_PIXELS = 0.05, 0.98, 50  # levels of these pixels, and how many are needed
 _MIN_NOISE = 0.5 / 255  # levels from 0 to 1
 _MIN_LIGHT = 0.02  # levels from 0 to 1
@@ -224,9 +225,9 @@ class PassingBalls:
 
     def _peaks(self, frame: PassingFrame, least: float) -> tuple[Array, NDArray[np.int64]]:
         """Return the heights of the filter's peaks, decreasing, in deviations of its noise, and their pixels (v, u)."""
-        along = np.einsum("vuc,vuc->vu", frame.smooth, self.way)
-        across = np.einsum("vuc,vuc->vu", frame.smooth, self.aside)
-        noise = max(NORMAL_MAD * float(np.median(np.abs(along))), 1e-6)
+        along, across = _dot(frame.smooth, self.way), _dot(frame.smooth, self.aside)
+        some = along[::_NOISE_STRIDE, ::_NOISE_STRIDE]
+        noise = max(NORMAL_MAD * float(np.median(np.abs(some))), 1e-6)
         score = (along - np.abs(across)) / noise
         highest = (score >= cv2.dilate(score, _PEAK_WINDOW)) & (score > least)
         places = np.argwhere(highest)
@@ -279,6 +280,11 @@ class PassingBalls:
         toward = _beside((self.light - behind) / noise, _unit(behind / noise))
         information = np.maximum(np.sum(toward**2, axis=2), 1e-12)
         return np.sum(toward * added / noise, axis=2) / information, float(1 / np.sqrt(np.median(information)))
+
+
+def _dot(a: Image, b: Image) -> Image:
+    """Return the products of two pictures' colours, added up, shape (h, w)."""
+    return np.asarray(cv2.transform(cv2.multiply(a, b), np.ones((1, 3), np.float32)))
 
 
 def _unit(vectors: Array) -> Array:
