@@ -65,7 +65,9 @@ def _roles(
     central |= {role: tree.chain(parts[""][role], _MAX_BONES[role]) for role in ("spine", "neck") if role in parts[""]}
     found = dict(central)
     for side in SIDES:
-        limbs = _leg(parts[side], tree) | _arm(parts[side], tree) | _fingers(parts[side], names, tree)
+        limb = {part: _lowest_numbered(bones, names, tree) for part, bones in parts[side].items() if part != "toe"}
+        limb |= {"toe": parts[side]["toe"]} if "toe" in parts[side] else {}
+        limbs = _leg(limb, tree) | _arm(limb, tree) | _fingers(parts[side], names, tree)
         found |= {f"{role}.{side}": bones for role, bones in limbs.items()}
     found = tree.with_trunk(found)
     root = _root(rest, parts[""].get("root", []), found.get("hips", []), tree)
@@ -115,6 +117,13 @@ def _arm(parts: Named, tree: SkeletonTree) -> dict[str, list[int]]:
     hands = sorted([*parts.get("hand", []), *parts.get("wrist", [])]) or parts.get("palm", [])
     found = {"shoulder": (collars or shoulders)[:1], "upper_arm": uppers[:1], "forearm": lowers[:1], "hand": hands[:1]}
     return {role: bones for role, bones in found.items() if bones}
+
+
+def _lowest_numbered(bones: Sequence[int], names: Sequence[BoneName], tree: SkeletonTree) -> list[int]:
+    """Return the bones of one name with the lowest number, and those that hang on them: others are of further limbs."""
+    numbers = [int(names[j].digits or 0) for j in bones]
+    lowest = [j for j, number in zip(bones, numbers, strict=True) if number == min(numbers)]
+    return [j for j in bones if j in lowest or any(tree.is_above(k, j) for k in lowest)]
 
 
 def _second(bones: Sequence[int], tree: SkeletonTree) -> list[int]:

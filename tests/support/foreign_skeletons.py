@@ -495,6 +495,21 @@ SKELETONS = {
         {s}_leg_ankle | {s}_leg_tibia | ankle | foot
         {s}_leg_ball | {s}_leg_ankle | ball | toe
         """,
+    "a second pair of arms, lower on the trunk": """
+        Hips | | hips | hips
+        Spine | Hips | spine1 | spine
+        UpperArm2.{S} | Spine | spine2
+        LowerArm2.{S} | UpperArm2.{S} | elbow
+        Hand2.{S} | LowerArm2.{S} | wrist
+        Chest | Spine | spine3 | spine
+        Head | Chest | head | head
+        UpperArm.{S} | Chest | shoulder | upper_arm
+        LowerArm.{S} | UpperArm.{S} | elbow | forearm
+        Hand.{S} | LowerArm.{S} | wrist | hand
+        UpperLeg.{S} | Hips | thigh | thigh
+        LowerLeg.{S} | UpperLeg.{S} | knee | shin
+        Foot.{S} | LowerLeg.{S} | ankle | foot
+        """,
     "vrm 1.0 as blender marks sides": """
         hips | | hips | hips
         spine | hips | spine1 | spine

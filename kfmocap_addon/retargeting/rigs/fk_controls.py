@@ -318,9 +318,11 @@ def _carried(
     return found
 
 
-def _is_visible(bone: bpy.types.Bone) -> bool:
-    collections = list(bone.collections)
-    return not bone.hide and (not collections or any(each.is_visible for each in collections))
+def _is_visible(armature: bpy.types.Object, bone: bpy.types.Bone) -> bool:
+    """Whether an animator can see a bone in pose mode."""
+    posed: Any = armature.pose.bones[bone.name]  # hides bones since Blender 5.0
+    shown = not bone.collections or any(each.is_visible_effectively for each in bone.collections)
+    return shown and not bone.hide and not getattr(posed, "hide", False)
 
 
 def _chosen(armature: bpy.types.Object, bones: Sequence[str], moved: Mapping[str, set[str]]) -> dict[str, str]:
@@ -333,7 +335,7 @@ def _chosen(armature: bpy.types.Object, bones: Sequence[str], moved: Mapping[str
     def rank(bone: bpy.types.Bone, control: bpy.types.Bone) -> tuple[object, ...]:
         shaped = armature.pose.bones[control.name].custom_shape is not None
         along = (bone.tail_local - control.tail_local).length < _RIGID_TOLERANCE * size and not control.use_deform
-        return shaped, len(moved[control.name]), _is_visible(control), along, len(control.parent_recursive)
+        return shaped, len(moved[control.name]), _is_visible(armature, control), along, len(control.parent_recursive)
 
     found = {}
     for name in bones:
