@@ -31,15 +31,16 @@ def explained_by_part(
     first : int
         Shot frame of the first of the n frames.
     """
-    frame, u, v = labels.places
+    frame, _, _ = labels.places
     n, P = labels.share.shape
     group = np.repeat(np.arange(n * P), np.diff(labels.ends))
     part = group % P
     by_part = partial(np.bincount, part * n + frame, minlength=n * P)
-    ratio = log_ratio(foreground[labels.performer[part], frame, stride * v, stride * u])
+    ratio = log_ratio(labels.pixels_of(foreground, stride))
     explained = by_part(stride**2 * ratio).astype(float).reshape(P, n)
     coloured = view.part_colours(first, n)
     if coloured is not None:
-        own = coloured.colours.ratio[parts[part], coloured.palette[frame, stride * v, stride * u]]
+        ratios = coloured.colours.ratio
+        own = ratios.reshape(-1).take(parts[part] * ratios.shape[1] + labels.pixels_of(coloured.palette[None], stride))
         explained = explained + by_part(stride**2 * own).astype(float).reshape(P, n)
     return np.asarray(explained)

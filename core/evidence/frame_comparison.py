@@ -284,8 +284,9 @@ def _explained(frames: FramesInView, drawing: Drawing, foreground: NDArray[np.ui
 
 def _agreeing(frames: FramesInView, labels: LabelImages, foreground: NDArray[np.uint8]) -> Array:
     """Share of the pixels that show a part which look like some performer, shape (n, P)."""
-    frame, u, v = labels.places
-    stride, count = frames.sampling.stride, np.diff(labels.ends)
-    nobody = background_share(log_ratio(foreground[:, frame, stride * v, stride * u].max(axis=0)))
+    count = np.diff(labels.ends)
+    place = labels.places_in(frames.sampling.stride, (foreground.shape[2], foreground.shape[3]))
+    likest = np.max([images.reshape(-1).take(place) for images in foreground], axis=0)
+    nobody = background_share(log_ratio(likest))
     unlike = np.bincount(np.repeat(np.arange(len(count)), count), nobody, len(count))
     return np.asarray(1.0 - unlike / np.maximum(count, 1), float).reshape(frames.shape)

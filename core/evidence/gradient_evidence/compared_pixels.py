@@ -144,8 +144,7 @@ def compare(frames: LabelledFrames) -> ComparedPixels:
     here, there = images.at(pixels.frame, pixels.uv), images.sample(pixels.frame + 1, uv_b)
     seen = labels.part_at(pixels.frame + 1, *(uv_b.T / frames.stride)) == pixels.part
     if frames.foreground is not None:
-        whose = labels.performer[pixels.part]
-        seen &= log_ratio(frames.foreground[whose, pixels.frame, pixels.uv[:, 1], pixels.uv[:, 0]]) > BACKGROUND_BELOW
+        seen &= log_ratio(labels.pixels_of(frames.foreground, frames.stride)[: len(seen)]) > BACKGROUND_BELOW
     standing = images.at(pixels.frame + 1, pixels.uv)[0] - here[0]
     return ComparedPixels(
         camera=camera,

@@ -150,6 +150,31 @@ class LabelImages:
         v = pixel // width
         return frame, pixel - v * width, v
 
+    def places_in(self, stride: int, size: tuple[int, int]) -> NDArray[np.intp]:
+        """Indices of the pixels of `index` in flattened images of the n frames, of size (height, width), of which these
+        label images have every stride-th pixel; shape (N,).
+        """
+        frame, u, v = self.places
+        index = frame * size[0]
+        index += stride * v
+        index *= size[1]
+        index += stride * u
+        return index
+
+    def pixels_of(self, images: NDArray[np.uint8], stride: int) -> NDArray[np.uint8]:
+        """Look up the pixels of `index` in the images (M, n, h, w) of the performers whose parts they show, shape (N,);
+        `stride` as above.
+        """
+        place = self.places_in(stride, (images.shape[2], images.shape[3]))
+        found = images[0].reshape(-1).take(place)  # many times as fast as an index for each axis
+        if len(images) > 1:
+            n, P = self.share.shape
+            whose = np.repeat(np.tile(self.performer[:P], n), np.diff(self.ends))
+            for performer, own in enumerate(images[1:], 1):
+                rows = np.flatnonzero(whose == performer)
+                found[rows] = own.reshape(-1).take(place[rows])
+        return found
+
     def part_at(
         self, frame: NDArray[np.intp], u: NDArray[np.floating[Any]], v: NDArray[np.floating[Any]]
     ) -> NDArray[np.int16]:

@@ -311,3 +311,18 @@ def test_pixels_are_the_nearest_and_something_else_beyond_each_picture(kind: typ
         column, row = round(float(kind(u[k, j]))), round(float(kind(v[k, j])))
         inside = 0 <= column < 7 and 0 <= row < 5
         assert pixel == (images[frame[k, 0], row, column] if inside else -2)
+
+
+@pytest.mark.parametrize("performers", [1, 2])
+@pytest.mark.parametrize("stride", [1, 3])
+def test_pixels_are_looked_up_in_the_pictures_of_the_performer_whose_part_they_show(
+    performers: int, stride: int
+) -> None:
+    bodies = (figure(), human(1.75))[:performers]
+    labels = seen(NEARBY.subsampled(stride), *((body, swing(body, 3, 0.2 + 0.1 * i)) for i, body in enumerate(bodies)))
+    width, height = NEARBY.size
+    pictures = np.random.default_rng(0).integers(0, 256, (performers, 3, height, width), np.uint8)
+    frame, u, v = labels.places
+    whose = labels.performer[labels.part.ravel()[labels.index]]
+    assert set(whose) == set(range(performers))
+    np.testing.assert_array_equal(labels.pixels_of(pictures, stride), pictures[whose, frame, stride * v, stride * u])
