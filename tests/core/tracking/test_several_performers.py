@@ -486,7 +486,8 @@ def test_the_motion_of_a_performer_whom_others_hide_is_not_followed(
 
     monkeypatch.setattr(multi_start, "follow_both_ways", follow)
     monkeypatch.setattr(multi_start, "searched", lambda _problem, _start, solutions, *_, **__: solutions[0])
-    monkeypatch.setattr(multi_start, "images_contradict", lambda *_: True)
+    for doubt in ("images_contradict", "is_doubtful"):
+        monkeypatch.setattr(multi_start, doubt, lambda *_: True)
     alone = BOTH.alone(1)
     first = told.found(alone, WRONG)
     first.unhidden[1, 3] = in_sight
