@@ -42,7 +42,7 @@ def correct_sides(keypoints: Keypoints, points_world: Array) -> tuple[Keypoints,
         columns = [i for i, n in enumerate(keypoints.names) if is_sided(n) and n[1:] in group]
         kept, given = own[..., columns].sum(axis=-1), turned[..., columns].sum(axis=-1)
         changed[..., columns] = (given < MAX_ERROR_RATIO * kept)[..., None]
-    return _chosen(keypoints, other, changed), changed
+    return with_exchanged(keypoints, other, changed), changed
 
 
 def swap_sides(keypoints: Keypoints) -> Keypoints:
@@ -54,7 +54,8 @@ def swap_sides(keypoints: Keypoints) -> Keypoints:
     return replace(keypoints, rays=keypoints.rays[:, :, order], confidence=keypoints.confidence[:, :, order])
 
 
-def _chosen(keypoints: Keypoints, other: Keypoints, changed: NDArray[np.bool_]) -> Keypoints:
+def with_exchanged(keypoints: Keypoints, other: Keypoints, changed: NDArray[np.bool_]) -> Keypoints:
+    """Return the keypoints with those of `other`, which has left and right exchanged, where `changed` (V, F, L)."""
     rays = np.where(changed[..., None], other.rays, keypoints.rays)
     return replace(keypoints, rays=rays, confidence=np.where(changed, other.confidence, keypoints.confidence))
 

@@ -77,6 +77,13 @@ def triangulate(keypoints: Keypoints, fps: float | None = None) -> tuple[Array, 
     return best, inliers & np.isfinite(best).all(axis=-1)
 
 
+def least_squares_points(keypoints: Keypoints, weight: Array) -> Array:
+    """Return the points nearest to the rays by weighted least squares over all views, metres, (F, L, 3); NaN where
+    fewer than two views have a weight (V, F, L).
+    """
+    return _solved(*_equations(keypoints), weight)
+
+
 def _steadiest(candidates: Array, agreed: Array, leap_cost: float) -> Ints:
     """Return the best of S candidates (S, F, 3) on every frame, shape (F,), by agreement (S, F) and by least
     acceleration.

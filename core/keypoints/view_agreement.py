@@ -17,7 +17,8 @@ from ..numerics.arrays import Array
 from ..numerics.resampling import gaps_filled
 from .keypoint_rays import Keypoints
 from .keypoint_sigmas import sigmas_of_lengths
-from .left_right import correct_sides
+from .left_right import correct_sides, swap_sides, with_exchanged
+from .side_paths import likeliest_sides
 from .triangulation import LEAP_DISTANCE, triangulate
 
 COMPARISON_WINDOW = 0.1
@@ -25,9 +26,7 @@ COMPARISON_WINDOW = 0.1
 AVERAGING_TIME = 0.04
 """Time over which points are averaged before a body is posed on them, seconds."""
 MAX_BRIDGED_TIME = 0.6
-"""Longest time between two certain positions of a point across which a straight line decides on left and right,
-seconds.
-"""
+"""Longest time between two certain positions of a point across which a straight line says where it is, seconds."""
 MIDPOINTS = {"Neck": "Shoulder", "Hip": "Hip", "MidHip": "Hip"}
 """Keypoints that many layouts define as the middle of a left and a right one."""
 MIDPOINT_TOLERANCE = 0.02
@@ -64,11 +63,13 @@ class ViewAgreement:
     def of(cls, keypoints: Keypoints, fps: float) -> ViewAgreement:
         """Correct left and right of keypoints where views contradict one another, and triangulate them."""
         own = without_midpoints(keypoints)
-        sided, changed = own, np.zeros(own.confidence.shape, bool)
+        changed = steady = likeliest_sides(own, fps)
+        sided = likely = with_exchanged(own, swap_sides(own), steady)
         points, inliers = triangulate(sided, fps)
         for _ in range(2):
             before = changed
-            sided, changed = correct_sides(own, _expected(points, inliers, fps))
+            sided, corrected = correct_sides(likely, _expected(points, inliers, fps))
+            changed = steady ^ corrected
             if (changed == before).all():
                 break
             points, inliers = triangulate(sided, fps)
@@ -130,18 +131,23 @@ def _expected(points_world: Array, inliers: NDArray[np.bool_], fps: float) -> Ar
     third view to decide, it is expected between the positions before and after on which three views agree.
     """
     expected = running_median(without_leaps(points_world, fps), fps)
-    sure = np.where((inliers.sum(axis=0) > 2)[..., None], expected, np.nan)
-    frames = np.arange(len(expected))
-    for i in range(expected.shape[1]):
-        known = np.flatnonzero(np.isfinite(sure[:, i]).all(axis=-1))
+    across = bridged(np.where((inliers.sum(axis=0) > 2)[..., None], expected, np.nan), fps)
+    return np.where(np.isfinite(across), across, expected)
+
+
+def bridged(points_world: Array, fps: float) -> Array:
+    """Return points (F, L, 3) with straight lines across gaps of up to `MAX_BRIDGED_TIME`."""
+    out, frames = points_world.copy(), np.arange(len(points_world))
+    for i in range(points_world.shape[1]):
+        known = np.flatnonzero(np.isfinite(points_world[:, i]).all(axis=-1))
         if len(known) < 2:
             continue
         after = np.clip(np.searchsorted(known, frames), 1, len(known) - 1)
         between = (
             (frames > known[0]) & (frames < known[-1]) & (known[after] - known[after - 1] <= MAX_BRIDGED_TIME * fps)
         )
-        expected[between, i] = gaps_filled(sure[:, i])[between]
-    return expected
+        out[between, i] = gaps_filled(points_world[:, i])[between]
+    return out
 
 
 def running_median(points_world: Array, fps: float) -> Array:
