@@ -24,7 +24,7 @@ from .keypoint_factor import KeypointFactor
 from .keypoint_motion.first_pass import first_pass
 from .keypoint_places import Places, has_keypoint
 from .keypoint_rays import Keypoints
-from .seen_landmarks import habit_precision, usual_turns, without_guesses
+from .seen_landmarks import habit_precision, usual_turns, with_usual_confidence, without_guesses
 
 
 def image_rays(camera: Camera, pixels: Array) -> Array:
@@ -193,7 +193,8 @@ def identified_keypoints(shot: Shot, detections: Sequence[Detections]) -> tuple[
     delays = [footage_delay(view) for view in shot.views]
     owned = dict(zip(shown if names else (), zip(*assigned, strict=True), strict=True))
     found = [owned.get(i, (_no_keypoints(shot), NOT_LOOKED_FOR)) for i in range(len(shot.performers))]
-    return [without_guesses(on_time(own, delays)) for own, _ in found], [identity for _, identity in found]
+    own = [without_guesses(with_usual_confidence(on_time(one, delays))) for one, _ in found]
+    return own, [identity for _, identity in found]
 
 
 def _no_keypoints(shot: Shot, names: tuple[str, ...] = ()) -> Keypoints:

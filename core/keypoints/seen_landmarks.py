@@ -18,10 +18,23 @@ MIN_CONFIDENCE = 0.3
 """A keypoint counts as seen from this confidence on; below, most detectors' own programs do not draw it."""
 MIN_FRAMES = 3
 """A landmark counts as seen if it has that confidence on at least this many frames of one view."""
+USUAL_CONFIDENCE = 0.7
+"""Confidence that detectors reach for the best tenth of their keypoints, at least."""
 HABIT_SIGMA = 0.5
 """Standard deviation of a part that is out of sight from its mean rotation on frames on which it is seen, radians."""
 HABIT_TIME = 0.2
 """How long such a deviation lasts, seconds: the frames of this time count as one."""
+
+
+def with_usual_confidence(keypoints: Keypoints) -> Keypoints:
+    """Return the keypoints with all confidence raised by the same factor if even the best tenth is unsure.
+
+    What detectors call their confidence differs, and falls in dark or blurred pictures; only the differences within a
+    shot say which keypoints are good.
+    """
+    found = keypoints.confidence[keypoints.confidence > 0]
+    best = float(np.quantile(found, 0.9)) if len(found) else 1.0
+    return replace(keypoints, confidence=np.minimum(keypoints.confidence * max(1.0, USUAL_CONFIDENCE / best), 1.0))
 
 
 def without_guesses(keypoints: Keypoints) -> Keypoints:

@@ -17,7 +17,7 @@ from ...shot.shot import KeyPoses
 from ..keypoint_rays import Keypoints
 from ..seen_landmarks import resting_degrees, with_resting
 from ..view_agreement import ViewAgreement
-from .first_pose import posed_start, posing_frames
+from .first_pose import posed_start, posing_frames, posing_points
 from .keypoint_fit import STEPS_CONTINUED, FitProblem, KeypointFit, fit_motion
 from .lifting import lone_view
 from .limb_safeguard import repose_lost_limbs
@@ -64,8 +64,9 @@ def first_pass(
     held = keys if keys is not None and keys.fixed.any() else None
     starts = [spline(held, len(keypoints))] if held is not None else []
     agreement = ViewAgreement.of(keypoints, fps)
-    if len(posing_frames(agreement.keypoints, agreement.points_world, fps)):
-        start = posed_start(body, agreement.keypoints, agreement.points_world, fps)
+    points = posing_points(agreement.keypoints, agreement.points_world, fps)
+    if len(posing_frames(agreement.keypoints, points, fps)):
+        start = posed_start(body, agreement.keypoints, points, fps)
         start = start.moved(np.where(fixed, start.difference(starts[0]), 0.0)) if starts else with_resting(start, fixed)
         starts.append(start)
     view = lone_view(body, keypoints)
@@ -111,7 +112,7 @@ def scaled_first_pass(
         Two views have too few keypoints in common.
     """
     agreement = ViewAgreement.of(keypoints, fps)
-    points = agreement.points_world
+    points = posing_points(agreement.keypoints, agreement.points_world, fps)
     if not len(posing_frames(agreement.keypoints, points, fps)):
         view = lone_view(human(), keypoints)
         if view is None:

@@ -13,7 +13,7 @@ from ...numerics.arrays import Array
 from ...shot.keypose_spline import spline
 from ...shot.shot import KeyPoses
 from ..keypoint_rays import Keypoints
-from ..view_agreement import averaged
+from ..view_agreement import averaged, bridged
 from .closed_form import closed_form_pose
 
 POSE_INTERVAL = 0.2
@@ -37,6 +37,14 @@ def posing_frames(keypoints: Keypoints, points_world: Array, fps: float) -> NDAr
     count = max(1, round(len(known) / (POSE_INTERVAL * fps)))
     best = [part[np.argmax(known[part])] for part in np.array_split(np.arange(len(known)), count)]
     return np.array([f for f in best if known[f] >= enough], dtype=np.intp)
+
+
+def posing_points(keypoints: Keypoints, points_world: Array, fps: float) -> Array:
+    """Return the points (F, L, 3) to pose the body on: those given, or, if they are too few on every frame, with
+    straight lines across their gaps.
+    """
+    enough = len(posing_frames(keypoints, points_world, fps)) > 0
+    return points_world if enough else bridged(points_world, fps)
 
 
 def posed_start(body: Body, keypoints: Keypoints, points_world: Array, fps: float) -> Motion:

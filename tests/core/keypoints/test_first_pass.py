@@ -259,3 +259,18 @@ def test_feet_of_a_detector_without_toes_point_where_the_legs_do() -> None:
         )
         cosine = np.sum(found * true, axis=-1) / np.linalg.norm(found, axis=-1) / np.linalg.norm(true, axis=-1)
         assert np.degrees(np.arccos(cosine)).max() < 20
+
+
+def test_two_views_that_never_see_most_joints_at_once_are_enough() -> None:
+    """Each keypoint is missing on half of the frames, at its own times in each view."""
+    body, frames = human(), 30
+    points = seen_places(body, strolling(body, frames))
+    seen = keypoints_of(cameras(2), points, noise=0.01)
+    rng = np.random.default_rng(0)
+    begin = rng.integers(0, 10, (1, 1, len(NAMES))) + np.array([0, 3])[:, None, None]
+    missing = (np.arange(frames)[:, None] + begin) % 10 < 5
+    seen.confidence[missing], seen.rays[missing] = 0.0, np.nan
+    fit = scaled_first_pass(seen, fps=FPS, precision=precision(body), correlated=9.0)
+    joints = [i for i, name in enumerate(NAMES) if name.endswith(("Elbow", "Knee", "Ankle", "Shoulder"))]
+    found = fit.places.world(part_poses(fit.body, fit.motion))
+    assert np.linalg.norm(found - points, axis=-1)[:, joints].mean() < 0.04
