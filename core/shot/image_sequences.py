@@ -161,8 +161,25 @@ def read_image(path: Path) -> Image:
     if image is None:
         known = ", ".join(sorted(suffix[1:] for suffix in IMAGE_SUFFIXES))
         todo = f"write it again, or convert the sequence to one of {known} with 8 bits a channel"
+        if path.suffix.lower() == ".exr":
+            todo = f"convert the sequence, as with: {_exr_converted(path)}"
         raise FootageError("the image cannot be read", where=str(path), todo=todo)
     return np.asarray(image)
+
+
+def _exr_converted(path: Path) -> str:
+    """Return the command that converts a sequence of linear EXR images to PNG, brighter as for a screen.
+
+    It is not left to OpenCV: a damaged EXR of 10 kB takes its decoder 20 seconds and gigabytes, or makes it crash.
+    """
+    number, pattern, start = _FRAME_NUMBER.search(path.stem), path.stem, ""
+    if number is not None:
+        pattern = f"{pattern[: number.start()]}%0{len(number[0])}d{pattern[number.end() :]}"
+        start = f"-start_number {int(number[0])} "
+    curve = ":".join(f"{channel}=gammaval(0.45)" for channel in "rgb")
+    return (
+        f'ffmpeg {start}-i {pattern}{path.suffix} -vf "format=rgb48,lutrgb={curve}" -pix_fmt rgb24 {start}{pattern}.png'
+    )
 
 
 def check_images(path: Path, files: Mapping[int, Path], frames: range, size: tuple[int, int]) -> None:

@@ -328,6 +328,21 @@ def test_images_that_opencv_does_not_read_are_named_with_what_to_do(tmp_path: Pa
         check_view(View(camera(), tmp_path / "f##.exr"), 0, 1)
 
 
+@pytest.mark.parametrize(
+    ("name", "inputs", "output"),
+    [
+        ("cam01.1001.exr", "ffmpeg -start_number 1001 -i cam01.%04d.exr ", " -start_number 1001 cam01.%04d.png"),
+        ("still.EXR", "ffmpeg -i still.EXR ", " still.png"),
+    ],
+)
+def test_the_command_that_converts_exr_images_names_them(tmp_path: Path, name: str, inputs: str, output: str) -> None:
+    (tmp_path / name).write_bytes(b"\x76\x2f\x31\x01" + bytes(300))
+    with pytest.raises(FootageError) as caught:
+        image_sequences.read_image(tmp_path / name)
+    assert caught.value.todo is not None
+    assert inputs in caught.value.todo and caught.value.todo.endswith(output)
+
+
 def test_a_codec_that_opencv_cannot_decode_is_named_before_tracking(video: Path, tmp_path: Path) -> None:
     """The container says AV1: it opens, and no frame of it comes."""
     path = tmp_path / "new.mp4"
