@@ -94,7 +94,7 @@ def waved(times: Array, seed: int = 0, length: float = WAND_LENGTH, speed: float
 
 
 def ends(middle: Array, direction: Array, length: float) -> Array:
-    """Return the ends of a wand from its middle and direction."""
+    """Return the ends (n, 2, 3) of a wand from its middle and direction, (n, 3) each; metres."""
     half = length / 2 * direction / np.linalg.norm(direction, axis=1, keepdims=True)
     return np.stack([middle + half, middle - half], axis=1)
 

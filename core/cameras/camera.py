@@ -203,7 +203,9 @@ class Camera:
         return replace(self, size=size, matrix=field_of_frame(parity) @ self.matrix)
 
     def rectify_maps(self) -> tuple[NDArray[Any], NDArray[Any]] | None:
-        """Return maps for `cv2.remap` from an image of this camera to `rectified()`, or None without distortion."""
+        """Return maps for `cv2.remap` from an image of this camera to `rectified()`, in its fixed-point form (h, w, 2)
+        and (h, w); None without distortion.
+        """
         # OpenCV's fisheye model is not a pinhole even with zero coefficients.
         if not self.fisheye and not self.distortions.any():
             return None

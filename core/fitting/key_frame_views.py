@@ -41,7 +41,7 @@ class KeyFrameView:
     delay: float
 
     def rectified(self, camera: Camera) -> NDArray[np.uint8]:
-        """Return the pictures as the camera would have taken them without distortion."""
+        """Return the pictures as the camera would have taken them without distortion, of the same shape."""
         maps = camera.reduced(self.factor).rectify_maps()
         if maps is None:
             return self.pictures

@@ -176,7 +176,9 @@ def _delays(sums: tuple[Array, Array], twists: tuple[Array, Array], places: Ints
     pushed, pushed_late = (np.einsum("fpij,fpj->fpi", H, own) for own in (both, later))
 
     def from_each(whole: Array, begun: Array) -> Array:
-        """Sum over the pairs of delayed frames, and the pair of which only the later frame is."""
+        """Sum over the pairs of frames that are delayed from each of the K places on, and the pair of which only the
+        later frame is.
+        """
         behind = np.append(np.cumsum(whole[::-1])[::-1], 0.0)
         return np.asarray(behind[places] + np.insert(begun, 0, 0.0)[places])
 

@@ -46,8 +46,8 @@ def refresh(scene: bpy.types.Scene, bodies: Sequence[Body]) -> None:
 
 def on_ground(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> dict[str, Bools] | None:
     """Return on which frames of the shot points of the soles are on the ground: when they are planted, and when they
-    seem planted although the footage shows them creep, unless the animator has corrected that. None before plants have
-    been found.
+    seem planted although the footage shows them creep, unless the animator has corrected that: by point, shape (F,).
+    None before plants have been found.
 
     Raises
     ------

@@ -62,7 +62,7 @@ class DiscFit:
         return cls(places, share, ways, FreeUnknowns(start, sigma, free, _DIFFERENCES, _MAX_STEPS))
 
     def used(self, x: Array) -> Bools:
-        """Return the pixels that the disc reaches and that no rod hides."""
+        """Return which pixels the disc with the unknowns x (5,) reaches and no rod hides, shape (h, w)."""
         off = self.places - x[:2]
         distance = np.linalg.norm(off, axis=-1)
         along = np.einsum("vuk,mk->vum", off / np.maximum(distance, 1e-9)[..., None], self.ways)

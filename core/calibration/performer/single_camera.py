@@ -236,7 +236,9 @@ class _Standing:
         )
 
     def residuals(self, camera: _TriedCamera) -> Array:
-        """Distances of the lower ankle from the floor, by frame, and the performer's median lean."""
+        """Relative distances of the lower ankle from the floor, by frame, and the performer's median lean, if known;
+        both in standard deviations.
+        """
         focal, down = camera.matrix[1, 1], camera.down
         depth = focal / self.scale
         below = (camera.rays(self.ankles) @ down) * depth[:, None]

@@ -34,7 +34,7 @@ usual one: where a fist turns back it is nearly still, but noise goes on."""
 
 
 def block_means(picture: NDArray[np.uint8]) -> Array:
-    """Return the mean grey level of every block of a picture, grey or in colour."""
+    """Return the mean grey level of every block of a picture, grey (H, W) or in colour (H, W, 3); shape (h, w)."""
     height, width = picture.shape[:2]
     scale = _BLOCKS * 4 / max(height, width)
     size = max(round(width * scale), 8), max(round(height * scale), 8)

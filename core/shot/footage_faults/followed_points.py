@@ -68,7 +68,7 @@ class Ways:
 
 
 def reduced(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Reduce a picture, grey or in colour, to the grey one in which points are followed."""
+    """Reduce a picture, grey (H, W) or in colour (H, W, 3), to the grey one (h, w) in which points are followed."""
     height, width = picture.shape[:2]
     grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 else picture
     scale = PICTURE_SIDE / max(height, width)

@@ -59,7 +59,9 @@ def forget(slot: bpy.types.PropertyGroup, frames: Collection[int]) -> None:
 
 
 def shown(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> dict[str, Bools] | None:
-    """Return when points of the soles are planted on the frames of the shot; None where nobody has looked yet."""
+    """Return on which of the F frames of the shot points of the soles are planted, by point, shape (F,); None where
+    nobody has looked yet.
+    """
     if not slot.plants_found:
         return None
     flags = {name: _none(scene) for name in slot.plants_found.split()}
