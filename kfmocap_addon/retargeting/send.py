@@ -12,7 +12,7 @@ import numpy as np
 
 from ...core.body.skeleton_motion import SkeletonMotion
 from ...core.errors import BodyError
-from ...core.numerics.arrays import Array, Bools, Ints
+from ...core.numerics.arrays import Bools, Ints
 from ...core.retargeting.bone_matching import described, preset_of
 from ...core.retargeting.control_rig import MOVED, ControlRig, RigPoses, local_places, local_turns
 from ...core.retargeting.rest_alignment import toe_reach
@@ -27,7 +27,7 @@ from .rigs.held_bones import Driver, without_drivers, without_holds
 from .rigs.ik_controls import forget_twists, ik_bones, ik_channels, ik_roles
 from .rigs.rig_at_rest import at_rest, leave_rest_position, rest_skeleton
 from .rigs.rig_curves import ControlChannel, CurveOptions, rotation_channel, write_channels
-from .rigs.rig_error import measured_errors, world_matrices
+from .rigs.rig_error import ShownBones, measured_errors
 from .rigs.rig_reading import read_rig
 from .rigs.rig_settings import Owner, setting_channel, with_settings
 from .target_armatures import target_bones
@@ -112,7 +112,7 @@ def send_to_rig(
         keys = _keyed(armature, sent, frames, f"{armature.name} {upright.name}", options.curves)
     errors = _errors(scene, armature, sent, frames)
     return {
-        **_report(upright, of_source, armature, bones=sent.bones, rig=sent.rig, result=sent.result),
+        **_report(upright, of_source, armature, sent),
         "error": errors,
         "keys": keys,
         "frames": [int(frames[0]), int(frames[-1])],
@@ -136,10 +136,8 @@ class _Sent:
     rig : ControlRig
     unsteady : tuple of str
         Controls that follow another one only in part.
-    shown : list of str
-        The bones that show the effect of each of the rig's controls.
-    standing : tuple of ndarray
-        Their orientations and heads in the world at rest.
+    shown : ShownBones
+        Of the rig's controls.
     result : Retargeted
     channels : list of ControlChannel
     holds, settings : dict
@@ -151,8 +149,7 @@ class _Sent:
     bones: BoneMap
     rig: ControlRig
     unsteady: tuple[str, ...]
-    shown: list[str]
-    standing: tuple[Array, Array]
+    shown: ShownBones
     result: Retargeted
     channels: list[ControlChannel]
     holds: dict[tuple[str, str], float]
@@ -167,8 +164,7 @@ def _errors(scene: bpy.types.Scene, armature: bpy.types.Object, sent: _Sent, fra
         armature,
         sent.rig,
         sent.result.poses,
-        shown=sent.shown,
-        at_rest=sent.standing,
+        sent.shown,
         frames=frames,
         sample=np.unique(np.linspace(0, len(frames) - 1, _SAMPLE).astype(int)),
     )
@@ -203,8 +199,7 @@ def _on_controls(
     ):
         reading = read_rig(armature, used, _resting_toes(armature, bones, used))
         rig = reading.rig
-        shown = [shown_bone(armature, follows, name) for name in rig.rest.names]
-        standing = world_matrices(armature, shown)
+        shown = ShownBones.at_rest(armature, [shown_bone(armature, follows, name) for name in rig.rest.names])
         result = retarget(source, of_source, rig, asked, planted)
         channels = control_channels(armature, rig, result.poses, ik_roles(rig, preset))
         channels += ik_channels(armature, rig, result.poses, preset)
@@ -215,7 +210,6 @@ def _on_controls(
         rig=rig,
         unsteady=reading.unsteady,
         shown=shown,
-        standing=standing,
         result=result,
         channels=channels,
         holds=holds,
@@ -295,15 +289,9 @@ def _warnings(armature: bpy.types.Object, sent: _Sent, errors: dict[str, Any], *
     ]
 
 
-def _report(
-    source: SkeletonMotion,
-    of_source: BoneMap,
-    armature: bpy.types.Object,
-    *,
-    bones: BoneMap,
-    rig: ControlRig,
-    result: Retargeted,
-) -> dict[str, Any]:
+def _report(source: SkeletonMotion, of_source: BoneMap, armature: bpy.types.Object, sent: _Sent) -> dict[str, Any]:
+    """Return what was put on which bones, without the errors."""
+    bones, rig, result = sent.bones, sent.rig, sent.result
     moved = {name for b, name in enumerate(rig.rest.names) if result.poses.driven[b]}
     return {
         "source": {"name": source.name, "frames": len(source), "fps": source.fps, "bones": described(of_source)},

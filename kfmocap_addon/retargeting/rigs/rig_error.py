@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from ....core.numerics import rotations
 from ....core.numerics.arrays import Array, Ints
 from ....core.retargeting.control_rig import ControlRig, RigPoses
-from ....core.retargeting.roles import LIMBS, BoneMap
+from ....core.retargeting.roles import LIMBS
 from ...scene_io.body.body_armature import world_frame
 from .rig_at_rest import evaluated
 
@@ -23,14 +24,36 @@ def world_matrices(armature: bpy.types.Object, names: Sequence[str]) -> tuple[Ar
     return R, pose[:, :3, 3] @ matrix[:3, :3].T + matrix[:3, 3]
 
 
+@dataclass(frozen=True, eq=False)
+class ShownBones:
+    """The bones that show the effect of each of B controls, at rest in the world.
+
+    Attributes
+    ----------
+    names : tuple of str, length B
+    R_world : ndarray, shape (B, 3, 3)
+        Their orientations.
+    heads_world : ndarray, shape (B, 3)
+        Metres.
+    """
+
+    names: tuple[str, ...]
+    R_world: Array
+    heads_world: Array
+
+    @classmethod
+    def at_rest(cls, armature: bpy.types.Object, names: Sequence[str]) -> ShownBones:
+        """Return bones of an armature that stands at rest."""
+        return cls(tuple(names), *world_matrices(armature, names))
+
+
 def measured_errors(
     scene: bpy.types.Scene,
     armature: bpy.types.Object,
     rig: ControlRig,
     poses: RigPoses,
+    shown: ShownBones,
     *,
-    shown: Sequence[str],
-    at_rest: tuple[Array, Array],
     frames: Ints,
     sample: Ints,
 ) -> dict[str, dict[str, float]]:
@@ -39,40 +62,36 @@ def measured_errors(
 
     Parameters
     ----------
-    shown : sequence of str, length B
-        The bone that shows the effect of each control.
-    at_rest : tuple of ndarray, shapes (B, 3, 3) and (B, 3)
-        Orientations and heads of those bones at rest.
+    shown : ShownBones
+        Of the rig's controls.
     frames : ndarray of int, shape (F,)
         Scene frames of the poses.
     sample : ndarray of int
         Indices of the frames that are compared.
     """
     now, standing = scene.frame_current, np.array(armature.matrix_world, float)
-    R_rest, heads = at_rest
-    angles = np.empty((len(sample), len(shown)))
+    angles = np.empty((len(sample), len(shown.names)))
     apart = np.empty_like(angles)
     with evaluated(armature):
         for i, f in enumerate(sample):
             scene.frame_set(int(frames[f]))
-            R, T = world_matrices(armature, shown)
+            R, T = world_matrices(armature, shown.names)
             back = np.linalg.inv(np.array(armature.matrix_world))
             moved = np.asarray(standing @ back, float)  # by a parent, such as a vehicle
             R, T = rotations.orthonormal(moved[:3, :3]) @ R, T @ moved[:3, :3].T + moved[:3, 3]
-            wanted = poses.turns[f] @ R_rest
-            places = poses.places[f] + np.einsum("bij,bj->bi", poses.turns[f], heads - rig.rest.heads)
+            wanted = poses.turns[f] @ shown.R_world
+            off = shown.heads_world - rig.rest.heads
+            places = poses.places[f] + np.einsum("bij,bj->bi", poses.turns[f], off)
             angles[i] = np.degrees(np.linalg.norm(rotations.log(np.swapaxes(R, -1, -2) @ wanted), axis=-1))
             apart[i] = 1000 * np.linalg.norm(T - places, axis=-1)
     scene.frame_set(now)
-    return _by_limb(rig.bones, rig, poses, angles, apart)
+    return _by_limb(rig, poses, angles, apart)
 
 
-def _by_limb(
-    bones: BoneMap, rig: ControlRig, poses: RigPoses, angles: Array, apart: Array
-) -> dict[str, dict[str, float]]:
+def _by_limb(rig: ControlRig, poses: RigPoses, angles: Array, apart: Array) -> dict[str, dict[str, float]]:
     found = {}
     for limb, roles in LIMBS.items():
-        controls = [rig.index(role, k) for role, k, _ in bones.items() if role in roles]
+        controls = [rig.index(role, k) for role, k, _ in rig.bones.items() if role in roles]
         controls = [b for b in controls if poses.driven[b]]
         if controls:
             found[limb] = {
