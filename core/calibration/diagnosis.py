@@ -188,10 +188,14 @@ def _shared_frames(solution: CalibrationResult, c: int) -> int:
 
 
 def _moved(solution: CalibrationResult) -> Iterator[Finding]:
-    """Generate findings on cameras that were moved: the wand's path jumps in their picture."""
-    for c, view in enumerate(solution.capture.views):
-        aside = path_error(solution, c)
-        if aside is not None:
-            pixels, first, last = aside
-            what = f"on frames {first} to {last} it sees the wand {pixels:.1f} pixels beside where the others do"
-            yield findings.camera_moved(view.camera, what)
+    """Generate findings on cameras that were moved: the wand's path jumps in their picture. What befalls all of them is
+    hardly their tripods.
+    """
+    asides = {view.camera: path_error(solution, c) for c, view in enumerate(solution.capture.views)}
+    found = {camera: aside for camera, aside in asides.items() if aside is not None}
+    if len(found) == len(asides) > 2:
+        yield findings.all_moved(max(pixels for pixels, *_ in found.values()))
+        return
+    for camera, (pixels, first, last) in found.items():
+        what = f"on frames {first} to {last} it sees the wand {pixels:.1f} pixels beside where the others do"
+        yield findings.camera_moved(camera, what)

@@ -40,7 +40,8 @@ def few_shared(camera: str, frames: int, needed: int) -> Finding:
 
 def unlinked(cameras: list[str], others: list[str]) -> Finding:
     """Two groups of cameras never see the wand together."""
-    what = f"{', '.join(cameras)} never see the wand together with {', '.join(others)}"
+    never = "never sees" if len(cameras) == 1 else "never see"
+    what = f"{', '.join(cameras)} {never} the wand together with {', '.join(others)}"
     return Finding("cameras-not-linked", what, "wave the wand where cameras of both groups see it")
 
 
@@ -139,6 +140,13 @@ def contradicting(what: str) -> Finding:
     return Finding("lframe-lengths-contradict", what, todo)
 
 
+def all_moved(pixels: float) -> Finding:
+    """The wand's path jumps in the pictures of all cameras."""
+    what = f"in all cameras, the wand now and then lies up to {pixels:.1f} pixels beside where the others see it"
+    todo = "switch image stabilisers, digital zoom and automatic focus off, fasten the tripods, and film again"
+    return Finding("pictures-unsteady", what, todo)
+
+
 def wrong_length(scale: float, length: float) -> Finding:
     """The wand's length contradicts the L-frame's measures."""
     what = (
@@ -151,7 +159,7 @@ def wrong_length(scale: float, length: float) -> Finding:
 
 def camera_moved(camera: str, what: str) -> Finding:
     """A camera was moved during the capture."""
-    todo = "fasten the tripod and film again, or leave the frames after the move out of the capture"
+    todo = "fasten the tripod, switch off its stabiliser and film again, or leave out the frames after the move"
     return Finding("camera-moved", what, todo, camera)
 
 
@@ -214,5 +222,8 @@ def noisy(times: float) -> Finding:
 
 def nothing_agrees() -> Finding:
     """No set of cameras agrees with the observations."""
-    todo = "see that the wand's length, the offsets and the colours are right, and look at the detected points"
+    todo = (
+        "see that the wand's length, the offsets and the colours are right and that cameras do not all stand side by "
+        "side, and look at the detected points"
+    )
     return Finding("no-solution", "no set of cameras was found that agrees with what they see of the wand", todo)

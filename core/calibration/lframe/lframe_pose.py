@@ -87,7 +87,8 @@ def place_lframe(rig: Rig, seen: BallObservations, measures: Array, noise: float
     known = np.isfinite(balls).all(axis=1)
     if known.sum() < 3 or _collinear(measures[known]):
         names = ", ".join(str(b + 1) for b in np.flatnonzero(~known))
-        raise findings.lframe_unseen(f"fewer than two cameras see the L-frame's balls {names}").error()
+        balls_named = f"ball {names}" if (~known).sum() == 1 else f"balls {names}"
+        raise findings.lframe_unseen(f"fewer than two cameras see the L-frame's {balls_named}").error()
     a, b = balls[known] - balls[known].mean(axis=0), measures[known] - measures[known].mean(axis=0)
     R = Rotation.align_vectors(b, a)[0].as_matrix()
     scale = float(np.sqrt((a**2).sum() / (b**2).sum()))
@@ -129,7 +130,8 @@ def moved_since(rig: Rig, seen: BallObservations, noise: float) -> dict[int, flo
         if len(agreeing) == 2:
             names = " or ".join(rig.names[c] for c in agreeing)
             raise findings.camera_moved(
-                names, "the L-frame and the wand give different positions of this camera"
+                names,
+                "the L-frame and the wand give different positions of this camera, or the wand was waved too briefly",
             ).error()
         rest = [[c for c in agreeing if c != out] for out in agreeing]
         agreeing = min(rest, key=lambda cameras: _disagreement(rig, seen, cameras))

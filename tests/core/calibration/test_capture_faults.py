@@ -162,6 +162,20 @@ def test_a_camera_that_moved_while_the_wand_was_waved_is_flagged(degrees: float)
     assert flags(solution)["camera-moved"] == "cam02"
 
 
+def test_where_all_pictures_are_unsteady_no_tripod_is_blamed() -> None:
+    """As with image stabilisers: each picture drifts by some pixels, smoothly, within a second."""
+    rng, given = np.random.default_rng(0), capture(ring(3), [waved(np.arange(300) / 30)] * 3)
+    kernel = np.exp(-0.5 * (np.arange(-30, 31) / 10) ** 2)
+    views = []
+    for view in given.views:
+        drift = np.stack([np.convolve(rng.normal(size=360), kernel, "valid") for _ in range(2)], axis=1)
+        points = view.wand.points + (5 * drift / drift.std())[:, None]
+        views.append(replace(view, wand=replace(view.wand, points=points)))
+    findings = solve_capture(replace(given, views=tuple(views))).findings
+    assert "pictures-unsteady" in {finding.name for finding in findings}
+    assert not [finding for finding in findings if finding.name == "camera-moved" and "on frames" in finding.what]
+
+
 def test_a_camera_that_moved_between_the_takes_is_flagged_and_its_lframe_left_out() -> None:
     cameras = ring(4)
     given = capture(cameras, [scattered(150)] * 4)
