@@ -14,7 +14,7 @@ from dataclasses import replace
 
 from ...body.motion import Motion
 from ...runtime.timing import Seconds
-from .descent_stages import OUTLINE_REACH, SETTLED
+from .descent_stages import OUTLINE_REACH, POLISHED_AT_ONCE, SETTLED
 from .equations.measurement import Workspace
 from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .gauss_newton import continued, descend, farthest_joint
@@ -39,10 +39,11 @@ from .starts.whole_turns import with_whole_turn
 def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
     """Solve for the motion of all performers between their key poses, from as many starts as the images call for.
 
-    All performers are solved together from the curve through the key poses. Each performer for whom the images
-    contradict that solution is then solved alone from other starts, with the motions of the others given
-    (`best_of_own_starts`). Finally all are solved together again, and left and right limbs are exchanged where that is
-    better. Parameters as in `gauss_newton.descend`.
+    All performers are solved together from the curve through the key poses; if any of several is doubted, they are
+    solved further by all pixels, as those whom others hide are seen by few views. Each performer for whom the images
+    still contradict that solution is then solved alone from other starts, with the motions of the others given
+    (`best_of_own_starts`). Finally all are solved together again, and left and right limbs of the doubted are exchanged
+    where that is better. Parameters as in `gauss_newton.descend`.
     """
     best = descend(problem, start, workspace.part(0.0, 0.2))
     seconds = Seconds(best.seconds)
@@ -52,6 +53,11 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
     if problem.search is not AccelerationSearch.JOINTS:
         problem = problem.with_smoothness(best.variances)
     doubted = doubted_performers(problem, start, best) if problem.settings.limb_search else []
+    if doubted and len(problem.bodies) > 1 and problem.shows_depth and not problem.keypoints:
+        polished = descend(problem, best.motions, workspace.silent(), POLISHED_AT_ONCE)
+        seconds.add(polished.seconds)
+        best = continued(best, polished)
+        doubted = doubted_performers(problem, start, best)
     motions, dispelled = best.motions, False
     for k, i in enumerate(worst_first(problem, best, doubted)):
         own_start = [start[j] if j == i else motion for j, motion in enumerate(motions)]
@@ -74,9 +80,8 @@ def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: 
         seconds.add(settled.seconds)
         best = continued(best, settled)
     if doubted and not dispelled and not problem.keypoints:  # keypoints show where limbs are
-        # For all performers: one who stands in front of a doubted performer may have taken over its limbs.
         with seconds.measure("initial solution"):
-            best = with_limbs_exchanged(problem, best, workspace.part(0.9, 1.0))
+            best = with_limbs_exchanged(problem, best, workspace.part(0.9, 1.0), doubted)
     if problem.keypoints:
         with seconds.measure("initial solution"):
             best = with_limbs_mirrored(problem, best, workspace.silent())

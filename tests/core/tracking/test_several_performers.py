@@ -446,6 +446,31 @@ def test_limbs_in_each_others_places_are_not_led_away_again_by_coarse_steps(
         assert found.motions == tuple(TRUTHS if places else WRONG)
 
 
+def test_limbs_of_one_of_several_that_reach_across_each_other_come_back_to_their_places(
+    monkeypatch: pytest.MonkeyPatch, told: Told
+) -> None:
+    """Though nothing contradicts the solution; the other performer stays as it was until both are solved together."""
+
+    @dataclass(frozen=True)
+    class Crossed:
+        performer: int
+
+        def reaches_across(self, *_: object) -> bool:
+            return self.performer == 1
+
+        def of_places(self, _problem: SegmentProblem, motions: Sequence[Motion]) -> tuple[Motion, ...]:
+            return tuple(TRUTHS[j] if j == self.performer else motion for j, motion in enumerate(motions))
+
+    monkeypatch.setattr(limb_exchange, "swaps", lambda problem, _motions: [Crossed(i) for i in problem.sought])
+    monkeypatch.setattr(limb_exchange, "cover_at", lambda _problem, solution, *_: solution.cover + 1.0)
+    monkeypatch.setattr(limb_exchange, "likelihood", lambda _problem, _noise, found: 1e3 * found.cover)
+    both = replace(BOTH, views=tuple(coloured_views(TRUTHS)))
+    best = told.found(both, WRONG)
+    found = limb_exchange.with_crossed_limbs_exchanged(both, best, Workspace())
+    assert found.motions == (WRONG[0], TRUTHS[1]) and found.only is None
+    assert set(told.solved[1:-1]) == {1} and told.solved[-1] is None
+
+
 def searched_for(monkeypatch: pytest.MonkeyPatch, doubts: list[list[int]]) -> list[int | None]:
     """Whom limbs are looked for where the performers are doubted one time after the other as given."""
     looked: list[int | None] = []
@@ -456,22 +481,32 @@ def searched_for(monkeypatch: pytest.MonkeyPatch, doubts: list[list[int]]) -> li
 
     monkeypatch.setattr(multi_start, "doubted_performers", lambda *_: doubts.pop(0))
     monkeypatch.setattr(multi_start, "best_of_own_starts", own)
-    monkeypatch.setattr(multi_start, "with_limbs_exchanged", lambda _problem, best, _workspace: best)
-    multi_start.best_of_starts(BOTH, WRONG, Workspace())
+    monkeypatch.setattr(multi_start, "with_limbs_exchanged", lambda _problem, best, *_: best)
+    multi_start.best_of_starts(replace(BOTH, views=tuple(coloured_views(TRUTHS))), WRONG, Workspace())
     return looked
 
 
 def test_the_performer_who_is_explained_least_is_searched_first(monkeypatch: pytest.MonkeyPatch, told: Told) -> None:
     shares = [np.array([1.0, 0.7, np.nan]), np.array([1.0, 0.4, 0.9])]
     monkeypatch.setattr(solution_doubts, "explained_share", lambda _problem, _solution, i: shares[i])
-    assert searched_for(monkeypatch, [[0, 1], [0]]) == [1, 0]
+    assert searched_for(monkeypatch, [[0, 1], [0, 1], [0]]) == [1, 0]
 
 
 def test_a_performer_no_longer_doubtful_once_others_are_found_is_not_searched_for(
     monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
     monkeypatch.setattr(solution_doubts, "explained_share", lambda *_: np.ones(FRAMES))
-    assert searched_for(monkeypatch, [[0, 1], []]) == [0]
+    assert searched_for(monkeypatch, [[0, 1], [0, 1], []]) == [0]
+
+
+def test_a_performer_no_longer_doubtful_once_all_are_solved_further_is_not_searched_for(
+    monkeypatch: pytest.MonkeyPatch, told: Told
+) -> None:
+    """By all pixels: those whom others hide are seen by few views."""
+    monkeypatch.setattr(solution_doubts, "explained_share", lambda *_: np.ones(FRAMES))
+    assert searched_for(monkeypatch, [[0, 1], [1]]) == [1]
+    assert searched_for(monkeypatch, [[0, 1], []]) == []
+    assert told.solved == [None, None] * 2
 
 
 @pytest.mark.parametrize("in_sight", [0.95, 0.8])

@@ -75,8 +75,10 @@ def recombined(
     return best
 
 
-def with_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspace: Workspace) -> SegmentSolution:
-    """Exchange left and right limbs of a solution between two of their meetings, where that is better.
+def with_limbs_exchanged(
+    problem: SegmentProblem, best: SegmentSolution, workspace: Workspace, performers: Sequence[int] | None = None
+) -> SegmentSolution:
+    """Exchange left and right limbs of some performers, or of all, between two of their meetings, where that is better.
 
     Legs that pass each other twice between two key poses look much as if they had turned back both times. A search for
     one limb at a time does not find this error, as the other limb is in its place. Performers are treated in turn, with
@@ -85,8 +87,9 @@ def with_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspa
     if len(problem.sought) == 1:
         return _with_own_limbs_exchanged(problem, best, workspace)
     motions = best.motions
-    for k, i in enumerate(problem.sought):
-        part = workspace.part(k / len(problem.sought), (k + 1) / len(problem.sought))
+    asked = problem.sought if performers is None else performers
+    for k, i in enumerate(asked):
+        part = workspace.part(k / len(asked), (k + 1) / len(asked))
         alone = problem.alone(i)
         own = replace(best, motions=motions, only=alone.only)
         motions = _with_own_limbs_exchanged(alone, own, part).motions
@@ -98,7 +101,7 @@ def with_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspa
 def with_crossed_limbs_exchanged(
     problem: SegmentProblem, best: SegmentSolution, workspace: Workspace
 ) -> SegmentSolution:
-    """Exchange the places of limbs of a single performer that reach across each other, where that is better.
+    """Exchange the places of limbs of a performer that reach across each other, where that is better.
 
     Legs that pass each other may have followed each other's pictures so well that nothing contradicts the solution. The
     exchange is solved only if it covers more at once, and only in several views: a single one does not show which limb
@@ -110,8 +113,26 @@ def with_crossed_limbs_exchanged(
     best : SegmentSolution
     workspace : Workspace
     """
-    if len(problem.bodies) > 1 or not problem.shows_depth:
+    if not problem.shows_depth:
         return best
+    if len(problem.bodies) == 1:
+        return _with_own_crossed_limbs_exchanged(problem, best, workspace)
+    motions, seconds = best.motions, Seconds(best.seconds)
+    for i in problem.sought:
+        alone = problem.alone(i)
+        own = replace(best, motions=motions, only=alone.only)
+        motions = _with_own_crossed_limbs_exchanged(alone, own, workspace).motions
+    if motions is best.motions:
+        return best
+    settled = descend(problem, motions, workspace.silent(), SETTLED)
+    seconds.add(settled.seconds)
+    return replace(continued(best, settled), seconds=dict(seconds), doubted=best.doubted)
+
+
+def _with_own_crossed_limbs_exchanged(
+    problem: SegmentProblem, best: SegmentSolution, workspace: Workspace
+) -> SegmentSolution:
+    """Do the same for the performer that is solved for."""
     crossed = [swap for swap in swaps(problem, best.motions) if swap.reaches_across(problem, best.motions)]
     seconds = Seconds(best.seconds)
     with seconds.measure("initial solution"):

@@ -74,7 +74,7 @@ def test_limbs_are_exchanged_only_once_the_search_has_found_another_motion(
     monkeypatch.setattr(multi_start, "descend", lambda *_: first)
     monkeypatch.setattr(multi_start, "doubted_performers", lambda *_: [0])
     monkeypatch.setattr(multi_start, "best_of_own_starts", lambda *_: other if found else first)
-    monkeypatch.setattr(multi_start, "with_limbs_exchanged", lambda _problem, best, _: asked.append(best) or best)
+    monkeypatch.setattr(multi_start, "with_limbs_exchanged", lambda _problem, best, *_: asked.append(best) or best)
     multi_start.best_of_starts(PROBLEM, [TRUTH], Workspace())
     assert asked == [other] * found
 
