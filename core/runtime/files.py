@@ -253,6 +253,13 @@ def _reported(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise _unwritable(path, error) from error
+    except OutputError as error:
+        # Whoever wrote the file knows its temporary place alone.
+        if error.where is None or not in_workplace(Path(error.where)):
+            raise
+        name = Path(error.where).name
+        where = path if path.name == name else path / name
+        raise OutputError(error.what, where=str(where), todo=error.todo) from error
 
 
 def _unwritable(path: Path, error: OSError | ValueError) -> OutputError:

@@ -273,3 +273,17 @@ def test_a_file_that_vanishes_while_results_are_made_is_named(tmp_path: Path) ->
         staged(tmp_path / "out"),
     ):
         (tmp_path / "input.mp4").read_bytes()
+
+
+def test_what_could_not_be_written_is_named_by_its_final_place(tmp_path: Path) -> None:
+    """Who writes the pictures knows only the folder that they are written to first, which is gone by then."""
+    out = tmp_path / "out"
+    with pytest.raises(OutputError) as caught, staged(out) as stage:
+        raise OutputError("cannot be written: No space left on device", where=str(stage / "overlay.png"))
+    assert str(caught.value) == f"{out / 'overlay.png'}: cannot be written: No space left on device"
+    with pytest.raises(OutputError) as caught, replacing(tmp_path / "a.json") as temporary:
+        raise OutputError("cannot be written", where=str(temporary))
+    assert caught.value.where == str(tmp_path / "a.json")
+    with pytest.raises(OutputError) as caught, staged(out):
+        raise OutputError("cannot be written", where="elsewhere.mp4")
+    assert caught.value.where == "elsewhere.mp4"
