@@ -1,8 +1,8 @@
 """End runs of a command at random moments, and see that results are all old or all new and that nothing stays behind.
 
-    PYTHONPATH=.pkg python tools/kill_runs.py --kills 200 track examples/walk/shot.toml --out OUT --no-blender
-    PYTHONPATH=.pkg python tools/kill_runs.py --kills 200 calibrate wand.toml --out OUT/cameras.toml --report OUT/report
-    PYTHONPATH=.pkg python tools/kill_runs.py --kills 200 --apart batch shots/*.toml --out OUT --no-blender
+    .venv/bin/python tools/kill_runs.py --kills 200 track examples/walk/shot.toml --out OUT --no-blender
+    .venv/bin/python tools/kill_runs.py --kills 200 calibrate wand.toml --out OUT/cameras.toml --report OUT/report
+    .venv/bin/python tools/kill_runs.py --kills 200 --apart batch shots/*.toml --out OUT --no-blender
 
 OUT in the arguments stands for a folder that is made for each run. Each run is forked from a process that has loaded
 everything, begins with old results in its folder, and gets SIGKILL, SIGTERM or SIGINT. Its processes must be gone in

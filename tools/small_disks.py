@@ -1,8 +1,8 @@
 """Run a command on disks that are too small for it, and see that it never passes for done with a damaged file.
 
-    PYTHONPATH=.pkg python tools/small_disks.py --sizes 1:50:1 track examples/walk/shot.toml --out OUT
-    PYTHONPATH=.pkg python tools/small_disks.py --sizes 0.1:2:0.1 calibrate wand.toml --out OUT/cameras.toml
-    PYTHONPATH=.pkg python tools/small_disks.py --sizes 1:50:1 --apart batch shots/*.toml --out OUT
+    .venv/bin/python tools/small_disks.py --sizes 1:50:1 track examples/walk/shot.toml --out OUT
+    .venv/bin/python tools/small_disks.py --sizes 0.1:2:0.1 calibrate wand.toml --out OUT/cameras.toml
+    .venv/bin/python tools/small_disks.py --sizes 1:50:1 --apart batch shots/*.toml --out OUT
 
 OUT in the arguments stands for a folder on the disk, a tmpfs of so many MB, which only root can mount. Every other disk
 is the one for temporary files as well, and on half of them there are old results. A run must end with code 0 and the
