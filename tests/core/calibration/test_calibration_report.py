@@ -13,6 +13,7 @@ from kfmocap.core.calibration import calibration_report
 from kfmocap.core.calibration.calibration_result import CalibrationResult
 from kfmocap.core.calibration.charts import Chart, heat_colour, ticks
 from kfmocap.core.calibration.findings import Finding
+from kfmocap.core.calibration.quality import quality_numbers
 from kfmocap.core.calibration.wand_calibration import solve_capture
 from kfmocap.core.capture.capture import Capture, CaptureView, Markers
 from kfmocap.core.errors import OutputError
@@ -43,6 +44,14 @@ def test_the_report_has_numbers_pictures_and_a_page_of_both(solution, tmp_path: 
     for camera in numbers["cameras"]:
         assert f"<th>{camera['camera']}</th>" in page and f"<td>{camera['focal']:.4g}</td>" in page
     assert "cam02: the wand &lt;moved&gt; in a plane (tilt it)." in page
+
+
+def test_a_twentieth_of_the_wands_places_is_nearer_than_near_and_one_farther_than_far(solution):
+    for numbers in quality_numbers(solution)["cameras"]:
+        camera = solution.cameras[numbers["camera"]]
+        depth = (solution.wand.ends_world @ camera.R_cam_world[0].T + camera.t_cam_world[0])[..., 2]
+        for name, share in (("near", 0.05), ("middle", 0.5), ("far", 0.95)):
+            assert np.mean(depth < numbers["depth"][name]) == pytest.approx(share, abs=0.02)
 
 
 def test_worse_residuals_are_redder(solution):

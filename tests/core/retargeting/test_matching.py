@@ -15,7 +15,7 @@ from kfmocap.core.retargeting.bone_matching import match_bones
 from kfmocap.core.retargeting.bone_names import roles_by_name
 from kfmocap.core.retargeting.bone_places import roles_by_place
 from kfmocap.core.retargeting.bone_presets import PRESETS
-from kfmocap.core.retargeting.bone_words import read_name
+from kfmocap.core.retargeting.bone_words import read_name, shared_words
 from kfmocap.core.retargeting.rest_alignment import feet_point_back
 from kfmocap.core.retargeting.roles import CHAINS, FINGERS, BoneMap, named_together
 from made_rigs import made_rig
@@ -246,6 +246,13 @@ def test_a_birds_head_and_neck_are_found_by_their_names_where_its_limbs_are_by_p
 )
 def test_roles_are_said_in_few_words(roles, said):
     assert named_together(roles) == said
+
+
+def test_a_word_for_a_part_says_nothing_only_where_nearly_all_bones_have_it():
+    fingers = [f"LeftHand{finger}{k}" for finger in ("Thumb", "Index", "Middle", "Ring", "Pinky") for k in (1, 2, 3)]
+    rest = ["Hips", "Spine", "Head", "LeftArm", "LeftForeArm"]
+    assert shared_words([*fingers, *rest]) == set()
+    assert shared_words([*fingers, *(f"Hand{name}" for name in rest)]) == {"hand"}
 
 
 @pytest.mark.parametrize(
