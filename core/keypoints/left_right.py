@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -52,6 +53,11 @@ def swap_sides(keypoints: Keypoints) -> Keypoints:
         for i, n in enumerate(keypoints.names)
     ]
     return replace(keypoints, rays=keypoints.rays[:, :, order], confidence=keypoints.confidence[:, :, order])
+
+
+def sided_columns(names: Sequence[str], group: Sequence[str]) -> list[int]:
+    """Return the columns of a group's landmarks of which both sides are among the keypoints."""
+    return [i for i, n in enumerate(names) if is_sided(n) and n[1:] in group and mirrored_name(n) in names]
 
 
 def with_exchanged(keypoints: Keypoints, other: Keypoints, changed: NDArray[np.bool_]) -> Keypoints:

@@ -13,16 +13,16 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..formats.keypoint_layouts import is_sided, mirrored_name
 from ..numerics.arrays import Array, Bools, Ints
 from .facing import forward_directions
+from .image_side_paths import likeliest_image_sides
 from .keypoint_rays import Keypoints
-from .left_right import EXCHANGED_GROUPS, MAX_DISTANCE, swap_sides
+from .left_right import EXCHANGED_GROUPS, MAX_DISTANCE, sided_columns, swap_sides, with_exchanged
 from .triangulation import LEAP_DISTANCE, least_squares_points
 
 MIN_VIEWS = 3
 """With two views, the rays of a left and a right limb nearly meet wherever the limbs are equally high in the pictures,
-so that exchanged limbs may be as steady as the others."""
+so that exchanged limbs may be as steady as the others; then see `likeliest_image_sides`."""
 ALL_PATTERNS_VIEWS = 4
 """Up to so many views, all combinations of exchanged views are considered; of more, only single ones and all, as the
 others outvote them."""
@@ -42,10 +42,12 @@ INDEPENDENT_TIME = 0.1
 def likeliest_sides(keypoints: Keypoints, fps: float) -> NDArray[np.bool_]:
     """Return where left and right are probably exchanged, bool (V, F, L).
 
-    For each group of landmarks that detectors exchange together, a shortest path over the frames chooses the views in
-    which it is exchanged (Viterbi's algorithm). Its costs are the squared distances of the keypoints from the points
-    that they meet in, those of these points from where they were on the frame before, both truncated, the angle
-    between where hips or shoulders and where face and feet point (`FACING_COST`), and `EXCHANGED_COST`.
+    For each group of landmarks that detectors exchange together, and three views or more, a shortest path over the
+    frames chooses the views in which it is exchanged (Viterbi's algorithm). Its costs are the squared distances of the
+    keypoints from the points that they meet in, those of these points from where they were on the frame before, both
+    truncated, the angle between where hips or shoulders and where face and feet point (`FACING_COST`), and
+    `EXCHANGED_COST`. With two views, the steadiest sides in each picture are exchanged on all frames or on none, by the
+    same costs without leaps. A single view is left as it is.
 
     Parameters
     ----------
@@ -55,16 +57,24 @@ def likeliest_sides(keypoints: Keypoints, fps: float) -> NDArray[np.bool_]:
     """
     V, F, L = keypoints.confidence.shape
     changed = np.zeros((V, F, L), bool)
-    if V < MIN_VIEWS:
+    if V < 2:
         return changed
+    within = changed.copy()
+    if V < MIN_VIEWS:
+        within = likeliest_image_sides(keypoints, fps)
+        keypoints = with_exchanged(keypoints, swap_sides(keypoints), within)
     both = (keypoints, swap_sides(keypoints))
     patterns, facing = np.array(list(_patterns(V))), forward_directions(keypoints)
     for group in EXCHANGED_GROUPS:
-        columns = _sided_columns(keypoints.names, group)
+        columns = sided_columns(keypoints.names, group)
         if columns:
-            path = _path_over_patterns(both, columns, patterns, facing, fps)
+            costs, places = _costs_of_patterns(both, columns, patterns, facing)
+            if V < MIN_VIEWS:
+                path = np.full(F, costs.sum(axis=1).argmin())
+            else:
+                path = _shortest_path(costs / max(1.0, INDEPENDENT_TIME * fps), places)
             changed[..., columns] = patterns[path].T[..., None]
-    return changed
+    return changed ^ within
 
 
 def _patterns(views: int) -> Iterator[list[bool]]:
@@ -75,16 +85,11 @@ def _patterns(views: int) -> Iterator[list[bool]]:
             yield [v in exchanged for v in range(views)]
 
 
-def _sided_columns(names: Sequence[str], group: Sequence[str]) -> list[int]:
-    """Return the columns of a group's landmarks of which both sides are among the keypoints."""
-    return [i for i, n in enumerate(names) if is_sided(n) and n[1:] in group and mirrored_name(n) in names]
-
-
-def _path_over_patterns(
-    both: tuple[Keypoints, Keypoints], columns: Sequence[int], patterns: Bools, facing: tuple[Array, Array], fps: float
-) -> Ints:
-    """Return the likeliest pattern of every frame, (F,), for one group of landmarks; `facing` as in
-    `forward_directions`.
+def _costs_of_patterns(
+    both: tuple[Keypoints, Keypoints], columns: Sequence[int], patterns: Bools, facing: tuple[Array, Array]
+) -> tuple[Array, Array]:
+    """Return the costs (S, F) of patterns and the points (S, F, K, 3) where rays meet, for one group of landmarks;
+    `facing` as in `forward_directions`.
     """
     costs, places = [], []
     for pattern in patterns:
@@ -96,7 +101,7 @@ def _path_over_patterns(
         away = _turned_away(sided.names, points, *facing)
         costs.append(apart + FACING_COST * away + EXCHANGED_COST * pattern.mean())
         places.append(points)
-    return _shortest_path(np.array(costs) / max(1.0, INDEPENDENT_TIME * fps), np.array(places))
+    return np.array(costs), np.array(places)
 
 
 def _mean(values: Array, weights: Array, axis: int | tuple[int, ...]) -> Array:

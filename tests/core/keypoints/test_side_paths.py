@@ -10,6 +10,7 @@ import pytest
 from keypoint_shots import NAMES, cameras, keypoints_of, seen_places, strolling
 from kfmocap.core.body import human
 from kfmocap.core.cameras.camera import Camera
+from kfmocap.core.keypoints.image_side_paths import likeliest_image_sides
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.keypoints.left_right import EXCHANGED_GROUPS, swap_sides
 from kfmocap.core.keypoints.side_paths import likeliest_sides
@@ -80,9 +81,25 @@ def test_sides_that_are_right_stay_as_they_are() -> None:
         assert not likeliest_sides(seen_by(cameras(4), seed=seed), FPS)[..., LIMBS].any()
 
 
-def test_two_views_alone_do_not_show_which_of_them_exchanges_sides() -> None:
-    seen = exchanged(seen_by(cameras(2)), [1], slice(10, 20))
-    assert not likeliest_sides(seen, FPS).any()
+def test_one_of_two_views_is_put_right_by_its_own_leaps() -> None:
+    seen = seen_by(cameras(2))
+    assert not likeliest_sides(seen, FPS)[..., LIMBS].any()
+    found = likeliest_sides(exchanged(seen, [1], slice(10, 20)), FPS)[..., LIMBS]
+    assert found[1, 10:20].all() and not found[0].any() and not found[1, :10].any() and not found[1, 20:].any()
+
+
+def test_face_and_feet_decide_where_one_of_two_views_exchanges_sides_on_most_frames() -> None:
+    """Its leaps alone would have it the other way round."""
+    seen = seen_by(cameras(2))
+    spoilt = exchanged(seen, [0], slice(6, 40))
+    alone = likeliest_image_sides(spoilt, FPS)[..., LIMBS]
+    assert alone[0, :6].all() and not alone[0, 6:].any()
+    found = likeliest_sides(spoilt, FPS)[..., LIMBS]
+    assert found[0, 6:].all() and not found[0, :6].any() and not found[1].any()
+
+
+def test_a_single_view_stays_as_it_is() -> None:
+    assert not likeliest_sides(exchanged(seen_by(cameras(1)), [0], slice(10, 20)), FPS).any()
 
 
 def test_frames_on_which_nothing_is_found_do_no_harm() -> None:
