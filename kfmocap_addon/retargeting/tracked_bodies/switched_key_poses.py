@@ -19,7 +19,6 @@ from ....core.shot.shot import KeyPoses
 from ...scene_io import fcurves
 from ...scene_io.body import body_armature, body_channels
 from ...scene_io.keys import key_pose_curves
-from ..rigs.rig_at_rest import posed_matrices
 from ..rigs.rig_settings import Owner, setting_curves, trying_settings
 from .freed_limbs import Goal, with_goals
 
@@ -57,7 +56,8 @@ class _Limbs:
         deforming = tuple(bone.name for bone in armature.data.bones if bone.use_deform)
         if not deforming:
             return cls(np.zeros(0, np.int64), np.zeros(0, np.int64), ())
-        there, others = (posed_matrices(armature, names)[:, :3, 3] for names in (controls, deforming))
+        rest = armature.data.bones  # controls and limbs may be posed apart
+        there, others = (np.array([rest[name].head_local for name in names]) for names in (controls, deforming))
         apart = np.linalg.norm(there[:, None] - others, axis=-1)
         found = np.flatnonzero(apart.min(axis=1) < _SAME_PLACE * np.ptp(others, axis=0).max())
         return cls(found, apart.argmin(axis=1)[found], deforming)

@@ -89,10 +89,16 @@ def test_keys_of_a_switch_get_its_value_for_tracking():
     assert any(text.startswith("bone IK-hand.L: its property 'ik_fk' is 0 now, on all its keys") for text in remarks)
 
 
-def test_hands_and_feet_of_rigifys_key_poses_are_kept_though_its_limbs_stretch():
+@pytest.mark.parametrize("with_switches", [False, True])
+def test_hands_and_feet_of_rigifys_key_poses_are_kept_though_its_limbs_stretch(with_switches):
+    """With keys of the switches, the limbs are away from their FK controls on the frame that is shown."""
     rig = generated_rig()
+    for limb in ("upper_arm", "thigh") if with_switches else ():
+        for side in "LR":
+            rig.pose.bones[f"{limb}_parent.{side}"].keyframe_insert('["IK_FK"]', frame=KEYED[0])
     keyed_goals(rig, {"hand_ik.L": (-0.3, -0.1, 0.1), "foot_ik.R": (0.0, -0.3, 0.3), "torso": (0.0, 0.0, -0.04)})
     wanted = shown_heads(rig, KEYED[-1], ENDS + KNEES)[[frame - 1 for frame in KEYED]]
+    bpy.context.scene.frame_set(KEYED[-1])
     taken, remarks = use_as_body(bpy.context.scene, rig)
     found = shown_heads(taken, KEYED[-1], ENDS + KNEES)[[frame - 1 for frame in KEYED]]
     apart = np.linalg.norm(found - wanted, axis=-1)
