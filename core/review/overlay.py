@@ -238,7 +238,7 @@ def _draw_runs(image: Image, outline: Array, mask: NDArray[np.bool_], colour: tu
 
 
 def _cropped(image: Image, centre: Array, size: tuple[int, int]) -> Image:
-    """Return the crop of a size around a centre, shifted to lie in the image; padded with black if that is smaller."""
+    """Return the crop of a size around a centre, shifted to lie in the image; padded with grey if that is smaller."""
     whole = image.shape[1], image.shape[0]
     left, top = (
         round(min(max(c - s / 2, 0), w - s)) if w > s else round((w - s) / 2)

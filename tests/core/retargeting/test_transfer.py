@@ -183,6 +183,15 @@ def test_feet_with_high_ankles_stand_on_the_origin(ankle, toe):
     assert grounded(replace(rig.rest, heads=heads, tails=tails), rig.bones).ground == 0.0
 
 
+def test_a_skeleton_above_its_origin_stands_on_its_feet():
+    rig = made_rig("mixamo", BODY)
+    up = [0.0, 0.0, 0.25]
+    raised = replace(rig.rest, heads=rig.rest.heads + up, tails=rig.rest.tails + up)
+    feet = [rig.index(f"foot.{side}") for side in "LR"]
+    lowest = min(raised.heads[feet, 2].min(), raised.tails[feet, 2].min())
+    assert grounded(raised, rig.bones).ground == pytest.approx(lowest)
+
+
 def test_in_place_the_hips_stay_where_they_were(walking, other):
     result = retarget(*walking, other, RetargetOptions(root="in-place"))
     hips = result.poses.places[:, other.index("thigh.L")] + result.poses.places[:, other.index("thigh.R")]

@@ -26,12 +26,18 @@ def standing(x: float = 0.0) -> Motion:
     return Motion(np.tile([x, 0.0, body.offsets[0, 2]], (FRAMES, 1)), Q)
 
 
-def shot(folder: Path, motion: Motion, keys: tuple[int, ...] = (0, 6, 12), cameras: int = 2) -> Shot:
+def shot(
+    folder: Path,
+    motion: Motion,
+    keys: tuple[int, ...] = (0, 6, 12),
+    cameras: int = 2,
+    size: tuple[int, int] = SIZE,
+) -> Shot:
     for f in range(FRAMES + 3):
-        cv2.imwrite(str(folder / f"f{f:02d}.png"), np.zeros((SIZE[1], SIZE[0], 3), np.uint8))
-    K = [[300, 0, 99.5], [0, 300, 149.5], [0, 0, 1]]
+        cv2.imwrite(str(folder / f"f{f:02d}.png"), np.zeros((size[1], size[0], 3), np.uint8))
+    K = [[300, 0, (size[0] - 1) / 2], [0, 300, (size[1] - 1) / 2], [0, 0, 1]]
     R = rotations.exp(np.array([np.pi / 2, 0, 0]))
-    views = tuple(View(Camera.create(f"cam{v}", SIZE, K, R, [0, 1, 4]), folder / "f%02d.png") for v in range(cameras))
+    views = tuple(View(Camera.create(f"cam{v}", size, K, R, [0, 1, 4]), folder / "f%02d.png") for v in range(cameras))
     poses = KeyPoses.whole(list(keys), motion[list(keys)])
     return Shot("sheet", 30, (2, FRAMES + 1), views, (Performer("man", human(), poses),))
 
@@ -55,6 +61,14 @@ def test_the_outline_has_the_shape_of_the_projected_body(tmp_path: Path) -> None
     width, height = np.ptp(camera.project(points), axis=0)
     found = drawn(contact_sheet(one, [standing()], frames=[6]))
     assert found[0] / found[1] == pytest.approx(width / height, rel=0.03)
+
+
+def test_a_performer_far_from_the_middle_of_a_wide_picture_is_cropped_to(tmp_path: Path) -> None:
+    heights = []
+    for x in (0.0, 5.0):
+        one = shot(tmp_path, standing(x), cameras=1, size=(1200, 300))
+        heights.append(drawn(contact_sheet(one, [standing(x)], frames=[6]))[1])
+    assert heights[1] == pytest.approx(heights[0], abs=2)
 
 
 def test_the_sheet_has_a_row_per_view_and_is_no_wider_than_asked(tmp_path: Path) -> None:

@@ -33,6 +33,15 @@ def test_a_key_pose_that_moved_takes_the_frames_beside_it_along() -> None:
         np.testing.assert_allclose(shift, [0, 0.025, 0.05, 0.075, 0.1, 0.075, 0.05, 0.025, 0], atol=1e-9)
 
 
+def test_key_poses_at_the_ends_are_compared_with_where_the_motion_beside_them_leads() -> None:
+    away = np.zeros((LENGTH, BODY.dof))
+    away[:, 0] = 0.05 * np.arange(LENGTH)
+    steady = at_rest(BODY, LENGTH).moved(away)
+    away[[0, -1], 1] = 3.0
+    found = carried(at_rest(BODY, LENGTH).moved(away), keys_of(steady, [0, LENGTH - 1]))
+    np.testing.assert_allclose(steady.difference(found), 0, atol=1e-12)
+
+
 def test_key_poses_are_met_to_the_last_bit() -> None:
     keys = keys_of(swing(BODY, LENGTH), [0, 3, 8])
     found = carried(swing(BODY, LENGTH, 0.3), keys)
