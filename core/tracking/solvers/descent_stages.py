@@ -121,7 +121,6 @@ RESUMED = (
         small_refused=True,
         negligible=MIN_JOINT_MOVE,
         noticed=MIN_STEP_SIGMAS,
-        thinned=False,
         plants=False,
     ),
 )

@@ -358,7 +358,7 @@ def test_more_views_have_fewer_pixels_each() -> None:
     assert [coarse.sampling_of(views).stride for views in (1, 4)] == [6, 6]
 
 
-@pytest.mark.parametrize("stages", [POLISH, POLISHED_AT_ONCE, RESUMED])
+@pytest.mark.parametrize("stages", [POLISH, POLISHED_AT_ONCE])
 def test_the_last_steps_use_as_many_pixels_of_each_of_many_views_as_of_one(stages: tuple[DescentStage, ...]) -> None:
     assert stages[-1].sampling_of(8) == stages[-1].sampling_of(1)
 
