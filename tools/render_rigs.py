@@ -2,11 +2,11 @@
 """Render footage of characters that are moved by the controls of their rigs, as Blender shows them; needs the bpy
 module.
 
-    .venv/bin/python tools/render_rigs.py --out build/creatures [bird cat dragon robot avatar]
+    .venv/bin/python tools/render_rigs.py --out build/creatures [bird cat dragon robot avatar vroid]
 
 Each gets a folder with its footage as pictures, calibration.toml and rig.blend: the character with its true motion on
-every frame, the first at frame 1. All bones turn about axes of their own, with periods of about one second. What is
-there already is not rendered again. `--preview 0 30` writes PNG pictures of those frames instead.
+every frame, the first at frame 1. All bones turn about axes of their own, with periods of about one second; hair and
+cloth sway. What is there already is not rendered again. `--preview 0 30` writes PNG pictures of those frames instead.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from kfmocap.kfmocap_addon.scene_io.characters.skins import skinned_meshes
 from mathutils import Matrix, Vector
 from numpy.typing import NDArray
 from render.chosen_shots import render_chosen
+from render.dressed import sway
 from render.painted_scene import Floor, PaintedView, Sensor, Surface, lit
 from render.rig_folders import digest, write_folder, write_footage
 from render.rig_parts import any_direction, colours_of, key_turn
@@ -39,7 +40,7 @@ EXPOSED = (-1 / 6, 0.0, 1 / 6)
 """Moments of a frame's exposure, frames."""
 SWING, ROOT_SWING = 0.35, 0.14
 """Amplitude of the turns of bones, and of the topmost one, radians."""
-LOOKS = ("creatures", "drawing", "figure", "painted_scene", "rig_parts", "rigs", "shapes", "textures")
+LOOKS = ("creatures", "drawing", "dressed", "figure", "painted_scene", "rig_parts", "rigs", "shapes", "textures")
 ANGLES = (-125.0, -65.0, -5.0)
 """Directions in which the cameras stand."""
 
@@ -158,6 +159,7 @@ def moving(name: str, folder: Path) -> bpy.types.Object:
     bones = controls(name, folder)
     armature = built(name, folder)
     animate(armature, bones, seed=len(name))
+    sway(armature, range(FIRST, FIRST + FRAMES), FPS, seed=len(name))
     return armature
 
 

@@ -24,7 +24,7 @@ from ..tables import markdown
 from .shown_meshes import meshes_of, vertices_on_frames
 
 CREATURES = ("person", "dog", "hammer")
-RIGS = ("bird", "cat", "dragon", "robot", "avatar")
+RIGS = ("bird", "cat", "dragon", "robot", "avatar", "vroid")
 CHARACTERS = (*CREATURES, *RIGS)
 CACHE = ROOT / "build" / "creatures"
 KEY_EVERY = 24

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from .creatures import resting
+from .dressed import body_bones, vroid, vroid_names
 from .figure import make_figure
 from .rig_parts import bind, coloured_mesh, new_armature
 from .shapes import Shape
@@ -191,26 +192,13 @@ def _solid(head: Array, tail: Array, width: float) -> tuple[Array, NDArray[np.in
     return np.concatenate([points.reshape(-1, 3), [head, tail]]), np.concatenate([*sides, *ends])
 
 
-_VRM: Mapping[str, str] = {
-    "pelvis": "Hips", "spine": "Spine", "chest": "Chest", "head": "Head", "shoulder": "Shoulder",
-    "upper_arm": "UpperArm", "forearm": "LowerArm", "hand": "Hand",
-    "thigh": "UpperLeg", "shin": "LowerLeg", "foot": "Foot",
-}  # fmt: skip
-
-
 def avatar() -> bpy.types.Object:
     """A human of VRM bones, in centimetres, the armature scaled by 0.01 and lying on its back."""
     body = human(1.64, collar_bones=True)
-    names = {}
-    for part in body.names:
-        word, _, side = part.partition(".")
-        names[part] = f"J_Bip_{side or 'C'}_{_VRM[word]}"
+    names = vroid_names(body.names)
     figure = make_figure(body, 0.012)
-    bones: list[Bone] = [("Root", "", np.zeros(3), np.array([0, 0, 0.2 * CENTIMETRES]))]
-    for i, part in enumerate(body.parts):
-        tail = figure.T_stance[i] + figure.R_stance[i] @ part.R_world_rest.T @ (part.tail_world - part.head_world)
-        above = names[body.names[part.parent]] if part.parent >= 0 else "Root"
-        bones.append((names[part.name], above, figure.T_stance[i], tail))
+    root = ("Root", "", np.zeros(3), np.array([0, 0, 0.2 * CENTIMETRES]))
+    bones: list[Bone] = [root, *body_bones(figure, names, "Root")]
     matrix = np.eye(4)
     matrix[:3, :3] = CENTIMETRES * Rotation.from_euler("x", 90, degrees=True).as_matrix()
     armature = new_armature("Avatar", matrix, bones)
@@ -221,7 +209,7 @@ def avatar() -> bpy.types.Object:
 
 
 RIGS: Mapping[str, Callable[[], bpy.types.Object]] = {
-    "bird": bird, "cat": cat, "dragon": dragon, "robot": robot, "avatar": avatar
+    "bird": bird, "cat": cat, "dragon": dragon, "robot": robot, "avatar": avatar, "vroid": vroid
 }  # fmt: skip
 """Build a character in an empty file; return its armature."""
 LINKED = ("avatar",)
