@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from kfmocap.core.body.skeleton_motion import RestSkeleton
@@ -66,7 +68,9 @@ def test_pointing_leaves_the_index_finger_stretched() -> None:
     assert np.linalg.norm(point["middle"] - flat["middle"]) > 0.08
 
 
-def test_a_hand_without_fingers_is_named() -> None:
-    rest, _ = hand("L")
+@pytest.mark.parametrize("missing", [FINGERS, ("index",), ("middle",), ("pinky",)], ids="-".join)
+def test_a_hand_without_a_finger_that_defines_the_palm_is_named(missing: tuple[str, ...]) -> None:
+    rest, bones = hand("L")
+    known = {role: names for role, names in bones.bones.items() if role.partition(".")[0] not in missing}
     with pytest.raises(BodyError, match=r"hand\.L"):
-        finger_turns(rest, BoneMap({"hand.L": ("h",)}), "L", "fist")
+        finger_turns(rest, replace(bones, bones=known), "L", "fist")
