@@ -14,7 +14,7 @@ from kfmocap.core.numerics import rotations
 from kfmocap.core.retargeting.bone_presets import PRESETS
 from kfmocap.core.retargeting.control_rig import local_places, local_turns
 from kfmocap.core.retargeting.rest_alignment import toe_reach
-from kfmocap.core.retargeting.retarget import grounded, prepared, retarget
+from kfmocap.core.retargeting.retarget import grounded, prepared, retarget, upright_turn
 from kfmocap.core.retargeting.roles import BoneMap
 from kfmocap.core.retargeting.transfer import BoneBlend, RetargetOptions, chain_blends, source_blends
 from made_rigs import LONGER_LEGS, SHORTER_ARMS, made_rig, moved_body, moved_rig, wild_motion
@@ -181,6 +181,16 @@ def test_feet_with_high_ankles_stand_on_the_origin(ankle, toe):
         heads[[thigh, shin, foot], 2] = ankle + 0.3, ankle + 0.15, ankle
         tails[foot, 2] = toe
     assert grounded(replace(rig.rest, heads=heads, tails=tails), rig.bones).ground == 0.0
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("turn", [0.0, np.pi / 2, np.pi, -np.pi / 2])
+def test_skeletons_that_lie_or_stand_on_their_heads_are_put_upright(axis, turn):
+    rig = made_rig("mixamo", BODY)
+    given = rotations.exp(turn * np.eye(3)[axis])
+    turned = replace(rig.rest, heads=rig.rest.heads @ given.T, tails=rig.rest.tails @ given.T)
+    found = upright_turn(turned, rig.bones) @ given
+    np.testing.assert_allclose(found[2], [0.0, 0.0, 1.0], atol=1e-12)
 
 
 def test_a_skeleton_above_its_origin_stands_on_its_feet():
