@@ -51,6 +51,7 @@ _MIN_SHIFTED_MATCH, _MIN_GAIN, _MIN_LACK = 0.97, 3.0, 0.01
 this many times what the other lacks, and this much more."""
 _CORE = np.ones((3, 3), np.uint8)
 """Pixels inside the performers' outlines that do not count as theirs, for the same reason as `_MARGIN`."""
+_DEFLICKER = "filter it, as with: ffmpeg -i FOOTAGE -vf deflicker=size=15 -crf 14 CONVERTED.mp4"
 _STABILISE = (
     "stabilise its footage, as with: ffmpeg -i FOOTAGE -vf vidstabdetect=tripod=1 -f null - && ffmpeg -i FOOTAGE -vf "
     "vidstabtransform=tripod=1:optzoom=0 -crf 14 CONVERTED.mp4; or solve the camera's motion, as in Blender"
@@ -70,6 +71,8 @@ class FootageMatch:
         An offset of the view (see `View`) with which it matches much better.
     shift : BackgroundShift, optional
         How far the background has moved, if it has: the camera did not stand still.
+    flicker : float
+        Amplitude of the brightness from frame to frame, relative, where it is much.
     by : str
     """
 
@@ -77,16 +80,19 @@ class FootageMatch:
     match: float
     offset: float | None = None
     shift: BackgroundShift | None = None
+    flicker: float = 0.0
     by: Literal["movement"] = "movement"
 
     @property
     def off(self) -> bool:
         """Whether this is hardly the footage in which the poses were set."""
-        return self.match < MIN_MATCH or self.offset is not None or self.shift is not None
+        return self.match < MIN_MATCH or self.offset is not None or self.shift is not None or self.flicker > 0
 
     @property
     def brief(self) -> str:
         """A few words, for the user."""
+        if self.flicker:
+            return f"its light flickers by {self.flicker:.0%}"
         if self.shift is not None:
             return f"its camera moved: the background shifts by {self.shift.pixels:.0f} px"
         if self.offset is not None:
@@ -96,6 +102,8 @@ class FootageMatch:
     @property
     def summary(self) -> str:
         """One line on what is wrong and what to look for, for the user."""
+        if self.flicker:
+            return f"{self.camera}: its light flickers by {self.flicker:.0%} from frame to frame: {_DEFLICKER}"
         if self.shift is not None:
             return (
                 f"{self.camera}: its camera moved: the background lies {self.shift.pixels:.0f} px elsewhere on frame "

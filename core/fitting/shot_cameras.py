@@ -33,6 +33,7 @@ from ..tracking.run_context import FirstPictures, RunContext, SolvedShot
 from ..tracking.segments import whole_keys
 from ..tracking.track_result import TrackResult
 from .camera_refinement import RefinedCamera, Refinement, refine_cameras
+from .flicker import FLICKER_FRAMES, MIN_FLICKER, flicker
 from .footage_match import FootageMatch, better_offset, footage_matches, shifted_background
 from .key_frame_views import KeyFrameView, pictured_key_frames, read_key_frames
 from .keypoint_cameras import PictureShift, contradictions
@@ -99,13 +100,20 @@ def fit_by_keypoints(shot: Shot, performers: Sequence[Keypoints]) -> tuple[Camer
 
 
 def early_frames(shot: Shot) -> frozenset[int]:
-    """Return the shot frames whose pictures `early_misfits` compares: the first with key poses of the whole body."""
-    return frozenset(whole_keys(shot, 0, shot.length - 1)[:EARLY_KEYS].tolist())
+    """Return the shot frames whose pictures `early_misfits` compares: the first with key poses of the whole body, and
+    the first of all.
+    """
+    return frozenset({*_early_keys(shot).tolist(), *range(min(FLICKER_FRAMES, shot.length))})
+
+
+def _early_keys(shot: Shot) -> NDArray[np.int64]:
+    return whole_keys(shot, 0, shot.length - 1)[:EARLY_KEYS]
 
 
 @one_library_thread()
 def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]]) -> list[FootageMatch]:
-    """Return the views whose footage does not match the first key poses, which is known before anything is tracked.
+    """Return the views whose light flickers, or whose footage does not match the first key poses, which is known before
+    anything is tracked.
 
     Parameters
     ----------
@@ -113,13 +121,19 @@ def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]
     pictures : sequence of mappings
         Per view: rectified pictures by shot frame, including those of `early_frames`.
     """
-    frames = np.array(sorted(early_frames(shot)), dtype=np.int64)
+    swings = [flicker([own[f] for f in range(min(FLICKER_FRAMES, shot.length))]) for own in pictures]
+    flickering = [
+        FootageMatch(view.camera.name, 1.0, flicker=swing)
+        for view, swing in zip(shot.views, swings, strict=True)
+        if swing > MIN_FLICKER
+    ]
+    frames = _early_keys(shot)
     if len(frames) < 2:
-        return []
+        return flickering
     rectified = replace(shot, views=tuple(replace(view, camera=view.camera.rectified()) for view in shot.views))
     views = pictured_key_frames(rectified, frames, pictures)
     off = [match for match in footage_matches(rectified, views, frames) if match.off]
-    return [match for match in _explained(shot, frames, off, ()) if isinstance(match, FootageMatch)]
+    return flickering + [own for own in _explained(shot, frames, off, ()) if isinstance(own, FootageMatch)]
 
 
 @one_library_thread()

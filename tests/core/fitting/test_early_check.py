@@ -40,7 +40,7 @@ def test_it_is_known_from_the_first_key_frames_before_a_segment_is_solved(shot: 
 
     run = RunContext(show=lambda *_: events.append("segment"), first_pictures=FirstPictures(early_frames(wrong), seen))
     track(wrong, run=run)
-    assert early_frames(wrong) == frozenset(KEYS[:EARLY_KEYS])
+    assert frozenset(KEYS[:EARLY_KEYS]) <= early_frames(wrong)
     [found] = [event for event in events if event != "segment"]
     assert found and events.index(found) < len(KEYS) - 2
 

@@ -1,0 +1,42 @@
+"""Light that flickers is told from light that changes slowly, and from what moves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from kfmocap.core.fitting.flicker import FLICKER_FRAMES, MIN_FLICKER, flicker
+from kfmocap.core.fitting.shot_cameras import early_frames, early_misfits
+from kfmocap.core.shot.shot import View
+from synthetic import figure, look_at, shot_of, swing
+
+ROOM = np.random.default_rng(0).integers(40, 170, (90, 160, 3)).astype(np.uint8)
+FRAMES = np.arange(FLICKER_FRAMES)
+
+
+def lit(gains: np.ndarray) -> list[np.ndarray]:
+    return [np.clip(gain * ROOM, 0, 255).astype(np.uint8) for gain in gains]
+
+
+@pytest.mark.parametrize("rate", [1.7, 2.1])
+def test_its_amplitude_is_measured(rate: float) -> None:
+    assert flicker(lit(1 + 0.15 * np.sin(rate * FRAMES + 0.4))) == pytest.approx(0.15, abs=0.05)
+
+
+def test_clouds_and_what_moves_are_no_flicker() -> None:
+    assert flicker(lit(1 - 0.06 * FRAMES)) < MIN_FLICKER
+    moving = lit(np.ones(FLICKER_FRAMES))
+    for frame, picture in enumerate(moving):
+        picture[20:70, 10 + 20 * frame : 50 + 20 * frame] = 250
+    assert flicker(moving) < MIN_FLICKER / 4
+    assert flicker(lit(np.array([1.0, 1.5, 1.0]))) == 0.0  # too few to tell
+
+
+def test_a_view_whose_light_flickers_is_named_with_what_filters_it() -> None:
+    body = figure()
+    truth = swing(body, FLICKER_FRAMES)
+    camera = look_at("front", (0.5, -2.8, 1.5))
+    shot = shot_of([View(camera, "front.mp4")], [body], [truth], (0,))
+    assert early_frames(shot) == frozenset(range(FLICKER_FRAMES))
+    [said] = early_misfits(shot, [dict(enumerate(lit(1 + 0.2 * (-1.0) ** FRAMES)))])
+    assert said.off and "front: its light flickers by" in said.summary and "-vf deflicker=" in said.summary
+    assert not early_misfits(shot, [dict(enumerate(lit(np.ones(FLICKER_FRAMES))))])
