@@ -23,7 +23,7 @@ from ..shot.shot_spec import (
     result_names,
 )
 from .reading import first_repeated
-from .toml_tables import Table, read_toml
+from .toml_tables import Table, is_integer, read_toml
 
 _TABLES = ("shot", "calibration", "view", "performer", "hold", "track")
 _CALIBRATION = ("file", "resized", "unit", "up")
@@ -103,7 +103,7 @@ def _view(table: Table, folder: Path) -> ViewSpec:
         raise table.error("keypoints", f"there is no such file or folder: {keypoints}")
     offset = float(table.number("offset", 0.0))
     every = table.value("every", None)
-    if every is not None and not (isinstance(every, int) and 1 <= every <= _MAX_EVERY):
+    if every is not None and not (is_integer(every) and 1 <= every <= _MAX_EVERY):
         raise table.error("every", f"{every!r} is not a whole number from 1 to {_MAX_EVERY}")
     footage, gaps = table.path("footage", folder), _gaps(table)
     return ViewSpec(

@@ -99,7 +99,7 @@ class Table:
     def integers(self, key: str, default: Any = _REQUIRED) -> list[int]:
         """Return a list of integers."""
         value: list[int] = self.value(key, default)
-        if key in self._values and not (isinstance(value, list) and all(_is_integer(v) for v in value)):
+        if key in self._values and not (isinstance(value, list) and all(is_integer(v) for v in value)):
             raise self.error(key, f"must be a list of whole numbers, not {_shown(value)}")
         return value
 
@@ -125,12 +125,13 @@ class Table:
         return folder / text
 
 
-def _is_integer(value: Any) -> bool:
+def is_integer(value: Any) -> bool:
+    """Return whether a value is a whole number, which true and false are not, of a size that can be meant."""
     return isinstance(value, int) and not isinstance(value, bool) and abs(value) <= NUMBER_LIMIT
 
 
 def _is_number(value: Any) -> bool:
-    return _is_integer(value) or (isinstance(value, float) and abs(value) <= NUMBER_LIMIT)
+    return is_integer(value) or (isinstance(value, float) and abs(value) <= NUMBER_LIMIT)
 
 
 def _shown(value: Any) -> str:

@@ -266,6 +266,7 @@ BAD = [
     ("[calibration]", '[calibration]\nup = "up"', r"\[calibration\] up: unknown value 'up' \(use z, -z, y"),
     ("offset = 1.0", "every = 0", r"\[\[view\]\] 2 every: 0 is not a whole number from 1"),
     ("offset = 1.0", "every = 2.0", r"\[\[view\]\] 2 every: 2.0 is not a whole number from 1"),
+    ("offset = 1.0", "every = true", r"\[\[view\]\] 2 every: True is not a whole number from 1"),
     ("offset = 1.0", 'fields = "top"', r"\[\[view\]\] 2 fields: unknown value 'top'.*top-first"),
     ("offset = 1.0", 'offset = 15\nfields = "top-first"', "'cam02' footage.*only 22 fields: .*its fields 17 to 24"),
     ("offset = 1.0", "missing = [0]", r"\[\[view\]\] 2 missing: 0 cannot be one of them"),
