@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numerics.arrays import Array, Ints
+from ..numerics.likeliest_path import steadiest_path
 from .keypoint_rays import Keypoints
 from .left_right import EXCHANGED_GROUPS, sided_columns, swap_sides
 
@@ -27,7 +28,7 @@ def likeliest_image_sides(keypoints: Keypoints, fps: float) -> NDArray[np.bool_]
     """Return where left and right leap to each other's places for a while, bool (V, F, L), in each view by itself.
 
     A detector that exchanges them in one of two views, or in the only one, is not contradicted by others. For each view
-    and group of landmarks, the steadiest path over the frames decides (Viterbi's algorithm, over pairs of frames).
+    and group of landmarks, the steadiest path over the frames decides.
 
     Parameters
     ----------
@@ -69,14 +70,7 @@ def _steadiest(places: Array, exchanged_cost: float) -> Ints:
     cost, change = np.array([0.0, exchanged_cost]), CHANGE_COST * (1 - np.eye(2))
     bends = places[:, None, None, :-2] - 2 * places[None, :, None, 1:-1] + places[None, None, :, 2:]
     steps = LEAP_COST * _leaping(bends) + (cost + change)[None, :, :, None]
-    path, before = cost[:, None] + cost + change, np.zeros((F, 2, 2), np.intp)
-    for f in range(2, F):
-        paths = path[:, :, None] + steps[..., f - 2]
-        before[f], path = paths.argmin(axis=0), paths.min(axis=0)
-    found = [int(state) for state in np.unravel_index(path.argmin(), path.shape)][::-1]
-    for f in range(F - 1, 1, -1):
-        found.append(int(before[f, found[-1], found[-2]]))
-    return np.array(found[::-1], np.intp)
+    return steadiest_path(cost[:, None] + cost + change, lambda f: np.asarray(steps[..., f - 2]), F)
 
 
 def _leaping(bends: Array) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numerics.arrays import Array, Ints
+from ..numerics.likeliest_path import steadiest_path
 from .keypoint_rays import Keypoints
 
 INLIER_DISTANCE = 0.06
@@ -87,26 +88,19 @@ def least_squares_points(keypoints: Keypoints, weight: Array) -> Array:
 def _steadiest(candidates: Array, agreed: Array, leap_cost: float) -> Ints:
     """Return the best of S candidates (S, F, 3) on every frame, shape (F,), by agreement (S, F) and by least
     acceleration.
-
-    The path is found by dynamic programming over pairs of neighbouring frames.
     """
     S, F = agreed.shape
     cost = np.where(np.isfinite(candidates).all(axis=-1), -agreed, np.inf)
     if S < 2 or F < 3:
         return np.asarray(cost.argmin(axis=0))
-    places, before = np.nan_to_num(candidates), []
-    path = cost[:, 0, None] + cost[None, :, 1]
-    for f in range(2, F):
+    places = np.nan_to_num(candidates)
+
+    def step(f: int) -> Array:
         a, b, c = places[:, f - 2, None, None], places[None, :, f - 1, None], places[None, None, :, f]
         leap = np.minimum(np.linalg.norm(a - 2 * b + c, axis=-1) / LEAP_DISTANCE, 1.0)
-        paths = path[:, :, None] + leap_cost * leap + cost[None, None, :, f]
-        before.append(paths.argmin(axis=0))
-        path = paths.min(axis=0)
-    last = np.unravel_index(path.argmin(), path.shape)
-    chosen = [int(last[1]), int(last[0])]
-    for earlier in reversed(before):
-        chosen.append(int(earlier[chosen[-1], chosen[-2]]))
-    return np.array(chosen[::-1])
+        return np.asarray(leap_cost * leap + cost[None, None, :, f])
+
+    return steadiest_path(cost[:, 0, None] + cost[None, :, 1], step, F)
 
 
 def _equations(keypoints: Keypoints) -> tuple[Array, Array]:

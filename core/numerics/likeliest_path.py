@@ -1,16 +1,18 @@
-"""The most likely path through candidate places that were sampled on every frame; consecutive places are close
-together.
+"""The most likely path through states, such as candidate places that were sampled on every frame.
 
-This is a hidden Markov model whose states are samples. Viterbi's algorithm finds the path, the forward-backward
-algorithm the probabilities of the places.
+Where consecutive places are close together, this is a hidden Markov model whose states are samples: Viterbi's algorithm
+finds the path, the forward-backward algorithm the probabilities of the places. Where it is velocities that change
+little, states of three frames in a row have a cost.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import Array
+from .arrays import Array, Ints
 
 
 def likeliest_path(score: Array, places: Array) -> tuple[NDArray[np.intp], float]:
@@ -52,6 +54,29 @@ def place_probabilities(score: Array, places: Array) -> Array:
     log = ahead + behind
     share = np.exp(log - log.max(axis=1, keepdims=True))
     return np.asarray(share / share.sum(axis=1, keepdims=True))
+
+
+def steadiest_path(begin: Array, step: Callable[[int], Array], frames: int) -> Ints:
+    """Return the cheapest path through S states on each of two frames or more by dynamic programming over pairs of
+    neighbouring frames: a state per frame, shape (frames,).
+
+    Parameters
+    ----------
+    begin : ndarray, shape (S, S)
+        Costs of the states of the first two frames.
+    step : callable
+        Of a frame from 2 on: costs (S, S, S), by the states of the two frames before it and its own.
+    frames : int
+    """
+    costs, before = begin, []
+    for f in range(2, frames):
+        paths = costs[:, :, None] + step(f)
+        before.append(paths.argmin(axis=0))
+        costs = paths.min(axis=0)
+    chosen = [int(state) for state in np.unravel_index(costs.argmin(), costs.shape)][::-1]
+    for earlier in reversed(before):
+        chosen.append(int(earlier[chosen[-1], chosen[-2]]))
+    return np.array(chosen[::-1], np.intp)
 
 
 def _log_sum(log: Array, factors: Array) -> Array:

@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from kfmocap.core.numerics.likeliest_path import likeliest_path, place_probabilities
+from kfmocap.core.numerics.likeliest_path import likeliest_path, place_probabilities, steadiest_path
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -23,3 +23,16 @@ def test_the_way_is_the_best_of_all_and_its_places_are_as_likely_as_they_are(see
     np.testing.assert_array_equal(best, ways[values.argmax()])
     assert value == pytest.approx(values.max())
     np.testing.assert_allclose(place_probabilities(score, places), share, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_steadiest_path_is_the_cheapest_of_all(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    begin, steps = rng.normal(size=(3, 3)), rng.normal(size=(3, 3, 3, 3))
+    ways = list(product(range(3), repeat=5))
+    costs = [begin[w[0], w[1]] + sum(steps[f, w[f], w[f + 1], w[f + 2]] for f in range(3)) for w in ways]
+    found = steadiest_path(begin, lambda f: steps[f - 2], 5)
+    assert tuple(found.tolist()) == ways[int(np.argmin(costs))]
+    assert steadiest_path(begin, lambda _: np.zeros((3, 3, 3)), 2).tolist() == list(
+        np.unravel_index(begin.argmin(), begin.shape)
+    )
