@@ -21,7 +21,7 @@ EXCHANGED_COST = 0.1
 CHANGE_COST = 0.2
 """Cost of each change."""
 INDEPENDENT_TIME = 0.1
-"""Time after which a detector errs anew, seconds."""
+"""Time after which a detector errs anew, seconds: what is wrong for so long counts once, however many frames it is."""
 
 
 def likeliest_image_sides(keypoints: Keypoints, fps: float) -> NDArray[np.bool_]:

@@ -52,6 +52,11 @@ class Keypoints:
         R, t = self.R_cam_world[views], self.t_cam_world[views]
         return Keypoints(self.names, self.rays[views], self.confidence[views], R, t)
 
+    def of_landmarks(self, columns: Sequence[int]) -> Keypoints:
+        """Return the keypoints of some of the landmarks."""
+        names = tuple(self.names[i] for i in columns)
+        return replace(self, names=names, rays=self.rays[:, :, columns], confidence=self.confidence[:, :, columns])
+
     def residuals(self, points_world: Array) -> Array:
         """Distances of points (F, L, 3) from the rays along both image axes, metres, (V, F, L, 2); NaN if not found."""
         x = np.einsum("vfab,flb->vfla", self.R_cam_world, points_world) + self.t_cam_world[:, :, None]

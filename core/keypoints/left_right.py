@@ -61,7 +61,9 @@ def sided_columns(names: Sequence[str], group: Sequence[str]) -> list[int]:
 
 
 def with_exchanged(keypoints: Keypoints, other: Keypoints, changed: NDArray[np.bool_]) -> Keypoints:
-    """Return the keypoints with those of `other`, which has left and right exchanged, where `changed` (V, F, L)."""
+    """Return the keypoints with those of `other`, which has left and right exchanged, where `changed` (V, F, L) says;
+    it may have axes of length 1.
+    """
     rays = np.where(changed[..., None], other.rays, keypoints.rays)
     return replace(keypoints, rays=rays, confidence=np.where(changed, other.confidence, keypoints.confidence))
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..numerics.arrays import Array, Bools, Ints
 from .facing import forward_directions
-from .image_side_paths import likeliest_image_sides
+from .image_side_paths import INDEPENDENT_TIME, likeliest_image_sides
 from .keypoint_rays import Keypoints
 from .left_right import EXCHANGED_GROUPS, MAX_DISTANCE, sided_columns, swap_sides, with_exchanged
 from .triangulation import LEAP_DISTANCE, least_squares_points
@@ -35,8 +35,6 @@ LEAP_COST = 0.5
 """Cost where all keypoints of a group leap from one frame to the next; fast limbs leap a little, too."""
 CHANGE_COST = 0.1
 """Cost of each change of the views in which a group is exchanged."""
-INDEPENDENT_TIME = 0.1
-"""Time after which a detector errs anew, seconds: what is wrong for so long counts once, however many frames it is."""
 
 
 def likeliest_sides(keypoints: Keypoints, fps: float) -> NDArray[np.bool_]:
@@ -63,12 +61,13 @@ def likeliest_sides(keypoints: Keypoints, fps: float) -> NDArray[np.bool_]:
     if V < MIN_VIEWS:
         within = likeliest_image_sides(keypoints, fps)
         keypoints = with_exchanged(keypoints, swap_sides(keypoints), within)
-    both = (keypoints, swap_sides(keypoints))
+    turned = swap_sides(keypoints)
     patterns, facing = np.array(list(_patterns(V))), forward_directions(keypoints)
     for group in EXCHANGED_GROUPS:
         columns = sided_columns(keypoints.names, group)
         if columns:
-            costs, places = _costs_of_patterns(both, columns, patterns, facing)
+            own, other = keypoints.of_landmarks(columns), turned.of_landmarks(columns)
+            costs, places = _costs_of_patterns(own, other, patterns, facing)
             if V < MIN_VIEWS:
                 path = np.full(F, costs.sum(axis=1).argmin())
             else:
@@ -86,14 +85,16 @@ def _patterns(views: int) -> Iterator[list[bool]]:
 
 
 def _costs_of_patterns(
-    both: tuple[Keypoints, Keypoints], columns: Sequence[int], patterns: Bools, facing: tuple[Array, Array]
+    own: Keypoints, turned: Keypoints, patterns: Bools, facing: tuple[Array, Array]
 ) -> tuple[Array, Array]:
-    """Return the costs (S, F) of patterns and the points (S, F, K, 3) where rays meet, for one group of landmarks;
-    `facing` as in `forward_directions`.
+    """Return the costs (S, F) of patterns and the points (S, F, K, 3) where rays meet, for one group of landmarks.
+
+    Its keypoints are given as they were found, and with left and right exchanged; `facing` is as in
+    `forward_directions`.
     """
     costs, places = [], []
     for pattern in patterns:
-        sided = _with_exchanged(both, columns, pattern)
+        sided = with_exchanged(own, turned, pattern[:, None, None])
         weight = sided.confidence * np.isfinite(sided.rays).all(axis=-1)
         points = least_squares_points(sided, weight)
         squares = np.sum(sided.residuals(points) ** 2, axis=-1)
@@ -121,15 +122,6 @@ def _turned_away(names: Sequence[str], points: Array, forward: Array, trunk: Arr
     length = np.linalg.norm(ahead, axis=-1)
     cosine = np.sum(forward * ahead, axis=-1) / np.where(length > 0, length, 1.0)
     return np.asarray(np.where(np.isfinite(cosine), (1 - cosine) / 2, 0.0).sum(axis=0))
-
-
-def _with_exchanged(both: tuple[Keypoints, Keypoints], columns: Sequence[int], pattern: Bools) -> Keypoints:
-    """Return some columns of the keypoints, with left and right exchanged in some of the views."""
-    as_found, turned = both
-    rays = np.where(pattern[:, None, None, None], turned.rays[:, :, columns], as_found.rays[:, :, columns])
-    confidence = np.where(pattern[:, None, None], turned.confidence[:, :, columns], as_found.confidence[:, :, columns])
-    names = tuple(as_found.names[i] for i in columns)
-    return Keypoints(names, rays, confidence, as_found.R_cam_world, as_found.t_cam_world)
 
 
 def _shortest_path(costs: Array, places: Array) -> Ints:
