@@ -207,7 +207,7 @@ def _tracked(
     result = replace(
         result_of_segments(shot, state, done, observed, tuple(tuple(frames) for frames in footage.torn)),
         seconds=seconds,
-        pictures=footage.pictures if options.pictures else tuple({} for _ in shot.views),
+        pictures=tuple({f: own[f] for f in options.pictures if f in own} for own in footage.pictures),
         gaps=tuple(view.gaps for view in shot.views),
         rates=tuple(rate.result() for rate in rates),
     )
