@@ -83,6 +83,11 @@ class Motion:
         return rotations.continuous_signs(q[..., [3, 0, 1, 2]])
 
 
+def with_motion(motions: Sequence[Motion], performer: int, motion: Motion) -> tuple[Motion, ...]:
+    """Return the motions of all performers with another one of one of them."""
+    return (*motions[:performer], motion, *motions[performer + 1 :])
+
+
 def stacked(motions: list[Motion]) -> Motion:
     """Motions concatenated along time."""
     return Motion(np.concatenate([m.translations for m in motions]), np.concatenate([m.rotations for m in motions]))

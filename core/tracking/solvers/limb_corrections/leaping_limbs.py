@@ -14,7 +14,7 @@ import numpy as np
 
 from ....body import part_poses
 from ....body.limbs import limbs
-from ....body.motion import Motion
+from ....body.motion import Motion, with_motion
 from ....numerics import rotations
 from ....numerics.arrays import Bools
 from ....runtime.timing import Seconds
@@ -94,7 +94,7 @@ def _bridged(
     settled = best = descend(problem, before.motions, workspace.silent(), SETTLED, noise)
     for k, leap in enumerate(found):
         motion = bridged_motion(best.motions[performer], leap, problem.fixed[performer])
-        motions = (*best.motions[:performer], motion, *best.motions[performer + 1 :])
+        motions = with_motion(best.motions, performer, motion)
         part = workspace.part(k / len(found), (k + 1) / len(found))
         best = likeliest(problem, noise, best, descend(problem, motions, part, BRIDGING, noise))
     return None if best is settled else best

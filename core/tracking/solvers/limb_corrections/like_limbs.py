@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ....body import Body, part_poses
 from ....body.limbs import limb_pairs
-from ....body.motion import Motion
+from ....body.motion import Motion, with_motion
 from ....numerics import rotations
 from ....numerics.arrays import Array
 from ..equations.problem import SegmentProblem
@@ -125,13 +125,13 @@ class Swap:
         """Return motions with the limbs' directions exchanged (`exchanged`)."""
         i = self.performer
         new = exchanged(problem.bodies[i], motions[i], self.pair, self.frames)
-        return (*motions[:i], new, *motions[i + 1 :])
+        return with_motion(motions, i, new)
 
     def of_places(self, problem: SegmentProblem, motions: Sequence[Motion]) -> tuple[Motion, ...]:
         """Return motions with the limbs' places exchanged (`with_places_exchanged`)."""
         i = self.performer
         new = with_places_exchanged(problem.bodies[i], motions[i], self.pair, self.frames)
-        return (*motions[:i], new, *motions[i + 1 :])
+        return with_motion(motions, i, new)
 
     def reaches_across(self, problem: SegmentProblem, motions: Sequence[Motion]) -> bool:
         """Whether each limb is on the other's side, in the mean over the frames and all joints but the first.

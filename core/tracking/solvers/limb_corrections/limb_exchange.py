@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import islice
 
 import numpy as np
 
 from ....body.limbs import limb_pairs
+from ....body.motion import with_motion
 from ....runtime.timing import Seconds
 from ..descent_stages import SETTLED, SETTLING
 from ..equations.measurement import Workspace
@@ -63,7 +64,7 @@ def recombined(
         mixtures = []
         for a, b in [pair for other in lenders for pair in ((best, other), (other, best))]:
             lent = a.motions[i].with_parts(parts, b.motions[i])
-            motions = (*a.motions[:i], lent, *a.motions[i + 1 :])
+            motions = with_motion(a.motions, i, lent)
             if not any(same_solution(motions, before) for before in tried):
                 tried.append(motions)
                 mixtures.append(motions)
@@ -82,17 +83,29 @@ def with_limbs_exchanged(
 
     Legs that pass each other twice between two key poses look much as if they had turned back both times. A search for
     one limb at a time does not find this error, as the other limb is in its place. Performers are treated in turn, with
-    the motions of the others given; if limbs of any were exchanged, all are solved together at the end.
+    the motions of the others given (`_in_turn`).
     """
     if len(problem.sought) == 1:
         return _with_own_limbs_exchanged(problem, best, workspace)
-    motions = best.motions
     asked = problem.sought if performers is None else performers
-    for k, i in enumerate(asked):
-        part = workspace.part(k / len(asked), (k + 1) / len(asked))
+    return _in_turn(problem, best, asked, _with_own_limbs_exchanged, workspace)
+
+
+def _in_turn(
+    problem: SegmentProblem,
+    best: SegmentSolution,
+    performers: Sequence[int],
+    exchanged: Callable[[SegmentProblem, SegmentSolution, Workspace], SegmentSolution],
+    workspace: Workspace,
+) -> SegmentSolution:
+    """Exchange limbs of one performer after the other, with the motions of the others given; if any were exchanged, all
+    are solved together at the end.
+    """
+    motions = best.motions
+    for k, i in enumerate(performers):
+        part = workspace.part(k / len(performers), (k + 1) / len(performers))
         alone = problem.alone(i)
-        own = replace(best, motions=motions, only=alone.only)
-        motions = _with_own_limbs_exchanged(alone, own, part).motions
+        motions = exchanged(alone, replace(best, motions=motions, only=alone.only), part).motions
     if motions is best.motions:
         return best
     return continued(best, descend(problem, motions, workspace.silent(), SETTLED))
@@ -117,16 +130,12 @@ def with_crossed_limbs_exchanged(
         return best
     if len(problem.bodies) == 1:
         return _with_own_crossed_limbs_exchanged(problem, best, workspace)
-    motions, seconds = best.motions, Seconds(best.seconds)
-    for i in problem.sought:
-        alone = problem.alone(i)
-        own = replace(best, motions=motions, only=alone.only)
-        motions = _with_own_crossed_limbs_exchanged(alone, own, workspace).motions
-    if motions is best.motions:
+    found = _in_turn(problem, best, problem.sought, _with_own_crossed_limbs_exchanged, workspace)
+    if found is best:
         return best
-    settled = descend(problem, motions, workspace.silent(), SETTLED)
-    seconds.add(settled.seconds)
-    return replace(continued(best, settled), seconds=dict(seconds), doubted=best.doubted)
+    seconds = Seconds(best.seconds)
+    seconds.add(found.seconds)
+    return replace(found, seconds=dict(seconds), doubted=best.doubted)
 
 
 def _with_own_crossed_limbs_exchanged(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ....body.motion import Motion
+from ....body.motion import Motion, with_motion
 from .. import gauss_newton
 from ..descent_stages import SETTLED, UNCONVERGED_MOVE
 from ..equations.measurement import Workspace
@@ -138,11 +138,6 @@ def solved_from(
 ) -> SegmentSolution:
     """Solve from motions; the result is only to be compared with others."""
     return descend(problem, motions, workspace, SETTLED, noise).without_equations()
-
-
-def with_motion(motions: Sequence[Motion], performer: int, motion: Motion) -> tuple[Motion, ...]:
-    """Return the motions of all performers with another one of one of them."""
-    return (*motions[:performer], motion, *motions[performer + 1 :])
 
 
 def _refined(

@@ -16,7 +16,7 @@ import numpy as np
 from ....body import Body, part_poses
 from ....body.kinematics import tip_positions
 from ....body.limbs import limbs, without_end
-from ....body.motion import Motion
+from ....body.motion import Motion, with_motion
 from ....numerics import rotations
 from ....numerics.arrays import Array, Bools
 from ..descent_stages import SETTLED, SETTLING
@@ -90,7 +90,7 @@ def _nearly_solved(
     workspace: Workspace,
 ) -> SegmentSolution:
     """Return the result of the first steps from another motion of a performer: enough to tell the likeliest of many."""
-    begin = (*before.motions[:performer], motion, *before.motions[performer + 1 :])
+    begin = with_motion(before.motions, performer, motion)
     motions, *_ = approach(problem, begin, workspace.silent(), SETTLING)
     sampling = SETTLED[0].sampling_of(len(problem.views))
     evidence = workspace.measure(problem, motions, sampling, noise.sigma).evidence

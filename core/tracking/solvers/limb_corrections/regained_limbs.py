@@ -21,7 +21,7 @@ import numpy as np
 
 from ....body import part_poses
 from ....body.limbs import limbs
-from ....body.motion import Motion, stacked
+from ....body.motion import Motion, stacked, with_motion
 from ....evidence.occlusion import LONG_GAP
 from ....numerics.arrays import Array
 from ....runtime.timing import Seconds
@@ -49,7 +49,6 @@ from .limbs_elsewhere import (
     likelier_with_limb,
     solved_from,
     to_be_beaten,
-    with_motion,
 )
 from .search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
 

@@ -14,7 +14,7 @@ import numpy as np
 from ....body import part_poses
 from ....body.kinematics import tip_positions
 from ....body.limbs import limbs, without_end
-from ....body.motion import Motion
+from ....body.motion import Motion, with_motion
 from ....numerics.frame_ranges import runs
 from ..descent_stages import SETTLED
 from ..equations.measurement import Workspace
@@ -87,7 +87,7 @@ def with_limbs_returned(
             continue
         alone = problem.alone(i)
         back = solution.motions[i].with_parts([part for chain in strayed for part in chain], start[i])
-        motions = (*solution.motions[:i], back, *solution.motions[i + 1 :])
+        motions = with_motion(solution.motions, i, back)
         found = [descend(alone, motions, workspace, SETTLED)]
         if strayed_limbs(problem, i, start[i], found[0].motions[i]):
             found.append(descend(with_limbs_held(alone, i, strayed), motions, workspace, SETTLED))

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ....body.motion import Motion
+from ....body.motion import Motion, with_motion
 from ....shot.carried_motion import turned
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
@@ -40,7 +40,7 @@ def with_whole_turn(
     if problem.whole_keys(performer).tolist() != [0, problem.length - 1] or not is_doubtful(problem, first):
         return start, first
     ways = [turned(start[performer], problem.fixed[performer], axis) for axis in (*np.eye(3), *-np.eye(3))]
-    starts = [(*start[:performer], way, *start[performer + 1 :]) for way in ways]
+    starts = [with_motion(start, performer, way) for way in ways]
     quiet = workspace.silent()
     covers = [cover_at(problem, first, motions, quiet) for motions in starts]
     if is_hopeless(first, max(covers), cover_at(problem, first, start, quiet)):
