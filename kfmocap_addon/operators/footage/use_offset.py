@@ -2,6 +2,7 @@
 
 import bpy
 
+from ....core.errors import ShotError
 from ..conditions import Conditional, has_views
 
 
@@ -15,15 +16,13 @@ class UseOffset(Conditional, bpy.types.Operator):
 
     view: bpy.props.IntProperty(min=0, name="View", description="Number of the view in the shot, from 0")
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         slots = context.scene.kfmocap.views
         if self.view >= len(slots) or not slots[self.view].fitting_offset:
-            self.report({"ERROR"}, "No better offset is known of this view")
-            return {"CANCELLED"}
+            raise ShotError("No better offset is known of this view")
         slot = slots[self.view]
         slot.offset = float(slot.fitting_offset)
         slot.fitting_offset = slot.misfit = ""
-        return {"FINISHED"}
 
 
 CLASSES = (UseOffset,)

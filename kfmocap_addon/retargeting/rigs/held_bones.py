@@ -33,6 +33,8 @@ them from where they hang."""
 _PLACES = ("COPY_LOCATION", "FOLLOW_PATH", "CLAMP_TO")
 """Kinds of constraints that set where bones are: they hold those that move through the world; others they may carry."""
 _CHAINS = ("IK", "SPLINE_IK")
+Constraint = tuple[str, str]
+"""A constraint: its bone and its name."""
 Driver = tuple[str, str]
 """A driver of a bone's rotation or place: the bone and the attribute."""
 
@@ -110,15 +112,26 @@ def _drivers(armature: bpy.types.Object) -> Sequence[Any]:
 @contextmanager
 def without_limits(armature: bpy.types.Object) -> Iterator[None]:
     """Mute the limits of rotations while the block runs."""
-    held = [c for bone in armature.pose.bones for c in bone.constraints if c.type == "LIMIT_ROTATION" and not c.mute]
-    for limit in held:
-        limit.mute = True
-    update()
+    limits = [
+        (bone.name, limit.name)
+        for bone in armature.pose.bones
+        for limit in bone.constraints
+        if limit.type == "LIMIT_ROTATION" and not limit.mute
+    ]
+    mute_constraints(armature, limits, muted=True)
     try:
         yield
     finally:
-        for limit in held:
-            limit.mute = False
+        mute_constraints(armature, limits, muted=False)
+
+
+def mute_constraints(armature: bpy.types.Object, which: Collection[Constraint], *, muted: bool) -> None:
+    """Mute constraints, or have them act again."""
+    for bone, name in which:
+        held: Any = armature.pose.bones[bone].constraints[name]
+        held.mute = muted
+    if which:
+        armature.update_tag()
         update()
 
 

@@ -12,11 +12,9 @@ from ....core.retargeting.bone_matching import preset_of
 from ....core.retargeting.roles import SIDES
 from ...scene_io import fcurves
 from ...scene_io.characters.followed_bones import following
-from ..rigs.rig_at_rest import update
+from ..rigs.held_bones import Constraint, mute_constraints
 from .part_roles import limb_bones
 
-Goal = tuple[str, str]
-"""A constraint that moves a limb: its bone and its name."""
 _LIMBS = (("upper_arm", "forearm", "hand"), ("thigh", "shin", "foot"))
 _TRUNK = ("hips", "spine", "neck", "head")
 _TURNING = ("IK", "COPY_ROTATION", "COPY_TRANSFORMS", "DAMPED_TRACK", "LOCKED_TRACK", "TRACK_TO", "STRETCH_TO")
@@ -24,32 +22,32 @@ _TURNING = ("IK", "COPY_ROTATION", "COPY_TRANSFORMS", "DAMPED_TRACK", "LOCKED_TR
 
 
 @contextmanager
-def without_goals(armature: bpy.types.Object) -> Iterator[tuple[Goal, ...]]:
+def without_goals(armature: bpy.types.Object) -> Iterator[tuple[Constraint, ...]]:
     """Mute what moves limbs by inverse kinematics on their own bones; after an error it acts again. Gives what acted.
 
     Limbs that a property or another driver switches are left to those who read the switches, and rigs whose bones
     follow controls to those who look for these.
     """
     found = tuple(_goals(armature))
-    _mute(armature, found, muted=True)
+    mute_constraints(armature, found, muted=True)
     try:
         yield found
     except BaseException:
-        _mute(armature, found, muted=False)
+        mute_constraints(armature, found, muted=False)
         raise
 
 
 @contextmanager
-def with_goals(armature: bpy.types.Object, goals: Collection[Goal]) -> Iterator[None]:
+def with_goals(armature: bpy.types.Object, goals: Collection[Constraint]) -> Iterator[None]:
     """Have muted constraints act while the block runs."""
-    _mute(armature, goals, muted=False)
+    mute_constraints(armature, goals, muted=False)
     try:
         yield
     finally:
-        _mute(armature, goals, muted=True)
+        mute_constraints(armature, goals, muted=True)
 
 
-def freed_remarks(goals: Collection[Goal]) -> list[str]:
+def freed_remarks(goals: Collection[Constraint]) -> list[str]:
     """Return what to report of limbs that have been freed."""
     return [
         f"bone {bone}: its constraint '{name}' is muted now: the limb is turned by its own bones"
@@ -57,7 +55,7 @@ def freed_remarks(goals: Collection[Goal]) -> list[str]:
     ]
 
 
-def _goals(armature: bpy.types.Object) -> Iterator[Goal]:
+def _goals(armature: bpy.types.Object) -> Iterator[Constraint]:
     bones = limb_bones(armature)
     trunk = {name for role, names in bones.bones.items() if role in _TRUNK for name in names}
     if preset_of(bones).settings or trunk & set(following(armature)):
@@ -72,7 +70,7 @@ def _goals(armature: bpy.types.Object) -> Iterator[Goal]:
                 yield from found
 
 
-def _goals_of(armature: bpy.types.Object, limb: list[str]) -> list[Goal]:
+def _goals_of(armature: bpy.types.Object, limb: list[str]) -> list[Constraint]:
     """Return the constraints that turn a limb, given its bones from above, if inverse kinematics do."""
     found, solved = [], False
     for bone in armature.pose.bones:
@@ -88,16 +86,7 @@ def _goals_of(armature: bpy.types.Object, limb: list[str]) -> list[Goal]:
     return found if solved else []
 
 
-def _driven_constraints(armature: bpy.types.Object) -> set[Goal]:
+def _driven_constraints(armature: bpy.types.Object) -> set[Constraint]:
     data = armature.animation_data
     paths = [driver.data_path for driver in data.drivers] if data else []
     return {(fcurves.bone_of(path), fcurves.constraint_of(path)) for path in paths if fcurves.constraint_of(path)}
-
-
-def _mute(armature: bpy.types.Object, goals: Collection[Goal], *, muted: bool) -> None:
-    for bone, name in goals:
-        held: Any = armature.pose.bones[bone].constraints[name]
-        held.mute = muted
-    if goals:
-        armature.update_tag()
-        update()
