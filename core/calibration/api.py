@@ -15,7 +15,7 @@ from ..errors import CaptureError
 from ..runtime.progress import Progress, share
 from ..runtime.threads import worker_count
 from ..runtime.worker_pool import WorkerPool
-from ..shot.footage import probe
+from ..shot.footage import Footage, probe
 from ..shot.footage_faults.footage_times import video_rate
 from .calibration_result import CalibrationResult
 from .findings import LFRAME_NOT_SEEN, Finding, interlaced, lframe_missed, rate_varies
@@ -57,7 +57,7 @@ def calibrate(
     if isinstance(source, Capture):
         return solve_capture(source, progress, drift=drift)
     middle = (_MARKERS_FOUND + _BALLS_REMEASURED) / 2
-    with _workers(source) as pool:
+    with _workers([probe(view.wand) for view in source.views]) as pool:
         found = find_all(source, share(progress, 0.0, _MARKERS_FOUND), pool)
         doubtful = list(_doubtful(found))
         first = _first(found, doubtful, share(progress, _MARKERS_FOUND, middle), drift=drift)
@@ -71,10 +71,10 @@ def calibrate(
     return replace(solution, findings=(*solution.findings, *doubtful, *missed))
 
 
-def _workers(videos: CaptureVideos) -> WorkerPool:
-    """Return workers for the videos of all views: one per core, or this process alone if there is little to do."""
-    pictures = sum(probe(view.wand).count for view in videos.views)
-    return WorkerPool(min(worker_count(), len(videos.views)) if pictures >= MIN_PARALLEL_PICTURES else 1, (__name__,))
+def _workers(footages: Sequence[Footage]) -> WorkerPool:
+    """Return workers for the videos of the wand: one per core, or this process alone if there is little to do."""
+    pictures = sum(footage.count for footage in footages)
+    return WorkerPool(min(worker_count(), len(footages)) if pictures >= MIN_PARALLEL_PICTURES else 1, (__name__,))
 
 
 def _with_lframe_remeasured(
@@ -144,7 +144,7 @@ def _wands(videos: CaptureVideos, cameras: Mapping[str, Camera], progress: Progr
     known = [
         known_camera(cameras, view.camera, footage.size) for view, footage in zip(videos.views, footages, strict=True)
     ]
-    with _workers(videos) as pool:
+    with _workers(footages) as pool:
         wands = find_wands(videos, footages, progress, pool)
     views = [
         CaptureView(
