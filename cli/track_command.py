@@ -19,9 +19,7 @@ from ..core.body.unknown_parts import known_landmarks
 from ..core.cameras.camera import Camera
 from ..core.errors import InputError, ShotError, located
 from ..core.fitting.camera_refinement import Refinement
-from ..core.fitting.footage_match import FootageMatch
 from ..core.fitting.shot_cameras import (
-    CameraFit,
     camera_fits,
     checked_frames,
     early_frames,
@@ -29,6 +27,7 @@ from ..core.fitting.shot_cameras import (
     for_camera_fits,
     refine_shot_cameras,
 )
+from ..core.fitting.view_findings import ViewFinding
 from ..core.formats.calibrations.toml_cameras import save_cameras
 from ..core.formats.keypoint_files import read_shot_keypoints
 from ..core.formats.shot_toml import read_shot_spec
@@ -232,7 +231,7 @@ def run_track(
 def _print_misfits(shot: Shot, pictures: Sequence[Mapping[int, Any]]) -> None:
     """Print which footage does not match the first key poses while the shot is being tracked."""
     for misfit in early_misfits(shot, pictures):
-        offset = offset_text(misfit.camera, misfit.offset)
+        offset = offset_text(misfit.camera, misfit.offset) if misfit.by == "movement" else ""
         print_beside_bar(f"kfmocap: {misfit.summary}{offset} (tracking goes on; Ctrl-C ends it)")
 
 
@@ -242,7 +241,7 @@ class _CameraCheck:
     def __init__(self, shot: Shot) -> None:
         self._shot = shot
         self._gaps: tuple[tuple[Gap, ...], ...] = ()
-        self._job: Future[tuple[CameraFit | FootageMatch, ...]] | None = None
+        self._job: Future[tuple[ViewFinding, ...]] | None = None
 
     def begin(self, pool: WorkerPool, solved: TrackResult | SolvedShot) -> None:
         """Start the check in a pool, unless it was started before with the same gaps in the footage."""
@@ -251,7 +250,7 @@ class _CameraCheck:
             work = partial(camera_fits, self._shot, for_camera_fits(self._shot, solved))
             self._job = pool.submit(work, lambda _: None)
 
-    def result(self) -> tuple[CameraFit | FootageMatch, ...]:
+    def result(self) -> tuple[ViewFinding, ...]:
         """Wait for the result."""
         assert self._job is not None
         return self._job.result()

@@ -10,10 +10,8 @@ Pattern Recognition Letters 27 (2006) 861-874).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache, partial
 from itertools import combinations
-from typing import Literal
 
 import cv2
 import numpy as np
@@ -31,9 +29,8 @@ from ..shot.frame_numbers import footage_index
 from ..shot.shot import Shot, View
 from .background_shift import BackgroundShift, background_shift
 from .key_frame_views import KeyFrameView
+from .view_findings import FootageMatch
 
-MIN_MATCH = 0.9
-"""Probability from which footage is the key poses': see docs/refinement.md for those of right and of wrong footage."""
 _SIDE = 160
 """Approximate longer side of the pictures that are compared, pixels."""
 _MIN_PIXELS = 60
@@ -51,72 +48,6 @@ _MIN_SHIFTED_MATCH, _MIN_GAIN, _MIN_LACK = 0.97, 3.0, 0.01
 this many times what the other lacks, and this much more."""
 _CORE = np.ones((3, 3), np.uint8)
 """Pixels inside the performers' outlines that do not count as theirs, for the same reason as `_MARGIN`."""
-_DEFLICKER = "filter it, as with: ffmpeg -i FOOTAGE -vf deflicker=size=15 -crf 14 CONVERTED.mp4"
-_STABILISE = (
-    "stabilise its footage, as with: ffmpeg -i FOOTAGE -vf vidstabdetect=tripod=1 -f null - && ffmpeg -i FOOTAGE -vf "
-    "vidstabtransform=tripod=1:optzoom=0 -crf 14 CONVERTED.mp4; or solve the camera's motion, as in Blender"
-)
-
-
-@dataclass(frozen=True)
-class FootageMatch:
-    """How well a view's footage matches the key poses.
-
-    Attributes
-    ----------
-    camera : str
-    match : float
-        Probability that a pixel of the performers differs more between two key frames than one beside them.
-    offset : float, optional
-        An offset of the view (see `View`) with which it matches much better.
-    shift : BackgroundShift, optional
-        How far the background has moved, if it has: the camera did not stand still.
-    flicker : float
-        Amplitude of the brightness from frame to frame, relative, where it is much.
-    by : str
-    """
-
-    camera: str
-    match: float
-    offset: float | None = None
-    shift: BackgroundShift | None = None
-    flicker: float = 0.0
-    by: Literal["movement"] = "movement"
-
-    @property
-    def off(self) -> bool:
-        """Whether this is hardly the footage in which the poses were set."""
-        return self.match < MIN_MATCH or self.offset is not None or self.shift is not None or self.flicker > 0
-
-    @property
-    def brief(self) -> str:
-        """A few words, for the user."""
-        if self.flicker:
-            return f"its light flickers by {self.flicker:.0%}"
-        if self.shift is not None:
-            return f"its camera moved: the background shifts by {self.shift.pixels:.0f} px"
-        if self.offset is not None:
-            return f"an offset of {self.offset:g} fits the key poses better"
-        return "footage and key poses do not belong together"
-
-    @property
-    def summary(self) -> str:
-        """One line on what is wrong and what to look for, for the user."""
-        if self.flicker:
-            return f"{self.camera}: its light flickers by {self.flicker:.0%} from frame to frame: {_DEFLICKER}"
-        if self.shift is not None:
-            return (
-                f"{self.camera}: its camera moved: the background lies {self.shift.pixels:.0f} px elsewhere on frame "
-                f"{self.shift.frames[1]} than on frame {self.shift.frames[0]}, but the calibration has one pose; "
-                f"{_STABILISE}"
-            )
-        if self.offset is not None:
-            return f"{self.camera}: its pictures fit the key poses better with an offset of about {self.offset:g}"
-        return (
-            f"{self.camera}: its pictures do not change where the key poses move ({self.match:.2f}; 1 where they do, "
-            f"0.5 by chance): see whether this is the footage of {self.camera}, whether its offset is right, and "
-            "whether the key poses and the calibration belong to this shot"
-        )
 
 
 def footage_matches(shot: Shot, views: Sequence[KeyFrameView], frames: NDArray[np.int64]) -> list[FootageMatch]:

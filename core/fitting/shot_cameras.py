@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,11 +33,12 @@ from ..tracking.segments import whole_keys
 from ..tracking.track_result import TrackResult
 from .camera_refinement import RefinedCamera, Refinement, refine_cameras
 from .flicker import FLICKER_FRAMES, MIN_FLICKER, flicker
-from .footage_match import FootageMatch, better_offset, footage_matches, shifted_background
+from .footage_match import better_offset, footage_matches, shifted_background
 from .key_frame_views import KeyFrameView, pictured_key_frames, read_key_frames
 from .keypoint_cameras import PictureShift, contradictions
 from .outline_fit import RefinementStage
 from .shared_keypoints import CameraEstimate, SharedKeypoints
+from .view_findings import CameraFit, FlickeringLight, FootageMatch, MovedCamera, ViewFinding
 
 MAX_CHECKED_KEYS = 8
 """Largest number of key frames that cameras are compared with, evenly spaced over the shot."""
@@ -53,31 +53,6 @@ CHECK_STAGES = (RefinementStage(0.25, 4.0, 4, learns_once=True), RefinementStage
 """Few stages: a camera that fits passes soon, and one that does not need not be corrected to be detected."""
 CHECK_CONVERGED_PIXELS = 0.25
 """As `CONVERGED_PIXELS`, for these stages, pixels of the reduced frames: inexact key poses are off by pixels anyway."""
-
-
-@dataclass(frozen=True)
-class CameraFit(PictureShift):
-    """How well a camera fits the others or the key poses.
-
-    Attributes
-    ----------
-    camera : str
-    by : str
-        What it was compared with: "keypoints" or "key poses".
-    """
-
-    camera: str
-    by: Literal["keypoints", "key poses"]
-
-    @property
-    def brief(self) -> str:
-        """A few words on how far the camera is off, for the user."""
-        return f"{self.shift:.0f} px off the {'other cameras' if self.by == 'keypoints' else 'key poses'}"
-
-    @property
-    def summary(self) -> str:
-        """One line on a camera that does not fit, for the user."""
-        return f"{self.camera}: its picture is {self.brief}; up to {self.limit:.0f} px could be chance"
 
 
 def fit_by_keypoints(shot: Shot, performers: Sequence[Keypoints]) -> tuple[CameraFit, ...]:
@@ -111,7 +86,7 @@ def _early_keys(shot: Shot) -> NDArray[np.int64]:
 
 
 @one_library_thread()
-def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]]) -> list[FootageMatch]:
+def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]]) -> list[ViewFinding]:
     """Return the views whose light flickers, or whose footage does not match the first key poses, which is known before
     anything is tracked.
 
@@ -122,8 +97,8 @@ def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]
         Per view: rectified pictures by shot frame, including those of `early_frames`.
     """
     swings = [flicker([own[f] for f in range(min(FLICKER_FRAMES, shot.length))]) for own in pictures]
-    flickering = [
-        FootageMatch(view.camera.name, 1.0, flicker=swing)
+    flickering: list[ViewFinding] = [
+        FlickeringLight(view.camera.name, swing)
         for view, swing in zip(shot.views, swings, strict=True)
         if swing > MIN_FLICKER
     ]
@@ -141,7 +116,7 @@ def fit_by_key_poses(
     shot: Shot,
     pictures: Sequence[Mapping[int, NDArray[np.uint8]]] | None = None,
     progress: Progress | None = None,
-) -> tuple[CameraFit | FootageMatch, ...]:
+) -> tuple[ViewFinding, ...]:
     """Compare the cameras with the key poses of the whole body, by the performers' outlines.
 
     Parameters
@@ -154,7 +129,7 @@ def fit_by_key_poses(
 
     Returns
     -------
-    tuple of CameraFit or FootageMatch
+    tuple of ViewFinding
         One per view that shows the performers clearly enough; none if there is no key pose of the whole body. For
         views whose footage does not match the key poses, although the camera is not off, that is said instead.
 
@@ -192,7 +167,7 @@ def _moved(
     frames: NDArray[np.int64],
     matches: Sequence[FootageMatch],
     fits: Sequence[CameraFit],
-) -> dict[str, FootageMatch]:
+) -> dict[str, MovedCamera]:
     """Return the cameras that do not fit, or whose footage does not match, because they were moved during the shot."""
     found = {}
     off = {fit.camera for fit in fits if fit.off} | {match.camera for match in matches if match.off}
@@ -203,14 +178,13 @@ def _moved(
             if shift is not None:
                 first = shot.frames[0]
                 there = replace(shift, frames=(first + shift.frames[0], first + shift.frames[1]))
-                match = next((own.match for own in matches if own.camera == name), 1.0)
-                found[name] = FootageMatch(name, match, shift=there)
+                found[name] = MovedCamera(name, there)
     return found
 
 
 def _explained(
     shot: Shot, frames: NDArray[np.int64], matches: Sequence[FootageMatch], fits: Sequence[CameraFit]
-) -> tuple[CameraFit | FootageMatch, ...]:
+) -> tuple[ViewFinding, ...]:
     """Return the cameras' fits, and what else explains that views do not show the key poses.
 
     A camera that can be corrected explains that its footage does not match. Another offset explains both; but where
@@ -237,9 +211,7 @@ def _agree(matches: Iterable[FootageMatch]) -> bool:
     return len(known) == len(offsets) and max(known) - min(known) <= MAX_OFFSET_SPREAD
 
 
-def camera_fits(
-    shot: Shot, result: SolvedShot, progress: Progress | None = None
-) -> tuple[CameraFit | FootageMatch, ...]:
+def camera_fits(shot: Shot, result: SolvedShot, progress: Progress | None = None) -> tuple[ViewFinding, ...]:
     """Compare the cameras of a solved shot with one another and with its key poses.
 
     Parameters
@@ -271,12 +243,12 @@ class CheckedTrack:
     Attributes
     ----------
     results : list of TrackResult
-    fits : tuple of CameraFit or FootageMatch, or None
+    fits : tuple of ViewFinding, or None
         None if only part of the shot was tracked: its cameras were not compared.
     """
 
     results: list[TrackResult]
-    fits: tuple[CameraFit | FootageMatch, ...] | None
+    fits: tuple[ViewFinding, ...] | None
 
 
 def track_and_check(
@@ -292,7 +264,7 @@ def track_and_check(
     """Track excerpts of a shot, and compare its cameras if the whole shot is tracked.
 
     Parameters as of `track_excerpts` and `RunContext`; `show` is also called with `EARLY_MISFITS` and a list of
-    FootageMatch, if there are any. The segment with the shot frame `looking_at`, which the user has
+    ViewFinding, if there are any. The segment with the shot frame `looking_at`, which the user has
     on the screen, is shown first.
 
     Raises

@@ -31,7 +31,7 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
         lines.append(f"{values['world']}: if so, state it as up under [calibration]")
     off = [(view["camera"], fit) for view in values["views"] for fit in view["fits"] if fit["off"]]
     lines += [f"{fit['summary']}{offset_text(camera, fit.get('offset'))}" for camera, fit in off]
-    if any(fit["by"] != "movement" for _, fit in off):
+    if any(fit["by"] in ("keypoints", "key poses") for _, fit in off):
         lines.append(
             "if their offsets are right, refine the cameras: kfmocap track --refine, or Refine Cameras in Blender"
         )

@@ -27,8 +27,7 @@ from .suggestions import suggest_keys_beside_hidden, suggest_keys_by_error
 
 if TYPE_CHECKING:
     from ..fitting.camera_refinement import RefinedCamera, Refinement
-    from ..fitting.footage_match import FootageMatch
-    from ..fitting.shot_cameras import CameraFit
+    from ..fitting.view_findings import ViewFinding
     from ..keypoints.observations import PerformerKeypoints
     from ..tracking.expected_errors.uncertainty import JointErrors
     from ..tracking.track_result import TrackResult
@@ -42,7 +41,7 @@ def report(
     result: TrackResult,
     seconds: Mapping[str, float] | None = None,
     *,
-    fits: Sequence[CameraFit | FootageMatch] = (),
+    fits: Sequence[ViewFinding] = (),
     refined: Refinement | None = None,
 ) -> dict[str, Any]:
     """Summarise a tracking job as plain values for JSON.
@@ -53,7 +52,7 @@ def report(
     result : TrackResult
     seconds : mapping, optional
         Seconds of further stages, beside those of `result`.
-    fits : sequence of CameraFit or FootageMatch
+    fits : sequence of ViewFinding
         How well those cameras fit that were compared.
     refined : Refinement, optional
         How the cameras were refined before tracking, if they were.
@@ -88,7 +87,7 @@ def report(
         "views": [
             _view_values(shot, result, v)
             | {
-                "fits": [_camera_fit(fit) for fit in fits if fit.camera == view.camera.name],
+                "fits": [_finding(fit) for fit in fits if fit.camera == view.camera.name],
                 "refined": None if refined is None else _refined_camera(refined.views[v]),
             }
             for v, view in enumerate(shot.views)
@@ -234,19 +233,23 @@ def _keypoints(shot: Shot, own: PerformerKeypoints) -> dict[str, Any]:
     }
 
 
-def _camera_fit(fit: CameraFit | FootageMatch) -> dict[str, Any]:
-    """Return how well a camera fits, in pixels, or its footage."""
-    if fit.by == "movement":
-        found = {"by": fit.by, "off": fit.off, "match": round(fit.match, 2), "summary": fit.summary}
-        return found if fit.offset is None else {**found, "offset": fit.offset}
-    return {
-        "by": fit.by,
-        "off": fit.off,
-        "shift": round(fit.shift, 1),
-        "deviation": round(fit.deviation, 1),
-        "limit": round(fit.limit, 1),
-        "summary": fit.summary,
-    }
+def _finding(found: ViewFinding) -> dict[str, Any]:
+    """Return how well a view's camera fits, in pixels, or what else was found about it."""
+    return {"by": found.by, "off": found.off, **_measured(found), "summary": found.summary}
+
+
+def _measured(found: ViewFinding) -> dict[str, Any]:
+    match found.by:
+        case "movement":
+            match = {"match": round(found.match, 2)}
+            return match if found.offset is None else {**match, "offset": found.offset}
+        case "background":
+            return {"shift": round(found.background.pixels, 1), "frames": list(found.background.frames)}
+        case "light":
+            return {"flicker": round(found.amplitude, 3)}
+        case _:
+            figures = {"shift": found.shift, "deviation": found.deviation, "limit": found.limit}
+            return {name: round(value, 1) for name, value in figures.items()}
 
 
 def _refined_camera(found: RefinedCamera) -> dict[str, Any]:

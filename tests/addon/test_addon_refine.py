@@ -14,9 +14,8 @@ from kfmocap.cli import calibrate_command
 from kfmocap.core import fitting
 from kfmocap.core.errors import CalibrationError, CancelledError
 from kfmocap.core.fitting.camera_refinement import RefinedCamera, Refinement
-from kfmocap.core.fitting.footage_match import FootageMatch
 from kfmocap.core.fitting.resection import adjusted
-from kfmocap.core.fitting.shot_cameras import CameraFit
+from kfmocap.core.fitting.view_findings import CameraFit, FootageMatch
 from kfmocap.core.formats import load_cameras, save_cameras
 from kfmocap.core.shot.shot import Shot
 

@@ -12,9 +12,8 @@ from kfmocap.cli import track_command
 from kfmocap.core.body import human
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.fitting.camera_refinement import RefinedCamera, Refinement
-from kfmocap.core.fitting.footage_match import FootageMatch
 from kfmocap.core.fitting.resection import adjusted
-from kfmocap.core.fitting.shot_cameras import CameraFit
+from kfmocap.core.fitting.view_findings import CameraFit, FootageMatch
 from kfmocap.core.formats import load_cameras, read_trc
 from kfmocap.core.review.suggestions import KeySuggestion
 from kfmocap.core.shot.footage_faults.footage_damage import FootageDamage

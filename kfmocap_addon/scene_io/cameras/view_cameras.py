@@ -21,8 +21,7 @@ from . import camera_poses, distortion, footage_background, scene_cameras
 from .view_gaps import packed_gaps
 
 if TYPE_CHECKING:
-    from ....core.fitting.footage_match import FootageMatch
-    from ....core.fitting.shot_cameras import CameraFit
+    from ....core.fitting.view_findings import ViewFinding
 
 
 def build_view(
@@ -69,7 +68,7 @@ def show_camera(slot: bpy.types.PropertyGroup, camera: Camera, frame_start: int)
     )
 
 
-def show_fits(slots: Iterable[bpy.types.PropertyGroup], fits: Sequence[CameraFit | FootageMatch]) -> list[str]:
+def show_fits(slots: Iterable[bpy.types.PropertyGroup], fits: Sequence[ViewFinding]) -> list[str]:
     """Show which views' cameras do not fit; returns what is to be said about them, and which tool may help."""
     off = [fit for fit in fits if fit.off]
     offsets = {fit.camera: fit.offset for fit in off if fit.by == "movement"}
@@ -80,10 +79,10 @@ def show_fits(slots: Iterable[bpy.types.PropertyGroup], fits: Sequence[CameraFit
     return [f"{fit.summary}. {_advice(fit)}" if _advice(fit) else fit.summary for fit in off]
 
 
-def _advice(fit: CameraFit | FootageMatch) -> str:
-    if fit.by != "movement":
+def _advice(fit: ViewFinding) -> str:
+    if fit.by in ("keypoints", "key poses"):
         return "Refine Cameras may help"
-    return "" if fit.offset is None else "Use Offset in Footage and Cameras takes it"
+    return "Use Offset in Footage and Cameras takes it" if fit.by == "movement" and fit.offset is not None else ""
 
 
 def adopt(slot: bpy.types.PropertyGroup, owner: bpy.types.Object, scene: bpy.types.Scene) -> None:

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.fitting.background_shift import background_shift
-from kfmocap.core.fitting.footage_match import FootageMatch
 from kfmocap.core.fitting.shot_cameras import fit_by_key_poses
+from kfmocap.core.fitting.view_findings import MovedCamera
 from kfmocap.core.shot.shot import View
 from synthetic import figure, look_at, shot_of, swing
 
@@ -71,7 +71,7 @@ def test_a_camera_that_does_not_fit_because_it_was_moved_is_said_to_have_moved()
     still = wall(FRONT.size)
     pictures = [{k: moved(still, 4 * k, 0) for k in range(len(TRUTH))}]
     [said] = fit_by_key_poses(shot, pictures)
-    assert isinstance(said, FootageMatch) and said.off and said.shift is not None
+    assert isinstance(said, MovedCamera) and said.off
     last = 100 + len(TRUTH) - 1
     assert f"front: its camera moved: the background lies 12 px elsewhere on frame {last} than on frame 100" in (
         said.summary

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kfmocap.core.fitting.footage_match import FootageMatch, better_offset, footage_matches
+from kfmocap.core.fitting.footage_match import better_offset, footage_matches
 from kfmocap.core.fitting.key_frame_views import KeyFrameView, read_key_frames
-from kfmocap.core.fitting.shot_cameras import CameraFit, _explained, checked_frames, fit_by_key_poses
+from kfmocap.core.fitting.shot_cameras import _explained, checked_frames, fit_by_key_poses
+from kfmocap.core.fitting.view_findings import CameraFit, FootageMatch
 from kfmocap.core.shot.shot import Shot, View
 from synthetic import figure, film, look_at, shot_of, swing
 

@@ -1,0 +1,154 @@
+"""What is found about a view that is compared with the key poses or with the other views, in words for the user.
+
+Every finding has a `camera`, says in `by` what the view was compared by, whether it is `off`, and if so in a few words
+(`brief`) and on one line (`summary`) what is wrong.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from .background_shift import BackgroundShift
+from .keypoint_cameras import PictureShift
+
+MIN_MATCH = 0.9
+"""Probability from which footage is the key poses': see docs/refinement.md for those of right and of wrong footage."""
+_DEFLICKER = "filter it, as with: ffmpeg -i FOOTAGE -vf deflicker=size=15 -crf 14 CONVERTED.mp4"
+_STABILISE = (
+    "stabilise its footage, as with: ffmpeg -i FOOTAGE -vf vidstabdetect=tripod=1 -f null - && ffmpeg -i FOOTAGE -vf "
+    "vidstabtransform=tripod=1:optzoom=0 -crf 14 CONVERTED.mp4; or solve the camera's motion, as in Blender"
+)
+
+
+@dataclass(frozen=True)
+class CameraFit(PictureShift):
+    """How well a camera fits the others or the key poses.
+
+    Attributes
+    ----------
+    camera : str
+    by : str
+        What it was compared with: "keypoints" or "key poses".
+    """
+
+    camera: str
+    by: Literal["keypoints", "key poses"]
+
+    @property
+    def brief(self) -> str:
+        """A few words on how far the camera is off."""
+        return f"{self.shift:.0f} px off the {'other cameras' if self.by == 'keypoints' else 'key poses'}"
+
+    @property
+    def summary(self) -> str:
+        """One line on a camera that does not fit."""
+        return f"{self.camera}: its picture is {self.brief}; up to {self.limit:.0f} px could be chance"
+
+
+@dataclass(frozen=True)
+class FootageMatch:
+    """How well a view's footage matches the key poses.
+
+    Attributes
+    ----------
+    camera : str
+    match : float
+        Probability that a pixel of the performers differs more between two key frames than one beside them.
+    offset : float, optional
+        An offset of the view (see `View`) with which it matches much better.
+    by : str
+    """
+
+    camera: str
+    match: float
+    offset: float | None = None
+    by: Literal["movement"] = "movement"
+
+    @property
+    def off(self) -> bool:
+        """Whether this is hardly the footage in which the poses were set."""
+        return self.match < MIN_MATCH or self.offset is not None
+
+    @property
+    def brief(self) -> str:
+        """A few words on what is wrong."""
+        if self.offset is not None:
+            return f"an offset of {self.offset:g} fits the key poses better"
+        return "footage and key poses do not belong together"
+
+    @property
+    def summary(self) -> str:
+        """One line on what is wrong and what to look for."""
+        if self.offset is not None:
+            return f"{self.camera}: its pictures fit the key poses better with an offset of about {self.offset:g}"
+        return (
+            f"{self.camera}: its pictures do not change where the key poses move ({self.match:.2f}; 1 where they do, "
+            f"0.5 by chance): see whether this is the footage of {self.camera}, whether its offset is right, and "
+            "whether the key poses and the calibration belong to this shot"
+        )
+
+
+@dataclass(frozen=True)
+class MovedCamera:
+    """A camera that was moved during the shot, though its calibration has one pose.
+
+    Attributes
+    ----------
+    camera : str
+    background : BackgroundShift
+        How far the background lies elsewhere on one frame of the shot than on another.
+    by, off
+        As of other findings.
+    """
+
+    camera: str
+    background: BackgroundShift
+    by: Literal["background"] = "background"
+    off: Literal[True] = True
+
+    @property
+    def brief(self) -> str:
+        """A few words on how far it moved."""
+        return f"its camera moved: the background shifts by {self.background.pixels:.0f} px"
+
+    @property
+    def summary(self) -> str:
+        """One line on how far it moved and what to do."""
+        before, after = self.background.frames
+        return (
+            f"{self.camera}: its camera moved: the background lies {self.background.pixels:.0f} px elsewhere on frame "
+            f"{after} than on frame {before}, but the calibration has one pose; {_STABILISE}"
+        )
+
+
+@dataclass(frozen=True)
+class FlickeringLight:
+    """Light that flickers from frame to frame.
+
+    Attributes
+    ----------
+    camera : str
+    amplitude : float
+        Of the brightness, relative.
+    by, off
+        As of other findings.
+    """
+
+    camera: str
+    amplitude: float
+    by: Literal["light"] = "light"
+    off: Literal[True] = True
+
+    @property
+    def brief(self) -> str:
+        """A few words on how much it flickers."""
+        return f"its light flickers by {self.amplitude:.0%}"
+
+    @property
+    def summary(self) -> str:
+        """One line on how much it flickers and what to do."""
+        return f"{self.camera}: {self.brief} from frame to frame: {_DEFLICKER}"
+
+
+ViewFinding: TypeAlias = CameraFit | FootageMatch | MovedCamera | FlickeringLight
