@@ -24,9 +24,9 @@ def _height(self: bpy.types.PropertyGroup) -> float:
 
 
 def _set_height(self: bpy.types.PropertyGroup, value: float) -> None:
-    from ..scene_io.body import performer_size
+    from ..scene_io.characters import character_size
 
-    _reshape(self, lambda: performer_size.set_height(self.armature, value))
+    _reshape(self, lambda: character_size.set_height(self.armature, value))
 
 
 def _measure(name: str) -> object:

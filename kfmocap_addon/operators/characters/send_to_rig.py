@@ -54,6 +54,7 @@ class SendToRig(Conditional, bpy.types.Operator):
         from ...retargeting import send, sole_plants, source_motion
         from ...retargeting.live import LiveSource
         from ...retargeting.rigs.overrides import editable
+        from ...retargeting.shown_characters import show_in
 
         slot, scene = active_performer.chosen(context), context.scene
         settings, first = scene.kfmocap.retarget, scene.kfmocap.frame_start
@@ -70,9 +71,12 @@ class SendToRig(Conditional, bpy.types.Operator):
         if settings.live:
             options = replace(options, live=live)
         target = editable(settings.target, scene)
+        elsewhere = show_in(scene, target)
         report = send.send_to_rig(scene, motion, target, first, options)
         settings.target = target
         _show(self, settings, report["error"])
+        if elsewhere:
+            self.report({"INFO"}, f"{target.name} was in another scene only: it is shown in this one, too")
         if report["not_in_target"]:
             lacking = named_together(report["not_in_target"])
             self.report({"INFO"}, f"{target.name} has no {lacking}: that motion is left out")

@@ -16,6 +16,17 @@ if TYPE_CHECKING:
     from ....core.fitting.body_fit import BodyFit
 
 
+def has_own_shape(context: bpy.types.Context) -> str:
+    """The body of a performer may get other proportions: it is no character's skin."""
+    armatures = [slot.armature for slot in context.scene.kfmocap.performers if slot.armature is not None]
+    if not armatures:
+        return ""
+    from ...scene_io.body.part_meshes import is_of_skin  # loads NumPy, which must not slow down Blender's start
+
+    return _OF_SKIN if all(map(is_of_skin, armatures)) else ""
+
+
+_OF_SKIN = "A skinned character keeps its proportions: set its height instead"
 _MOVES = "Also move your key poses of the whole body to where the fitted body lies best on the footage"
 
 
@@ -25,7 +36,7 @@ class FitBody(Conditional, JobOperator, bpy.types.Operator):
 
     bl_idname = "kfmocap.fit_body"
     bl_label = "Fit Body"
-    conditions = (has_shot, has_footage, has_whole_key_pose)
+    conditions = (has_shot, has_footage, has_own_shape, has_whole_key_pose)
 
     adjust_poses: bpy.props.BoolProperty(
         name="Adjust Key Poses",
@@ -46,11 +57,14 @@ class FitBody(Conditional, JobOperator, bpy.types.Operator):
 
     def finish(self, context: bpy.types.Context, result: BodyFit) -> None:
         from ....core.shot.shot import KeyPoses
-        from ...scene_io.body import body_armature
+        from ...scene_io.body import body_armature, part_meshes
         from ...scene_io.keys import key_pose_curves
 
         shot = context.scene.kfmocap
         for slot, body, poses, growth in zip(shot.performers, result.bodies, result.poses, result.growth, strict=True):
+            if part_meshes.is_of_skin(slot.armature):
+                self.report({"INFO"}, f"{slot.name}: a skinned character keeps its proportions")
+                continue
             body_armature.reshape(slot.armature, body)
             if self.adjust_poses:
                 key_pose_curves.write_key_poses(slot.armature, KeyPoses.whole(result.frames, poses), shot.frame_start)

@@ -129,6 +129,11 @@ def parts_of(armature: bpy.types.Object) -> list[bpy.types.Object]:
     return [child for child in carried if OF_SKIN in child] or carried
 
 
+def is_of_skin(armature: bpy.types.Object) -> bool:
+    """Whether an armature is a character whose parts were made of its skin."""
+    return any(OF_SKIN in child for child in armature.children)
+
+
 def orphans(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """Parts in a scene whose armature was deleted, which still have it as parent and cannot be selected."""
     meshes = [o for o in scene.objects if o.type == "MESH" and o.hide_select]

@@ -26,18 +26,32 @@ def set_height(armature: bpy.types.Object, value: float) -> None:
     BodyError
         It is not a performer's body, or has no height.
     """
+    ratio, floor = growth(armature, value)
+    body_armature.reshape(armature, proportions.scaled(body_armature.body_from_armature(armature), ratio))
+    if armature.animation_data is None or armature.animation_data.action is None:
+        armature.location.z += floor - _vertical_extent(armature)[0]
+
+
+def growth(armature: bpy.types.Object, value: float) -> tuple[float, float]:
+    """Return the factor that makes a body as tall as a value, metres, and the height of its soles.
+
+    Raises
+    ------
+    BodyError
+        The body, or the value, is no height.
+    """
     low, high = _vertical_extent(armature)
     if not high > low or not value > 0:
         raise BodyError("the body has no height", where=f"armature {armature.name}")
-    body_armature.reshape(
-        armature, proportions.scaled(body_armature.body_from_armature(armature), value / (high - low))
-    )
-    if armature.animation_data is None or armature.animation_data.action is None:
-        armature.location.z += low - _vertical_extent(armature)[0]
+    return value / (high - low), low
 
 
 def measure(armature: bpy.types.Object, name: str) -> float:
-    """Take a measure of a body, see `measures.proportions`, metres; 0 where its bones are not the default body's."""
+    """Take a measure of a body, see `measures.proportions`, metres; 0 where its bones are not the default body's, or a
+    skin fits them.
+    """
+    if part_meshes.is_of_skin(armature):
+        return 0.0
     ends = {bone.name: (tuple(bone.head_local), tuple(bone.tail_local)) for bone in armature.data.bones}
     return proportions.measured(ends, name) or 0.0
 

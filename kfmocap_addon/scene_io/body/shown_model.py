@@ -26,15 +26,11 @@ def show_model(scene: bpy.types.Scene) -> None:
 
 def _show_shapes(armature: bpy.types.Object, shown: bool) -> None:
     """Draw the bones of a body of ours by rings, or as sticks; those of other rigs stay as they are drawn."""
-    if not all(PART in bone for bone in armature.data.bones) or _is_skinned(armature):
+    if not all(PART in bone for bone in armature.data.bones) or part_meshes.is_of_skin(armature):
         return
     if shown:
         _give_shapes(armature)
     armature.data.show_bone_custom_shapes = shown
-
-
-def _is_skinned(armature: bpy.types.Object) -> bool:
-    return any(part_meshes.OF_SKIN in child for child in armature.children)
 
 
 def _give_shapes(armature: bpy.types.Object) -> None:

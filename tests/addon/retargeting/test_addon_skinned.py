@@ -15,6 +15,7 @@ from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.body.soles import Soles  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
+from kfmocap.kfmocap_addon.operators.performers.fit_body import has_own_shape  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature, part_meshes  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.characters import skinned_parts, skins  # noqa: E402
@@ -468,3 +469,47 @@ def test_an_animal_has_no_landmarks_of_people():
     body = body_armature.body_from_armature(armature)
     assert Soles.of(body) is None
     assert set(body.landmarks) == set(body.names)
+
+
+@pytest.mark.parametrize("parented", [True, False])
+def test_a_skinned_character_gets_another_height_as_a_whole_with_its_key_poses_in_place(parented):
+    armature = skinned()
+    meshes = [o for o in bpy.data.objects if o.type == "MESH"]
+    if parented:
+        for mesh in meshes:
+            mesh.parent = armature
+    armature.location = (0.4, -0.2, 0.1)
+    bpy.context.view_layer.update()
+    slot = bpy.context.scene.kfmocap.performers.add()
+    slot.armature, _ = use_as_body(bpy.context.scene, armature)
+    hips = armature.pose.bones[BODY.names[0]]
+    hips.location = (0.3, 0.2, -0.1)
+    hips.keyframe_insert("location", frame=1)
+    bpy.context.view_layer.update()
+    rest = {bone.name: tuple(bone.head_local) for bone in armature.data.bones}
+    tall, place, sole = slot.height, armature.matrix_world @ hips.head, floor_of(armature)
+    sizes = [mesh.matrix_world.median_scale for mesh in meshes]
+    slot.height = 0.5 * tall
+    bpy.context.view_layer.update()
+    assert slot.height == pytest.approx(0.5 * tall, rel=1e-5)
+    assert {bone.name: tuple(bone.head_local) for bone in armature.data.bones} == rest
+    assert [mesh.matrix_world.median_scale for mesh in meshes] == pytest.approx([0.5 * size for size in sizes])
+    assert floor_of(armature) == pytest.approx(sole, abs=1e-5)
+    bpy.context.scene.frame_set(1)
+    assert np.allclose(armature.matrix_world @ hips.head, place, atol=1e-5)
+
+
+def floor_of(armature):
+    """Height of the lowest corner of the parts at rest."""
+    body = body_armature.body_from_armature(armature)
+    return min(float((part.vertices @ part.R_world_rest[2] + part.head_world[2]).min()) for part in body.parts)
+
+
+def test_the_proportions_of_a_skinned_character_are_its_own():
+    armature = skinned()
+    slot = bpy.context.scene.kfmocap.performers.add()
+    slot.armature, _ = use_as_body(bpy.context.scene, armature)
+    before = {bone.name: tuple(bone.tail_local) for bone in armature.data.bones}
+    assert slot.upper_arm == 0.0  # no field is shown
+    assert "set its height" in has_own_shape(bpy.context)
+    assert {bone.name: tuple(bone.tail_local) for bone in armature.data.bones} == before
