@@ -7,10 +7,11 @@ covariance of the steps into account, in which a drift over many frames weighs m
 normal equations is first scaled by the ratio of errors to it that the shot shows for leg and foot: key poses that were
 predicted without themselves are missed by more where feet are half hidden. The pictures around the point are asked as
 well whether it stands or moves as it was tracked: they do not depend on the shape of the foot, whose errors make it
-drift. Smoothness blurs the moments at which a foot lands and leaves, so plants that pass take in the frames beside them
-on which the point may stand, too. Two plants of a point with no time for a step between them become one if that
-passes as well. Those that are brief all the same are left out. Then all are held together, on the same normal
-equations.
+drift. A plant that passes takes in the frames on which the other point of the foot stands, if the evidence or the
+pictures of these agree: a flicker of the evidence seems to end it. Smoothness blurs the moments at which a foot lands
+and leaves, so plants also take in the frames beside them on which the point may stand, too. Two plants of a point with
+no time for a step between them become one if that passes as well. Those that are brief all the same are left out,
+except on the first and last frame of the shot. Then all are held together, on the same normal equations.
 
 A single view hardly contradicts any plant. With one view, candidates are kept still during the refinement already, and
 nothing is tested here.
@@ -23,17 +24,18 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtri, fdtri
 
 from ...body.foot_plants import MIN_DURATION
 from ...body.kinematics import part_poses
 from ...body.motion import Motion
 from ...body.soles import Soles
-from ...evidence.standing_points import log_odds_of_standing
-from ...numerics.arrays import Array, Bools, Ints
+from ...evidence.standing_points import RADIUS, log_odds_of_standing
+from ...numerics.arrays import Array, Bools
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.frame_ranges import runs
 from ...numerics.robust_kernels import Quadratic
+from .apparent_plants import Plant, Seeming, joined
 from .equations.hold_factor import TiedSystems, tied_systems
 from .equations.plant_factor import PlantFactor
 from .equations.problem import SegmentProblem, SegmentSolution
@@ -52,6 +54,11 @@ PICTURES_ODDS = 10.0
 plant to pass though the normal equations say otherwise."""
 SHOE_HEIGHT = 0.02
 """Height above the sole of what is looked at in the pictures, metres: the side of a shoe."""
+RATIO_COUNT = 12.0
+"""Number of squared errors from which the ratio of errors to the covariance is known: those of a part at two key poses,
+along three axes, and as many of the whole body."""
+FLICKER = 0.2
+"""For how long the evidence may be against a plant that goes on, seconds, as long as it is for it over all."""
 NEWTON_STEPS = 4
 """Gauss-Newton steps, all on the same normal equations."""
 
@@ -106,7 +113,7 @@ def with_plants_at_rest(
         standing = {}
         for i in members:
             now = before.motions[i].replaced(before.first, motions[i])
-            seeming, earlier = (_Seeming.of(problem, i, motion, before.first) for motion in (now, before.motions[i]))
+            seeming, earlier = (Seeming.of(problem, i, motion, before.first) for motion in (now, before.motions[i]))
             if seeming is not None:
                 keyed, fitting = evidence.plants_that_fit(i, seeming, earlier, ratios[i])
                 planted[i] = keyed.frames | fitting.frames
@@ -129,7 +136,7 @@ class _Evidence:
     motions: tuple[Motion, ...]
 
     def plants_that_fit(
-        self, performer: int, seeming: _Seeming, earlier: _Seeming | None, ratios: Array
+        self, performer: int, seeming: Seeming, earlier: Seeming | None, ratios: Array
     ) -> tuple[PlantFactor, PlantFactor]:
         """Return the apparent plants of a member that are held: those between key poses on neighbouring frames, which
         nothing moves, and those that pass the tests, with the frames beside them that do, unless they are brief.
@@ -137,7 +144,7 @@ class _Evidence:
         Parameters
         ----------
         performer : int
-        seeming, earlier : _Seeming
+        seeming, earlier : Seeming
             As found now, and before the refinement.
         ratios : ndarray, shape (P,)
         """
@@ -150,11 +157,14 @@ class _Evidence:
             part = plants.soles.parts[c]
             ratio = float(ratios[[part, max(body.parents[part], 0)]].mean())  # a sole lies between the tips of both
             longer = [] if earlier is None else runs(earlier.plants.steps[:, c] & movable)
-            fitting: list[_Plant] = []
+            beside = runs(seeming.beside(c, earlier) & movable)
+            fitting: list[Plant] = []
             for run in runs(column & movable):
-                tried = [_Plant(plants, c, steps) for steps in dict.fromkeys((_joined(run, longer), run))]
+                tried = [Plant(plants, c, steps) for steps in dict.fromkeys((joined(run, longer), run))]
                 one = next((plant for plant in tried if self._agrees(performer, plant, ratio)), None)
                 if one is not None:
+                    whole = replace(one, steps=joined(one.steps, beside))
+                    one = whole if self._goes_on(performer, one, whole, ratio) else one
                     one = self._lengthened(performer, one, ratio, movable)
                     fitting = self._with_next(performer, fitting, one, ratio, movable)
             for plant in fitting:
@@ -183,42 +193,76 @@ class _Evidence:
         drift = np.diff(plant.soles.world(poses)[:, column], axis=0)
         return bool(np.sum(drift**2) < np.ptp(keyed) * plant.sigma**2 * chdtri(3, SIGNIFICANCE))
 
-    def _agrees(self, performer: int, plant: _Plant, ratio: float) -> bool:
+    def _agrees(self, performer: int, plant: Plant, ratio: float) -> bool:
         """Test a plant against key poses, pictures, and the evidence, whose covariance is multiplied by a ratio.
 
-        Whoever moves may do so on every step along three axes, and explains the pictures better by chance.
+        Whoever moves may do so on every step along three axes, and explains the pictures better by chance. As the ratio
+        is known from a few errors only, a plant that it refuses passes as long as the pictures have nothing against it:
+        no drift, along three axes, explains them better than it would by chance.
         """
         if not self._key_poses_agree(performer, plant.factor):
             return False
-        within, odds = chdtri(3 * len(plant), SIGNIFICANCE), self._log_odds(performer, plant)
+        axes, odds = 3 * len(plant), self._log_odds(performer, plant)
+        if 2 * odds < -chdtri(axes, SIGNIFICANCE):
+            return False
+        if odds > np.log(PICTURES_ODDS):
+            return True
+        within = chdtri(axes, SIGNIFICANCE)
+        if 2 * odds > -chdtri(3, SIGNIFICANCE):
+            within = max(within, axes * fdtri(axes, RATIO_COUNT, 1 - JOINING_SIGNIFICANCE))
+        return self._cost(performer, plant, ratio) < within
+
+    def _goes_on(self, performer: int, plant: Plant, longer: Plant, ratio: float) -> bool:
+        """Test whether a point stands on more frames than those of a plant that passed, by what these add. Pictures
+        further from where it stands than what is compared do not say so.
+        """
+        if longer.steps == plant.steps or not self._key_poses_agree(performer, longer.factor):
+            return False
+        within = chdtri(3 * (len(longer) - len(plant)), SIGNIFICANCE)
+        odds = self._log_odds(performer, longer) - self._log_odds(performer, plant)
         if 2 * odds < -within:
             return False
-        return odds > np.log(PICTURES_ODDS) or self._cost(performer, plant, ratio) < within
+        if odds > np.log(PICTURES_ODDS) and self._way(performer, longer) < RADIUS:
+            return True
+        return self._cost(performer, longer, ratio) - self._cost(performer, plant, ratio) < within
 
-    def _log_odds(self, performer: int, plant: _Plant) -> float:
+    def _path(self, performer: int, plant: Plant) -> Array:
+        """Where a plant's point was tracked, shape (F, 3)."""
+        (first, last), soles = plant.steps, plant.seeming.soles
+        poses = part_poses(self.problem.bodies[performer], self.motions[performer][slice(first, last + 2)])
+        return np.asarray(soles.world(poses)[:, plant.point])
+
+    def _way(self, performer: int, plant: Plant) -> float:
+        """How far a plant's point was tracked from its mean place at most, metres."""
+        path = self._path(performer, plant)
+        return float(np.linalg.norm(path - path.mean(axis=0), axis=1).max())
+
+    def _log_odds(self, performer: int, plant: Plant) -> float:
         """Logarithm of how much likelier the pictures are if a plant's point stands than if it moves as tracked."""
-        problem, (first, last), soles = self.problem, plant.steps, plant.seeming.soles
-        poses = part_poses(problem.bodies[performer], self.motions[performer][slice(first, last + 2)])
-        path = soles.world(poses)[:, plant.point] + [0.0, 0.0, SHOE_HEIGHT]
+        problem, first = self.problem, plant.steps[0]
+        path = self._path(performer, plant) + [0.0, 0.0, SHOE_HEIGHT]
         return sum(log_odds_of_standing(view, problem.first + first, path) for view in problem.views)
 
-    def _lengthened(self, performer: int, plant: _Plant, ratio: float, movable: Bools) -> _Plant:
-        """Return a plant that passed with the frames beside it, one after the other, on which the evidence has nothing
-        against the point standing there, too.
+    def _lengthened(self, performer: int, plant: Plant, ratio: float, movable: Bools) -> Plant:
+        """Return a plant that passed with the frames beside it on which the evidence has nothing against the point
+        standing there, too: one after the other, or several at once, over which a flicker of the evidence is no more.
         """
-        cost = self._cost(performer, plant, ratio)
+        cost, most = self._cost(performer, plant, ratio), max(round(FLICKER * self.problem.fps), 1)
         for before, after in ((1, 0), (0, 1)):
-            while (longer := plant.longer(before, after, movable)) is not None:
-                more = self._cost(performer, longer, ratio)
-                agrees = more - cost < chdtri(3, JOINING_SIGNIFICANCE)
-                if not agrees or not self._key_poses_agree(performer, longer.factor):
+            steps = 1
+            while steps <= most and (longer := plant.longer(steps * before, steps * after, movable)) is not None:
+                more = self._cost(performer, longer, ratio) - cost
+                if more < chdtri(3 * steps, JOINING_SIGNIFICANCE) and self._key_poses_agree(performer, longer.factor):
+                    plant, cost, steps = longer, cost + more, 1
+                elif more < chdtri(3 * most, JOINING_SIGNIFICANCE):
+                    steps += 1
+                else:
                     break
-                plant, cost = longer, more
         return plant
 
     def _with_next(
-        self, performer: int, plants: Sequence[_Plant], following: _Plant, ratio: float, movable: Bools
-    ) -> list[_Plant]:
+        self, performer: int, plants: Sequence[Plant], following: Plant, ratio: float, movable: Bools
+    ) -> list[Plant]:
         """Return plants of a point with the one that follows, if there is time for a step between it and the last of
         them. If not, as a foot that stands does not jump aside and stand again, they are one plant where the evidence
         agrees; else the longer one is kept.
@@ -234,7 +278,7 @@ class _Evidence:
             whole = max(last, following, key=len)
         return [*before, whole]
 
-    def _cost(self, performer: int, plant: _Plant, ratio: float) -> float:
+    def _cost(self, performer: int, plant: Plant, ratio: float) -> float:
         """Increase of the least cost of the evidence, whose covariance is multiplied by a ratio, by a plant."""
         # All costs are divided by the ratio; this deviation gives the plant its own again.
         scaled = replace(plant.factor, sigma=plant.factor.sigma / np.sqrt(ratio))
@@ -258,76 +302,3 @@ class _Evidence:
             if i in plants:
                 systems[i] += plants[i].blocks(problem.bodies[i], part_poses(problem.bodies[i], there[i]))
         return tied_systems(systems, problem.holds, problem.bodies, there, fixed=problem.fixed, sought=self.members)
-
-
-@dataclass(frozen=True, eq=False)
-class _Plant:
-    """A point of the soles that stands for a while.
-
-    Attributes
-    ----------
-    seeming : PlantFactor
-        All apparent plants of the performer.
-    point : int
-    steps : tuple of int
-        First and last step between two frames.
-    """
-
-    seeming: PlantFactor
-    point: int
-    steps: tuple[int, int]
-
-    def __len__(self) -> int:
-        return self.steps[1] + 1 - self.steps[0]
-
-    @property
-    def factor(self) -> PlantFactor:
-        """The plant as evidence."""
-        steps = np.zeros_like(self.seeming.steps)
-        steps[self.steps[0] : self.steps[1] + 1, self.point] = True
-        return replace(self.seeming, steps=steps, kernel=Quadratic())
-
-    def longer(self, before: int, after: int, movable: Bools) -> _Plant | None:
-        """Return the plant with steps before and after it; None if they are not among the movable ones, (F - 1,)."""
-        first, last = self.steps[0] - before, self.steps[1] + after
-        if first < 0 or last >= len(movable) or not movable[first] or not movable[last]:
-            return None
-        return replace(self, steps=(first, last))
-
-
-@dataclass(frozen=True, eq=False)
-class _Seeming:
-    """The points that seem planted on a segment.
-
-    Attributes
-    ----------
-    plants : PlantFactor
-    before, after : ndarray of int, shape (C,)
-        Number of steps in a row before and after the segment on which each of the points seems planted as well.
-    """
-
-    plants: PlantFactor
-    before: Ints
-    after: Ints
-
-    @classmethod
-    def of(cls, problem: SegmentProblem, performer: int, motion: Motion, first: int) -> _Seeming | None:
-        """Find them in a motion that has `first` frames before the segment; None if there are none."""
-        found = PlantFactor.found(problem.bodies[performer], motion, problem.fps)
-        last = first + problem.length - 1
-        if found is None or not (steps := found.steps[first:last]).any():
-            return None
-        before, after = (np.cumprod(s, axis=0).sum(axis=0) for s in (found.steps[:first][::-1], found.steps[last:]))
-        return cls(replace(found, steps=steps), before, after)
-
-    def steps_around(self, plant: _Plant) -> int:
-        """Return the length of a plant with what it has on the segments beside."""
-        before = self.before[plant.point] if plant.steps[0] == 0 else 0
-        after = self.after[plant.point] if plant.steps[1] == len(self.plants.steps) - 1 else 0
-        return int(before + len(plant) + after)
-
-
-def _joined(run: tuple[int, int], others: Sequence[tuple[int, int]]) -> tuple[int, int]:
-    """Return the union of a run of frames with those others that it overlaps."""
-    over = [run, *(other for other in others if other[0] <= run[1] and other[1] >= run[0])]
-    return min(first for first, _ in over), max(last for _, last in over)

@@ -1,0 +1,100 @@
+"""Apparent plants of a segment: points of the soles that seem to stand, which `standing_feet` tests."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...body.motion import Motion
+from ...numerics.arrays import Bools, Ints
+from ...numerics.robust_kernels import Quadratic
+from .equations.plant_factor import PlantFactor
+from .equations.problem import SegmentProblem
+
+UNSEEN = 1000
+"""Number of steps that an apparent plant may have beyond the shot: one on its first or last frame is not brief."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """A point of the soles that stands for a while.
+
+    Attributes
+    ----------
+    seeming : PlantFactor
+        All apparent plants of the performer.
+    point : int
+    steps : tuple of int
+        First and last step between two frames.
+    """
+
+    seeming: PlantFactor
+    point: int
+    steps: tuple[int, int]
+
+    def __len__(self) -> int:
+        return self.steps[1] + 1 - self.steps[0]
+
+    @property
+    def factor(self) -> PlantFactor:
+        """The plant as evidence."""
+        steps = np.zeros_like(self.seeming.steps)
+        steps[self.steps[0] : self.steps[1] + 1, self.point] = True
+        return replace(self.seeming, steps=steps, kernel=Quadratic())
+
+    def longer(self, before: int, after: int, movable: Bools) -> Plant | None:
+        """Return the plant with steps before and after it; None if they are not among the movable ones, (F - 1,)."""
+        first, last = self.steps[0] - before, self.steps[1] + after
+        if first < 0 or last >= len(movable) or not movable[first] or not movable[last]:
+            return None
+        return replace(self, steps=(first, last))
+
+
+@dataclass(frozen=True, eq=False)
+class Seeming:
+    """The points that seem planted on a segment.
+
+    Attributes
+    ----------
+    plants : PlantFactor
+    before, after : ndarray of int, shape (C,)
+        Number of steps in a row before and after the segment on which each of the points seems planted as well;
+        `UNSEEN` and more where the shot begins or ends there.
+    """
+
+    plants: PlantFactor
+    before: Ints
+    after: Ints
+
+    @classmethod
+    def of(cls, problem: SegmentProblem, performer: int, motion: Motion, first: int) -> Seeming | None:
+        """Find them in a motion that has `first` frames before the segment; None if there are none."""
+        found = PlantFactor.found(problem.bodies[performer], motion, problem.fps)
+        last = first + problem.length - 1
+        if found is None or not (steps := found.steps[first:last]).any():
+            return None
+        before, after = (np.cumprod(s, axis=0).sum(axis=0) for s in (found.steps[:first][::-1], found.steps[last:]))
+        before += UNSEEN * (first == 0)
+        after += UNSEEN * (last == len(found.steps))
+        return cls(replace(found, steps=steps), before, after)
+
+    def beside(self, point: int, earlier: Seeming | None) -> Bools:
+        """Return the steps, (F - 1,), on which another point of the foot seems planted, now or earlier."""
+        steps = self.plants.steps if earlier is None else self.plants.steps | earlier.plants.steps
+        others = self.plants.soles.parts == self.plants.soles.parts[point]
+        others[point] = False
+        return np.asarray(steps[:, others].any(axis=1))
+
+    def steps_around(self, plant: Plant) -> int:
+        """Return the length of a plant with what it has on the segments beside."""
+        before = self.before[plant.point] if plant.steps[0] == 0 else 0
+        after = self.after[plant.point] if plant.steps[1] == len(self.plants.steps) - 1 else 0
+        return int(before + len(plant) + after)
+
+
+def joined(run: tuple[int, int], others: Sequence[tuple[int, int]]) -> tuple[int, int]:
+    """Return the union of a run of frames with those others that it overlaps."""
+    over = [run, *(other for other in others if other[0] <= run[1] and other[1] >= run[0])]
+    return min(first for first, _ in over), max(last for _, last in over)
