@@ -26,6 +26,13 @@ def _has_calibrated_camera(context: bpy.types.Context) -> str:
     return "No view has a calibrated camera yet, which clicks need: use Import Calibration, or Calibrate"
 
 
+def _suiting(armature: bpy.types.Object) -> str:
+    """Return what makes the lengths of a body those of the performer."""
+    from ...scene_io.body.part_meshes import is_of_skin
+
+    return "; its Height can be changed" if is_of_skin(armature) else "; Fit Body suits the body to the performer"
+
+
 class PlacingTool(Conditional):
     """The modal tool behind `PlaceJoints`. It keys the pose only on Enter, and passes events outside the footage to
     Blender."""
@@ -261,7 +268,7 @@ class PlacingTool(Conditional):
         self._placing.key()
         self._ended(context)
         count, off = len(self._placing.marks), 1000 * self._placing.fitted.misfit
-        todo = "; Fit Body suits the body to the performer" if off > _ILL_SUITED and count >= _MANY else ""
+        todo = _suiting(self._placing.slot.armature) if off > _ILL_SUITED and count >= _MANY else ""
         self.report({"INFO"}, f"Key pose on frame {self._placing.frame}: {count} marks, missed by {off:.0f} mm{todo}")
         return {"FINISHED"}
 
