@@ -73,11 +73,10 @@ def without_drivers(
     armature: bpy.types.Object, controls: Sequence[str], moved: Collection[str] = ()
 ) -> Iterator[tuple[Driver, ...]]:
     """Mute the drivers of the rotations of controls, and of the places of those that are moved through the world, as
-    keys would be without effect; after an error they act again. Gives those that acted. Those of an override stay, as
-    no file keeps what is changed of them.
+    keys would be without effect; after an error they act again. Gives those that acted. Library overrides keep it.
     """
     found: dict[Driver, None] = {}
-    for curve in _drivers(armature) if armature.override_library is None else ():
+    for curve in _drivers(armature):
         bone, attribute = fcurves.bone_of(curve.data_path), curve.data_path.rpartition(".")[2]
         turns = attribute.startswith("rotation_") and attribute != "rotation_mode" and bone in controls
         if not curve.mute and (turns or (attribute == "location" and bone in moved)):

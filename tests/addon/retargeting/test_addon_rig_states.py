@@ -12,12 +12,24 @@ from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.retargeting.transfer import RetargetOptions  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.live import LiveSource, stop_following  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.rigs.overrides import editable  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.target_armatures import find_target  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
 from mathutils import Matrix  # noqa: E402
-from odd_characters import BODY, CONTROL, add_bones, bind, bone_names, layered_human, points_of, skinned_human  # noqa: E402
+from odd_characters import (  # noqa: E402
+    BODY,
+    CONTROL,
+    add_bones,
+    bind,
+    bone_names,
+    layered_human,
+    linked,
+    points_of,
+    skinned_human,
+)
 from synthetic import swing  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
@@ -270,6 +282,30 @@ def test_drivers_of_what_gets_keys_are_muted_with_a_word(bone, attribute, index,
     driven(armature, bone, attribute, index)
     [said] = sent(armature)["warnings"]
     assert said == f"bone {bone}: the driver of its {what} is muted, as keys would be without effect"
+    assert worst_degrees(armature) < 0.1
+
+
+def test_drivers_of_an_override_stay_muted_in_a_saved_file(tmp_path):
+    def made():
+        armature = skinned_human()
+        driven(armature, "upper_arm.L", "rotation_euler", 0)
+        armature.pose.bones["head"].driver_add("location", 0).driver.expression = "0.0"
+        return armature
+
+    linked(made, tmp_path)
+    armature = editable(find_target(None), bpy.context.scene)
+    [said] = sent(armature)["warnings"]
+    assert said == "bone upper_arm.L: the driver of its rotation is muted, as keys would be without effect"
+    for _ in range(2):  # what an override keeps is written again from what was read
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+        bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
+    armature = find_target(None)
+    assert armature.override_library is not None
+    muted = {driver.data_path: driver.mute for driver in armature.animation_data.drivers}
+    assert muted == {
+        'pose.bones["upper_arm.L"].rotation_euler': True,
+        'pose.bones["head"].location': False,  # nothing is written there
+    }
     assert worst_degrees(armature) < 0.1
 
 
