@@ -237,6 +237,25 @@ def test_the_operator_sends_the_performers_motion(tracked):
     assert len(tracked.animation_data.action.layers[0].strips[0].channelbags[0].fcurves) > 60
 
 
+@pytest.mark.parametrize("in_collection", [True, False])
+def test_a_character_of_another_scene_moves_where_the_shot_is(tracked, in_collection):
+    """A shot is loaded into a scene of its own; what hangs on the character comes along, and the rest does not."""
+    here, there = bpy.context.scene, bpy.data.scenes.new("there")
+    mesh = bpy.data.objects.new("coat", bpy.data.meshes.new("coat"))
+    mesh.modifiers.new("Armature", "ARMATURE").object = tracked
+    lamp = bpy.data.objects.new("lamp", bpy.data.lights.new("lamp", "POINT"))
+    home = bpy.data.collections.new("hero")
+    there.collection.children.link(home)
+    for thing in (tracked, mesh, lamp):
+        for collection in tuple(thing.users_collection):
+            collection.objects.unlink(thing)
+        (home if in_collection and thing != lamp else there.collection).objects.link(thing)
+    assert bpy.ops.kfmocap.send_to_rig() == {"FINISHED"}
+    assert {tracked.name, "coat"} <= set(here.objects.keys()) and "lamp" not in here.objects
+    assert ("hero" in here.collection.children) == in_collection
+    assert tracked.name in there.objects
+
+
 def test_an_edited_list_of_bones_is_used_and_comes_back_from_a_file(tracked, tmp_path):
     settings = bpy.context.scene.kfmocap.retarget
     assert bpy.ops.kfmocap.find_bones() == {"FINISHED"}
