@@ -52,13 +52,18 @@ DRAWS_PER_ROUND = 80
 UNIFORM_DRAWS = 60
 """Poses of the first round that are drawn from the whole range of the joints; each is the best of `CANDIDATES_PER_DRAW`
 draws, judged by a few points."""
-CANDIDATES_PER_DRAW = 32
+CANDIDATES_PER_DRAW = 64
 ERROR_RATE = 3.0
 """Usual rate of change of the error of a joint with a range of half a circle, rad/s: half the speed of the joint."""
 HELD_SIGMA = 0.1
 """Standard deviation, radians, of the departure of a limb that is clearly seen where it is."""
 MIN_SEEN_SHARE = 0.1
 """A limb of which a smaller share is seen on pixels of its own colours may be elsewhere."""
+BENDING_AXES = np.array([1, 0, 1])
+"""A part's axes about which it bends: the second one, about which it twists, lies along the bone."""
+TWIST_SHARE = 0.2
+"""Weight of a part's twist in the length of a limb's path, relative to that of its direction; also that of its last
+part's direction, which is hardly visible."""
 _FEW_POINTS = 2
 
 
@@ -163,7 +168,10 @@ def _with_limb_found(
         return motion
     Q = motion.rotations.copy()
     Q[:, chain] = np.where(limb.fixed.all(axis=-1)[..., None, None], Q[:, chain], rotations.exp(path))
-    return Motion(motion.translations, Q)
+    found = Motion(motion.translations, Q)
+    if limb.shoulder is None:
+        return found
+    return limb.shoulder.raising(limb.body.R_parent_rest[chain[0]], limb.parent[0], found)
 
 
 def _is_hardly_seen(limb: LimbModel) -> bool:
@@ -214,7 +222,7 @@ def _likeliest(
     begin = limb.begin
     low = np.minimum(limb.body.limits[limb.chain, :, 0], begin.min(axis=0))
     high = np.maximum(limb.body.limits[limb.chain, :, 1], begin.max(axis=0))
-    cost = ERROR_RATE * limb.range / fps
+    present, step = _directions(limb, begin[:, None]), ERROR_RATE / fps
     path = begin
     values: list[float] = []
     for spread in ROUND_SIGMAS:
@@ -224,9 +232,9 @@ def _likeliest(
         if not values:
             drawn = np.concatenate([drawn, _uniform_draws(limb, uncovered, (low, high), rng.spawn(1)[0])], axis=1)
         drawn = np.where(limb.fixed[:, None], path[:, None], np.clip(drawn, low, high))
-        score = pixel_log_ratios(limb, uncovered, drawn)
-        score -= 0.5 * np.einsum("fn,fkna->fk", limb.held, ((drawn - begin[:, None]) / (HELD_SIGMA * limb.range)) ** 2)
-        places = ((drawn - begin[:, None]) / cost).reshape(*score.shape, -1)
+        score, away = pixel_log_ratios(limb, uncovered, drawn), _directions(limb, drawn) - present
+        score -= 0.5 * np.einsum("fn,fkna->fk", limb.held, (away / HELD_SIGMA) ** 2)
+        places = (away / step).reshape(*score.shape, -1)
         best, value = likeliest_path(score, places)
         if not values:
             values.append(float(score[:, 0].sum()))
@@ -239,13 +247,41 @@ def _likeliest(
     return path, values[-1] - values[0]
 
 
+def _directions(limb: LimbModel, drawn: Array) -> Array:
+    """Directions of the parts in poses (F, K, n, 3) of the limb, (F, K, n, 6), in units of the joints' ranges.
+
+    Three numbers are the direction of the bone beyond that of the bone before it, which is 0 in a limb that is turned
+    as a whole; the others, which count less (`TWIST_SHARE`), that of an axis across it. Unlike rotation vectors they do
+    not leap where a joint has turned by half a circle, as an arm that swings round.
+    """
+    R, before, found = np.eye(3), np.zeros(3), np.empty((*drawn.shape, 2))
+    bend, twist = (limb.range * BENDING_AXES).max(axis=1), limb.range[:, 1]
+    for k, part in enumerate(limb.chain):
+        R = R @ (limb.body.R_parent_rest[part] @ rotations.exp(drawn[:, :, k]))
+        along = R[..., 1]
+        found[:, :, k, :, 0] = (along - before) / bend[k] * (1.0 if k < len(limb.sides) else TWIST_SHARE)
+        found[:, :, k, :, 1] = TWIST_SHARE * R[..., 0] / twist[k]
+        before = along
+    return found.reshape(*drawn.shape[:3], 6)
+
+
 def _uniform_draws(
     limb: LimbModel, uncovered: Sequence[UncoveredImages], bounds: tuple[Array, Array], rng: Generator
 ) -> NDArray[np.float64]:
     """Poses of the limb (F, `UNIFORM_DRAWS`, n, 3) from between bounds (n, 3), as drawing around its present pose
     rarely reaches far: of poses drawn once for all frames, each frame has the best of every `CANDIDATES_PER_DRAW`.
+
+    What decides where the limb lies is drawn: how its first part turns and, in every second pose, how far the others
+    bend. The rest, such as a forearm's twist and the hand, stays as it usually is: drawn as well, it would thin out the
+    poses, and make the path from one to the next long.
     """
     drawn = rng.uniform(*bounds, size=(UNIFORM_DRAWS * CANDIDATES_PER_DRAW, *limb.range.shape))
+    bending = np.ptp(bounds, axis=0) * BENDING_AXES
+    shaping = bending > bending.max(axis=1, keepdims=True) / 2
+    shaping[0], shaping[len(limb.sides) :] = True, False
+    usual, begin = np.median(limb.begin, axis=0), np.arange(len(drawn)) // CANDIDATES_PER_DRAW % 2 == 0
+    drawn = np.where(shaping, drawn, usual)
+    drawn[begin, 1:] = usual[1:]
     score = pixel_log_ratios(replace(limb, points=limb.points[:, :_FEW_POINTS], sides=()), uncovered, drawn[None])
     winner = score.reshape(len(score), UNIFORM_DRAWS, CANDIDATES_PER_DRAW).argmax(
         axis=2

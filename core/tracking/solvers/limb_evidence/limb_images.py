@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from ....body.kinematics import scene_poses
+from ....body.limbs import limbs, without_end
 from ....body.motion import Motion
 from ....cameras.camera import Camera
 from ....evidence.foreground_images.foreground import LEVELS_PER_UNIT, MAX_LOG_RATIO, log_ratio
@@ -33,13 +34,16 @@ DEPTH_STEP = 0.002
 """Unit of depth images, metres."""
 EMPTY_DEPTH = (1 << 16) - 1
 """Depth where there is no part, in units of `DEPTH_STEP`."""
-PIXEL_STRIDE = 3
-"""Distance between the pixels that are used, in rows and in columns."""
+MAX_STRIDE = 3
+"""Largest distance between the pixels that are used, in rows and in columns."""
+MIN_WIDTH = 2.5
+"""Pixels that are used across the thinnest limb, if the images have as many: a limb of one or two pixels hardly differs
+from the background beside it."""
 
 
 @dataclass(frozen=True, eq=False)
 class ViewRatios:
-    """What a view shows of a performer, at every PIXEL_STRIDE-th pixel.
+    """What a view shows of a performer, at every `stride`-th pixel.
 
     Attributes
     ----------
@@ -55,6 +59,8 @@ class ViewRatios:
         Label images of the other performers, where their motion is given.
     slopes : SlopeImages or None
         How brightness changes, at full resolution.
+    stride : int
+        See `search_stride`.
     """
 
     camera: Camera
@@ -63,19 +69,21 @@ class ViewRatios:
     coloured: ColouredFrames | None
     still: StillParts | None
     slopes: SlopeImages | None
+    stride: int = MAX_STRIDE
 
     @classmethod
     def of(cls, view: ViewFrames, problem: SegmentProblem, performer: int, motions: Sequence[Motion]) -> ViewRatios:
         """Collect what a view shows of a performer on the frames of a problem; the others are posed as in `motions`."""
-        foreground = view.foreground_at(problem.first, problem.length, PIXEL_STRIDE)[performer]
-        coloured = view.part_colours(problem.first, problem.length, PIXEL_STRIDE)
-        camera, still = view.camera.subsampled(PIXEL_STRIDE), None
+        stride = search_stride(view, problem, performer, motions)
+        foreground = view.foreground_at(problem.first, problem.length, stride)[performer]
+        coloured = view.part_colours(problem.first, problem.length, stride)
+        camera, still = view.camera.subsampled(stride), None
         if problem.only is not None:
             geometry = problem.geometry()
             others = np.flatnonzero(geometry.performer != performer)
             still = StillParts.drawn(geometry, others, camera, problem.first, scene_poses(problem.bodies, motions))
-        slopes = None if coloured is None else _slopes_around(view, problem, foreground)
-        return cls(camera, problem.first, foreground, coloured, still, slopes)
+        slopes = None if coloured is None else _slopes_around(view, problem, foreground, stride)
+        return cls(camera, problem.first, foreground, coloured, still, slopes, stride)
 
     def labels(self, geometry: Geometry, poses: tuple[Array, Array], without: Sequence[int] = ()) -> LabelImages:
         """Render label images of all parts without some; indices are those of all parts."""
@@ -95,7 +103,9 @@ class ViewRatios:
         nobody, beside = shown < 0, log_ratio(np.arange(256, dtype=np.uint8))
         if self.coloured is None:
             image = np.where(nobody, _as_steps(beside)[foreground], np.uint8(EVEN_LEVEL))
-            return UncoveredImages(self.camera, self.first, (image,) * len(parts), None, None, origin=corner)
+            return UncoveredImages(
+                self.camera, self.first, (image,) * len(parts), None, None, origin=corner, stride=self.stride
+            )
         colours, palette = self.coloured.colours, self.coloured.palette[window]
         others = np.arange(len(geometry.spans))
         if self.still is None:
@@ -109,7 +119,9 @@ class ViewRatios:
             before = np.where(colours.distinct[part][others, None], own - colours.ratio[others], np.float32(0))
             images.append(_as_steps(np.concatenate([before, beside[:, None] + own])).take(place))
         depth = depth_steps(labels)[window]
-        return UncoveredImages(self.camera, self.first, tuple(images), depth, self.slopes, origin=corner)
+        return UncoveredImages(
+            self.camera, self.first, tuple(images), depth, self.slopes, origin=corner, stride=self.stride
+        )
 
     def _within_reach(self, geometry: Geometry, joints: Array, parts: Sequence[int]) -> tuple[slice, slice]:
         """Rows and columns of the pixels that a chain of parts with joints (F, n, 3) may cover, however they turn."""
@@ -131,14 +143,29 @@ class ViewRatios:
         return edges[0], edges[1]
 
 
-def _slopes_around(view: ViewFrames, problem: SegmentProblem, foreground: NDArray[np.uint8]) -> SlopeImages | None:
+def search_stride(view: ViewFrames, problem: SegmentProblem, performer: int, motions: Sequence[Motion]) -> int:
+    """Return the distance between the pixels of a view that are used to search for a performer's limbs, from 1 to
+    `MAX_STRIDE`: the largest with which the thinnest of them is `MIN_WIDTH` pixels wide.
+    """
+    body, geometry, begin = problem.bodies[performer], problem.geometry(), problem.spans()[performer].start
+    chains = [without_end(chain) for chain in limbs(body)]
+    parts = [begin + part for chain in chains for part in chain]
+    if not parts:
+        return MAX_STRIDE
+    scale = view.pixels_per_metre(motions[performer].translations.mean(axis=0), problem.first)
+    return int(np.clip(scale * min(shown_widths(geometry, parts)) / MIN_WIDTH, 1, MAX_STRIDE))
+
+
+def _slopes_around(
+    view: ViewFrames, problem: SegmentProblem, foreground: NDArray[np.uint8], stride: int
+) -> SlopeImages | None:
     """Slopes of brightness within the box of pixels that may show the performer on some frame."""
     shown = (foreground > EVEN_LEVEL).any(axis=0)
     if not shown.any():
         return None
     rows, columns = (np.flatnonzero(shown.any(axis=axis)) for axis in (1, 0))
-    left, top = PIXEL_STRIDE * int(columns[0]), PIXEL_STRIDE * int(rows[0])
-    right, bottom = PIXEL_STRIDE * (int(columns[-1]) + 1), PIXEL_STRIDE * (int(rows[-1]) + 1)
+    left, top = stride * int(columns[0]), stride * int(rows[0])
+    right, bottom = stride * (int(columns[-1]) + 1), stride * (int(rows[-1]) + 1)
     start = problem.first - view.first
     grey = view.grey[start : start + problem.length, top:bottom, left:right]
     return SlopeImages.of(view.camera, problem.first, grey, (left, top))
@@ -162,6 +189,8 @@ class UncoveredImages:
         Distribution of brightness changes across the limb's sides, once learned.
     origin : tuple of int
         Column and row of the view's pixel that is the first of the images.
+    stride : int
+        See `search_stride`.
     """
 
     camera: Camera
@@ -171,6 +200,7 @@ class UncoveredImages:
     slopes: SlopeImages | None
     sides: SideRatios | None = None
     origin: tuple[int, int] = (0, 0)
+    stride: int = MAX_STRIDE
 
     def changes(self, sides: PartSides, frames: slice, poses: PartPoses) -> tuple[NDArray[np.float32], Bools]:
         """Return the brightness changes across the sides of a part in K poses on m frames, grey levels per pixel, and
@@ -181,7 +211,7 @@ class UncoveredImages:
         centre = -np.einsum("mji,mj->mi", Rc, tc).astype(np.float32)
         R, T = (each.astype(np.float32) for each in poses)
         change, seen = self.slopes.steepest(frames, *sides.seen_from(centre, R, T))
-        pixels = seen[:, :2].reshape(len(seen), 2, -1, seen.shape[-1]) / np.float32(PIXEL_STRIDE)
+        pixels = seen[:, :2].reshape(len(seen), 2, -1, seen.shape[-1]) / np.float32(self.stride)
         others = self._looked_up(self.depth[frames], pixels[:, 0], pixels[:, 1], 0).reshape(change.shape)
         return change, seen[:, 2] < others * np.float32(DEPTH_STEP)
 
@@ -244,3 +274,9 @@ def _as_steps(ratio: NDArray[np.float32]) -> NDArray[np.uint8]:
 def shown_areas(geometry: Geometry, parts: Sequence[int]) -> Array:
     """Mean projected areas of parts, square metres, shape (n,): by Cauchy's formula a quarter of their surfaces."""
     return np.array([ConvexHull(geometry.vertices[geometry.spans[part]]).area / 4 for part in parts])
+
+
+def shown_widths(geometry: Geometry, parts: Sequence[int]) -> Array:
+    """Mean widths of parts, metres, shape (n,): their mean projected areas over their lengths."""
+    vertices = [geometry.vertices[geometry.spans[part]] for part in parts]
+    return shown_areas(geometry, parts) / np.array([np.ptp(each, axis=0).max() for each in vertices])

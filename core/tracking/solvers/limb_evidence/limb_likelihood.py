@@ -21,6 +21,7 @@ from ....numerics import rotations
 from ....numerics.arrays import Array
 from ..equations.problem import SegmentProblem
 from .limb_images import EMPTY_DEPTH, PartPoses, UncoveredImages, ViewRatios, depth_steps, shown_areas
+from .raised_shoulder import RaisedShoulder
 
 LimbOfPerformer = tuple[int, list[int]]
 """Index of a performer, and a limb of it as a chain of its parts."""
@@ -65,6 +66,8 @@ class LimbModel:
         How clearly each part is seen where it is, 0 to 1.
     sides : tuple of PartSides
         Sides of the limb's parts but the last, see `without_end`.
+    shoulder : RaisedShoulder, optional
+        The collar bone that rises with an arm.
     """
 
     body: Body
@@ -77,6 +80,7 @@ class LimbModel:
     fixed: NDArray[np.bool_]
     held: Array
     sides: tuple[PartSides, ...]
+    shoulder: RaisedShoulder | None = None
 
 
 def limb_of(
@@ -97,6 +101,7 @@ def limb_of(
         problem.fixed[i][:, 3:].reshape(problem.length, -1, 3)[:, chain],
         np.full((problem.length, len(chain)), MIN_HELD_WEIGHT),
         tuple(PartSides.of(body.parts[part]) for part in without_end(chain)),
+        RaisedShoulder.of(problem, i, chain, R),
     )
     return limb, parts
 
@@ -135,7 +140,14 @@ def support_of_limbs(
             limb, parts = limb_of(problem, motions, (i, chain), rng)
             own = np.isin(np.arange(len(geometry.spans) + 1), parts)  # the last is nobody
             beside = [
-                UncoveredImages(view.camera, view.first, (), np.where(own[shown.part], EMPTY_DEPTH, depth), view.slopes)
+                UncoveredImages(
+                    view.camera,
+                    view.first,
+                    (),
+                    np.where(own[shown.part], EMPTY_DEPTH, depth),
+                    view.slopes,
+                    stride=view.stride,
+                )
                 for view, shown, depth in zip(ratios, labels, depths, strict=True)
             ]
             sides = side_log_ratios(limb, with_sides_learned(limb, beside, problem.whole_keys(i), rng))
@@ -227,8 +239,13 @@ def _posed(limb: LimbModel, frames: slice, drawn: Array) -> Iterator[PartPoses]:
     R, T = limb.parent[0][frames, None], limb.parent[1][frames, None]
     Q = rotations.exp(drawn)
     for k, part in enumerate(limb.chain):
-        T = T + R @ limb.body.offsets[part]
-        R = R @ (limb.body.R_parent_rest[part] @ Q[:, :, k])
+        hung, offset = R, limb.body.offsets[part]
+        R = hung @ (limb.body.R_parent_rest[part] @ Q[:, :, k])
+        if k == 0 and limb.shoulder is not None:
+            offset = np.einsum("fkab,b->fka", limb.shoulder.turns(frames, R[..., 1]), offset)
+            T = T + np.einsum("fkab,fkb->fka", np.broadcast_to(hung, R.shape), offset)
+        else:
+            T = T + hung @ offset
         yield R, T
 
 

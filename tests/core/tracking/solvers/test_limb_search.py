@@ -10,6 +10,7 @@ import pytest
 from kfmocap.core.body import human, landmark_positions, part_poses
 from kfmocap.core.body.limbs import limb_pairs, limbs
 from kfmocap.core.body.motion import Motion
+from kfmocap.core.body.shoulder_rhythm import shoulder_rhythms
 from kfmocap.core.errors import CancelledError
 from kfmocap.core.evidence.foreground_images.foreground import LEVELS_PER_UNIT
 from kfmocap.core.evidence.rendering.label_images import NEAR_PLANE, render_labels
@@ -22,7 +23,12 @@ from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
 from kfmocap.core.tracking.solvers.limb_corrections import limb_search
 from kfmocap.core.tracking.solvers.limb_corrections.like_limbs import exchanges, untangled, with_places_exchanged
 from kfmocap.core.tracking.solvers.limb_corrections.limb_search import _seen_shares, found_limbs
-from kfmocap.core.tracking.solvers.limb_evidence.limb_images import DEPTH_STEP, UncoveredImages, ViewRatios
+from kfmocap.core.tracking.solvers.limb_evidence.limb_images import (
+    DEPTH_STEP,
+    UncoveredImages,
+    ViewRatios,
+    search_stride,
+)
 from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import LimbModel, limb_of, pixel_log_ratios
 from synthetic import at_rest, coloured, ends_held, look_at, poses_of, silhouette
 
@@ -91,6 +97,57 @@ def test_an_arm_half_a_metre_away_is_found() -> None:
     assert np.median(error_mm(found, truth, "LWrist")) < 0.4 * np.median(error_mm(lost, truth, "LWrist"))
 
 
+def jumping_jack(length: int = 15) -> tuple[Motion, Motion]:
+    """Arms that hang on the first and the last frame and are overhead between them, on collar bones that rise with
+    them; and the same motion with arms that hang all the time.
+    """
+    hanging = at_rest(BODY, length)
+    for side, turn in (("L", -1.4), ("R", 1.4)):
+        hanging.rotations[:, BODY.index(f"upper_arm.{side}")] = rotations.exp(np.array([0, 0, turn]))
+    Q = hanging.rotations.copy()
+    up = np.sin(np.linspace(0, np.pi, length)) ** 2
+    for shoulder in shoulder_rhythms(BODY):
+        sign = 1 if BODY.names[shoulder.arm].endswith("L") else -1
+        Q[:, shoulder.arm] = Q[:, shoulder.arm] @ rotations.exp(np.outer(2.5 * sign * up, [0, 0, 1]))
+        Q[:, shoulder.collar] = Q[:, shoulder.collar] @ rotations.exp(0.36 * up[:, None] * shoulder.raising)
+    return Motion(hanging.translations, Q), hanging
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_thin_arms_are_found_overhead_between_key_poses_on_which_they_hang(seed: int) -> None:
+    truth, hanging = jumping_jack()
+    far = [replace(camera, matrix=camera.matrix * [[0.6], [0.6], [1.0]]) for camera in (CAMERA, FRONT)]
+    problem = replace(problem_of(truth, *coloured(BODY, truth, far)), fps=30.0)
+    (found,) = found_limbs(problem, [hanging], seed=seed, workspace=Workspace())
+    for wrist, shoulder in (("LWrist", "LShoulder"), ("RWrist", "RShoulder")):
+        assert error_mm(hanging, truth, wrist).max() > 900
+        assert np.median(error_mm(found, truth, wrist)) < 60
+        assert error_mm(found, truth, shoulder).max() < 0.5 * error_mm(hanging, truth, shoulder).max()
+
+
+def test_an_arm_that_swings_all_the_way_round_is_found() -> None:
+    _, hanging = jumping_jack(22)
+    arm, turn = BODY.index("upper_arm.L"), 2 * np.pi * np.linspace(0, 1, 22)
+    Q = hanging.rotations.copy()
+    Q[:, arm] = rotations.exp(np.outer(-turn, [0, 1, 0])) @ Q[:, arm]  # about the line through both shoulders
+    truth = Motion(hanging.translations, Q)
+    problem = replace(problem_of(truth, *coloured(BODY, truth, (CAMERA, FRONT))), fps=24.0)
+    (found,) = found_limbs(problem, [hanging], seed=0, workspace=Workspace())
+    assert error_mm(hanging, truth, "LWrist").max() > 900
+    assert error_mm(found, truth, "LWrist").max() < 200
+
+
+def test_the_smaller_a_performer_is_in_the_picture_the_more_of_its_pixels_are_searched() -> None:
+    truth = walk(3)
+
+    def stride(focal: float) -> int:
+        camera = look_at("side", (4.0, 0.3, 1.1), (0, 0, 0.95), size=(120, 160), focal=focal)
+        view = ViewFrames(camera, np.zeros((3, 120, 160), np.uint8), 0, np.zeros((1, 3, 120, 160), np.uint8))
+        return search_stride(view, problem_of(truth, view), 0, [truth])
+
+    assert [stride(focal) for focal in (100.0, 350.0, 600.0, 5000.0)] == [1, 2, 3, 3]
+
+
 def test_another_seed_of_the_shot_draws_other_poses() -> None:
     truth = walk()
     lost, problem = turned(truth, "upper_arm.L", -1.0), problem_of(truth, seen(truth))
@@ -109,12 +166,14 @@ def test_a_limb_is_held_the_less_the_more_of_it_another_view_sees_on_the_backgro
     left = [BODY.index(f"{name}.L") for name in ("upper_arm", "forearm")]
     geometry, poses = Geometry.of([BODY]), poses_of([BODY], [truth])
 
+    def looks(*views: ViewFrames) -> list[ViewRatios]:
+        return [ViewRatios.of(view, problem_of(truth, *views), 0, [truth]) for view in views]
+
     def held(*views: ViewFrames) -> Array:
-        ratios = [ViewRatios.of(view, problem_of(truth, *views), 0, [truth]) for view in views]
-        return _seen_shares(ratios, geometry, poses, left)
+        return _seen_shares(looks(*views), geometry, poses, left)
 
     assert held(views[0]).min() > 0.4 and held(*views).min() > 0.4
-    seen = render_labels(geometry, FRONT.subsampled(3), 0, *poses).share[:, left]
+    seen = render_labels(geometry, looks(views[1])[0].camera, 0, *poses).share[:, left]
     assert seen.min() > 0.4
     np.testing.assert_allclose(held(views[0], empty), held(views[0]) * (1 - seen), atol=1e-6)
 

@@ -119,10 +119,16 @@ def without_descent(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("without_descent")
 def test_a_bent_limb_is_found_where_the_pictures_show_it(problem: SegmentProblem) -> None:
     found = refined(problem, [astray()], Workspace()).motions[0]
-    assert bend_of(problem, 0, found, ARM) < 1
-    assert error_mm(found) < 0.7 * error_mm(astray())
+    assert bend_of(problem, 0, found, ARM) < 0.15 * bend_of(problem, 0, astray(), ARM)  # drawn poses scatter
+    assert error_mm(found) < 0.35 * error_mm(astray())
     np.testing.assert_allclose(found.rotations[[0, -1]], TRUTH.rotations[[0, -1]], atol=1e-12)
     assert error_mm(refined(problem, [TRUTH], Workspace()).motions[0]) == 0
+
+
+def test_a_bent_limb_that_was_found_is_bent_no_more_once_it_is_solved_for(problem: SegmentProblem) -> None:
+    found = refined(problem, [astray()], Workspace()).motions[0]
+    assert bend_of(problem, 0, found, ARM) < 0.5
+    assert error_mm(found) < 0.1 * error_mm(astray())
 
 
 @pytest.mark.usefixtures("without_descent")
