@@ -7,7 +7,7 @@ poses are met exactly.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from ...body import part_poses
 from ...body.motion import Motion
 from ...body.smoothness import limited
 from ...cameras.camera import Camera
+from ...evidence.segment_evidence import SegmentEvidence
 from ...numerics.arrays import Array
 from ...numerics.least_squares import Damping, LeastSquaresResult, StoppingRule, minimise
 from ...numerics.normal_equations import IndependentEquations
@@ -46,6 +47,9 @@ DAMPING = Damping(initial=0.0, grow=1e4, most=1.0)
 """Steps are damped only after one was refused: smoothness makes the diagonal of the normal matrix so large that even a
 small share of it would suppress slow corrections over many frames."""
 
+HopelessTest = Callable[[SegmentEvidence, int], bool]
+"""Told the evidence and the number of steps that are left at most, returns whether these cannot be worth their time."""
+
 
 @dataclass(frozen=True, eq=False)
 class MeasuredEquations(IndependentEquations):
@@ -68,6 +72,8 @@ class _TestedStage:
         workspace: Workspace,
         smooth: SegmentSmoothness,
         noise: SegmentNoise | None,
+        *,
+        hopeless: HopelessTest | None = None,
     ) -> None:
         self.smooth = smooth
         self.seconds, self.trials = Seconds(), 0
@@ -77,6 +83,8 @@ class _TestedStage:
         self._plants: list[PlantFactor | None] = [None] * len(problem.bodies)
         self._tied: TiedSystems | None = None
         self._pace = OVERRELAXATION
+        self._hopeless, self._done = hopeless, 0
+        self._evidence: SegmentEvidence | None = None
 
     def minimise(self, start: tuple[Motion, ...]) -> LeastSquaresResult[tuple[Motion, ...], MeasuredEquations]:
         """Descend from the start."""
@@ -90,7 +98,7 @@ class _TestedStage:
             # A step's gain is the square of its length in standard deviations.
             least_promise=stage.noticed**2
             * sum(np.count_nonzero(~self._problem.fixed[i]) for i in self._problem.sought),
-            negligible=self._hardly_moves if stage.negligible else None,
+            negligible=self._not_worth_it if stage.negligible or self._hopeless else None,
         )
         return minimise(
             start, self._linearise, self._moved, damping=DAMPING, stopping=stopping, on_iteration=self._begin_step
@@ -103,6 +111,8 @@ class _TestedStage:
         measured = self._workspace.measure(problem, motions, sampling, sigma)
         evidence = measured.evidence
         self.seconds.add(evidence.seconds)
+        if self._hopeless is not None:
+            self._evidence = evidence
         with self.seconds.measure("solve"):
             if self._noise is None:
                 self._noise = SegmentNoise.of(evidence, problem.settings)
@@ -122,6 +132,7 @@ class _TestedStage:
 
     def _begin_step(self, done: int, motions: tuple[Motion, ...]) -> None:
         self.trials += 1
+        self._done = done
         self._pace = OVERRELAXATION if done + 1 < self._stage.iterations else 1.0
         self._workspace.report(min(done / self._stage.iterations, 1.0), motions)
 
@@ -136,8 +147,15 @@ class _TestedStage:
             return 0.0
         return _size([before[i].difference(after[i]) for i in self._problem.sought])
 
-    def _hardly_moves(self, before: tuple[Motion, ...], after: tuple[Motion, ...]) -> bool:
-        return farthest_joint(self._problem, before, after) < self._stage.negligible
+    def _not_worth_it(self, before: tuple[Motion, ...], after: tuple[Motion, ...]) -> bool:
+        """Whether a step would hardly move anything or, once the stage's iterations are over, is hopeless."""
+        stage, left = self._stage, self._stage.iterations + MAX_EXTRA_ITERATIONS - self._done
+        if stage.negligible and farthest_joint(self._problem, before, after) < stage.negligible:
+            return True
+        if self._hopeless is None:
+            return False
+        assert self._evidence is not None
+        return self._hopeless(self._evidence, left) and self._done >= stage.iterations
 
     def _moved(self, motions: tuple[Motion, ...], steps: Sequence[Array]) -> tuple[Motion, ...]:
         assert self._tied is not None
@@ -188,6 +206,8 @@ def descend(
     workspace: Workspace,
     stages: Sequence[DescentStage] = STAGES,
     noise: SegmentNoise | None = None,
+    *,
+    hopeless: HopelessTest | None = None,
 ) -> SegmentSolution:
     """Descend from a start to the nearest minimum, in stages from coarse to fine images.
 
@@ -205,12 +225,14 @@ def descend(
     noise : SegmentNoise, optional
         Noise under which the costs of the last stage are computed; by default it is estimated at the start of that
         stage.
+    hopeless : HopelessTest, optional
+        Asked before every step of the last stage, which ends by it once its iterations are over.
     """
     *coarse, last = stages
     share = 1 - last.iterations / sum(stage.iterations for stage in stages)
     start, energies, seconds, smooth = approach(problem, start, workspace.part(0.0, share), coarse)
     last = replace(last, sampling=last.sampling_of(views_in_sight(problem, start)))
-    stage = _TestedStage(problem, last, workspace.part(share, 1.0), smooth, noise)
+    stage = _TestedStage(problem, last, workspace.part(share, 1.0), smooth, noise, hopeless=hopeless)
     result = stage.minimise(start)
     with stage.seconds.measure("solve"):
         equations = result.linearised()

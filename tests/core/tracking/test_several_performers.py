@@ -357,7 +357,7 @@ class Told:
 
     solved: list[int | None] = field(default_factory=list)
 
-    def found(self, problem: SegmentProblem, motions: Sequence[Motion], *_: object) -> SegmentSolution:
+    def found(self, problem: SegmentProblem, motions: Sequence[Motion], *_: object, **__: object) -> SegmentSolution:
         self.solved.append(problem.only)
         off = np.array([np.abs(m.difference(t)).sum(axis=1) for m, t in zip(motions, TRUTHS, strict=True)])
         none = np.zeros(FRAMES)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from ....body.motion import Motion
+from ....evidence.segment_evidence import SegmentEvidence
 from ..descent_stages import SETTLED
 from ..equations.measurement import Workspace, keypoint_agreement
 from ..equations.problem import SegmentProblem, SegmentSolution
@@ -88,8 +89,11 @@ def likelihood(problem: SegmentProblem, noise: SegmentNoise, solution: SegmentSo
     instead of a cost, against the hypothesis that nothing moves in the image: otherwise a solution would gain by
     leaving a limb behind in a place whose pixels are easy to track.
     """
-    evidence = solution.evidence
-    assert evidence is not None
+    assert solution.evidence is not None
+    return _likelihood_of(problem, noise, solution.evidence)
+
+
+def _likelihood_of(problem: SegmentProblem, noise: SegmentNoise, evidence: SegmentEvidence) -> float:
     sampling, gradients = evidence.sampling, evidence.gradients
     shown = noise.share @ evidence.explained.sum(axis=(1, 2))
     outlines = evidence.outlines.energy.sum() / (problem.settings.lengths[1] * sampling.tolerance**2)
@@ -97,6 +101,23 @@ def likelihood(problem: SegmentProblem, noise: SegmentNoise, solution: SegmentSo
     followed = noise.share[:, None] * sampling.stride**2 * gradients.gain
     moved = np.where(still, followed, -0.5 * noise.weight * gradients.cost)
     return float(shown + moved.sum() - 0.5 * outlines)
+
+
+def never_likelier(
+    problem: SegmentProblem, noise: SegmentNoise, rival: float
+) -> Callable[[SegmentEvidence, int], bool]:
+    """Return a test for a descent (`gauss_newton.descend`): whether the images would stay less likely than the rival
+    even if each of the steps that are left gained as much as the last.
+
+    The test is of one descent: it remembers the evidence that it was called with.
+    """
+    reached: list[float] = []
+
+    def hopeless(evidence: SegmentEvidence, left: int) -> bool:
+        reached.append(_likelihood_of(problem, noise, evidence))
+        return len(reached) > 1 and max(reached) + left * max(reached[-1] - reached[-2], 0.0) <= rival
+
+    return hopeless
 
 
 def likelihood_decides(problem: SegmentProblem) -> bool:

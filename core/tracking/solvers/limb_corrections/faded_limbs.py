@@ -8,7 +8,7 @@ way.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from ....body.motion import Motion
 from ....numerics.arrays import Array
 from ....numerics.frame_ranges import runs
 from ..equations.problem import SegmentProblem
-from ..limb_evidence.limb_likelihood import LimbOfPerformer, support_of_limbs
+from ..limb_evidence.limb_likelihood import LimbOfPerformer, SupportOfLimb, support_of_limbs
 
 FADED_RATIO = 0.5
 """Ratio of the support of a limb on a frame to its median over the segment, below which it has faded."""
@@ -24,7 +24,9 @@ MIN_DURATION = 0.1
 """Shorter intervals do not count, seconds."""
 
 
-def faded_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[LimbOfPerformer]:
+def faded_limbs(
+    problem: SegmentProblem, motions: Sequence[Motion], support: Iterable[SupportOfLimb] | None = None
+) -> list[LimbOfPerformer]:
     """Find the limbs whose support, the log likelihood ratio of the images with the limb where it is against without
     it, is low for a moment: the one that falls lowest first.
 
@@ -33,14 +35,15 @@ def faded_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[Limb
     problem : SegmentProblem
     motions : sequence of Motion
         F poses per performer.
+    support : iterable of SupportOfLimb, optional
+        Of these motions, if it is known.
     """
     found = []
     long = max(2, int(np.ceil(MIN_DURATION * problem.fps)))
-    for performer in problem.sought:
-        for i, chain, _, shown in support_of_limbs(problem.alone(performer), motions):
-            lowest = _lowest_support(shown(), long)
-            if lowest < FADED_RATIO:
-                found.append((lowest, (i, chain)))
+    for i, chain, _, shown in support_of_limbs(problem, motions) if support is None else support:
+        lowest = _lowest_support(shown(), long)
+        if lowest < FADED_RATIO:
+            found.append((lowest, (i, chain)))
     return [place for _, place in sorted(found, key=lambda one: one[0])]
 
 

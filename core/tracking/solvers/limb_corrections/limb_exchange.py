@@ -24,6 +24,7 @@ from ..judgement.solution_ranking import (
     likelihood,
     likelihood_decides,
     nearly_equal,
+    never_likelier,
     noise_at,
     same_solution,
     settled_further,
@@ -158,12 +159,13 @@ def _with_places_exchanged(
     problem: SegmentProblem, best: SegmentSolution, covering: Sequence[Swap], workspace: Workspace
 ) -> SegmentSolution:
     noise = noise_at(problem, best, workspace)
-    kept, settled = best, _settled_on(problem, best, noise, workspace)
+    rest = _Rest(problem, noise, workspace)
+    kept, settled = best, rest.of(best)
     for swap in covering:
         exchange = Exchange(swap.of_places(problem, settled.motions), places=True)
-        found = _exchange_tried(problem, settled, exchange, noise, workspace)
+        found = _exchange_tried(problem, settled, exchange, rest, workspace)
         if found is not None and _exchange_counts(problem, settled, found, noise):
-            kept = settled = continued(settled, found)
+            kept = settled = rest.known = continued(settled, found)
     return kept
 
 
@@ -173,28 +175,38 @@ def _with_own_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, wo
     """
     noise = noise_at(problem, best, workspace)
     count = len(list(exchanges(problem, best.motions)))
-    settled = count > 0 and problem.only is None
-    if settled:
-        best = _settled_on(problem, best, noise, workspace)
+    rest = _Rest(problem, noise, workspace)
+    if count > 0 and problem.only is None:
+        best = rest.of(best)
     kept = best
     for k in range(count):
         part = workspace.part(k / count, (k + 1) / count)
         # Generated anew from the best so far: an accepted exchange leaves the meetings of the limbs where they were.
         for exchange in islice(exchanges(problem, best.motions), k, k + 1):
-            found = _exchange_tried(problem, best, exchange, noise, part)
+            found = _exchange_tried(problem, best, exchange, rest, part)
             if found is None:
                 continue
-            if not settled:
-                best, settled = _settled_on(problem, best, noise, workspace), True
+            best = rest.of(best)
             if _exchange_counts(problem, best, found, noise):
-                best = kept = continued(best, found)
+                best = kept = rest.known = continued(best, found)
     return kept
 
 
-def _settled_on(
-    problem: SegmentProblem, best: SegmentSolution, noise: SegmentNoise, workspace: Workspace
-) -> SegmentSolution:
-    return continued(best, descend(problem, best.motions, workspace.silent(), SETTLED, noise))
+class _Rest:
+    """Solves a solution further, once, when an exchange is to be compared with it."""
+
+    def __init__(
+        self, problem: SegmentProblem, noise: SegmentNoise, workspace: Workspace, known: SegmentSolution | None = None
+    ) -> None:
+        self.noise, self.known = noise, known
+        self._problem, self._workspace = problem, workspace
+
+    def of(self, best: SegmentSolution) -> SegmentSolution:
+        """Return the best solution so far, solved further."""
+        if self.known is None:
+            further = descend(self._problem, best.motions, self._workspace.silent(), SETTLED, self.noise)
+            self.known = continued(best, further)
+        return self.known
 
 
 def _exchange_counts(
@@ -212,34 +224,38 @@ def _exchange_counts(
 
 
 def _exchange_tried(
-    problem: SegmentProblem, best: SegmentSolution, exchange: Exchange, noise: SegmentNoise, workspace: Workspace
+    problem: SegmentProblem, best: SegmentSolution, exchange: Exchange, rest: _Rest, workspace: Workspace
 ) -> SegmentSolution | None:
     """Solve from exchanged limbs; None if the exchange does not count.
 
     For a single performer it is tried on the frames beside it first, where these are few.
     """
+    noise = rest.noise
     local = LocalTrial.around(problem, noise, best.motions, exchange.motions) if problem.only is None else None
     if local is None:
-        return _exchange_settled(problem, best, exchange, noise, workspace)
+        return _exchange_settled(problem, best, exchange, rest, workspace)
     there = descend(local.problem, local.of(best.motions), workspace, SETTLED, local.noise)
     here = replace(exchange, motions=local.of(exchange.motions))
-    found = _exchange_settled(local.problem, there, here, local.noise, workspace)
+    found = _exchange_settled(
+        local.problem, there, here, _Rest(local.problem, local.noise, workspace, there), workspace
+    )
     if found is None or not _exchange_counts(local.problem, there, found, local.noise):
         return None
     return descend(problem, local.within(best.motions, found.motions), workspace, SETTLED, noise)
 
 
 def _exchange_settled(
-    problem: SegmentProblem, best: SegmentSolution, exchange: Exchange, noise: SegmentNoise, workspace: Workspace
+    problem: SegmentProblem, best: SegmentSolution, exchange: Exchange, rest: _Rest, workspace: Workspace
 ) -> SegmentSolution | None:
     """Solve from exchanged limbs. For one of several performers, return None if the cover is so much smaller that the
     exchange cannot be better (`is_hopeless`): after the first iterations, or at once for limbs in each other's places.
+    Otherwise it is solved only while it could still become likelier than without the exchange (`never_likelier`).
 
     For a single performer it is solved until it is at rest, or cannot become likelier than without the exchange: limbs
     that do not quite meet where they are exchanged take long to get there. From each other's places, coarse steps would
     lead limbs away again, as the trunk is still where the wrong limbs have drawn it.
     """
-    motions = exchange.motions
+    motions, noise = exchange.motions, rest.noise
     if problem.only is None:
         rival = likelihood(problem, noise, best) + RESTING_GAIN if likelihood_decides(problem) else -np.inf
         stages = SETTLED if exchange.places else (*SETTLING, *SETTLED)
@@ -249,4 +265,7 @@ def _exchange_settled(
         motions, *_ = approach(problem, motions, workspace.part(0.0, 0.3), SETTLING)
     if is_hopeless(best, cover_at(problem, best, motions, workspace), best.cover):
         return None
-    return descend(problem, motions, workspace.part(0.3, 1.0), SETTLED, noise)
+    vain = None
+    if likelihood_decides(problem):
+        vain = never_likelier(problem, noise, likelihood(problem, noise, rest.of(best)) + RESTING_GAIN)
+    return descend(problem, motions, workspace.part(0.3, 1.0), SETTLED, noise, hopeless=vain)

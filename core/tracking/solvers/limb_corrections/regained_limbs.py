@@ -13,7 +13,7 @@ led out of its minimum once, and each of its limbs is searched for.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -37,9 +37,10 @@ from ..judgement.solution_ranking import (
     likeliest_at_rest,
     likelihood,
     likelihood_decides,
+    noise_at,
     settled_further,
 )
-from ..limb_evidence.limb_likelihood import MIN_GAIN, LimbOfPerformer, support_of_limbs
+from ..limb_evidence.limb_likelihood import MIN_GAIN, LimbOfPerformer, SupportOfLimb, evaluated, support_of_limbs
 from .faded_limbs import faded_limbs
 from .limb_search import is_elsewhere
 from .limbs_elsewhere import (
@@ -79,9 +80,11 @@ def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, work
     seconds = Seconds(solution.seconds)
     with seconds.measure("initial solution"):
         lost = [(i, chain) for i in problem.sought for chain in bent_limbs(problem, i, solution.motions[i])]
-        lost += [place for place in refuted_limbs(problem, solution.motions) if place not in lost]
-        if solution.unhidden.min() <= MIN_FOLLOWED_SHARE:
-            lost += [place for place in faded_limbs(problem, solution.motions) if place not in lost]
+        hidden = solution.unhidden.min() <= MIN_FOLLOWED_SHARE
+        support = evaluated(support_of_limbs(problem, solution.motions)) if hidden else None
+        lost += [place for place in refuted_limbs(problem, solution.motions, support) if place not in lost]
+        if hidden:
+            lost += [place for place in faded_limbs(problem, solution.motions, support) if place not in lost]
         known = SettledSolutions()
         for k, place in enumerate(lost):
             part = workspace.part(k / len(lost), (k + 1) / len(lost))
@@ -147,7 +150,9 @@ def _with_limb_looked_for(
     return solution
 
 
-def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[LimbOfPerformer]:
+def refuted_limbs(
+    problem: SegmentProblem, motions: Sequence[Motion], support: Iterable[SupportOfLimb] | None = None
+) -> list[LimbOfPerformer]:
     """Find the limbs without which the images would be likelier on some run of frames.
 
     This holds if the log likelihood ratio of the brightness across a limb's sides is below -`MIN_GAIN` in sum, while
@@ -161,9 +166,11 @@ def refuted_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[Li
     problem : SegmentProblem
     motions : sequence of Motion
         F poses per performer.
+    support : iterable of SupportOfLimb, optional
+        Of these motions, if it is known.
     """
     found = []
-    for i, chain, sides, shown in support_of_limbs(problem, motions):
+    for i, chain, sides, shown in support_of_limbs(problem, motions) if support is None else support:
         shown, (first, end) = cache(shown), _worst_run(sides)
         refuted = sides[first:end].sum() < -MIN_GAIN and (
             (pixels := shown() - sides)[first:end].mean() < MIN_SUPPORT * pixels[problem.whole_keys(i)].mean()
@@ -251,15 +258,22 @@ def with_limb_regained(
         Shared by the searches for all limbs.
     """
     alone, several = problem.alone(place[0]), len(problem.bodies) > 1
-    first = (known or SettledSolutions()).after(alone, solution, workspace.silent())
-    noise, settled = first.noise, [first.solution]
-    most, vain, returned = likelihood(alone, noise, settled[0]), 0, 0
+    known, settled = known or SettledSolutions(), list[SegmentSolution]()
+    noise = noise_at(alone, solution, workspace)
+    if not several:
+        settled.append(known.after(alone, solution, workspace.silent()).solution)
+    most, vain, returned = -np.inf, 0, 0
     for turn in range(MAX_SEARCH_ROUNDS):
-        motions, reached = settled[-1].motions, most
+        motions = settled[-1].motions if settled else solution.motions
         part = workspace.part(turn / MAX_SEARCH_ROUNDS, (turn + 1) / MAX_SEARCH_ROUNDS)
         found = found_elsewhere(alone, motions, place, turn)
         there = None if found is None else solved_from(alone, with_motion(motions, place[0], found), noise, part)
         elsewhere = there is not None and leads_elsewhere(alone, place, motions, there.motions)
+        if elsewhere and not settled:  # only now there is something to compare it with
+            settled.append(known.after(alone, solution, workspace.silent()).solution)
+        if settled and turn == 0:
+            most = likelihood(alone, noise, settled[0])
+        reached = most
         if there is not None and (elsewhere or not several):
             settled.append(there)
             reached = likelihood(alone, noise, there)
@@ -268,6 +282,8 @@ def with_limb_regained(
         # Where people pass, much is out of sight for good.
         if returned == (1 if several else MAX_RETURNS) or (several and vain == MAX_VAIN_ROUNDS):
             break
+    if len(settled) < 2:
+        return solution
     best = likeliest_at_rest(alone, noise, *settled, workspace=workspace)
     if best is settled[0]:
         return solution

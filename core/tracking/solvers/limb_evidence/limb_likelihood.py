@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -25,6 +25,8 @@ from .raised_shoulder import RaisedShoulder
 
 LimbOfPerformer = tuple[int, list[int]]
 """Index of a performer, and a limb of it as a chain of its parts."""
+SupportOfLimb = tuple[int, list[int], Array, Callable[[], Array]]
+"""What the images say for a limb, see `support_of_limbs`."""
 PATCH_RADIUS = 0.06
 """Pixels within this distance of each other on the body count as one observation, metres."""
 MIN_HELD_WEIGHT = 0.02
@@ -106,10 +108,10 @@ def limb_of(
     return limb, parts
 
 
-def support_of_limbs(
-    problem: SegmentProblem, motions: Sequence[Motion]
-) -> Iterator[tuple[int, list[int], Array, Callable[[], Array]]]:
+def support_of_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[SupportOfLimb]:
     """Generate, for every limb, the log likelihood ratio of the images with the limb where it is against without it.
+
+    The limbs of a performer change nothing in the images of the others, which are drawn once for all of them.
 
     Parameters
     ----------
@@ -133,7 +135,8 @@ def support_of_limbs(
     views = [view for view in views_with_foreground(problem.views) if view.colours is not None]
     geometry, poses = problem.geometry(), scene_poses(problem.bodies, motions)
     for i in problem.sought if views else ():
-        ratios = [ViewRatios.of(view, problem, i, motions) for view in views]
+        alone = problem.alone(i)
+        ratios = [ViewRatios.of(view, alone, i, motions) for view in views]
         labels = [view.labels(geometry, poses) for view in ratios]
         depths = [depth_steps(each) for each in labels]
         for chain in limbs(problem.bodies[i]):
@@ -152,6 +155,15 @@ def support_of_limbs(
             ]
             sides = side_log_ratios(limb, with_sides_learned(limb, beside, problem.whole_keys(i), rng))
             yield i, chain, sides, partial(_log_ratios, limb, ratios, (geometry, poses, parts), sides)
+
+
+def evaluated(support: Iterable[SupportOfLimb]) -> list[SupportOfLimb]:
+    """Compute all ratios of `support_of_limbs` at once, for several uses; the images behind them are not kept."""
+    return [(i, chain, sides, _returning(shown())) for i, chain, sides, shown in support]
+
+
+def _returning(shown: Array) -> Callable[[], Array]:
+    return lambda: shown
 
 
 def _log_ratios(

@@ -43,7 +43,8 @@ def supported(monkeypatch: pytest.MonkeyPatch, of: Support) -> None:
             for k, chain in enumerate(LIMBS):
                 yield i, chain, np.zeros(FRAMES), lambda i=i, k=k: of.get((i, k), np.full(FRAMES, 60.0))
 
-    monkeypatch.setattr(faded_limbs, "support_of_limbs", each)
+    for module in (faded_limbs, regained_limbs):
+        monkeypatch.setattr(module, "support_of_limbs", each)
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers import gauss_newton, gauss_newton_solver, multi_start
+from kfmocap.core.tracking.solvers.descent_stages import SETTLED
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.judgement import solution_doubts, solution_ranking
@@ -702,6 +703,41 @@ def test_a_solution_is_solved_further_only_while_it_may_become_likelier_than_its
     found = solution_ranking.settled_further(PROBLEM, noise, solution, Workspace(), rival=rival)
     assert found is solved[-1]
     assert len(solved) == 1 + repeats
+
+
+@pytest.mark.parametrize(
+    ("reached", "given_up"),
+    [
+        ([900.0, 860.0, 870.0, 880.0], [False, True, True, True]),
+        ([900.0, 890.0, 980.0, 1020.0], [False, True, False, False]),
+        ([500.0, 700.0, 800.0, 850.0], [False, False, False, True]),
+    ],
+)
+def test_a_descent_is_hopeless_if_gains_as_large_as_the_last_would_not_make_it_likelier_than_its_rival(
+    monkeypatch: pytest.MonkeyPatch, reached: list[float], given_up: list[bool]
+) -> None:
+    solution = Landscape(truth=TRUTH).solution(PROBLEM, TRUTH)
+    noise = solution_ranking.noise_at(PROBLEM, solution, Workspace())
+    monkeypatch.setattr(solution_ranking, "_likelihood_of", lambda *_: reached.pop(0))
+    hopeless = solution_ranking.never_likelier(PROBLEM, noise, 1000.0)
+    assert [hopeless(solution.evidence, left) for left in (5, 4, 3, 2)] == given_up
+
+
+@pytest.mark.parametrize("hopeless", [False, True])
+def test_a_hopeless_descent_ends_with_the_iterations_of_its_stage(hopeless: bool) -> None:
+    """A limb that is drawn far goes on beyond them otherwise."""
+    landscape, asked = Landscape(truth=TRUTH, reach=2.0), list[int]()
+    stage = replace(SETTLED[0], iterations=1, still=0.0, small=0.0)
+    start = off(TRUTH, ARMS, 1.2)
+
+    def test(_: object, left: int) -> bool:
+        asked.append(left)
+        return hopeless
+
+    free, told = (gauss_newton.descend(PROBLEM, [start], landscape, (stage,), hopeless=given) for given in (None, test))
+    assert asked[0] == 1 + gauss_newton.MAX_EXTRA_ITERATIONS
+    assert len(told.energy) == (2 if hopeless else len(free.energy))
+    assert len(free.energy) > 2
 
 
 def test_motions_are_alike_only_if_those_of_every_performer_are() -> None:

@@ -17,6 +17,7 @@ from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.gauss_newton_solver import refined
+from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSolutions
 from kfmocap.core.tracking.solvers.limb_corrections import limbs_elsewhere, regained_limbs
 from kfmocap.core.tracking.solvers.limb_corrections.regained_limbs import (
     MAX_RETURNS,
@@ -212,6 +213,28 @@ def test_the_search_ends_once_the_limb_comes_to_rest_where_it_was_or_with_severa
     asked.clear()
     with_limb_regained(several, solution, (0, ARM), Workspace())
     assert asked == list(range(rounds))
+
+
+@pytest.mark.usefixtures("without_descent")
+@pytest.mark.parametrize(("turn", "compared"), [(0.05, 0), (0.3, 1)])
+def test_one_of_several_performers_is_solved_further_only_to_be_compared_with_a_limb_that_was_found_elsewhere(
+    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch, turn: float, compared: int
+) -> None:
+    further: list[object] = []
+
+    def turned(_problem: SegmentProblem, motions: Sequence[Motion], place: tuple[int, list[int]], _seed: int) -> Motion:
+        found = Motion(motions[place[0]].translations, motions[place[0]].rotations.copy())
+        found.rotations[1:-1, ARM[0]] = found.rotations[1:-1, ARM[0]] @ rotations.exp(np.array([0.0, 0.0, -turn]))
+        return found
+
+    monkeypatch.setattr(limbs_elsewhere, "freed_limb", turned)
+    after = SettledSolutions.after
+    monkeypatch.setattr(SettledSolutions, "after", lambda *given: further.append(given) or after(*given))
+    views = tuple(replace(v, foreground=np.repeat(v.foreground, 2, axis=0)) for v in problem.views)
+    both = replace(problem, views=views, bodies=(BODY,) * 2, fixed=problem.fixed * 2, before=None, after=None)
+    apart = [replace(TRUTH, translations=TRUTH.translations + [2.0 * i, 0, 0]) for i in range(2)]
+    with_limb_regained(both, regained_limbs.gauss_newton.refine(both, apart, Workspace()), (0, ARM), Workspace())
+    assert len(further) == compared
 
 
 @pytest.mark.parametrize(("against", "pixels", "expected"), [(2, 90, False), (2, 70, True), (0.5, 70, False)])
