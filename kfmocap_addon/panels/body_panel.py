@@ -74,11 +74,20 @@ class ProportionsPanel(FoldedPart, PerformerPart, bpy.types.Panel):
         draw_as_form(layout)
         known = [name for name in MEASURES if getattr(slot, name)]
         if not known:
-            layout.label(text="Its bones are not those of a body of ours", icon="INFO")
+            draw_text(layout, context, _why_unknown(slot.armature), "INFO")
         column = layout.column(align=True)
         column.enabled = slot.armature.mode != "EDIT"
         for name in known:
             column.prop(slot, name)
+
+
+def _why_unknown(armature: bpy.types.Object) -> str:
+    """Return why a body has no proportions that can be changed."""
+    from ..scene_io.body.part_meshes import is_of_skin  # loads NumPy, which must not slow down Blender's start
+
+    if is_of_skin(armature):
+        return "A skinned character keeps its proportions: change its height"
+    return "Its bones are not those of a body of ours"
 
 
 class HoldsPanel(SectionPart, bpy.types.Panel):
