@@ -31,7 +31,7 @@ SOLE_LANDMARKS = ("LHeel", "LBigToe", "RHeel", "RBigToe")
 STANDING = 0.05
 """Largest speed of a true point of the sole that counts as standing, metres per second: shoes give way and roll."""
 BRIEF = 0.08
-"""Shorter standing does not count, seconds, except where the shot begins or ends with it: it may go on outside."""
+"""Shorter standing does not count, seconds."""
 
 
 def triangulated_error(shot: Shot, truth: Landmarks) -> Score | None:
@@ -111,8 +111,7 @@ def plants_found(body: Body, planted: NDArray[np.bool_] | None, truth: Landmarks
     stands = np.zeros(planted.shape, bool)
     for column, steps in zip(stands.T, still.T, strict=True):
         for first, last in runs(steps):
-            cut = first == 0 or last == len(steps) - 1
-            column[first : last + 2] = cut or (last + 1 - first) / truth.fps >= BRIEF
+            column[first : last + 2] = (last + 1 - first) / truth.fps >= BRIEF
     return float(np.mean(stands == planted))
 
 

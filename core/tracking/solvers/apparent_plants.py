@@ -13,9 +13,6 @@ from ...numerics.robust_kernels import Quadratic
 from .equations.plant_factor import PlantFactor
 from .equations.problem import SegmentProblem
 
-UNSEEN = 1000
-"""Number of steps that an apparent plant may have beyond the shot: one on its first or last frame is not brief."""
-
 
 @dataclass(frozen=True, eq=False)
 class Plant:
@@ -60,8 +57,7 @@ class Seeming:
     ----------
     plants : PlantFactor
     before, after : ndarray of int, shape (C,)
-        Number of steps in a row before and after the segment on which each of the points seems planted as well;
-        `UNSEEN` and more where the shot begins or ends there.
+        Number of steps in a row before and after the segment on which each of the points seems planted as well.
     """
 
     plants: PlantFactor
@@ -76,8 +72,6 @@ class Seeming:
         if found is None or not (steps := found.steps[first:last]).any():
             return None
         before, after = (np.cumprod(s, axis=0).sum(axis=0) for s in (found.steps[:first][::-1], found.steps[last:]))
-        before += UNSEEN * (first == 0)
-        after += UNSEEN * (last == len(found.steps))
         return cls(replace(found, steps=steps), before, after)
 
     def beside(self, point: int, earlier: Seeming | None) -> Bools:

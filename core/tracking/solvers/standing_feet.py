@@ -10,8 +10,8 @@ well whether it stands or moves as it was tracked: they do not depend on the sha
 drift. A plant that passes takes in the frames on which the other point of the foot stands, if the evidence or the
 pictures of these agree: a flicker of the evidence seems to end it. Smoothness blurs the moments at which a foot lands
 and leaves, so plants also take in the frames beside them on which the point may stand, too. Two plants of a point with
-no time for a step between them become one if that passes as well. Those that are brief all the same are left out,
-except on the first and last frame of the shot. Then all are held together, on the same normal equations.
+no time for a step between them become one if that passes as well. Those that are brief all the same are left out.
+Then all are held together, on the same normal equations.
 
 A single view hardly contradicts any plant. With one view, candidates are kept still during the refinement already, and
 nothing is tested here.
