@@ -66,7 +66,9 @@ class _CostOfScale:
 
     def __init__(self, observed: ObservedMotion, precision: Array) -> None:
         self._observed = observed
-        self._smooth = SecondDifferences.of(observed.known).normal_equations(precision, observed.expected)
+        self._smooth = SecondDifferences.of(observed.known, observed.steps).normal_equations(
+            precision, observed.expected
+        )
         self._inside = observed.among_free(self._smooth)
         self._count = (len(observed.known) - 2) * (~observed.fixed).any(axis=0).sum()
 

@@ -30,13 +30,16 @@ class SecondDifferences:
     jacobians: tuple[Array, Array, Array]
 
     @classmethod
-    def of(cls, motion: Motion) -> SecondDifferences:
-        """Second differences of F >= 3 poses."""
+    def of(cls, motion: Motion, steps: Array | None = None) -> SecondDifferences:
+        """Second differences of F >= 3 poses; `steps` as in `acceleration`."""
         ahead, behind = _turns(motion.rotations)
         J_next = with_translation(rotations.right_jacobian_inverse(ahead))
         J_last = with_translation(rotations.right_jacobian_inverse(behind))
+        if steps is not None:
+            before, after = (share[:, None, None, None] for share in _shares(steps))
+            J_last, J_next = before * J_last, after * J_next
         J_here = -np.swapaxes(J_next + J_last, -1, -2)  # Jl^-1 is the transpose of Jr^-1
-        return cls(_differences(motion.translations, ahead, behind), (J_last, J_here, J_next))
+        return cls(_differences(motion.translations, ahead, behind, steps), (J_last, J_here, J_next))
 
     def normal_equations(self, weights: Array, expected: Array | None = None) -> BandedBlocks:
         """Normal equations of the weighted squared accelerations; parameters as in `smoothness`."""
@@ -86,13 +89,39 @@ class SecondDifferences:
         return np.maximum(alone + 2 * joint, 0).reshape(self.values.shape)
 
 
-def acceleration(motion: Motion) -> Array:
-    """Second differences along time at frames 1 .. F - 2, shape (F - 2, D); see `SecondDifferences`."""
-    return _differences(motion.translations, *_turns(motion.rotations))
+def acceleration(motion: Motion, steps: Array | None = None) -> Array:
+    """Second differences along time at frames 1 .. F - 2, shape (F - 2, D); see `SecondDifferences`.
+
+    Parameters
+    ----------
+    motion : Motion
+        F poses.
+    steps : ndarray, shape (F - 1,), optional
+        The time from each pose to the next, frames; by default one. Second differences are divided differences then,
+        which are zero for a constant velocity and unchanged where all steps are one.
+    """
+    return _differences(motion.translations, *_turns(motion.rotations), steps)
 
 
-def _differences(T: Array, ahead: Array, behind: Array) -> Array:
-    return np.concatenate([T[2:] - 2 * T[1:-1] + T[:-2], (ahead + behind).reshape(len(T) - 2, -1)], axis=1)
+def _differences(T: Array, ahead: Array, behind: Array, steps: Array | None) -> Array:
+    if steps is not None:
+        before, after = (share[:, None, None] for share in _shares(steps))
+        ahead, behind = after * ahead, before * behind
+    return np.concatenate([second_differences(T, steps), (ahead + behind).reshape(len(T) - 2, -1)], axis=1)
+
+
+def second_differences(values: Array, steps: Array | None = None) -> Array:
+    """Second differences of values (F, ...) along time, shape (F - 2, ...); `steps` as in `acceleration`."""
+    if steps is None:
+        return np.asarray(values[2:] - 2 * values[1:-1] + values[:-2])
+    before, after = (share.reshape(-1, *(1,) * (values.ndim - 1)) for share in _shares(steps))
+    return np.asarray(before * (values[:-2] - values[1:-1]) + after * (values[2:] - values[1:-1]))
+
+
+def _shares(steps: Array) -> tuple[Array, Array]:
+    """Factors (F - 2,) of the differences to the pose before and to the next, in second divided differences."""
+    before, after = steps[:-1], steps[1:]
+    return 2 / (before * (before + after)), 2 / (after * (before + after))
 
 
 def _turns(Q: Array) -> tuple[Array, Array]:
@@ -100,7 +129,9 @@ def _turns(Q: Array) -> tuple[Array, Array]:
     return rotations.log(middle @ Q[2:]), rotations.log(middle @ Q[:-2])
 
 
-def smoothness(motion: Motion, weights: Array, expected: Array | None = None) -> BandedBlocks:
+def smoothness(
+    motion: Motion, weights: Array, expected: Array | None = None, steps: Array | None = None
+) -> BandedBlocks:
     """Normal equations of the weighted squared accelerations.
 
     Parameters
@@ -111,10 +142,12 @@ def smoothness(motion: Motion, weights: Array, expected: Array | None = None) ->
         Inverse variance of the acceleration of each degree of freedom, 1/(m/frame^2)^2 and 1/(rad/frame^2)^2.
     expected : ndarray, shape (F - 2, D), optional
         Expected accelerations, which cost nothing; by default zero.
+    steps : ndarray, shape (F - 1,), optional
+        See `acceleration`.
     """
     if len(motion) < 3:
         return BandedBlocks.zeros(len(motion), weights.shape[-1])
-    return SecondDifferences.of(motion).normal_equations(weights, expected)
+    return SecondDifferences.of(motion, steps).normal_equations(weights, expected)
 
 
 MAX_STEP = 0.5

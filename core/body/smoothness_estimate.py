@@ -142,6 +142,8 @@ class ObservedMotion:
         Index of the first of the F poses among the known ones.
     expected : ndarray, shape (N, D), optional
         Accelerations that are predicted, see `smoothness`.
+    steps : ndarray, optional
+        The time from each known pose to the next, see `smoothness.acceleration`.
     """
 
     known: Motion
@@ -149,6 +151,7 @@ class ObservedMotion:
     fixed: Bools
     start: int = 0
     expected: Array | None = None
+    steps: Array | None = None
 
     def is_fixed(self) -> bool:
         """Whether nothing is left to estimate from: too few poses, or all of them fixed."""
@@ -189,7 +192,7 @@ def estimate_variances(
         return before
     known, fixed, start, expected = observed.known, observed.fixed, observed.start, observed.expected
     axes = (~fixed.all(axis=0)).reshape(-1, 3).sum(axis=1).astype(float)
-    differences = SecondDifferences.of(known)
+    differences = SecondDifferences.of(known, observed.steps)
     for _ in range(rounds):
         smooth = differences.normal_equations(before.precision(mobility), expected)
         system = observed.evidence + observed.among_free(smooth)
@@ -199,7 +202,7 @@ def estimate_variances(
         diagonal, first, second = (
             _among(blocks, start, len(known) - k) for k, blocks in enumerate(factor.covariance_band())
         )
-        solved = acceleration(known.moved(step)) - (0.0 if expected is None else expected)
+        solved = acceleration(known.moved(step), observed.steps) - (0.0 if expected is None else expected)
         uncertain = differences.variances((diagonal, first, second))
         squares, left = (
             (values / mobility**2).reshape(len(solved), -1, 3).sum(axis=2) for values in (solved**2, uncertain)

@@ -89,7 +89,13 @@ def _add(out: BandedBlocks, row: NDArray[np.intp], column: NDArray[np.intp], blo
             band[there] += block
 
 
-def delayed(motion: Motion, delay: float, before: Motion | None = None, after: Motion | None = None) -> Delayed:
+def delayed(
+    motion: Motion,
+    delay: float,
+    before: Motion | None = None,
+    after: Motion | None = None,
+    steps: Array | None = None,
+) -> Delayed:
     """Return the poses at a constant delay after each of F >= 2 frames.
 
     Parameters
@@ -100,12 +106,20 @@ def delayed(motion: Motion, delay: float, before: Motion | None = None, after: M
         The delay in frames, between -1 and 1.
     before, after : Motion, optional
         The poses on the frame before the first and on the frame after the last, if they are known.
+    steps : ndarray, optional
+        The time from each of all these poses to the next, frames; by default one. None is shorter than the delay.
     """
     known = stacked([m for m in (before, motion, after) if m is not None])
     start = 0 if before is None else 1
-    instants = start + np.arange(len(motion)) + delay
-    earlier = np.clip(np.floor(instants).astype(np.intp), 0, len(known) - 2)
-    share = instants - earlier
+    if steps is None:
+        instants = start + np.arange(len(motion)) + delay
+        earlier = np.clip(np.floor(instants).astype(np.intp), 0, len(known) - 2)
+        share = instants - earlier
+    else:
+        times = np.cumsum([0.0, *steps])
+        instants = times[start : start + len(motion)] + delay
+        earlier = np.clip(np.searchsorted(times, instants, side="right") - 1, 0, len(known) - 2)
+        share = (instants - times[earlier]) / steps[earlier]
     one, other = known[earlier], known[earlier + 1]
     turn = rotations.log(np.swapaxes(one.rotations, -1, -2) @ other.rotations)
     part = share[:, None, None] * turn

@@ -16,7 +16,7 @@ from ..body import Body, twist_jacobian
 from ..body.joint_blocks import joint_blocks
 from ..body.joint_limits import habitual_prior
 from ..body.kinematics import Poses, motion_of_poses
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, Ints
 from ..numerics.banded_blocks import BandedBlocks
 from .keypoint_places import Places, offset_precision
 from .keypoint_rays import Keypoints
@@ -130,6 +130,20 @@ class KeypointFactor:
         habit = None if self.habit is None else (self.habit[0][frames], self.habit[1])
         imagined = None if self.imagined is None else self.imagined[frames]
         return replace(self, keypoints=self.keypoints[frames], agreed=agreed, habit=habit, imagined=imagined)
+
+    def on_frames(self, frames: Ints, every: int) -> KeypointFactor:
+        """Return the evidence of some of the frames, which usually are `every` frames apart."""
+        agreed = None if self.agreed is None else self.agreed[:, frames]
+        habit = None if self.habit is None else (self.habit[0][frames], self.habit[1])
+        imagined = None if self.imagined is None else self.imagined[frames]
+        return replace(
+            self,
+            keypoints=self.keypoints[frames],
+            agreed=agreed,
+            habit=habit,
+            imagined=imagined,
+            correlated=max(self.correlated / every, 1.0),
+        )
 
     def of_views(self, views: list[int]) -> KeypointFactor:
         """Return the evidence of some of the views."""

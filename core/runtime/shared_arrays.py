@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import mmap
+import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -59,6 +60,22 @@ def copied_from_map(array: NDArray[Any]) -> NDArray[Any]:
     part = array.copy()
     _release(mapping)
     return part
+
+
+def picked_rows(array: NDArray[Any], rows: NDArray[np.intp], axis: int = 0) -> NDArray[Any]:
+    """Return some rows of an array; those of a mapped one are mapped as well, from an unnamed temporary file."""
+    if (mapping := _mapping(array)) is None:
+        return array.take(rows, axis)
+    source = np.moveaxis(array, axis, 0)
+    with tempfile.TemporaryFile() as file:
+        for k, row in enumerate(rows):
+            file.write(np.ascontiguousarray(source[row]).data)
+            if k % _ROWS == _ROWS - 1:
+                _release(mapping)
+        _release(mapping)
+        file.flush()
+        kept = np.memmap(file, array.dtype, "r", shape=(len(rows), *source.shape[1:]))
+    return np.moveaxis(np.asarray(kept), 0, axis)
 
 
 def each_row(array: NDArray[Any]) -> Iterator[NDArray[Any]]:

@@ -49,20 +49,23 @@ def _along(knots: NDArray[np.int64], values: Array, frames: NDArray[np.int64]) -
 
 
 def natural_spline(knots: NDArray[np.int64], values: Array, at: NDArray[np.int64]) -> Array:
-    """Interpolate values (K,) at two or more increasing knots by the cubic spline without curvature at its ends.
+    """Interpolate values (K,) or (K, n) at two or more increasing knots by the cubic spline whose ends are straight.
 
     It is SciPy's natural `CubicSpline`, whose module takes a tenth of a second to load in every process.
     """
     width = np.diff(knots).astype(float)
-    slope = np.diff(values) / width
+    several = values.reshape(len(values), -1)
+    slope = np.diff(several, axis=0) / width[:, None]
     bands = np.zeros((2, len(knots)))
     bands[0] = [1.0, *2 * (width[:-1] + width[1:]), 1.0]
     bands[1, 1:-2] = width[1:-1]
-    curvature = solveh_banded(bands, [0.0, *6 * np.diff(slope), 0.0], lower=True)
+    none = np.zeros((1, several.shape[1]))
+    curvature = solveh_banded(bands, np.concatenate([none, 6 * np.diff(slope, axis=0), none]), lower=True)
     left = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(width) - 1)
-    before, after, h = at - knots[left], knots[left + 1] - at, width[left]
+    before, after, h = ((at - knots[left])[:, None], (knots[left + 1] - at)[:, None], width[left][:, None])
     bent = before * after * (curvature[left] * (h + after) + curvature[left + 1] * (h + before)) / (6 * h)
-    return np.asarray(values[left] * (after / h) + values[left + 1] * (before / h) - bent)
+    found = several[left] * (after / h) + several[left + 1] * (before / h) - bent
+    return np.asarray(found.reshape(len(at), *values.shape[1:]))
 
 
 def _turning(knots: NDArray[np.int64], values: Array, frames: NDArray[np.int64]) -> Array:

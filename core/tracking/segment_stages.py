@@ -27,7 +27,7 @@ from .segments import Segment, keyed_frames, posed_frames
 from .solvers.equations.contact_factor import ContactFactor
 from .solvers.equations.hold_factor import hold_factors, touching_parts
 from .solvers.equations.measurement import Workspace
-from .solvers.equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
+from .solvers.equations.problem import WIDEST_STEP, AccelerationSearch, SegmentProblem, SegmentSolution
 from .solvers.protocol import SolvedFrames, Solver
 
 Around = tuple[tuple[Motion, ...] | None, tuple[Motion, ...] | None]
@@ -84,6 +84,17 @@ class TrackState:
         if frame < 0 or frame == len(self.motions[0]):
             return self.around[frame > 0]
         return tuple(m[[frame]] for m in self.motions) if frame < self.solved else None
+
+    def poses_before(self, frame: int, count: int) -> tuple[Motion, ...] | None:
+        """Return the poses on up to `count` frames before a frame, as far as they are solved; None for no frame."""
+        stop = min(frame, self.solved)
+        run = slice(max(frame - count, 0), stop)
+        return tuple(m[run] for m in self.motions) if 0 < stop == frame else None
+
+    def poses_after(self, frame: int, count: int) -> tuple[Motion, ...] | None:
+        """Return the poses on up to `count` frames after a frame, as far as they are solved; None for no frame."""
+        run = slice(frame + 1, min(frame + 1 + count, self.solved))
+        return tuple(m[run] for m in self.motions) if run.start < run.stop else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,6 +233,7 @@ def segment_problem(shot: Shot, data: SegmentData, state: TrackState) -> Segment
         fixed=data.fixed,
         before=state.poses_at(first - 1),
         after=state.poses_at(last + 1),
+        beyond=(state.poses_before(first, WIDEST_STEP), state.poses_after(last, WIDEST_STEP)),
         shape=shape,
         keypoints=data.keypoints,
         footage_offset=state.footage_offset(shot),

@@ -33,13 +33,18 @@ from .limb_corrections.limb_exchange import with_crossed_limbs_exchanged
 from .limb_corrections.limb_search import pictures_find_limbs
 from .limb_corrections.regained_limbs import with_limbs_regained
 from .multi_start import best_of_starts
+from .thinned_frames import ThinnedProblem
 
 
 def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
     """Solve from several starts, exchange limbs that reach across each other, and bridge leaps of limbs.
 
-    Parameters as in `gauss_newton.descend`.
+    Where frames follow each other closely, all of this is done on some of them, and the motion of the others is
+    interpolated (`thinned_frames`); the solution then carries no evidence. Parameters as in `gauss_newton.descend`.
     """
+    if (thinned := ThinnedProblem.of(problem, start)) is not None:
+        few = solved(thinned.problem, thinned.of_motions(start), thinned.workspace(workspace))
+        return thinned.on_all_frames(few)
     solution = best_of_starts(problem, start, workspace.part(0.0, 0.8))
     if not pictures_find_limbs(problem):
         return solution
@@ -52,18 +57,39 @@ def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
     was found.
 
     In several views, a solution that nothing has contradicted is refined and polished at once, and polished again only
-    if a limb was found elsewhere. Parameters as in `gauss_newton.descend`.
+    if a limb was found elsewhere. Where frames follow each other closely, some of them are refined and searched, and
+    all are polished. Parameters as in `gauss_newton.descend`.
     """
+    if (thinned := ThinnedProblem.of(problem, start)) is not None:
+        return _refined_on_few(thinned, start, workspace)
     stages = POLISHED_AT_ONCE if problem.shows_depth and not problem.doubted else REFINEMENT
     found = first = gauss_newton.refine(problem, start, workspace.part(0.0, 0.27), stages)
     if pictures_find_limbs(problem):
         found = with_limbs_regained(problem, first, workspace.part(0.27, 0.9))
     if stages is POLISHED_AT_ONCE and found.motions is first.motions:
         return found
-    polished = gauss_newton.refine(problem, found.motions, workspace.part(0.9, 1.0), POLISH)
-    seconds = Seconds(found.seconds)
-    seconds.add(polished.seconds)
-    return replace(continued(found, polished), seconds=dict(seconds))
+    return _after(found, gauss_newton.refine(problem, found.motions, workspace.part(0.9, 1.0), POLISH))
+
+
+def _refined_on_few(thinned: ThinnedProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
+    """Refine and search some of the frames, and polish all; with a single view these are refined first."""
+    whole, few = thinned.whole, thinned.workspace(workspace.part(0.0, 0.6))
+    found = gauss_newton.refine(thinned.problem, thinned.of_motions(start), few.part(0.0, 0.4))
+    if pictures_find_limbs(whole):
+        found = with_limbs_regained(thinned.problem, found, few.part(0.4, 1.0))
+    stages = POLISHED_AT_ONCE if whole.shows_depth else REFINEMENT
+    begin = thinned.interpolated(found.motions)
+    found = _after(found, gauss_newton.refine(whole, begin, workspace.part(0.6, 0.9), stages))
+    if whole.shows_depth:
+        return found
+    return _after(found, gauss_newton.refine(whole, found.motions, workspace.part(0.9, 1.0), POLISH))
+
+
+def _after(before: SegmentSolution, found: SegmentSolution) -> SegmentSolution:
+    """Return the second of two solutions, with the iterations and the time of both."""
+    seconds = Seconds(before.seconds)
+    seconds.add(found.seconds)
+    return replace(continued(before, found), seconds=dict(seconds))
 
 
 def resumed(

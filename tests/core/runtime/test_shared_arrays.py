@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kfmocap.core.runtime.shared_arrays import SharedArray, copied_from_map, each_row
+from kfmocap.core.runtime.shared_arrays import SharedArray, copied_from_map, each_row, picked_rows
 
 ROWS, SHAPE = 400, (64, 1024)
 
@@ -69,3 +69,19 @@ def test_a_long_array_that_is_read_part_by_part_does_not_stay_in_memory(kept: Sh
 def test_an_array_in_memory_is_read_without_a_copy() -> None:
     array = np.zeros((5, 4, 3), np.uint8)
     assert np.shares_memory(copied_from_map(array[1:3]), array)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc tells what is in memory")
+def test_picked_rows_of_a_mapped_array_are_mapped_too(kept: SharedArray) -> None:
+    chosen = np.array([0, 3, 4, ROWS - 1])
+    picked = picked_rows(kept.array(), chosen)
+    np.testing.assert_array_equal(picked[:, 0, 0], chosen % 251)
+    assert mapped_kilobytes(kept.path) < 20 * np.prod(SHAPE) / 1024
+    assert copied_from_map(picked) is not picked
+    columns = picked_rows(np.moveaxis(kept.array(), 1, 0), chosen, axis=1)
+    np.testing.assert_array_equal(columns[0], picked[:, 0])
+
+
+def test_picked_rows_of_an_array_in_memory_are_a_copy() -> None:
+    array = np.arange(12, dtype=np.uint8).reshape(2, 6)
+    np.testing.assert_array_equal(picked_rows(array, np.array([0, 5]), axis=1), array[:, [0, 5]])

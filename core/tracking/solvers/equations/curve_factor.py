@@ -63,7 +63,7 @@ def near_curve(problem: SegmentProblem, performer: int, motion: Motion) -> Bande
     for part in np.flatnonzero(body.is_stiff):
         keys = np.flatnonzero(fixed[:, part])
         if len(keys):
-            curve[:, part] = _between(motion.rotations[keys, part], keys, F)
+            curve[:, part] = _between(motion.rotations[keys, part], problem.times[keys], problem.times)
         precision[:, part] = 1 / (FRAME_SIGMA_RATIO * body.departures[part]) ** 2
     coupled = []
     for shoulder in shoulder_rhythms(body) if problem.shows_depth else ():
@@ -73,7 +73,7 @@ def near_curve(problem: SegmentProblem, performer: int, motion: Motion) -> Bande
             coupled.append((shoulder, keys))
     blocks = habitual_prior(motion, precision, curve)
     for shoulder, keys in coupled:
-        J, residual, columns = _with_arm(body, motion, shoulder, curve[:, shoulder.collar], keys)
+        J, residual, columns = _with_arm(body, motion, shoulder, curve[:, shoulder.collar], (problem.times, keys))
         weight, cost = np.ones_like(residual), residual**2
         weight[:, 3], cost[:, 3] = RISE_KERNEL.weight(residual[:, 3] ** 2), RISE_KERNEL.cost(residual[:, 3] ** 2)
         weighted = weight[:, :, None] * J
@@ -83,24 +83,24 @@ def near_curve(problem: SegmentProblem, performer: int, motion: Motion) -> Bande
     return blocks
 
 
-def _between(known: Array, keys: NDArray[np.intp], frames: int) -> Array:
-    """Rotations on all frames, (F, 3, 3), from those on K key frames, (K, 3, 3)."""
+def _between(known: Array, keys: Array, times: Array) -> Array:
+    """Rotations at all times (F,), (F, 3, 3), from those at the times of K key frames, (K, 3, 3)."""
     if len(keys) == 1:
-        return np.broadcast_to(known, (frames, 3, 3))
-    every = np.arange(frames)
-    last = np.clip(np.searchsorted(keys, every, side="right") - 1, 0, len(keys) - 2)
-    share = np.clip((every - keys[last]) / np.diff(keys)[last], 0, 1)
+        return np.broadcast_to(known, (len(times), 3, 3))
+    last = np.clip(np.searchsorted(keys, times, side="right") - 1, 0, len(keys) - 2)
+    share = np.clip((times - keys[last]) / np.diff(keys)[last], 0, 1)
     turns = rotations.log(np.swapaxes(known[:-1], -1, -2) @ known[1:])
     return np.asarray(known[last] @ rotations.exp(share[:, None] * turns[last]))
 
 
 def _with_arm(
-    body: Body, motion: Motion, shoulder: ShoulderRhythm, curve: Array, keys: NDArray[np.intp]
+    body: Body, motion: Motion, shoulder: ShoulderRhythm, curve: Array, when: tuple[Array, NDArray[np.intp]]
 ) -> tuple[Array, Array, NDArray[np.intp]]:
     """Return the residuals of a collar bone that rises with its arm, and their derivatives.
 
     What the rhythm does not explain follows the curve: the collar bone's turn from the curve is expected to be that of
-    the rhythm for the arm's rise above its own curve, which is linear between the key frames.
+    the rhythm for the arm's rise above its own curve, which is linear between the key frames; `when` are the times of
+    all frames and the indices of these.
 
     Returns
     -------
@@ -111,8 +111,8 @@ def _with_arm(
     columns : ndarray of int, shape (6,)
         The degrees of freedom, increments of the collar bone's and the upper arm's rotation.
     """
-    rise = shoulder.rise(body, motion)
-    beyond = rise.values - np.interp(np.arange(len(motion)), keys, rise.values[keys])
+    rise, (times, keys) = shoulder.rise(body, motion), when
+    beyond = rise.values - np.interp(times, times[keys], rise.values[keys])
     turns = rotations.log(np.swapaxes(curve, -1, -2) @ motion.rotations[:, shoulder.collar])
     axis = np.swapaxes(curve, -1, -2) @ shoulder.raising  # in the frame of the curve, (F, 3)
     by_rise = -RISE * axis[:, :, None]

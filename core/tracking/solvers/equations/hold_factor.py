@@ -67,6 +67,12 @@ class HoldFactor:
         inside = (self.frames >= first) & (self.frames < stop)
         return replace(self, frames=self.frames[inside] - first, turns=self.turns[inside], places=self.places[inside])
 
+    def among(self, frames: Ints) -> HoldFactor:
+        """Restrict the hold to some increasing frames of the segment, which become its frames 0, 1, 2, ..."""
+        inside = np.isin(self.frames, frames)
+        place = np.searchsorted(frames, self.frames[inside])
+        return replace(self, frames=place, turns=self.turns[inside], places=self.places[inside])
+
     def residuals(self, bodies: Sequence[Body], motions: Sequence[Motion]) -> tuple[Array, Array, Array]:
         """Return residuals (K, 6) in standard deviations, and their Jacobians (K, 6, D) by the degrees of freedom of
         the prop and of the holder.

@@ -193,7 +193,9 @@ def keypoint_instants(problem: SegmentProblem, motions: Sequence[Motion]) -> Ins
 def _instants(problem: SegmentProblem, motions: Sequence[Motion], views: tuple[int, ...], delay: float) -> Instants:
     if delay == 0:
         return Instants(views, delay, scene_poses(problem.bodies, motions), tuple(motions))
-    there = tuple(delayed(motion, delay, *problem.around(i)) for i, motion in enumerate(motions))
+    there = tuple(
+        delayed(motion, delay, *problem.around(i), problem.known_steps(i)) for i, motion in enumerate(motions)
+    )
     shown = tuple(d.motion for d in there)
     return Instants(views, delay, scene_poses(problem.bodies, shown), shown, there)
 

@@ -23,6 +23,9 @@ from ....shot.shot import Settings
 from .contact_factor import ContactFactor
 from .hold_factor import HoldFactor, TiedSystems, tied_systems
 
+WIDEST_STEP = 4
+"""Most frames from one to the next where frames are left out."""
+
 
 class AccelerationSearch(Enum):
     """Which variances of the accelerations are estimated from the footage, where they are not given."""
@@ -80,6 +83,12 @@ class SegmentProblem:
         Tie props to the parts that hold them.
     doubted : tuple of int
         Performers whose images contradicted an earlier solution, see `SegmentSolution.doubted`.
+    steps : ndarray, shape (F - 1,), optional
+        The time from each frame to the next, in frames (1 / fps); by default one.
+    beside : tuple of float
+        The time from `before` to the first frame, and from the last to `after`.
+    beyond : tuple of (tuple of Motion or None)
+        Per performer: the poses on up to `WIDEST_STEP` frames before the first and after the last, where known.
     """
 
     views: tuple[ViewFrames, ...]
@@ -100,6 +109,14 @@ class SegmentProblem:
     contact: ContactFactor | None = None
     holds: tuple[HoldFactor, ...] = ()
     doubted: tuple[int, ...] = ()
+    steps: Array | None = None
+    beside: tuple[float, float] = (1.0, 1.0)
+    beyond: tuple[tuple[Motion, ...] | None, tuple[Motion, ...] | None] = (None, None)
+
+    @property
+    def times(self) -> Array:
+        """The time of each frame since the first, in frames, shape (F,)."""
+        return np.arange(self.length, dtype=float) if self.steps is None else np.cumsum([0.0, *self.steps])
 
     @property
     def length(self) -> int:
@@ -148,6 +165,16 @@ class SegmentProblem:
         """Return a performer's poses on the frame before the first and after the last, where they are known."""
         before, after = (side[performer] if side else None for side in (self.before, self.after))
         return before, after
+
+    def known_steps(self, performer: int) -> Array | None:
+        """Return the time from each known pose of a performer to the next, with those before and after; None where all
+        are one.
+        """
+        if self.steps is None:
+            return None
+        known = zip(self.around(performer), self.beside, strict=True)
+        before, after = ([step] if side is not None else [] for side, step in known)
+        return np.array([*before, *self.steps, *after])
 
     def variances(self, performer: int) -> Array:
         """Variances (G,) at which the estimation for a performer starts."""

@@ -111,7 +111,7 @@ def hidden_and_expected(
     if not problem.settings.prediction:
         return [], []
     hidden = hidden_parts(problem, evidence.share)
-    return hidden, predicted_accelerations(motions, hidden, problem.sought)
+    return hidden, predicted_accelerations(motions, hidden, problem.sought, problem.steps)
 
 
 def evidence_equations(
@@ -211,7 +211,10 @@ def _image_systems(
 
 
 def predicted_accelerations(
-    motions: Sequence[Motion], hidden: Sequence[NDArray[np.bool_]], sought: Sequence[int]
+    motions: Sequence[Motion],
+    hidden: Sequence[NDArray[np.bool_]],
+    sought: Sequence[int],
+    steps: Array | None = None,
 ) -> list[Array]:
     """Return, per performer, the accelerations (F, D) of hidden parts in the motion that is predicted for them.
 
@@ -221,7 +224,7 @@ def predicted_accelerations(
     for i, (motion, mask) in enumerate(zip(motions, hidden, strict=True)):
         predicted = np.zeros((len(motion), 3 + 3 * mask.shape[1]))
         if i in sought and mask.any() and len(motion) > 2:
-            predicted[1:-1] = acceleration(predict_unseen(motion, mask))
+            predicted[1:-1] = acceleration(predict_unseen(motion, mask), steps)
         degrees = np.concatenate([np.repeat(mask[:, :1], 3, axis=1), np.repeat(mask, 3, axis=1)], axis=1)
         expected.append(predicted * degrees)
     return expected

@@ -131,7 +131,7 @@ class SegmentSmoothness:
                 precision = np.pad(precision, (beside, (0, 0)), mode="edge")[1:-1]
         if expected is not None:
             expected = _among_known(problem, expected, start, len(known))
-        return smoothness(known, precision, expected).cut(start, start + problem.length)
+        return smoothness(known, precision, expected, problem.known_steps(performer)).cut(start, start + problem.length)
 
 
 def _observed(
@@ -140,7 +140,8 @@ def _observed(
     """Join a performer's F poses, the known poses beside them, and the evidence."""
     known, start = _with_known(problem, performer, motion)
     allowed = None if expected is None else _among_known(problem, expected, start, len(known))
-    return ObservedMotion(known, evidence, problem.fixed[performer], start, allowed)
+    steps = problem.known_steps(performer)
+    return ObservedMotion(known, evidence, problem.fixed[performer], start, allowed, steps)
 
 
 def _at_likeliest_scale(

@@ -22,6 +22,7 @@ import numpy as np
 from ....body import part_poses
 from ....body.limbs import limbs
 from ....body.motion import Motion, stacked, with_motion
+from ....body.smoothness import second_differences
 from ....evidence.occlusion import LONG_GAP
 from ....numerics.arrays import Array
 from ....runtime.timing import Seconds
@@ -234,7 +235,7 @@ def _joint_changes(problem: SegmentProblem, performer: int, motion: Motion, chai
     """Changes of velocity of a limb's joints relative to its first joint, metres per frame, (F - 2, n)."""
     _, T = part_poses(problem.bodies[performer], motion)
     joints = T[:, chain[1:]] - T[:, [chain[0]]]
-    return np.asarray(np.linalg.norm(joints[2:] - 2 * joints[1:-1] + joints[:-2], axis=-1))
+    return np.asarray(np.linalg.norm(second_differences(joints, problem.known_steps(performer)), axis=-1))
 
 
 def with_limb_regained(

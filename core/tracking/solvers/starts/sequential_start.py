@@ -133,6 +133,7 @@ def excerpt(problem: SegmentProblem, first: int, stop: int) -> SegmentProblem:
         keypoints=tuple(keypoints[first:stop] for keypoints in problem.keypoints),
         acceleration_precision=tuple(p[first:stop] if p.ndim > 1 else p for p in precision),
         holds=tuple(hold.on_frames(first, stop) for hold in problem.holds),
+        steps=None if problem.steps is None else problem.steps[first : stop - 1],
     )
 
 
