@@ -23,7 +23,7 @@ from dataclasses import replace
 from ...body.motion import Motion
 from ...runtime.timing import Seconds
 from . import gauss_newton
-from .descent_stages import OUTLINE_REACH, POLISH, POLISHED_AT_ONCE, REFINEMENT, RESUMED
+from .descent_stages import OUTLINE_REACH, POLISH, POLISHED_AT_ONCE, REFINEMENT, RESUMED, DescentStage
 from .equations.measurement import Workspace
 from .equations.problem import SegmentProblem, SegmentSolution
 from .gauss_newton import continued, descend, farthest_joint
@@ -40,12 +40,27 @@ def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspac
     """Solve from several starts, exchange limbs that reach across each other, and bridge leaps of limbs.
 
     Where frames follow each other closely, all of this is done on some of them, and the motion of the others is
-    interpolated (`thinned_frames`); the solution then carries no evidence. Parameters as in `gauss_newton.descend`.
+    interpolated (`thinned_frames`); the solution then carries no evidence. If the images contradict the first solution
+    on these, all frames are tried: a fast limb may be lost for the lack of frames only. Parameters as in
+    `gauss_newton.descend`.
     """
-    if (thinned := ThinnedProblem.of(problem, start)) is not None:
-        few = solved(thinned.problem, thinned.of_motions(start), thinned.workspace(workspace))
-        return thinned.on_all_frames(few)
-    solution = best_of_starts(problem, start, workspace.part(0.0, 0.8))
+    thinned = ThinnedProblem.of(problem, start)
+    if thinned is None:
+        return _solved(problem, start, workspace)
+    few, begin, inner = thinned.problem, thinned.of_motions(start), thinned.workspace(workspace.part(0.2, 1.0))
+    first = descend(few, begin, thinned.workspace(workspace.part(0.0, 0.1)))
+    if problem.settings.limb_search and doubted_performers(few, begin, first):
+        whole = descend(problem, start, workspace.part(0.1, 0.2))
+        if not doubted_performers(problem, start, whole):
+            return _solved(problem, start, workspace.part(0.2, 1.0), first=whole)
+    return thinned.on_all_frames(_solved(few, begin, inner, first=first))
+
+
+def _solved(
+    problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace, first: SegmentSolution | None = None
+) -> SegmentSolution:
+    """Solve a problem on all of its frames; `first` is the solution from the start, if it is known."""
+    solution = best_of_starts(problem, start, workspace.part(0.0, 0.8), first)
     if not pictures_find_limbs(problem):
         return solution
     solution = with_crossed_limbs_exchanged(problem, solution, workspace.part(0.8, 0.9))
@@ -57,32 +72,31 @@ def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
     was found.
 
     In several views, a solution that nothing has contradicted is refined and polished at once, and polished again only
-    if a limb was found elsewhere. Where frames follow each other closely, some of them are refined and searched, and
-    all are polished. Parameters as in `gauss_newton.descend`.
+    if a limb was found elsewhere. Where one was contradicted and frames follow each other closely, limbs are searched
+    for on some of them. Parameters as in `gauss_newton.descend`.
     """
-    if (thinned := ThinnedProblem.of(problem, start)) is not None:
-        return _refined_on_few(thinned, start, workspace)
-    stages = POLISHED_AT_ONCE if problem.shows_depth and not problem.doubted else REFINEMENT
-    found = first = gauss_newton.refine(problem, start, workspace.part(0.0, 0.27), stages)
-    if pictures_find_limbs(problem):
-        found = with_limbs_regained(problem, first, workspace.part(0.27, 0.9))
-    if stages is POLISHED_AT_ONCE and found.motions is first.motions:
-        return found
+    if problem.doubted and (thinned := ThinnedProblem.of(problem, start)) is not None:
+        _, few = _refined_and_searched(
+            thinned.problem, thinned.of_motions(start), thinned.workspace(workspace.part(0.0, 0.6)), REFINEMENT
+        )
+        begin = thinned.interpolated(few.motions)
+        found = _after(few, gauss_newton.refine(problem, begin, workspace.part(0.6, 0.9)))
+    else:
+        stages = POLISHED_AT_ONCE if problem.shows_depth and not problem.doubted else REFINEMENT
+        first, found = _refined_and_searched(problem, start, workspace.part(0.0, 0.9), stages)
+        if stages is POLISHED_AT_ONCE and found.motions is first.motions:
+            return found
     return _after(found, gauss_newton.refine(problem, found.motions, workspace.part(0.9, 1.0), POLISH))
 
 
-def _refined_on_few(thinned: ThinnedProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
-    """Refine and search some of the frames, and polish all; with a single view these are refined first."""
-    whole, few = thinned.whole, thinned.workspace(workspace.part(0.0, 0.6))
-    found = gauss_newton.refine(thinned.problem, thinned.of_motions(start), few.part(0.0, 0.4))
-    if pictures_find_limbs(whole):
-        found = with_limbs_regained(thinned.problem, found, few.part(0.4, 1.0))
-    stages = POLISHED_AT_ONCE if whole.shows_depth else REFINEMENT
-    begin = thinned.interpolated(found.motions)
-    found = _after(found, gauss_newton.refine(whole, begin, workspace.part(0.6, 0.9), stages))
-    if whole.shows_depth:
-        return found
-    return _after(found, gauss_newton.refine(whole, found.motions, workspace.part(0.9, 1.0), POLISH))
+def _refined_and_searched(
+    problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace, stages: Sequence[DescentStage]
+) -> tuple[SegmentSolution, SegmentSolution]:
+    """Return a refined solution, and the one that a search for limbs leads to from there."""
+    first = gauss_newton.refine(problem, start, workspace.part(0.0, 0.3), stages)
+    if not pictures_find_limbs(problem):
+        return first, first
+    return first, with_limbs_regained(problem, first, workspace.part(0.3, 1.0))
 
 
 def _after(before: SegmentSolution, found: SegmentSolution) -> SegmentSolution:

@@ -36,16 +36,19 @@ from .starts.sequential_start import follow_both_ways
 from .starts.whole_turns import with_whole_turn
 
 
-def best_of_starts(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
+def best_of_starts(
+    problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace, first: SegmentSolution | None = None
+) -> SegmentSolution:
     """Solve for the motion of all performers between their key poses, from as many starts as the images call for.
 
     All performers are solved together from the curve through the key poses; if any of several is doubted, they are
     solved further by all pixels, as those whom others hide are seen by few views. Each performer for whom the images
     still contradict that solution is then solved alone from other starts, with the motions of the others given
     (`best_of_own_starts`). Finally all are solved together again, and left and right limbs of the doubted are exchanged
-    where that is better. Parameters as in `gauss_newton.descend`.
+    where that is better. Parameters as in `gauss_newton.descend`; `first` is the solution from the curve, if it is
+    known.
     """
-    best = descend(problem, start, workspace.part(0.0, 0.2))
+    best = first or descend(problem, start, workspace.part(0.0, 0.2))
     seconds = Seconds(best.seconds)
     if problem.keypoints:
         with seconds.measure("initial solution"):
