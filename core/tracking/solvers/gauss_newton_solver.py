@@ -23,7 +23,7 @@ from dataclasses import replace
 from ...body.motion import Motion
 from ...runtime.timing import Seconds
 from . import gauss_newton
-from .descent_stages import OUTLINE_REACH, POLISH, POLISHED_AT_ONCE, REFINEMENT, RESUMED, DescentStage
+from .descent_stages import OUTLINE_REACH, POLISH, POLISHED_AT_ONCE, REFINEMENT, RESUMED, SETTLED, DescentStage
 from .equations.measurement import Workspace
 from .equations.problem import SegmentProblem, SegmentSolution
 from .gauss_newton import continued, descend, farthest_joint
@@ -41,8 +41,8 @@ def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspac
 
     Where frames follow each other closely, all of this is done on some of them, and the motion of the others is
     interpolated (`thinned_frames`); the solution then carries no evidence. If the images contradict the first solution
-    on these, all frames are tried: a fast limb may be lost for the lack of frames only. Parameters as in
-    `gauss_newton.descend`.
+    on these, all frames are tried once, as a fast limb may be lost for the lack of frames only, and other motions are
+    searched for around what these lead to. Parameters as in `gauss_newton.descend`.
     """
     thinned = ThinnedProblem.of(problem, start)
     if thinned is None:
@@ -53,6 +53,7 @@ def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspac
         whole = descend(problem, start, workspace.part(0.1, 0.2))
         if not doubted_performers(problem, start, whole):
             return _solved(problem, start, workspace.part(0.2, 1.0), first=whole)
+        first = descend(few, thinned.of_motions(whole.motions), inner.silent(), SETTLED)
     return thinned.on_all_frames(_solved(few, begin, inner, first=first))
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from ...body import part_poses
 from ...body.motion import Motion
 from ...body.smoothness_estimate import AccelerationVariances, axis_mobility
+from ...evidence.occlusion import LONG_GAP
 from ...evidence.view_frames import ViewFrames
 from ...numerics import rotations
 from ...numerics.arrays import Array, Ints
@@ -29,6 +30,8 @@ MAX_ERROR_PIXELS = 1.0
 """Largest expected error of a joint between the kept frames, in pixels: a quarter of those of the coarse stages."""
 MAX_KEPT_SHARE = 0.75
 """Share of the frames from which on it is not worth leaving out the others."""
+MIN_KEPT = LONG_GAP + 2
+"""Fewest frames that are kept: between two key poses a limb can then be out of sight for long enough to be doubted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,13 +57,15 @@ class ThinnedProblem:
 
     @classmethod
     def of(cls, whole: SegmentProblem, motions: Sequence[Motion]) -> ThinnedProblem | None:
-        """Keep some of a problem's frames, as `widest_step` allows; None if that would leave out fewer than a quarter.
+        """Keep some of a problem's frames, as `widest_step` allows; None if too few would be kept or left out.
 
         `motions`, F poses per performer, say how large the performers are in the pictures.
         """
-        every = widest_step(whole, motions)
-        frames = kept_frames(whole, every)
-        return None if len(frames) > MAX_KEPT_SHARE * whole.length else cls.at(whole, frames, every)
+        for every in range(widest_step(whole, motions), 1, -1):
+            frames = kept_frames(whole, every)
+            if MIN_KEPT <= len(frames) <= MAX_KEPT_SHARE * whole.length:
+                return cls.at(whole, frames, every)
+        return None
 
     @classmethod
     def at(cls, whole: SegmentProblem, frames: Ints, every: int) -> ThinnedProblem:
