@@ -50,10 +50,10 @@ def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspac
     few, begin, inner = thinned.problem, thinned.of_motions(start), thinned.workspace(workspace.part(0.2, 1.0))
     first = descend(few, begin, thinned.workspace(workspace.part(0.0, 0.1)))
     if problem.settings.limb_search and doubted_performers(few, begin, first):
-        whole = descend(problem, start, workspace.part(0.1, 0.2))
+        whole = _after(first, descend(problem, start, workspace.part(0.1, 0.2)))
         if not doubted_performers(problem, start, whole):
             return _solved(problem, start, workspace.part(0.2, 1.0), first=whole)
-        first = descend(few, thinned.of_motions(whole.motions), inner.silent(), SETTLED)
+        first = _after(whole, descend(few, thinned.of_motions(whole.motions), inner.silent(), SETTLED))
     return thinned.on_all_frames(_solved(few, begin, inner, first=first))
 
 

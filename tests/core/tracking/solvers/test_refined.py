@@ -15,6 +15,7 @@ from kfmocap.core.tracking.solvers import gauss_newton, gauss_newton_solver
 from kfmocap.core.tracking.solvers.descent_stages import POLISH, POLISHED_AT_ONCE, REFINEMENT, DescentStage
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
+from kfmocap.core.tracking.solvers.thinned_frames import ThinnedProblem
 from synthetic import at_rest, ends_held, figure, look_at
 
 BODY, CAMERA = figure(), look_at("front", (0.0, -3.0, 1.0))
@@ -58,3 +59,85 @@ def test_a_solution_that_nothing_contradicted_is_polished_as_it_is_refined(
     seen = tuple(ViewFrames(CAMERA, np.zeros((5, 8, 8), np.uint8), 0) for _ in range(views))
     gauss_newton_solver.refined(replace(PROBLEM, views=seen, doubted=doubted), [at_rest(BODY, 5)], Workspace())
     assert asked == made
+
+
+LONG = 33
+CLOSE = replace(PROBLEM, fps=240.0, fixed=(ends_held(BODY, LONG),))
+"""Frames that follow each other so closely that most can be left out."""
+
+
+def long_problem(doubted: tuple[int, ...] = ()) -> SegmentProblem:
+    seen = tuple(ViewFrames(CAMERA, np.zeros((LONG, 8, 8), np.uint8), 0) for _ in range(2))
+    return replace(CLOSE, views=seen, doubted=doubted)
+
+
+@pytest.mark.parametrize("doubted", [(), (0,)])
+def test_whoever_is_doubted_is_searched_for_on_few_frames_and_polished_on_all(
+    monkeypatch: pytest.MonkeyPatch, doubted: tuple[int, ...]
+) -> None:
+    asked: list[tuple[Sequence[DescentStage], bool]] = []
+    searched: list[int] = []
+
+    def descended(
+        problem: SegmentProblem,
+        start: Sequence[Motion],
+        _workspace: Workspace,
+        stages: Sequence[DescentStage] = REFINEMENT,
+    ) -> Any:
+        assert len(start[0]) == problem.length
+        asked.append((stages, problem.length == LONG))
+        return SimpleNamespace(motions=tuple(start), seconds={})
+
+    def regained(problem: SegmentProblem, found: Any, _workspace: Workspace) -> Any:
+        searched.append(problem.length)
+        return found
+
+    monkeypatch.setattr(gauss_newton, "refine", descended)
+    monkeypatch.setattr(gauss_newton_solver, "pictures_find_limbs", lambda _: True)
+    monkeypatch.setattr(gauss_newton_solver, "with_limbs_regained", regained)
+    monkeypatch.setattr(gauss_newton_solver, "continued", lambda _, after: after)
+    monkeypatch.setattr(gauss_newton_solver, "replace", lambda found, **_: found)
+    gauss_newton_solver.refined(long_problem(doubted), [at_rest(BODY, LONG)], Workspace())
+    if doubted:
+        assert asked == [(REFINEMENT, False), (REFINEMENT, True), (POLISH, True)]
+        assert searched[0] < LONG / 2
+    else:
+        assert asked == [(POLISHED_AT_ONCE, True)]
+        assert searched == [LONG]
+
+
+@pytest.mark.parametrize(
+    ("doubted_on_few", "doubted_on_all", "descents", "solved_on_all"),
+    [(False, False, [False], False), (True, False, [False, True], True), (True, True, [False, True, False], False)],
+)
+def test_all_frames_are_tried_where_the_images_contradict_what_few_of_them_lead_to(
+    monkeypatch: pytest.MonkeyPatch,
+    doubted_on_few: bool,
+    doubted_on_all: bool,
+    descents: list[bool],
+    solved_on_all: bool,
+) -> None:
+    made: list[bool] = []
+    begun: list[tuple[bool, int]] = []
+
+    def descended(problem: SegmentProblem, start: Sequence[Motion], *_: Any) -> Any:
+        made.append(problem.length == LONG)
+        return SimpleNamespace(motions=tuple(start), seconds={}, number=len(made))
+
+    def continued_from(problem: SegmentProblem, _start: Any, _workspace: Any, first: Any) -> Any:
+        begun.append((problem.length == LONG, first.number))
+        return first
+
+    monkeypatch.setattr(gauss_newton_solver, "descend", descended)
+    monkeypatch.setattr(
+        gauss_newton_solver,
+        "doubted_performers",
+        lambda problem, *_: [0] if (doubted_on_all if problem.length == LONG else doubted_on_few) else [],
+    )
+    monkeypatch.setattr(gauss_newton_solver, "best_of_starts", continued_from)
+    monkeypatch.setattr(gauss_newton_solver, "continued", lambda _, after: after)
+    monkeypatch.setattr(gauss_newton_solver, "replace", lambda found, **_: found)
+    monkeypatch.setattr(ThinnedProblem, "on_all_frames", lambda _self, few: few)
+    gauss_newton_solver.solved(long_problem(), [at_rest(BODY, LONG)], Workspace())
+    assert made == descents
+    assert begun == [(solved_on_all, len(descents))]
