@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...body import part_poses
+from ...body import Body, part_poses
 from ...body.motion import Motion
 from ...body.smoothness_estimate import AccelerationVariances, axis_mobility
 from ...evidence.occlusion import LONG_GAP
@@ -22,12 +22,17 @@ from ...evidence.view_frames import ViewFrames
 from ...numerics import rotations
 from ...numerics.arrays import Array, Ints
 from ...runtime.shared_arrays import picked_rows
+from ...shot.acceleration_prior import usual_variances
 from ...shot.keypose_spline import natural_spline
 from .equations.measurement import Workspace
 from .equations.problem import WIDEST_STEP, SegmentProblem, SegmentSolution
 
 MAX_ERROR_PIXELS = 1.0
 """Largest expected error of a joint between the kept frames, in pixels: a quarter of those of the coarse stages."""
+MIN_RATE = 20.0
+"""Fewest frames per second that are kept: the shots that judge the tracker have 24 and more. One camera far from a
+performer has pixels so large that fewer would do by them, but between them an arm moves by more than a descent reaches.
+"""
 MAX_KEPT_SHARE = 0.75
 """Share of the frames from which on it is not worth leaving out the others."""
 MIN_KEPT = LONG_GAP + 2
@@ -213,22 +218,27 @@ def _thinned(view: ViewFrames, first: int, frames: Ints, every: int) -> ViewFram
 
 def widest_step(problem: SegmentProblem, motions: Sequence[Motion]) -> int:
     """Return the largest step from frame to frame, up to `WIDEST_STEP`, with which no joint is expected to be off by
-    more than `MAX_ERROR_PIXELS` between the frames that are kept.
+    more than `MAX_ERROR_PIXELS` between the frames that are kept, and these are `MIN_RATE` per second or more.
 
     Parameters
     ----------
     problem : SegmentProblem
-        Its variances say how the performers may move between two frames.
+        Its variances say how the performers may move between two frames; they count as at least the usual ones, as
+        much of a motion may be calm.
     motions : sequence of Motion
         F poses per performer, which say how large they are in the pictures.
     """
     if not problem.views or problem.steps is not None:
         return 1
     pixel = np.mean([_pixel(view, problem, motions) for view in problem.views])
-    sway = max(_sway(problem, i, motions[i]) for i in problem.sought)
-    return max(
-        k for k in range(1, WIDEST_STEP + 1) if sway * np.sqrt(gap_variance(k)) <= MAX_ERROR_PIXELS * pixel or k == 1
+    sway = max(
+        _sway(problem.bodies[i], variances, motions[i])
+        for i in problem.sought
+        for variances in (problem.variances(i), usual_variances(problem.bodies[i], problem.fps, problem.settings))
     )
+    most = min(WIDEST_STEP, int(problem.fps / MIN_RATE))
+    fine = [k for k in range(2, most + 1) if sway * np.sqrt(gap_variance(k)) <= MAX_ERROR_PIXELS * pixel]
+    return max(fine, default=1)
 
 
 def gap_variance(every: int) -> float:
@@ -251,11 +261,10 @@ def _pixel(view: ViewFrames, problem: SegmentProblem, motions: Sequence[Motion])
     return 1 / view.pixels_per_metre(there, problem.first)
 
 
-def _sway(problem: SegmentProblem, performer: int, motion: Motion) -> float:
+def _sway(body: Body, variances: Array, motion: Motion) -> float:
     """Return the standard deviation of the second differences of the place of the fastest joint along an axis, metres
     per frame squared: of the root's place, and of the turns of all joints before it.
     """
-    body, variances = problem.bodies[performer], problem.variances(performer)
     mobile = (axis_mobility(body)[3:].reshape(-1, 3) ** 2).mean(axis=1)
     joints = part_poses(body, motion[:1])[1][0]
     squares = np.full(len(body), variances[0])

@@ -91,6 +91,18 @@ def test_the_step_follows_from_the_frame_rate_and_from_how_fast_joints_are() -> 
     assert widest_step(fast, motion) < WIDEST_STEP
 
 
+def test_what_was_estimated_can_make_a_step_shorter_but_not_longer() -> None:
+    motion = [swing(BODY, LENGTH, 0.3)]
+    whole = problem(60.0)
+    usual = widest_step(whole, motion)
+    assert usual > 1
+    steps = [
+        widest_step(replace(whole, typical_variances=(factor**2 * whole.variances(0),)), motion)
+        for factor in (0.1, 1.0, 30.0)
+    ]
+    assert steps[0] == steps[1] == usual > steps[2]
+
+
 def test_where_frames_are_far_apart_in_time_all_are_solved() -> None:
     assert ThinnedProblem.of(problem(15.0), [swing(BODY, LENGTH, 0.3)]) is None
 
@@ -141,7 +153,7 @@ def test_few_frames_lead_to_the_motion_of_all_and_keys_stay_exact() -> None:
     motion = swing(BODY, length, 0.3)
     uniform = motion[:1].difference(motion[-1:])[0] / (length - 1)
     start = [stacked([*(motion[:1].moved(j * uniform[None]) for j in range(length - 1)), motion[-1:]])]
-    whole = problem(40.0, length=length, views=filmed(motion), fixed=(ends_held(BODY, length),))
+    whole = problem(60.0, length=length, views=filmed(motion), fixed=(ends_held(BODY, length),))
     assert ThinnedProblem.of(whole, start) is not None
     reported: list[int] = []
     workspace = Workspace(on_step=lambda _done, motions: reported.append(len(motions[0])))
