@@ -53,12 +53,13 @@ def _members(armature: bpy.types.Object) -> list[bpy.types.Object]:
 
 
 def _move_keys(armature: bpy.types.Object, bone: str, factor: float, shift: list[float]) -> None:
-    """Multiply the keys of a bone's location, and add a shift, by axis."""
-    bag = fcurves.find_channelbag(armature)
+    """Multiply the keys of a bone's location, and what it shows of them, and add a shift, by axis."""
+    bag, shown = fcurves.find_channelbag(armature), armature.pose.bones[bone].location
     for axis in range(3):
         curve = None if bag is None else bag.fcurves.find(fcurves.bone_path(bone, "location"), index=axis)
         if curve is None:
             continue
+        shown[axis] = factor * shown[axis] + shift[axis]
         for key in curve.keyframe_points:
             sides = key.handle_left.y, key.handle_right.y
             key.co.y = factor * key.co.y + shift[axis]

@@ -495,6 +495,7 @@ def test_a_skinned_character_gets_another_height_as_a_whole_with_its_key_poses_i
     assert {bone.name: tuple(bone.head_local) for bone in armature.data.bones} == rest
     assert [mesh.matrix_world.median_scale for mesh in meshes] == pytest.approx([0.5 * size for size in sizes])
     assert floor_of(armature) == pytest.approx(sole, abs=1e-5)
+    assert np.allclose(armature.matrix_world @ hips.head, place, atol=1e-5)
     bpy.context.scene.frame_set(1)
     assert np.allclose(armature.matrix_world @ hips.head, place, atol=1e-5)
 
