@@ -53,8 +53,9 @@ UNIFORM_DRAWS = 60
 """Poses of the first round that are drawn from the whole range of the joints; each is the best of `CANDIDATES_PER_DRAW`
 draws, judged by a few points."""
 CANDIDATES_PER_DRAW = 64
-ERROR_RATE = 3.0
-"""Usual rate of change of the error of a joint with a range of half a circle, rad/s: half the speed of the joint."""
+ERROR_RATE = 5.0
+"""Usual rate of change of the error of a joint with a range of half a circle, rad/s: half the speed of a joint that
+moves fast, as where nothing moves fast the curve through the key poses is right."""
 HELD_SIGMA = 0.1
 """Standard deviation, radians, of the departure of a limb that is clearly seen where it is."""
 MIN_SEEN_SHARE = 0.1
