@@ -72,9 +72,20 @@ class ViewRatios:
     stride: int = MAX_STRIDE
 
     @classmethod
-    def of(cls, view: ViewFrames, problem: SegmentProblem, performer: int, motions: Sequence[Motion]) -> ViewRatios:
-        """Collect what a view shows of a performer on the frames of a problem; the others are posed as in `motions`."""
-        stride = search_stride(view, problem, performer, motions)
+    def of(
+        cls,
+        view: ViewFrames,
+        problem: SegmentProblem,
+        performer: int,
+        motions: Sequence[Motion],
+        stride: int | None = None,
+    ) -> ViewRatios:
+        """Collect what a view shows of a performer on the frames of a problem; the others are posed as in `motions`.
+
+        `stride` is by default that of the search.
+        """
+        if stride is None:
+            stride = search_stride(view, problem, performer, motions)
         foreground = view.foreground_at(problem.first, problem.length, stride)[performer]
         coloured = view.part_colours(problem.first, problem.length, stride)
         camera, still = view.camera.subsampled(stride), None

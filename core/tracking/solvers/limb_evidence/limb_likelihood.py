@@ -20,7 +20,7 @@ from ....evidence.view_frames import views_with_foreground
 from ....numerics import rotations
 from ....numerics.arrays import Array
 from ..equations.problem import SegmentProblem
-from .limb_images import EMPTY_DEPTH, PartPoses, UncoveredImages, ViewRatios, depth_steps, shown_areas
+from .limb_images import EMPTY_DEPTH, MAX_STRIDE, PartPoses, UncoveredImages, ViewRatios, depth_steps, shown_areas
 from .raised_shoulder import RaisedShoulder
 
 LimbOfPerformer = tuple[int, list[int]]
@@ -136,7 +136,8 @@ def support_of_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> Iter
     geometry, poses = problem.geometry(), scene_poses(problem.bodies, motions)
     for i in problem.sought if views else ():
         alone = problem.alone(i)
-        ratios = [ViewRatios.of(view, alone, i, motions) for view in views]
+        # Finding a limb takes finer pixels than telling that it is not where it was found.
+        ratios = [ViewRatios.of(view, alone, i, motions, MAX_STRIDE) for view in views]
         labels = [view.labels(geometry, poses) for view in ratios]
         depths = [depth_steps(each) for each in labels]
         for chain in limbs(problem.bodies[i]):
