@@ -124,7 +124,7 @@ class KeypointFactor:
     habit: tuple[Array, Array] | None = None
     imagined: Keypoints | None = None
 
-    def __getitem__(self, frames: slice) -> KeypointFactor:
+    def __getitem__(self, frames: slice | Ints) -> KeypointFactor:
         """Return the evidence of some of the frames."""
         agreed = None if self.agreed is None else self.agreed[:, frames]
         habit = None if self.habit is None else (self.habit[0][frames], self.habit[1])
@@ -133,17 +133,7 @@ class KeypointFactor:
 
     def on_frames(self, frames: Ints, every: int) -> KeypointFactor:
         """Return the evidence of some of the frames, which usually are `every` frames apart."""
-        agreed = None if self.agreed is None else self.agreed[:, frames]
-        habit = None if self.habit is None else (self.habit[0][frames], self.habit[1])
-        imagined = None if self.imagined is None else self.imagined[frames]
-        return replace(
-            self,
-            keypoints=self.keypoints[frames],
-            agreed=agreed,
-            habit=habit,
-            imagined=imagined,
-            correlated=max(self.correlated / every, 1.0),
-        )
+        return replace(self[frames], correlated=max(self.correlated / every, 1.0))
 
     def of_views(self, views: list[int]) -> KeypointFactor:
         """Return the evidence of some of the views."""

@@ -127,11 +127,10 @@ class ThinnedProblem:
 
         def between(values: Array, axis: int) -> Array:
             rows = np.moveaxis(values, axis, 0)
-            last = np.clip(np.searchsorted(self.frames, every, side="right") - 1, 0, len(self.frames) - 2)
-            share = ((every - self.frames[last]) / np.diff(self.frames)[last]).reshape(-1, *(1,) * (rows.ndim - 1))
-            return np.asarray(np.moveaxis((1 - share) * rows[last] + share * rows[last + 1], 0, axis))
+            part = share.reshape(-1, *(1,) * (rows.ndim - 1))
+            return np.asarray(np.moveaxis((1 - part) * rows[last] + part * rows[last + 1], 0, axis))
 
-        every = np.arange(self.whole.length)
+        last, share = _places_between(self.frames, self.whole.length)
         return replace(
             few,
             motions=tuple(self.interpolated(few.motions)),
@@ -179,8 +178,7 @@ def interpolated(motion: Motion, frames: Ints, length: int) -> Motion:
     all of its turns departs from straight lines.
     """
     K, every = len(frames), np.arange(length)
-    last = np.clip(np.searchsorted(frames, every, side="right") - 1, 0, K - 2)
-    share = (every - frames[last]) / np.diff(frames)[last]
+    last, share = _places_between(frames, length)
     Q, T = motion.rotations, motion.translations
     turns = rotations.log(np.swapaxes(Q[:-1], -1, -2) @ Q[1:])
     steps = np.concatenate([np.diff(T, axis=0)[:, None], turns], axis=1).reshape(K - 1, -1)
@@ -193,6 +191,15 @@ def interpolated(motion: Motion, frames: Ints, length: int) -> Motion:
     T[inside], Q[inside] = moved.translations, moved.rotations
     T[length - 1], Q[length - 1] = motion.translations[-1], motion.rotations[-1]
     return Motion(T, Q)
+
+
+def _places_between(frames: Ints, length: int) -> tuple[Ints, Array]:
+    """Return, for each of F frames, the index of the kept one at or before it, and how far it is on the way to the next
+    kept one, 0 to 1.
+    """
+    every = np.arange(length)
+    last = np.clip(np.searchsorted(frames, every, side="right") - 1, 0, len(frames) - 2)
+    return last, (every - frames[last]) / np.diff(frames)[last]
 
 
 def _thinned(view: ViewFrames, first: int, frames: Ints, every: int) -> ViewFrames:
