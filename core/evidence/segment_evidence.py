@@ -70,10 +70,12 @@ class SegmentEvidence:
         """Weight of a sampled pixel if all pixels within a square of side `correlation_length`, metres, count as one
         observation, shape (V,).
 
-        Weighted sums over pixels then depend neither on the size of the footage nor on the stride. Where parts have
+        Weighted sums over pixels then depend neither on the size of the footage nor on the stride. Pairs of frames on
+        which a view sees nobody say nothing of how dense its pixels are. Where parts have
         noise and changes of brightness of their own, neighbouring pixels have less in common (`BY_PART_SHARE`).
         """
-        density = np.maximum(np.median(self.gradients.density, axis=1), 1.0)
+        dense = [own[own > 0] for own in self.gradients.density]
+        density = np.array([max(float(np.median(own)), 1.0) if len(own) else 1.0 for own in dense])
         count = BY_PART_SHARE if self.sampling.by_part else 1.0
         return np.asarray(count * self.sampling.stride**2 / (density * correlation_length**2))
 

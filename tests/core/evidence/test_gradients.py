@@ -523,3 +523,12 @@ def test_residuals_are_as_likely_as_normal_ones_and_no_single_one_less_likely_th
     np.testing.assert_allclose(near[0] - near[1:], [0.125, 0.5, 1.125], rtol=0.01)
     near, far, farther = log_likelihoods(np.array([0.0, 0.3, 0.9]), sigma[:3])
     assert far == pytest.approx(farther) and 5 < near - far < 8
+
+
+def test_pixels_of_a_view_that_sees_somebody_only_in_the_end_count_as_those_of_one_that_always_does() -> None:
+    motion, views = two_frames()
+    away = motion[[0]].moved(np.eye(1, BODY.dof, 1) * -100.0)
+    late = stacked([away] * 5 + [motion])
+    views = [replace(view, grey=view.grey[[0] * 5 + [0, 1]]) for view in views]
+    shares = [evidence_of(views, m).pixel_share(0.01) for m in (late, late[[5, 5, 5, 5, 5, 5, 6]])]
+    np.testing.assert_allclose(shares[0], shares[1], rtol=0.02)
