@@ -19,7 +19,7 @@ from ..cli.example_footage import example_folder
 from ..cli.services import BenchmarkRequest
 from ..core.errors import FootageError, KFMocapError
 from ..core.runtime.files import check_writable, replacing, staged
-from ..core.shot.shot import Settings
+from ..core.shot.settings import Settings
 from . import tables
 from .corrections import measure_corrections
 from .rows import CONVERGENCE, ROWS, Case, cases

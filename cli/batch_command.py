@@ -14,6 +14,7 @@ from ..core.errors import InputError, KFMocapError, ShotError, WorkerEndedError
 from ..core.runtime.files import check_writable
 from ..core.runtime.job import Job
 from ..core.runtime.threads import worker_count
+from ..core.shot.settings import check_solver
 from .batch_display import BatchDisplay
 from .batch_outcome import ShotOutcome, ShotState, outcomes
 from .batch_selection import BatchShot, chosen_shots
@@ -48,6 +49,8 @@ def run(args: argparse.Namespace, services: Services) -> int:
 def _options(args: argparse.Namespace, services: Services) -> BatchOptions:
     if args.jobs is not None and args.jobs < 1:
         raise ShotError(f"it is {args.jobs}", where="--jobs", todo="give 1 or more")
+    if args.solver is not None:
+        check_solver(args.solver, where="--solver")
     if services.in_blender and not args.no_blender:
         todo = "leave them out with --no-blender, or run the program outside Blender"
         raise ShotError("the processes of a batch cannot write Blender's files from inside it", todo=todo)

@@ -54,9 +54,9 @@ class CamerasFile:
 def run(args: argparse.Namespace, _services: Services) -> int:
     """Run the command; returns the exit code."""
     out = CamerasFile(args.out, args.format)
+    if args.lenses is not None and args.performer is None:
+        raise KFMocapError("--lenses applies to --performer only", where="kfmocap calibrate", todo="leave it out")
     if args.wand is not None:
-        if args.lenses is not None:
-            raise KFMocapError("--lenses applies to --performer only", where="kfmocap calibrate", todo="leave it out")
         with progress_bar() as progress:
             solution, files = run_calibrate(
                 args.wand, out, report=args.report, points=args.points, progress=progress, drift=args.drift

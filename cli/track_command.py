@@ -17,7 +17,7 @@ from typing import Any, Literal
 from ..core.body import landmark_positions
 from ..core.body.unknown_parts import known_landmarks
 from ..core.cameras.camera import Camera
-from ..core.errors import InputError, ShotError, located
+from ..core.errors import InputError, ShotError
 from ..core.fitting.camera_refinement import Refinement
 from ..core.fitting.shot_cameras import (
     camera_fits,
@@ -44,6 +44,7 @@ from ..core.runtime.threads import worker_count
 from ..core.runtime.timing import Seconds
 from ..core.runtime.worker_memory import WorkerMemory
 from ..core.runtime.worker_pool import WorkerPool
+from ..core.shot.settings import check_threads
 from ..core.shot.shot import Gap, Shot
 from ..core.shot.shot_spec import ShotSpec, result_names
 from ..core.tracking.journal import Journal, journal_beside
@@ -67,6 +68,8 @@ OVERLAY = "overlay.png"
 def run(args: argparse.Namespace, services: Services) -> int:
     """Run the command; returns the exit code."""
     check_writable(args.out)
+    if args.threads is not None:
+        check_threads(args.threads, where="--threads")
     with closing(services.workers or WorkerMemory(limit=0)) as memory:
         if args.shot is not None:
             spec = _spec(args)
@@ -279,8 +282,7 @@ def _shot(args: argparse.Namespace, services: Services, cameras: Mapping[str, Ca
         raise ShotError("no shot file is named", where="kfmocap track", todo="kfmocap track SHOT.toml --out DIR")
     if args.threads is None:
         return shot
-    with located("--threads"):
-        return replace(shot, settings=replace(shot.settings, threads=args.threads))
+    return replace(shot, settings=replace(shot.settings, threads=args.threads))
 
 
 def _spec(args: argparse.Namespace) -> ShotSpec:

@@ -17,7 +17,7 @@ from ..body.kinematics import scene_poses
 from ..body.motion import Motion
 from ..numerics.arrays import Array, Bools
 from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
-from ..shot.shot import MAX_OFFSET
+from ..shot.settings import MAX_OFFSET
 from .outline_evidence.outline_lines import KEY_FRAME_PIECE
 from .part_shapes import ShapeEquations, compose, shape_equations
 from .rendering.part_geometry import Geometry
@@ -32,7 +32,7 @@ ITERATIONS = 2
 
 @dataclass(frozen=True)
 class Offset:
-    """An offset of the footage, frames (see `core.shot.shot.Settings`), and its inverse variance as measured."""
+    """An offset of the footage, frames (see `core.shot.settings.Settings`), and its inverse variance as measured."""
 
     value: float = 0.0
     precision: float = 0.0

@@ -12,7 +12,8 @@ from typing import Any, get_args, get_type_hints
 from ..cameras.world_axes import AXES, METRES, FileWorld
 from ..errors import ShotError, located
 from ..shot.holds import Hold, check_names
-from ..shot.shot import FIELD_ORDERS, Gap, Settings
+from ..shot.settings import Settings
+from ..shot.shot import FIELD_ORDERS, Gap
 from ..shot.shot_spec import (
     KeyFrames,
     PerformerSpec,
@@ -83,7 +84,7 @@ def _frames(head: Table) -> tuple[int, int]:
 
 
 def _tables(document: Table, key: str, path: Path, keys: Sequence[str], *, least: int = 1) -> list[Table]:
-    values = document.value(key) if least else document.value(key, [])
+    values = document.value(key, [])
     if not isinstance(values, list) or len(values) < least:
         raise ShotError(f"there must be at least one [[{key}]]", where=str(path))
     return [Table(v, f"{path} [[{key}]] {i}", keys) for i, v in enumerate(values, 1)]

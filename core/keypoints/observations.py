@@ -17,7 +17,8 @@ from ..shot.acceleration_prior import acceleration_precision, variances_from_key
 from ..shot.detections import Detections
 from ..shot.frame_numbers import footage_delay, shot_frames
 from ..shot.keypose_spline import spline
-from ..shot.shot import Performer, Settings, Shot, View
+from ..shot.settings import Settings
+from ..shot.shot import Performer, Shot, View
 from .association.assignment import NOT_LOOKED_FOR, Identity, PerformerClues, assign_detections
 from .association.tracks import ViewDetections
 from .keypoint_factor import KeypointFactor

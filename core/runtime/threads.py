@@ -21,7 +21,7 @@ def worker_count(threads: int | None = None) -> int:
     Parameters
     ----------
     threads : int, optional
-        The user's setting (`core.shot.shot.Settings.threads`); by default one per core available to this process.
+        The user's setting (`core.shot.settings.Settings.threads`); by default one per core available to this process.
     """
     if threads is not None:
         return threads

@@ -7,7 +7,8 @@ import numpy as np
 from ..body import Body
 from ..body.smoothness_estimate import POOLING_COUNT, axis_mobility, precision_of
 from ..numerics.arrays import Array, Bools
-from .shot import KeyPoses, Settings
+from .settings import Settings
+from .shot import KeyPoses
 
 USUAL_JOINT = 30.0
 """Typical angular acceleration of a joint in calm movement, rad/s^2; used if nothing is known of the shot."""

@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..numerics.arrays import Bools, Ints
-from .shot import MAX_OFFSET, Gap, Settings, View
+from .settings import MAX_OFFSET, Settings
+from .shot import Gap, View
 
 FIRST_PARITY = {"top-first": 0, "bottom-first": 1}
 """Parity of the lines that belong to the first field."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from .image_sizes import JPEG, PNG, breaks_off, image_size, is_out_of_proportion
 Image = NDArray[Any]
 
 IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
+_FILM_SUFFIXES = {".exr", ".dpx", ".cin"}  # images of film and rendering, which must be converted
 PATTERNS = "a video, or a pattern of images such as frame_%04d.png, frame_####.png or frame_*.png"
 _FRAME_NUMBER = re.compile(r"\d+(?=\D*$)")  # in a name without suffix: its last number
 _MAX_NAME_BYTES = 255  # of a file, in bytes, on the file systems in use
@@ -42,13 +43,13 @@ def image_files(path: Path) -> dict[int, Path] | None:
         shown = f"{str(path)[:60]!r}"
         raise FootageError("no file can have this name", where=shown, todo=f"name {PATTERNS}")
     if _is_file(path):
-        return {0: path} if path.suffix.lower() in IMAGE_SUFFIXES else None
+        return {0: path} if path.suffix.lower() in IMAGE_SUFFIXES | _FILM_SUFFIXES else None
     number = re.search(r"%0?(\d*)d|#+", path.name)
     if number is None and "*" not in path.name:
         return None
     files = _numbered(path, number) if number is not None else _globbed(path)
     if not files:
-        raise FootageError("no image fits this pattern", where=str(path))
+        raise FootageError("no image fits this pattern", where=str(path), todo=_other_pattern(path))
     return files
 
 
@@ -66,7 +67,7 @@ def named_footage(path: Path) -> Path:
             return path
     except OSError:  # a name that is too long, or a folder around it that may not be entered: whoever reads it says so
         return path
-    patterns = _patterns_in(path)
+    patterns = _patterns_in(path, IMAGE_SUFFIXES) or _patterns_in(path, _FILM_SUFFIXES)
     if len(patterns) == 1:
         return path / patterns[0]
     if not patterns:
@@ -75,11 +76,19 @@ def named_footage(path: Path) -> Path:
     raise FootageError(what, where=str(path), todo=f"name one of them, as {path.name}/{patterns[0]}")
 
 
-def _patterns_in(folder: Path) -> list[str]:
-    """Return a pattern for each sequence of numbered images in a folder, such as a_####.png, and the other images."""
+def _other_pattern(path: Path) -> str:
+    """Return what to name instead of a pattern that no image fits."""
+    found = _patterns_in(path.parent, IMAGE_SUFFIXES | _FILM_SUFFIXES)
+    return f"in its folder are {listed(found, _SHOWN_SEQUENCES)}" if found else "there are no images in its folder"
+
+
+def _patterns_in(folder: Path, suffixes: Collection[str]) -> list[str]:
+    """Return a pattern for each sequence of numbered images in a folder, such as a_####.png, and the other images,
+    by the endings of their names.
+    """
     digits: dict[tuple[str, str], int] = {}
     for file in _listed(folder):
-        if file.suffix.lower() in IMAGE_SUFFIXES and not file.name.startswith("."):
+        if file.suffix.lower() in suffixes and not file.name.startswith("."):
             number = _FRAME_NUMBER.search(file.stem)
             around = (file.name, "") if number is None else (file.stem[: number.start()], file.name[number.end() :])
             digits[around] = min(digits.get(around, _MAX_DIGITS), 0 if number is None else len(number[0]))
@@ -161,14 +170,16 @@ def read_image(path: Path) -> Image:
     if image is None:
         known = ", ".join(sorted(suffix[1:] for suffix in IMAGE_SUFFIXES))
         todo = f"write it again, or convert the sequence to one of {known} with 8 bits a channel"
-        if path.suffix.lower() == ".exr":
-            todo = f"convert the sequence, as with: {_exr_converted(path)}"
-        raise FootageError("the image cannot be read", where=str(path), todo=todo)
+        what, kind = "the image cannot be read", path.suffix.lower()
+        if kind in _FILM_SUFFIXES:
+            what = f"{kind[1:].upper()} images cannot be read"
+            todo = f"convert the sequence, as with: {_converted(path)}"
+        raise FootageError(what, where=str(path), todo=todo)
     return np.asarray(image)
 
 
-def _exr_converted(path: Path) -> str:
-    """Return the command that converts a sequence of linear EXR images to PNG, brighter as for a screen.
+def _converted(path: Path) -> str:
+    """Return the command that converts a sequence of images to PNG; linear ones, EXR, become brighter as for a screen.
 
     It is not left to OpenCV: a damaged EXR of 10 kB takes its decoder 20 seconds and gigabytes, or makes it crash.
     """
@@ -177,9 +188,8 @@ def _exr_converted(path: Path) -> str:
         pattern = f"{pattern[: number.start()]}%0{len(number[0])}d{pattern[number.end() :]}"
         start = f"-start_number {int(number[0])} "
     curve = ":".join(f"{channel}=gammaval(0.45)" for channel in "rgb")
-    return (
-        f'ffmpeg {start}-i {pattern}{path.suffix} -vf "format=rgb48,lutrgb={curve}" -pix_fmt rgb24 {start}{pattern}.png'
-    )
+    brighter = f'-vf "format=rgb48,lutrgb={curve}" ' if path.suffix.lower() == ".exr" else ""
+    return f"ffmpeg {start}-i {pattern}{path.suffix} {brighter}-pix_fmt rgb24 {start}{pattern}.png"
 
 
 def check_images(path: Path, files: Mapping[int, Path], frames: range, size: tuple[int, int]) -> None:
@@ -204,7 +214,8 @@ def check_images(path: Path, files: Mapping[int, Path], frames: range, size: tup
     needed = sorted(number for number in files if number in frames)
     if gaps := _gaps(needed, frames):
         what = f"images are missing in the sequence: frames {listed(gaps, _MAX_SHOWN_GAPS)}, counted from 0"
-        raise FootageError(what, where=str(path))
+        todo = "write or copy these images again, or track frames without them"
+        raise FootageError(what, where=str(path), todo=todo)
     first = _stored_size(files[min(files)])
     for number in needed:
         stored = _stored_size(files[number])
@@ -222,7 +233,8 @@ def check_size(path: Path, image: Image, size: tuple[int, int]) -> None:
     """
     height, width = image.shape[:2]
     if (width, height) != size:
-        raise FootageError(f"the image is {width}x{height}, not {size[0]}x{size[1]}", where=str(path))
+        what = f"the image is {width}x{height}, not {size[0]}x{size[1]}"
+        raise FootageError(what, where=str(path), todo="write it again at the size of the sequence's first image")
 
 
 def _gaps(present: Iterable[int], wanted: range) -> list[str]:

@@ -11,7 +11,8 @@ from typing import Literal
 from ..cameras.world_axes import FileWorld
 from ..errors import ShotError
 from .holds import Hold
-from .shot import Gap, Settings
+from .settings import Settings, check_solver
+from .shot import Gap
 
 KeyFrames = tuple[int, ...] | Literal["auto"]
 """Increasing frame numbers of the footage, or "auto" to choose key frames from 2D keypoints."""
@@ -160,6 +161,7 @@ class ShotSpec:
             )
             spec = replace(spec, performers=tuple(replace(p, keyframes=keys) for p in self.performers))
         if solver is not None:
+            check_solver(solver, where="--solver")
             spec = replace(spec, settings=replace(self.settings, solver=solver))
         return spec
 

@@ -69,7 +69,7 @@ def frames_with_foreground(
     keys : PosedFrames
         Shot frames, among these, that show performers in known poses.
     footage_offset : float
-        See `core.shot.shot.Settings`.
+        See `core.shot.settings.Settings`.
     fps : float
     store : PictureStore, optional
         Where the pictures are kept; by default in memory.

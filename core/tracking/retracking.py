@@ -41,7 +41,7 @@ class Excerpt:
     around : tuple of (tuple of Motion or None)
         The poses before and after these frames, see `tracker.track`.
     footage_offset : float, optional
-        Offset as measured on the rest of the shot, see `core.shot.shot.Settings`; None: it is measured on the excerpt.
+        Offset as measured on the rest of the shot, see `core.shot.settings.Settings`; None: measured on the excerpt.
     earlier : tuple of Motion
         Per performer: the motion on these frames as it was tracked before, to start from; empty to start anew.
     """

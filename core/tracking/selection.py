@@ -10,6 +10,7 @@ import numpy as np
 
 from ..body.motion import Motion
 from ..errors import ShotError
+from ..shot.settings import check_solver
 from ..shot.shot import KeyPoses, Performer, Shot
 from ..shot.shot_spec import check_cameras
 from .prepare import with_proposed_keys
@@ -58,6 +59,7 @@ def selected(
         performers = tuple(_at(performer, keyframes, shot.frames[0]) for performer in shot.performers)
         shot = replace(shot, performers=performers)
     if solver is not None:
+        check_solver(solver, where="--solver")
         shot = replace(shot, settings=replace(shot.settings, solver=solver))
     return shot
 

@@ -19,7 +19,8 @@ from ..numerics.arrays import Array
 from ..runtime.worker_pool import WorkerPool
 from ..shot.carried_motion import with_keys
 from ..shot.grips import completed
-from ..shot.shot import Performer, Settings, Shot
+from ..shot.settings import Settings
+from ..shot.shot import Performer, Shot
 from .run_context import RunContext, SolvedShot
 from .schedule import Observer
 from .segment_stages import Around

@@ -72,7 +72,7 @@ class TrackResult:
         was held, or the frame is beside one on which it was, and it hardly moves between them. None if plants were
         not tested: with one view, with `plants` switched off, or for a body without feet.
     footage_offset : float
-        How much later than on their frames the footage shows the key poses, frames; see `core.shot.shot.Settings`.
+        How much later than on their frames the footage shows the key poses, frames; see `core.shot.settings.Settings`.
     torn : tuple of tuple of int
         Per view: frames, counted from the shot's first, that do not continue the frame before; see
         `core.shot.footage_faults.continuity`.

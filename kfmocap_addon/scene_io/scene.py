@@ -17,7 +17,8 @@ import bpy
 from ...core.body.motion import Motion
 from ...core.errors import ShotError
 from ...core.shot.keypose_spline import spline
-from ...core.shot.shot import Performer, Settings, Shot
+from ...core.shot.settings import Settings
+from ...core.shot.shot import Performer, Shot
 from . import active_performer, lossless, prop_holds
 from .body import body_armature, shown_model
 from .body.sides import PERFORMERS

@@ -9,7 +9,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import keys_of  # noqa: E402
-from kfmocap.core.shot.shot import Settings  # noqa: E402
+from kfmocap.core.shot.settings import Settings  # noqa: E402
 from kfmocap.core.tracking.journal import Journal  # noqa: E402
 from kfmocap.kfmocap_addon.panels import track_panel  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene, unfinished_tracking  # noqa: E402

@@ -18,7 +18,8 @@ from kfmocap.core.body import human
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.choices import SOLVERS
 from kfmocap.core.errors import FootageError
-from kfmocap.core.shot.shot import KeyPoses, Performer, Settings
+from kfmocap.core.shot.settings import Settings
+from kfmocap.core.shot.shot import KeyPoses, Performer
 from short_walk import short_walk
 
 WALK = ROOT / "examples" / "walk"

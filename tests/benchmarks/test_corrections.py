@@ -7,7 +7,8 @@ import pytest
 from kfmocap.benchmarks import corrections
 from kfmocap.benchmarks.corrections import MOVED, TURNED, Correction
 from kfmocap.core.body import human
-from kfmocap.core.shot.shot import KeyPoses, Performer, Settings, Shot
+from kfmocap.core.shot.settings import Settings
+from kfmocap.core.shot.shot import KeyPoses, Performer, Shot
 from synthetic import random_motion
 
 BODY, KEYS = human(1.75), [0, 4, 7, 9]

@@ -27,7 +27,12 @@ BAD_INPUT = [
         ["'cam01' footage", "broken.mp4", "cannot be read"],
     ),
     ("footage of another size", '"footage_%02d.png"', '"small.png"', ["small.png", "20x10", "96x72"]),
-    ("too few frames", "frames = [0, 5]", "frames = [0, 50]", ["footage_%02d.png", "only 6 frames", "cam01"]),
+    (
+        "too few frames",
+        "frames = [0, 5]",
+        "frames = [0, 50]",
+        ["%02d.png", "cam01", "only 6 frames", "track frames 0 to 5"],
+    ),
     (
         "camera that matches nothing",
         'camera = "cam01"',
@@ -90,7 +95,8 @@ def test_the_libraries_below_add_nothing_to_the_message(folder: Path) -> None:
         (["--keyframes", "0,9"], ["--keyframes", "key frame 9", "0 to 5"]),
         (["--keyframes", "0,x"], ["--keyframes", "'0,x'"]),
         (["--keyframes", "auto"], ["[[performer]] 1", "nothing to take the key poses from"]),
-        (["--solver", "magic"], ["solver", "'magic'", "gauss-newton"]),
+        (["--solver", "magic"], ["error: --solver: unknown solver 'magic'", "gauss-newton"]),
+        (["--threads", "0"], ["error: --threads: it is 0"]),
     ],
 )
 def test_bad_arguments_are_one_line_and_change_nothing(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from kfmocap.core.choices import SOLVERS
-from kfmocap.core.shot.shot import Settings
+from kfmocap.core.shot.settings import Settings
 from kfmocap.core.tracking.solvers.registry import REGISTRY
 
 

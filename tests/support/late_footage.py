@@ -7,7 +7,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from kfmocap.core.shot.shot import Settings, Shot, View
+from kfmocap.core.shot.settings import Settings
+from kfmocap.core.shot.shot import Shot, View
 from synthetic import figure, look_at, picture, poses_of, shot_of, swing
 
 BODY, LENGTH, PLACE = figure(), 19, 12

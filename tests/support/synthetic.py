@@ -15,7 +15,8 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
-from kfmocap.core.shot.shot import KeyPoses, Performer, Settings, Shot, View
+from kfmocap.core.shot.settings import Settings
+from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
 
 Array = np.ndarray
 Poses = tuple[Array, Array]

@@ -16,7 +16,7 @@ from conftest import ROOT
 from kfmocap.cli import arguments
 from kfmocap.core.formats import load_cameras, read_trc
 from kfmocap.core.review.scoring import joint_error
-from kfmocap.core.shot.shot import Settings
+from kfmocap.core.shot.settings import Settings
 from kfmocap.core.tracking.prepare import load_shot
 from short_walk import short_walk
 

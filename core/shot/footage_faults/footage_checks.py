@@ -161,12 +161,22 @@ def _check_range(view: View, footage: Footage, first: int, length: int, fps: flo
     asked = f"the shot's frames {first} to {last} with offset {offset:g}{every} are its {unit} {start} to {end}"
     where = _named(view)
     if start < 0:
-        raise FootageError(f"the shot begins before the footage: {asked}", where=where)
+        todo = _fitting_frames(view, range(first, last + 1), range(end + 1))
+        raise FootageError(f"the shot begins before the footage: {asked}", where=where, todo=todo)
     count, images = stored_frames(view, footage, end + 1), image_files(view.footage)
     if end >= count and _end_by_times(view, footage, first + length - 1, fps) >= count:
-        raise FootageError(f"the footage has only {count} {unit}: {asked}", where=where)
+        todo = _fitting_frames(view, range(first, last + 1), range(count))
+        raise FootageError(f"the footage has only {count} {unit}: {asked}", where=where, todo=todo)
     if images is not None:
         check_images(view.footage, images, range(start // each, end // each + 1), footage.size)
+
+
+def _fitting_frames(view: View, frames: range, stored: range) -> str:
+    """Return what to do about a shot with frames, not all of which a view's footage has."""
+    fitting = [frame for frame in frames if footage_index(view, frame) in stored]
+    if not fitting:
+        return "correct the view's offset"
+    return f"track frames {fitting[0]} to {fitting[-1]}, or correct the view's offset"
 
 
 def _end_by_times(view: View, footage: Footage, last: int, fps: float | None) -> int:

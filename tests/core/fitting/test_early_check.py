@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 from kfmocap.core.fitting.shot_cameras import EARLY_KEYS, EARLY_MISFITS, early_frames, early_misfits, track_and_check
-from kfmocap.core.shot.shot import Settings, Shot
+from kfmocap.core.shot.settings import Settings
+from kfmocap.core.shot.shot import Shot
 from kfmocap.core.tracking.retracking import Excerpt
 from kfmocap.core.tracking.run_context import FirstPictures, RunContext
 from kfmocap.core.tracking.tracker import track

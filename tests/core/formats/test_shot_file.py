@@ -287,7 +287,7 @@ BAD = [
     ('landmarks = "landmarks.trc"', 'landmarks = "no.trc"', r"1 landmarks: .*no\.trc: .*cannot be read"),
     ('landmarks = "landmarks.trc"', 'landmarks = ""', r"1 landmarks: must be a text"),
     ('name = "man"', 'name = "man"\nheight = 30.0', r"\[\[performer\]\] 1: a height of 30"),
-    (TEXT[TEXT.index("[[performer]]") : TEXT.index("[track]")], "", "'performer' is missing"),
+    (TEXT[TEXT.index("[[performer]]") : TEXT.index("[track]")], "", r"at least one \[\[performer\]\]"),
     ('name = "walk"', f'name = "{"w" * 101}"', r"\[shot\] name: 'w+\.\.\.' is too long"),
     ("[track]", '[[performer]]\nname = "a:b"\n[track]', r"\[\[performer\]\] name: 'a:b' cannot be a file's name"),
     ("[track]", '[[performer]]\nname = "Man"\n[track]', "'Man' and 'man' differ in capitals alone"),
@@ -374,7 +374,7 @@ def test_a_missing_shot_file_is_named(tmp_path: Path) -> None:
         ({"views": []}, "--views: no view is named"),
         ({"keyframes": [100]}, "--keyframes: key frame 100 lies outside"),
         ({"keyframes": []}, "--keyframes: at least one"),
-        ({"solver": "magic"}, r"\[track\] solver: unknown solver 'magic'"),
+        ({"solver": "magic"}, "--solver: unknown solver 'magic'"),
     ],
 )
 def test_bad_overrides_are_named(folder: Path, arguments: dict, message: str) -> None:

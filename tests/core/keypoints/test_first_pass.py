@@ -21,7 +21,7 @@ from kfmocap.core.keypoints.triangulation import triangulate
 from kfmocap.core.keypoints.view_agreement import ViewAgreement, averaged, view_sigmas, without_midpoints
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.acceleration_prior import acceleration_precision
-from kfmocap.core.shot.shot import Settings
+from kfmocap.core.shot.settings import Settings
 
 FPS = 30.0
 JOINTS = [n for n in NAMES if n[1:] in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle")]

@@ -16,7 +16,8 @@ from kfmocap.core.keypoints.left_right import swap_sides
 from kfmocap.core.keypoints.view_agreement import ViewAgreement
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.acceleration_prior import acceleration_precision
-from kfmocap.core.shot.shot import KeyPoses, Settings
+from kfmocap.core.shot.settings import Settings
+from kfmocap.core.shot.shot import KeyPoses
 
 FPS = 30.0
 HIPS = [NAMES.index(n) for n in ("LHip", "RHip")]

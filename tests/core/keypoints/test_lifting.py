@@ -22,7 +22,8 @@ from kfmocap.core.keypoints.view_agreement import ViewAgreement
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.acceleration_prior import acceleration_precision
 from kfmocap.core.shot.keypose_spline import spline
-from kfmocap.core.shot.shot import KeyPoses, Settings
+from kfmocap.core.shot.settings import Settings
+from kfmocap.core.shot.shot import KeyPoses
 
 FPS, FRAMES = 30.0, 36
 BODY = human(1.8)

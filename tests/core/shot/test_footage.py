@@ -243,15 +243,27 @@ def test_a_folder_with_one_sequence_is_that_sequence(tmp_path: Path, names: list
         (["a_1.png", "a_1.jpg"], r"several image sequences: a_#\.jpg, a_#\.png"),
         (["clip.mp4"], r"a folder, and has no images in it .name a video, or a pattern"),
         ([], r"a folder, and has no images in it"),
+        (
+            ["a_1.dpx", "a_2.dpx"],
+            r"a_1\.dpx: DPX images cannot be read .*: ffmpeg -start_number 1 -i a_%01d\.dpx ",
+        ),
     ],
 )
 def test_what_a_folder_holds_is_said(tmp_path: Path, names: list[str], message: str) -> None:
     for name in names:
         (tmp_path / name).touch()
     with pytest.raises(FootageError, match=message):
-        named_footage(tmp_path)
+        probe(named_footage(tmp_path))
     with pytest.raises(FootageError, match="folder"):
         probe(tmp_path)
+
+
+def test_a_pattern_that_no_image_fits_is_answered_with_those_that_are_there(tmp_path: Path) -> None:
+    (tmp_path / "a_1.PNG").touch()
+    with pytest.raises(FootageError, match=r"a_#\.png: no image fits this pattern .in its folder are a_#\.PNG"):
+        probe(tmp_path / "a_#.png")
+    with pytest.raises(FootageError, match=r"no images in its folder"):
+        probe(tmp_path / "none" / "a_#.png")
 
 
 def test_globbed_images_are_taken_in_natural_order(tmp_path: Path) -> None:
@@ -324,7 +336,7 @@ def test_an_image_of_another_size_or_cut_off_is_found_before_the_sequence_is_use
 
 def test_images_that_opencv_does_not_read_are_named_with_what_to_do(tmp_path: Path) -> None:
     (tmp_path / "f00.exr").write_bytes(b"\x76\x2f\x31\x01" + bytes(300))
-    with pytest.raises(FootageError, match=r"f00\.exr: the image cannot be read .*convert .*png"):
+    with pytest.raises(FootageError, match=r"f00\.exr: EXR images cannot be read .*convert .*png"):
         check_view(View(camera(), tmp_path / "f##.exr"), 0, 1)
 
 

@@ -19,7 +19,8 @@ from kfmocap.core.shot.frame_numbers import (
     shown_delay,
     without_gaps_beyond,
 )
-from kfmocap.core.shot.shot import Gap, Settings, View
+from kfmocap.core.shot.settings import Settings
+from kfmocap.core.shot.shot import Gap, View
 from synthetic import look_at
 
 OFFSETS = (0.0, 3.0, -2.4)

@@ -12,7 +12,8 @@ import pytest
 from kfmocap.core.body.kinematics import part_poses, tip_positions
 from kfmocap.core.runtime.worker_memory import WorkerMemory
 from kfmocap.core.shot.footage_faults.footage_times import whole_pictures
-from kfmocap.core.shot.shot import Settings, Shot, View
+from kfmocap.core.shot.settings import Settings
+from kfmocap.core.shot.shot import Shot, View
 from kfmocap.core.tracking import tracker
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
 from kfmocap.core.tracking.run_context import RunContext

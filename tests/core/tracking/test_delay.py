@@ -14,7 +14,8 @@ from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded_blocks import BandedBlocks, block_diagonal
 from kfmocap.core.review.overlay import contact_sheet
 from kfmocap.core.shot.frame_numbers import footage_delay
-from kfmocap.core.shot.shot import Settings, Shot, View
+from kfmocap.core.shot.settings import Settings
+from kfmocap.core.shot.shot import Shot, View
 from kfmocap.core.tracking.solvers.paper_relaxation.motion_steps import StepEquations
 from kfmocap.core.tracking.solvers.paper_relaxation.step_rows import shared_out
 from kfmocap.core.tracking.tracker import track

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from kfmocap.core.body.kinematics import part_poses, tip_positions
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate
-from kfmocap.core.shot.shot import Gap, Settings, Shot, View
+from kfmocap.core.shot.settings import Settings
+from kfmocap.core.shot.shot import Gap, Shot, View
 from kfmocap.core.tracking import tracker
 from kfmocap.core.tracking.footage_gaps import FoundGap, found_gaps, with_found_gaps, with_timed_gaps
 from kfmocap.core.tracking.journal import Journal

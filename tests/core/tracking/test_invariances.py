@@ -25,7 +25,8 @@ from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.repeatable import GRID
 from kfmocap.core.shot.acceleration_prior import acceleration_precision
 from kfmocap.core.shot.keypose_spline import spline
-from kfmocap.core.shot.shot import Settings, Shot, View
+from kfmocap.core.shot.settings import Settings
+from kfmocap.core.shot.shot import Shot, View
 from kfmocap.core.tracking.tracker import track
 from synthetic import figure, film, look_at, rigidly_moved, rigidly_moved_camera, shot_of, swing
 

@@ -24,7 +24,8 @@ from kfmocap.core.review.track_report import report
 from kfmocap.core.shot.fixed_degrees import fixed_degrees
 from kfmocap.core.shot.keypose_spline import spline
 from kfmocap.core.shot.performer_request import PerformerRequest
-from kfmocap.core.shot.shot import KeyPoses, Performer, Settings, Shot, View
+from kfmocap.core.shot.settings import Settings
+from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
 from kfmocap.core.tracking.prepare import load_shot, pose_by_keypoint_files
 from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.selection import selected

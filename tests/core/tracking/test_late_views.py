@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kfmocap.core.shot.shot import Settings, Shot
+from kfmocap.core.shot.settings import Settings
+from kfmocap.core.shot.shot import Shot
 from kfmocap.core.tracking.late_views import Lateness, LateView, late_views
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
 from kfmocap.core.tracking.tracker import track

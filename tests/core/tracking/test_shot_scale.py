@@ -14,7 +14,8 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.grips import shot_with_grips
 from kfmocap.core.shot.holds import Hold
-from kfmocap.core.shot.shot import KeyPoses, Performer, Settings, Shot, View
+from kfmocap.core.shot.settings import Settings
+from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
 from kfmocap.core.tracking.run_context import RunContext
 from kfmocap.core.tracking.shot_scale import HUMAN_SIZE, HUMAN_SIZES, PROP_SIZE, ShotScale

@@ -22,7 +22,8 @@ from kfmocap.core.numerics.banded import BandedFactor
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.shot.acceleration_prior import given_groups, usual_variances, variances_from_key_poses
 from kfmocap.core.shot.keypose_spline import spline
-from kfmocap.core.shot.shot import KeyPoses, Settings
+from kfmocap.core.shot.settings import Settings
+from kfmocap.core.shot.shot import KeyPoses
 from kfmocap.core.tracking.solvers.equations.problem import AccelerationSearch, SegmentProblem
 from kfmocap.core.tracking.solvers.equations.smoothness_factor import SegmentSmoothness
 

@@ -19,7 +19,7 @@ from ....keypoints.keypoint_factor import KeypointFactor
 from ....numerics.arrays import Array, slices_of
 from ....numerics.banded_blocks import BandedBlocks
 from ....shot.acceleration_prior import usual_variances
-from ....shot.shot import Settings
+from ....shot.settings import Settings
 from .contact_factor import ContactFactor
 from .hold_factor import HoldFactor, TiedSystems, tied_systems
 
@@ -62,7 +62,7 @@ class SegmentProblem:
     keypoints : tuple of KeypointFactor
         One per performer; empty without keypoints.
     footage_offset : float
-        Frames by which the footage lags the key poses, see `core.shot.shot.Settings`: on frame f the views show the
+        Frames by which the footage lags the key poses, see `core.shot.settings.Settings`: on frame f the views show the
         motion of frame f - footage_offset.
     settings : Settings
     acceleration_precision : tuple of ndarray, optional

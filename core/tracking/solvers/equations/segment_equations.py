@@ -20,7 +20,7 @@ from ....body.smoothness import acceleration
 from ....evidence.segment_evidence import SegmentEvidence
 from ....numerics.arrays import Array
 from ....numerics.banded_blocks import BandedBlocks
-from ....shot.shot import Settings
+from ....shot.settings import Settings
 from ...prediction import predict_unseen
 from .contact_factor import with_contact
 from .curve_factor import with_curves

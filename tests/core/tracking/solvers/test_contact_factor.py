@@ -13,7 +13,8 @@ from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded import BandedFactor
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
-from kfmocap.core.shot.shot import KeyPoses, Performer, Settings, Shot
+from kfmocap.core.shot.settings import Settings
+from kfmocap.core.shot.shot import KeyPoses, Performer, Shot
 from kfmocap.core.tracking.segment_stages import SegmentData, TrackState, segment_problem
 from kfmocap.core.tracking.solvers.equations.contact_factor import FREE_DEPTH, ContactFactor
 

@@ -18,7 +18,7 @@ from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.banded import BandedFactor
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.shot.acceleration_prior import USUAL_JOINT, USUAL_ROOT, acceleration_precision
-from kfmocap.core.shot.shot import Settings
+from kfmocap.core.shot.settings import Settings
 from kfmocap.core.tracking.solvers import gauss_newton
 from kfmocap.core.tracking.solvers.descent_stages import (
     MIN_JOINT_MOVE,

@@ -10,7 +10,7 @@ from kfmocap.core.body.motion import Motion, stacked
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.repeatable import GRID
-from kfmocap.core.shot.shot import Settings
+from kfmocap.core.shot.settings import Settings
 from kfmocap.core.tracking.solvers.equations.measurement import MeasuredMotion, Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
 from kfmocap.core.tracking.solvers.paper_relaxation import gradient_following

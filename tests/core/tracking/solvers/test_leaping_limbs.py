@@ -9,7 +9,7 @@ import pytest
 from kfmocap.core.body import human
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
-from kfmocap.core.shot.shot import Settings
+from kfmocap.core.shot.settings import Settings
 from kfmocap.core.tracking.solvers import gauss_newton_solver
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
 from kfmocap.core.tracking.solvers.limb_corrections.leaping_limbs import (

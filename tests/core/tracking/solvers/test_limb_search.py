@@ -17,7 +17,7 @@ from kfmocap.core.evidence.rendering.label_images import NEAR_PLANE, render_labe
 from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
-from kfmocap.core.shot.shot import Settings
+from kfmocap.core.shot.settings import Settings
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
 from kfmocap.core.tracking.solvers.limb_corrections import limb_search

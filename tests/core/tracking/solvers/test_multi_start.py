@@ -14,7 +14,7 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.occlusion import LONG_GAP
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.numerics import rotations
-from kfmocap.core.shot.shot import Settings
+from kfmocap.core.shot.settings import Settings
 from kfmocap.core.tracking.solvers import gauss_newton, gauss_newton_solver, multi_start
 from kfmocap.core.tracking.solvers.descent_stages import SETTLED
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace

@@ -11,7 +11,7 @@ from kfmocap.core.body import landmark_positions
 from kfmocap.core.body.motion import Motion, stacked
 from kfmocap.core.errors import CancelledError
 from kfmocap.core.evidence.view_frames import ViewFrames
-from kfmocap.core.shot.shot import Settings
+from kfmocap.core.shot.settings import Settings
 from kfmocap.core.tracking.solvers import descent_stages, gauss_newton
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution

@@ -13,7 +13,8 @@ from kfmocap.core.body.soles import Soles
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.numerics.frame_ranges import runs
 from kfmocap.core.retargeting.foot_clean_up import with_clean_feet
-from kfmocap.core.shot.shot import KeyPoses, Settings
+from kfmocap.core.shot.settings import Settings
+from kfmocap.core.shot.shot import KeyPoses
 from kfmocap.core.tracking.segment_stages import TrackState
 from kfmocap.core.tracking.solvers import standing_feet
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution

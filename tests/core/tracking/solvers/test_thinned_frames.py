@@ -10,7 +10,7 @@ from kfmocap.core.body import part_poses
 from kfmocap.core.body.motion import Motion, stacked
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.shot.acceleration_prior import USUAL_JOINT
-from kfmocap.core.shot.shot import Settings
+from kfmocap.core.shot.settings import Settings
 from kfmocap.core.tracking.solvers import gauss_newton_solver
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import WIDEST_STEP, SegmentProblem
