@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..numerics.arrays import Array, Bools, Ints
+from ..numerics.likeliest_path import cheapest_path
 from .facing import forward_directions
 from .image_side_paths import INDEPENDENT_TIME, likeliest_image_sides
 from .keypoint_rays import Keypoints
@@ -71,7 +72,7 @@ def likeliest_sides(keypoints: Keypoints, fps: float) -> NDArray[np.bool_]:
             if V < MIN_VIEWS:
                 path = np.full(F, costs.sum(axis=1).argmin())
             else:
-                path = _shortest_path(costs / max(1.0, INDEPENDENT_TIME * fps), places)
+                path = _cheapest_patterns(costs / max(1.0, INDEPENDENT_TIME * fps), places)
             changed[..., columns] = patterns[path].T[..., None]
     return changed ^ within
 
@@ -124,7 +125,7 @@ def _turned_away(names: Sequence[str], points: Array, forward: Array, trunk: Arr
     return np.asarray(np.where(np.isfinite(cosine), (1 - cosine) / 2, 0.0).sum(axis=0))
 
 
-def _shortest_path(costs: Array, places: Array) -> Ints:
+def _cheapest_patterns(costs: Array, places: Array) -> Ints:
     """Return the state of each frame, (F,), on the path of least cost.
 
     Parameters
@@ -134,16 +135,11 @@ def _shortest_path(costs: Array, places: Array) -> Ints:
     places : ndarray, shape (S, F, K, 3)
         Points in a state, metres; NaN where unknown. Leaps from one frame to the next have a cost.
     """
-    S, F = costs.shape
-    total, before, change = costs[:, 0], np.zeros((F, S), np.intp), CHANGE_COST * (1 - np.eye(S))
-    for f in range(1, F):
+    changed = CHANGE_COST * (1 - np.eye(len(costs)))
+
+    def change(f: int) -> Array:
         moved = np.sum((places[:, None, f - 1] - places[None, :, f]) ** 2, axis=-1)
         leap = np.minimum(moved / LEAP_DISTANCE**2, 1.0)
-        paths = total[:, None] + change + LEAP_COST * _mean(leap, np.ones_like(leap), axis=-1)
-        before[f] = paths.argmin(axis=0)
-        total = paths.min(axis=0) + costs[:, f]
-    path = np.zeros(F, np.intp)
-    path[-1] = total.argmin()
-    for f in range(F - 1, 0, -1):
-        path[f - 1] = before[f, path[f]]
-    return path
+        return np.asarray(changed + LEAP_COST * _mean(leap, np.ones_like(leap), axis=-1))
+
+    return cheapest_path(costs, change)

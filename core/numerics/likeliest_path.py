@@ -56,6 +56,27 @@ def place_probabilities(score: Array, places: Array) -> Array:
     return np.asarray(share / share.sum(axis=1, keepdims=True))
 
 
+def cheapest_path(costs: Array, change: Callable[[int], Array]) -> Ints:
+    """Return the cheapest path through S states on each of F frames by Viterbi's algorithm: a state per frame, (F,).
+
+    Parameters
+    ----------
+    costs : ndarray, shape (S, F)
+        Of being in a state.
+    change : callable
+        Of a frame from 1 on: costs (S, S) of passing from each state on the frame before it to each on its own.
+    """
+    total, before = costs[:, 0], []
+    for f in range(1, costs.shape[1]):
+        paths = total[:, None] + change(f)
+        before.append(paths.argmin(axis=0))
+        total = paths.min(axis=0) + costs[:, f]
+    chosen = [int(total.argmin())]
+    for earlier in reversed(before):
+        chosen.append(int(earlier[chosen[-1]]))
+    return np.array(chosen[::-1], np.intp)
+
+
 def steadiest_path(begin: Array, step: Callable[[int], Array], frames: int) -> Ints:
     """Return the cheapest path through S states on each of two frames or more by dynamic programming over pairs of
     neighbouring frames: a state per frame, shape (frames,).

@@ -1,11 +1,11 @@
-"""Resampling of curves at another frame rate: rotations by slerp, everything else linearly."""
+"""Values between known ones, as of curves at another frame rate: rotations by slerp, everything else linearly."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from .arrays import Array
+from .arrays import Array, Ints
 from .rotations import continuous_signs
 
 
@@ -23,6 +23,14 @@ def sample_times(first: int, last: int, rate: float, wanted: float) -> Array:
     """
     count = int(np.floor((last - first) * wanted / rate + 1e-6)) + 1
     return np.minimum(first + np.arange(count) * (rate / wanted), float(last))
+
+
+def places_between(knots: Array | Ints, at: Array | Ints) -> tuple[Ints, Array]:
+    """Return between which of K >= 2 increasing knots places lie: the index of the knot at or before each, up to K - 2,
+    and how far on the way to the next knot it is, 0 to 1 between the first knot and the last.
+    """
+    left = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(knots) - 2)
+    return left, (at - knots[left]) / np.diff(knots)[left]
 
 
 def gaps_filled(points: Array) -> Array:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import bpy
 
+from ..scene_io.characters.skins import deformed_objects
+
 
 def show_in(scene: bpy.types.Scene, armature: bpy.types.Object) -> bool:
     """Bring an armature, and what hangs on it, into a scene, if it is in another one only; return whether it was.
@@ -24,10 +26,6 @@ def show_in(scene: bpy.types.Scene, armature: bpy.types.Object) -> bool:
 
 
 def _hanging_on(armature: bpy.types.Object) -> list[bpy.types.Object]:
-    """Return an armature's children, and the meshes that it deforms."""
-    deformed = [
-        owner
-        for owner in bpy.data.objects
-        if any(m.type == "ARMATURE" and getattr(m, "object", None) == armature for m in list(owner.modifiers))
-    ]
-    return [*armature.children_recursive, *(owner for owner in deformed if owner not in armature.children_recursive)]
+    """Return an armature's children, and the objects that it deforms."""
+    children = armature.children_recursive
+    return [*children, *(o for o in deformed_objects(armature) if o not in children)]

@@ -21,6 +21,7 @@ from ...evidence.occlusion import LONG_GAP
 from ...evidence.view_frames import ViewFrames
 from ...numerics import rotations
 from ...numerics.arrays import Array, Ints
+from ...numerics.resampling import places_between
 from ...runtime.shared_arrays import picked_rows
 from ...shot.acceleration_prior import usual_variances
 from ...shot.keypose_spline import natural_spline
@@ -130,7 +131,7 @@ class ThinnedProblem:
             part = share.reshape(-1, *(1,) * (rows.ndim - 1))
             return np.asarray(np.moveaxis((1 - part) * rows[last] + part * rows[last + 1], 0, axis))
 
-        last, share = _places_between(self.frames, self.whole.length)
+        last, share = places_between(self.frames, np.arange(self.whole.length))
         return replace(
             few,
             motions=tuple(self.interpolated(few.motions)),
@@ -178,7 +179,7 @@ def interpolated(motion: Motion, frames: Ints, length: int) -> Motion:
     all of its turns departs from straight lines.
     """
     K, every = len(frames), np.arange(length)
-    last, share = _places_between(frames, length)
+    last, share = places_between(frames, every)
     Q, T = motion.rotations, motion.translations
     turns = rotations.log(np.swapaxes(Q[:-1], -1, -2) @ Q[1:])
     steps = np.concatenate([np.diff(T, axis=0)[:, None], turns], axis=1).reshape(K - 1, -1)
@@ -191,15 +192,6 @@ def interpolated(motion: Motion, frames: Ints, length: int) -> Motion:
     T[inside], Q[inside] = moved.translations, moved.rotations
     T[length - 1], Q[length - 1] = motion.translations[-1], motion.rotations[-1]
     return Motion(T, Q)
-
-
-def _places_between(frames: Ints, length: int) -> tuple[Ints, Array]:
-    """Return, for each of F frames, the index of the kept one at or before it, and how far it is on the way to the next
-    kept one, 0 to 1.
-    """
-    every = np.arange(length)
-    last = np.clip(np.searchsorted(frames, every, side="right") - 1, 0, len(frames) - 2)
-    return last, (every - frames[last]) / np.diff(frames)[last]
 
 
 def _thinned(view: ViewFrames, first: int, frames: Ints, every: int) -> ViewFrames:

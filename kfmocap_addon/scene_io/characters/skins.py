@@ -32,11 +32,21 @@ class Skin:
 
 def skinned_meshes(armature: bpy.types.Object) -> list[bpy.types.Object]:
     """Return the meshes that an armature modifier binds to an armature's vertex groups."""
-    return [o for o in bpy.data.objects if o.type == "MESH" and any(_binds(m, armature) for m in o.modifiers)]
+    return [
+        o
+        for o in deformed_objects(armature)
+        if o.type == "MESH" and any(m.use_vertex_groups for m in _modifiers_of(o, armature))
+    ]
 
 
-def _binds(modifier: Any, armature: bpy.types.Object) -> bool:
-    return modifier.type == "ARMATURE" and modifier.object == armature and modifier.use_vertex_groups
+def deformed_objects(armature: bpy.types.Object) -> list[bpy.types.Object]:
+    """Return the objects, such as meshes and lattices, that an armature modifier moves with an armature."""
+    return [o for o in bpy.data.objects if _modifiers_of(o, armature)]
+
+
+def _modifiers_of(owner: bpy.types.Object, armature: bpy.types.Object) -> list[Any]:
+    modifiers: list[Any] = [m for m in owner.modifiers if m.type == "ARMATURE"]
+    return [m for m in modifiers if m.object == armature]
 
 
 def read_skin(armature: bpy.types.Object) -> Skin:

@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from kfmocap.core.numerics.likeliest_path import likeliest_path, place_probabilities, steadiest_path
+from kfmocap.core.numerics.likeliest_path import cheapest_path, likeliest_path, place_probabilities, steadiest_path
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -23,6 +23,15 @@ def test_the_way_is_the_best_of_all_and_its_places_are_as_likely_as_they_are(see
     np.testing.assert_array_equal(best, ways[values.argmax()])
     assert value == pytest.approx(values.max())
     np.testing.assert_allclose(place_probabilities(score, places), share, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_cheapest_path_is_the_cheapest_of_all(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    costs, changes = rng.normal(size=(3, 5)), rng.normal(size=(5, 3, 3))
+    ways = np.array(list(product(range(3), repeat=5)))
+    values = [costs[w, range(5)].sum() + sum(changes[f, w[f - 1], w[f]] for f in range(1, 5)) for w in ways]
+    np.testing.assert_array_equal(cheapest_path(costs, lambda f: changes[f]), ways[np.argmin(values)])
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kfmocap.core.numerics.resampling import sample_times, slerped
+from kfmocap.core.numerics.resampling import places_between, sample_times, slerped
 from scipy.spatial.transform import Rotation
 
 
@@ -61,3 +61,9 @@ def test_on_its_own_frames_a_curve_is_as_between_them() -> None:
     frames = np.arange(4.0)
     found = slerped(given, frames, np.array([0, 1, 2, 2.5, 3]))
     np.testing.assert_allclose(slerped(2 * given, frames, frames), found[[0, 1, 2, 4]], atol=1e-12)
+
+
+def test_places_are_found_between_knots_and_beyond_them() -> None:
+    left, share = places_between(np.array([0, 2, 6]), np.array([-1, 0, 1, 2, 3, 6, 8]))
+    assert left.tolist() == [0, 0, 0, 1, 1, 1, 1]
+    np.testing.assert_allclose(share, [-0.5, 0, 0.5, 0, 0.25, 1, 1.5])

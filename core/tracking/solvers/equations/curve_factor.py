@@ -18,6 +18,7 @@ from ....body.shoulder_rhythm import RISE, ShoulderRhythm, shoulder_rhythms
 from ....numerics import rotations
 from ....numerics.arrays import Array
 from ....numerics.banded_blocks import BandedBlocks
+from ....numerics.resampling import places_between
 from ....numerics.robust_kernels import GemanMcClure
 from .problem import SegmentProblem
 
@@ -87,10 +88,9 @@ def _between(known: Array, keys: Array, times: Array) -> Array:
     """Rotations at all times (F,), (F, 3, 3), from those at the times of K key frames, (K, 3, 3)."""
     if len(keys) == 1:
         return np.broadcast_to(known, (len(times), 3, 3))
-    last = np.clip(np.searchsorted(keys, times, side="right") - 1, 0, len(keys) - 2)
-    share = np.clip((times - keys[last]) / np.diff(keys)[last], 0, 1)
+    last, share = places_between(keys, times)
     turns = rotations.log(np.swapaxes(known[:-1], -1, -2) @ known[1:])
-    return np.asarray(known[last] @ rotations.exp(share[:, None] * turns[last]))
+    return np.asarray(known[last] @ rotations.exp(np.clip(share, 0, 1)[:, None] * turns[last]))
 
 
 def _with_arm(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from ..descent_stages import SETTLED
 from ..equations.measurement import Workspace, keypoint_agreement
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
-from ..gauss_newton import continued, descend
+from ..gauss_newton import HopelessTest, continued, descend
 
 EQUAL_COVER = 0.005
 """Relative difference of cover up to which solutions count as equals: which of them covers more is chance."""
@@ -103,9 +103,7 @@ def _likelihood_of(problem: SegmentProblem, noise: SegmentNoise, evidence: Segme
     return float(shown + moved.sum() - 0.5 * outlines)
 
 
-def never_likelier(
-    problem: SegmentProblem, noise: SegmentNoise, rival: float
-) -> Callable[[SegmentEvidence, int], bool]:
+def never_likelier(problem: SegmentProblem, noise: SegmentNoise, rival: float) -> HopelessTest:
     """Return a test for a descent (`gauss_newton.descend`): whether the images would stay less likely than the rival
     even if each of the steps that are left gained as much as the last.
 
