@@ -31,7 +31,7 @@ SOLE_LANDMARKS = ("LHeel", "LBigToe", "RHeel", "RBigToe")
 STANDING = 0.05
 """Largest speed of a true point of the sole that counts as standing, metres per second: shoes give way and roll."""
 BRIEF = 0.08
-"""Shorter standing does not count, seconds."""
+"""Shorter standing does not count, seconds; where the shot begins or ends with it, it is not known how long it is."""
 
 
 def triangulated_error(shot: Shot, truth: Landmarks) -> Score | None:
@@ -83,7 +83,8 @@ def interval_cover(body: Body, motion: Motion, interval: Array, truth: Landmarks
 
 
 def plants_found(body: Body, planted: NDArray[np.bool_] | None, truth: Landmarks) -> float | None:
-    """Return the fraction of frames and points of the soles on which found plants agree with the true motion.
+    """Return the fraction of frames and points of the soles on which found plants agree with the true motion, among
+    those on which it is known whether they stand.
 
     Parameters
     ----------
@@ -108,11 +109,13 @@ def plants_found(body: Body, planted: NDArray[np.bool_] | None, truth: Landmarks
     along = np.array([BALL_SHARE if name.startswith("ball") else 0.0 for name in soles.names])
     points = heels + along[:, None] * (toes - heels)
     still = np.linalg.norm(np.diff(points, axis=0), axis=2) * truth.fps < STANDING
-    stands = np.zeros(planted.shape, bool)
-    for column, steps in zip(stands.T, still.T, strict=True):
+    stands, known = np.zeros(planted.shape, bool), np.ones(planted.shape, bool)
+    for c, steps in enumerate(still.T):
         for first, last in runs(steps):
-            column[first : last + 2] = (last + 1 - first) / truth.fps >= BRIEF
-    return float(np.mean(stands == planted))
+            frames = slice(first, last + 2)
+            stands[frames, c] = (last + 1 - first) / truth.fps >= BRIEF
+            known[frames, c] = stands[first, c] or (first > 0 and last < len(steps) - 1)
+    return float(np.mean((stands == planted)[known]))
 
 
 def plants_moved(body: Body, motion: Motion, planted: NDArray[np.bool_] | None) -> tuple[float, float] | None:

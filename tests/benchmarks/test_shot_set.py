@@ -171,3 +171,17 @@ def test_plants_are_right_where_the_true_foot_stands() -> None:
     assert plants_moved(body, motion, stands) == (0.0, 0.0)
     assert plants_moved(body, motion, late) == pytest.approx((steps.max(), 1000 * walked[23]))
     assert plants_moved(body, motion, None) is None
+
+
+def test_standing_that_the_ends_of_a_shot_cut_short_counts_neither_way() -> None:
+    """The feet stand on the first two frames, on two in the middle, which is too briefly, and on the last four."""
+    body, F, stands = human(solid=False), 30, [1, 12, *range(27, 30)]
+    walked = np.cumsum(np.where(np.isin(np.arange(F), stands), 0.0, 0.05))
+    motion = Motion(body.offsets[0] + walked[:, None] * [1, 0, 0], np.tile(np.eye(3), (F, len(body), 1, 1)))
+    names = tuple(body.landmarks)
+    truth = Landmarks(names, landmark_positions(body, motion, list(names)), 30.0)
+    planted = np.tile((np.arange(F) > 25)[:, None], (1, 4))
+    for said, right in (([], 28), ([0, 1], 28), ([11, 12], 26)):
+        found = planted.copy()
+        found[said] = True
+        assert plants_found(body, found, truth) == pytest.approx(right / 28)

@@ -9,9 +9,10 @@ predicted without themselves are missed by more where feet are half hidden. The 
 well whether it stands or moves as it was tracked: they do not depend on the shape of the foot, whose errors make it
 drift. A plant that passes takes in the frames on which the other point of the foot stands, if the evidence or the
 pictures of these agree: a flicker of the evidence seems to end it. Smoothness blurs the moments at which a foot lands
-and leaves, so plants also take in the frames beside them on which the point may stand, too. Two plants of a point with
-no time for a step between them become one if that passes as well. Those that are brief all the same are left out.
-Then all are held together, on the same normal equations.
+and leaves, so plants also take in the frames beside them on which the point may stand, too: the evidence has nothing
+against it, or the pictures show the point in its place. Two plants of a point with no time for a step between them
+become one if that passes as well. Those that are brief all the same are left out. Then all are held together, on the
+same normal equations.
 
 A single view hardly contradicts any plant. With one view, candidates are kept still during the refinement already, and
 nothing is tested here.
@@ -30,7 +31,7 @@ from ...body.foot_plants import MIN_DURATION
 from ...body.kinematics import part_poses
 from ...body.motion import Motion
 from ...body.soles import Soles
-from ...evidence.standing_points import RADIUS, log_odds_of_standing
+from ...evidence.standing_points import RADIUS, log_gain_by_displacement, log_odds_of_standing
 from ...numerics.arrays import Array, Bools
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.frame_ranges import runs
@@ -51,7 +52,7 @@ REST_SPEED_SIGMA = 0.005
 """Standard deviation of the velocity of a standing point along each axis, metres per second."""
 PICTURES_ODDS = 10.0
 """How many times likelier the pictures around a point must be if it stands than if it moves as it was tracked, for a
-plant to pass though the normal equations say otherwise."""
+plant to pass though the normal equations say otherwise, as far as these may be wrong."""
 SHOE_HEIGHT = 0.02
 """Height above the sole of what is looked at in the pictures, metres: the side of a shoe."""
 RATIO_COUNT = 12.0
@@ -198,19 +199,21 @@ class _Evidence:
 
         Whoever moves may do so on every step along three axes, and explains the pictures better by chance. As the ratio
         is known from a few errors only, a plant that it refuses passes as long as the pictures have nothing against it:
-        no drift, along three axes, explains them better than it would by chance.
+        no drift, along three axes, explains them better than it would by chance. One that they show
+        to stand may cost more.
         """
         if not self._key_poses_agree(performer, plant.factor):
             return False
         axes, odds = 3 * len(plant), self._log_odds(performer, plant)
         if 2 * odds < -chdtri(axes, SIGNIFICANCE):
             return False
+        cost = self._cost(performer, plant, ratio)
         if odds > np.log(PICTURES_ODDS):
-            return True
+            return cost < _most_by_chance(axes, SIGNIFICANCE)
         within = chdtri(axes, SIGNIFICANCE)
         if 2 * odds > -chdtri(3, SIGNIFICANCE):
-            within = max(within, axes * fdtri(axes, RATIO_COUNT, 1 - JOINING_SIGNIFICANCE))
-        return self._cost(performer, plant, ratio) < within
+            within = max(within, _most_by_chance(axes))
+        return cost < within
 
     def _goes_on(self, performer: int, plant: Plant, longer: Plant, ratio: float) -> bool:
         """Test whether a point stands on more frames than those of a plant that passed, by what these add. Pictures
@@ -244,21 +247,43 @@ class _Evidence:
         return sum(log_odds_of_standing(view, problem.first + first, path) for view in problem.views)
 
     def _lengthened(self, performer: int, plant: Plant, ratio: float, movable: Bools) -> Plant:
-        """Return a plant that passed with the frames beside it on which the evidence has nothing against the point
-        standing there, too: one after the other, or several at once, over which a flicker of the evidence is no more.
+        """Return a plant that passed with the frames beside it on which the point may stand, too: one after the other,
+        or several at once, over which a flicker of the evidence is no more.
         """
-        cost, most = self._cost(performer, plant, ratio), max(round(FLICKER * self.problem.fps), 1)
+        cost, odds = self._cost(performer, plant, ratio), self._log_odds(performer, plant)
+        most = max(round(FLICKER * self.problem.fps), 1)
         for before, after in ((1, 0), (0, 1)):
             steps = 1
             while steps <= most and (longer := plant.longer(steps * before, steps * after, movable)) is not None:
                 more = self._cost(performer, longer, ratio) - cost
-                if more < chdtri(3 * steps, JOINING_SIGNIFICANCE) and self._key_poses_agree(performer, longer.factor):
-                    plant, cost, steps = longer, cost + more, 1
-                elif more < chdtri(3 * most, JOINING_SIGNIFICANCE):
-                    steps += 1
-                else:
+                beyond = more >= _most_by_chance(3 * most)
+                if beyond and self._way(performer, longer) >= RADIUS:
                     break
+                gain = self._log_odds(performer, longer) - odds
+                stands = more < chdtri(3 * steps, JOINING_SIGNIFICANCE)
+                stands = stands or (gain > 0 and more < _most_by_chance(3 * steps))
+                stands = stands or (gain > np.log(PICTURES_ODDS) and self._stays(performer, plant, longer))
+                if stands and self._key_poses_agree(performer, longer.factor):
+                    plant, cost, odds, steps = longer, cost + more, odds + gain, 1
+                else:
+                    steps += 1
         return plant
+
+    def _stays(self, performer: int, plant: Plant, longer: Plant) -> bool:
+        """Test whether the pictures show a plant's point in its place on the frames that a longer one adds: none of
+        them is explained better by a displacement, of two axes in each view, than it would be by chance every other
+        time. Only nearby displacements are compared.
+        """
+        if self._way(performer, longer) >= RADIUS:
+            return False
+        place = self._path(performer, plant).mean(axis=0) + [0.0, 0.0, SHOE_HEIGHT]
+        first, last = longer.steps[0], longer.steps[1] + 1
+        frames = np.arange(first, last + 1)
+        stood = (frames >= plant.steps[0]) & (frames <= plant.steps[1] + 1)
+        start, views = self.problem.first + first, self.problem.views
+        gains = np.stack([log_gain_by_displacement(view, start, place, stood) for view in views])[:, ~stood]
+        shown = np.isfinite(gains).sum(axis=0)
+        return bool(shown.all() and (2 * np.nansum(gains, axis=0) < chdtri(2 * shown, 0.5)).all())
 
     def _with_next(
         self, performer: int, plants: Sequence[Plant], following: Plant, ratio: float, movable: Bools
@@ -302,3 +327,8 @@ class _Evidence:
             if i in plants:
                 systems[i] += plants[i].blocks(problem.bodies[i], part_poses(problem.bodies[i], there[i]))
         return tied_systems(systems, problem.holds, problem.bodies, there, fixed=problem.fixed, sought=self.members)
+
+
+def _most_by_chance(axes: int, significance: float = JOINING_SIGNIFICANCE) -> float:
+    """Largest cost of a plant, along so many axes, that is left to chance as the ratio is known from a few errors."""
+    return float(axes * fdtri(axes, RATIO_COUNT, 1 - significance))

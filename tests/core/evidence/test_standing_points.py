@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.evidence.standing_points import log_odds_of_standing
+from kfmocap.core.evidence.standing_points import log_gain_by_displacement, log_odds_of_standing
 from kfmocap.core.evidence.view_frames import ViewFrames
 from synthetic import CENTRE, look_at
 
@@ -73,3 +73,25 @@ def test_the_surroundings_follow_the_pose_of_a_moving_camera() -> None:
     assert pan.moving
     late = replace(pictures(STILL, pan), first=0)
     assert log_odds_of_standing(late, 0, DRIFT) > CLEAR
+
+
+STOOD = np.arange(FRAMES) < 8
+
+
+@pytest.mark.parametrize("focal", [500, 2000])
+def test_pictures_of_single_frames_show_whether_a_point_that_stood_has_been_displaced(focal: int) -> None:
+    """On the last four frames, by 6 mm: a pixel, or four in finer pictures."""
+    camera = replace(CAMERA, matrix=CAMERA.matrix * [[focal / 500], [focal / 500], [1.0]])
+    camera.matrix[:2, 2] = CAMERA.matrix[:2, 2]
+    displaced = STILL + np.where(STOOD, 0.0, 0.006)[:, None] * [1.0, 0.0, 0.0]
+    place = STILL[0]
+    still, moved = (log_gain_by_displacement(pictures(p, camera), 5, place, STOOD) for p in (STILL, displaced))
+    assert still[~STOOD].max() < 0.7 and moved[~STOOD].min() > 2.0
+
+
+def test_frames_that_are_damaged_and_points_beside_the_picture_show_no_displacement() -> None:
+    view, damaged = pictures(STILL), np.arange(FRAMES) == 9
+    gains = log_gain_by_displacement(replace(view, damaged=damaged), 5, STILL[0], STOOD)
+    np.testing.assert_array_equal(np.isnan(gains), damaged)
+    beside = log_gain_by_displacement(view, 5, STILL[0] + [3.0, 0.0, 0.0], STOOD)
+    np.testing.assert_array_equal(np.isnan(beside), ~STOOD)
