@@ -170,18 +170,16 @@ def refine(
 ) -> SegmentSolution:
     """Refine a solution once the motion on both sides of the segment is known.
 
-    A descent keeps the noise and the smoothness of its start. If it moves some joint by more than `UNCONVERGED_MOVE`,
-    they no longer fit, and it is repeated, up to `MAX_REPEATS` times. Parameters as in `descend`.
+    The last stage keeps the noise and the smoothness of its start. If it moves some joint by more than
+    `UNCONVERGED_MOVE`, they no longer fit, and it is repeated, up to `MAX_REPEATS` times. Parameters as in `descend`.
     """
     share = 1 / (1 + MAX_REPEATS)
     found = descend(problem, start, workspace.part(0.0, share), stages)
     seconds = Seconds(found.seconds)
-    moved = farthest_joint(problem, start, found.motions)
     for again in range(1, 1 + MAX_REPEATS):
-        if moved < UNCONVERGED_MOVE:
+        if found.moved < UNCONVERGED_MOVE:
             break
-        further = descend(problem, found.motions, workspace.part(again * share, (again + 1) * share), stages)
-        moved = farthest_joint(problem, found.motions, further.motions)
+        further = descend(problem, found.motions, workspace.part(again * share, (again + 1) * share), stages[-1:])
         seconds.add(further.seconds)
         found = continued(found, further)
     return replace(found, seconds=seconds)
@@ -245,6 +243,7 @@ def descend(
         seconds=seconds,
         variances=stage.smooth.variances,
         only=problem.only,
+        moved=farthest_joint(problem, start, result.state),
     )
 
 

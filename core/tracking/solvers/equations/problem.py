@@ -230,6 +230,9 @@ class SegmentSolution:
         Index of the performer that was solved for, see `SegmentProblem`; None for all.
     doubted : tuple of int
         Performers whose images contradicted the first solution, so that others were searched for.
+    moved : float
+        Largest distance by which the last stage, which keeps the noise and the smoothness of its start, moved a joint,
+        metres.
     """
 
     motions: tuple[Motion, ...]
@@ -244,6 +247,7 @@ class SegmentSolution:
     variances: tuple[AccelerationVariances, ...] = ()
     only: int | None = None
     doubted: tuple[int, ...] = ()
+    moved: float = 0.0
 
     @classmethod
     def of(
@@ -256,6 +260,7 @@ class SegmentSolution:
         seconds: dict[str, float] | None = None,
         variances: tuple[AccelerationVariances, ...] = (),
         only: int | None = None,
+        moved: float = 0.0,
     ) -> SegmentSolution:
         """Build a solution from motions and the evidence that was measured at them."""
         return cls(
@@ -270,6 +275,7 @@ class SegmentSolution:
             evidence=evidence,
             variances=variances,
             only=only,
+            moved=moved,
         )
 
     def without_equations(self) -> SegmentSolution:

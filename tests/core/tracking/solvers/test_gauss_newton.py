@@ -512,6 +512,22 @@ def test_nothing_is_polished_while_a_joint_still_moves_far() -> None:
     assert gauss_newton.farthest_joint(problem, polished[:1], found.motions) < UNCONVERGED_MOVE
 
 
+@pytest.mark.parametrize("coarse_steps", [6, 1])
+def test_only_the_last_stage_of_a_refinement_is_repeated_and_only_if_it_moves_far(coarse_steps: int) -> None:
+    """The stage before it has another noise, and leads away from where it ended."""
+    truth, turn, problem, landscape = arm_to_be_turned()
+    coarse, polish = POLISHED_AT_ONCE
+    stages = (replace(coarse, iterations=coarse_steps), replace(polish, iterations=1))
+    start = [truth.moved(3.0 * MAX_STEP * turn)]
+    once = gauss_newton.descend(problem, start, landscape, stages)
+    assert (once.moved > UNCONVERGED_MOVE) == (coarse_steps == 1)
+    stages_once = list(landscape.by_part)
+    landscape.by_part.clear()
+    gauss_newton.refine(problem, start, landscape, stages)
+    assert landscape.by_part.count(False) == stages_once.count(False)
+    assert (landscape.by_part.count(True) > stages_once.count(True)) == (coarse_steps == 1)
+
+
 @pytest.mark.parametrize("stages", [POLISH, RESUMED])
 def test_a_polish_and_a_correction_end_before_a_step_that_hardly_moves_any_joint(stages: tuple[DescentStage]) -> None:
     truth, turn, problem, landscape = arm_to_be_turned()
