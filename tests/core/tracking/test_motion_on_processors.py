@@ -36,7 +36,7 @@ np.save(sys.argv[2], part_poses(shot.performers[0].body, track(shot).motions[0])
 """
 
 
-FRAMES, LONG = 12, 30
+FRAMES, LONG = 8, 30
 QUICK = ["working_size = 120", "threads = 1"]
 
 
