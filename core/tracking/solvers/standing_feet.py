@@ -21,7 +21,7 @@ nothing is tested here.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -129,12 +129,21 @@ def with_plants_at_rest(
 
 @dataclass(frozen=True, eq=False)
 class _Evidence:
-    """The normal equations of performers that holds tie to each other, the members, linearised at motions of all."""
+    """The normal equations of performers that holds tie to each other, the members, linearised at motions of all.
+
+    Attributes
+    ----------
+    costs, odds : dict
+        Results of `_cost` and `_log_odds` by the performer, the plant's point and its steps: several tests ask for the
+        same.
+    """
 
     problem: SegmentProblem
     members: Sequence[int]
     systems: Sequence[BandedBlocks]
     motions: tuple[Motion, ...]
+    costs: dict[tuple[object, ...], float] = field(default_factory=dict)
+    odds: dict[tuple[object, ...], float] = field(default_factory=dict)
 
     def plants_that_fit(
         self, performer: int, seeming: Seeming, earlier: Seeming | None, ratios: Array
@@ -242,9 +251,11 @@ class _Evidence:
 
     def _log_odds(self, performer: int, plant: Plant) -> float:
         """Logarithm of how much likelier the pictures are if a plant's point stands than if it moves as tracked."""
-        problem, first = self.problem, plant.steps[0]
-        path = self._path(performer, plant) + [0.0, 0.0, SHOE_HEIGHT]
-        return sum(log_odds_of_standing(view, problem.first + first, path) for view in problem.views)
+        problem, asked = self.problem, (performer, plant.point, plant.steps)
+        if asked not in self.odds:
+            first, path = problem.first + plant.steps[0], self._path(performer, plant) + [0.0, 0.0, SHOE_HEIGHT]
+            self.odds[asked] = sum(log_odds_of_standing(view, first, path) for view in problem.views)
+        return self.odds[asked]
 
     def _lengthened(self, performer: int, plant: Plant, ratio: float, movable: Bools) -> Plant:
         """Return a plant that passed with the frames beside it on which the point may stand, too: one after the other,
@@ -305,9 +316,12 @@ class _Evidence:
 
     def _cost(self, performer: int, plant: Plant, ratio: float) -> float:
         """Increase of the least cost of the evidence, whose covariance is multiplied by a ratio, by a plant."""
-        # All costs are divided by the ratio; this deviation gives the plant its own again.
-        scaled = replace(plant.factor, sigma=plant.factor.sigma / np.sqrt(ratio))
-        return (self._least_cost({performer: scaled}) - self._least_without) / ratio
+        asked = performer, plant.point, plant.steps
+        if asked not in self.costs:
+            # All costs are divided by the ratio; this deviation gives the plant its own again.
+            scaled = replace(plant.factor, sigma=plant.factor.sigma / np.sqrt(ratio))
+            self.costs[asked] = (self._least_cost({performer: scaled}) - self._least_without) / ratio
+        return self.costs[asked]
 
     @cached_property
     def _least_without(self) -> float:
