@@ -38,7 +38,7 @@ from .operators.tracking import bake, go_to_frame, plants, show_residual, simpli
 from .panels import guide
 from .scene_io.cameras import missing_footage
 from .session import SESSION
-from .viewports import changed_segments, key_list
+from .viewports import changed_segments, key_list, see_through
 
 OPERATOR_MODULES = (
     open_section,
@@ -83,7 +83,7 @@ CLASSES = tuple(cls for module in MODULES for cls in module.CLASSES)
 MENUS = tuple(entry for module in (edit_body, load_shot, export_motion) for entry in module.MENUS)
 """Names of Blender's menus and what is appended to them."""
 
-_REGISTERING_MODULES = (guide, key_list, changed_segments, missing_footage, keymap, toolbar)
+_REGISTERING_MODULES = (guide, key_list, changed_segments, missing_footage, see_through, keymap, toolbar)
 """Modules that add more to Blender than classes: handlers, keys, a tool."""
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)

@@ -13,6 +13,7 @@ from typing import Any, Literal
 import bpy
 
 from .performer_boxes import WHOLE, Part, part_with_performers
+from .see_through import see_through_skins
 
 Box = tuple[int, int, int, int]
 """Left, bottom, right and top, pixels of the window."""
@@ -216,6 +217,7 @@ def through_camera(
     space.region_3d.view_perspective = "CAMERA"
     space.shading.wireframe_color_type = "OBJECT"  # the parts are white
     space.show_gizmo_navigate = False  # it lies over the footage
+    see_through_skins(window)
     fit(window, screen, area, bpy.ops.view3d.view_center_camera)
     region = region_of(area)
     if region.width > 1 and region.height > 1:

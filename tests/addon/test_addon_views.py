@@ -11,6 +11,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+import odd_characters  # noqa: E402
 from addon_shots import SIZE, camera, shot, video  # noqa: E402
 from bpy_extras.object_utils import world_to_camera_view  # noqa: E402
 from kfmocap.core.cameras.camera import Camera  # noqa: E402
@@ -18,7 +19,9 @@ from kfmocap.core.errors import CalibrationError, FootageError  # noqa: E402
 from kfmocap.core.shot.shot import View  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.cameras import distortion, footage_background, view_cameras  # noqa: E402
+from kfmocap.kfmocap_addon.session import SESSION  # noqa: E402
 from kfmocap.kfmocap_addon.viewports import performer_boxes, screens, timelines  # noqa: E402
+from kfmocap.kfmocap_addon.viewports.see_through import SeenThrough  # noqa: E402
 from mathutils import Vector  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
@@ -305,3 +308,39 @@ def test_a_timeline_takes_room_from_the_3d_view_that_lies_on_it():
     window.screen.areas.remove(above)
     window.screen.areas.remove(higher)
     assert timelines.view_above(window, timeline) is None
+
+
+@pytest.mark.parametrize("is_own", [True, False])
+def test_skins_are_see_through_while_one_looks_through_a_camera(tmp_path, is_own):
+    """A body of ours is drawn as outlines or wire, and hides nothing. Looking elsewhere gives the view back."""
+    built(camera(1), tmp_path)
+    if is_own:
+        bpy.ops.kfmocap.add_body()
+    else:
+        bpy.context.view_layer.objects.active = odd_characters.skinned_human()
+        assert bpy.ops.kfmocap.use_armature() == {"FINISHED"}
+    views = [a.spaces.active for a in bpy.context.window.screen.areas if a.type == "VIEW_3D"]
+    assert not any(view.shading.show_xray for view in views)
+    bpy.ops.kfmocap.look_through(view=0)
+    assert [view.shading.show_xray for view in views].count(True) == (0 if is_own else 1)
+    seen = SESSION.of(SeenThrough)
+    seen.take_back_elsewhere()
+    assert any(view.shading.show_xray for view in views) != is_own
+    for view in views:
+        view.region_3d.view_perspective = "PERSP"
+    seen.take_back_elsewhere()
+    assert not any(view.shading.show_xray for view in views)
+
+
+def test_an_x_ray_of_the_users_own_stays(tmp_path):
+    built(camera(1), tmp_path)
+    bpy.context.view_layer.objects.active = odd_characters.skinned_human()
+    bpy.ops.kfmocap.use_armature()
+    views = [a.spaces.active for a in bpy.context.window.screen.areas if a.type == "VIEW_3D"]
+    for view in views:
+        view.shading.show_xray = True
+    bpy.ops.kfmocap.look_through(view=0)
+    for view in views:
+        view.region_3d.view_perspective = "PERSP"
+    SESSION.of(SeenThrough).take_back_elsewhere()
+    assert all(view.shading.show_xray for view in views)

@@ -7,6 +7,7 @@ from mathutils import Vector
 
 from ....core.errors import BodyError
 from ...properties.body_fields import MEASURES, USUAL_HEIGHT, height_field, length_field
+from ...viewports.see_through import see_through_skins
 from ..conditions import Conditional, in_object_mode
 from ..mixin import OfPerformer, ReportingOperator
 
@@ -141,6 +142,7 @@ class UseArmature(Conditional, bpy.types.Operator):
         taken, remarks = use_as_body(context.scene, candidate)
         if context.mode == "OBJECT":
             select_only(context, taken)  # its mesh was active, or an instance of it
+        see_through_skins(context.window)
         for text in remarks:
             self.report({"WARNING"}, text)
 

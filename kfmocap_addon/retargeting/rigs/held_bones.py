@@ -89,6 +89,16 @@ def without_drivers(
         raise
 
 
+@contextmanager
+def with_drivers(armature: bpy.types.Object, muted: Collection[Driver]) -> Iterator[None]:
+    """Have muted drivers act while the block runs."""
+    restore_drivers(armature, muted)
+    try:
+        yield
+    finally:
+        _mute(armature, muted, mute=True)
+
+
 def restore_drivers(armature: bpy.types.Object, muted: Collection[Driver]) -> None:
     """Have drivers act again, where they are still there."""
     _mute(armature, muted, mute=False)

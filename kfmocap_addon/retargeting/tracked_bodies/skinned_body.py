@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from typing import Any
+from collections.abc import Collection
 
 import bpy
 import numpy as np
@@ -19,17 +18,19 @@ from ...scene_io.characters.followed_bones import following
 from ...scene_io.characters.merged_clouds import says_twist
 from ..rigs import fk_controls
 from ..rigs.fk_controls import FkControls
+from ..rigs.held_bones import with_drivers, without_drivers
 from ..rigs.overrides import editable
 from ..rigs.rig_at_rest import at_rest, leave_rest_position, posed_matrices
 from ..rigs.rig_reading import moved_matrices
-from ..rigs.rig_settings import Owner, has_keys, keep_in_override, setting_name, with_settings
+from ..rigs.rig_settings import has_keys, keep_in_override, setting_name, with_settings
+from ..rigs.rig_warnings import undriven
 from ..target_armatures import target_bones
-from .freed_limbs import freed_remarks, without_goals
+from .freed_limbs import freed_remarks, with_goals, without_goals
 from .part_roles import PART_ROLES, limb_bones, limbs_of, taken_in
 from .rig_landmarks import add_landmarks
 from .rigify_animals import animal_controls, goes_on_four, is_generated
 from .switched_key_poses import keep_freed_poses, keep_key_poses
-from .tracked_bones import movable_root, refuse_apart, refuse_following, refuse_moving_object, remove_parts
+from .tracked_bones import movable_root, refuse_apart, refuse_following, refuse_moving_object, remove_parts, tied_bones
 
 _FOLLOWS = 0.5
 """Least fraction of a control's rotation with which a deforming bone follows it."""
@@ -52,7 +53,9 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
     refuse_moving_object(current, armature)
     with without_goals(armature) as goals:
         taken, remarks = _taken(current, armature)
-        remarks = (*remarks, *freed_remarks(goals), *keep_freed_poses(taken, goals))
+        remarks = (*remarks, *freed_remarks(goals))
+        if goals:
+            remarks = (*remarks, *keep_freed_poses(taken, with_goals(taken, goals)))
     add_landmarks(taken)
     if taken.animation_data is not None:
         fcurves.show_action(taken)
@@ -65,38 +68,52 @@ def _taken(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.ty
         return performers.take_armature(current, armature), movable_root(armature)
     collection = scene.ensure_collection(current, "Performers")
     mechanism = _mechanism(armature)
-    settings: Mapping[Any, Mapping[str, float]] = {}
-    before: Mapping[tuple[Owner, str], Any] = {}
     if is_generated(armature) and (mechanism is None or goes_on_four(armature, mechanism)):
         return _use_animal(current, armature, collection)
-    found = _controls(armature) if mechanism is None else None
-    if found is not None:
-        return _use_controls(current, armature, collection, found)
     if mechanism is None:
-        followed = following(armature)
-        limbs = limb_bones(armature)
-        refuse_apart(armature, limbs)
-        loose = {name: what for name, what in followed.items() if name not in limbs.names()}
-        made = skinned_parts.add_parts(
-            armature,
-            collection,
-            following=loose,
-            limbs=limbs_of(limbs),
-            taken_in=taken_in(armature, limbs),
-            head=next(iter(limbs.bones.get("head", ())), ""),
-        )
-        refuse_following(armature, made.parts, followed)
-    else:
-        settings = preset_of(mechanism).settings
-        with with_settings(armature, settings) as before:
-            made = _with_shoulders(armature, collection, mechanism) or _parts_of(armature, collection, mechanism)
+        found = _controls(armature)
+        if found is not None:
+            return _use_controls(current, armature, collection, found)
+        return _use_posed(current, armature, collection)
+    settings = preset_of(mechanism).settings
+    with with_settings(armature, settings) as before:
+        made = _with_shoulders(armature, collection, mechanism) or _parts_of(armature, collection, mechanism)
     try:
         taken = performers.take_armature(current, armature)
-        root = movable_root(armature) if mechanism is None else ()
-        return taken, (*made.remarks, *root, *keep_key_poses(taken, settings, before))
+        return taken, (*made.remarks, *keep_key_poses(taken, settings, before))
     except BodyError:
         remove_parts(armature, made.parts)
         raise
+
+
+def _use_posed(
+    current: bpy.types.Scene, armature: bpy.types.Object, collection: bpy.types.Collection
+) -> tuple[bpy.types.Object, tuple[str, ...]]:
+    """Make a character whose deforming bones are posed themselves a performer; see `use_as_body`. Drivers that pose
+    these are muted.
+    """
+    followed, limbs = following(armature), limb_bones(armature)
+    refuse_apart(armature, limbs)
+    made = skinned_parts.add_parts(
+        armature,
+        collection,
+        following={name: what for name, what in followed.items() if name not in limbs.names()},
+        limbs=limbs_of(limbs),
+        taken_in=taken_in(armature, limbs),
+        head=next(iter(limbs.bones.get("head", ())), ""),
+    )
+    tied = tied_bones(armature, made.parts)
+    with without_drivers(armature, tied, tied) as driven:
+        refuse_following(armature, made.parts, following(armature))
+        try:
+            taken = performers.take_armature(current, armature)
+            remarks = (*made.remarks, *movable_root(taken), *undriven(driven))
+        except BodyError:
+            remove_parts(armature, made.parts)
+            raise
+    if driven:
+        remarks = (*remarks, *keep_freed_poses(taken, with_drivers(taken, driven)))
+    return taken, remarks
 
 
 def _with_shoulders(

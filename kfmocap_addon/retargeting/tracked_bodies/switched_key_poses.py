@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,9 +20,7 @@ from ....core.shot.shot import KeyPoses
 from ...scene_io import fcurves
 from ...scene_io.body import body_armature, body_channels
 from ...scene_io.keys import key_pose_curves
-from ..rigs.held_bones import Constraint
 from ..rigs.rig_settings import Owner, setting_curves, trying_settings
-from .freed_limbs import with_goals
 
 _SAME_PLACE = 0.01
 """Distance at rest between a control and the bone that it moves, as a share of the bones' extent."""
@@ -106,12 +105,12 @@ def keep_key_poses(
     return _kept(armature, frames, limbs, wanted)
 
 
-def keep_freed_poses(armature: bpy.types.Object, goals: Collection[Constraint]) -> tuple[str, ...]:
-    """Key the bones of limbs that look different since constraints are muted, as `keep_key_poses` does."""
-    if not goals:
-        return ()
+def keep_freed_poses(armature: bpy.types.Object, acting: AbstractContextManager[None]) -> tuple[str, ...]:
+    """Key the bones of limbs that look different since constraints or drivers are muted, as `keep_key_poses` does; they
+    act while a block of `acting` runs.
+    """
     frames, limbs = _key_frames(armature), _Limbs.of(armature)
-    with with_goals(armature, goals):
+    with acting:
         wanted = limbs.shown(armature, frames)
     return _kept(armature, frames, limbs, wanted)
 

@@ -12,7 +12,7 @@ from ....core.errors import BodyError
 from ....core.retargeting.roles import BoneMap, parent_role
 from ...scene_io import fcurves
 from ...scene_io.body import body_armature, part_meshes
-from ...scene_io.characters.followed_bones import leader_of
+from ...scene_io.characters.followed_bones import A_DRIVER, leader_of
 from ...scene_io.characters.object_motion import what_moves
 
 _LOWER = ("forearm", "hand", "shin", "foot")
@@ -98,9 +98,9 @@ def refuse_moving_object(current: bpy.types.Scene, armature: bpy.types.Object) -
 
 def refuse_following(armature: bpy.types.Object, parts: tuple[str, ...], followed: dict[str, str]) -> None:
     """Raise a BodyError if something other than its pose moves a part's bone."""
-    tied = {*parts, *_between(armature, parts)}
+    tied = tied_bones(armature, parts)
     held = [name for name in followed if name in tied]  # those with a constraint of their own come first
-    for name in (*held, *sorted(tied)):
+    for name in (*held, *tied):
         bone = armature.pose.bones[name]
         if bone.parent is not None and not bone.bone.use_inherit_rotation:
             remove_parts(armature, parts)
@@ -111,12 +111,15 @@ def refuse_following(armature: bpy.types.Object, parts: tuple[str, ...], followe
             )
         if name in followed:
             remove_parts(armature, parts)
+            leader = leader_of(armature)
             raise BodyError(
                 f"the bone is moved by {followed[name]}: it cannot be tracked",
                 where=f"armature {armature.name}, bone {name}",
-                todo="mute it, so that the bone is posed itself"
-                if (leader := leader_of(armature)) is None
-                else f"make {leader.name} active instead, which it follows",
+                todo=f"make {leader.name} active instead, which it follows"
+                if leader is not None
+                else "mute it in the Drivers editor, or delete it, so that the bone is posed itself"
+                if followed[name] == A_DRIVER
+                else "mute it, so that the bone is posed itself",
             )
 
 
@@ -137,14 +140,14 @@ def refuse_apart(armature: bpy.types.Object, limbs: BoneMap) -> None:
             )
 
 
-def _between(armature: bpy.types.Object, parts: Collection[str]) -> set[str]:
-    """Return the bones that are no parts, between parts."""
-    found = set[str]()
+def tied_bones(armature: bpy.types.Object, parts: Collection[str]) -> list[str]:
+    """Return the bones of parts, and those that are no parts between them."""
+    found = set(parts)
     for name in parts:
         above = [bone.name for bone in armature.data.bones[name].parent_recursive]
         hung = next((k for k, other in enumerate(above) if other in parts), 0)
         found |= set(above[:hung])
-    return found
+    return sorted(found)
 
 
 def remove_parts(armature: bpy.types.Object, parts: tuple[str, ...]) -> None:

@@ -17,14 +17,16 @@ _LIMIT_CONSTRAINTS = ("LIMIT_ROTATION", "LIMIT_LOCATION", "LIMIT_SCALE")
 _CHAINS = ("IK", "SPLINE_IK")
 """Constraints that move the bones above as well."""
 _FOLLOWING_CONSTRAINTS = ("COPY_TRANSFORMS", "COPY_ROTATION", "CHILD_OF", "ARMATURE")
+A_DRIVER = "a driver"
+"""What `following` says of bones that drivers move."""
 _MOVING = (".location", ".rotation_quaternion", ".rotation_euler", ".rotation_axis_angle", ".scale")
 
 
 def following(armature: bpy.types.Object) -> dict[str, str]:
     """Return what else than its own pose moves a bone, by the bone; those with a constraint of their own first."""
     data = armature.animation_data
-    paths = [driver.data_path for driver in data.drivers] if data else []
-    own = {bone_of(path): "a driver" for path in paths if bone_of(path) and path.endswith(_MOVING)}
+    paths = [driver.data_path for driver in data.drivers if not driver.mute] if data else []
+    own = {bone_of(path): A_DRIVER for path in paths if bone_of(path) and path.endswith(_MOVING)}
     found: dict[str, str] = {}
     for bone in armature.pose.bones:
         constraints = list[Any](bone.constraints)

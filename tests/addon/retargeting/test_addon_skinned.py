@@ -514,3 +514,37 @@ def test_the_proportions_of_a_skinned_character_are_its_own():
     assert slot.upper_arm == 0.0  # no field is shown
     assert "set its height" in has_own_shape(bpy.context)
     assert {bone.name: tuple(bone.tail_local) for bone in armature.data.bones} == before
+
+
+def test_drivers_that_pose_bones_of_the_body_are_muted_and_key_poses_look_as_before():
+    """As on a character whose forearm and upper spine a slider bends; its eyelids' would go on."""
+    armature = skinned()
+    driven = {"forearm.L": 0.5, "chest": -0.2}
+    for name, angle in driven.items():
+        bone = armature.pose.bones[name]
+        bone.rotation_mode = "XYZ"
+        bone.driver_add("rotation_euler", 0).driver.expression = str(angle)
+    for frame in (1, 9):
+        armature.pose.bones["upper_arm.L"].keyframe_insert("rotation_quaternion", frame=frame)
+    bpy.context.view_layer.update()
+    before = [np.array(armature.pose.bones[name].matrix) for name in (*driven, "hand.L")]
+    armature, remarks = use_as_body(bpy.context.scene, armature)
+    for name in driven:
+        assert f"bone {name}: the driver of its rotation is muted, as keys would be without effect" in remarks
+    assert {"forearm.L", "chest"} < set(body_armature.body_from_armature(armature).names)
+    for frame in (1, 9):
+        bpy.context.scene.frame_set(frame)
+        for name, was in zip((*driven, "hand.L"), before, strict=True):
+            np.testing.assert_allclose(np.array(armature.pose.bones[name].matrix), was, atol=1e-4)
+    assert all(driver.mute for driver in armature.animation_data.drivers)
+
+
+def test_a_driver_of_a_bones_size_is_named_and_one_that_is_muted_is_no_hindrance():
+    armature = skinned()
+    driver = armature.pose.bones["forearm.L"].driver_add("scale", 1)
+    driver.driver.expression = "1.0"
+    with pytest.raises(BodyError, match=r"bone forearm.L: the bone is moved by a driver.*Drivers editor"):
+        use_as_body(bpy.context.scene, armature)
+    assert not any(child.parent_type == "BONE" for child in armature.children)
+    driver.mute = True
+    assert not use_as_body(bpy.context.scene, armature)[1]
