@@ -18,7 +18,7 @@ from ..core.tracking.prepare import load_shot
 from .example_footage import example_folder
 from .progress_bar import progress_bar
 from .services import BlenderWriter, Services
-from .track_command import run_track
+from .tracked_files import ResultFiles, run_track
 
 
 def run(args: argparse.Namespace, services: Services) -> int:
@@ -35,7 +35,7 @@ def _run(args: argparse.Namespace, blender: BlenderWriter | None) -> int:
     shot = load_shot(folder / "shot.toml", solver=args.solver)
     seconds = {"shot": time.perf_counter() - begin}
     with progress_bar() as progress:
-        files = run_track(shot, args.out, blender=blender, progress=progress, seconds=seconds)
+        files = run_track(shot, args.out, ResultFiles(blender), progress=progress, seconds=seconds)
     with results_are_written():
         print(*files, sep="\n")
         print(_summary(shot, args.out, folder, time.perf_counter() - begin))

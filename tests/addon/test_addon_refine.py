@@ -90,7 +90,7 @@ def test_what_cannot_be_refined_is_one_line_and_writes_nothing(
     assert sorted(folder.rglob("*")) == before
 
 
-def test_what_is_of_a_wand_alone_is_refused(
+def test_what_belongs_to_other_calibrations_is_refused(
     folder: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -98,6 +98,8 @@ def test_what_is_of_a_wand_alone_is_refused(
     for extra in (["--report", str(folder / "report")], ["--points", str(folder / "p.csv")], ["--drift"]):
         assert main(arguments + extra) == 1
         assert "apply to a wand capture only" in capsys.readouterr().err
+    assert main([*arguments, "--lenses", str(folder / "lenses.toml")]) == 1
+    assert "--lenses applies to --performer only" in capsys.readouterr().err
     assert not (folder / "report").exists()
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import job_functions
 import pytest
 from kfmocap.__main__ import _BlenderProcess, main
-from kfmocap.cli import command_line, track_command
+from kfmocap.cli import command_line, tracked_files
 from kfmocap.cli.services import Services, blender_needed
 from tiny_shot import assert_refused, broken
 
@@ -46,7 +46,7 @@ def test_a_blender_that_does_not_load_is_said_before_the_tracking(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     blender = UnloadableBlender()
-    monkeypatch.setattr(track_command, "track", broken(AssertionError("it was tracked")))
+    monkeypatch.setattr(tracked_files, "track", broken(AssertionError("it was tracked")))
     arguments = ["track", str(folder / "shot.toml"), "--out", str(folder / "out")]
     code = command_line.main(arguments, Services(start_blender=lambda: blender))
     assert_refused(folder, capsys, code, "libX11.so.6", "--no-blender")

@@ -6,7 +6,7 @@ import signal
 from pathlib import Path
 
 import pytest
-from kfmocap.cli import track_command
+from kfmocap.cli import track_command, tracked_files
 from kfmocap.core.errors import CancelledError, FootageError
 from kfmocap.core.runtime import files
 from kfmocap.core.tracking import journal
@@ -21,7 +21,7 @@ def test_signals_end_a_run_and_leave_nothing(
 ) -> None:
     number = getattr(signal, name)
     before = signal.getsignal(number)
-    monkeypatch.setattr(track_command, "track", lambda *_, **__: signal.raise_signal(number))
+    monkeypatch.setattr(tracked_files, "track", lambda *_, **__: signal.raise_signal(number))
     assert track(folder) == code
     assert signal.getsignal(number) is before
     assert capsys.readouterr().err == "kfmocap: interrupted, nothing was written\n"
@@ -40,10 +40,10 @@ def test_an_interrupt_that_a_library_turns_into_an_error_of_its_own_remains_one(
         except KeyboardInterrupt as interrupt:
             raise TypeError("Cannot compare structured arrays") from interrupt
 
-    monkeypatch.setattr(track_command, "track", compared)
+    monkeypatch.setattr(tracked_files, "track", compared)
     assert track(folder) == 143
     assert capsys.readouterr().err == "kfmocap: interrupted, nothing was written\n"
-    monkeypatch.setattr(track_command, "track", broken(TypeError("a fault of ours")))
+    monkeypatch.setattr(tracked_files, "track", broken(TypeError("a fault of ours")))
     with pytest.raises(TypeError, match="a fault of ours"):
         track(folder)
 
@@ -85,13 +85,13 @@ def test_an_interrupt_just_after_the_results_were_put_in_place_says_that_they_we
 def test_an_error_while_tracking_leaves_nothing(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(track_command, "track", broken(FootageError("it breaks off at frame 3", where="a.mp4")))
+    monkeypatch.setattr(tracked_files, "track", broken(FootageError("it breaks off at frame 3", where="a.mp4")))
     assert_refused(folder, capsys, track(folder), "a.mp4: it breaks off at frame 3")
-    monkeypatch.setattr(track_command, "track", broken(CancelledError()))
+    monkeypatch.setattr(tracked_files, "track", broken(CancelledError()))
     assert_refused(folder, capsys, track(folder), "cancelled")
 
 
 def test_an_interrupt_exits_with_130_and_leaves_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(track_command, "track", broken(KeyboardInterrupt()))
+    monkeypatch.setattr(tracked_files, "track", broken(KeyboardInterrupt()))
     assert track(folder) == 130
     assert [file.name for file in (folder / "out").iterdir()] == ["notes.txt"]

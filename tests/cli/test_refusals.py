@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.__main__ import main
-from kfmocap.cli import track_command
+from kfmocap.cli import tracked_files
 from kfmocap.cli.arguments import parser
 from kfmocap.core.formats import read_trc, write_trc
 from made_capture import made_capture
@@ -114,7 +114,7 @@ def test_a_missing_shot_file_is_named(folder: Path, capsys: pytest.CaptureFixtur
 def test_an_output_folder_that_cannot_be_written_is_refused_before_tracking(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, out: str
 ) -> None:
-    monkeypatch.setattr(track_command, "track", lambda *_: pytest.fail("tracking began"))
+    monkeypatch.setattr(tracked_files, "track", lambda *_: pytest.fail("tracking began"))
     assert_refused(folder, capsys, track(folder, out=out), out)
 
 
@@ -123,7 +123,7 @@ def test_results_take_the_place_of_nothing_that_they_are_made_of(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, result: str
 ) -> None:
     """The results' folder may be that of the input, and a shot may be called as its landmarks are."""
-    monkeypatch.setattr(track_command, "track", lambda *_: pytest.fail("tracking began"))
+    monkeypatch.setattr(tracked_files, "track", lambda *_: pytest.fail("tracking began"))
     (folder / "landmarks.trc").rename(folder / result)
     (folder / "shot.toml").write_text(SHOT.replace("landmarks.trc", result))
     before = (folder / result).read_bytes()
@@ -166,7 +166,7 @@ def test_no_argument_takes_an_empty_path() -> None:
 def test_a_folder_in_the_way_is_seen_before_tracking(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, taken: str
 ) -> None:
-    monkeypatch.setattr(track_command, "track", lambda *_, **__: pytest.fail("tracking began"))
+    monkeypatch.setattr(tracked_files, "track", lambda *_, **__: pytest.fail("tracking began"))
     (folder / "out" / taken).mkdir()
     assert track(folder) == 1
     assert f"{taken}: a folder is in the way" in capsys.readouterr().err

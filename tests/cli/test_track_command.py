@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kfmocap.cli import track_command
+from kfmocap.cli import track_command, tracked_files
 from kfmocap.core.body import human
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.fitting.camera_refinement import RefinedCamera, Refinement
@@ -58,7 +58,7 @@ def test_damaged_footage_is_put_down_to_its_view(
     def tracked(shot, *_, **__) -> TrackResult:
         return replace(made_result(shot), damage=(FootageDamage((4,), "error while decoding", stretches=((4, 11),)),))
 
-    monkeypatch.setattr(track_command, "track", tracked)
+    monkeypatch.setattr(tracked_files, "track", tracked)
     assert track(folder) == 0
     said = capsys.readouterr().err
     assert "cam01: the footage is damaged at or near frames 4 of the file" in said
@@ -69,7 +69,7 @@ def test_cameras_that_do_not_fit_are_printed_and_reported(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fits = (CameraFit(3.0, 1.0, 5.0, "cam01", "keypoints"), CameraFit(12.4, 2.0, 5.0, "cam01", "key poses"))
-    monkeypatch.setattr(track_command, "camera_fits", lambda *_: fits)
+    monkeypatch.setattr(tracked_files, "camera_fits", lambda *_: fits)
     assert track(folder) == 0
     assert capsys.readouterr().err.splitlines()[:2] == [
         "kfmocap: cam01: its picture is 12 px off the key poses; up to 5 px could be chance",
@@ -83,7 +83,7 @@ def test_cameras_that_do_not_fit_are_printed_and_reported(
 def test_footage_that_is_not_the_key_poses_is_printed_without_advice_to_refine(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(track_command, "camera_fits", lambda *_: (FootageMatch("cam01", 0.571),))
+    monkeypatch.setattr(tracked_files, "camera_fits", lambda *_: (FootageMatch("cam01", 0.571),))
     assert track(folder) == 0
     said = capsys.readouterr().err
     assert "kfmocap: cam01: its pictures do not change where the key poses move (0.57; 1 where they do" in said
@@ -99,8 +99,8 @@ def test_footage_that_does_not_match_is_printed_before_the_results(
         run.first_pictures.seen([{}])
         return made_result(shot)
 
-    monkeypatch.setattr(track_command, "track", tracked)
-    monkeypatch.setattr(track_command, "early_misfits", lambda *_: [FootageMatch("cam01", 0.6, offset=4.0)])
+    monkeypatch.setattr(tracked_files, "track", tracked)
+    monkeypatch.setattr(tracked_files, "early_misfits", lambda *_: [FootageMatch("cam01", 0.6, offset=4.0)])
     assert track(folder) == 0
     said = capsys.readouterr().err.splitlines()[0]
     assert "offset of about 4: write it" in said and said.endswith(
@@ -111,10 +111,10 @@ def test_footage_that_does_not_match_is_printed_before_the_results(
 def test_an_offset_that_fits_better_is_printed_with_the_option_that_takes_it(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(track_command, "camera_fits", lambda *_: (FootageMatch("cam01", 0.9, offset=-6.0),))
+    monkeypatch.setattr(tracked_files, "camera_fits", lambda *_: (FootageMatch("cam01", 0.9, offset=-6.0),))
     offsets = []
     monkeypatch.setattr(
-        track_command, "track", lambda shot, *_, **__: offsets.append(shot.views[0].offset) or made_result(shot)
+        tracked_files, "track", lambda shot, *_, **__: offsets.append(shot.views[0].offset) or made_result(shot)
     )
     assert track(folder) == 0
     said = capsys.readouterr().err
@@ -136,7 +136,7 @@ def test_refining_first_tracks_with_the_refined_cameras_and_writes_them(
 
     seen: list[Camera] = []
     monkeypatch.setattr(track_command, "refine_shot_cameras", refined)
-    monkeypatch.setattr(track_command, "track", tracked)
+    monkeypatch.setattr(tracked_files, "track", tracked)
     [before] = load_cameras(folder / "calibration.toml").values()
     assert track(folder, "--refine") == 0
     captured = capsys.readouterr()
@@ -159,7 +159,7 @@ def test_what_no_camera_saw_is_printed_apart_from_the_list_of_files(
 
     track(folder)
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr(track_command, "track", half_blind)
+    monkeypatch.setattr(tracked_files, "track", half_blind)
     assert track(folder) == 0
     captured = capsys.readouterr()
     assert captured.err == "kfmocap: man: frames on which no camera sees a part: hand.L 2\n"

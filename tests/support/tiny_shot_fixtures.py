@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from kfmocap.cli import track_command
+from kfmocap.cli import tracked_files
 from kfmocap.core.body import human, landmark_positions
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.formats import save_cameras, write_trc
@@ -30,5 +30,5 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "shot.toml").write_text(SHOT)
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "notes.txt").write_text("mine")
-    monkeypatch.setattr(track_command, "track", lambda shot, progress=None, **_: made_result(shot))
+    monkeypatch.setattr(tracked_files, "track", lambda shot, progress=None, **_: made_result(shot))
     return tmp_path

@@ -13,7 +13,7 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import metarig  # noqa: E402
 from keypoint_shots import cameras, person_with_hands  # noqa: E402
-from kfmocap.cli import track_command  # noqa: E402
+from kfmocap.cli import tracked_files  # noqa: E402
 from kfmocap.core.body import landmark_positions  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.formats.bvh import read_bvh  # noqa: E402
@@ -165,7 +165,7 @@ def test_the_body_gets_fingers_and_files_have_them(blender, tmp_path, capsys):
     scene = bpy.context.scene
     slot.fingers = True
     shot = scenes.shot_from_scene(scene)
-    [found] = track_command._hands(shot, SimpleNamespace(motions=[WALK]))
+    [found] = tracked_files._hands(shot, SimpleNamespace(motions=[WALK]))
     for _ in range(2):  # again: the bones that are there are used
         armature, bones = finger_tracking.with_fingers(slot.armature)
         assert finger_tracking.write_fingers(scene, armature, bones, found) == 30
@@ -185,5 +185,5 @@ def test_the_body_gets_fingers_and_files_have_them(blender, tmp_path, capsys):
     assert angle == pytest.approx(wanted[0, 1, 0], abs=3)
 
     far = replace(WALK, translations=WALK.translations + 3.0)
-    assert track_command._hands(shot, SimpleNamespace(motions=[far])) == (None,)
+    assert tracked_files._hands(shot, SimpleNamespace(motions=[far])) == (None,)
     assert "man is written without fingers: " in capsys.readouterr().err

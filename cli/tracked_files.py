@@ -1,0 +1,234 @@
+"""Track a shot and write its results, all of them or none."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from ..core.body import landmark_positions
+from ..core.body.unknown_parts import known_landmarks
+from ..core.errors import InputError
+from ..core.fitting.camera_refinement import Refinement
+from ..core.fitting.shot_cameras import (
+    camera_fits,
+    checked_frames,
+    early_frames,
+    early_misfits,
+    for_camera_fits,
+)
+from ..core.fitting.view_findings import ViewFinding
+from ..core.formats.calibrations.toml_cameras import save_cameras
+from ..core.formats.keypoint_files import read_shot_keypoints
+from ..core.formats.trc import write_trc
+from ..core.keypoints.hand_points import tracked_hands
+from ..core.numerics.arrays import Array
+from ..core.review.overlay import contact_sheet, sheet_frames, write_contact_sheet
+from ..core.review.report_text import offset_text
+from ..core.review.track_report import report
+from ..core.runtime.files import check_inputs_kept, staged, write_json
+from ..core.runtime.interrupts import REPORT_FILE
+from ..core.runtime.progress import Progress, share
+from ..core.runtime.timing import Seconds
+from ..core.runtime.worker_memory import WorkerMemory
+from ..core.runtime.worker_pool import WorkerPool
+from ..core.shot.shot import Gap, Shot
+from ..core.shot.shot_spec import ShotSpec, result_names
+from ..core.tracking.journal import Journal
+from ..core.tracking.run_context import FirstPictures, RunContext, SolvedShot
+from ..core.tracking.track_result import TrackResult
+from ..core.tracking.tracker import track
+from .progress_bar import print_beside_bar
+from .services import BlenderWriter, OutputRequest
+
+REFINED = "refined.toml"
+SCENE = "shot.blend"
+OVERLAY = "overlay.png"
+
+
+@dataclass(frozen=True)
+class ResultFiles:
+    """What is written beside landmarks, overlay and report, and how.
+
+    Attributes
+    ----------
+    blender : BlenderWriter, optional
+        Writes the files that need Blender; without it they are left out.
+    open_scene : bool
+        Whether the shot was read from Blender's open scene: shot.blend is then a copy of the open file with the motion.
+    refined : Refinement, optional
+        The refinement of the shot's cameras, if any; they are then written as refined.toml.
+    leave_out_unknown : bool
+        Whether the files leave out landmarks and bones of parts that nothing shows.
+    """
+
+    blender: BlenderWriter | None = None
+    open_scene: bool = False
+    refined: Refinement | None = None
+    leave_out_unknown: bool = False
+
+
+def check_shot_kept(spec: ShotSpec, out: Path) -> None:
+    """Check that none of the possible results of a shot would overwrite one of its inputs.
+
+    Raises
+    ------
+    OutputError
+        One would.
+    """
+    motions = result_names(spec.name, [performer.name for performer in spec.performers])
+    results = [out / name for name in _file_names(motions, blender=True, refined=True)]
+    check_inputs_kept(results, [spec.path, *spec.files()])
+
+
+def _file_names(motions: Sequence[str], *, blender: bool, refined: bool) -> list[str]:
+    """Return the names of all results, with those that Blender writes and the refined cameras or without."""
+    endings = (".trc", ".bvh", ".fbx") if blender else (".trc",)
+    scene, cameras = (SCENE,) if blender else (), (REFINED,) if refined else ()
+    return [*(f"{name}{ending}" for name in motions for ending in endings), *scene, *cameras, OVERLAY, REPORT_FILE]
+
+
+def run_track(
+    shot: Shot,
+    out_dir: Path,
+    files: ResultFiles | None = None,
+    *,
+    progress: Progress | None = None,
+    seconds: Mapping[str, float] | None = None,
+    journal: Journal | None = None,
+    memory: WorkerMemory | None = None,
+) -> list[Path]:
+    """Track a shot; write NAME.trc, overlay.png and report.json, and with Blender NAME.bvh, NAME.fbx and shot.blend.
+
+    Parameters
+    ----------
+    shot : Shot
+    out_dir : Path
+        Created if it does not exist; other files in it are not changed.
+    files : ResultFiles, optional
+        By default the files that need Blender are left out.
+    progress : callable, optional
+    seconds : mapping of str to float, optional
+        Seconds of earlier stages, for the report.
+    journal : Journal, optional
+        Stores finished segments, and provides those of an earlier run; see `core.tracking.journal`.
+    memory : WorkerMemory, optional
+        Cache with worker processes; by default they are started for this run.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+
+    Raises
+    ------
+    ShotError
+        A name is not a valid file name; raised before tracking begins.
+    OutputError
+        The folder cannot be written; raised before tracking begins if possible.
+    FootageError
+        The footage ends early.
+    CancelledError
+        `progress` returned False.
+    """
+    files = files or ResultFiles()
+    blender, refined = files.blender, files.refined
+    motions = result_names(shot.name, [performer.name for performer in shot.performers])
+    names = _file_names(motions, blender=blender is not None, refined=refined is not None)
+    times = Seconds(seconds or {})
+    with staged(out_dir, names) as stage, ExitStack() as stack:
+        if blender is not None and not files.open_scene:
+            blender.prepare(shot, out_dir, stage.parent)
+        if memory is None:
+            memory = stack.enter_context(closing(WorkerMemory(limit=0)))
+        check = _CameraCheck(shot)
+        # A shot's reader has just checked its footage.
+        early = FirstPictures(early_frames(shot), partial(_print_misfits, shot))
+        context = RunContext(
+            journal, memory, solved=check.begin, first_pictures=early, footage_checked=not files.open_scene
+        )
+        pictures = sorted({*sheet_frames(shot), *checked_frames(shot)})
+        result = track(shot, share(progress, 0.0, 0.9), pictures=pictures, run=context)
+        # Blender keeps one core busy, in this thread; meanwhile the others draw, and check the cameras if still needed.
+        with memory.pool(memory.workers) as pool, ThreadPoolExecutor(1) as beside:
+            check.begin(pool, result)
+            drawing = beside.submit(_draw_overlay, shot, result, stage / OVERLAY, share(progress, 0.95, 1.0), times)
+            landmarks = [stage / f"{name}.trc" for name in motions]
+            _write_landmarks(shot, result, landmarks, leave_out_unknown=files.leave_out_unknown)
+            if blender is not None:
+                with times.measure("Blender"):
+                    hands = _hands(shot, result)
+                    request = OutputRequest(stage, out_dir, files.open_scene, files.leave_out_unknown, hands)
+                    blender.write_outputs(shot, result, request)
+            drawing.result()
+            with times.measure("camera check"):
+                fits = check.result()
+        if refined is not None:
+            save_cameras(stage / REFINED, refined.cameras)
+        write_json(stage / REPORT_FILE, report(shot, result, times, fits=fits, refined=refined))
+        written = sorted(file.name for file in stage.iterdir())
+    return [out_dir / name for name in written]
+
+
+def _print_misfits(shot: Shot, pictures: Sequence[Mapping[int, Any]]) -> None:
+    """Print which footage does not match the first key poses while the shot is being tracked."""
+    for misfit in early_misfits(shot, pictures):
+        offset = offset_text(misfit.camera, misfit.offset) if misfit.by == "movement" else ""
+        print_beside_bar(f"kfmocap: {misfit.summary}{offset} (tracking goes on; Ctrl-C ends it)")
+
+
+class _CameraCheck:
+    """A check of how well a shot's cameras fit, which a worker does as soon as it is idle."""
+
+    def __init__(self, shot: Shot) -> None:
+        self._shot = shot
+        self._gaps: tuple[tuple[Gap, ...], ...] = ()
+        self._job: Future[tuple[ViewFinding, ...]] | None = None
+
+    def begin(self, pool: WorkerPool, solved: TrackResult | SolvedShot) -> None:
+        """Start the check in a pool, unless it was started before with the same gaps in the footage."""
+        if self._job is None or self._gaps != solved.gaps:
+            self._gaps = solved.gaps
+            work = partial(camera_fits, self._shot, for_camera_fits(self._shot, solved))
+            self._job = pool.submit(work, lambda _: None)
+
+    def result(self) -> tuple[ViewFinding, ...]:
+        """Wait for the result."""
+        assert self._job is not None
+        return self._job.result()
+
+
+def _draw_overlay(shot: Shot, result: TrackResult, file: Path, progress: Progress | None, times: Seconds) -> None:
+    with times.measure("overlay"):
+        in_step = shot.with_footage_offset(result.footage_offset)
+        sheet = contact_sheet(in_step, result.motions, sheet_frames(shot), progress, result.pictures)
+        write_contact_sheet(file, sheet)
+
+
+def _hands(shot: Shot, result: TrackResult) -> tuple[Array | None, ...]:
+    """Return the points of the hands of performers with `fingers`; prints a remark on those not found."""
+    if not any(performer.fingers for performer in shot.performers):
+        return ()
+    detections, found = read_shot_keypoints(shot, hands=True), list[Array | None]()
+    for i, performer in enumerate(shot.performers):
+        hands = None
+        if performer.fingers:
+            try:
+                hands = tracked_hands(shot, detections, i, result.motions[i])
+            except InputError as error:
+                print(f"kfmocap: {performer.name} is written without fingers: {error}", file=sys.stderr)
+        found.append(hands)
+    return tuple(found)
+
+
+def _write_landmarks(shot: Shot, result: TrackResult, files: Sequence[Path], *, leave_out_unknown: bool) -> None:
+    """Write every performer's landmarks."""
+    for i, file in enumerate(files):
+        body, motion = shot.performers[i].body, result.motions[i]
+        names = known_landmarks(body, result.unknown[i] if leave_out_unknown else ())
+        write_trc(file, names, landmark_positions(body, motion, names), shot.fps)
