@@ -53,6 +53,20 @@ class BandedBlocks:
             self.energy,
         )
 
+    def among(self, frames: int, start: int) -> BandedBlocks:
+        """Return the system of a run of frames as part of one of more frames, of which it says nothing else; the
+        inverse of `cut`.
+        """
+        whole = self.zeros(frames, self.gradient.shape[1])
+        for own, out in (
+            (self.diagonal, whole.diagonal),
+            (self.first, whole.first),
+            (self.second, whole.second),
+            (self.gradient, whole.gradient),
+        ):
+            out[start : start + len(own)] = own
+        return replace(whole, energy=self.energy)
+
     def scaled(self, factor: float) -> BandedBlocks:
         """Return the system with its energy multiplied by a factor."""
         return BandedBlocks(

@@ -108,6 +108,17 @@ def test_cut_holds_the_frames_around(start: int, stop: int) -> None:
     assert part.energy == blocks.energy
 
 
+@pytest.mark.parametrize(("start", "stop"), [(0, 6), (1, 5), (2, 4), (2, 3), (4, 6)])
+def test_a_system_among_more_frames_says_the_same_of_its_own_and_nothing_of_the_others(start: int, stop: int) -> None:
+    part, D = smoothness(wild(), WEIGHTS).cut(start, stop), BODY.dof
+    whole = part.among(6, start)
+    expected, rows = np.zeros((6 * D, 6 * D)), slice(start * D, stop * D)
+    expected[rows, rows] = dense(part)
+    np.testing.assert_array_equal(dense(whole), expected)
+    np.testing.assert_array_equal(whole.cut(start, stop).gradient, part.gradient)
+    assert np.abs(whole.gradient).sum() == np.abs(part.gradient).sum() and whole.energy == part.energy
+
+
 def test_systems_add_up() -> None:
     a, b = smoothness(wild(), WEIGHTS), smoothness(swing(BODY, 6), 2 * WEIGHTS)
     total = a + b

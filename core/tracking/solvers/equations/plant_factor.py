@@ -8,7 +8,7 @@ stand is decided at the end (`standing_feet`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -69,6 +69,13 @@ class PlantFactor:
 
     def blocks(self, body: Body, poses: Poses) -> BandedBlocks:
         """Build the normal equations around world poses (R, T) of the parts on F frames."""
+        length, planted = len(poses[1]), np.flatnonzero(self.steps.any(axis=1))
+        if not len(planted):
+            return BandedBlocks.zeros(length, body.dof)
+        first, end = int(planted[0]), int(planted[-1]) + 2  # of the frames that any plant is about
+        if end - first < length:
+            some = replace(self, steps=self.steps[first : end - 1])
+            return some.blocks(body, (poses[0][first:end], poses[1][first:end])).among(length, first)
         points = self.soles.world(poses)
         F, P, C = len(points), len(body), points.shape[1]
         r = np.diff(points, axis=0) / self.sigma

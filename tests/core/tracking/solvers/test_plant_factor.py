@@ -72,6 +72,23 @@ def test_its_gradient_is_the_slope_of_its_energy(tracked: Motion, factor: PlantF
     assert slope == pytest.approx(2 * float(np.sum(gradient * way)), rel=1e-4)
 
 
+def test_the_equations_of_plants_are_the_sum_of_those_of_each_step(tracked: Motion, factor: PlantFactor) -> None:
+    """Wherever in the motion it is: a step is about two frames alone."""
+    poses = part_poses(BODY, tracked)
+    together, total = factor.blocks(BODY, poses), BandedBlocks.zeros(FRAMES, BODY.dof)
+    for step in np.flatnonzero(factor.steps.any(axis=1)):
+        alone = np.zeros_like(factor.steps)
+        alone[step] = factor.steps[step]
+        own = replace(factor, steps=alone).blocks(BODY, poses)
+        assert {*np.flatnonzero(own.gradient.any(axis=1))} <= {step, step + 1}
+        total += own
+    for name in ("diagonal", "first", "second", "gradient"):
+        np.testing.assert_allclose(getattr(total, name), getattr(together, name), rtol=1e-9, atol=1e-6)
+    assert total.energy == pytest.approx(together.energy)
+    nothing = replace(factor, steps=np.zeros_like(factor.steps)).blocks(BODY, poses)
+    assert not nothing.diagonal.any() and nothing.energy == 0
+
+
 def test_a_foot_that_swings_after_all_is_let_go(factor: PlantFactor) -> None:
     path = TRUTH.translations + 0.1 * np.arange(FRAMES)[:, None] * [1.0, 0.0, 0.0]
     slow, fast = (
