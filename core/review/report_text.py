@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..errors import listed
+from ..shot.footage_faults.footage_checks import SAME_RATE
 from ..shot.footage_faults.footage_damage import FootageDamage
 from ..shot.footage_faults.footage_times import FootageRate
 from ..shot.frame_numbers import footage_offset_text
@@ -15,6 +16,8 @@ from ..tracking.late_views import LateView
 _MAX_LISTED = 10
 _MIN_AGREEMENT = 0.45
 """Share of a view's keypoints that agree from which nothing is said: see docs/keypoints.md."""
+_SHOWN_DRIFT = 0.5
+"""Frames by which two views may drift apart over a shot before something is said."""
 _RATE_TOLERANCE = 5e-4  # 29.97 and 30 frames per second differ by twice as much
 
 
@@ -107,7 +110,28 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
         lines += [f"{view['camera']}: {gap.text}" for gap in gaps if not gap.timed]
         if view.get("late"):
             lines.append(f"{view['camera']}: {LateView(**view['late']).text}")
-    return lines
+    return lines + _drift_lines(values)
+
+
+def _drift_lines(values: Mapping[str, Any]) -> list[str]:
+    """Return a line on the two views whose constant frame rates differ most, if this shows before the shot ends.
+
+    Rates that differ by more than `SAME_RATE` are those of footage whose frames were said to be the shot's one by one.
+    """
+    timed = [(view, FootageRate(**view["rate"])) for view in values["views"] if view.get("rate")]
+    rates = {view["camera"]: found.rate / view.get("every", 1) for view, found in timed if not found.varies}
+    if len(rates) < 2:
+        return []
+    slow, fast = min(rates, key=rates.__getitem__), max(rates, key=rates.__getitem__)
+    first, last = values["frames"]
+    apart = (last - first) * (1 - rates[slow] / rates[fast])
+    if apart < _SHOWN_DRIFT or rates[fast] > rates[slow] * (1 + SAME_RATE):
+        return []
+    return [
+        f"by the times in their files, {slow} has {rates[slow]:.5g} frames per second and {fast} {rates[fast]:.5g}: "
+        f"if that is right, they are {apart:.1f} frames apart at the end; convert {fast}, as with: "
+        f"ffmpeg -i FOOTAGE -vf fps={rates[slow]:.5g} -crf 14 CONVERTED.mp4"
+    ]
 
 
 def keypoints_text(agreement: float) -> str:

@@ -224,6 +224,21 @@ def test_problems_of_the_footage_are_reported(
     assert [line for line in lines if line.startswith("cam01: early from about frame 117 on: a frame seems to be miss")]
 
 
+@pytest.mark.parametrize(
+    ("rate", "frames", "said"), [(25.0, 1000, 0), (25.025, 400, 0), (25.025, 1001, 1), (50, 99, 0)]
+)
+def test_views_that_drift_apart_are_named(tracked: tuple[Shot, type], rate: float, frames: int, said: int) -> None:
+    """Twice the rate is only read where the shot file says that the frames belong together."""
+    shot, result = tracked
+    result.rates = (FootageRate(25.0, 0.1, 5), FootageRate(rate, 0.1, 5))
+    values = {**report(shot, result()), "frames": [0, frames - 1]}
+    lines = [line for line in report_lines(values) if "frames apart at the end" in line]
+    assert len(lines) == said
+    assert all(
+        "cam01 has 25 frames per second and cam02 25.025: " in line and "1.0 frames apart" in line for line in lines
+    )
+
+
 def test_gaps_that_the_times_of_a_file_show_are_reported_once(tracked: tuple[Shot, type]) -> None:
     shot, result = tracked
     result.torn = ((), (3, 4, 5))
