@@ -69,6 +69,10 @@ def _roles(
         limb |= {"toe": parts[side]["toe"]} if "toe" in parts[side] else {}
         limbs = _leg(limb, tree) | _arm(limb, tree) | _fingers(parts[side], names, tree)
         found |= {f"{role}.{side}": bones for role, bones in limbs.items()}
+    if tree.says_nothing(found):
+        for role in ("spine", "neck"):
+            upward = sorted(parts[""].get(role, []), key=lambda j: float(rest.heads[j, 2]))
+            found |= {role: upward[: _MAX_BONES[role]]} if upward else {}
     found = tree.with_trunk(found)
     root = _root(rest, parts[""].get("root", []), found.get("hips", []), tree)
     found = {role: bones for role, bones in found.items() if role != "root"} | ({"root": root} if root else {})

@@ -11,6 +11,8 @@ from .roles import SIDES
 
 _TOPS = ("thigh", "upper_arm")
 """Roles of the uppermost bones of the limbs."""
+_SEGMENTS = ("thigh", "shin", "upper_arm", "forearm")
+"""Roles of the bones of limbs."""
 
 
 class SkeletonTree:
@@ -45,11 +47,16 @@ class SkeletonTree:
         ways = [self._above[j] for j in bones]
         return next((j for j in ways[0] if all(j in way for way in ways)), -1) if ways else -1
 
+    def says_nothing(self, found: Mapping[str, Sequence[int]]) -> bool:
+        """Whether all segments of the limbs hang side by side on one bone: parents tell nothing then."""
+        limbs = [found[role][0] for limb in _SEGMENTS for s in SIDES if (role := f"{limb}.{s}") in found]
+        return len(limbs) > 1 and len({tuple(self._above[j][:1]) for j in limbs}) == 1
+
     def with_trunk(self, found: Mapping[str, Sequence[int]]) -> dict[str, list[int]]:
         """Return roles with hips, spine and neck added by position between the known limbs.
 
         Names are unreliable here: thighs and spine may be siblings under a bone above the one called pelvis, and chains
-        contain bones with other names.
+        contain bones with other names. Where the hierarchy says nothing, they count all the same.
         """
         roles = {role: list(bones) for role, bones in found.items()}
         legs, arms = ([roles[f"{limb}.{s}"][0] for s in SIDES if f"{limb}.{s}" in roles] for limb in _TOPS)
@@ -57,7 +64,7 @@ class SkeletonTree:
             return roles
         carrier, chest = self.common([*legs, *arms]), self.common(arms)
         named = roles.get("hips", [-1])[0]
-        if carrier < 0:
+        if carrier < 0 or ("hips" in roles and self.says_nothing(roles)):
             return roles
         if not all(self.is_above(named, j) for j in (*legs, *arms)):
             roles["hips"] = [carrier]

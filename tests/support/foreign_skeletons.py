@@ -325,6 +325,23 @@ SKELETONS = {
         DEF-Foot.{S} | ORG-Foot.{S} | ankle | foot
         IK-Foot.{S} | ROOT | ankle
         """,
+    "deforming bones side by side on the root": """
+        ROOT | | ground | root
+        FK-Hips | ROOT | hips
+        FK-Spine | FK-Hips | spine1
+        DEF-Hips | ROOT | hips | hips
+        DEF-Spine | ROOT | spine1 | spine
+        DEF-Chest | ROOT | spine3 | spine
+        DEF-Neck | ROOT | neck | neck
+        DEF-Head | ROOT | head | head
+        DEF-Clavicle.{S} | ROOT | collar | shoulder
+        DEF-UpperArm.{S} | ROOT | shoulder | upper_arm
+        DEF-Forearm.{S} | ROOT | elbow | forearm
+        DEF-Wrist.{S} | ROOT | wrist | hand
+        DEF-Thigh.{S} | ROOT | thigh | thigh
+        DEF-Knee.{S} | ROOT | knee | shin
+        DEF-Foot.{S} | ROOT | ankle | foot
+        """,
     "finnish, hips and spine side by side": """
         juuri | | hips | hips
         lantio | juuri | hips
