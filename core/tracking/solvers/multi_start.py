@@ -121,7 +121,7 @@ def best_of_own_starts(
     """
     seconds, [performer] = Seconds(), problem.sought
     trial, settled = None, None
-    searching = len(problem.whole_keys(performer)) > 1 and not problem.keypoints  # keypoints show where limbs are
+    searching = bool(len(problem.whole_keys(performer))) and not problem.keypoints  # keypoints show where limbs are
     if searching:
         with seconds.measure("initial solution"):
             start, first = with_whole_turn(problem, start, straight := first, workspace.part(0.0, 0.05))

@@ -123,20 +123,26 @@ def test_two_starts_that_lead_to_the_same_motion_end_the_doubt_that_it_explains_
     assert best.doubted == ((0,) if doubted else ())
 
 
-@pytest.mark.parametrize("little", [False, True])
+@pytest.mark.parametrize(("little", "keys"), [(False, 2), (True, 2), (True, 1)])
 def test_a_motion_is_followed_only_where_too_little_of_the_body_is_explained(
-    monkeypatch: pytest.MonkeyPatch, little: bool
+    monkeypatch: pytest.MonkeyPatch, little: bool, keys: int
 ) -> None:
-    """A limb that is lost alone is searched for around the solution: following the whole body would not find it."""
+    """A limb that is lost alone is searched for around the solution: following the whole body would not find it.
+
+    So it is before the first key pose and after the last one, too.
+    """
     landscape, followed, begun = Landscape(truth=TRUTH, reach=0.0), list[bool](), list[int]()
-    first = landscape.solution(PROBLEM, off(TRUTH, ARMS, 0.05))
+    fixed = PROBLEM.fixed[0].copy()
+    fixed[0] &= keys == 2
+    problem = replace(PROBLEM, fixed=(fixed,))
+    first = landscape.solution(problem, off(TRUTH, ARMS, 0.05))
     monkeypatch.setattr(multi_start, "follow_both_ways", lambda *_: followed.append(True) or [TRUTH])
     monkeypatch.setattr(multi_start, "with_whole_turn", lambda _problem, start, first, _: (start, first))
     monkeypatch.setattr(multi_start, "images_contradict", lambda *_: True)
     monkeypatch.setattr(multi_start, "is_doubtful", lambda *_: little)
     monkeypatch.setattr(multi_start, "limb_contradicted", lambda *_: True)
     monkeypatch.setattr(multi_start, "searched", lambda _p, _s, from_, *_, **__: begun.append(len(from_)) or first)
-    assert multi_start.best_of_own_starts(PROBLEM, first.motions, first, landscape).doubted == (0,)
+    assert multi_start.best_of_own_starts(problem, first.motions, first, landscape).doubted == (0,)
     assert followed == [True] * little and begun == [1 + little], "limbs are searched for in any case"
 
 
