@@ -15,11 +15,10 @@ from ..core.body import landmark_positions
 from ..core.body.unknown_parts import known_landmarks
 from ..core.errors import InputError
 from ..core.fitting.camera_refinement import Refinement
+from ..core.fitting.early_check import early_frames, early_misfits
 from ..core.fitting.shot_cameras import (
     camera_fits,
     checked_frames,
-    early_frames,
-    early_misfits,
     for_camera_fits,
 )
 from ..core.fitting.view_findings import ViewFinding

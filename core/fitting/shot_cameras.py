@@ -8,7 +8,7 @@ from the shot: from the scatter of the keypoints, and from how exactly the outli
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,23 +32,17 @@ from ..tracking.run_context import FirstPictures, RunContext, SolvedShot
 from ..tracking.segments import whole_keys
 from ..tracking.track_result import TrackResult
 from .camera_refinement import RefinedCamera, Refinement, refine_cameras
-from .flicker import FLICKER_FRAMES, MIN_FLICKER, flicker
-from .footage_match import better_offset, footage_matches, shifted_background
-from .key_frame_views import KeyFrameView, pictured_key_frames, read_key_frames
+from .early_check import EARLY_MISFITS, early_frames, early_misfits
+from .footage_match import footage_matches
+from .key_frame_views import pictured_key_frames, read_key_frames
 from .keypoint_cameras import PictureShift, contradictions
+from .misfit_causes import attributed_findings, moved_cameras
 from .outline_fit import RefinementStage
 from .shared_keypoints import CameraEstimate, SharedKeypoints
-from .view_findings import CameraFit, FlickeringLight, FootageMatch, MovedCamera, ViewFinding
+from .view_findings import CameraFit, ViewFinding
 
 MAX_CHECKED_KEYS = 8
 """Largest number of key frames that cameras are compared with, evenly spaced over the shot."""
-MAX_OFFSET_SPREAD = 4.0
-"""Largest difference between offsets of all views that mean one thing, key poses that lag, frames: each is known to two
-frames at most."""
-EARLY_MISFITS = "footage that does not match"
-"""Key with which these are shown, beside those of segments."""
-EARLY_KEYS = 3
-"""Number of key frames by which footage is compared with the key poses before the shot is tracked."""
 CHECK_STAGES = (RefinementStage(0.25, 4.0, 4, learns_once=True), RefinementStage(0.10, 1.0, 4, learns_once=True))
 """Few stages: a camera that fits passes soon, and one that does not need not be corrected to be detected."""
 CHECK_CONVERGED_PIXELS = 0.25
@@ -72,43 +66,6 @@ def fit_by_keypoints(shot: Shot, performers: Sequence[Keypoints]) -> tuple[Camer
     shifts, _ = _compared(shot, performers)
     names = [view.camera.name for view in shot.views]
     return tuple(CameraFit(s.shift, s.deviation, s.limit, names[v], "keypoints") for v, s in shifts.items())
-
-
-def early_frames(shot: Shot) -> frozenset[int]:
-    """Return the shot frames whose pictures `early_misfits` compares: the first with key poses of the whole body, and
-    the first of all.
-    """
-    return frozenset({*_early_keys(shot).tolist(), *range(min(FLICKER_FRAMES, shot.length))})
-
-
-def _early_keys(shot: Shot) -> NDArray[np.int64]:
-    return whole_keys(shot, 0, shot.length - 1)[:EARLY_KEYS]
-
-
-@one_library_thread()
-def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]]) -> list[ViewFinding]:
-    """Return the views whose light flickers, or whose footage does not match the first key poses, which is known before
-    anything is tracked.
-
-    Parameters
-    ----------
-    shot : Shot
-    pictures : sequence of mappings
-        Per view: rectified pictures by shot frame, including those of `early_frames`.
-    """
-    swings = [flicker([own[f] for f in range(min(FLICKER_FRAMES, shot.length))]) for own in pictures]
-    flickering: list[ViewFinding] = [
-        FlickeringLight(view.camera.name, swing)
-        for view, swing in zip(shot.views, swings, strict=True)
-        if swing > MIN_FLICKER
-    ]
-    frames = _early_keys(shot)
-    if len(frames) < 2:
-        return flickering
-    rectified = replace(shot, views=tuple(replace(view, camera=view.camera.rectified()) for view in shot.views))
-    views = pictured_key_frames(rectified, frames, pictures)
-    off = [match for match in footage_matches(rectified, views, frames) if match.off]
-    return flickering + [own for own in _explained(shot, frames, off, ()) if isinstance(own, FootageMatch)]
 
 
 @one_library_thread()
@@ -156,59 +113,12 @@ def fit_by_key_poses(
         CameraFit(one.shift, one.deviation, one.limit, one.camera.name, "key poses") for one in found if not one.lost
     ]
     matches = footage_matches(shot, views, frames)
-    moved = _moved(shot, views, frames, matches, fits)
+    moved = moved_cameras(shot, views, frames, matches, fits)
     rest = [fit for fit in fits if fit.camera not in moved]
-    return (*moved.values(), *_explained(given, frames, [own for own in matches if own.camera not in moved], rest))
-
-
-def _moved(
-    shot: Shot,
-    views: Sequence[KeyFrameView],
-    frames: NDArray[np.int64],
-    matches: Sequence[FootageMatch],
-    fits: Sequence[CameraFit],
-) -> dict[str, MovedCamera]:
-    """Return the cameras that do not fit, or whose footage does not match, because they were moved during the shot."""
-    found = {}
-    off = {fit.camera for fit in fits if fit.off} | {match.camera for match in matches if match.off}
-    for view, pictured in zip(shot.views, views, strict=True):
-        name = view.camera.name
-        if name in off:
-            shift = shifted_background(shot, view, pictured, frames)
-            if shift is not None:
-                first = shot.frames[0]
-                there = replace(shift, frames=(first + shift.frames[0], first + shift.frames[1]))
-                found[name] = MovedCamera(name, there)
-    return found
-
-
-def _explained(
-    shot: Shot, frames: NDArray[np.int64], matches: Sequence[FootageMatch], fits: Sequence[CameraFit]
-) -> tuple[ViewFinding, ...]:
-    """Return the cameras' fits, and what else explains that views do not show the key poses.
-
-    A camera that can be corrected explains that its footage does not match. Another offset explains both; but where
-    performers walk steadily, a camera that was turned looks like one that is late.
-    """
-    correctable = {fit.camera for fit in fits if fit.off}
-    unlike = {match.camera: match for match in matches if match.off and match.camera not in correctable}
-    views = {view.camera.name: view for view in shot.views}
-    for match in matches:
-        if match.camera in correctable or match.camera in unlike:
-            offset = better_offset(shot, views[match.camera], frames)
-            if offset is not None:
-                unlike[match.camera] = replace(match, offset=offset)
-    if len(matches) > 1 and len(unlike) == len(matches) and not _agree(unlike.values()):
-        # The key poses are elsewhere, or of another movement: some offset always fits a little better.
-        unlike = {name: without for name, own in unlike.items() if (without := replace(own, offset=None)).off}
-    return (*unlike.values(), *(fit for fit in fits if fit.off or fit.camera not in unlike))
-
-
-def _agree(matches: Iterable[FootageMatch]) -> bool:
-    """Whether offsets that fit better are known of all of some views, and are about the same."""
-    offsets = [match.offset for match in matches]
-    known = [offset for offset in offsets if offset is not None]
-    return len(known) == len(offsets) and max(known) - min(known) <= MAX_OFFSET_SPREAD
+    return (
+        *moved.values(),
+        *attributed_findings(given, frames, [own for own in matches if own.camera not in moved], rest),
+    )
 
 
 def camera_fits(shot: Shot, result: SolvedShot, progress: Progress | None = None) -> tuple[ViewFinding, ...]:

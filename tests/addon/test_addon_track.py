@@ -13,7 +13,7 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import PARTS, keys_of, motion, shot, track_result  # noqa: E402
 from kfmocap.core.errors import CancelledError, ShotError  # noqa: E402
-from kfmocap.core.fitting.shot_cameras import EARLY_MISFITS  # noqa: E402
+from kfmocap.core.fitting.early_check import EARLY_MISFITS  # noqa: E402
 from kfmocap.core.fitting.view_findings import FootageMatch  # noqa: E402
 from kfmocap.core.runtime.job import Job  # noqa: E402
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate  # noqa: E402

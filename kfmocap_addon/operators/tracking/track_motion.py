@@ -101,7 +101,7 @@ class Tracking(Conditional, JobOperator):
 
     def show(self, _context: bpy.types.Context, shown: dict[Any, Any]) -> None:
         """Show the frames tracked so far, and which footage does not match the key poses."""
-        from ....core.fitting.shot_cameras import EARLY_MISFITS
+        from ....core.fitting.early_check import EARLY_MISFITS
         from ...scene_io.cameras import view_cameras
         from ...scene_io.keys.tracking_preview import TrackingPreview
 

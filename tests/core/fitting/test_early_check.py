@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from kfmocap.core.fitting.shot_cameras import EARLY_KEYS, EARLY_MISFITS, early_frames, early_misfits, track_and_check
+from kfmocap.core.fitting.early_check import EARLY_KEYS, EARLY_MISFITS, early_frames, early_misfits
+from kfmocap.core.fitting.shot_cameras import track_and_check
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import Shot
 from kfmocap.core.tracking.retracking import Excerpt

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from kfmocap.core.fitting.early_check import early_frames, early_misfits
 from kfmocap.core.fitting.flicker import FLICKER_FRAMES, MIN_FLICKER, flicker
-from kfmocap.core.fitting.shot_cameras import early_frames, early_misfits
 from kfmocap.core.shot.shot import View
 from synthetic import figure, look_at, shot_of, swing
 

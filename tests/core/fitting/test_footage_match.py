@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from kfmocap.core.fitting.footage_match import better_offset, footage_matches
 from kfmocap.core.fitting.key_frame_views import KeyFrameView, read_key_frames
-from kfmocap.core.fitting.shot_cameras import _explained, checked_frames, fit_by_key_poses
+from kfmocap.core.fitting.misfit_causes import attributed_findings
+from kfmocap.core.fitting.shot_cameras import checked_frames, fit_by_key_poses
 from kfmocap.core.fitting.view_findings import CameraFit, FootageMatch
 from kfmocap.core.shot.shot import Shot, View
 from synthetic import figure, film, look_at, shot_of, swing
@@ -69,7 +70,9 @@ def test_an_offset_that_is_wrong_by_some_frames_is_found(tmp_path: Path, every: 
         offset = better_offset(shot, late, keys // every)
         assert offset == pytest.approx(0.0, abs=2.0)
         off = CameraFit(9.0, 1.0, 5.0, "side", "key poses")
-        found, *others = _explained(replace(shot, views=(late,)), keys // every, [FootageMatch("side", 0.95)], [off])
+        found, *others = attributed_findings(
+            replace(shot, views=(late,)), keys // every, [FootageMatch("side", 0.95)], [off]
+        )
         assert isinstance(found, FootageMatch) and found.off and others == [off]  # a camera that was turned may be it
         assert f"side: its pictures fit the key poses better with an offset of about {offset:g}" in found.summary
 
@@ -81,10 +84,10 @@ def test_offsets_of_all_views_are_named_only_if_they_agree(
     """A body that was moved is nowhere where the footage shows it: in each view, some other offset fits better."""
     offsets = dict(zip(("front", "side"), found, strict=True))
     monkeypatch.setattr(
-        "kfmocap.core.fitting.shot_cameras.better_offset", lambda _shot, view, _frames: offsets[view.camera.name]
+        "kfmocap.core.fitting.misfit_causes.better_offset", lambda _shot, view, _frames: offsets[view.camera.name]
     )
     matches = [FootageMatch(name, 0.6) for name in offsets]
-    said = _explained(shot, FRAMES, matches, [])
+    said = attributed_findings(shot, FRAMES, matches, [])
     assert [own.off for own in said] == [True, True]
     assert [own.offset for own in said if isinstance(own, FootageMatch)] == (list(found) if kept else [None, None])
 

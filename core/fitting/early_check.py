@@ -1,0 +1,60 @@
+"""Comparing footage with the first key poses, before anything is tracked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..runtime.threads import one_library_thread
+from ..shot.shot import Shot
+from ..tracking.segments import whole_keys
+from .flicker import FLICKER_FRAMES, MIN_FLICKER, flicker
+from .footage_match import footage_matches
+from .key_frame_views import pictured_key_frames
+from .misfit_causes import attributed_findings
+from .view_findings import FlickeringLight, FootageMatch, ViewFinding
+
+EARLY_MISFITS = "footage that does not match"
+"""Key with which these are shown, beside those of segments."""
+EARLY_KEYS = 3
+"""Number of key frames by which footage is compared with the key poses before the shot is tracked."""
+
+
+def early_frames(shot: Shot) -> frozenset[int]:
+    """Return the shot frames whose pictures `early_misfits` compares: the first with key poses of the whole body, and
+    the first of all.
+    """
+    return frozenset({*_early_keys(shot).tolist(), *range(min(FLICKER_FRAMES, shot.length))})
+
+
+def _early_keys(shot: Shot) -> NDArray[np.int64]:
+    return whole_keys(shot, 0, shot.length - 1)[:EARLY_KEYS]
+
+
+@one_library_thread()
+def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]]) -> list[ViewFinding]:
+    """Return the views whose light flickers, or whose footage does not match the first key poses, which is known before
+    anything is tracked.
+
+    Parameters
+    ----------
+    shot : Shot
+    pictures : sequence of mappings
+        Per view: rectified pictures by shot frame, including those of `early_frames`.
+    """
+    swings = [flicker([own[f] for f in range(min(FLICKER_FRAMES, shot.length))]) for own in pictures]
+    flickering: list[ViewFinding] = [
+        FlickeringLight(view.camera.name, swing)
+        for view, swing in zip(shot.views, swings, strict=True)
+        if swing > MIN_FLICKER
+    ]
+    frames = _early_keys(shot)
+    if len(frames) < 2:
+        return flickering
+    rectified = replace(shot, views=tuple(replace(view, camera=view.camera.rectified()) for view in shot.views))
+    views = pictured_key_frames(rectified, frames, pictures)
+    off = [match for match in footage_matches(rectified, views, frames) if match.off]
+    return flickering + [own for own in attributed_findings(shot, frames, off, ()) if isinstance(own, FootageMatch)]

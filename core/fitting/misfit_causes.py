@@ -1,0 +1,68 @@
+"""What explains that views do not show the key poses: a camera that is off or was moved, or another offset."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..shot.shot import Shot
+from .footage_match import better_offset, shifted_background
+from .key_frame_views import KeyFrameView
+from .view_findings import CameraFit, FootageMatch, MovedCamera, ViewFinding
+
+MAX_OFFSET_SPREAD = 4.0
+"""Largest difference between offsets of all views that mean one thing, key poses that lag, frames: each is known to two
+frames at most."""
+
+
+def moved_cameras(
+    shot: Shot,
+    views: Sequence[KeyFrameView],
+    frames: NDArray[np.int64],
+    matches: Sequence[FootageMatch],
+    fits: Sequence[CameraFit],
+) -> dict[str, MovedCamera]:
+    """Return the cameras that do not fit, or whose footage does not match, because they were moved during the shot."""
+    found = {}
+    off = {fit.camera for fit in fits if fit.off} | {match.camera for match in matches if match.off}
+    for view, pictured in zip(shot.views, views, strict=True):
+        name = view.camera.name
+        if name in off:
+            shift = shifted_background(shot, view, pictured, frames)
+            if shift is not None:
+                first = shot.frames[0]
+                there = replace(shift, frames=(first + shift.frames[0], first + shift.frames[1]))
+                found[name] = MovedCamera(name, there)
+    return found
+
+
+def attributed_findings(
+    shot: Shot, frames: NDArray[np.int64], matches: Sequence[FootageMatch], fits: Sequence[CameraFit]
+) -> tuple[ViewFinding, ...]:
+    """Return the cameras' fits, and what else explains that views do not show the key poses.
+
+    A camera that can be corrected explains that its footage does not match. Another offset explains both; but where
+    performers walk steadily, a camera that was turned looks like one that is late.
+    """
+    correctable = {fit.camera for fit in fits if fit.off}
+    unlike = {match.camera: match for match in matches if match.off and match.camera not in correctable}
+    views = {view.camera.name: view for view in shot.views}
+    for match in matches:
+        if match.camera in correctable or match.camera in unlike:
+            offset = better_offset(shot, views[match.camera], frames)
+            if offset is not None:
+                unlike[match.camera] = replace(match, offset=offset)
+    if len(matches) > 1 and len(unlike) == len(matches) and not _agree(unlike.values()):
+        # The key poses are elsewhere, or of another movement: some offset always fits a little better.
+        unlike = {name: without for name, own in unlike.items() if (without := replace(own, offset=None)).off}
+    return (*unlike.values(), *(fit for fit in fits if fit.off or fit.camera not in unlike))
+
+
+def _agree(matches: Iterable[FootageMatch]) -> bool:
+    """Whether offsets that fit better are known of all of some views, and are about the same."""
+    offsets = [match.offset for match in matches]
+    known = [offset for offset in offsets if offset is not None]
+    return len(known) == len(offsets) and max(known) - min(known) <= MAX_OFFSET_SPREAD
