@@ -97,7 +97,10 @@ def _refined_and_searched(
     first = gauss_newton.refine(problem, start, workspace.part(0.0, 0.3), stages)
     if not pictures_find_limbs(problem):
         return first, first
-    return first, with_limbs_regained(problem, first, workspace.part(0.3, 1.0))
+    bridged = with_leaps_bridged(problem, first, workspace.part(0.3, 0.4), long_only=True)
+    if bridged.motions is not first.motions:
+        bridged = _after(bridged, gauss_newton.refine(problem, bridged.motions, workspace.part(0.4, 0.5)))
+    return first, with_limbs_regained(problem, bridged, workspace.part(0.5, 1.0))
 
 
 def _after(before: SegmentSolution, found: SegmentSolution) -> SegmentSolution:

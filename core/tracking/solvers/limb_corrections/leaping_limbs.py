@@ -8,24 +8,22 @@ how the limb moves otherwise.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ....body import part_poses
 from ....body.limbs import limbs
 from ....body.motion import Motion, with_motion
-from ....numerics import rotations
-from ....numerics.arrays import Bools
 from ....runtime.timing import Seconds
-from ..descent_stages import SETTLED, SETTLING
+from ..descent_stages import SETTLED
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import continued, descend
 from ..judgement.solution_ranking import likeliest, noise_at
+from .bridges import BRIDGING, LEAP_RATIO, Leap, bridged_motion
+from .long_leaps import long_leaps, with_long_leaps_bridged
 
-LEAP_RATIO = 6.0
-"""Smallest ratio of the acceleration at a leap to the limb's median acceleration."""
 MIN_LEAP_ACCELERATION = 0.05
 """Smallest acceleration of a leap, metres per frame squared; a heel is stopped as abruptly when it meets the floor."""
 MAX_ABSENCE = 0.3
@@ -33,30 +31,12 @@ MAX_ABSENCE = 0.3
 MAX_LEAP_INTERVAL = 0.1
 """Two leaps within this time are one away and one back, seconds."""
 
-BRIDGING = (*SETTLING, *SETTLED, *SETTLED)
-"""From a straight path to the solution. The rest of the body must converge again as far as before, or its residuals
-outweigh those of the limb."""
 
-
-@dataclass(frozen=True)
-class Leap:
-    """An interval in which limbs are away.
-
-    Attributes
-    ----------
-    first, last : int
-        First and last of its frames.
-    parts : tuple of int
-        Indices of the parts of all limbs that leap there.
-    """
-
-    first: int
-    last: int
-    parts: tuple[int, ...]
-
-
-def with_leaps_bridged(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentSolution:
-    """Lead limbs that leap straight across where that makes the images likelier.
+def with_leaps_bridged(
+    problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace, *, long_only: bool = False
+) -> SegmentSolution:
+    """Lead limbs that leap straight across, or search for them there (`long_leaps`), where that makes the images
+    likelier.
 
     Performers are treated in turn, with the motions of the others given.
 
@@ -65,12 +45,14 @@ def with_leaps_bridged(problem: SegmentProblem, solution: SegmentSolution, works
     problem : SegmentProblem
     solution : SegmentSolution
     workspace : Workspace
+    long_only : bool
+        Whether limbs are only searched for, not led straight across.
     """
     best, seconds = solution, Seconds(solution.seconds)
     for k, i in enumerate(problem.sought):
         part = workspace.part(k / len(problem.sought), (k + 1) / len(problem.sought))
-        found = leaps(problem, i, best.motions[i])
-        if not found:
+        found = [] if long_only else leaps(problem, i, best.motions[i])
+        if not (found or long_leaps(problem, i, best.motions[i])):
             continue
         alone = problem.alone(i)
         with seconds.measure("initial solution"):
@@ -78,7 +60,7 @@ def with_leaps_bridged(problem: SegmentProblem, solution: SegmentSolution, works
         if bridged is not None:
             best = continued(best, replace(bridged, only=problem.only))
     if best is solution:
-        return replace(solution, seconds=seconds)
+        return solution if seconds == solution.seconds else replace(solution, seconds=seconds)
     if len(problem.sought) > 1:
         ended = descend(problem, best.motions, workspace.silent(), SETTLED)
         seconds.add(ended.seconds)
@@ -97,6 +79,7 @@ def _bridged(
         motions = with_motion(best.motions, performer, motion)
         part = workspace.part(k / len(found), (k + 1) / len(found))
         best = likeliest(problem, noise, best, descend(problem, motions, part, BRIDGING, noise))
+    best = with_long_leaps_bridged(problem, performer, best, noise, workspace.silent())
     return None if best is settled else best
 
 
@@ -124,15 +107,3 @@ def leaps(problem: SegmentProblem, performer: int, motion: Motion) -> list[Leap]
         else:
             found.append(Leap(f, f, tuple(sorted(away[f]))))
     return [leap for leap in found if 1 <= leap.last - leap.first <= max(2, round(MAX_ABSENCE * problem.fps))]
-
-
-def bridged_motion(motion: Motion, leap: Leap, fixed: Bools) -> Motion:
-    """Turn the limbs evenly from the frame before a leap to the one after it, except for what is fixed (F, D)."""
-    parts, Q = list(leap.parts), motion.rotations.copy()
-    before, after = Q[leap.first - 1, parts], Q[leap.last + 1, parts]
-    turn = rotations.log(np.swapaxes(before, -1, -2) @ after)
-    share = np.linspace(0, 1, leap.last - leap.first + 3)[1:-1, None, None]
-    frames = np.arange(leap.first, leap.last + 1)
-    kept = fixed[frames, 3:].reshape(len(frames), -1, 3)[:, parts].any(axis=2)[..., None, None]
-    Q[frames[:, None], parts] = np.where(kept, Q[frames[:, None], parts], before @ rotations.exp(share * turn))
-    return Motion(motion.translations, Q)

@@ -17,8 +17,12 @@ from ..judgement.settled_solutions import SettledSolution
 from ..judgement.solution_doubts import MIN_DURATION
 from ..judgement.solution_ranking import RESTING_GAIN, likelihood, settled_further
 from ..limb_evidence.limb_likelihood import LimbOfPerformer
+from .bridges import evenly_led
 from .limb_search import frames_elsewhere, freed_limb, is_elsewhere
 from .local_trials import LocalTrial
+
+_ACROSS_SEED = 1000
+"""Draws other poses than the searches around the present motion."""
 
 
 def found_elsewhere(
@@ -33,6 +37,23 @@ def found_elsewhere(
     if found is motions[i] or (near and not is_elsewhere(alone.bodies[i], chain, motions[i], found, least)):
         return None
     return found
+
+
+def found_across(alone: SegmentProblem, motions: Sequence[Motion], place: LimbOfPerformer) -> tuple[Motion, ...] | None:
+    """Search for a limb around an even path between the key poses that hold it, and return the motions with the limb
+    where it is found; None if that is where it was, as near as a descent reaches.
+
+    What a search finds departs slowly from what it searches around. A limb that was lost within a few frames is not
+    found from where it is now; the even path is far from the true one, but is nowhere left abruptly.
+    """
+    i, chain = place
+    led = with_motion(motions, i, evenly_led(alone, i, motions[i], chain))
+    if led[i] is motions[i]:
+        return None
+    found = freed_limb(alone, led, place, _ACROSS_SEED)
+    if not is_elsewhere(alone.bodies[i], chain, motions[i], found, _least_frames(alone)):
+        return None
+    return with_motion(motions, i, found)
 
 
 def _least_frames(alone: SegmentProblem) -> int:

@@ -45,6 +45,7 @@ from ..limb_evidence.limb_likelihood import MIN_GAIN, LimbOfPerformer, SupportOf
 from .faded_limbs import faded_limbs
 from .limb_search import is_elsewhere
 from .limbs_elsewhere import (
+    found_across,
     found_elsewhere,
     leads_elsewhere,
     likelier,
@@ -259,33 +260,38 @@ def with_limb_regained(
         Shared by the searches for all limbs.
     """
     alone, several = problem.alone(place[0]), len(problem.bodies) > 1
-    known, settled = known or SettledSolutions(), list[SegmentSolution]()
-    noise = noise_at(alone, solution, workspace)
-    if not several:
-        settled.append(known.after(alone, solution, workspace.silent()).solution)
-    most, vain, returned = -np.inf, 0, 0
+    known, noise = known or SettledSolutions(), noise_at(alone, solution, workspace)
+    first = None if several else known.after(alone, solution, workspace.silent()).solution
+    across = found_across(alone, solution.motions if first is None else first.motions, place)
+    if across is not None and first is None:  # only now there is something to compare it with
+        first = known.after(alone, solution, workspace.silent()).solution
+    tried = [] if across is None else [solved_from(alone, across, noise, workspace.silent())]
+    if first is None:
+        around, most = solution, -np.inf
+    else:
+        around = max(first, *tried, key=lambda one: likelihood(alone, noise, one)) if tried else first
+        most = likelihood(alone, noise, around)
+    vain, returned = 0, 0
     for turn in range(MAX_SEARCH_ROUNDS):
-        motions = settled[-1].motions if settled else solution.motions
         part = workspace.part(turn / MAX_SEARCH_ROUNDS, (turn + 1) / MAX_SEARCH_ROUNDS)
-        found = found_elsewhere(alone, motions, place, turn)
-        there = None if found is None else solved_from(alone, with_motion(motions, place[0], found), noise, part)
-        elsewhere = there is not None and leads_elsewhere(alone, place, motions, there.motions)
-        if elsewhere and not settled:  # only now there is something to compare it with
-            settled.append(known.after(alone, solution, workspace.silent()).solution)
-        if settled and turn == 0:
-            most = likelihood(alone, noise, settled[0])
+        found = found_elsewhere(alone, around.motions, place, turn)
+        there = None if found is None else solved_from(alone, with_motion(around.motions, place[0], found), noise, part)
+        elsewhere = there is not None and leads_elsewhere(alone, place, around.motions, there.motions)
+        if elsewhere and first is None:
+            first = known.after(alone, solution, workspace.silent()).solution
+            most = likelihood(alone, noise, first)
         reached = most
         if there is not None and (elsewhere or not several):
-            settled.append(there)
-            reached = likelihood(alone, noise, there)
+            tried.append(there)
+            around, reached = there, likelihood(alone, noise, there)
         returned = 0 if elsewhere else returned + 1
         most, vain = max(most, reached), 0 if elsewhere and reached > most + RESTING_GAIN else vain + 1
         # Where people pass, much is out of sight for good.
         if returned == (1 if several else MAX_RETURNS) or (several and vain == MAX_VAIN_ROUNDS):
             break
-    if len(settled) < 2:
+    if first is None or not tried:
         return solution
-    best = likeliest_at_rest(alone, noise, *settled, workspace=workspace)
-    if best is settled[0]:
+    best = likeliest_at_rest(alone, noise, first, *tried, workspace=workspace)
+    if best is first:
         return solution
     return gauss_newton.continued(solution, gauss_newton.refine(problem, best.motions, workspace.silent()))

@@ -204,7 +204,8 @@ def test_the_search_ends_once_the_limb_comes_to_rest_where_it_was_or_with_severa
         found.rotations[1:-1, ARM[0]] = found.rotations[1:-1, ARM[0]] @ rotations.exp(np.array([0.0, 0.0, -turn]))
         return found
 
-    monkeypatch.setattr("kfmocap.core.tracking.solvers.limb_corrections.limbs_elsewhere.freed_limb", turned)
+    monkeypatch.setattr(limbs_elsewhere, "freed_limb", turned)
+    monkeypatch.setattr(regained_limbs, "found_across", lambda *_: None)
     views = tuple(replace(v, foreground=np.repeat(v.foreground, performers, axis=0)) for v in problem.views)
     apart = [replace(TRUTH, translations=TRUTH.translations + [2.0 * i, 0, 0]) for i in range(performers)]
     several = replace(problem, views=views, bodies=(BODY,) * performers, fixed=problem.fixed * performers)
@@ -257,3 +258,25 @@ def test_the_motion_of_one_performer_ends_with_noise_of_each_part_whatever_the_n
     assert len(pictured.views) == views
     evidence = refined(pictured, [TRUTH], Workspace()).evidence
     assert evidence is not None and evidence.sampling.by_part
+
+
+@pytest.mark.usefixtures("without_descent")
+@pytest.mark.parametrize("right", [True, False])
+def test_a_limb_is_also_searched_for_around_an_even_path_between_its_key_poses(
+    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch, right: bool
+) -> None:
+    """It is nowhere near where it is now, where every search ends; what is found is kept if the pictures show it."""
+
+    def near_even_path(_: SegmentProblem, motions: Sequence[Motion], *__: object) -> Motion:
+        led = np.abs(motions[0].difference(TRUTH)).max() < 0.01  # the arm swings evenly
+        return (TRUTH if right else aside) if led else motions[0]
+
+    aside = Motion(TRUTH.translations, TRUTH.rotations.copy())
+    aside.rotations[1:-1, ARM[0]] = aside.rotations[1:-1, ARM[0]] @ rotations.exp(np.array([0.0, 0.0, -1.2]))
+    monkeypatch.setattr(limbs_elsewhere, "freed_limb", near_even_path)
+    solution = refined(replace(problem, settings=Settings(limb_search=False)), [astray()], Workspace())
+    found = with_limb_regained(problem, solution, (0, ARM), Workspace())
+    if right:
+        assert error_mm(found.motions[0]) < 1
+    else:
+        assert found is solution
