@@ -44,9 +44,12 @@ def found_across(alone: SegmentProblem, motions: Sequence[Motion], place: LimbOf
     where it is found; None if that is where it was, as near as a descent reaches.
 
     What a search finds departs slowly from what it searches around. A limb that was lost within a few frames is not
-    found from where it is now; the even path is far from the true one, but is nowhere left abruptly.
+    found from where it is now; the even path is far from the true one, but is nowhere left abruptly. With a single view
+    this is not tried: the likelier of two motions is not the truer one often enough.
     """
     i, chain = place
+    if not alone.shows_depth:
+        return None
     led = with_motion(motions, i, evenly_led(alone, i, motions[i], chain))
     if led[i] is motions[i]:
         return None
