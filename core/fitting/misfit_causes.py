@@ -25,7 +25,23 @@ def moved_cameras(
     matches: Sequence[FootageMatch],
     fits: Sequence[CameraFit],
 ) -> dict[str, MovedCamera]:
-    """Return the cameras that do not fit, or whose footage does not match, because they were moved during the shot."""
+    """Return the cameras that do not fit, or whose footage does not match, because they were moved during the shot.
+
+    Parameters
+    ----------
+    shot : Shot
+    views : sequence of KeyFrameView
+        The pictures of its views on those frames.
+    frames : ndarray of int, shape (K,)
+        Shot frames with key poses of the whole body.
+    matches, fits : sequence of FootageMatch, of CameraFit
+        How well the views' footage and cameras fit the key poses.
+
+    Returns
+    -------
+    dict of str to MovedCamera
+        By the cameras' names; their frames are counted as in the shot file.
+    """
     found = {}
     off = {fit.camera for fit in fits if fit.off} | {match.camera for match in matches if match.off}
     for view, pictured in zip(shot.views, views, strict=True):
@@ -46,6 +62,8 @@ def attributed_findings(
 
     A camera that can be corrected explains that its footage does not match. Another offset explains both; but where
     performers walk steadily, a camera that was turned looks like one that is late.
+
+    Parameters are those of `moved_cameras`.
     """
     correctable = {fit.camera for fit in fits if fit.off}
     unlike = {match.camera: match for match in matches if match.off and match.camera not in correctable}
