@@ -185,6 +185,17 @@ def test_a_shot_whose_process_is_killed_is_tried_twice_more(
     assert "ended by signal 9" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("option", "value"), [("--solver", "magic"), ("--jobs", "0")])
+def test_a_wrong_option_is_refused_before_any_shot(
+    shots: list[BatchShot], tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str
+) -> None:
+    out = tmp_path / "results"
+    given = ["batch", str(shots[0].file), "--out", str(out), "--no-blender", option, value]
+    assert main(given) == batch_command.BAD_INPUT
+    assert f"error: {option}: " in capsys.readouterr().err
+    assert not out.exists()
+
+
 def test_an_interrupt_ends_the_processes_and_what_is_done_stays_done(
     shots: list[BatchShot], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
