@@ -19,6 +19,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 _NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shin", "shin": "foot", "foot": "toe"}
 _MIN_TOE_LENGTH, _USUAL_TOE_LENGTH = 0.2, 0.5
 """Least length of toes that is not arbitrary, and usual length, in units of the distance from ankle to ball."""
+_LEAST_FOOT = 0.12  # of the distance from ankle to knee: the tail of a foot's bone that is nearer is arbitrary
 _STRAY_COSINE = np.cos(np.radians(40))  # at a larger angle to the forearm, the tail of a hand's bone is arbitrary
 
 
@@ -195,7 +196,8 @@ def _foot(source: _Skeleton, target: _Skeleton, role: str, F: Array) -> Array:
 def ankle_to_ball(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
     """Return the horizontal vector from the ankle to the ball of a foot at rest, shape (3,).
 
-    None if it is unknown: the foot points down, or its tail is arbitrary, as for the last bones of chains in FBX files.
+    None if it is unknown: the foot points down, or its tail is arbitrary, as for the last bones of chains in FBX files,
+    and is nearer to the ankle than any ball, or as far as the knee.
     """
     if f"foot.{side}" not in bones.bones:
         return None
@@ -205,7 +207,9 @@ def ankle_to_ball(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None
     forward = facing(rest, bones) @ [0.0, -1.0, 0.0]
     [shin] = rest.indices(bones.bones[f"shin.{side}"])
     shown = flat @ forward > 0.5 * np.linalg.norm(flat) and np.linalg.norm(flat) > 0.3 * length
-    return np.asarray(flat) if shown and length < np.linalg.norm(rest.heads[shin] - rest.heads[j]) else None
+    below_knee = float(np.linalg.norm(rest.heads[shin] - rest.heads[j]))
+    least = 0.0 if f"toe.{side}" in bones.bones else _LEAST_FOOT * below_knee
+    return np.asarray(flat) if shown and least < length < below_knee else None
 
 
 def toe_reach(rest: RestSkeleton, bones: BoneMap, side: str) -> float:

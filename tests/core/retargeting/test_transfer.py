@@ -155,6 +155,20 @@ def test_toes_of_feet_that_are_long_for_their_legs_stay_above_the_ground(walking
     assert tips.min() > -0.005
 
 
+@pytest.mark.parametrize("length", [0.001, 0.03])
+def test_feet_whose_bones_are_left_short_by_an_importer_turn_no_leg(walking, length):
+    """On a character of the performer's own proportions."""
+    rig = made_rig("mixamo", BODY, 0.0)
+    feet = rig.rest.indices(["mixamorig:LeftFoot", "mixamorig:RightFoot"])
+    tails = rig.rest.tails.copy()
+    ways = tails[feet] - rig.rest.heads[feet]
+    tails[feet] = rig.rest.heads[feet] + length * ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    short = replace(rig, rest=replace(rig.rest, tails=tails))
+    kept, free = (retarget(*walking, short, RetargetOptions(feet=feet)).poses for feet in ("keep", "off"))
+    knees = rig.rest.indices(["mixamorig:LeftLeg", "mixamorig:RightLeg"])
+    assert degrees(kept.turns[:, knees], free.turns[:, knees]).max() < 0.5
+
+
 @pytest.mark.parametrize(
     ("tail", "reach"), [((0.0, -0.08, 0.0), 0.21), ((0.0, 0.0, 0.08), 0.195), ((0.0, -0.3, 0.0), 0.195)]
 )
