@@ -140,13 +140,21 @@ def refuse_mirrored(armature: bpy.types.Object, names: Sequence[str]) -> None:
         bone: Any = armature.pose.bones[name]
         if bone.matrix.determinant() > MIN_SCALE**3:
             continue
-        own = next(
-            (each for each in reversed([bone, *bone.parent_recursive]) if np.prod(each.scale) <= MIN_SCALE**3), bone
-        )
+        chain: list[Any] = [bone, *bone.parent_recursive]
+        mirrored = bone.matrix.determinant() < -(MIN_SCALE**3)
+        own = next((each for each in reversed(chain) if np.prod(each.scale) <= MIN_SCALE**3), None)
+        if own is not None:
+            raise BodyError(
+                f"it is {'mirrored' if mirrored else 'scaled to nothing'}",
+                where=f"armature {armature.name}, bone {own.name}",
+                todo="clear its scale (Alt S), and its keys",
+            )
+        holds = [f"'{c.name}' of {each.name}" for each in chain for c in each.constraints if not c.mute and c.influence]
         raise BodyError(
-            f"it is {'mirrored' if bone.matrix.determinant() < -(MIN_SCALE**3) else 'scaled to nothing'}",
-            where=f"armature {armature.name}, bone {own.name}",
-            todo="clear its scale (Alt S), and its keys",
+            f"{'it is mirrored' if mirrored else 'it has no length or no width'} as it is shown"
+            f"{', held by ' + ', '.join(holds) if holds else ''}",
+            where=f"armature {armature.name}, bone {bone.name}",
+            todo="mute what shortens it, or move it away from where that ends" if holds else "check the bones above it",
         )
 
 

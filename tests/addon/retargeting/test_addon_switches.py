@@ -242,6 +242,16 @@ def test_a_bone_whose_scale_hides_its_turns_is_named_with_what_to_do(scale, what
         send.send_to_rig(bpy.context.scene, motion_of_body(BODY, swing(BODY, 2), "man", 30.0), target, 1)
 
 
+def test_a_bone_that_a_constraint_leaves_no_length_is_not_said_to_be_scaled():
+    target = skinned_human()
+    held = target.pose.bones["forearm.L"].constraints.new("LIMIT_SCALE")
+    held.use_max_y = True
+    with pytest.raises(
+        BodyError, match=r"no length or no width as it is shown, held by 'Limit Scale' of forearm.L .mute"
+    ):
+        send.send_to_rig(bpy.context.scene, motion_of_body(BODY, swing(BODY, 2), "man", 30.0), target, 1)
+
+
 @pytest.mark.parametrize("hidden", [False, True])
 def test_skins_are_not_deformed_while_a_rig_is_read(hidden, monkeypatch):
     target = skinned_human()
