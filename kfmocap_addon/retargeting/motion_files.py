@@ -14,6 +14,7 @@ from ...core.body.skeleton_motion import SkeletonMotion
 from ...core.errors import BodyError, ShotError
 from ...core.formats.bvh import read_bvh
 from ...core.retargeting.roles import BoneMap
+from ..scene_io.body import body_armature
 from .source_motion import motion_of_armature
 from .target_armatures import target_bones
 
@@ -49,6 +50,9 @@ def read_motion(path: Path, bones: BoneMap | None = None) -> tuple[SkeletonMotio
     except RuntimeError as error:
         raise ShotError(f"Blender cannot read it: {last_line(error)}", where=str(path)) from error
     armature = _moving_human(path, bones)
+    with body_armature.edit_bones(armature) as edited:
+        for bone in edited:
+            bone.use_connect = False  # the importer connects a lone child to its parent, and its way would be lost
     span = armature.animation_data.action.frame_range
     frames = math.ceil(span[0] - 1e-3), math.floor(span[1] + 1e-3)
     motion, found = motion_of_armature(bpy.context.scene, armature, frames, bones)

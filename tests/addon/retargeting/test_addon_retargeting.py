@@ -161,6 +161,23 @@ def test_the_command_line_moves_a_character(blender, tmp_path, capsys, kind):
     assert (bpy.context.scene.frame_start, bpy.context.scene.frame_end) == (1, FRAMES)
 
 
+def test_the_way_of_hips_that_are_the_only_bones_on_a_root_is_read_from_fbx_files(blender, tmp_path):
+    """Blender's importer connects them to the root, and shows no place of connected bones then."""
+    armature = body_armature.build_armature(BODY, "man", bpy.context.scene.collection)
+    with edit_bones(armature) as bones:
+        root = bones.new("root")
+        root.head, root.tail = (0.0, 0.0, 0.0), (0.0, 0.0, 0.1)
+        bones["pelvis"].parent = root
+    for frame, place in ((1, 0.0), (5, 0.4)):
+        armature.pose.bones["pelvis"].location = (place, 0.0, 0.0)
+        armature.pose.bones["pelvis"].keyframe_insert("location", frame=frame)
+    bpy.context.view_layer.update()
+    exporters.export_fbx(tmp_path / "walk.fbx", armature, bpy.context.scene, ExportOptions(frames=(1, 5)))
+    motion, _ = read_motion(tmp_path / "walk.fbx")
+    way = motion.positions[:, motion.rest.indices(["pelvis"])[0]]
+    assert np.linalg.norm(way[-1] - way[0]) == pytest.approx(0.4, abs=1e-4)
+
+
 def test_a_damaged_fbx_file_is_refused_in_one_line(blender, tmp_path):
     armature = built("mixamo")
     send_to_rig(bpy.context.scene, source(), armature, 1)
