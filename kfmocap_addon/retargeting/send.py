@@ -23,7 +23,7 @@ from ..scene_io import fcurves
 from .live import LiveSource, follow, refuse_inverse_kinematics, remember, stop_following
 from .rigs import rig_warnings
 from .rigs.fk_controls import FkControls, through_controls
-from .rigs.held_bones import Driver, without_drivers, without_holds
+from .rigs.held_bones import Driver, without_connections, without_drivers, without_holds
 from .rigs.ik_controls import forget_twists, ik_bones, ik_channels, ik_roles
 from .rigs.rig_at_rest import at_rest, leave_rest_position, rest_skeleton
 from .rigs.rig_curves import ControlChannel, CurveOptions, rotation_channel, write_channels
@@ -144,6 +144,8 @@ class _Sent:
         The previous influence of constraints, by bone and name, and of settings of the rig, by owner and name.
     muted : tuple of Driver
         Drivers that no longer act.
+    connected : mapping of str to bool
+        Bones that move through the world and were connected to the one above; whether they still are.
     """
 
     bones: BoneMap
@@ -155,6 +157,7 @@ class _Sent:
     holds: dict[tuple[str, str], float]
     settings: dict[tuple[Owner, str], Any]
     muted: tuple[Driver, ...]
+    connected: Mapping[str, bool]
 
 
 def _errors(scene: bpy.types.Scene, armature: bpy.types.Object, sent: _Sent, frames: Ints) -> dict[str, Any]:
@@ -192,6 +195,7 @@ def _on_controls(
     held = () if preset.settings else names  # the limbs of a rig with settings are switched by these
     moved = [] if preset.settings else [used.bones[role][0] for role in MOVED if role in used.bones]
     with (
+        without_connections(armature, moved) as connected,
         without_drivers(armature, held, moved) as muted,
         at_rest(armature, [*names, *ik]),
         with_settings(armature, preset.settings or controls.settings) as settings,
@@ -215,6 +219,7 @@ def _on_controls(
         holds=holds,
         settings=settings,
         muted=muted,
+        connected=connected,
     )
 
 
@@ -283,6 +288,7 @@ def _warnings(armature: bpy.types.Object, sent: _Sent, errors: dict[str, Any], *
         *rig_warnings.scaled_unevenly(armature, sent.rig),
         *rig_warnings.set_elsewhere(armature, sent.settings),
         *rig_warnings.undriven(sent.muted),
+        *rig_warnings.connections(sent.connected),
         *rig_warnings.freed(armature, sent.holds, "now" if live else "in the new action"),
         *(rig_warnings.apart(sent.rig) if live else []),
         *rig_warnings.not_as_asked(sent.unsteady, errors, sent.result.placement.scale),

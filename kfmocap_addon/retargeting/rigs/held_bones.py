@@ -9,6 +9,7 @@ from typing import Any
 import bpy
 
 from ...scene_io import fcurves
+from ...scene_io.body.body_armature import edit_bones
 from .rig_at_rest import update
 
 _HOLDS = (
@@ -116,6 +117,28 @@ def _mute(armature: bpy.types.Object, drivers: Collection[Driver], *, mute: bool
 
 def _drivers(armature: bpy.types.Object) -> Sequence[Any]:
     return list(armature.animation_data.drivers) if armature.animation_data else []
+
+
+@contextmanager
+def without_connections(armature: bpy.types.Object, moved: Collection[str]) -> Iterator[dict[str, bool]]:
+    """Disconnect bones that are moved through the world from those above, which keep them in place; after an error they
+    are connected again. Gives those that were connected, and whether they still are, as in a linked armature.
+    """
+    connected = [name for name in moved if armature.data.bones[name].use_connect]
+    linked = armature.data.library is not None or armature.data.override_library is not None
+    _connect(armature, [] if linked else connected, connect=False)
+    try:
+        yield dict.fromkeys(connected, linked)
+    except BaseException:
+        _connect(armature, [] if linked else connected, connect=True)
+        raise
+
+
+def _connect(armature: bpy.types.Object, names: Collection[str], *, connect: bool) -> None:
+    if names:
+        with edit_bones(armature) as bones:
+            for name in names:
+                bones[name].use_connect = connect
 
 
 @contextmanager

@@ -56,6 +56,15 @@ def set_elsewhere(armature: bpy.types.Object, settings: Mapping[tuple[Owner, str
     ]
 
 
+def connections(connected: Mapping[str, bool]) -> list[str]:
+    """Return what to report of bones that were connected to the one above, and of those that still are."""
+    kept = (
+        "it is connected to the bone above, which keeps it in place: disconnect it in the character's own file (Alt P)"
+    )
+    freed = "it was connected to the bone above, which kept it from moving, and is no longer"
+    return [f"bone {name}: {kept if still else freed}" for name, still in connected.items()]
+
+
 def undriven(muted: Sequence[Driver]) -> list[str]:
     """Return what to report of drivers that no longer act."""
     return [

@@ -266,6 +266,23 @@ def test_a_spine_along_a_curve_is_freed_with_a_word():
     assert worst_degrees(armature) < 0.1
 
 
+def test_hips_that_are_connected_to_a_root_are_disconnected_with_a_word():
+    """As Blender's own importer of FBX files leaves them."""
+    armature = skinned_human()
+    with body_armature.edit_bones(armature) as edited:
+        root = edited.new("root")
+        root.head, root.tail = (0.0, 0.0, 0.0), edited["pelvis"].head
+        edited["pelvis"].parent, edited["pelvis"].use_connect = root, True
+    report = sent(armature)
+    assert report["warnings"] == [
+        "bone pelvis: it was connected to the bone above, which kept it from moving, and is no longer"
+    ]
+    given = motion()
+    own = given.positions[:, given.rest.indices(BODY.names)[0]]
+    way = shown(armature)[1][:, 0]
+    np.testing.assert_allclose(np.diff(way[:, :2], axis=0), np.diff(own[:, :2], axis=0), atol=1e-4)
+
+
 def driven(armature, bone, attribute, index):
     """Give a bone a driver whose value is 0.3."""
     armature.pose.bones[bone].rotation_mode = "XYZ"
