@@ -121,7 +121,9 @@ def best_of_own_starts(
     """
     seconds, [performer] = Seconds(), problem.sought
     trial, settled = None, None
-    searching = bool(len(problem.whole_keys(performer))) and not problem.keypoints  # keypoints show where limbs are
+    # Keypoints show where limbs are. In a single view many poses look alike, unless key poses on both sides decide.
+    least_keys = 1 if problem.shows_depth else 2
+    searching = len(problem.whole_keys(performer)) >= least_keys and not problem.keypoints
     if searching:
         with seconds.measure("initial solution"):
             start, first = with_whole_turn(problem, start, straight := first, workspace.part(0.0, 0.05))
