@@ -16,11 +16,7 @@ from ..core.body.unknown_parts import known_landmarks
 from ..core.errors import InputError
 from ..core.fitting.camera_refinement import Refinement
 from ..core.fitting.early_check import early_frames, early_misfits
-from ..core.fitting.shot_cameras import (
-    camera_fits,
-    checked_frames,
-    for_camera_fits,
-)
+from ..core.fitting.shot_cameras import camera_fits, checked_frames, for_camera_fits
 from ..core.fitting.view_findings import ViewFinding
 from ..core.formats.calibrations.toml_cameras import save_cameras
 from ..core.formats.keypoint_files import read_shot_keypoints

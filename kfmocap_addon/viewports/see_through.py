@@ -19,7 +19,7 @@ class SeenThrough:
 
     def __init__(self) -> None:
         self.views: set[int] = set()
-        self._timer = self._restore  # one object: Blender knows its timers by identity
+        self._timer = self.take_back_elsewhere  # one object: Blender knows its timers by identity
 
     def clear(self) -> None:
         """Take back every X-ray."""
@@ -36,9 +36,6 @@ class SeenThrough:
             return
         if viewport.look_of(context.scene, context.area, context.region, context.space_data) is None:
             bpy.app.timers.register(self._timer, first_interval=0.0)  # not while it is drawn
-
-    def _restore(self) -> None:
-        self.take_back_elsewhere()
 
     def take_back_elsewhere(self) -> None:
         """Take back the X-ray of those 3D views that do not look through the camera of a view."""

@@ -58,7 +58,7 @@ def near_curve(problem: SegmentProblem, performer: int, motion: Motion) -> Bande
     see `_with_arm`, but not with a single view, which hardly shows how high an arm is that points towards it.
     """
     body, F = problem.bodies[performer], len(motion)
-    fixed = problem.fixed[performer][:, 3:].reshape(F, -1, 3).all(axis=2)
+    fixed = problem.fixed_axes(performer).all(axis=2)
     curve: Array = np.tile(np.eye(3), (F, len(body), 1, 1))
     precision = np.zeros((F, len(body)))
     for part in np.flatnonzero(body.is_stiff):

@@ -216,7 +216,7 @@ def hidden_parts(problem: SegmentProblem, share: Array, predicted: Array | None 
     predicted : ndarray, shape (V, F, P), optional
         The same in predicted poses, see `unseen`.
     """
-    keyed = [f[:, 3:].reshape(len(f), -1, 3).all(axis=2) for f in problem.fixed]
+    keyed = [problem.fixed_axes(i).all(axis=2) for i in range(len(problem.bodies))]
     return [
         unseen(share[..., span], None if predicted is None else predicted[..., span]) & ~known
         for span, known in zip(problem.spans(), keyed, strict=True)

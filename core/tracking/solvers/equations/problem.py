@@ -16,7 +16,7 @@ from ....evidence.rendering.part_geometry import Geometry
 from ....evidence.segment_evidence import SegmentEvidence
 from ....evidence.view_frames import ViewFrames
 from ....keypoints.keypoint_factor import KeypointFactor
-from ....numerics.arrays import Array, slices_of
+from ....numerics.arrays import Array, Bools, slices_of
 from ....numerics.banded_blocks import BandedBlocks
 from ....shot.acceleration_prior import usual_variances
 from ....shot.settings import Settings
@@ -160,6 +160,10 @@ class SegmentProblem:
     def whole_keys(self, performer: int) -> NDArray[np.intp]:
         """Return the frames of the segment on which a key pose fixes every degree of freedom of a performer."""
         return np.flatnonzero(self.fixed[performer].all(axis=1))
+
+    def fixed_axes(self, performer: int) -> Bools:
+        """Return about which axes key poses fix the rotation of each part of a performer, shape (F, P, 3)."""
+        return self.fixed[performer][:, 3:].reshape(self.length, -1, 3)
 
     def around(self, performer: int) -> tuple[Motion | None, Motion | None]:
         """Return a performer's poses on the frame before the first and after the last, where they are known."""

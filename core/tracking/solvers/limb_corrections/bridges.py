@@ -66,9 +66,8 @@ def evenly_led(problem: SegmentProblem, performer: int, motion: Motion, chain: S
     chain : sequence of int
         The limb's parts.
     """
-    fixed = problem.fixed[performer]
-    held = np.flatnonzero(fixed[:, 3:].reshape(len(motion), -1, 3)[:, list(chain)].all(axis=(1, 2))).tolist()
+    held = np.flatnonzero(problem.fixed_axes(performer)[:, list(chain)].all(axis=(1, 2))).tolist()
     for a, b in pairwise(held):
         if b > a + 1:
-            motion = bridged_motion(motion, Leap(a + 1, b - 1, tuple(chain)), fixed)
+            motion = bridged_motion(motion, Leap(a + 1, b - 1, tuple(chain)), problem.fixed[performer])
     return motion

@@ -89,7 +89,7 @@ def leaps(problem: SegmentProblem, performer: int, motion: Motion) -> list[Leap]
     if F < 4:
         return []
     _, T = part_poses(body, motion)
-    held = problem.fixed[performer][:, 3:].reshape(F, -1, 3).all(axis=2)
+    held = problem.fixed_axes(performer).all(axis=2)
     away: dict[int, list[int]] = {}
     for chain in limbs(body):
         joints = T[:, chain[1:]] - T[:, [chain[0]]]

@@ -37,7 +37,7 @@ def untangled_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> list[
     for i in problem.sought:
         body = problem.bodies[i]
         for pair in limb_pairs(body):
-            free = ~problem.fixed[i][:, 3:].reshape(len(found[i]), -1, 3)[:, pair[0] + pair[1]].any(axis=(1, 2))
+            free = ~problem.fixed_axes(i)[:, pair[0] + pair[1]].any(axis=(1, 2))
             found[i] = untangled(body, found[i], pair, problem.fps, free)
     return found
 
@@ -153,7 +153,7 @@ def swaps(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[Swap]:
             each = _apart(body, motion, pair)
             apart, meetings = _meetings(each, problem.fps)
             distance = np.linalg.norm(apart, axis=1)
-            fixed = problem.fixed[i][:, 3:].reshape(len(motion), -1, 3)[:, pair[0] + pair[1]].any(axis=(1, 2))
+            fixed = problem.fixed_axes(i)[:, pair[0] + pair[1]].any(axis=(1, 2))
             ends = np.flatnonzero(fixed[[0, -1]]) * (len(motion) - 1)
             for a, b in pairwise(sorted({*meetings.tolist(), *ends.tolist()})):
                 frames = np.zeros(len(motion), dtype=bool)

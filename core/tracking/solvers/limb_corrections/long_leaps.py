@@ -34,7 +34,6 @@ STEP_TIME = 1 / 30
 several of them."""
 MAX_TRIALS = 6
 """Most intervals of a performer on which the limb is searched for."""
-
 MIN_FRAMES = 2
 """Frames in a row on which the search must find the limb elsewhere: the poses that it draws scatter."""
 
@@ -118,7 +117,7 @@ def long_leaps(problem: SegmentProblem, performer: int, motion: Motion) -> list[
         F poses.
     """
     F, found = len(motion), list[tuple[float, Leap]]()
-    held = problem.fixed[performer][:, 3:].reshape(F, -1, 3).all(axis=2)
+    held = problem.fixed_axes(performer).all(axis=2)
     for chain in limbs(problem.bodies[performer]):
         steps = abrupt_steps(problem, performer, motion, chain)
         for step in steps:
@@ -155,7 +154,7 @@ def abrupt_steps(problem: SegmentProblem, performer: int, motion: Motion, chain:
     known = stacked([m for m in (before, motion, after) if m is not None])
     _, T = part_poses(problem.bodies[performer], known)
     joints, start = T[:, chain[1:]] - T[:, [chain[0]]], 0 if before is None else 1
-    fixed = problem.fixed[performer][:, 3:].reshape(len(motion), -1, 3).all(axis=2)[:, chain].all(axis=1)
+    fixed = problem.fixed_axes(performer)[:, chain].all(axis=(1, 2))
     held = np.pad(fixed, (start, len(known) - start - len(motion)), constant_values=True)
     every = max(1, round(STEP_TIME * problem.fps))
     found: list[AbruptStep] = []

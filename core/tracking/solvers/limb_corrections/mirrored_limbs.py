@@ -111,7 +111,7 @@ def mirror_images(problem: SegmentProblem, performer: int, motion: Motion) -> It
     motion : Motion
         F poses; fixed degrees of freedom are kept.
     """
-    body, held = problem.bodies[performer], problem.fixed[performer][:, 3:].reshape(len(motion), -1, 3).any(axis=2)
+    body, held = problem.bodies[performer], problem.fixed_axes(performer).any(axis=2)
     eye = problem.views[0].camera.centres_world(problem.first, len(motion))
     for chain in limbs(body):
         keyed = held[:, chain].any(axis=1)

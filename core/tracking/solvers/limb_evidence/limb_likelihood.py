@@ -100,7 +100,7 @@ def limb_of(
         *_samples(problem.geometry(), parts, rng),
         (R[:, body.parents[chain[0]]], T[:, body.parents[chain[0]]]),
         rotations.log(motions[i].rotations[:, chain]),
-        problem.fixed[i][:, 3:].reshape(problem.length, -1, 3)[:, chain],
+        problem.fixed_axes(i)[:, chain],
         np.full((problem.length, len(chain)), MIN_HELD_WEIGHT),
         tuple(PartSides.of(body.parts[part]) for part in without_end(chain)),
         RaisedShoulder.of(problem, i, chain, R),

@@ -49,9 +49,8 @@ class RaisedShoulder:
         for rhythm in shoulder_rhythms(body) if problem.shows_depth else ():
             if rhythm.arm == chain[0]:
                 up = R_world[:, body.parents[rhythm.collar]] @ rhythm.up
-                fixed = problem.fixed[performer][:, 3:].reshape(problem.length, -1, 3)
                 present = np.einsum("fa,fa->f", up, R_world[:, rhythm.arm, :, 1])
-                return cls(rhythm, up, present, fixed[:, rhythm.collar].any(axis=1))
+                return cls(rhythm, up, present, problem.fixed_axes(performer)[:, rhythm.collar].any(axis=1))
         return None
 
     def turns(self, frames: slice, along: Array) -> Array:
