@@ -80,17 +80,22 @@ def upright_turn(rest: RestSkeleton, bones: BoneMap) -> Array:
     """Return the rotation (3, 3) by multiples of 90 degrees that makes the direction from knees to shoulders point
     up.
     """
-    ends = [
-        rest.heads[[rest.indices(bones.bones[f"{role}.{side}"])[0] for side in SIDES]].mean(axis=0)
-        for role in ("shin", "upper_arm")
-    ]
-    way = ends[1] - ends[0]
+    way = way_up(rest, bones)
     axis = int(np.abs(way).argmax())
     up = np.sign(way[axis]) * np.eye(3)[axis]
     if axis == 2 and up[2] > 0:
         return np.eye(3)
     turn = np.cross(up, [0.0, 0.0, 1.0]) if axis != 2 else np.array([2.0, 0.0, 0.0])
     return np.rint(rotations.exp(np.pi / 2 * turn))
+
+
+def way_up(rest: RestSkeleton, bones: BoneMap) -> Array:
+    """Return the vector from the middle of the knees at rest to that of the shoulders, shape (3,)."""
+    ends = [
+        rest.heads[[rest.indices(bones.bones[f"{role}.{side}"])[0] for side in SIDES]].mean(axis=0)
+        for role in ("shin", "upper_arm")
+    ]
+    return np.asarray(ends[1] - ends[0])
 
 
 def grounded(rest: RestSkeleton, bones: BoneMap, origin: float = 0.0) -> RestSkeleton:

@@ -106,7 +106,7 @@ def send_to_rig(
     keys = 0
     if options.live is not None:
         link = (upright, of_source, options.live)
-        follow(scene, armature, sent.rig, link, placement=sent.result.placement, root=asked.root)
+        follow(scene, armature, sent.straight, link, placement=sent.result.placement, root=asked.root)
         remember(armature, sent.holds, sent.settings, sent.muted)
     else:
         keys = _keyed(armature, sent, frames, f"{armature.name} {upright.name}", options.curves)
@@ -133,7 +133,8 @@ class _Sent:
     ----------
     bones : BoneMap
         The rig's bones, or the controls that they follow.
-    rig : ControlRig
+    rig, straight : ControlRig
+        As it stands, and upright where bones without a role lean.
     unsteady : tuple of str
         Controls that follow another one only in part.
     shown : ShownBones
@@ -150,6 +151,7 @@ class _Sent:
 
     bones: BoneMap
     rig: ControlRig
+    straight: ControlRig
     unsteady: tuple[str, ...]
     shown: ShownBones
     result: Retargeted
@@ -204,7 +206,9 @@ def _on_controls(
         reading = read_rig(armature, used, _resting_toes(armature, bones, used))
         rig = reading.rig
         shown = ShownBones.at_rest(armature, [shown_bone(armature, follows, name) for name in rig.rest.names])
-        result = retarget(source, of_source, rig, asked, planted)
+        result = retarget(source, of_source, reading.straight, asked, planted)
+        if reading.lean is not None:
+            result = reading.lean.leaned(result)
         channels = control_channels(armature, rig, result.poses, ik_roles(rig, preset))
         channels += ik_channels(armature, rig, result.poses, preset)
         keyed = [setting_channel(armature, *setting) for setting in settings]  # here: keys may set them otherwise
@@ -212,6 +216,7 @@ def _on_controls(
     return _Sent(
         bones=bones,
         rig=rig,
+        straight=reading.straight,
         unsteady=reading.unsteady,
         shown=shown,
         result=result,
@@ -284,7 +289,7 @@ def _keyed(armature: bpy.types.Object, sent: _Sent, frames: Ints, action: str, c
 def _warnings(armature: bpy.types.Object, sent: _Sent, errors: dict[str, Any], *, live: bool) -> list[str]:
     """Return what the animator should know of a rig that a motion was put on, by sentences."""
     return [
-        *rig_warnings.standing_wrongly(armature, sent.rig),
+        *rig_warnings.standing_wrongly(armature, sent.straight),
         *rig_warnings.scaled_unevenly(armature, sent.rig),
         *rig_warnings.set_elsewhere(armature, sent.settings),
         *rig_warnings.undriven(sent.muted),

@@ -21,10 +21,11 @@ from ....core.errors import BodyError
 from ....core.numerics import rotations
 from ....core.numerics.arrays import Array, Bools
 from ....core.retargeting.control_rig import MOVED, ControlRig, carriers_of_apart
+from ....core.retargeting.leaning import Lean, lean_of
 from ....core.retargeting.retarget import grounded
 from ....core.retargeting.roles import BoneMap
 from ...scene_io.body.body_armature import world_frame
-from .rig_at_rest import pose, posed_matrices, update
+from .rig_at_rest import pose, posed_matrices, rest_orientations, update
 
 _PROBE = Quaternion((0.9553, 0.1837, 0.1342, 0.1885)).normalized()
 """How a control is turned to see what follows it: by 34 degrees about an axis that is none of its own."""
@@ -42,10 +43,16 @@ class RigReading:
     rig : ControlRig
     unsteady : tuple of str
         Controls that follow another one only in part: their rotation will differ from what is asked for.
+    straight : ControlRig
+        The rig as it stands upright where bones without a role lean.
+    lean : Lean, optional
+        By how much they do.
     """
 
     rig: ControlRig
     unsteady: tuple[str, ...]
+    straight: ControlRig
+    lean: Lean | None
 
 
 def read_rig(
@@ -87,17 +94,28 @@ def read_rig(
         tuple(names[b] for b in order), tuple(place[place_parents[b]] for b in order), heads[order], tails[order]
     )
     R = rotations.orthonormal(matrix[:3, :3] / scale @ rest[:, :3, :3])
+    origin = _placed_origin(armature, bones.bones["hips"][0])
     shifted = [*(bones.bones[role][0] for role in MOVED if role in bones.bones), *(names[b] for b in carriers)]
     shifts = {name: location_axes(armature, name) for name in shifted}
     rig = ControlRig(
-        grounded(skeleton, bones, float(matrix[2, 3])),
+        grounded(skeleton, bones, float(origin[2])),
         bones,
         tuple(place[turn_parents[b]] for b in order),
         R[order],
         np.stack([shifts.get(names[b], scale * R[b]) for b in order]),
         resting_toes,
     )
-    return RigReading(rig, tuple(sorted(names[b] for b in np.flatnonzero(unsteady))))
+    turned = rig.R_world_rest @ np.swapaxes(rest_orientations(armature, rig.rest.names), -1, -2)
+    lean = lean_of(rig, turned, origin)
+    straight = rig if lean is None else lean.straightened(rig)
+    return RigReading(rig, tuple(sorted(names[b] for b in np.flatnonzero(unsteady))), straight, lean)
+
+
+def _placed_origin(armature: bpy.types.Object, hips: str) -> Array:
+    """Return where the armature's origin is carried by what has placed the hips, such as a root; world, metres."""
+    matrix, _ = world_frame(armature)
+    placed = posed_matrices(armature, [hips])[0] @ np.linalg.inv(np.array(armature.data.bones[hips].matrix_local))
+    return np.asarray(matrix[:3, :3] @ placed[:3, 3] + matrix[:3, 3])
 
 
 def _followers(rest: Array, moved: Array, size: float) -> tuple[Bools, Bools, Bools]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
+from mathutils import Matrix  # noqa: E402
 
 from addon_shots import joint_error  # noqa: E402
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
@@ -14,6 +15,7 @@ from kfmocap.core.formats.bvh import read_bvh  # noqa: E402
 from kfmocap.core.retargeting.transfer import RetargetOptions  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.live import LiveSource  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature, part_meshes  # noqa: E402
@@ -118,6 +120,39 @@ def test_motion_is_sent_to_a_character_that_its_root_has_placed_and_scaled(made,
     report = send_to_rig(bpy.context.scene, motion, placed(made(), HALF), 1, options)
     assert max(limb["worst_degrees"] for limb in report["error"].values()) < 0.1
     assert max(limb["worst_mm"] for limb in report["error"].values()) < 0.1
+
+
+def sent_shape(armature, root, live):
+    """Send a motion; returns where the bones that play roles are shown, about the first, in sizes of the character."""
+    if live is not None:
+        motion_curves.write_motion(live, swing(BODY, FRAMES, 0.3), 1)
+    options = SendOptions(
+        retarget=RetargetOptions(root=root, feet="off"), live=None if live is None else LiveSource(live, {})
+    )
+    motion = motion_of_body(BODY, swing(BODY, FRAMES, 0.3), "man", 30.0)
+    report = send_to_rig(bpy.context.scene, motion, armature, 1, options)
+    names = [name for role, played in report["target"]["bones"].items() if role != "root" for name in played]
+    heads = shown_heads(armature, FRAMES, names)
+    return (heads - heads[:, :1]) / report["scale"]
+
+
+@pytest.mark.parametrize("follows", [False, True])
+@pytest.mark.parametrize("root", ["world", "root-bone"])
+@pytest.mark.parametrize("made", MADE)
+def test_motion_is_upright_on_a_character_whose_root_leans(made, root, follows):
+    live = body_armature.build_armature(BODY, "man", bpy.context.scene.collection) if follows else None
+    wanted = sent_shape(made(), root, live)
+    assert np.abs(sent_shape(placed(made(), HALF), root, live) - wanted).max() < 1e-3
+
+
+def test_a_character_that_its_root_has_raised_from_lying_is_left_standing():
+    armature = unreal_like()
+    armature.data.transform(Matrix.Rotation(-np.pi / 2, 4, "X"))
+    wanted = sent_shape(unreal_like(), "world", None)
+    armature.pose.bones["root"].rotation_mode = "XYZ"
+    armature.pose.bones["root"].matrix = Matrix.Rotation(np.pi / 2, 4, "X") @ armature.data.bones["root"].matrix_local
+    bpy.context.view_layer.update()
+    assert np.abs(sent_shape(armature, "world", None) - wanted).max() < 1e-3
 
 
 @pytest.mark.parametrize("name", ["pelvis", "upper_arm.L", "head"])

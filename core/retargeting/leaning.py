@@ -1,0 +1,75 @@
+"""Rigs that a bone without a role, such as a root, has been posed to lean.
+
+Motion is upright whatever the rig leans by: rest poses are aligned as if it stood straight, and the poses found are then
+expressed relative to the rig as it leans.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..body.skeleton_motion import RestSkeleton
+from ..numerics.arrays import Array, Bools
+from .control_rig import ControlRig, RigPoses
+from .rest_alignment import shortest_turn
+from .retarget import Retargeted, grounded, way_up
+
+_UP = np.array([0.0, 0.0, 1.0])
+_LEAST = 1e-4  # sine of the least angle that counts as leaning
+
+
+@dataclass(frozen=True, eq=False)
+class Lean:
+    """How a rig leans.
+
+    Attributes
+    ----------
+    turn : ndarray, shape (3, 3)
+        From upright to as it leans, in the world.
+    pivot : ndarray, shape (3,)
+        The point about which it leans, metres: that of its ground on which it stands.
+    leaning : ndarray of bool, shape (B,)
+        Controls that lean; others do not hang on what leans.
+    """
+
+    turn: Array
+    pivot: Array
+    leaning: Bools
+
+    def straightened(self, rig: ControlRig) -> ControlRig:
+        """Return the rig as it stands upright, for aligning rest poses, with its ground; see `grounded`."""
+        back = np.where(self.leaning[:, None, None], self.turn.T, np.eye(3))
+        heads, tails = (
+            self.pivot + np.einsum("bij,bj->bi", back, ends - self.pivot) for ends in (rig.rest.heads, rig.rest.tails)
+        )
+        rest = RestSkeleton(rig.rest.names, rig.rest.parents, heads, tails)
+        return replace(rig, rest=grounded(rest, rig.bones, float(self.pivot[2])), R_world_rest=back @ rig.R_world_rest)
+
+    def _leaned(self, poses: RigPoses) -> RigPoses:
+        turns = np.where(self.leaning[:, None, None], poses.turns @ self.turn.T, poses.turns)
+        return replace(poses, turns=turns)
+
+    def leaned(self, result: Retargeted) -> Retargeted:
+        """Return poses of the straightened rig relative to the rest pose of the rig as it leans."""
+        return replace(result, poses=self._leaned(result.poses), by_angles=self._leaned(result.by_angles))
+
+
+def lean_of(rig: ControlRig, turned: Array, pivot: Array) -> Lean | None:
+    """Return how a rig leans; None if it does not, or stands upright only because it was turned.
+
+    Parameters
+    ----------
+    rig : ControlRig
+        As it leans.
+    turned : ndarray, shape (B, 3, 3)
+        By how much what has no role has turned the controls, in the world.
+    pivot : ndarray, shape (3,)
+        Where what has turned them has carried the rig's origin, metres.
+    """
+    swing = shortest_turn(_UP, turned[rig.index("hips")] @ _UP)
+    way = way_up(rig.rest, rig.bones)
+    if np.linalg.norm(swing[:2, 2]) < _LEAST or (swing.T @ way)[2] <= way[2]:
+        return None
+    return Lean(swing, pivot, np.abs(turned - np.eye(3)).max(axis=(1, 2)) > _LEAST)
