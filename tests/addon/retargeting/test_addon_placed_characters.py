@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
-from mathutils import Matrix  # noqa: E402
-
 from addon_shots import joint_error  # noqa: E402
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import OutputError  # noqa: E402
@@ -20,6 +18,7 @@ from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # n
 from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature, part_meshes  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
+from mathutils import Matrix  # noqa: E402
 from odd_characters import BODY, CONTROL, controlled_human, shown_heads, skinned_human, switched_human, unreal_like  # noqa: E402
 from synthetic import swing  # noqa: E402
 
