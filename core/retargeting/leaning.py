@@ -1,7 +1,7 @@
 """Rigs that a bone without a role, such as a root, has been posed to lean.
 
-Motion is upright whatever the rig leans by: rest poses are aligned as if it stood straight, and the poses found are then
-expressed relative to the rig as it leans.
+Motion is upright whatever the rig leans by: rest poses are aligned as if it stood straight, and the poses found are
+then expressed relative to the rig as it leans.
 """
 
 from __future__ import annotations
