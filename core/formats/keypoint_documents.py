@@ -35,6 +35,8 @@ class DetectedPerson:
         Names of the keypoints (`core.formats.keypoint_layouts`), if the document has names.
     hands : sequence of float
         x, y, confidence of the 42 points of both hands, if the document lists them separately from the body's.
+    picture : str or None
+        Name of the picture's file, if the document states it; `frame` is then the last number in it.
     """
 
     values: Sequence[float]
@@ -43,6 +45,7 @@ class DetectedPerson:
     normalised: bool = False
     names: tuple[str, ...] | None = None
     hands: Sequence[float] = ()
+    picture: str | None = None
 
 
 def people(document: Any) -> list[DetectedPerson] | None:
@@ -87,7 +90,7 @@ def _of_list(document: list[Any]) -> list[DetectedPerson] | None:
     first = document[0]
     if isinstance(first, Mapping):
         if "image_id" in first:
-            return [_coco(entry, picture_number(entry["image_id"])) for entry in document]
+            return [_coco(entry, entry["image_id"]) for entry in document]
         if "instances" in first:
             return _mmpose_video(document, None)
         if "keypoint_scores" in first:
@@ -126,13 +129,15 @@ def _by_picture(document: Mapping[str, Any]) -> list[DetectedPerson] | None:
     found = []
     for name, inner in document.items():
         for person in _of_mapping(inner) or ():
-            found.append(replace(person, frame=picture_number(name)))
+            found.append(replace(person, frame=picture_number(name), picture=name))
     return found or None
 
 
-def _coco(entry: Mapping[str, Any], frame: int) -> DetectedPerson:
-    track = entry.get("track_id", entry.get("idx", -1))
-    return DetectedPerson(entry["keypoints"], frame, track if isinstance(track, int) else -1)
+def _coco(entry: Mapping[str, Any], picture: Any) -> DetectedPerson:
+    """Read a person in a picture that is called by a name or a number."""
+    track, name = entry.get("track_id", entry.get("idx", -1)), picture if isinstance(picture, str) else None
+    number = track if isinstance(track, int) else -1
+    return DetectedPerson(entry["keypoints"], picture_number(picture), number, picture=name)
 
 
 def _annotations(document: Mapping[str, Any]) -> list[DetectedPerson]:
@@ -144,8 +149,7 @@ def _annotations(document: Mapping[str, Any]) -> list[DetectedPerson]:
     for entry in document["annotations"]:
         values = list(entry["keypoints"])
         values[2::3] = [v / 2 for v in values[2::3]]
-        frame = picture_number(names.get(entry["image_id"], entry["image_id"]))
-        found.append(_coco({**entry, "keypoints": values}, frame))
+        found.append(_coco({**entry, "keypoints": values}, names.get(entry["image_id"], entry["image_id"])))
     return found
 
 

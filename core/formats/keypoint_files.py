@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from ..errors import KeypointError, located
 from ..shot.detections import Detections
+from ..shot.frame_numbers import is_interlaced
 from ..shot.shot import Shot, View
 from .keypoint_documents import DetectedPerson, people, picture_number
 from .keypoint_layouts import HAND_NAMES, LAYOUTS, WHOLE_BODY, keypoint_layout
+from .picture_frames import first_number, frames_by_name, stem_of
 from .reading import NUMBER_LIMIT, read_bytes, reading
 
 _MAX_NUMBER = 10**15  # number of a frame or track: some programs number pictures by the time
@@ -23,16 +25,25 @@ KNOWN_FORMATS = "OpenPose, COCO, AlphaPose, MMPose, MediaPipe or YOLO"
 
 
 def read_keypoints(
-    path: Path | str, size: tuple[int, int] | None = None, *, skip_broken: bool = False, hands: bool = False
+    path: Path | str,
+    size: tuple[int, int] | None = None,
+    *,
+    footage: Path | None = None,
+    skip_broken: bool = False,
+    hands: bool = False,
 ) -> Detections:
     """Read what a detector found in the footage of one view; the format is recognised by its content.
 
     Parameters
     ----------
     path : path
-        A JSON file, or a folder with one for every picture, whose frame is the last number in the file's name.
+        A JSON file, or a folder with one for every picture, whose frame is the last number in the file's name, or that
+        of the footage's image with this name.
     size : tuple of int, optional
         Width and height of the footage, pixels; needed if coordinates are fractions of them (MediaPipe).
+    footage : Path, optional
+        The footage, if its frames are not fields. Pictures may then also be called by the names of its images, or
+        numbered from 1, see `core.formats.picture_frames`.
     skip_broken : bool
         Whether to leave out files of a folder that cannot be read, and list them in the result, instead of raising an
         error.
@@ -46,25 +57,57 @@ def read_keypoints(
         A file cannot be read or is not a keypoint file; names it.
     """
     path = Path(path)
+    images = {} if footage is None else frames_by_name(footage)
+    skipped: list[str] = []
     if path.is_file():
-        found = _read(path)
-        return _gathered(_of_hands(found, path) if hands else found, [], path, size)
+        found = [_named(person, images) for person in _read(path)]
+        numbers = {person.frame for person in found if person.frame is not None}
+    else:
+        found, numbers = _read_folder(path, images, skipped if skip_broken else None)
+    if footage is not None and (start := first_number(numbers, footage)):
+        found = [replace(person, frame=(person.frame or 0) - start) for person in found]
+    return _gathered(_of_hands(found, path) if hands else found, skipped, path, size)
+
+
+def _read_folder(
+    path: Path, images: Mapping[str, int], skipped: list[str] | None
+) -> tuple[list[DetectedPerson], set[int]]:
+    """Read the files of a folder, one for every picture.
+
+    Parameters
+    ----------
+    path : Path
+    images : mapping of str to int
+        See `core.formats.picture_frames.frames_by_name`.
+    skipped : list of str, optional
+        Takes messages about files that cannot be read; if it is None, they are errors.
+
+    Returns
+    -------
+    list of DetectedPerson
+    set of int
+        The numbers of all pictures, also of those that show nobody.
+    """
     files = sorted((f for f in _listed(path) if f.suffix.lower() == ".json"), key=lambda f: f.name)
     if not files:
         raise KeypointError("there is no .json file in the folder", where=str(path))
-    found = []
-    skipped: list[str] = []
+    found: list[DetectedPerson] = []
+    numbers: set[int] = set()
     for file in files:
         try:
-            seen = _numbered(_read(file), file)
-            found += _of_hands(seen, file) if hands else seen
+            number = images.get(stem_of(file.name), _number(file))
+            seen = [_named(person, images) for person in _numbered(_read(file), file, number)]
         except KeypointError as error:
-            if not skip_broken:
+            if skipped is None:
                 raise
             skipped.append(f"{file}: {error.what}")
-    if len(skipped) == len(files):
+            continue
+        found += seen
+        numbers |= {person.frame for person in seen if person.frame is not None}
+        numbers |= {number} if number is not None and not seen else set()
+    if skipped is not None and len(skipped) == len(files):
         raise KeypointError(f"none of the {len(files)} files can be read; the first: {skipped[0]}", where=str(path))
-    return _gathered(found, skipped, path, size)
+    return found, numbers
 
 
 def read_shot_keypoints(shot: Shot, *, hands: bool = False) -> list[Detections]:
@@ -84,7 +127,8 @@ def _read_view(view: View, *, skip_broken: bool, hands: bool) -> Detections:
         nobody = np.zeros(0, np.int64)
         return Detections((), nobody, np.zeros((0, 0, 2)), np.zeros((0, 0)), nobody)
     with located(f"keypoints of camera '{view.camera.name}'"):
-        return read_keypoints(view.keypoints, view.camera.size, skip_broken=skip_broken, hands=hands)
+        footage = None if is_interlaced(view) else view.footage
+        return read_keypoints(view.keypoints, view.camera.size, footage=footage, skip_broken=skip_broken, hands=hands)
 
 
 def _listed(path: Path) -> list[Path]:
@@ -127,18 +171,29 @@ def _check(person: DetectedPerson, file: Path) -> None:
             raise KeypointError(f"a {what} has {len(str(abs(number)))} digits", where=str(file), todo=_SKIP)
 
 
-def _numbered(found: list[DetectedPerson], file: Path) -> list[DetectedPerson]:
-    """Return the people of a file in a folder, with the number in the file's name as their frame."""
+def _number(file: Path) -> int | None:
+    """Return the last number in a file's name, None if it has none."""
+    try:
+        number = picture_number(file.name.replace("_keypoints", ""))
+    except ValueError:
+        return None
+    return number if number <= _MAX_NUMBER else None
+
+
+def _numbered(found: list[DetectedPerson], file: Path, number: int | None) -> list[DetectedPerson]:
+    """Return the people of a file in a folder; those without a frame get the file's number."""
     if all(person.frame is not None for person in found):
         return found
-    try:
-        frame = picture_number(file.name.replace("_keypoints", ""))
-        if frame > _MAX_NUMBER:
-            raise ValueError(frame)
-    except ValueError as error:
+    if number is None:
         todo = "name the files by the frames, as cam01_000012.json"
-        raise KeypointError("its name has no number", where=str(file), todo=todo) from error
-    return [replace(person, frame=frame) for person in found]
+        raise KeypointError("its name has no number", where=str(file), todo=todo)
+    return [replace(person, frame=number) for person in found]
+
+
+def _named(person: DetectedPerson, images: Mapping[str, int]) -> DetectedPerson:
+    """Return a person, on the frame of the footage's image that its picture is named after, if there is one."""
+    frame = None if person.picture is None else images.get(stem_of(person.picture))
+    return person if frame is None else replace(person, frame=frame)
 
 
 def _of_hands(found: list[DetectedPerson], file: Path) -> list[DetectedPerson]:

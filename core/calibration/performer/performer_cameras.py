@@ -17,6 +17,7 @@ from ...formats.keypoint_files import read_keypoints
 from ...keypoints.observations import correlated_frames
 from ...runtime.progress import Progress, report_progress
 from ...shot.footage import probe
+from ...shot.frame_numbers import FIRST_PARITY
 from ...shot.shot_spec import ShotSpec, ViewSpec
 from ..solving.assumed_lens import Lens
 from ..solving.camera_rig import Rig
@@ -151,7 +152,8 @@ def _view(view: ViewSpec, lenses: Mapping[str, Camera]) -> PerformerView:
         raise CaptureError("there are no keypoints of this view", where=f"{view.where} keypoints", todo=todo)
     footage = probe(view.footage)
     with located(f"keypoints of camera '{view.camera}'"):
-        detections = read_keypoints(view.keypoints, footage.size)
+        pictures = view.footage if view.fields not in FIRST_PARITY else None
+        detections = read_keypoints(view.keypoints, footage.size, footage=pictures)
     lens = lenses.get(view.camera)
     if lens is not None and lens.size != footage.size:
         raise CaptureError(
