@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..numerics.arrays import Array, Bools, Ints
-from .view_frames import GradientImages, ViewFrames
+from .view_frames import BrightnessImages, ViewFrames
 
 RADIUS = 0.025
 """Radius of the surroundings of the point that are compared, metres."""
@@ -112,6 +112,8 @@ def log_gain_by_displacement(view: ViewFrames, first: int, place: Array, stood: 
 
 def _projected(view: ViewFrames, places: Array, frames: Ints) -> Array:
     """Places (F, 3) in a view's pictures of these frames, pixels (F, 2)."""
+    if not view.camera.moving:
+        return view.camera.project(places)
     pairs = zip(places, frames.tolist(), strict=True)
     return np.concatenate([view.camera.project(place[None], frame) for place, frame in pairs])
 
@@ -123,7 +125,9 @@ def _disc(radius: float, stride: int) -> Array:
     return np.asarray(around[np.hypot(*around.T) <= radius], float)
 
 
-def _pictures(view: ViewFrames, frames: Ints, pixels: Array, radius: float, smoothing: float) -> GradientImages | None:
+def _pictures(
+    view: ViewFrames, frames: Ints, pixels: Array, radius: float, smoothing: float
+) -> BrightnessImages | None:
     """A view's pictures of these frames, as far as they show pixels (N, 2) and what is around them; None if they do
     not show all of it.
     """
@@ -136,14 +140,14 @@ def _pictures(view: ViewFrames, frames: Ints, pixels: Array, radius: float, smoo
     if (low < 0).any() or high[0] > width or high[1] > height:
         return None
     shown = view.grey[frames - view.first, low[1] : high[1], low[0] : high[0]]
-    return GradientImages.of(shown, smoothing, (int(low[0]), int(low[1])))
+    return BrightnessImages.of(shown, smoothing, (int(low[0]), int(low[1])))
 
 
-def _sampled(images: GradientImages, pixels: Array, frames: Ints | None = None) -> Array:
+def _sampled(images: BrightnessImages, pixels: Array, frames: Ints | None = None) -> Array:
     """Brightness (F, K) of images at pixels (F, K, 2), of the first F images unless they are given."""
     F, K, _ = pixels.shape
     frame = np.repeat(np.arange(F) if frames is None else frames, K)
-    return images.sample(frame, pixels.reshape(-1, 2).astype(np.float32))[0].reshape(F, K).astype(float)
+    return images.sample(frame, pixels.reshape(-1, 2).astype(np.float32)).reshape(F, K).astype(float)
 
 
 def _noise(*squared: Array) -> float:

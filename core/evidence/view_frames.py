@@ -133,6 +133,39 @@ class GradientImages:
         return np.asarray(self.values.reshape(-1, 3).take(index, axis=0).T)
 
 
+@dataclass(frozen=True, eq=False)
+class BrightnessImages:
+    """Smoothed brightness (0 to 1) in a window of n frames.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n h, w)
+        The windows of the frames are stacked vertically.
+    height : int
+        Height of the window, h, pixels.
+    origin : tuple of int
+        Pixel (u, v) of the frames that is the first one of the window.
+    """
+
+    values: Image
+    height: int
+    origin: tuple[int, int] = (0, 0)
+
+    @classmethod
+    def of(cls, grey: NDArray[np.uint8], sigma: float, origin: tuple[int, int] = (0, 0)) -> BrightnessImages:
+        """Smooth windows of 8 bits (n, h, w) by a Gaussian of `sigma` pixels."""
+        values = np.empty(grey.shape, np.float32)
+        kernel = _whole_gaussian(sigma)
+        for image, out in zip(grey, values, strict=True):
+            np.multiply(_smoothed(image, kernel), np.float32(1 / _WHITE), out=out)
+        return cls(values.reshape(-1, grey.shape[2]), grey.shape[1], origin)
+
+    def sample(self, image: NDArray[np.intp], pixels: Image) -> Image:
+        """Interpolate bilinearly at pixels (N, 2) of the frames with indices (N,), shape (N,)."""
+        u, v = pixels.T - np.array(self.origin, np.float32)[:, None]
+        return interpolated(self.values, stacked_places(u, v, image, self.height), u.shape)
+
+
 def stacked_places(
     u: NDArray[np.floating[Any]], v: NDArray[np.floating[Any]], image: NDArray[np.intp], height: int
 ) -> NDArray[np.float32]:

@@ -28,7 +28,7 @@ import numpy as np
 from scipy.special import chdtri, fdtri
 
 from ...body.foot_plants import MIN_DURATION
-from ...body.kinematics import part_poses
+from ...body.kinematics import Poses, part_poses
 from ...body.motion import Motion
 from ...body.soles import Soles
 from ...evidence.standing_points import RADIUS, log_gain_by_displacement, log_odds_of_standing
@@ -136,6 +136,10 @@ class _Evidence:
     costs, odds : dict
         Results of `_cost` and `_log_odds` by the performer, the plant's point and its steps: several tests ask for the
         same.
+    tracked : dict
+        World poses of the parts of each performer in its motion.
+    soles : dict
+        Where all points of a performer's soles were tracked, shape (F, C, 3).
     """
 
     problem: SegmentProblem
@@ -144,6 +148,8 @@ class _Evidence:
     motions: tuple[Motion, ...]
     costs: dict[tuple[object, ...], float] = field(default_factory=dict)
     odds: dict[tuple[object, ...], float] = field(default_factory=dict)
+    tracked: dict[int, Poses] = field(default_factory=dict)
+    soles: dict[int, Array] = field(default_factory=dict)
 
     def plants_that_fit(
         self, performer: int, seeming: Seeming, earlier: Seeming | None, ratios: Array
@@ -199,8 +205,9 @@ class _Evidence:
         keyed = np.flatnonzero(frames & self.problem.fixed[performer].all(axis=1))
         if len(keyed) < 2:
             return True
-        poses = part_poses(self.problem.bodies[performer], self.motions[performer][keyed[[0, -1]]])
-        drift = np.diff(plant.soles.world(poses)[:, column], axis=0)
+        R, T = self._poses(performer)
+        ends = keyed[[0, -1]]
+        drift = np.diff(plant.soles.world((R[ends], T[ends]))[:, column], axis=0)
         return bool(np.sum(drift**2) < np.ptp(keyed) * plant.sigma**2 * chdtri(3, SIGNIFICANCE))
 
     def _agrees(self, performer: int, plant: Plant, ratio: float) -> bool:
@@ -240,9 +247,18 @@ class _Evidence:
 
     def _path(self, performer: int, plant: Plant) -> Array:
         """Where a plant's point was tracked, shape (F, 3)."""
-        (first, last), soles = plant.steps, plant.seeming.soles
-        poses = part_poses(self.problem.bodies[performer], self.motions[performer][slice(first, last + 2)])
-        return np.asarray(soles.world(poses)[:, plant.point])
+        first, last = plant.steps
+        return self._soles(performer, plant)[first : last + 2, plant.point]
+
+    def _soles(self, performer: int, plant: Plant) -> Array:
+        if performer not in self.soles:
+            self.soles[performer] = plant.seeming.soles.world(self._poses(performer))
+        return self.soles[performer]
+
+    def _poses(self, performer: int) -> Poses:
+        if performer not in self.tracked:
+            self.tracked[performer] = part_poses(self.problem.bodies[performer], self.motions[performer])
+        return self.tracked[performer]
 
     def _way(self, performer: int, plant: Plant) -> float:
         """How far a plant's point was tracked from its mean place at most, metres."""
@@ -339,7 +355,8 @@ class _Evidence:
             increments = self.motions[i].difference(there[i])
             systems[i] = replace(systems[i], gradient=systems[i].gradient_at(increments))
             if i in plants:
-                systems[i] += plants[i].blocks(problem.bodies[i], part_poses(problem.bodies[i], there[i]))
+                poses = self._poses(i) if there is self.motions else part_poses(problem.bodies[i], there[i])
+                systems[i] += plants[i].blocks(problem.bodies[i], poses)
         return tied_systems(systems, problem.holds, problem.bodies, there, fixed=problem.fixed, sought=self.members)
 
 

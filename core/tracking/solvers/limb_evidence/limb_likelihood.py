@@ -15,10 +15,11 @@ from ....body.kinematics import scene_poses
 from ....body.limbs import limbs, without_end
 from ....body.motion import Motion
 from ....evidence.limb_sides import PartSides, SideRatios
+from ....evidence.rendering.label_images import LabelImages
 from ....evidence.rendering.part_geometry import Geometry
 from ....evidence.view_frames import views_with_foreground
 from ....numerics import rotations
-from ....numerics.arrays import Array
+from ....numerics.arrays import Array, Bools
 from ..equations.problem import SegmentProblem
 from .limb_images import EMPTY_DEPTH, MAX_STRIDE, PartPoses, UncoveredImages, ViewRatios, depth_steps, shown_areas
 from .raised_shoulder import RaisedShoulder
@@ -148,7 +149,7 @@ def support_of_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> Iter
                     view.camera,
                     view.first,
                     (),
-                    np.where(own[shown.part], EMPTY_DEPTH, depth),
+                    _without(depth, shown, own),
                     view.slopes,
                     stride=view.stride,
                 )
@@ -156,6 +157,15 @@ def support_of_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> Iter
             ]
             sides = side_log_ratios(limb, with_sides_learned(limb, beside, problem.whole_keys(i), rng))
             yield i, chain, sides, partial(_log_ratios, limb, ratios, (geometry, poses, parts), sides)
+
+
+def _without(depth: NDArray[np.uint16], shown: LabelImages, own: Bools) -> NDArray[np.uint16]:
+    """Return depth images without some of the parts in the label images that they were made of, (P + 1,); these do not
+    stand still.
+    """
+    images = depth.copy()
+    images.ravel()[shown.index[own[shown.part.ravel()[shown.index]]]] = EMPTY_DEPTH
+    return images
 
 
 def evaluated(support: Iterable[SupportOfLimb]) -> list[SupportOfLimb]:
