@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 from ..core.choices import CALIBRATION_ENDINGS, FEET, ROOT_MOTIONS, SOLVERS, either
+from ..core.runtime.program_version import program_version
 
 
 def parser() -> argparse.ArgumentParser:
     """Build the parser; the name of the command is parsed into `command`."""
     program = argparse.ArgumentParser(prog="kfmocap", description="Keyframe motion tracking of performers.")
+    program.add_argument("--version", action=_Version, nargs=0, help="show the program's version and exit")
     commands = program.add_subparsers(required=True, metavar="COMMAND", dest="command")
     _add_track(commands.add_parser("track", help="track a shot and write motion, pictures and a report"))
     _add_batch(commands.add_parser("batch", help="track many shots, and sum them up in one table"))
@@ -138,6 +141,14 @@ def _add_tracking(command: argparse.ArgumentParser) -> None:
 
 def _add_drift(command: argparse.ArgumentParser) -> None:
     command.add_argument("--drift", action="store_true", help="clocks may also run at different speeds (long takes)")
+
+
+class _Version(argparse.Action):
+    """Print the program's version, which is looked up only if it is asked for, and exit."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        print(f"kfmocap {program_version()}, Python {sys.version.split()[0]}, {sys.platform}")
+        parser.exit()
 
 
 def _path(text: str) -> Path:

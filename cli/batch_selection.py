@@ -87,5 +87,6 @@ def _is_something_else(file: Path) -> bool:
     except KFMocapError:
         return False
     if kind != "shot":
-        print(f"kfmocap: {file} is no shot file, but a {kind}: left out", file=sys.stderr)
+        what = "folder: name its files, as with *.toml" if file.is_dir() else f"{kind}: left out"
+        print(f"kfmocap: {file} is no shot file, but a {what}", file=sys.stderr)
     return kind != "shot"

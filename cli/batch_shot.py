@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from importlib import metadata
 from pathlib import Path
 from statistics import fmean
 from typing import Any
 
 from ..core.formats.shot_toml import read_shot_spec
 from ..core.review.report_text import report_lines
+from ..core.runtime.program_version import program_version
 from ..core.runtime.progress import Progress
 from ..core.runtime.timing import Seconds
 from ..core.shot.fingerprint import checksum, file_bytes
@@ -71,12 +71,5 @@ def shot_digest(path: Path, options: BatchOptions) -> str:
         The shot file cannot be read.
     """
     spec = read_shot_spec(path)
-    asked = repr((options.solver, options.load_blender is None, _version())).encode()
+    asked = repr((options.solver, options.load_blender is None, program_version())).encode()
     return checksum([asked], *map(file_bytes, (path, *spec.files())))
-
-
-def _version() -> str:
-    try:
-        return metadata.version("kfmocap")
-    except metadata.PackageNotFoundError:
-        return ""

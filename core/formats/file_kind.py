@@ -9,12 +9,10 @@ from typing import Literal
 from ..errors import KeypointError, KFMocapError
 from .keypoint_documents import people
 from .reading import read_bytes, reading
-from .toml_tables import read_toml
+from .toml_tables import document_kind, read_toml
 
 Kind = Literal["shot", "capture", "calibration", "keypoints", "landmarks"]
 LANDMARKS = (".trc", ".c3d")
-_CAPTURE_BESIDE_WAND = {"lframe", "floor", "view"}
-"""Tables of a capture file; which of the first two there is depends on how the floor is found."""
 
 
 def file_kind(path: Path | str) -> Kind:
@@ -32,10 +30,7 @@ def file_kind(path: Path | str) -> Kind:
         return "landmarks"
     if ending != ".toml":
         return "keypoints" if ending == ".json" and _has_people(path) else "calibration"
-    document = read_toml(path, "the file", KFMocapError)
-    if "shot" in document:
-        return "shot"
-    return "capture" if "wand" in document and document.keys() & _CAPTURE_BESIDE_WAND else "calibration"
+    return document_kind(read_toml(path, "the file", KFMocapError)) or "calibration"
 
 
 def _has_people(path: Path) -> bool:

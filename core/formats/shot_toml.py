@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import UnionType
 from typing import Any, get_args, get_type_hints
@@ -24,7 +24,7 @@ from ..shot.shot_spec import (
     result_names,
 )
 from .reading import first_repeated
-from .toml_tables import Table, is_integer, read_toml
+from .toml_tables import Table, check_kind, is_integer, read_toml
 
 _TABLES = ("shot", "calibration", "view", "performer", "hold", "track")
 _CALIBRATION = ("file", "resized", "unit", "up")
@@ -43,13 +43,16 @@ def read_shot_spec(path: Path | str) -> ShotSpec:
         One message that names the file and the field.
     """
     path = Path(path)
-    document = Table(read_toml(path, "the shot file", ShotError), str(path), _TABLES)
+    values = read_toml(path, "the shot file", ShotError)
+    check_kind(values, path, "shot", ShotError)
+    document = Table(values, str(path), _TABLES)
     head = Table(document.value("shot"), f"{path} [shot]", ("name", "fps", "frames"))
     name, fps, frames = checked_file_name(head.text("name"), head.where), head.positive("fps"), _frames(head)
     settings = _settings(document, path)
     calibration = Table(document.value("calibration"), f"{path} [calibration]", _CALIBRATION)
     views = [_view(table, path.parent) for table in _tables(document, "view", path, _VIEW)]
     _check_distinct([view.camera for view in views], f"{path} [[view]] camera")
+    _check_distinct([str(view.footage) for view in views], f"{path} [[view]] footage")
     performers = [_performer(table, path.parent, frames) for table in _tables(document, "performer", path, _PERFORMER)]
     _check_distinct([performer.name for performer in performers], f"{path} [[performer]] name")
     result_names(name, [performer.name for performer in performers], f"{path} [[performer]]")
@@ -86,7 +89,8 @@ def _frames(head: Table) -> tuple[int, int]:
 def _tables(document: Table, key: str, path: Path, keys: Sequence[str], *, least: int = 1) -> list[Table]:
     values = document.value(key, [])
     if not isinstance(values, list) or len(values) < least:
-        raise ShotError(f"there must be at least one [[{key}]]", where=str(path))
+        todo = f"write two brackets, [[{key}]], not [{key}]" if isinstance(values, Mapping) else None
+        raise ShotError(f"there must be at least one [[{key}]]", where=str(path), todo=todo)
     return [Table(v, f"{path} [[{key}]] {i}", keys) for i, v in enumerate(values, 1)]
 
 

@@ -8,15 +8,36 @@ import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from ..errors import KFMocapError, ShotError
 from .reading import NUMBER_LIMIT, read_text, reading
 
+Kind = Literal["shot", "capture", "calibration"]
+_KINDS: dict[Kind, tuple[str, str]] = {
+    "shot": ("a shot file", "it is for kfmocap track, and for calibrate with --performer or --refine"),
+    "capture": ("a capture file of a wand", "it is for kfmocap calibrate and synchronise"),
+    "calibration": ("a calibration", "a shot file names it as file under [calibration]"),
+}
+"""What the kinds of TOML files are called, and what they are for."""
+_CAPTURE_BESIDE_WAND = {"lframe", "floor", "view"}
+"""Tables of a capture file; which of the first two there is depends on how the floor is found."""
 _REQUIRED: Any = object()
 _LONGEST_PATH, _LONGEST_NAME = 4000, 255  # characters of a path, and bytes of each of its parts
 _SHOWN = 60  # characters of a value in a message
 _BACKSLASHES = "write paths with /, as in 'D:/shoot/cam01.mp4', or between single quotes"
+_QUOTES = 'write texts between straight quotes, as in name = "walk"'
+_ADVICE = (
+    (re.compile(r"[\u2018-\u201f\u00ab\u00bb]"), _QUOTES),
+    (re.compile(r"=\s*[\d.]+\s*[/*+-]"), "write a number, such as 29.97, not a calculation"),
+    (re.compile(r"=\s*(?!(true|false|inf|nan)\b)[\w~./-]*[A-Za-z~./]"), _QUOTES),
+    (
+        re.compile(r"^\s*\[[^=]*\]\s*$"),
+        "[[view]], [[performer]] and [[hold]] have two brackets each time",
+    ),
+)
+"""What to do about a line that is not TOML, by what it contains; the first that fits counts."""
+_LINE = re.compile(r"at line (\d+)")
 # tomllib takes quadratic time for a key with very many parts. The possessive repetitions never backtrack.
 _LONG_KEY = re.compile(r"""(?<![\w"'-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){50}""")
 
@@ -24,12 +45,48 @@ _LONG_KEY = re.compile(r"""(?<![\w"'-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]
 def read_toml(path: Path, what: str, error: type[KFMocapError]) -> dict[str, Any]:
     """Read the document in a TOML file, which is called `what` in messages of the type `error`."""
     text = read_text(path, what, error)
+    if _LONG_KEY.search(text):
+        raise error("is not a TOML file: a key has too many parts", where=str(path))
+    try:
+        with reading(path, "a TOML file", error):
+            return tomllib.loads(text)
+    except KFMocapError as problem:
+        raise error(problem.what, where=problem.where, todo=_advice(text, problem.what)) from problem
+
+
+def _advice(text: str, what: str) -> str | None:
+    """Return what to do about a text that is not TOML, by the line that a message about it names."""
+    number = _LINE.search(what)
+    line = text.split("\n")[int(number[1]) - 1] if number else ""
     # In double quotes a backslash begins an escape sequence: Windows' paths seldom are valid ones.
-    todo = _BACKSLASHES if "\\" in text else None
-    with reading(path, "a TOML file", error, todo):
-        if _LONG_KEY.search(text):
-            raise ValueError("a key has too many parts")
-        return tomllib.loads(text)
+    if "\\" in (line or text):
+        return _BACKSLASHES
+    return next((todo for sign, todo in _ADVICE if sign.search(line)), None)
+
+
+def document_kind(document: Mapping[str, Any]) -> Kind | None:
+    """Return what kind of file of ours, or of other programs, a TOML document is, by its tables; None if that is
+    unclear.
+    """
+    tables = [value for value in document.values() if isinstance(value, Mapping)]
+    if any("matrix" in table for table in tables):
+        return "calibration"
+    if "shot" in document:
+        return "shot"
+    return "capture" if "wand" in document and document.keys() & _CAPTURE_BESIDE_WAND else None
+
+
+def check_kind(document: Mapping[str, Any], path: Path, wanted: Kind, error: type[KFMocapError]) -> None:
+    """Check that a TOML document is not one of another kind.
+
+    Raises
+    ------
+    KFMocapError
+        Of type `error`: it is; says what it is, and which command it is for.
+    """
+    kind = document_kind(document)
+    if kind is not None and kind != wanted:
+        raise error(f"is {_KINDS[kind][0]}, not {_KINDS[wanted][0]}", where=str(path), todo=_KINDS[kind][1])
 
 
 class Table:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +18,7 @@ from ..numerics.arrays import Array
 from .dltdv_points import ORIGINS, from_bottom, is_dltdv_file, read_dltdv_points
 from .marker_points import TAKES, read_marker_points
 from .reading import NUMBER_LIMIT, first_repeated, reading
-from .toml_tables import Table, read_toml
+from .toml_tables import Table, check_kind, read_toml
 
 _TABLES = ("lframe", "wand", "view", "points", "floor")
 _VIEW = ("camera", "lframe", "wand", "offset", "focal", "matrix", "distortions", "size", "fps")
@@ -34,7 +34,9 @@ def load_wand(path: Path | str) -> CaptureVideos | Capture:
     """
     path = Path(path)
     with _as_calibration_error(), reading(path, "a capture file", CalibrationError):
-        document = Table(read_toml(path, "the capture file", CalibrationError), str(path), _TABLES)
+        values = read_toml(path, "the capture file", CalibrationError)
+        check_kind(values, path, "capture", CalibrationError)
+        document = Table(values, str(path), _TABLES)
         floor, performer = _floor(document, path)
         lframe = Table(document.value("lframe", {}), f"{path} [lframe]", ("colour", "points", "diameter"))
         wand = Table(document.value("wand"), f"{path} [wand]", ("colours", "length", "diameter"))
@@ -104,7 +106,8 @@ def _as_calibration_error() -> Iterator[None]:
 def _views(document: Table, path: Path) -> list[Table]:
     values = document.value("view")
     if not isinstance(values, list) or not values:
-        raise CalibrationError("there must be at least one [[view]]", where=str(path))
+        todo = "write two brackets, [[view]], not [view]" if isinstance(values, Mapping) else None
+        raise CalibrationError("there must be at least one [[view]]", where=str(path), todo=todo)
     views = [Table(value, f"{path} [[view]] {i}", _VIEW) for i, value in enumerate(values, 1)]
     if (name := first_repeated(view.text("camera") for view in views)) is not None:
         raise CalibrationError(f"'{name}' is there twice", where=f"{path} [[view]] camera")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import platform
 from collections.abc import Mapping, Sequence
-from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -17,6 +16,7 @@ from ..body.soles import Soles
 from ..cameras.world_axes import upward_doubt
 from ..evidence.occlusion import OCCLUDED_BELOW, intervals, occluded, unseen
 from ..numerics.arrays import Bools
+from ..runtime.program_version import program_version
 from ..shot.footage import container_rate
 from ..shot.footage_faults.footage_damage import FootageDamage
 from ..shot.footage_faults.footage_times import FootageRate
@@ -274,12 +274,8 @@ def _spans(names: list[str], hidden: NDArray[np.bool_], first: int) -> dict[str,
 
 
 def _versions() -> dict[str, str]:
-    try:
-        ours = metadata.version("kfmocap")
-    except metadata.PackageNotFoundError:  # inside Blender there is the extension, but no distribution
-        ours = "extension"
     return {
-        "kfmocap": ours,
+        "kfmocap": program_version(),
         "python": platform.python_version(),
         "numpy": np.__version__,
         "scipy": scipy.__version__,

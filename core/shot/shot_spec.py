@@ -192,7 +192,8 @@ def checked_keyframes(frames: Sequence[int], shot_frames: tuple[int, int], *, wh
     first, last = shot_frames
     for frame in frames:
         if not first <= frame <= last:
-            raise ShotError(f"key frame {frame} lies outside the shot's frames {first} to {last}", where=where)
+            what = f"key frame {frame} lies outside the shot's frames {first} to {last}"
+            raise ShotError(what, where=where, todo="frames are counted from 0" if frame == last + 1 else None)
     return tuple(sorted(set(frames)))
 
 

@@ -252,6 +252,8 @@ def test_shots_are_chosen_by_patterns_and_other_files_beside_them_left_out(
     shutil.copy(shots[0].file, folder / "shots" / "z.toml")
     assert main(["batch", str(folder / "shots" / "*.toml"), "--out", str(folder / "results"), "--no-blender"]) == 2
     assert "'a' is the name of two shots" in capsys.readouterr().err
+    assert main(["batch", str(folder / "shots"), "--out", str(folder / "results")]) == 2
+    assert "is no shot file, but a folder: name its files, as with *.toml" in capsys.readouterr().err
     assert main(["batch", str(folder / "nothing*.toml"), "--out", str(folder / "results")]) == 2
 
 

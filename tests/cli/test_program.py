@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -52,6 +53,13 @@ def test_the_program_starts_without_blender_and_the_libraries() -> None:
     """`kfmocap --help` answers at once, and the libraries are loaded after they have been told to be quiet."""
     code = "import sys, kfmocap.__main__\nassert not {'bpy', 'numpy', 'cv2'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_the_program_says_its_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--version"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.startswith(f"kfmocap {metadata.version('kfmocap')}, Python 3.")
 
 
 ENDING = (

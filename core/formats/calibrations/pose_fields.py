@@ -12,6 +12,8 @@ from ...numerics.arrays import Array
 
 ROUNDING = 1e-3
 """Largest deviation of R^T R from the identity that rounding of the printed digits can explain."""
+MAX_ANGLE = 4 * np.pi
+"""Longest Rodrigues vector that is accepted, radians: half a turn is enough for any rotation."""
 _VECTORS = ((3,), (3, 1), (1, 3))
 _MATRICES = ((3, 3), (9,))
 _ACCEPTED_ROTATIONS = "a Rodrigues vector (3, 3x1 or 1x3 numbers, radians) or a 3x3 matrix"
@@ -63,6 +65,9 @@ def _matrices(values: Array, where: str) -> Array:
     """Return the rotation matrices (N, 3, 3) of N Rodrigues vectors or matrices."""
     shape = values.shape[1:]
     if shape in _VECTORS:
+        if (longest := np.linalg.norm(values.reshape(-1, 3), axis=1).max()) > MAX_ANGLE:
+            what = f"'rotation' is a Rodrigues vector of {longest:.0f} radians, which are several turns"
+            raise CalibrationError(what, where=where, todo="if these are degrees, give radians")
         return rotations.exp(values.reshape(-1, 3))
     if shape not in _MATRICES:
         todo = f"give {_ACCEPTED_ROTATIONS}"

@@ -20,7 +20,7 @@ from ...errors import CalibrationError
 from ...numerics import rotations
 from ...numerics.arrays import Array
 from ...runtime.files import replacing
-from ..toml_tables import read_toml
+from ..toml_tables import check_kind, read_toml
 from .pose_fields import camera_poses
 
 
@@ -33,6 +33,7 @@ def read_toml_cameras(path: Path) -> list[Camera]:
         The file cannot be read or a camera lacks a field; names the file, the camera and the field.
     """
     document = read_toml(path, "the calibration", CalibrationError)
+    check_kind(document, path, "calibration", CalibrationError)
     tables = {k: v for k, v in document.items() if isinstance(v, dict) and "matrix" in v}
     nested = document.get("cameras")  # Caliscope has tables [cameras.1], ... without names
     if isinstance(nested, dict):

@@ -9,7 +9,7 @@ from ...cameras.camera import Camera, same_proportions
 from ...errors import FootageError, located
 from ..footage import Footage, decodable, probe
 from ..frame_numbers import footage_index, frames_per_file_frame, is_interlaced
-from ..image_sequences import check_images, image_files
+from ..image_sequences import check_images, footage_of, image_files
 from ..shot import View
 from .footage_times import timed_gaps, video_rate
 
@@ -68,7 +68,7 @@ def camera_at_size(camera: Camera, size: tuple[int, int], *, resized: bool, decl
         raise FootageError(what, todo=f"footage is turned as its metadata says; {as_stored}")
     if not same_proportions(size, camera.size):
         what += ": it was cropped, not only resized" if resized else ""
-        seen = "sizes are width x height after the rotation that the file asks for"
+        seen = "sizes count stored pixels, square or not: width x height after the rotation that the file asks for"
         raise FootageError(what, todo=f"calibrate at the footage's size; {seen}")
     if not resized:
         raise FootageError(what, todo=f"if the footage was resized after calibrating, {declare}")
@@ -165,6 +165,10 @@ def _check_range(view: View, footage: Footage, first: int, length: int, fps: flo
         raise FootageError(f"the shot begins before the footage: {asked}", where=where, todo=todo)
     count, images = stored_frames(view, footage, end + 1), image_files(view.footage)
     if end >= count and _end_by_times(view, footage, first + length - 1, fps) >= count:
+        if images is not None and view.footage in images.values():
+            [pattern] = footage_of([view.footage])
+            todo = f"this is a single image: name the sequence that it belongs to, as {pattern.name}"
+            raise FootageError("the footage has only one frame", where=where, todo=todo)
         todo = _fitting_frames(view, range(first, last + 1), range(count))
         raise FootageError(f"the footage has only {count} {unit}: {asked}", where=where, todo=todo)
     if images is not None:

@@ -149,6 +149,7 @@ def test_three_poses_of_a_moving_camera_are_not_a_matrix(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("rotation", "message"),
     [
+        ([91.5, 0.0, -40.0], "Rodrigues vector of 100 radians.*degrees"),
         ([0.7, 0.1, 0.5, 0.5], "quaternions are not read"),
         (np.diag([1.0, 1.0, -1.0]).tolist(), "mirrors.*x right, y down, z forward"),
         ((2 * MATRIX).tolist(), "is not a rotation"),

@@ -16,8 +16,9 @@ from kfmocap.core.body.skeleton_motion import RestSkeleton
 from kfmocap.core.cameras.camera import Camera, same_proportions
 from kfmocap.core.cameras.world_axes import AXES
 from kfmocap.core.errors import KFMocapError
-from kfmocap.core.formats import save_cameras, shot_toml, write_trc
+from kfmocap.core.formats import load_cameras, save_cameras, shot_toml, write_trc
 from kfmocap.core.formats.shot_toml import read_shot_spec
+from kfmocap.core.formats.wand_toml import load_wand
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Gap
 from kfmocap.core.tracking.prepare import load_shot, prepare_shot
@@ -297,6 +298,14 @@ BAD = [
     ("[calibration]", "[calibration", r"shot\.toml: is not a TOML file.*line"),
     ('"cam01_%04d.png"', r'"C:\Users\me\cam01.mp4"', r"not a TOML file.*\(write paths with /.*single quotes"),
     ('"cam01_%04d.png"', r'"C:\takes\cam01.mp4"', r"not a TOML file.*\(write paths with /.*single quotes"),
+    ("fps = 30.0", "fps = 30000/1001", r"not a TOML file.*line 4.*\(write a number, such as 29\.97"),
+    ('camera = "cam01"', "camera = cam01", r"not a TOML file.*\(write texts between straight quotes"),
+    ('camera = "cam01"', "camera = \u201ccam01\u201d", r"not a TOML file.*\(write texts between straight quotes"),
+    ('[[view]]\ncamera = "cam01"', '[view]\ncamera = "cam01"', r"not a TOML file.*have two brackets each time"),
+    ("[[performer]]", "[performer]", r"at least one \[\[performer\]\] \(write two brackets"),
+    ("cam02_%04d.png", "cam01_%04d.png", r"\[\[view\]\] footage: '.*cam01_%04d\.png' is there twice"),
+    ("cam01_%04d.png", "cam01_0003.png", r"only one frame \(this is a single image: .* as cam01_####\.png"),
+    ("keyframes = [9, 3, 6]", "keyframes = [4, 7, 10]", "key frame 10 lies outside .*counted from 0"),
     ('"cam01_%04d.png"', r'"walk\take1.mp4"', r"1 footage: .* a backslash began an escape \(write paths with /"),
 ]
 
@@ -309,6 +318,24 @@ def test_bad_input_is_one_message_with_file_and_field(folder: Path, old: str, ne
     with pytest.raises(KFMocapError, match=message) as caught:
         load_shot(path)
     assert "\n" not in str(caught.value)
+
+
+CAPTURE = '[wand]\nlength = 0.5\n[[view]]\ncamera = "cam01"\nwand = "a.mp4"\nmatrix = [[9,0,4],[0,9,3],[0,0,1]]\n'
+
+
+def test_a_file_of_another_kind_is_called_by_its_name_with_the_command_that_it_is_for(folder: Path) -> None:
+    shot, capture, cameras = folder / "shot.toml", folder / "wand.toml", folder / "calibration.toml"
+    capture.write_text(CAPTURE)
+    for file, read, message in [
+        (capture, read_shot_spec, "is a capture file of a wand, not a shot file .*kfmocap calibrate"),
+        (cameras, read_shot_spec, r"is a calibration, not a shot file .*\[calibration\]"),
+        (shot, load_wand, "is a shot file, not a capture file of a wand .*kfmocap track.*--performer"),
+        (cameras, load_wand, "is a calibration, not a capture file"),
+        (shot, load_cameras, "is a shot file, not a calibration"),
+        (capture, load_cameras, "is a capture file of a wand, not a calibration"),
+    ]:
+        with pytest.raises(KFMocapError, match=message):
+            read(file)
 
 
 def test_footage_may_be_the_folder_of_an_image_sequence(folder: Path) -> None:
