@@ -35,9 +35,9 @@ class ControlRig:
     location_axes : ndarray, shape (B, 3, 3)
         How each unit of a control's location channels moves it in the world at rest, metres, as columns. Only those of
         controls that play a role of `MOVED` and of those that are apart are used.
-    resting_toes : mapping of str to float
-        For the sides ("L", "R") whose feet have toe bones that are not among the controls and keep their rest rotation:
-        horizontal distance at rest from the ankle to the tips of the toes, metres; 0 where it is unknown.
+    toe_tips : mapping of str to float
+        Horizontal distance at rest from the ankle to the tips of the toes, metres, 0 where it is unknown, for the sides
+        ("L", "R") on which it is known from more than the foot's control, and toes keep their rest rotation.
     """
 
     rest: RestSkeleton
@@ -45,7 +45,7 @@ class ControlRig:
     turn_parents: tuple[int, ...]
     R_world_rest: Array
     location_axes: Array
-    resting_toes: Mapping[str, float] = field(default_factory=dict)
+    toe_tips: Mapping[str, float] = field(default_factory=dict)
 
     def index(self, role: str, place: int = 0) -> int:
         """Return the index of the control that plays a role; `place` counts along a chain."""

@@ -28,6 +28,8 @@ HEEL, BALL = 0, 1
 _HEEL_BACK = 0.3  # of the horizontal distance from ankle to ball: from the ankle back to the heel, if it is unknown
 _FOOT_LENGTH = 0.17  # of the leg length: from the ankle to the ball, if it is unknown
 _SAME_FOOT = 0.03  # relative: foot lengths this close to proportional to the legs are taken to be exactly so
+_LIKELY_FOOT = (0.7, 1.4)
+"""Range of a foot's length, in proportion to the legs, within which the length of its bone alone is believed to be it."""
 _FADE_TIME = 0.25  # seconds over which a correction fades
 _MAX_BRIDGED_TIME = 1.0  # seconds: over shorter swings a correction is interpolated to the next plant's
 _FLOOR_TOLERANCE = 0.06  # of the leg length: plants within this height stand on the floor
@@ -164,11 +166,12 @@ def _target_offsets(
     ratio = placement.scale
     both = [f"toe.{path.side}" in bones.bones for bones in (source[1], rig.bones)]
     reach = 0.0 if own is None else float(np.linalg.norm(own[BALL, :2]))
-    if not both[0] and path.side in rig.resting_toes:
-        reach = rig.resting_toes[path.side]
+    if not both[0] and path.side in rig.toe_tips:
+        reach = rig.toe_tips[path.side]
     if reach > 0 and both[0] == both[1]:
         found = reach / float(np.linalg.norm(path.offsets[BALL, :2]))
-        ratio = ratio if abs(found / ratio - 1) < _SAME_FOOT else found
+        known = both[0] or path.side in rig.toe_tips or _LIKELY_FOOT[0] < found / ratio < _LIKELY_FOOT[1]
+        ratio = found if known and abs(found / ratio - 1) >= _SAME_FOOT else ratio
     ankle = rig.rest.heads[rig.index(f"foot.{path.side}")]
     offsets = ratio * (path.offsets * [1.0, 1.0, 0.0]) @ A
     offsets[:, 2] = rig.rest.ground - ankle[2]

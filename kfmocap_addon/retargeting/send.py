@@ -15,9 +15,8 @@ from ...core.errors import BodyError
 from ...core.numerics.arrays import Bools, Ints
 from ...core.retargeting.bone_matching import described, preset_of
 from ...core.retargeting.control_rig import MOVED, ControlRig, RigPoses, local_places, local_turns
-from ...core.retargeting.rest_alignment import toe_reach
 from ...core.retargeting.retarget import Retargeted, limb_changes, plant_intervals, prepared, retarget
-from ...core.retargeting.roles import SIDES, BoneMap
+from ...core.retargeting.roles import BoneMap
 from ...core.retargeting.transfer import RetargetOptions
 from ..scene_io import fcurves
 from .live import LiveSource, follow, refuse_inverse_kinematics, remember, stop_following
@@ -25,12 +24,13 @@ from .rigs import rig_warnings
 from .rigs.fk_controls import FkControls, through_controls
 from .rigs.held_bones import Driver, without_connections, without_drivers, without_holds
 from .rigs.ik_controls import forget_twists, ik_bones, ik_channels, ik_roles
-from .rigs.rig_at_rest import at_rest, leave_rest_position, rest_skeleton
-from .rigs.rig_curves import ControlChannel, CurveOptions, rotation_channel, write_channels
+from .rigs.rig_at_rest import at_rest, leave_rest_position
+from .rigs.rig_curves import ControlChannel, CurveOptions, rotation_channel, shifts_undone, write_channels
 from .rigs.rig_error import ShownBones, measured_errors
 from .rigs.rig_reading import read_rig
 from .rigs.rig_settings import Owner, setting_channel, with_settings
 from .target_armatures import target_bones
+from .toe_tips import toe_tips
 
 _SAMPLE = 60  # frames on which the remaining error is measured
 
@@ -194,6 +194,7 @@ def _on_controls(
     used = _used(bones, of_source, asked)
     names = used.names()
     ik = [name for name in ik_bones(preset) if name in armature.pose.bones]
+    tips = toe_tips(armature, bones, used, follows)
     held = () if preset.settings else names  # the limbs of a rig with settings are switched by these
     moved = [] if preset.settings else [used.bones[role][0] for role in MOVED if role in used.bones]
     with (
@@ -203,7 +204,7 @@ def _on_controls(
         with_settings(armature, preset.settings or controls.settings) as settings,
         without_holds(armature, held, moved) as holds,
     ):
-        reading = read_rig(armature, used, _resting_toes(armature, bones, used))
+        reading = read_rig(armature, used, tips)
         rig = reading.rig
         shown = ShownBones.at_rest(armature, [shown_bone(armature, follows, name) for name in rig.rest.names])
         result = retarget(source, of_source, reading.straight, asked, planted)
@@ -246,13 +247,6 @@ def _used(bones: BoneMap, of_source: BoneMap, options: RetargetOptions) -> BoneM
     return BoneMap({role: names for role, names in bones.bones.items() if role in moving}, bones.preset, bones.found_by)
 
 
-def _resting_toes(armature: bpy.types.Object, bones: BoneMap, used: BoneMap) -> dict[str, float]:
-    """Return how far feet reach to the tips of their toes, on sides for whose toes the source has no motion."""
-    resting = [side for side in SIDES if f"toe.{side}" in bones.bones and f"toe.{side}" not in used.bones]
-    rest = rest_skeleton(armature)
-    return {side: toe_reach(rest, bones, side) for side in resting}
-
-
 def shown_bone(armature: bpy.types.Object, follows: Mapping[str, str], name: str) -> str:
     """Return the bone that shows what a control has done: itself, but for those that a preset names."""
     other = follows.get(name, name)
@@ -283,6 +277,7 @@ def _keyed(armature: bpy.types.Object, sent: _Sent, frames: Ints, action: str, c
     """Key a motion on a rig in a new action; return the number of keys."""
     forget_twists(armature)
     channels = [*sent.channels, *(_hold_channel(*hold) for hold in sent.holds)]
+    channels += shifts_undone(armature, channels)
     return write_channels(armature, channels, frames, action, curves)
 
 

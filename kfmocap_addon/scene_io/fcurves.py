@@ -160,10 +160,26 @@ def show_action(owner: bpy.types.Object) -> None:
 def find_channelbag(owner: bpy.types.Object) -> bpy.types.ActionChannelbag | None:
     """Return the bag of F-curves of the object's slot, or None where it has no animation."""
     data = owner.animation_data
-    if data is None or data.action is None or data.action_slot is None or not data.action.layers:
+    return None if data is None else _channelbag_of(data.action, data.action_slot)
+
+
+def _channelbag_of(
+    action: bpy.types.Action | None, slot: bpy.types.ActionSlot | None
+) -> bpy.types.ActionChannelbag | None:
+    if action is None or slot is None or not action.layers:
         return None
-    strips = data.action.layers[0].strips
-    return strips[0].channelbag(data.action_slot) if strips else None
+    strips = action.layers[0].strips
+    return strips[0].channelbag(slot) if strips else None
+
+
+def animated_paths(owner: bpy.types.Object) -> set[str]:
+    """Return the paths of what an object's animation has curves of: its action, and the strips of the NLA."""
+    data = owner.animation_data
+    if data is None:
+        return set()
+    strips = [strip for track in data.nla_tracks for strip in track.strips]
+    bags = [_channelbag_of(played.action, played.action_slot) for played in (data, *strips)]
+    return {curve.data_path for bag in bags if bag is not None for curve in bag.fcurves}
 
 
 def ensure_fcurve(bag: bpy.types.ActionChannelbag, path: str, index: int, group: str) -> bpy.types.FCurve:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import bpy
@@ -77,6 +78,20 @@ def _continuous_euler(rotation: Rotation, order: str) -> Array:
     by_axis = np.empty_like(found)
     by_axis[:, axes] = found
     return by_axis
+
+
+def shifts_undone(armature: bpy.types.Object, channels: Sequence[ControlChannel]) -> list[ControlChannel]:
+    """Return one key each that puts bones whose rotations are keyed back to where they hang, if they have been shifted
+    from there, or an action shifts them: they would be apart from the motion.
+    """
+    placed = {channel.bone for channel in channels if channel.attribute == "location"}
+    turned = dict.fromkeys(channel.bone for channel in channels if channel.attribute.startswith("rotation_"))
+    keyed = {fcurves.bone_of(path) for path in fcurves.animated_paths(armature) if path.endswith(".location")}
+    return [
+        ControlChannel(name, "location", np.zeros((1, 3)))
+        for name in turned
+        if name not in placed and (name in keyed or any(armature.pose.bones[name].location))
+    ]
 
 
 def write_channels(

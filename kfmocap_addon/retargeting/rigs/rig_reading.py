@@ -56,7 +56,7 @@ class RigReading:
 
 
 def read_rig(
-    armature: bpy.types.Object, bones: BoneMap, resting_toes: Mapping[str, float] = MappingProxyType({})
+    armature: bpy.types.Object, bones: BoneMap, toe_tips: Mapping[str, float] = MappingProxyType({})
 ) -> RigReading:
     """Read how a rig's controls stand at rest and follow each other; it must stand at rest (`at_rest`).
 
@@ -65,7 +65,7 @@ def read_rig(
     armature : bpy.types.Object
     bones : BoneMap
         Of the controls.
-    resting_toes : mapping of str to float
+    toe_tips : mapping of str to float
         See `ControlRig`.
 
     Raises
@@ -103,7 +103,7 @@ def read_rig(
         tuple(place[turn_parents[b]] for b in order),
         R[order],
         np.stack([shifts.get(names[b], scale * R[b]) for b in order]),
-        resting_toes,
+        toe_tips,
     )
     turned = rig.R_world_rest @ np.swapaxes(rest_orientations(armature, rig.rest.names), -1, -2)
     lean = lean_of(rig, turned, origin)

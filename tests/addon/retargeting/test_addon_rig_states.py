@@ -13,9 +13,11 @@ from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.retargeting.transfer import RetargetOptions  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.live import LiveSource, stop_following  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.rigs.overrides import editable  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.rigs.rig_curves import CurveOptions  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.target_armatures import find_target  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import fcurves  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
 from mathutils import Matrix  # noqa: E402
@@ -195,6 +197,40 @@ def test_strips_of_the_nla_do_not_change_the_motion(state):
     assert report["warnings"] == []
     assert worst_degrees(armature) < 0.1
     assert [strip.action.name for track in armature.animation_data.nla_tracks for strip in track.strips] == ["old"]
+
+
+def shifted(armature):
+    """Bones away from where they hang, as an animator has left them."""
+    for name in ("spine", "upper_arm.L", "shin.R"):
+        armature.pose.bones[name].location = (0.05, 0.03, 0.0)
+
+
+def shifted_by_keys(armature):
+    """The same in the present action, later than the current frame."""
+    for frame, way in ((1, 0.0), (20, 0.3)):
+        armature.pose.bones["upper_arm.L"].location.x = way
+        armature.pose.bones["upper_arm.L"].keyframe_insert("location", frame=frame)
+    bpy.context.scene.frame_set(1)
+
+
+def shifted_by_a_strip(armature):
+    shifted_by_keys(armature)
+    armature.animation_data.nla_tracks.new().strips.new("old", 1, armature.animation_data.action)
+    armature.animation_data.action = None
+
+
+@pytest.mark.parametrize("state", [shifted, shifted_by_keys, shifted_by_a_strip])
+@pytest.mark.parametrize("layer", [False, True])
+def test_bones_that_were_shifted_go_back_to_where_they_hang(state, layer):
+    armature = skinned_human()
+    state(armature)
+    options = SendOptions(curves=CurveOptions(layer=layer))
+    report = send_to_rig(bpy.context.scene, motion(), armature, 1, options)
+    assert report["warnings"] == []
+    assert max(limb["worst_mm"] for limb in report["error"].values()) < 0.1
+    bag = fcurves.find_channelbag(armature)
+    keyed = {fcurves.bone_of(curve.data_path) for curve in bag.fcurves if curve.data_path.endswith("location")}
+    assert keyed == {"pelvis", "upper_arm.L"} | ({"spine", "shin.R"} if state is shifted else set())
 
 
 @pytest.mark.parametrize("state", [with_a_strip, solo, edited, mixed])

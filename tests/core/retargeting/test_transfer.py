@@ -131,7 +131,7 @@ def test_toes_that_stay_straight_stay_above_the_ground(walking):
     end = rig.rest.tails[foot] - rig.rest.heads[foot]
     tails = rig.rest.tails.copy()
     tails[foot] = rig.rest.heads[foot] + 0.7 * end
-    short = replace(rig, rest=replace(rig.rest, tails=tails), resting_toes=dict.fromkeys("LR", abs(end[1])))
+    short = replace(rig, rest=replace(rig.rest, tails=tails), toe_tips=dict.fromkeys("LR", abs(end[1])))
     poses = retarget(*walking, short).poses
     own = walking[0].rest.indices(["foot.L"])[0]
     tips = [
@@ -150,14 +150,14 @@ def test_toes_of_feet_that_are_long_for_their_legs_stay_above_the_ground(walking
     foot, long = rig.index("foot.L"), 1.4
     end = rig.rest.tails[foot] - rig.rest.heads[foot]
     sole = np.array([long * end[0], long * end[1], -rig.rest.heads[foot][2]])
-    poses = retarget(*walking, replace(rig, resting_toes=dict.fromkeys("LR", long * abs(end[1])))).poses
+    poses = retarget(*walking, replace(rig, toe_tips=dict.fromkeys("LR", long * abs(end[1])))).poses
     tips = poses.places[:, foot, 2] + (poses.turns[:, foot] @ sole)[:, 2]
     assert tips.min() > -0.005
 
 
-@pytest.mark.parametrize("length", [0.001, 0.03])
-def test_feet_whose_bones_are_left_short_by_an_importer_turn_no_leg(walking, length):
-    """On a character of the performer's own proportions."""
+@pytest.mark.parametrize("length", [0.001, 0.03, 0.09, 0.3])
+def test_feet_whose_bones_are_not_as_long_as_the_foot_turn_no_leg(walking, length):
+    """On a character of the performer's own proportions: as importers leave bones, or as far as the ball, metres."""
     rig = made_rig("mixamo", BODY, 0.0)
     feet = rig.rest.indices(["mixamorig:LeftFoot", "mixamorig:RightFoot"])
     tails = rig.rest.tails.copy()

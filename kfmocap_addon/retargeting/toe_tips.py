@@ -1,0 +1,70 @@
+"""How far the feet of a character reach, where the motion has no toes: as their bones say, or else their skin."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import bpy
+import numpy as np
+
+from ...core.numerics.arrays import Array
+from ...core.retargeting.rest_alignment import ankle_to_ball, facing, toe_reach
+from ...core.retargeting.roles import SIDES, BoneMap
+from ..scene_io.body.body_armature import world_frame
+from ..scene_io.characters.skins import Skin, read_skin
+from .rigs.rig_at_rest import rest_skeleton
+
+_BONE_SHARE = 0.86
+"""Where the foot of a body without toes ends, as a share of the reach of its skin: as on the default body."""
+_SAME_PLACE = 0.01
+"""Distance of heads of bones that are in the same place, as a share of the length of the shin's bone."""
+_BELIEVED = (0.8, 1.25)
+"""Range of the reach of a foot's bones, in that which its skin shows, within which they are believed."""
+
+
+def toe_tips(armature: bpy.types.Object, bones: BoneMap, used: BoneMap, shown: Mapping[str, str]) -> dict[str, float]:
+    """Return the horizontal distance from the ankle to the tips of the toes, metres, by side: of skinned feet, and of
+    those whose toes have bones, unless the motion moves these.
+
+    Parameters
+    ----------
+    armature : bpy.types.Object
+    bones, used : BoneMap
+        All that play a role, and those for which there is motion.
+    shown : mapping of str to str
+        The deforming bone, by the control that it follows.
+    """
+    sides = [side for side in SIDES if f"foot.{side}" in used.bones and f"toe.{side}" not in used.bones]
+    if not sides:
+        return {}
+    rest, skin = rest_skeleton(armature), read_skin(armature)
+    forward = facing(rest, bones) @ [0.0, -1.0, 0.0]
+    found = {}
+    for side in sides:
+        resting = f"toe.{side}" in bones.bones
+        way = ankle_to_ball(rest, bones, side)
+        reach = toe_reach(rest, bones, side) if resting else 0.0 if way is None else float(np.linalg.norm(way))
+        [foot] = bones.bones[f"foot.{side}"]
+        ahead = forward if way is None else way / np.linalg.norm(way)
+        skinned = _BONE_SHARE * _skin_reach(armature, skin, shown.get(foot, foot), ahead)
+        if skinned > 0:
+            found[side] = reach if _BELIEVED[0] < reach / skinned < _BELIEVED[1] else skinned
+        elif resting:
+            found[side] = reach
+    return found
+
+
+def _skin_reach(armature: bpy.types.Object, skin: Skin, foot: str, ahead: Array) -> float:
+    """Return how far the skin of a foot lies ahead of the ankle at rest, metres; 0 without skin.
+
+    It is led by the foot's bone, by others that begin where this does, such as copies of it, and by what hangs on them.
+    """
+    matrix, _ = world_frame(armature)
+    ankle = armature.data.bones[foot]
+    near = _SAME_PLACE * (ankle.parent or ankle).length
+    feet = [bone for bone in armature.data.bones if (bone.head_local - ankle.head_local).length <= near]
+    below = {each.name for bone in feet for each in (bone, *bone.children_recursive)}
+    led = np.isin(skin.leaders, [i for i, name in enumerate(skin.names) if name in below])
+    if not led.any():
+        return 0.0
+    return float(((skin.points[led] - np.array(ankle.head_local)) @ matrix[:3, :3].T @ ahead).max())

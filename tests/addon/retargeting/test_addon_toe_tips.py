@@ -1,0 +1,76 @@
+"""Feet whose bones are not as long as the foot: their skin shows where they end."""
+
+from __future__ import annotations
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from kfmocap.kfmocap_addon.retargeting.send import send_to_rig  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
+from made_rigs import moved_body  # noqa: E402
+from odd_characters import BODY, controlled_human, skinned_human  # noqa: E402
+from render.motions import MOTIONS  # noqa: E402
+
+pytest_plugins = ("addon_fixtures",)
+
+pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
+
+
+def with_toes():
+    """A character whose foot ends at the ball, before a toe bone as long as importers leave it."""
+    armature = with_feet(skinned_human(), 0.65)
+    with body_armature.edit_bones(armature) as bones:
+        for side in "LR":
+            foot, toe = bones[f"foot.{side}"], bones.new(f"toe.{side}")
+            toe.parent, toe.head, toe.tail = foot, foot.tail, foot.tail + 0.01 * (foot.tail - foot.head)
+    return armature
+
+
+def with_feet(armature, share):
+    """Shorten or lengthen the bones of feet, not the feet."""
+    with body_armature.edit_bones(armature) as bones:
+        for bone in bones:
+            if "foot" in bone.name:
+                bone.tail = bone.head + share * (bone.tail - bone.head)
+    return armature
+
+
+def with_copies_of_feet():
+    """A character whose skin is led by copies of its feet, that hang elsewhere, as models for MikuMikuDance have it."""
+    armature = with_feet(skinned_human(), 0.6)
+    with body_armature.edit_bones(armature) as bones:
+        for side in "LR":
+            foot, copy = bones[f"foot.{side}"], bones.new(f"copy.{side}")
+            copy.parent, copy.head, copy.tail = bones[f"shin.{side}"], foot.head, foot.tail
+    [skin] = [o for o in bpy.data.objects if o.type == "MESH"]
+    for side in "LR":
+        skin.vertex_groups[f"foot.{side}"].name = f"copy.{side}"
+    return armature
+
+
+def turned(armature):
+    """How far the legs are turned to keep the feet where those of the performer stand, who has these legs, degrees."""
+    report = send_to_rig(bpy.context.scene, moved_body(BODY, MOTIONS["walk"](BODY, 60, 30.0)), armature, 1)
+    return max(report["turned_to_keep_feet_and_hands"][leg]["worst_degrees"] for leg in ("leg.L", "leg.R"))
+
+
+@pytest.mark.parametrize("made", [skinned_human, controlled_human])
+@pytest.mark.parametrize("share", [0.5, 1.5])
+def test_legs_are_not_turned_where_bones_of_feet_are_not_as_long_as_the_feet(made, share):
+    assert turned(with_feet(made(), share)) < 0.5
+
+
+@pytest.mark.parametrize("made", [with_toes, with_copies_of_feet])
+def test_the_skin_shows_where_feet_end_whose_bones_do_not(made):
+    assert turned(made()) < 0.5
+
+
+def test_a_foot_that_is_long_indeed_rolls_over_its_own_tips():
+    armature = with_feet(skinned_human(), 1.6)
+    for skin in bpy.data.objects:
+        if skin.type == "MESH":
+            for vertex in skin.data.vertices:
+                if vertex.co.z < 0.09:  # the feet
+                    vertex.co.y *= 1.6
+    assert turned(armature) > 2
