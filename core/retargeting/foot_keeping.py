@@ -29,7 +29,7 @@ _HEEL_BACK = 0.3  # of the horizontal distance from ankle to ball: from the ankl
 _FOOT_LENGTH = 0.17  # of the leg length: from the ankle to the ball, if it is unknown
 _SAME_FOOT = 0.03  # relative: foot lengths this close to proportional to the legs are taken to be exactly so
 _LIKELY_FOOT = (0.7, 1.4)
-"""Range of a foot's length, in proportion to the legs, within which the length of its bone alone is believed to be it."""
+"""Range of a foot's length, in proportion to the legs, within which that of its bone alone is believed to be it."""
 _FADE_TIME = 0.25  # seconds over which a correction fades
 _MAX_BRIDGED_TIME = 1.0  # seconds: over shorter swings a correction is interpolated to the next plant's
 _FLOOR_TOLERANCE = 0.06  # of the leg length: plants within this height stand on the floor
