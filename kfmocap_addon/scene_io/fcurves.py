@@ -177,8 +177,8 @@ def animated_paths(owner: bpy.types.Object) -> set[str]:
     data = owner.animation_data
     if data is None:
         return set()
-    strips = [strip for track in data.nla_tracks for strip in track.strips]
-    bags = [_channelbag_of(played.action, played.action_slot) for played in (data, *strips)]
+    played: list[Any] = [data, *(strip for track in data.nla_tracks for strip in track.strips)]
+    bags = [_channelbag_of(each.action, each.action_slot) for each in played]
     return {curve.data_path for bag in bags if bag is not None for curve in bag.fcurves}
 
 

@@ -90,7 +90,7 @@ def shifts_undone(armature: bpy.types.Object, channels: Sequence[ControlChannel]
     return [
         ControlChannel(name, "location", np.zeros((1, 3)))
         for name in turned
-        if name not in placed and (name in keyed or any(armature.pose.bones[name].location))
+        if name not in placed and (name in keyed or armature.pose.bones[name].location.length > 0)
     ]
 
 
