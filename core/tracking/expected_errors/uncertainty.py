@@ -154,7 +154,9 @@ def segment_uncertainties(
     return uncertainties, segment_lateness(problem, measured, hidden, minimised)
 
 
-def joint_errors(body: Body, uncertainties: Sequence[SegmentUncertainty], beside: Array) -> JointErrors:
+def joint_errors(
+    body: Body, uncertainties: Sequence[SegmentUncertainty], beside: Array, ratio: float | None = None
+) -> JointErrors:
     """Return the expected errors of one performer over a whole shot.
 
     Parameters
@@ -165,9 +167,14 @@ def joint_errors(body: Body, uncertainties: Sequence[SegmentUncertainty], beside
     beside : ndarray, shape (F, P, 3, 3)
         Additional covariances, metres squared, of what the footage cannot show: the distances of the fitted body's
         joints from the performer's.
+    ratio : float, optional
+        Ratio of squared errors to those that the solver predicts; by default estimated for each part from key poses.
     """
     F, P = beside.shape[:2]
-    ratios = covariance_ratios(np.concatenate([one.misses for one in uncertainties]), joint_parts(body.parents))
+    if ratio is None:
+        ratios = covariance_ratios(np.concatenate([one.misses for one in uncertainties]), joint_parts(body.parents))
+    else:
+        ratios = np.full(P, ratio)
     covariances, lost, held = beside.copy(), np.zeros((F, P)), np.zeros(F, bool)
     for one in uncertainties:
         frames = slice(int(one.first), int(one.first) + len(one.held))

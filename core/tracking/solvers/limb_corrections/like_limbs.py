@@ -91,15 +91,16 @@ def exchanges(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[Ex
 
     A solver that mistook the limbs at both meetings has made the motion between them smooth, so only the images can
     show that they were exchanged. Key poses count as meetings, too: limbs may be mistaken right beside them. The limbs
-    change over near a meeting where that makes the motion smoothest. They exchange their directions; for one of several
-    performers in several views, they also exchange their places.
+    change over near a meeting where that makes the motion smoothest. They exchange their directions. They also exchange
+    their places for one of several performers in several views, and for a single one in a single view: what followed
+    the other limb's pictures is at the right place in the picture, and in a wrong one in depth.
 
     Yields
     ------
     Exchange
     """
     for swap in swaps(problem, motions):
-        if problem.only is not None and problem.shows_depth:
+        if _is_alone_in_one_view(problem) or (problem.only is not None and problem.shows_depth):
             yield Exchange(swap.of_places(problem, motions), places=True)
         yield Exchange(swap.of_directions(problem, motions))
 
@@ -145,7 +146,12 @@ class Swap:
 
 
 def swaps(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[Swap]:
-    """Generate the pairs of limbs, and the frames, that may be mistaken for each other; see `exchanges`."""
+    """Generate the pairs of limbs, and the frames, that may be mistaken for each other; see `exchanges`.
+
+    In a single view, limbs that meet in the picture may be far apart in depth, so for a single performer all minima of
+    their distance count.
+    """
+    ratio = 1.0 if _is_alone_in_one_view(problem) else MEETING_RATIO
     for i in problem.sought:
         body, motion = problem.bodies[i], motions[i]
         for pair in limb_pairs(body):
@@ -157,9 +163,13 @@ def swaps(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[Swap]:
             for a, b in pairwise(sorted({*meetings.tolist(), *ends.tolist()})):
                 frames = np.zeros(len(motion), dtype=bool)
                 frames[a + fixed[a] : b] = True
-                if not (fixed & frames).any() and max(distance[a], distance[b]) < MEETING_RATIO * distance[a:b].max():
+                if not (fixed & frames).any() and max(distance[a], distance[b]) < ratio * distance[a:b].max():
                     begin, end = _smoothest(each, (a, b), fixed, problem.fps)
                     yield Swap(i, pair, (np.arange(len(motion)) >= begin) & (np.arange(len(motion)) < end))
+
+
+def _is_alone_in_one_view(problem: SegmentProblem) -> bool:
+    return problem.only is None and len(problem.views) == 1
 
 
 def exchanged(body: Body, motion: Motion, pair: tuple[list[int], list[int]], frames: NDArray[np.bool_]) -> Motion:

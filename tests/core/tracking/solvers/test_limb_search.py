@@ -343,7 +343,9 @@ def test_legs_that_were_led_to_each_others_places_come_back() -> None:
 
 
 def test_one_of_several_performers_in_several_views_exchanges_places_and_then_directions() -> None:
-    """One view does not show which limb is in front; a single performer's searches reach the rest of the way."""
+    """With others in the way, one view does not show which limb is in front; a single performer's searches reach the
+    rest of the way. A single one does so in one view, where depth is lost.
+    """
     truth = walk(20)
     alone = problem_of(truth, seen(truth), seen(truth))
     fixed = ends_held(BODY, len(truth))
@@ -354,9 +356,29 @@ def test_one_of_several_performers_in_several_views_exchanges_places_and_then_di
             exchange.places for exchange in exchanges(replace(several, views=several.views[:1]), [truth, truth])
         ],
         "alone": [exchange.places for exchange in exchanges(alone, [truth])],
+        "alone in one view": [
+            exchange.places for exchange in exchanges(replace(alone, views=alone.views[:1]), [truth])
+        ],
     }
     assert kinds["several"] == [True, False] * len(kinds["alone"])
+    one_view = kinds["alone in one view"]
+    assert len(one_view) >= 2 * len(kinds["alone"]) and one_view == [True, False] * (len(one_view) // 2)
     assert kinds["one view"] == kinds["alone"] == [False] * len(kinds["alone"])
+
+
+def test_in_one_view_limbs_are_exchanged_between_minima_of_their_distance_however_small_these_are() -> None:
+    """Legs that passed each other early, and then stood apart in depth while they passed each other in the picture."""
+    motion = at_rest(BODY, 30)
+    Q = motion.rotations.copy()
+    for name, side in (("thigh.L", 1), ("thigh.R", -1)):
+        turn = np.zeros((30, 3))
+        turn[:, 0] = side * (0.45 - 0.04 * np.cos(np.arange(30) * 4 * np.pi / 29 - np.pi))
+        Q[:, BODY.index(name)] = rotations.exp(turn)
+    motion = Motion(motion.translations, Q)
+    several = problem_of(motion, seen(motion), seen(motion))
+    free = replace(several, fixed=(np.zeros_like(several.fixed[0]),))
+    assert not list(exchanges(free, [motion]))
+    assert len(list(exchanges(replace(free, views=free.views[:1]), [motion]))) == 2
 
 
 @pytest.mark.parametrize("late", [(2, 0), (0, -2), (-2, 2)])
