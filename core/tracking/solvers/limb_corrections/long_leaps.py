@@ -77,9 +77,9 @@ def with_long_leaps_bridged(
     workspace : Workspace
     """
     tried: set[Leap] = set()
-    best = solution
+    best, leaps = solution, long_leaps(problem, performer, solution.motions[performer])
     while len(tried) < MAX_TRIALS:
-        leap = next((one for one in long_leaps(problem, performer, best.motions[performer]) if one not in tried), None)
+        leap = next((one for one in leaps if one not in tried), None)
         if leap is None:
             break
         tried.add(leap)
@@ -87,7 +87,9 @@ def with_long_leaps_bridged(
         if not is_elsewhere(problem.bodies[performer], leap.parts, best.motions[performer], motion, MIN_FRAMES):
             continue  # found again from a path without the leap: it moves that fast
         found = descend(problem, with_motion(best.motions, performer, motion), workspace.silent(), BRIDGING, noise)
-        best = likeliest(problem, noise, best, found)
+        likelier = likeliest(problem, noise, best, found)
+        if likelier is not best:
+            best, leaps = likelier, long_leaps(problem, performer, likelier.motions[performer])
     return best
 
 

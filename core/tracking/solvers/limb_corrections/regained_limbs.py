@@ -21,12 +21,11 @@ import numpy as np
 
 from ....body import part_poses
 from ....body.limbs import limbs
-from ....body.motion import Motion, stacked, with_motion
+from ....body.motion import Motion, stacked
 from ....body.smoothness import second_differences
 from ....evidence.occlusion import LONG_GAP
 from ....numerics.arrays import Array
 from ....runtime.timing import Seconds
-from .. import gauss_newton
 from ..descent_stages import COARSE_RESTART, SETTLED, UNCONVERGED_MOVE
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
@@ -34,35 +33,26 @@ from ..gauss_newton import descend, farthest_joint
 from ..judgement.settled_solutions import SettledSolutions
 from ..judgement.solution_doubts import MIN_FOLLOWED_SHARE
 from ..judgement.solution_ranking import (
-    RESTING_GAIN,
-    likeliest_at_rest,
-    likelihood,
     likelihood_decides,
-    noise_at,
     settled_further,
 )
 from ..limb_evidence.limb_likelihood import MIN_GAIN, LimbOfPerformer, SupportOfLimb, evaluated, support_of_limbs
 from .faded_limbs import faded_limbs
+from .limb_rounds import with_limb_regained
 from .limb_search import is_elsewhere
 from .limbs_elsewhere import (
-    found_across,
     found_elsewhere,
-    leads_elsewhere,
     likelier,
     likelier_with_limb,
-    solved_from,
     to_be_beaten,
 )
-from .search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
+from .search_rounds import MAX_SEARCH_ROUNDS
 
 BEND_RATIO = 3.0
 """Ratio of a limb's acceleration at a key pose to its root mean square between key poses, from which on the motion
 counts as bent there."""
 MIN_SUPPORT = 0.8
 """Share of the evidence of a limb's pixels on key poses from which on its sides alone do not refute it."""
-MAX_RETURNS = 2
-"""Rounds of the search in a row after which a limb is where it was, and the search ends: it is right there. With
-several performers one is enough."""
 MAX_FURTHER_SEARCHES = 3
 """Further searches for a limb of a doubtful performer that stays refuted."""
 KEY_ERROR = 0.01
@@ -237,61 +227,3 @@ def _joint_changes(problem: SegmentProblem, performer: int, motion: Motion, chai
     _, T = part_poses(problem.bodies[performer], motion)
     joints = T[:, chain[1:]] - T[:, [chain[0]]]
     return np.asarray(np.linalg.norm(second_differences(joints, problem.known_steps(performer)), axis=-1))
-
-
-def with_limb_regained(
-    problem: SegmentProblem,
-    solution: SegmentSolution,
-    place: LimbOfPerformer,
-    workspace: Workspace,
-    known: SettledSolutions | None = None,
-) -> SegmentSolution:
-    """Search for one limb of a solution and return the likeliest result, which may be the solution itself.
-
-    A limb that moves fast is not reached in one round: each round of the search starts where the one before ended.
-
-    Parameters
-    ----------
-    problem : SegmentProblem
-    solution : SegmentSolution
-    place : LimbOfPerformer
-    workspace : Workspace
-    known : SettledSolutions, optional
-        Shared by the searches for all limbs.
-    """
-    alone, several = problem.alone(place[0]), len(problem.bodies) > 1
-    known, noise = known or SettledSolutions(), noise_at(alone, solution, workspace)
-    first = None if several else known.after(alone, solution, workspace.silent()).solution
-    across = found_across(alone, solution.motions if first is None else first.motions, place)
-    if across is not None and first is None:  # only now there is something to compare it with
-        first = known.after(alone, solution, workspace.silent()).solution
-    tried = [] if across is None else [solved_from(alone, across, noise, workspace.silent())]
-    if first is None:
-        around, most = solution, -np.inf
-    else:
-        around = max(first, *tried, key=lambda one: likelihood(alone, noise, one)) if tried else first
-        most = likelihood(alone, noise, around)
-    vain, returned = 0, 0
-    for turn in range(MAX_SEARCH_ROUNDS):
-        part = workspace.part(turn / MAX_SEARCH_ROUNDS, (turn + 1) / MAX_SEARCH_ROUNDS)
-        found = found_elsewhere(alone, around.motions, place, turn)
-        there = None if found is None else solved_from(alone, with_motion(around.motions, place[0], found), noise, part)
-        elsewhere = there is not None and leads_elsewhere(alone, place, around.motions, there.motions)
-        if elsewhere and first is None:
-            first = known.after(alone, solution, workspace.silent()).solution
-            most = likelihood(alone, noise, first)
-        reached = most
-        if there is not None and (elsewhere or not several):
-            tried.append(there)
-            around, reached = there, likelihood(alone, noise, there)
-        returned = 0 if elsewhere else returned + 1
-        most, vain = max(most, reached), 0 if elsewhere and reached > most + RESTING_GAIN else vain + 1
-        # Where people pass, much is out of sight for good.
-        if returned == (1 if several else MAX_RETURNS) or (several and vain == MAX_VAIN_ROUNDS):
-            break
-    if first is None or not tried:
-        return solution
-    best = likeliest_at_rest(alone, noise, first, *tried, workspace=workspace)
-    if best is first:
-        return solution
-    return gauss_newton.continued(solution, gauss_newton.refine(problem, best.motions, workspace.silent()))

@@ -17,15 +17,10 @@ from kfmocap.core.shot.settings import Settings
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.gauss_newton_solver import refined
-from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSolutions
-from kfmocap.core.tracking.solvers.limb_corrections import limbs_elsewhere, regained_limbs
-from kfmocap.core.tracking.solvers.limb_corrections.regained_limbs import (
-    MAX_RETURNS,
-    bend_of,
-    bent_limbs,
-    refuted_limbs,
-    with_limb_regained,
-)
+from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSolution
+from kfmocap.core.tracking.solvers.limb_corrections import limb_rounds, limbs_elsewhere, regained_limbs
+from kfmocap.core.tracking.solvers.limb_corrections.limb_rounds import MAX_RETURNS, with_limb_regained
+from kfmocap.core.tracking.solvers.limb_corrections.regained_limbs import bend_of, bent_limbs, refuted_limbs
 from kfmocap.core.tracking.solvers.limb_corrections.search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
 from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import MIN_GAIN
 from synthetic import at_rest, ends_held, look_at, poses_of, silhouette
@@ -205,7 +200,7 @@ def test_the_search_ends_once_the_limb_comes_to_rest_where_it_was_or_with_severa
         return found
 
     monkeypatch.setattr(limbs_elsewhere, "freed_limb", turned)
-    monkeypatch.setattr(regained_limbs, "found_across", lambda *_: None)
+    monkeypatch.setattr(limb_rounds, "found_across", lambda *_: None)
     views = tuple(replace(v, foreground=np.repeat(v.foreground, performers, axis=0)) for v in problem.views)
     apart = [replace(TRUTH, translations=TRUTH.translations + [2.0 * i, 0, 0]) for i in range(performers)]
     several = replace(problem, views=views, bodies=(BODY,) * performers, fixed=problem.fixed * performers)
@@ -229,12 +224,12 @@ def test_one_of_several_performers_is_solved_further_only_to_be_compared_with_a_
         return found
 
     monkeypatch.setattr(limbs_elsewhere, "freed_limb", turned)
-    after = SettledSolutions.after
-    monkeypatch.setattr(SettledSolutions, "after", lambda *given: further.append(given) or after(*given))
+    after = SettledSolution.after
+    monkeypatch.setattr(SettledSolution, "after", lambda *given: further.append(given) or after(*given))
     views = tuple(replace(v, foreground=np.repeat(v.foreground, 2, axis=0)) for v in problem.views)
     both = replace(problem, views=views, bodies=(BODY,) * 2, fixed=problem.fixed * 2, before=None, after=None)
     apart = [replace(TRUTH, translations=TRUTH.translations + [2.0 * i, 0, 0]) for i in range(2)]
-    with_limb_regained(both, regained_limbs.gauss_newton.refine(both, apart, Workspace()), (0, ARM), Workspace())
+    with_limb_regained(both, limb_rounds.gauss_newton.refine(both, apart, Workspace()), (0, ARM), Workspace())
     assert len(further) == compared
 
 
