@@ -83,9 +83,9 @@ class FootageMatch:
         if self.offset is not None:
             return f"{self.camera}: its pictures fit the key poses better with an offset of about {self.offset:g}"
         return (
-            f"{self.camera}: its pictures do not change where the key poses move ({self.match:.2f}; 1 where they do, "
-            f"0.5 by chance): see whether this is the footage of {self.camera}, whether its offset is right, and "
-            "whether the key poses and the calibration belong to this shot"
+            f"{self.camera}: its pictures do not change where the key poses move (agreement {self.match:.2f}, of at "
+            f"most 1; chance gives 0.5): check that this is the footage of {self.camera}, that its offset is right, "
+            "and that the key poses and the calibration belong to this shot"
         )
 
 

@@ -60,8 +60,8 @@ def _performer_lines(performer: Mapping[str, Any]) -> list[str]:
         lines.append(identity)
     if performer["lifted"]:
         lines.append(
-            "one camera alone shows it: depths are judged by the lengths of the bones, and may be decimetres off; key "
-            "poses correct them"
+            "only one camera shows it: depths are estimated from the lengths of the bones, and may be decimetres off; "
+            "key poses correct them"
         )
     if unknown := ", ".join(performer["unknown"]):
         lines.append(f"unknown, as no key pose, keypoint or camera shows them: {unknown}")
@@ -139,8 +139,8 @@ def keypoints_text(agreement: float) -> str:
     if agreement >= _MIN_AGREEMENT:
         return ""
     return (
-        f"{1 - agreement:.0%} contradict the other views or the motion: see whether they are of this footage and this "
-        "person, and whether its offset is right"
+        f"{1 - agreement:.0%} contradict the other views or the motion: check that they are of this footage and this "
+        "person, and that its offset is right"
     )
 
 
@@ -155,7 +155,7 @@ def torn_text(frames: Sequence[int]) -> str:
     """Return a text that names the frames of a view which do not continue the one before."""
     shown = listed(frames, _MAX_LISTED)
     return (
-        "pictures that do not continue from the one before (damaged, repeated or missing, or the light changed) were "
-        f"given no weight: on or before frames {shown}; where some are missing, what follows comes early in this view; "
-        "pictures alone do not tell missing ones where motion is too fast or too slight"
+        "pictures that do not continue from the one before (frames that are damaged, repeated or missing, or a change "
+        f"of light) were given no weight: on or before frames {shown}; if frames are missing, all that follow are "
+        "early in this view; where motion is very fast or very slight, pictures alone do not show it"
     )

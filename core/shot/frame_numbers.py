@@ -123,7 +123,7 @@ def footage_offset_text(offset: float) -> str:
         return f"the footage shows the key poses {measured}; tracking allows for it, nothing needs to be done"
     return (
         f"the footage shows the key poses half a frame or more {when} than on their frames; tracking allows for half a "
-        f"frame only: see whether they fit the pictures one frame {when}, and move them there"
+        f"frame only: if they fit the pictures one frame {when}, move them there"
     )
 
 

@@ -238,7 +238,7 @@ def _check_in_sight(performer: Performer, views: Sequence[View], spec: ShotSpec)
         for frame, points in zip(keys.frames, joints, strict=True):
             if view.camera.shows(view.camera.project(points, int(frame))).any():
                 return
-    todo = "see whether they are of the same world as the calibration, and what its unit and up axis are"
+    todo = "check that they are of the same world as the calibration, and its unit and up axis"
     where = f"{spec.path} [[performer]] '{performer.name}'"
     raise ShotError("its key poses are in no camera's picture", where=where, todo=todo)
 

@@ -86,7 +86,7 @@ def test_footage_that_is_not_the_key_poses_is_printed_without_advice_to_refine(
     monkeypatch.setattr(tracked_files, "camera_fits", lambda *_: (FootageMatch("cam01", 0.571),))
     assert track(folder) == 0
     said = capsys.readouterr().err
-    assert "kfmocap: cam01: its pictures do not change where the key poses move (0.57; 1 where they do" in said
+    assert "kfmocap: cam01: its pictures do not change where the key poses move (agreement 0.57, of at most 1" in said
     assert "refine the cameras" not in said
     [view] = json.loads((folder / "out" / "report.json").read_text())["views"]
     assert [(fit["by"], fit["off"], fit["match"]) for fit in view["fits"]] == [("movement", True, 0.57)]

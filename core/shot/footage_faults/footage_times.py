@@ -27,7 +27,7 @@ _MAX_JUMPS_SHARE = 0.4
 """Share of a file's frames up to which they are counted by their times; beyond that the rate asked for is another."""
 _WHOLE_TOLERANCE = 0.25
 """Largest deviation of a gap between two frames from a whole number of frames, for frames to be missing there."""
-_COUNTED = "tracking counts the others rightly, unless correct_gaps = false"
+_COUNTED = "tracking numbers the other frames correctly, unless correct_gaps = false"
 _MAX_SHOWN = 5
 _MAX_REORDERING = 32
 """Upper limit to how many places a packet's order in the file differs from the order in which frames are shown."""
@@ -73,7 +73,7 @@ class FootageRate:
         """
         if self.missing:
             gaps = listed([f"{count} before frame {frame}" for frame, count in self.missing], _MAX_SHOWN)
-            return f"frames are missing in it, by their times: {gaps} of the file; {_COUNTED}"
+            return f"by the times in its file, frames are missing: {gaps} of the file; {_COUNTED}"
         off = f"{self.astray:.1f} frames off a constant rate of {self.rate:.4g}"
         what = f"its frame rate varies: frame {self.frame} of the file is {off}"
         if self.counted:

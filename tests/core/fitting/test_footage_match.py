@@ -56,7 +56,7 @@ def test_the_footage_of_another_camera_is_named_and_the_camera_is_not_blamed(sho
     fits = fit_by_key_poses(swapped(shot))
     off = [fit for fit in fits if isinstance(fit, FootageMatch)]
     assert off
-    assert f"see whether this is the footage of {off[0].camera}, whether its offset is right" in off[0].summary
+    assert f"check that this is the footage of {off[0].camera}, that its offset is right" in off[0].summary
 
 
 @pytest.mark.parametrize("every", [1, 2])

@@ -245,7 +245,7 @@ def test_gaps_that_the_times_of_a_file_show_are_reported_once(tracked: tuple[Sho
     result.gaps = ((), (Gap(shot.frames[0] + 4, 1, timed=True),))
     result.rates = (None, FootageRate(25.0, 0.6, 4, missing=((shot.frames[0] + 4, 1),)))
     said = [line for line in report_lines(report(shot, result())) if line.startswith("cam02: ")]
-    assert [line for line in said if "frames are missing in it, by their times: 1 before frame 104" in line]
+    assert [line for line in said if "by the times in its file, frames are missing: 1 before frame 104" in line]
     assert [line for line in said if line.startswith("cam02: pictures that") and "on or before frames 103;" in line]
     assert not [line for line in said if "frame 104 is missing" in line]
 
