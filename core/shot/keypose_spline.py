@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
+from scipy.spatial.transform import Rotation, RotationSpline
 
 from ..body.motion import Motion
 from ..numerics.arrays import Array
-from .rotation_spline import rotation_spline
 from .shot import KeyPoses
 
 
@@ -30,13 +30,9 @@ def spline(keys: KeyPoses, length: int) -> Motion:
     for axis in range(3):
         known = _known(keys.fixed[:, axis : axis + 1])
         T[:, axis] = _along(keys.frames[known], keys.poses.translations[known, axis], frames)
-    alike: dict[tuple[int, ...], list[int]] = {}
     for p in range(P):
         known = _known(keys.fixed[:, 3 + 3 * p : 6 + 3 * p])
-        alike.setdefault(tuple(known.tolist()), []).append(p)
-    for places, parts in alike.items():
-        known = np.array(places)
-        Q[:, parts] = _turning(keys.frames[known], keys.poses.rotations[known][:, parts], frames)
+        Q[:, p] = _turning(keys.frames[known], keys.poses.rotations[known, p], frames)
     return Motion(T, Q)
 
 
@@ -74,5 +70,6 @@ def natural_spline(knots: NDArray[np.int64], values: Array, at: NDArray[np.int64
 
 def _turning(knots: NDArray[np.int64], values: Array, frames: NDArray[np.int64]) -> Array:
     if len(knots) == 1:
-        return np.broadcast_to(values[0], (len(frames), *values.shape[1:]))
-    return rotation_spline(knots, values, np.clip(frames, knots[0], knots[-1]))
+        return np.broadcast_to(values[0], (len(frames), 3, 3))
+    clipped = np.clip(frames, knots[0], knots[-1])
+    return np.asarray(RotationSpline(knots, Rotation.from_matrix(values))(clipped).as_matrix())

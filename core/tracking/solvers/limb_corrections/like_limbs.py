@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
 
 from ....body import Body, part_poses
@@ -227,24 +228,9 @@ def _apart(body: Body, motion: Motion, pair: tuple[list[int], list[int]]) -> Arr
 
 def _meetings(apart: Array, fps: float) -> tuple[Array, NDArray[np.intp]]:
     """Smoothed differences between two limbs, (F, d), and the frames where they are smallest."""
-    apart = _smoothed(apart, SMOOTHING_SIGMA * fps)
+    apart = scipy.ndimage.gaussian_filter1d(apart, SMOOTHING_SIGMA * fps, axis=0, mode="nearest")
     distance = np.linalg.norm(apart, axis=1)
     return apart, 1 + np.flatnonzero((distance[1:-1] < distance[:-2]) & (distance[1:-1] < distance[2:]))
-
-
-def _smoothed(values: Array, sigma: float) -> Array:
-    """Values (F, d) smoothed along the frames by a Gaussian, up to 4 sigma; beyond the ends they are constant.
-
-    To the last bit it is SciPy's `gaussian_filter1d`, whose module takes longer to load than all smoothing.
-    """
-    reach = int(4 * sigma + 0.5)
-    weight = np.exp(-0.5 / (sigma * sigma) * np.arange(-reach, reach + 1) ** 2)
-    weight /= weight.sum()
-    padded, F = np.pad(values, ((reach, reach), (0, 0)), mode="edge"), len(values)
-    out = padded[reach : reach + F] * weight[reach]
-    for k in range(reach):
-        out += (padded[k : k + F] + padded[2 * reach - k : 2 * reach - k + F]) * weight[k]
-    return np.asarray(out)
 
 
 def _smoothest(apart: Array, between: tuple[int, int], fixed: NDArray[np.bool_], fps: float) -> tuple[int, int]:
