@@ -4,7 +4,7 @@ import bpy
 
 from ..operators.characters.hand_shape import FingersFromKeypoints, HandShape
 from ..operators.characters.retarget_bones import FindBones, ForgetBones, LoadBoneMap, SaveBoneMap
-from ..operators.characters.send_to_rig import SendToRig, StopFollowing
+from ..operators.characters.send_to_rig import SendToRig, StopFollowing, TakeMotionBack
 from ..scene_io import active_performer
 from .section import Section, draw_as_form
 from .texts import draw_text
@@ -51,6 +51,7 @@ class RetargetPanel(Section, bpy.types.Panel):
         row = layout.row(align=True)
         row.operator(SendToRig.bl_idname, icon="ARMATURE_DATA")
         row.operator(StopFollowing.bl_idname, text="", icon="UNLINKED")
+        row.operator(TakeMotionBack.bl_idname, text="", icon="LOOP_BACK")
         layout.prop(settings, "live")
         layout.prop(settings, "root")
         keys = layout.column()

@@ -29,6 +29,8 @@ from .rigs.rig_curves import ControlChannel, CurveOptions, rotation_channel, shi
 from .rigs.rig_error import ShownBones, measured_errors
 from .rigs.rig_reading import read_rig
 from .rigs.rig_settings import Owner, setting_channel, with_settings
+from .sent_actions import remember as remember_before
+from .sent_actions import state_before
 from .target_armatures import target_bones
 from .toe_tips import toe_tips
 
@@ -278,7 +280,17 @@ def _keyed(armature: bpy.types.Object, sent: _Sent, frames: Ints, action: str, c
     forget_twists(armature)
     channels = [*sent.channels, *(_hold_channel(*hold) for hold in sent.holds)]
     channels += shifts_undone(armature, channels)
-    return write_channels(armature, channels, frames, action, curves)
+    before = state_before(armature, channels)
+    keys = write_channels(armature, channels, frames, action, curves)
+    remember_before(
+        armature,
+        before,
+        holds=sent.holds,
+        settings=sent.settings,
+        muted=sent.muted,
+        connected=[name for name, still in sent.connected.items() if not still],
+    )
+    return keys
 
 
 def _warnings(armature: bpy.types.Object, sent: _Sent, errors: dict[str, Any], *, live: bool) -> list[str]:

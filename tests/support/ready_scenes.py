@@ -210,6 +210,11 @@ def _following(folder: Path) -> None:
     bpy.ops.kfmocap.send_to_rig()
 
 
+def _sent(folder: Path) -> None:
+    _character(folder)
+    bpy.ops.kfmocap.send_to_rig()
+
+
 _IN_EMPTY_SCENES: dict[str, Callable[[Path], Arguments]] = {
     "add_footage": lambda folder: {"directory": str(folder), "files": [{"name": "cam01.mp4"}, {"name": "cam02.mp4"}]},
     "load_shot": lambda folder: {"filepath": str(folder / "walk" / "shot.toml")},
@@ -243,6 +248,7 @@ _READY: dict[str, Callable[[Path], Arguments | None]] = {
     "save_bone_map": lambda folder: _listed(folder) or {"filepath": str(folder / "bones_out.json")},
     "send_to_rig": _character,
     "stop_following": _following,
+    "take_motion_back": _sent,
     "hand_shape": _active_character,
     "exchange_people": lambda _folder: {"other": "woman"},
     "remove_videos": _captured,

@@ -30,6 +30,20 @@ def is_followed_live(context: bpy.types.Context) -> str:
     return "The character does not follow a motion live"
 
 
+def was_sent_motion(context: bpy.types.Context) -> str:
+    """A character is chosen whose action is motion that was sent to it."""
+    target = context.scene.kfmocap.retarget.target
+    if target is not None:
+        from ...retargeting.live import is_following
+        from ...retargeting.sent_actions import was_sent
+
+        if is_following(target):
+            return "The character follows a motion live: use Stop Following first"
+        if was_sent(target):
+            return ""
+    return "The character's action is no motion that was sent to it"
+
+
 def has_target(context: bpy.types.Context) -> str:
     """A character is chosen that is not the source itself."""
     settings = context.scene.kfmocap.retarget
@@ -97,6 +111,25 @@ class StopFollowing(Conditional, bpy.types.Operator):
         live.stop_following(context.scene.kfmocap.retarget.target)
 
 
+class TakeMotionBack(Conditional, bpy.types.Operator):
+    """The character gets back the action, the pose and the settings of its rig that it had before the motion was sent
+    to it. Changes to the motion since then are lost"""
+
+    bl_idname = "kfmocap.take_motion_back"
+    bl_label = "Take Motion Back"
+    conditions = (was_sent_motion,)
+
+    def act(self, context: bpy.types.Context) -> None:
+        from ...retargeting import sent_actions
+
+        target = context.scene.kfmocap.retarget.target
+        sent_actions.take_back(target)
+        context.scene.kfmocap.retarget.errors.clear()
+        data = target.animation_data
+        now = f"has its action '{data.action.name}' again" if data.action is not None else "has no action, as before"
+        self.report({"INFO"}, f"{target.name} {now}")
+
+
 def _options(settings: bpy.types.PropertyGroup) -> SendOptions:
     """Return the options chosen in the panel."""
     from ....core.retargeting.transfer import RetargetOptions
@@ -123,4 +156,4 @@ def _show(operator: bpy.types.Operator, settings: bpy.types.PropertyGroup, error
     operator.report({"INFO"}, f"{settings.target.name} moves; its bones are at most {worst:.2f} degrees off")
 
 
-CLASSES = (SendToRig, StopFollowing)
+CLASSES = (SendToRig, StopFollowing, TakeMotionBack)

@@ -126,19 +126,20 @@ def without_connections(armature: bpy.types.Object, moved: Collection[str]) -> I
     """
     connected = [name for name in moved if armature.data.bones[name].use_connect]
     linked = armature.data.library is not None or armature.data.override_library is not None
-    _connect(armature, [] if linked else connected, connect=False)
+    connect(armature, [] if linked else connected, to_parent=False)
     try:
         yield dict.fromkeys(connected, linked)
     except BaseException:
-        _connect(armature, [] if linked else connected, connect=True)
+        connect(armature, [] if linked else connected, to_parent=True)
         raise
 
 
-def _connect(armature: bpy.types.Object, names: Collection[str], *, connect: bool) -> None:
+def connect(armature: bpy.types.Object, names: Collection[str], *, to_parent: bool) -> None:
+    """Connect bones to those above, or disconnect them."""
     if names:
         with edit_bones(armature) as bones:
             for name in names:
-                bones[name].use_connect = connect
+                bones[name].use_connect = to_parent
 
 
 @contextmanager
