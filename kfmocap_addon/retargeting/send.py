@@ -19,6 +19,7 @@ from ...core.retargeting.retarget import Retargeted, limb_changes, plant_interva
 from ...core.retargeting.roles import BoneMap
 from ...core.retargeting.transfer import RetargetOptions
 from ..scene_io import fcurves
+from . import sent_actions
 from .live import LiveSource, follow, refuse_inverse_kinematics, remember, stop_following
 from .rigs import rig_warnings
 from .rigs.fk_controls import FkControls, through_controls
@@ -29,8 +30,6 @@ from .rigs.rig_curves import ControlChannel, CurveOptions, rotation_channel, shi
 from .rigs.rig_error import ShownBones, measured_errors
 from .rigs.rig_reading import read_rig
 from .rigs.rig_settings import Owner, setting_channel, with_settings
-from .sent_actions import remember as remember_before
-from .sent_actions import state_before
 from .target_armatures import target_bones
 from .toe_tips import toe_tips
 
@@ -278,15 +277,19 @@ def _hold_channel(bone: str, constraint: str) -> ControlChannel:
 def _keyed(armature: bpy.types.Object, sent: _Sent, frames: Ints, action: str, curves: CurveOptions) -> int:
     """Key a motion on a rig in a new action; return the number of keys."""
     forget_twists(armature)
-    channels = [*sent.channels, *(_hold_channel(*hold) for hold in sent.holds)]
+    earlier = sent_actions.changed_before(armature)
+    holds, settings = earlier[0] | sent.holds, earlier[1] | sent.settings
+    channels = [*sent.channels, *(_hold_channel(*hold) for hold in holds)]
+    again = [setting_channel(armature, *setting) for setting in settings if setting not in sent.settings]
+    channels += [channel for channel in again if channel is not None]
     channels += shifts_undone(armature, channels)
-    before = state_before(armature, channels)
+    before = sent_actions.state_before(armature, channels)
     keys = write_channels(armature, channels, frames, action, curves)
-    remember_before(
+    sent_actions.remember(
         armature,
         before,
-        holds=sent.holds,
-        settings=sent.settings,
+        holds=holds,
+        settings=settings,
         muted=sent.muted,
         connected=[name for name, still in sent.connected.items() if not still],
     )

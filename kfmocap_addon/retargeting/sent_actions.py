@@ -12,7 +12,7 @@ from ..scene_io import fcurves
 from .rigs.held_bones import Driver, connect, restore_drivers, restore_holds
 from .rigs.rig_at_rest import update
 from .rigs.rig_curves import ControlChannel
-from .rigs.rig_settings import Owner, restore_settings
+from .rigs.rig_settings import Owner, owner_of, restore_settings
 
 _BEFORE, _ACTION = "kfmocap_before", "kfmocap_action_before"
 _POSE = ("location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "ik_stretch")
@@ -65,6 +65,32 @@ def was_sent(armature: bpy.types.Object) -> bool:
     return data is not None and data.action is not None and _BEFORE in data.action
 
 
+def changed_before(
+    armature: bpy.types.Object,
+) -> tuple[dict[tuple[str, str], float], dict[tuple[Owner, str], Any]]:
+    """Return the constraints and settings that the motion which was sent before has changed, with their present values:
+    another action must have them, too, as those of library overrides are saved in actions alone.
+    """
+    if not was_sent(armature):
+        return {}, {}
+    action: Any = fcurves.own_animation(armature).action
+    before = json.loads(action[_BEFORE])
+    holds, settings = {}, {}
+    for bone, name, _ in before["holds"]:
+        constraint = armature.pose.bones[bone].constraints.get(name) if bone in armature.pose.bones else None
+        if constraint is not None:
+            holds[bone, name] = constraint.influence
+    for name, key, _ in before["settings"]:
+        owner = owner_of(armature, named := _owner(name))
+        if owner is not None and key in owner:
+            settings[named, key] = owner[key]
+    return holds, settings
+
+
+def _owner(name: str | list[str]) -> Owner:
+    return name if isinstance(name, str) else (name[0], name[1])
+
+
 def take_back(armature: bpy.types.Object) -> None:
     """Give a character the action, the pose and the settings that it had before motion was sent to it; its present
     action, which `was_sent`, is removed.
@@ -86,8 +112,7 @@ def take_back(armature: bpy.types.Object) -> None:
         if name in armature.pose.bones:
             setattr(armature.pose.bones[name], attribute, value)
     restore_holds(armature, {(bone, name): value for bone, name, value in before["holds"]})
-    owned = {(name if isinstance(name, str) else tuple(name), key): value for name, key, value in before["settings"]}
-    restore_settings(armature, owned)
+    restore_settings(armature, {(_owner(name), key): value for name, key, value in before["settings"]})
     restore_drivers(armature, [(bone, attribute) for bone, attribute in before["muted"]])
     connect(armature, [name for name in before["connected"] if name in armature.data.bones], to_parent=True)
     if not sent.users:

@@ -8,6 +8,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.rigs.overrides import editable  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.rigs.rig_curves import CurveOptions  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.sent_actions import take_back, was_sent  # noqa: E402
@@ -16,6 +17,7 @@ from odd_characters import (  # noqa: E402
     BODY,
     generated_rig,
     limited_legs,
+    linked,
     one_chain_human,
     shown_heads,
     skinned_human,
@@ -118,4 +120,17 @@ def test_a_saved_file_keeps_what_the_character_was(tmp_path):
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
     armature = bpy.data.objects["hero"]
     take_back(armature)
+    assert np.abs(shown_heads(armature, FRAMES, names) - wanted).max() < 1e-5
+
+
+@pytest.mark.parametrize("made", [switched_human, one_chain_human, limited_legs])
+def test_a_saved_file_has_motion_that_was_sent_again_to_a_linked_character(made, tmp_path):
+    armature = editable(linked(made, tmp_path), bpy.context.scene)
+    names = [bone.name for bone in armature.pose.bones]
+    for _ in range(3):
+        send(armature)
+    wanted = shown_heads(armature, FRAMES, names)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
+    armature = next(o for o in bpy.data.objects if o.type == "ARMATURE" and o.override_library)
     assert np.abs(shown_heads(armature, FRAMES, names) - wanted).max() < 1e-5
