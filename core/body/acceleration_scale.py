@@ -73,7 +73,7 @@ class _CostOfScale:
         self._count = (len(observed.known) - 2) * (~observed.fixed).any(axis=0).sum()
 
     def __call__(self, scale: float) -> float:
-        system = self._observed.evidence + self._inside.scaled(scale**-2)
+        system = self._inside.scaled(scale**-2).add(self._observed.evidence)
         factor = BandedFactor(system, self._observed.fixed)
         gained = float(np.sum(system.gradient * factor.solve(system.gradient)))
         likelihood = (

@@ -18,6 +18,7 @@ from ..body import Part
 from ..cameras.camera import Camera
 from ..numerics.arrays import Bools
 from ..numerics.repeatable import transformed
+from ..runtime.shared_arrays import collected, each_row
 from .rendering.label_images import NEAR_PLANE
 from .view_frames import smoothed_slopes
 
@@ -123,11 +124,8 @@ class SlopeImages:
     @classmethod
     def of(cls, camera: Camera, first: int, grey: NDArray[np.uint8], origin: tuple[int, int] = (0, 0)) -> SlopeImages:
         """Compute the slopes of windows of 8-bit frames (F, h, w), whose first pixel is (u, v) of the frames."""
-        slopes = np.empty((*grey.shape, 2), np.uint8)
-        for each, out in zip(smoothed_slopes(grey, _SMOOTHING), slopes, strict=True):
-            cut = (cv2.max(values, -_ZERO / (255 * _SCALE)) for values in each)
-            cv2.merge([cv2.convertScaleAbs(values, None, 255 * _SCALE, _ZERO) for values in cut], out)
-        return cls(camera, first, slopes, origin)
+        slopes = (_in_steps(*each) for each in smoothed_slopes(grey, _SMOOTHING))
+        return cls(camera, first, collected(slopes, (*grey.shape, 2)), origin)
 
     def steepest(
         self, frames: slice, points_world: NDArray[np.float32], across: NDArray[np.float32]
@@ -160,12 +158,18 @@ class SlopeImages:
         corner = np.array(self.origin, np.float32)[:, None, None, None]
         places = np.stack([seen[:, :2] - corner + np.float32(step) * way for step in SEARCH_OFFSETS], axis=2)
         change = np.empty(way[:, 0].shape, np.float32)
-        for image, place, (du, dv), out in zip(self.slopes[frames], places, way, change, strict=True):
+        for image, place, (du, dv), out in zip(each_row(self.slopes[frames]), places, way, change, strict=True):
             u, v = place.reshape(2, -1, place.shape[-1])
             found = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(_ZERO, _ZERO))
             slopes = found.reshape(*place.shape[1:], 2).astype(np.float32) - np.float32(_ZERO)
             np.abs(slopes[..., 0] * du + slopes[..., 1] * dv).max(axis=0, out=out)
         return change / np.float32(_SCALE), seen
+
+
+def _in_steps(*slopes: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Encode slopes by u and v, (h, w) each, as bytes, (h, w, 2)."""
+    cut = (cv2.max(values, -_ZERO / (255 * _SCALE)) for values in slopes)
+    return np.asarray(cv2.merge([cv2.convertScaleAbs(values, None, 255 * _SCALE, _ZERO) for values in cut]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import mmap
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -15,6 +16,9 @@ from numpy.typing import NDArray
 
 _ROWS = 16
 """Number of rows of a mapped array that are read before their memory is released."""
+
+MAX_HELD = 64 << 20
+"""Largest number of bytes that `collected` keeps in memory."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,20 @@ def picked_rows(array: NDArray[Any], rows: NDArray[np.intp], axis: int = 0) -> N
         file.flush()
         kept = np.memmap(file, array.dtype, "r", shape=(len(rows), *source.shape[1:]))
     return np.moveaxis(np.asarray(kept), 0, axis)
+
+
+def collected(rows: Iterable[NDArray[np.uint8]], shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Return rows as an array of a shape, mapped from an unnamed temporary file if it takes more than `MAX_HELD`."""
+    if math.prod(shape) <= MAX_HELD:
+        held = np.empty(shape, np.uint8)
+        for row, out in zip(rows, held, strict=True):
+            out[:] = row
+        return held
+    with tempfile.TemporaryFile() as file:
+        for row in rows:
+            file.write(np.ascontiguousarray(row).data)
+        file.flush()
+        return np.asarray(np.memmap(file, np.uint8, "r", shape=shape))
 
 
 def each_row(array: NDArray[Any]) -> Iterator[NDArray[Any]]:

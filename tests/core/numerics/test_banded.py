@@ -135,3 +135,12 @@ def test_covariances_keep_their_digits_over_many_frames_of_a_smooth_motion() -> 
     found = factor.covariances()
     for frame in (1, 5, 40, 80, F - 2):
         np.testing.assert_allclose(found[frame], factor.covariance(frame), rtol=1e-6, atol=1e-9 * found[frame].max())
+
+
+def test_a_system_that_is_added_to_is_the_sum_to_the_last_bit() -> None:
+    (one, _), (other, _) = system(6, 3), system(6, 3, seed=1)
+    wanted = other + one
+    found = one.add(other)
+    assert found.energy == wanted.energy and found.diagonal is one.diagonal
+    for name in ("diagonal", "first", "second", "gradient"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))

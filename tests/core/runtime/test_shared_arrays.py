@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kfmocap.core.runtime.shared_arrays import SharedArray, copied_from_map, each_row, picked_rows
+from kfmocap.core.runtime import shared_arrays
+from kfmocap.core.runtime.shared_arrays import SharedArray, collected, copied_from_map, each_row, picked_rows
 
 ROWS, SHAPE = 400, (64, 1024)
 
@@ -85,3 +86,14 @@ def test_picked_rows_of_a_mapped_array_are_mapped_too(kept: SharedArray) -> None
 def test_picked_rows_of_an_array_in_memory_are_a_copy() -> None:
     array = np.arange(12, dtype=np.uint8).reshape(2, 6)
     np.testing.assert_array_equal(picked_rows(array, np.array([0, 5]), axis=1), array[:, [0, 5]])
+
+
+def test_large_arrays_are_collected_in_a_file_and_small_ones_in_memory(monkeypatch) -> None:
+    rows = np.random.default_rng(0).integers(0, 256, (40, 3, 5), dtype=np.uint8)
+    small = collected(iter(rows), rows.shape)
+    monkeypatch.setattr(shared_arrays, "MAX_HELD", rows.nbytes - 1)
+    large = collected(iter(rows), rows.shape)
+    assert isinstance(large.base, np.memmap) and not isinstance(small.base, np.memmap)
+    np.testing.assert_array_equal(small, rows)
+    np.testing.assert_array_equal(large, rows)
+    np.testing.assert_array_equal(list(each_row(large[5:35])), rows[5:35])

@@ -77,7 +77,8 @@ def with_priors(
     """
     systems = list(images)
     for i in problem.sought:
-        systems[i] = images[i] + smooth.blocks(problem, i, motions[i], expected[i] if expected else None)
+        prior = smooth.blocks(problem, i, motions[i], expected[i] if expected else None)
+        systems[i] = prior.add(images[i])
     return with_curves(problem, systems, tuple(motions))
 
 
