@@ -72,8 +72,9 @@ def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
     """Refine a solution now that the motion beside the segment is known, search again for lost limbs, and polish what
     was found.
 
-    In several views, a solution that nothing has contradicted is refined and polished at once, and polished again only
-    if a limb was found elsewhere. Where one was contradicted and frames follow each other closely, limbs are searched
+    In several views, a solution that nothing has contradicted, and every one for several performers, is refined and
+    polished at once, and polished again only if a limb was found elsewhere. Whom others hide is seen by few pixels: with
+    all of them most limbs that look lost are not, and need no search. Where a solution was contradicted and frames follow each other closely, limbs are searched
     for on some of them. Parameters as in `gauss_newton.descend`.
     """
     if problem.doubted and (thinned := ThinnedProblem.of(problem, start)) is not None:
@@ -83,7 +84,8 @@ def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
         begin = thinned.interpolated(few.motions)
         found = _after(few, gauss_newton.refine(problem, begin, workspace.part(0.6, 0.9)))
     else:
-        stages = POLISHED_AT_ONCE if problem.shows_depth and not problem.doubted else REFINEMENT
+        at_once = problem.shows_depth and (not problem.doubted or len(problem.bodies) > 1)
+        stages = POLISHED_AT_ONCE if at_once else REFINEMENT
         first, found = _refined_and_searched(problem, start, workspace.part(0.0, 0.9), stages)
         if stages is POLISHED_AT_ONCE and found.motions is first.motions:
             return found

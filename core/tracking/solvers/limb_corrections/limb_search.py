@@ -60,6 +60,8 @@ HELD_SIGMA = 0.1
 """Standard deviation, radians, of the departure of a limb that is clearly seen where it is."""
 MIN_SEEN_SHARE = 0.1
 """A limb of which a smaller share is seen on pixels of its own colours may be elsewhere."""
+LEAST_SEEN_SHARE = 0.1
+"""Least share of a limb, in relation to what is usually seen of it, by which a gain is divided."""
 BENDING_AXES = np.array([1, 0, 1])
 """A part's axes about which it bends: the second one, about which it twists, lies along the bone."""
 TWIST_SHARE = 0.2
@@ -141,6 +143,44 @@ def frames_elsewhere(body: Body, chain: Sequence[int], before: Motion, after: Mo
     for first, last in runs(away):
         away[first : last + 1] = last + 1 - first >= frames
     return np.asarray(away)
+
+
+def gain_elsewhere(problem: SegmentProblem, motions: Sequence[Motion], place: LimbOfPerformer, found: Motion) -> float:
+    """Return by how much likelier a limb's pixels and sides are where it was found than where motions have it.
+
+    Only frames on which it is elsewhere count: on all others a search gains as well, as it follows the noise. Of a limb
+    that is nearly out of sight there the images say little, so the gain is divided by the least share of it that is
+    seen, in relation to the usual share.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    motions : sequence of Motion
+        F poses per performer.
+    place : LimbOfPerformer
+    found : Motion
+        F poses of the limb's performer.
+
+    Returns
+    -------
+    float
+        Log likelihood ratio, natural units, in that relation.
+    """
+    i, chain = place
+    rng = np.random.default_rng(problem.settings.search_seed)
+    limb, parts = limb_of(problem, motions, place, rng)
+    geometry, poses = problem.geometry(), scene_poses(problem.bodies, motions)
+    views = [ViewRatios.of(view, problem, i, motions) for view in views_with_foreground(problem.views)]
+    uncovered = [view.uncovered(geometry, poses, parts) for view in views]
+    uncovered = with_sides_learned(limb, uncovered, problem.whole_keys(i), rng)
+    away = frames_elsewhere(problem.bodies[i], chain, motions[i], found)
+    if not away.any():
+        return 0.0
+    both = np.stack([limb.begin, rotations.log(found.rotations[:, chain])], axis=1)
+    here, there = pixel_log_ratios(limb, uncovered, both).T
+    seen = np.sum([view.labels(geometry, poses).share[:, parts].sum(axis=1) for view in views], axis=0)
+    least = seen[away].min() / max(float(np.median(seen)), 1e-9)
+    return float((there - here)[away].sum() / np.clip(least, LEAST_SEEN_SHARE, 1.0))
 
 
 def _with_limb_found(

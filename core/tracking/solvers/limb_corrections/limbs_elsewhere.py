@@ -18,9 +18,12 @@ from ..judgement.solution_doubts import MIN_DURATION
 from ..judgement.solution_ranking import RESTING_GAIN, likelihood, settled_further
 from ..limb_evidence.limb_likelihood import LimbOfPerformer
 from .bridges import evenly_led
-from .limb_search import frames_elsewhere, freed_limb, is_elsewhere
+from .limb_search import frames_elsewhere, freed_limb, gain_elsewhere, is_elsewhere
 from .local_trials import LocalTrial
 
+MIN_GAIN_ELSEWHERE = 150.0
+"""Least gain in log likelihood, in natural units, for which a limb of one of several performers is solved for where it
+was found: who is hidden for a moment leaves much that a search mistakes for a limb."""
 _ACROSS_SEED = 1000
 """Draws other poses than the searches around the present motion."""
 
@@ -36,7 +39,7 @@ def found_elsewhere(
     least = _least_frames(alone)
     if found is motions[i] or (near and not is_elsewhere(alone.bodies[i], chain, motions[i], found, least)):
         return None
-    return found
+    return found if _worth_solving(alone, motions, place, found) else None
 
 
 def found_across(alone: SegmentProblem, motions: Sequence[Motion], place: LimbOfPerformer) -> tuple[Motion, ...] | None:
@@ -56,7 +59,14 @@ def found_across(alone: SegmentProblem, motions: Sequence[Motion], place: LimbOf
     found = freed_limb(alone, led, place, _ACROSS_SEED)
     if not is_elsewhere(alone.bodies[i], chain, motions[i], found, _least_frames(alone)):
         return None
-    return with_motion(motions, i, found)
+    return with_motion(motions, i, found) if _worth_solving(alone, motions, place, found) else None
+
+
+def _worth_solving(alone: SegmentProblem, motions: Sequence[Motion], place: LimbOfPerformer, found: Motion) -> bool:
+    """Whether the images of a limb say so much more for where it was found than for where it was that it is worth
+    solving from there. For a single performer it always is.
+    """
+    return len(alone.bodies) == 1 or gain_elsewhere(alone, motions, place, found) > MIN_GAIN_ELSEWHERE
 
 
 def _least_frames(alone: SegmentProblem) -> int:

@@ -23,18 +23,22 @@ PROBLEM = SegmentProblem((), (BODY,), 0, 30.0, (ends_held(BODY, 5),))
 
 
 @pytest.mark.parametrize(
-    ("views", "doubted", "elsewhere", "made"),
+    ("views", "performers", "doubted", "elsewhere", "made"),
     [
-        (2, (), False, [POLISHED_AT_ONCE]),
-        (2, (), True, [POLISHED_AT_ONCE, POLISH]),
-        (2, (0,), False, [REFINEMENT, POLISH]),
-        (2, (0,), True, [REFINEMENT, POLISH]),
-        (1, (), False, [REFINEMENT, POLISH]),
+        (2, 1, (), False, [POLISHED_AT_ONCE]),
+        (2, 1, (), True, [POLISHED_AT_ONCE, POLISH]),
+        (2, 1, (0,), False, [REFINEMENT, POLISH]),
+        (2, 1, (0,), True, [REFINEMENT, POLISH]),
+        (1, 1, (), False, [REFINEMENT, POLISH]),
+        (2, 2, (0,), False, [POLISHED_AT_ONCE]),
+        (2, 2, (0,), True, [POLISHED_AT_ONCE, POLISH]),
+        (1, 2, (), False, [REFINEMENT, POLISH]),
     ],
 )
-def test_a_solution_that_nothing_contradicted_is_polished_as_it_is_refined(
+def test_several_performers_and_what_nothing_contradicted_are_polished_as_they_are_refined(
     monkeypatch: pytest.MonkeyPatch,
     views: int,
+    performers: int,
     doubted: tuple[int, ...],
     elsewhere: bool,
     made: list[Sequence[DescentStage]],
@@ -57,7 +61,9 @@ def test_a_solution_that_nothing_contradicted_is_polished_as_it_is_refined(
     monkeypatch.setattr(gauss_newton_solver, "continued", lambda _, after: after)
     monkeypatch.setattr(gauss_newton_solver, "replace", lambda found, **_: found)
     seen = tuple(ViewFrames(CAMERA, np.zeros((5, 8, 8), np.uint8), 0) for _ in range(views))
-    gauss_newton_solver.refined(replace(PROBLEM, views=seen, doubted=doubted), [at_rest(BODY, 5)], Workspace())
+    problem = replace(PROBLEM, bodies=(BODY,) * performers, fixed=PROBLEM.fixed * performers)
+    start = [at_rest(BODY, 5)] * performers
+    gauss_newton_solver.refined(replace(problem, views=seen, doubted=doubted), start, Workspace())
     assert asked == made
 
 

@@ -19,6 +19,8 @@ from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, Segm
 from kfmocap.core.tracking.solvers.gauss_newton_solver import refined
 from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSolution
 from kfmocap.core.tracking.solvers.limb_corrections import limb_rounds, limbs_elsewhere, regained_limbs
+from kfmocap.core.tracking.solvers.limb_corrections.limb_search import gain_elsewhere
+from kfmocap.core.tracking.solvers.limb_corrections.limbs_elsewhere import MIN_GAIN_ELSEWHERE
 from kfmocap.core.tracking.solvers.limb_corrections.limb_rounds import MAX_RETURNS, with_limb_regained
 from kfmocap.core.tracking.solvers.limb_corrections.regained_limbs import bend_of, bent_limbs, refuted_limbs
 from kfmocap.core.tracking.solvers.limb_corrections.search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
@@ -200,6 +202,7 @@ def test_the_search_ends_once_the_limb_comes_to_rest_where_it_was_or_with_severa
         return found
 
     monkeypatch.setattr(limbs_elsewhere, "freed_limb", turned)
+    monkeypatch.setattr(limbs_elsewhere, "gain_elsewhere", lambda *_: 2 * MIN_GAIN_ELSEWHERE)
     monkeypatch.setattr(limb_rounds, "found_across", lambda *_: None)
     views = tuple(replace(v, foreground=np.repeat(v.foreground, performers, axis=0)) for v in problem.views)
     apart = [replace(TRUTH, translations=TRUTH.translations + [2.0 * i, 0, 0]) for i in range(performers)]
@@ -212,9 +215,9 @@ def test_the_search_ends_once_the_limb_comes_to_rest_where_it_was_or_with_severa
 
 
 @pytest.mark.usefixtures("without_descent")
-@pytest.mark.parametrize(("turn", "compared"), [(0.05, 0), (0.3, 1)])
-def test_one_of_several_performers_is_solved_further_only_to_be_compared_with_a_limb_that_was_found_elsewhere(
-    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch, turn: float, compared: int
+@pytest.mark.parametrize(("turn", "gain", "compared"), [(0.05, 2.0, 0), (0.3, 2.0, 1), (0.3, 0.5, 0)])
+def test_one_of_several_performers_is_solved_further_only_to_be_compared_with_a_limb_that_is_clearly_seen_elsewhere(
+    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch, turn: float, gain: float, compared: int
 ) -> None:
     further: list[object] = []
 
@@ -224,6 +227,7 @@ def test_one_of_several_performers_is_solved_further_only_to_be_compared_with_a_
         return found
 
     monkeypatch.setattr(limbs_elsewhere, "freed_limb", turned)
+    monkeypatch.setattr(limbs_elsewhere, "gain_elsewhere", lambda *_: gain * MIN_GAIN_ELSEWHERE)
     after = SettledSolution.after
     monkeypatch.setattr(SettledSolution, "after", lambda *given: further.append(given) or after(*given))
     views = tuple(replace(v, foreground=np.repeat(v.foreground, 2, axis=0)) for v in problem.views)
@@ -231,6 +235,15 @@ def test_one_of_several_performers_is_solved_further_only_to_be_compared_with_a_
     apart = [replace(TRUTH, translations=TRUTH.translations + [2.0 * i, 0, 0]) for i in range(2)]
     with_limb_regained(both, limb_rounds.gauss_newton.refine(both, apart, Workspace()), (0, ARM), Workspace())
     assert len(further) == compared
+
+
+def test_pictures_gain_by_a_limb_where_they_show_it_on_frames_on_which_it_was_elsewhere(
+    problem: SegmentProblem,
+) -> None:
+    """A search follows the noise of the pictures on all other frames; what it gains there does not count."""
+    assert gain_elsewhere(problem, [astray()], (0, ARM), TRUTH) > MIN_GAIN_ELSEWHERE
+    assert gain_elsewhere(problem, [TRUTH], (0, ARM), astray()) < -MIN_GAIN_ELSEWHERE
+    assert gain_elsewhere(problem, [TRUTH], (0, ARM), TRUTH) == 0
 
 
 @pytest.mark.parametrize(("against", "pixels", "expected"), [(2, 90, False), (2, 70, True), (0.5, 70, False)])
