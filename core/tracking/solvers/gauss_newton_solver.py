@@ -73,9 +73,10 @@ def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
     was found.
 
     In several views, a solution that nothing has contradicted, and every one for several performers, is refined and
-    polished at once, and polished again only if a limb was found elsewhere. Whom others hide is seen by few pixels: with
-    all of them most limbs that look lost are not, and need no search. Where a solution was contradicted and frames follow each other closely, limbs are searched
-    for on some of them. Parameters as in `gauss_newton.descend`.
+    polished at once, and polished again only if a limb was found elsewhere. Whom others hide is seen by few pixels:
+    with all of them, most limbs that look lost are not, and need no search. Where the solution for a single performer
+    was contradicted and frames follow each other closely, limbs are searched for on some of them. Parameters as in
+    `gauss_newton.descend`.
     """
     if problem.doubted and (thinned := ThinnedProblem.of(problem, start)) is not None:
         _, few = _refined_and_searched(

@@ -19,9 +19,9 @@ from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, Segm
 from kfmocap.core.tracking.solvers.gauss_newton_solver import refined
 from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSolution
 from kfmocap.core.tracking.solvers.limb_corrections import limb_rounds, limbs_elsewhere, regained_limbs
+from kfmocap.core.tracking.solvers.limb_corrections.limb_rounds import MAX_RETURNS, with_limb_regained
 from kfmocap.core.tracking.solvers.limb_corrections.limb_search import gain_elsewhere
 from kfmocap.core.tracking.solvers.limb_corrections.limbs_elsewhere import MIN_GAIN_ELSEWHERE
-from kfmocap.core.tracking.solvers.limb_corrections.limb_rounds import MAX_RETURNS, with_limb_regained
 from kfmocap.core.tracking.solvers.limb_corrections.regained_limbs import bend_of, bent_limbs, refuted_limbs
 from kfmocap.core.tracking.solvers.limb_corrections.search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
 from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import MIN_GAIN
