@@ -29,7 +29,7 @@ from .toml_tables import Table, check_kind, is_integer, read_toml
 _TABLES = ("shot", "calibration", "view", "performer", "hold", "track")
 _CALIBRATION = ("file", "resized", "unit", "up")
 _VIEW = ("camera", "footage", "offset", "every", "fields", "keypoints", "missing", "twice")
-_PERFORMER = ("name", "height", "landmarks", "keyframes", "keyposes", "person", "mesh", "fingers")
+_PERFORMER = ("name", "height", "landmarks", "keyframes", "keyposes", "person", "mesh", "fingers", "first_row")
 _HOLD = ("prop", "holder", "part", "frames")
 _MAX_GAPS = _MAX_EVERY = 1000
 
@@ -171,7 +171,15 @@ def _performer(table: Table, folder: Path, frames: tuple[int, int]) -> Performer
         person=_person(table),
         mesh=table.path("mesh", folder, None),
         fingers=table.flag("fingers"),
+        first_row=_first_row(table),
     )
+
+
+def _first_row(table: Table) -> int | None:
+    number: Any = table.value("first_row", None)
+    if number is not None and not (is_integer(number) and number >= 0):
+        raise table.error("first_row", f"must be the number of a frame, from 0, not {number!r}")
+    return number
 
 
 def _hold(table: Table, performers: Sequence[PerformerSpec], frames: tuple[int, int]) -> Hold:

@@ -8,6 +8,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..cameras.world_axes import FileWorld
 from ..errors import ShotError
 from .holds import Hold
@@ -65,6 +68,8 @@ class PerformerSpec:
         The shape of a prop, which is not a person.
     fingers : bool
         See `core.shot.shot.Performer`.
+    first_row : int, optional
+        Frame number that the first row of landmarks or key poses shows; by default that of the shot's first frame.
     """
 
     name: str
@@ -76,6 +81,36 @@ class PerformerSpec:
     person: int | None = None
     mesh: Path | None = None
     fingers: bool = False
+    first_row: int | None = None
+
+    def rows(self, frames: NDArray[np.int64], count: int, shot_frames: tuple[int, int]) -> NDArray[np.int64]:
+        """Return the rows of a file of landmarks or key poses that show some frames.
+
+        Parameters
+        ----------
+        frames : ndarray of int, shape (K,)
+            Frame numbers.
+        count : int
+            Number of rows that the file has.
+        shot_frames : tuple of int
+            The shot's first and last frame number.
+
+        Raises
+        ------
+        ShotError
+            The file has no row for a frame, or it is not clear which frame its first row shows: it has rows enough for
+            all frames from 0 to the shot's last, and the shot begins later.
+        """
+        first, last = shot_frames
+        if self.first_row is None and first > 0 and last < count:
+            what = f"it has {count} rows, and the shot only {last + 1 - first} frames from {first} on"
+            todo = f"write first_row = 0 if its first row shows frame 0, first_row = {first} if it shows frame {first}"
+            raise ShotError(what, todo=todo)
+        begin = first if self.first_row is None else self.first_row
+        for frame in frames.tolist():
+            if not begin <= frame < begin + count:
+                raise ShotError(f"key frame {frame} has no row: rows show frames {begin} to {begin + count - 1}")
+        return frames - begin
 
 
 @dataclass(frozen=True)

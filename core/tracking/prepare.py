@@ -16,7 +16,6 @@ from ..body.inverse_kinematics import fit_poses
 from ..body.limbs import MAIN_JOINTS
 from ..body.measures.measures_from_landmarks import fit_body
 from ..body.prop import body_of_prop
-from ..body.skeleton_motion import SkeletonMotion
 from ..body.tip_landmarks import tip_misfits
 from ..body.unknown_parts import resting_parts, unknown_parts
 from ..cameras.camera import Camera
@@ -103,7 +102,7 @@ def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None) ->
     with ThreadPoolExecutor(worker_count(spec.settings.threads)) as pool:
         checked = [pool.submit(check_view, view, spec.frames[0], length, spec.fps) for view in views]
         try:
-            prepared = [_performer(performer, spec.frames[0]) for performer in spec.performers]
+            prepared = [_performer(performer, spec.frames) for performer in spec.performers]
         finally:
             footages = []
             for view, check in zip(views, checked, strict=True):
@@ -207,7 +206,7 @@ def _view(spec: ViewSpec, cameras: dict[str, Camera]) -> View:
     return View(cameras[spec.camera], footage, spec.offset, spec.fields, spec.keypoints, spec.gaps, every=every)
 
 
-def _performer(spec: PerformerSpec, first: int) -> Performer | PerformerRequest:
+def _performer(spec: PerformerSpec, frames: tuple[int, int]) -> Performer | PerformerRequest:
     """Make the performer or, where only keypoints show it, a request to be fulfilled from these."""
     if spec.keyframes is None:
         todo = 'list the frames of the key poses, or write keyframes = "auto" if the views have keypoints'
@@ -217,16 +216,16 @@ def _performer(spec: PerformerSpec, first: int) -> Performer | PerformerRequest:
         raise ShotError("the key poses of a prop come from a BVH", where=spec.where, todo=todo)
     if spec.keyframes == "auto":
         return _request(spec, None)
-    keys = np.array(spec.keyframes, dtype=np.int64)
+    keys, first = np.array(spec.keyframes, dtype=np.int64), frames[0]
     if spec.landmarks is not None and spec.keyposes is not None:
         what = "key poses come from a BVH or from landmarks, not from both"
         raise ShotError(what, where=f"{spec.where} keyposes")
     if spec.mesh is not None:
-        return _prop(spec, spec.mesh, keys, first)
+        return _prop(spec, spec.mesh, keys, frames)
     if spec.keyposes is not None:
-        return _posed_by_bvh(spec, spec.keyposes, keys, first)
+        return _posed_by_bvh(spec, spec.keyposes, keys, frames)
     if spec.landmarks is not None:
-        return _posed_by_landmarks(spec, spec.landmarks, keys, first)
+        return _posed_by_landmarks(spec, spec.landmarks, keys, frames)
     return _request(spec, tuple((keys - first).tolist()))
 
 
@@ -250,46 +249,37 @@ def _request(spec: PerformerSpec, frames: tuple[int, ...] | None) -> PerformerRe
     return request
 
 
-def _posed_by_bvh(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], first: int) -> Performer:
-    """Make a performer with key poses from a BVH file, whose row r is frame first + r of the footage."""
+def _posed_by_bvh(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], frames: tuple[int, int]) -> Performer:
+    """Make a performer with key poses from a BVH file; see `PerformerSpec.rows`."""
     with located(f"{spec.where} keyposes"):
-        skeleton = _read_key_poses(file, keys, first)
+        skeleton = read_bvh(file)
         with located(str(file)):
+            rows = spec.rows(keys, len(skeleton), frames)
             body = body_of_bvh(skeleton, spec.height)
-        poses = poses_of_bvh(skeleton, body, keys - first)
-    return Performer(spec.name, body, KeyPoses.whole(keys - first, poses), spec.person)
+        poses = poses_of_bvh(skeleton, body, rows)
+    return Performer(spec.name, body, KeyPoses.whole(keys - frames[0], poses), spec.person)
 
 
-def _prop(spec: PerformerSpec, mesh: Path, keys: NDArray[np.int64], first: int) -> Performer:
+def _prop(spec: PerformerSpec, mesh: Path, keys: NDArray[np.int64], frames: tuple[int, int]) -> Performer:
     """Make a prop: one part with the shape of a mesh, with its joint and key poses from a BVH file."""
     with located(f"{spec.where} mesh"):
         vertices = read_obj_vertices(mesh)
     assert spec.keyposes is not None
     with located(f"{spec.where} keyposes"):
-        skeleton = _read_key_poses(spec.keyposes, keys, first)
+        skeleton = read_bvh(spec.keyposes)
         with located(str(spec.keyposes)):
+            rows = spec.rows(keys, len(skeleton), frames)
             body = body_of_prop(skeleton.rest, vertices)
-        poses = poses_of_bvh(skeleton, body, keys - first)
-    return Performer(spec.name, body, KeyPoses.whole(keys - first, poses))
+        poses = poses_of_bvh(skeleton, body, rows)
+    return Performer(spec.name, body, KeyPoses.whole(keys - frames[0], poses))
 
 
-def _read_key_poses(file: Path, keys: NDArray[np.int64], first: int) -> SkeletonMotion:
-    """Read a BVH file; raises a ShotError where it lacks a key frame."""
-    skeleton = read_bvh(file)
-    count = len(skeleton)
-    for key in keys:
-        if key - first >= count:
-            what = f"key frame {key} has no pose: they end at frame {first + count - 1}"
-            raise ShotError(what, where=str(file))
-    return skeleton
-
-
-def _posed_by_landmarks(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], first: int) -> Performer:
-    """Fit the body and the key poses of a performer to landmarks, whose row r is frame first + r of the footage."""
+def _posed_by_landmarks(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], frames: tuple[int, int]) -> Performer:
+    """Fit the body and the key poses of a performer to landmarks; see `PerformerSpec.rows`."""
     with located(f"{spec.where} landmarks"):
         landmarks = read_trc(file)
         with located(str(file)):
-            points = _landmarks_at(landmarks, keys, first)
+            points = _landmarks_at(landmarks, keys, spec.rows(keys, len(landmarks), frames))
     names, known = list(landmarks.names), np.isfinite(points).all(axis=-1)
     with located(spec.where):
         body = fit_body(names, points, spec.height)
@@ -299,7 +289,7 @@ def _posed_by_landmarks(spec: PerformerSpec, file: Path, keys: NDArray[np.int64]
     free = np.zeros((len(keys), len(body)), bool)  # parts that other key poses show, but not this one
     for row, shown in zip(free, known, strict=True):
         row[sorted(set(resting_parts(body, _unknown_parts(body, names, shown))) - resting)] = True
-    posed = KeyPoses.whole(keys - first, poses).without_parts(free)
+    posed = KeyPoses.whole(keys - frames[0], poses).without_parts(free)
     return Performer(spec.name, body, posed, spec.person, unknown, tip_misfits(body, names, points, poses))
 
 
@@ -307,12 +297,9 @@ def _unknown_parts(body: Body, names: Sequence[str], shown: NDArray[np.bool_]) -
     return unknown_parts(body, [name for name, is_shown in zip(names, shown, strict=True) if is_shown])
 
 
-def _landmarks_at(landmarks: Landmarks, keys: NDArray[np.int64], first: int) -> NDArray[np.float64]:
-    """Return the landmarks at the key frames alone, shape (K, L, 3), metres."""
-    for key in keys:
-        if key - first >= len(landmarks):
-            raise LandmarkError(f"key frame {key} has no landmarks: they end at frame {first + len(landmarks) - 1}")
-    points = landmarks.points_world[keys - first]
+def _landmarks_at(landmarks: Landmarks, keys: NDArray[np.int64], rows: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the landmarks at the key frames alone, which are in some rows, shape (K, L, 3), metres."""
+    points = landmarks.points_world[rows]
     main = [i for i, name in enumerate(landmarks.names) if name in MAIN_LANDMARKS]
     for key, known in zip(keys, np.isfinite(points[:, main]).all(axis=-1).sum(axis=1), strict=True):
         if known < MIN_LANDMARKS:

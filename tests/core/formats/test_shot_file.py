@@ -374,6 +374,25 @@ def test_a_key_pose_is_made_of_the_landmarks_that_there_are(folder: Path, name: 
     assert len(performer.key_poses.frames) and np.isfinite(performer.key_poses.poses.translations).all()
 
 
+def test_landmarks_of_the_whole_footage_say_which_frame_their_first_row_shows(folder: Path) -> None:
+    names, points = walking(LAST - FIRST + 1)
+    known = load_shot(folder / "shot.toml").performers[0].key_poses
+    whole = np.concatenate([np.full((FIRST, *points.shape[1:]), np.nan), points])
+    write_trc(folder / "landmarks.trc", names, whole, 30)
+    with pytest.raises(KFMocapError, match=r"has 10 rows, and the shot only 8 frames from 2 on \(write first_row = 0"):
+        load_shot(folder / "shot.toml")
+    for row, difference in ((0, 0.0), (1, 0.5 / (LAST - FIRST))):
+        text = TEXT.replace('name = "man"', f'name = "man"\nfirst_row = {row}')
+        (folder / "shot.toml").write_text(text)
+        found = load_shot(folder / "shot.toml").performers[0].key_poses
+        assert found.frames.tolist() == known.frames.tolist()
+        moved = known.poses.translations - found.poses.translations
+        np.testing.assert_allclose(moved[:, 0], difference, atol=2e-3)
+    (folder / "shot.toml").write_text(TEXT.replace('name = "man"', 'name = "man"\nfirst_row = -1'))
+    with pytest.raises(KFMocapError, match="first_row: must be the number of a frame, from 0, not -1"):
+        load_shot(folder / "shot.toml")
+
+
 def test_a_key_frame_with_too_few_landmarks_is_named(folder: Path) -> None:
     names, points = walking(LAST - FIRST + 1)
     points[6 - FIRST, 3:] = np.nan
@@ -385,7 +404,7 @@ def test_a_key_frame_with_too_few_landmarks_is_named(folder: Path) -> None:
 def test_landmarks_that_end_before_a_key_frame_are_named(folder: Path) -> None:
     names, points = walking(5)
     write_trc(folder / "landmarks.trc", names, points, 30)
-    with pytest.raises(KFMocapError, match="key frame 9 has no landmarks: they end at frame 6"):
+    with pytest.raises(KFMocapError, match="key frame 9 has no row: rows show frames 2 to 6"):
         load_shot(folder / "shot.toml")
 
 
@@ -464,7 +483,7 @@ def test_a_setting_of_another_type_is_refused(folder: Path, monkeypatch, line: s
     ("line", "message"),
     [
         ('keyposes = "no.bvh"', r"\[\[performer\]\] 1 keyposes: .*no\.bvh"),
-        ('keyposes = "poses.bvh"', r"1 keyposes: .*poses\.bvh: key frame 6 has no pose: they end at frame 5"),
+        ('keyposes = "poses.bvh"', r"1 keyposes: .*poses\.bvh: key frame 6 has no row: rows show frames 2 to 5"),
         (
             'keyposes = "other.bvh"',
             r"1 keyposes: .*other\.bvh: its joints are not the default body's: LeftLeg",
