@@ -356,7 +356,7 @@ class _Evidence:
             systems[i] = replace(systems[i], gradient=systems[i].gradient_at(increments))
             if i in plants:
                 poses = self._poses(i) if there is self.motions else part_poses(problem.bodies[i], there[i])
-                systems[i] += plants[i].blocks(problem.bodies[i], poses)
+                systems[i] = plants[i].blocks(problem.bodies[i], poses).add(systems[i])
         return tied_systems(systems, problem.holds, problem.bodies, there, fixed=problem.fixed, sought=self.members)
 
 

@@ -117,6 +117,6 @@ def with_plants(
         The motions at which the equations are built.
     """
     return [
-        system if plant is None else system + plant.blocks(body, part_poses(body, motion))
+        system if plant is None else plant.blocks(body, part_poses(body, motion)).add(system)
         for system, plant, body, motion in zip(systems, plants, bodies, motions, strict=True)
     ]

@@ -145,7 +145,7 @@ def evidence_equations(
     systems = [BandedBlocks.zeros(problem.length, body.dof) for body in problem.bodies]
     for instants in measured.instants:
         for i, own in _image_systems(problem, instants, evidence, weights, noise).items():
-            systems[i] += own
+            systems[i] = own.add(systems[i])
     if problem.keypoints:
         instants = keypoint_instants(problem, measured.motions)
         R, T = instants.poses
