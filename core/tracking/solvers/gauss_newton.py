@@ -22,7 +22,6 @@ from ...numerics.arrays import Array
 from ...numerics.least_squares import Damping, LeastSquaresResult, StoppingRule, minimise
 from ...numerics.normal_equations import IndependentEquations
 from ...numerics.repeatable import on_grid
-from ...runtime.freed_memory import return_freed_memory
 from ...runtime.timing import Seconds
 from .descent_stages import REFINEMENT, STAGES, UNCONVERGED_MOVE, DescentStage
 from .equations.contact_factor import with_contact
@@ -35,8 +34,6 @@ from .equations.smoothness_factor import SegmentSmoothness
 
 MAX_EXTRA_ITERATIONS = 6
 """Most iterations by which a tested stage goes on."""
-LONG = 200
-"""Number of frames from which a descent begins by giving back memory: it takes 0.6 MB for each frame."""
 MAX_REPEATS = 3
 """Most repetitions of a refinement."""
 SMALL_GAIN = 1e-6
@@ -229,8 +226,6 @@ def descend(
     hopeless : HopelessTest, optional
         Asked before every step of the last stage, which ends by it once its iterations are over.
     """
-    if problem.length >= LONG:
-        return_freed_memory()
     *coarse, last = stages
     share = 1 - last.iterations / sum(stage.iterations for stage in stages)
     start, energies, seconds, smooth = approach(problem, start, workspace.part(0.0, share), coarse)

@@ -18,6 +18,7 @@ from ....evidence.sampling import Sampling
 from ....evidence.segment_evidence import SegmentEvidence, accumulate_evidence
 from ....numerics.arrays import Array
 from ....numerics.banded_blocks import BandedBlocks
+from ....runtime.freed_memory import return_freed_memory
 from ....runtime.progress import step_share
 from .problem import SegmentProblem, SegmentSolution
 
@@ -27,6 +28,8 @@ even if later steps were evaluated and refused."""
 MAX_EVIDENCE_BYTES = 160 << 20
 """Largest size of their normal equations, bytes: two evaluations of 1,000 frames from four views, as a descent holds
 anyway."""
+LONG = 200
+"""Number of frames from which memory is given back before and after an evaluation: solving takes 0.6 MB for each."""
 StepCallback = Callable[[float, Sequence[Motion]], None]
 """Called before each step with the share of the work done, 0 to 1, and the motions; may raise to cancel the job."""
 
@@ -155,6 +158,8 @@ class Workspace:
         values = [noise, *(array for each in poses.values() for array in each)]
         evidence = self.recent.evidence(asked, values)
         if evidence is None:
+            if problem.length >= LONG:
+                return_freed_memory()
             evidence = accumulate_evidence(
                 problem.views,
                 geometry,
@@ -167,6 +172,8 @@ class Workspace:
                 sought=sought,
             )
             self.recent.keep(asked, values, evidence)
+            if problem.length >= LONG:
+                return_freed_memory()
         return MeasuredMotion(tuple(motions), instants, evidence)
 
 
