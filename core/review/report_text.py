@@ -18,6 +18,8 @@ _MIN_AGREEMENT = 0.45
 """Share of a view's keypoints that agree from which nothing is said: see docs/keypoints.md."""
 _SHOWN_DRIFT = 0.5
 """Frames by which two views may drift apart over a shot before something is said."""
+_SAME_SHIFT = 2
+"""Frames within which offsets of views that fit better count as the same: they are found to within one or two."""
 _RATE_TOLERANCE = 5e-4  # 29.97 and 30 frames per second differ by twice as much
 
 
@@ -34,6 +36,7 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
         lines.append(f"{values['world']}: if so, state it as up under [calibration]")
     off = [(view["camera"], fit) for view in values["views"] for fit in view["fits"] if fit["off"]]
     lines += [f"{fit['summary']}{offset_text(camera, fit.get('offset'))}" for camera, fit in off]
+    lines += _shifted_together(values["views"])
     if any(fit["by"] in ("keypoints", "key poses") for _, fit in off):
         lines.append(
             "if their offsets are right, refine the cameras: kfmocap track --refine, or Refine Cameras in Blender"
@@ -42,6 +45,24 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
     for performer in values["performers"]:
         lines += [f"{performer['name']}: {line}" for line in _performer_lines(performer)]
     return lines
+
+
+def _shifted_together(views: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return a line that the key poses may be counted from another frame, if all views fit them better by the same
+    number of frames earlier or later.
+    """
+    shifts = [
+        (fit["offset"] - view["offset"]) / view.get("every", 1)
+        for view in views
+        for fit in view["fits"]
+        if fit["off"] and fit.get("offset") is not None
+    ]
+    if len(views) < 2 or len(shifts) < len(views) or max(shifts) - min(shifts) > _SAME_SHIFT:
+        return []
+    return [
+        f"all views fit better by about {abs(shifts[0]):.0f} frames: rather than the offsets, check the key poses: whether "
+        "key frames are counted from 0, and which frame the first row of their file shows (first_row of a [[performer]])"
+    ]
 
 
 def offset_text(camera: str, offset: float | None) -> str:

@@ -262,3 +262,18 @@ def test_keypoints_of_other_footage_are_reported(tracked: tuple[Shot, type]) -> 
     for own in values["performers"][0]["keypoints"].values():
         own["frames"] = 0  # none was found: that is said elsewhere
     assert not [line for line in report_lines(values) if "keypoints" in line]
+
+
+@pytest.mark.parametrize(
+    ("offsets", "together"), [((-20.0, -19.0), True), ((-20.0, 5.0), False), ((-20.0, None), False)]
+)
+def test_views_that_are_all_off_by_the_same_frames_point_to_the_key_poses(
+    tracked: tuple[Shot, type], offsets: tuple[float | None, ...], together: bool
+) -> None:
+    shot, result = tracked
+    values = report(shot, result())
+    for view, offset in zip(values["views"], offsets, strict=True):
+        view["fits"] = [{"off": True, "by": "movement", "summary": "off", "offset": offset}]
+    said = [line for line in report_lines(values) if "rather than the offsets, check the key poses" in line]
+    assert len(said) == together
+    assert all("by about 20 frames" in line and "first_row" in line for line in said)
