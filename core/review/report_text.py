@@ -60,8 +60,9 @@ def _shifted_together(views: Sequence[Mapping[str, Any]]) -> list[str]:
     if len(views) < 2 or len(shifts) < len(views) or max(shifts) - min(shifts) > _SAME_SHIFT:
         return []
     return [
-        f"all views fit better by about {abs(shifts[0]):.0f} frames: rather than the offsets, check the key poses: whether "
-        "key frames are counted from 0, and which frame the first row of their file shows (first_row of a [[performer]])"
+        f"all views fit better by about {abs(shifts[0]):.0f} frames: rather than the offsets, check the key poses: "
+        "whether key frames are counted from 0, and which frame the first row of their file shows (first_row of a "
+        "[[performer]])"
     ]
 
 
