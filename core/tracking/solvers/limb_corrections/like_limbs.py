@@ -93,15 +93,16 @@ def exchanges(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[Ex
     A solver that mistook the limbs at both meetings has made the motion between them smooth, so only the images can
     show that they were exchanged. Key poses count as meetings, too: limbs may be mistaken right beside them. The limbs
     change over near a meeting where that makes the motion smoothest. They exchange their directions. They also exchange
-    their places for one of several performers in several views, and for a single one in a single view: what followed
-    the other limb's pictures is at the right place in the picture, and in a wrong one in depth.
+    their places for one of several performers in several views, if they reach across each other, and for a single one
+    in a single view: what followed the other limb's pictures is at the right place in the picture, and in a wrong one
+    in depth.
 
     Yields
     ------
     Exchange
     """
     for swap in swaps(problem, motions):
-        if _is_alone_in_one_view(problem) or (problem.only is not None and problem.shows_depth):
+        if _is_alone_in_one_view(problem) or (_is_among_others(problem) and swap.reaches_across(problem, motions)):
             yield Exchange(swap.of_places(problem, motions), places=True)
         yield Exchange(swap.of_directions(problem, motions))
 
@@ -152,7 +153,7 @@ def swaps(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[Swap]:
     In a single view, limbs that meet in the picture may be far apart in depth, so for a single performer all minima of
     their distance count.
     """
-    ratio = 1.0 if _is_alone_in_one_view(problem) else MEETING_RATIO
+    ratio = 1.0 if _is_alone_in_one_view(problem) or _is_among_others(problem) else MEETING_RATIO
     for i in problem.sought:
         body, motion = problem.bodies[i], motions[i]
         for pair in limb_pairs(body):
@@ -171,6 +172,13 @@ def swaps(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[Swap]:
 
 def _is_alone_in_one_view(problem: SegmentProblem) -> bool:
     return problem.only is None and len(problem.views) == 1
+
+
+def _is_among_others(problem: SegmentProblem) -> bool:
+    """Whether the problem is of one of several performers in several views: limbs that follow each other's pictures
+    then hardly part, as others hide one of them at a time.
+    """
+    return problem.only is not None and problem.shows_depth
 
 
 def exchanged(body: Body, motion: Motion, pair: tuple[list[int], list[int]], frames: NDArray[np.bool_]) -> Motion:

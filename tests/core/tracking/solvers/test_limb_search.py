@@ -342,16 +342,19 @@ def test_legs_that_were_led_to_each_others_places_come_back() -> None:
         np.testing.assert_allclose(there[~frames], ends[name][~frames], atol=1e-9)
 
 
-def test_one_of_several_performers_in_several_views_exchanges_places_and_then_directions() -> None:
-    """With others in the way, one view does not show which limb is in front; a single performer's searches reach the
-    rest of the way. A single one does so in one view, where depth is lost.
+def test_limbs_that_reach_across_exchange_places_and_all_directions() -> None:
+    """So do those of one of several performers in several views, and all limbs of a single one in one view, where depth
+    is lost.
     """
     truth = walk(20)
+    (legs,) = [pair for pair in limb_pairs(BODY) if BODY.index("thigh.L") in pair[0]]
+    led_astray = with_places_exchanged(BODY, truth, legs, np.arange(20) // 10 == 1)
     alone = problem_of(truth, seen(truth), seen(truth))
     fixed = ends_held(BODY, len(truth))
     several = replace(alone, bodies=(BODY, BODY), fixed=(fixed, fixed)).alone(1)
     kinds = {
         "several": [exchange.places for exchange in exchanges(several, [truth, truth])],
+        "across": [exchange.places for exchange in exchanges(several, [truth, led_astray])],
         "one view": [
             exchange.places for exchange in exchanges(replace(several, views=several.views[:1]), [truth, truth])
         ],
@@ -360,13 +363,14 @@ def test_one_of_several_performers_in_several_views_exchanges_places_and_then_di
             exchange.places for exchange in exchanges(replace(alone, views=alone.views[:1]), [truth])
         ],
     }
-    assert kinds["several"] == [True, False] * len(kinds["alone"])
+    assert len(kinds["several"]) >= len(kinds["alone"]) and not any(kinds["several"])
+    assert any(kinds["across"]) and kinds["across"].count(False) > sum(kinds["across"])
     one_view = kinds["alone in one view"]
     assert len(one_view) >= 2 * len(kinds["alone"]) and one_view == [True, False] * (len(one_view) // 2)
     assert kinds["one view"] == kinds["alone"] == [False] * len(kinds["alone"])
 
 
-def test_in_one_view_limbs_are_exchanged_between_minima_of_their_distance_however_small_these_are() -> None:
+def test_in_one_view_and_among_others_limbs_are_exchanged_between_any_minima_of_their_distance() -> None:
     """Legs that passed each other early, and then stood apart in depth while they passed each other in the picture."""
     motion = at_rest(BODY, 30)
     Q = motion.rotations.copy()
@@ -379,6 +383,8 @@ def test_in_one_view_limbs_are_exchanged_between_minima_of_their_distance_howeve
     free = replace(several, fixed=(np.zeros_like(several.fixed[0]),))
     assert not list(exchanges(free, [motion]))
     assert len(list(exchanges(replace(free, views=free.views[:1]), [motion]))) == 2
+    both = replace(free, bodies=(BODY,) * 2, fixed=free.fixed * 2)
+    assert len(list(exchanges(both.alone(1), [motion, motion]))) == 1
 
 
 @pytest.mark.parametrize("late", [(2, 0), (0, -2), (-2, 2)])
