@@ -5,7 +5,7 @@ import bpy
 from ...core.choices import FEET, ROOT_MOTIONS
 from ...core.retargeting.bone_presets import PRESETS
 from .choice_items import choice_items
-from .pointer_polls import is_armature
+from .pointer_polls import is_armature, is_character
 from .tolerance_fields import shift_tolerance, turn_tolerance
 
 
@@ -30,7 +30,7 @@ class KFMocapRetarget(bpy.types.PropertyGroup):
     """What motion is sent to, and how."""
 
     target: bpy.props.PointerProperty(
-        type=bpy.types.Object, poll=is_armature, name="Character", description="Armature that is to move"
+        type=bpy.types.Object, poll=is_character, name="Character", description="Armature that is to move"
     )
     source: bpy.props.PointerProperty(
         type=bpy.types.Object,

@@ -18,6 +18,7 @@ from kfmocap.core.retargeting.bone_presets import PRESETS  # noqa: E402
 from kfmocap.core.retargeting.retarget import prepared  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
+from kfmocap.kfmocap_addon.properties import pointer_polls  # noqa: E402
 from kfmocap.kfmocap_addon.properties.retarget_properties import KFMocapRetarget  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.character_files import save_copy  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.motion_files import read_motion  # noqa: E402
@@ -246,12 +247,33 @@ def tracked(blender, tmp_path):
     return hero
 
 
+def test_the_operator_takes_the_motion_back(tracked):
+    settings = bpy.context.scene.kfmocap.retarget
+    assert not bpy.ops.kfmocap.take_motion_back.poll()
+    bpy.ops.kfmocap.send_to_rig()
+    assert bpy.ops.kfmocap.take_motion_back() == {"FINISHED"}
+    assert tracked.animation_data.action is None and not settings.errors
+    settings.live = True
+    bpy.ops.kfmocap.send_to_rig()
+    assert not bpy.ops.kfmocap.take_motion_back.poll()
+
+
 def test_the_operator_sends_the_performers_motion(tracked):
     assert bpy.ops.kfmocap.send_to_rig() == {"FINISHED"}
     errors = bpy.context.scene.kfmocap.retarget.errors
     assert {error.name for error in errors} == {"trunk", "arm.L", "arm.R", "leg.L", "leg.R"}
     assert max(error.distance for error in errors) < 0.1
     assert len(tracked.animation_data.action.layers[0].strips[0].channelbags[0].fcurves) > 60
+
+
+def test_what_moves_already_is_not_offered_as_the_character(tracked):
+    settings = bpy.context.scene.kfmocap.retarget
+    body = bpy.context.scene.kfmocap.performers[0].armature
+    assert pointer_polls.is_character(settings, tracked)
+    assert not pointer_polls.is_character(settings, body)
+    settings.source = tracked
+    assert not pointer_polls.is_character(settings, tracked)
+    assert pointer_polls.is_character(settings, body)
 
 
 @pytest.mark.parametrize("in_collection", [True, False])
