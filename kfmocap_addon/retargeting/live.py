@@ -110,10 +110,21 @@ def remember(
     settings: Mapping[tuple[Owner, str], Any],
     muted: Sequence[Driver] = (),
 ) -> None:
-    """Store what has changed of the rig's constraints and settings, and its muted drivers, for `stop_following`."""
+    """Store what has changed of the rig's constraints and settings, and its muted drivers, for `stop_following`; bones
+    that follow are put back to where they hang, as constraints would turn them where they have been shifted to.
+    """
     helper: Any = _helper_of(armature)
     rows = [[*key, float(value)] for key, value in holds.items()], [[*key, value] for key, value in settings.items()]
-    helper[_CHANGED] = json.dumps([*rows, muted])
+    helper[_CHANGED] = json.dumps([*rows, muted, _shifts_undone(armature)])
+
+
+def _shifts_undone(armature: bpy.types.Object) -> list[tuple[str, list[float]]]:
+    """Clear the locations of bones that follow; returns what they were."""
+    following: list[Any] = [bone for bone, _ in _constraints(armature)]
+    found = {bone.name: list(bone.location) for bone in following if any(bone.location)}
+    for name in found:
+        armature.pose.bones[name].location = (0.0, 0.0, 0.0)
+    return list(found.items())
 
 
 def is_following(armature: bpy.types.Object) -> bool:
@@ -128,11 +139,15 @@ def stop_following(armature: bpy.types.Object) -> bool:
     for bone, constraint in found:
         bone.constraints.remove(constraint)
     if helper is not None:
-        holds, settings, *more = json.loads(helper.get(_CHANGED, "[[], []]"))  # older files have no drivers
+        # Older files have neither drivers nor shifts.
+        holds, settings, muted, shifts = (*json.loads(helper.get(_CHANGED, "[[], []]")), [], [])[:4]
         restore_holds(armature, {(bone, name): value for bone, name, value in holds})
         owned = {(name if isinstance(name, str) else tuple(name), key): value for name, key, value in settings}
         restore_settings(armature, owned)
-        restore_drivers(armature, [(bone, attribute) for muted in more for bone, attribute in muted])
+        restore_drivers(armature, [(bone, attribute) for bone, attribute in muted])
+        for name, shift in shifts:
+            if name in armature.pose.bones:
+                armature.pose.bones[name].location = shift
         for child in list(helper.children):
             bpy.data.objects.remove(child)
         bpy.data.armatures.remove(helper.data)

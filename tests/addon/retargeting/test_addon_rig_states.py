@@ -30,6 +30,7 @@ from odd_characters import (  # noqa: E402
     layered_human,
     linked,
     points_of,
+    shown_heads,
     skinned_human,
 )
 from synthetic import swing  # noqa: E402
@@ -231,6 +232,18 @@ def test_bones_that_were_shifted_go_back_to_where_they_hang(state, layer):
     bag = fcurves.find_channelbag(armature)
     keyed = {fcurves.bone_of(curve.data_path) for curve in bag.fcurves if curve.data_path.endswith("location")}
     assert keyed == {"pelvis", "upper_arm.L"} | ({"spine", "shin.R"} if state is shifted else set())
+
+
+def test_bones_that_were_shifted_are_so_again_once_a_character_stops_following():
+    live = body_armature.build_armature(BODY, "man", bpy.context.scene.collection)
+    motion_curves.write_motion(live, swing(BODY, FRAMES, 0.3), 1)
+    armature = skinned_human()
+    shifted(armature)
+    before = shown_heads(armature, 1, BODY.names)
+    report = send_to_rig(bpy.context.scene, motion(), armature, 1, SendOptions(live=LiveSource(live, {})))
+    assert max(limb["worst_mm"] for limb in report["error"].values()) < 0.1
+    stop_following(armature)
+    assert np.abs(shown_heads(armature, 1, BODY.names) - before).max() < 1e-5
 
 
 @pytest.mark.parametrize("state", [with_a_strip, solo, edited, mixed])
