@@ -83,7 +83,7 @@ class PerformerSpec:
     fingers: bool = False
     first_row: int | None = None
 
-    def rows(self, frames: NDArray[np.int64], count: int, shot_frames: tuple[int, int]) -> NDArray[np.int64]:
+    def rows(self, frames: NDArray[np.int64], count: int, shot_first: int) -> NDArray[np.int64]:
         """Return the rows of a file of landmarks or key poses that show some frames.
 
         Parameters
@@ -92,21 +92,15 @@ class PerformerSpec:
             Frame numbers.
         count : int
             Number of rows that the file has.
-        shot_frames : tuple of int
-            The shot's first and last frame number.
+        shot_first : int
+            The shot's first frame number.
 
         Raises
         ------
         ShotError
-            The file has no row for a frame, or it is not clear which frame its first row shows: it has rows enough for
-            all frames from 0 to the shot's last, and the shot begins later.
+            The file has no row for a frame.
         """
-        first, last = shot_frames
-        if self.first_row is None and first > 0 and last < count:
-            what = f"it has {count} rows, and the shot only {last + 1 - first} frames from {first} on"
-            todo = f"write first_row = 0 if its first row shows frame 0, first_row = {first} if it shows frame {first}"
-            raise ShotError(what, todo=todo)
-        begin = first if self.first_row is None else self.first_row
+        begin = shot_first if self.first_row is None else self.first_row
         for frame in frames.tolist():
             if not begin <= frame < begin + count:
                 raise ShotError(f"key frame {frame} has no row: rows show frames {begin} to {begin + count - 1}")

@@ -102,7 +102,7 @@ def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None) ->
     with ThreadPoolExecutor(worker_count(spec.settings.threads)) as pool:
         checked = [pool.submit(check_view, view, spec.frames[0], length, spec.fps) for view in views]
         try:
-            prepared = [_performer(performer, spec.frames) for performer in spec.performers]
+            prepared = [_performer(performer, spec.frames[0]) for performer in spec.performers]
         finally:
             footages = []
             for view, check in zip(views, checked, strict=True):
@@ -206,7 +206,7 @@ def _view(spec: ViewSpec, cameras: dict[str, Camera]) -> View:
     return View(cameras[spec.camera], footage, spec.offset, spec.fields, spec.keypoints, spec.gaps, every=every)
 
 
-def _performer(spec: PerformerSpec, frames: tuple[int, int]) -> Performer | PerformerRequest:
+def _performer(spec: PerformerSpec, first: int) -> Performer | PerformerRequest:
     """Make the performer or, where only keypoints show it, a request to be fulfilled from these."""
     if spec.keyframes is None:
         todo = 'list the frames of the key poses, or write keyframes = "auto" if the views have keypoints'
@@ -216,16 +216,16 @@ def _performer(spec: PerformerSpec, frames: tuple[int, int]) -> Performer | Perf
         raise ShotError("the key poses of a prop come from a BVH", where=spec.where, todo=todo)
     if spec.keyframes == "auto":
         return _request(spec, None)
-    keys, first = np.array(spec.keyframes, dtype=np.int64), frames[0]
+    keys = np.array(spec.keyframes, dtype=np.int64)
     if spec.landmarks is not None and spec.keyposes is not None:
         what = "key poses come from a BVH or from landmarks, not from both"
         raise ShotError(what, where=f"{spec.where} keyposes")
     if spec.mesh is not None:
-        return _prop(spec, spec.mesh, keys, frames)
+        return _prop(spec, spec.mesh, keys, first)
     if spec.keyposes is not None:
-        return _posed_by_bvh(spec, spec.keyposes, keys, frames)
+        return _posed_by_bvh(spec, spec.keyposes, keys, first)
     if spec.landmarks is not None:
-        return _posed_by_landmarks(spec, spec.landmarks, keys, frames)
+        return _posed_by_landmarks(spec, spec.landmarks, keys, first)
     return _request(spec, tuple((keys - first).tolist()))
 
 
@@ -249,18 +249,18 @@ def _request(spec: PerformerSpec, frames: tuple[int, ...] | None) -> PerformerRe
     return request
 
 
-def _posed_by_bvh(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], frames: tuple[int, int]) -> Performer:
+def _posed_by_bvh(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], first: int) -> Performer:
     """Make a performer with key poses from a BVH file; see `PerformerSpec.rows`."""
     with located(f"{spec.where} keyposes"):
         skeleton = read_bvh(file)
         with located(str(file)):
-            rows = spec.rows(keys, len(skeleton), frames)
+            rows = spec.rows(keys, len(skeleton), first)
             body = body_of_bvh(skeleton, spec.height)
         poses = poses_of_bvh(skeleton, body, rows)
-    return Performer(spec.name, body, KeyPoses.whole(keys - frames[0], poses), spec.person)
+    return Performer(spec.name, body, KeyPoses.whole(keys - first, poses), spec.person)
 
 
-def _prop(spec: PerformerSpec, mesh: Path, keys: NDArray[np.int64], frames: tuple[int, int]) -> Performer:
+def _prop(spec: PerformerSpec, mesh: Path, keys: NDArray[np.int64], first: int) -> Performer:
     """Make a prop: one part with the shape of a mesh, with its joint and key poses from a BVH file."""
     with located(f"{spec.where} mesh"):
         vertices = read_obj_vertices(mesh)
@@ -268,18 +268,18 @@ def _prop(spec: PerformerSpec, mesh: Path, keys: NDArray[np.int64], frames: tupl
     with located(f"{spec.where} keyposes"):
         skeleton = read_bvh(spec.keyposes)
         with located(str(spec.keyposes)):
-            rows = spec.rows(keys, len(skeleton), frames)
+            rows = spec.rows(keys, len(skeleton), first)
             body = body_of_prop(skeleton.rest, vertices)
         poses = poses_of_bvh(skeleton, body, rows)
-    return Performer(spec.name, body, KeyPoses.whole(keys - frames[0], poses))
+    return Performer(spec.name, body, KeyPoses.whole(keys - first, poses))
 
 
-def _posed_by_landmarks(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], frames: tuple[int, int]) -> Performer:
+def _posed_by_landmarks(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], first: int) -> Performer:
     """Fit the body and the key poses of a performer to landmarks; see `PerformerSpec.rows`."""
     with located(f"{spec.where} landmarks"):
         landmarks = read_trc(file)
         with located(str(file)):
-            points = _landmarks_at(landmarks, keys, spec.rows(keys, len(landmarks), frames))
+            points = _landmarks_at(landmarks, keys, spec.rows(keys, len(landmarks), first))
     names, known = list(landmarks.names), np.isfinite(points).all(axis=-1)
     with located(spec.where):
         body = fit_body(names, points, spec.height)
@@ -289,7 +289,7 @@ def _posed_by_landmarks(spec: PerformerSpec, file: Path, keys: NDArray[np.int64]
     free = np.zeros((len(keys), len(body)), bool)  # parts that other key poses show, but not this one
     for row, shown in zip(free, known, strict=True):
         row[sorted(set(resting_parts(body, _unknown_parts(body, names, shown))) - resting)] = True
-    posed = KeyPoses.whole(keys - frames[0], poses).without_parts(free)
+    posed = KeyPoses.whole(keys - first, poses).without_parts(free)
     return Performer(spec.name, body, posed, spec.person, unknown, tip_misfits(body, names, points, poses))
 
 
