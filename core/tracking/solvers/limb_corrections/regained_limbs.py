@@ -5,7 +5,8 @@ These signs show that a limb is lost, even in front of the body, where it covers
 - Its velocity changes abruptly at a key pose. The performer knows nothing of the frames that the animator chose, so a
   fist that moves steadily up to a key pose and turns away exactly there has been lost on one side of it.
 - Brightness does not change across its sides as on key poses, or its pixels look as if it were not there.
-- Where performers hide one another, the images show it less clearly for a moment (`faded_limbs`).
+- The images show it less clearly for a moment: where performers hide one another, than for most of the time
+  (`faded_limbs`); of a single performer in several views, than on the key poses (`weakly_shown_limbs`).
 
 Others show no sign. If the images contradicted the first solution of a single performer, the whole body is therefore
 led out of its minimum once, and each of its limbs is searched for.
@@ -47,6 +48,7 @@ from .limbs_elsewhere import (
     to_be_beaten,
 )
 from .search_rounds import MAX_SEARCH_ROUNDS
+from .weakly_shown_limbs import with_weakly_shown_limbs_found
 
 BEND_RATIO = 3.0
 """Ratio of a limb's acceleration at a key pose to its root mean square between key poses, from which on the motion
@@ -73,14 +75,18 @@ def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, work
     with seconds.measure("initial solution"):
         lost = [(i, chain) for i in problem.sought for chain in bent_limbs(problem, i, solution.motions[i])]
         hidden = solution.unhidden.min() <= MIN_FOLLOWED_SHARE
-        support = evaluated(support_of_limbs(problem, solution.motions)) if hidden else None
+        undoubted = len(problem.bodies) == 1 and problem.shows_depth and not problem.doubted
+        support = evaluated(support_of_limbs(problem, solution.motions)) if hidden or undoubted else None
         lost += [place for place in refuted_limbs(problem, solution.motions, support) if place not in lost]
         if hidden:
             lost += [place for place in faded_limbs(problem, solution.motions, support) if place not in lost]
-        known = SettledSolutions()
+        known, before = SettledSolutions(), solution.motions
         for k, place in enumerate(lost):
             part = workspace.part(k / len(lost), (k + 1) / len(lost))
             solution = with_limb_regained(problem, solution, place, part, known)
+        if undoubted:
+            support = support if solution.motions is before else None
+            solution = with_weakly_shown_limbs_found(problem, solution, known, workspace.silent(), support)
         if problem.doubted and len(problem.bodies) == 1 and likelihood_decides(problem):
             solution = _likelier_anywhere(problem, solution, known, workspace.silent())
     return replace(solution, seconds=dict(seconds))
