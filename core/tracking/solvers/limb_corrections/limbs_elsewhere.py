@@ -92,6 +92,7 @@ def likelier_with_limb(
     found: Motion,
     *,
     workspace: Workspace,
+    least_gain: float = RESTING_GAIN,
 ) -> SegmentSolution:
     """Return the solution with a limb of a single performer elsewhere if that is likelier, and otherwise as it is.
 
@@ -108,6 +109,8 @@ def likelier_with_limb(
     found : Motion
         The performer's motion with the limb elsewhere, from `found_elsewhere` around the settled solution.
     workspace : Workspace
+    least_gain : float
+        By how much it must raise the log likelihood of the images, natural units.
     """
     i, _ = place
     motions = settled.solution.motions
@@ -115,11 +118,15 @@ def likelier_with_limb(
         moved = with_motion(motions, i, _elsewhere_alone(problem, motions[i], place, found))
         local = LocalTrial.around(problem, settled.noise, motions, moved)
         if local is not None:
-            return _likelier_locally(problem, solution, (motions, moved), local, place=place, workspace=workspace)
+            ways = (motions, moved)
+            return _likelier_locally(
+                problem, solution, ways, local, place=place, workspace=workspace, least_gain=least_gain
+            )
     there = solved_from(problem, with_motion(motions, i, found), settled.noise, workspace)
     if leads_elsewhere(problem, place, motions, there.motions):
-        there = settled_further(problem, settled.noise, there, workspace, rival=to_be_beaten(problem, settled))
-    return likelier(problem, solution, settled, there, workspace)
+        rival = to_be_beaten(problem, settled, least_gain)
+        there = settled_further(problem, settled.noise, there, workspace, rival=rival)
+    return likelier(problem, solution, settled, there, workspace, least_gain=least_gain)
 
 
 def _elsewhere_alone(problem: SegmentProblem, before: Motion, place: LimbOfPerformer, found: Motion) -> Motion:
@@ -137,11 +144,12 @@ def _likelier_locally(
     *,
     place: LimbOfPerformer,
     workspace: Workspace,
+    least_gain: float,
 ) -> SegmentSolution:
     """Solve both ways, without and with the limb elsewhere, on a few frames; refine the second if it is likelier."""
     own, noise = local.problem, local.noise
     here, there = (solved_from(own, local.of(motions), noise, workspace) for motions in ways)
-    least = likelihood(own, noise, here) + RESTING_GAIN
+    least = likelihood(own, noise, here) + least_gain
     if leads_elsewhere(own, place, here.motions, there.motions):
         there = settled_further(own, noise, there, workspace, rival=least)
     if likelihood(own, noise, there) <= least:
@@ -155,16 +163,18 @@ def likelier(
     settled: SettledSolution,
     found: SegmentSolution,
     workspace: Workspace,
+    *,
+    least_gain: float = RESTING_GAIN,
 ) -> SegmentSolution:
     """Return a solution, or what was found beside it, refined, if that is likelier than the solution when settled."""
-    if likelihood(problem, settled.noise, found) <= to_be_beaten(problem, settled):
+    if likelihood(problem, settled.noise, found) <= to_be_beaten(problem, settled, least_gain):
         return solution
     return _refined(problem, solution, found.motions, workspace)
 
 
-def to_be_beaten(problem: SegmentProblem, settled: SettledSolution) -> float:
+def to_be_beaten(problem: SegmentProblem, settled: SettledSolution, least_gain: float = RESTING_GAIN) -> float:
     """Log likelihood of the images that another solution must exceed to take the place of a settled one."""
-    return likelihood(problem, settled.noise, settled.solution) + RESTING_GAIN
+    return likelihood(problem, settled.noise, settled.solution) + least_gain
 
 
 def solved_from(

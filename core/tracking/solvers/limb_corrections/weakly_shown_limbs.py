@@ -27,6 +27,9 @@ from .search_rounds import MAX_SEARCH_ROUNDS
 WEAK_RATIO = 0.7
 """Ratio of the support of a limb, in the mean over `MIN_DURATION`, to its support on the key poses, below which it is
 searched for."""
+LEAST_GAIN = 100.0
+"""Smallest gain in log likelihood, in natural units, for which it is moved: solving a limb that is right once more from
+elsewhere gains up to 60 by chance."""
 
 
 def with_weakly_shown_limbs_found(
@@ -74,7 +77,9 @@ def _with_limb_found(
     i, chain = place
     for found in _proposals(problem, solution.motions, place, turn):
         settled = known.after(problem, solution, workspace)
-        likelier = likelier_with_limb(problem, solution, settled, place, found, workspace=workspace)
+        likelier = likelier_with_limb(
+            problem, solution, settled, place, found, workspace=workspace, least_gain=LEAST_GAIN
+        )
         if is_elsewhere(problem.bodies[i], chain, solution.motions[i], likelier.motions[i]):
             return likelier
     return solution
