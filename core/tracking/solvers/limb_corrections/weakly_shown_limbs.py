@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from ....body.motion import Motion
-from ....numerics.arrays import Array
+from ....numerics.arrays import Array, Ints
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..judgement.settled_solutions import SettledSolutions
@@ -120,7 +120,7 @@ def weakly_shown_limbs(
     return [place for _, place in sorted(found, key=lambda one: one[0])]
 
 
-def weakest_support(support: Array, keys: Sequence[int] | np.ndarray, long: int) -> float:
+def weakest_support(support: Array, keys: Ints, long: int) -> float:
     """Least mean of a limb's support (F,) over `long` frames, relative to that on the key poses, interpolated between
     them; 1 without key poses, or with fewer frames.
     """
