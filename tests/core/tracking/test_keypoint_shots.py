@@ -219,7 +219,7 @@ def test_one_view_proposes_what_is_likeliest_and_says_so(tmp_path: Path) -> None
     values = report(shot, result)
     assert values["performers"][0]["lifted"]
     assert min(values["performers"][0]["expected_error"]) > 100  # mm
-    assert any(line.startswith("man: one camera alone") for line in report_lines(values))
+    assert any(line.startswith("man: only one camera shows it") for line in report_lines(values))
 
 
 def test_fewer_people_than_performers_are_named(tmp_path: Path) -> None:
