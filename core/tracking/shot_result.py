@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from ..body.kinematics import part_poses
-from ..body.limbs import limbs
 from ..body.motion import Motion
 from ..body.soles import Soles
 from ..body.unknown_parts import unknown_reach, unshown_parts
@@ -19,7 +18,6 @@ from ..numerics.arrays import Array, Bools, slices_of
 from ..shot.carried_motion import with_keys
 from ..shot.shot import Performer, Shot
 from .expected_errors.body_uncertainty import body_covariances
-from .expected_errors.held_out_keys import SINGLE_VIEW_RATIO
 from .expected_errors.uncertainty import joint_errors
 from .journal import FinishedSegment
 from .late_views import late_views
@@ -64,8 +62,7 @@ def _joined(shot: Shot, state: TrackState, done: Sequence[FinishedSegment], obse
     for i, (performer, motion) in enumerate(zip(performers, state.motions, strict=True)):
         own = observed.performers[i] if observed.performers else None
         beside = body_covariances(performer, motion, shot.fps, own, eye)
-        ratio = SINGLE_VIEW_RATIO if eye is not None and own is None and limbs(performer.body) else None
-        errors.append(joint_errors(performer.body, [one.uncertainties[i] for one in done], beside, ratio))
+        errors.append(joint_errors(performer.body, [one.uncertainties[i] for one in done], beside))
     return TrackResult(
         motions=tuple(with_keys(m, p.key_poses) for m, p in zip(state.motions, performers, strict=True)),
         seconds={},

@@ -22,10 +22,6 @@ from .joint_covariances import tip_covariances, tip_jacobian
 
 USUAL_RATIO = 2.0
 """Ratio of squared errors to expected ones where no key pose measures it."""
-SINGLE_VIEW_RATIO = 0.3
-"""Ratio in a single view without keypoints. There the solver expects larger errors than it makes, and how well it
-predicts key poses does not show by how much: this one constant makes the errors of other frames likelier than ratios
-that are estimated from the shot's key poses."""
 USUAL_RATIO_COUNT = 6.0
 """Weight of `USUAL_RATIO`, as a number of squared errors along an axis."""
 MAX_EXPECTED_ERROR = 0.5

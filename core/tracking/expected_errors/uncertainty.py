@@ -154,9 +154,7 @@ def segment_uncertainties(
     return uncertainties, segment_lateness(problem, measured, hidden, minimised)
 
 
-def joint_errors(
-    body: Body, uncertainties: Sequence[SegmentUncertainty], beside: Array, ratio: float | None = None
-) -> JointErrors:
+def joint_errors(body: Body, uncertainties: Sequence[SegmentUncertainty], beside: Array) -> JointErrors:
     """Return the expected errors of one performer over a whole shot.
 
     Parameters
@@ -167,14 +165,9 @@ def joint_errors(
     beside : ndarray, shape (F, P, 3, 3)
         Additional covariances, metres squared, of what the footage cannot show: the distances of the fitted body's
         joints from the performer's.
-    ratio : float, optional
-        Ratio of squared errors to those that the solver predicts; by default estimated for each part from key poses.
     """
     F, P = beside.shape[:2]
-    if ratio is None:
-        ratios = covariance_ratios(np.concatenate([one.misses for one in uncertainties]), joint_parts(body.parents))
-    else:
-        ratios = np.full(P, ratio)
+    ratios = covariance_ratios(np.concatenate([one.misses for one in uncertainties]), joint_parts(body.parents))
     covariances, lost, held = beside.copy(), np.zeros((F, P)), np.zeros(F, bool)
     for one in uncertainties:
         frames = slice(int(one.first), int(one.first) + len(one.held))

@@ -115,15 +115,6 @@ def test_where_depth_follows_from_the_lengths_of_bones_all_joints_are_less_sure_
     assert (farther[30] > depth[30]).all()
 
 
-def test_a_given_ratio_is_that_of_all_parts_whatever_key_poses_show() -> None:
-    covariances, beside = np.tile(1e-4 * np.eye(3), (5, P, 1, 1)), np.zeros((5, P, 3, 3))
-    near, far = (uncertainty_of(0, covariances, np.full((2, P), 3 * error)) for error in (0.1, 30.0))
-    given = [joint_errors(BODY, [one], beside, 0.3).deviation for one in (near, far)]
-    np.testing.assert_array_equal(*given)
-    np.testing.assert_allclose(given[0][1:4], np.sqrt(0.3 * 3e-4))
-    assert (joint_errors(BODY, [far], beside).deviation[1:4] > given[0][1:4]).all()
-
-
 def test_a_part_that_misses_key_poses_by_more_than_the_others_has_the_larger_ratio() -> None:
     misses = np.full((6, P), 3.0)
     misses[:, 1] = 60.0
