@@ -24,8 +24,9 @@ from ...core.retargeting.rest_alignment import alignments
 from ...core.retargeting.roles import BoneMap
 from ...core.retargeting.transfer import Placement, hip_centre, hip_path, source_blends
 from ..scene_io.body import body_armature
-from .rigs.held_bones import Driver, restore_drivers, restore_holds
-from .rigs.rig_settings import Owner, restore_settings
+from .rigs.held_bones import Driver
+from .rigs.rig_changes import restore_rows, rows_of_holds, rows_of_settings
+from .rigs.rig_settings import Owner
 
 NAME = "KF Mocap Live"
 _CHANGED = "kfmocap_changed"
@@ -114,8 +115,8 @@ def remember(
     that follow are put back to where they hang, as constraints would turn them where they have been shifted to.
     """
     helper: Any = _helper_of(armature)
-    rows = [[*key, float(value)] for key, value in holds.items()], [[*key, value] for key, value in settings.items()]
-    helper[_CHANGED] = json.dumps([*rows, muted, _shifts_undone(armature)])
+    changed = [rows_of_holds(holds), rows_of_settings(settings), muted, _shifts_undone(armature)]
+    helper[_CHANGED] = json.dumps(changed)
 
 
 def _shifts_undone(armature: bpy.types.Object) -> list[tuple[str, list[float]]]:
@@ -141,10 +142,7 @@ def stop_following(armature: bpy.types.Object) -> bool:
     if helper is not None:
         # Older files have neither drivers nor shifts.
         holds, settings, muted, shifts = (*json.loads(helper.get(_CHANGED, "[[], []]")), [], [])[:4]
-        restore_holds(armature, {(bone, name): value for bone, name, value in holds})
-        owned = {(name if isinstance(name, str) else tuple(name), key): value for name, key, value in settings}
-        restore_settings(armature, owned)
-        restore_drivers(armature, [(bone, attribute) for bone, attribute in muted])
+        restore_rows(armature, holds, settings, muted)
         for name, shift in shifts:
             if name in armature.pose.bones:
                 armature.pose.bones[name].location = shift

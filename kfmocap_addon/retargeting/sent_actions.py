@@ -9,10 +9,11 @@ from typing import Any
 import bpy
 
 from ..scene_io import fcurves
-from .rigs.held_bones import Driver, connect, restore_drivers, restore_holds
+from .rigs.held_bones import Driver, connect
 from .rigs.rig_at_rest import update
+from .rigs.rig_changes import owner_of_row, restore_rows, rows_of_holds, rows_of_settings
 from .rigs.rig_curves import ControlChannel
-from .rigs.rig_settings import Owner, owner_of, restore_settings
+from .rigs.rig_settings import Owner, owner_of
 
 _BEFORE, _ACTION = "kfmocap_before", "kfmocap_action_before"
 _POSE = ("location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "ik_stretch")
@@ -49,8 +50,8 @@ def remember(
     action: Any = fcurves.own_animation(armature).action
     plain = {name: value for name, value in state.items() if name != "action"}
     changes = {
-        "holds": [[*key, float(value)] for key, value in holds.items()],
-        "settings": [[*key, value] for key, value in settings.items()],
+        "holds": rows_of_holds(holds),
+        "settings": rows_of_settings(settings),
         "muted": list(muted),
         "connected": list(connected),
     }
@@ -81,14 +82,10 @@ def changed_before(
         if constraint is not None:
             holds[bone, name] = constraint.influence
     for name, key, _ in before["settings"]:
-        owner = owner_of(armature, named := _owner(name))
+        owner = owner_of(armature, named := owner_of_row(name))
         if owner is not None and key in owner:
             settings[named, key] = owner[key]
     return holds, settings
-
-
-def _owner(name: str | list[str]) -> Owner:
-    return name if isinstance(name, str) else (name[0], name[1])
 
 
 def take_back(armature: bpy.types.Object) -> None:
@@ -111,9 +108,7 @@ def take_back(armature: bpy.types.Object) -> None:
     for name, attribute, value in before["pose"]:
         if name in armature.pose.bones:
             setattr(armature.pose.bones[name], attribute, value)
-    restore_holds(armature, {(bone, name): value for bone, name, value in before["holds"]})
-    restore_settings(armature, {(_owner(name), key): value for name, key, value in before["settings"]})
-    restore_drivers(armature, [(bone, attribute) for bone, attribute in before["muted"]])
+    restore_rows(armature, before["holds"], before["settings"], before["muted"])
     connect(armature, [name for name in before["connected"] if name in armature.data.bones], to_parent=True)
     if not sent.users:
         bpy.data.actions.remove(sent)

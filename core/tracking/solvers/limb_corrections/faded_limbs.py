@@ -16,7 +16,7 @@ from ....body.motion import Motion
 from ....numerics.arrays import Array
 from ....numerics.frame_ranges import runs
 from ..equations.problem import SegmentProblem
-from ..limb_evidence.limb_likelihood import LimbOfPerformer, SupportOfLimb, support_of_limbs
+from ..limb_evidence.limb_likelihood import LimbOfPerformer, SupportOfLimb, least_supported, support_of_limbs
 
 FADED_RATIO = 0.5
 """Ratio of the support of a limb on a frame to its median over the segment, below which it has faded."""
@@ -38,13 +38,9 @@ def faded_limbs(
     support : iterable of SupportOfLimb, optional
         Of these motions, if it is known.
     """
-    found = []
     long = max(2, int(np.ceil(MIN_DURATION * problem.fps)))
-    for i, chain, _, shown in support_of_limbs(problem, motions) if support is None else support:
-        lowest = _lowest_support(shown(), long)
-        if lowest < FADED_RATIO:
-            found.append((lowest, (i, chain)))
-    return [place for _, place in sorted(found, key=lambda one: one[0])]
+    support = support_of_limbs(problem, motions) if support is None else support
+    return least_supported(support, lambda _, shown: _lowest_support(shown, long), FADED_RATIO)
 
 
 def _lowest_support(support: Array, long: int) -> float:

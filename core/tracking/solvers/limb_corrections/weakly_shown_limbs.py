@@ -19,7 +19,7 @@ from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..judgement.settled_solutions import SettledSolutions
 from ..judgement.solution_doubts import MIN_DURATION
-from ..limb_evidence.limb_likelihood import LimbOfPerformer, SupportOfLimb, support_of_limbs
+from ..limb_evidence.limb_likelihood import LimbOfPerformer, SupportOfLimb, least_supported, support_of_limbs
 from .limb_search import is_elsewhere
 from .limbs_elsewhere import found_across, found_elsewhere, likelier_with_limb
 from .search_rounds import MAX_SEARCH_ROUNDS
@@ -111,13 +111,9 @@ def weakly_shown_limbs(
     support : iterable of SupportOfLimb, optional
         Of these motions, if it is known.
     """
-    found = []
     long = max(2, int(np.ceil(MIN_DURATION * problem.fps)))
-    for i, chain, _, shown in support_of_limbs(problem, motions) if support is None else support:
-        weakest = weakest_support(shown(), problem.whole_keys(i), long)
-        if weakest < WEAK_RATIO:
-            found.append((weakest, (i, chain)))
-    return [place for _, place in sorted(found, key=lambda one: one[0])]
+    support = support_of_limbs(problem, motions) if support is None else support
+    return least_supported(support, lambda i, shown: weakest_support(shown, problem.whole_keys(i), long), WEAK_RATIO)
 
 
 def weakest_support(support: Array, keys: Ints, long: int) -> float:

@@ -173,6 +173,23 @@ def evaluated(support: Iterable[SupportOfLimb]) -> list[SupportOfLimb]:
     return [(i, chain, sides, _returning(shown())) for i, chain, sides, shown in support]
 
 
+def least_supported(
+    support: Iterable[SupportOfLimb], measure: Callable[[int, Array], float], limit: float
+) -> list[LimbOfPerformer]:
+    """Return the limbs whose support measures less than a limit, the lowest first.
+
+    Parameters
+    ----------
+    support : iterable of SupportOfLimb
+    measure : callable
+        Takes the index of a performer, and the support of one of its limbs, (F,).
+    limit : float
+    """
+    measured = [(measure(i, shown()), (i, chain)) for i, chain, _, shown in support]
+    low = [one for one in measured if one[0] < limit]
+    return [place for _, place in sorted(low, key=lambda one: one[0])]
+
+
 def _returning(shown: Array) -> Callable[[], Array]:
     return lambda: shown
 
