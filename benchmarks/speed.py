@@ -1,25 +1,28 @@
-"""`kfmocap bench --speed`: times by the number of frames, cameras and cores, and compared with another version.
+"""`kfmocap bench --speed`: times by the number of frames, cameras, performers and cores, or of two versions in turns.
 
 Every row is the whole command in its own process, from the shot file to the written results. The footage is that of the
-beam example, at the tracker's working size, played forwards and backwards until it is long enough.
+beam example, at the tracker's working size, played forwards and backwards until it is long enough; for the number of
+performers, it is rendered: people who walk past each other, with nobody else in the picture.
 """
 
 from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 import cv2
 
 from ..core.calibration.charts import Chart, heat_colour, stacked_pictures, text
 from ..core.errors import KFMocapError, OutputError
+from ..core.formats.shot_toml import read_shot_spec
 from ..core.runtime.files import replacing
 from ..core.runtime.threads import worker_count
-from ..core.tracking.prepare import load_shot
 from .command_cost import Cost, command_cost
+from .footage_renderer import render
 from .long_shots import KEY_EVERY, write_shot
 from .tables import markdown
 
@@ -30,6 +33,10 @@ FAR_APART = 400
 """Number of frames of the shot with key poses only at its ends."""
 CORES_LENGTH = 400
 """Number of frames of the shot that is tracked with different numbers of cores."""
+CROSSING: Mapping[int, Sequence[str]] = MappingProxyType({1: "A", 2: "AB", 4: "ABCD"})
+"""Who is in the picture, by the number of people who walk past each other."""
+CROSSING_LENGTH, CROSSING_KEYS = 41, 20
+"""Number of their frames, and of those between key poses."""
 _CHART = (560, 280)
 """Width and height of the plot, pixels."""
 
@@ -45,12 +52,25 @@ class SpeedRow:
         Number of cores that the command may use.
     ends : bool
         Whether there are key poses only at the shot's ends.
+    crossing : int
+        Number of people who walk past each other; 0 for the beam example.
     """
 
     frames: int
     cameras: int
     threads: int
     ends: bool = False
+    crossing: int = 0
+
+    @property
+    def shot(self) -> str:
+        """A name for its footage."""
+        return f"{'crossing' if self.crossing else 'beam'}{self.crossing or self.frames}"
+
+    @property
+    def keys(self) -> str:
+        """Which frames have key poses."""
+        return "at the ends" if self.ends else f"every {CROSSING_KEYS if self.crossing else KEY_EVERY}"
 
 
 def speed_rows(cores: int, quick: bool) -> list[SpeedRow]:
@@ -60,7 +80,10 @@ def speed_rows(cores: int, quick: bool) -> list[SpeedRow]:
     rows += [SpeedRow(100, cameras, cores) for cameras in (1, 2)]
     counts = sorted({*(1 << k for k in range(cores.bit_length())), cores} - {cores})
     rows += [SpeedRow(100 if quick else CORES_LENGTH, 4, count) for count in counts]
-    return rows if quick else [*rows, SpeedRow(FAR_APART, 2, cores, ends=True)]
+    if quick:
+        return rows
+    crossing = [SpeedRow(CROSSING_LENGTH, 4, cores, crossing=people) for people in CROSSING]
+    return [*rows, SpeedRow(FAR_APART, 2, cores, ends=True), *crossing]
 
 
 def measure_speed(
@@ -93,14 +116,15 @@ def measure_speed(
         programs = [_program(Path(place) / "this", Path(__file__).parents[1])]
         if against is not None:
             programs.append(_program(Path(place) / "other", against))
-        shots = {n: write_shot(folder, Path(place) / f"frames{n}", n) for n in sorted({row.frames for row in rows})}
-        views = load_shot(folder / "shot.toml").views
+        shots = {row.shot: row for row in rows}
+        files = {name: _write_footage(folder, Path(place) / name, row) for name, row in shots.items()}
         for row in rows:
-            cameras = [view.camera.name for view in views[: row.cameras]]
+            file = files[row.shot]
+            cameras = [view.camera for view in read_shot_spec(file).views[: row.cameras]]
             runs: list[list[Cost]] = [[] for _ in programs]
             for _ in range(repeat):
                 for program, costs in zip(programs, runs, strict=True):  # alternating, so that other load affects both
-                    costs.append(command_cost(program, shots[row.frames], cameras, row.threads, ends=row.ends))
+                    costs.append(command_cost(program, file, cameras, row.threads, ends=row.ends))
             medians = [Cost.median(costs) for costs in runs]
             found.append((medians[0], medians[1] if against is not None else None))
             print(f"kfmocap bench: {row}: {medians[0].seconds:.1f} s", file=sys.stderr, flush=True)
@@ -111,13 +135,12 @@ def measure_speed(
 
 def table(rows: Sequence[SpeedRow], found: Sequence[tuple[Cost, Cost | None]]) -> str:
     """Return the table of all rows with their costs, and the ratio to another version."""
-    heads = ["frames", "key poses", "cameras", "cores", "seconds", "processor s", "camera-frames/s", "MB"]
+    heads = ["frames", "key poses", "cameras", "performers", "cores", "seconds", "processor s", "camera-frames/s", "MB"]
     paired = any(other is not None for _, other in found)
     cells = []
     for row, (cost, other) in zip(rows, found, strict=True):
         rate = row.frames * row.cameras / cost.seconds
-        keys = "at the ends" if row.ends else f"every {KEY_EVERY}"
-        cells.append([str(row.frames), keys, str(row.cameras), str(row.threads)])
+        cells.append([str(row.frames), row.keys, str(row.cameras), str(row.crossing or 1), str(row.threads)])
         cells[-1] += [f"{cost.seconds:.1f}", f"{cost.processor:.1f}", f"{rate:.0f}"]
         cells[-1].append(f"{cost.memory / 1e6:.0f}" if cost.memory else "-")
         if paired:
@@ -126,7 +149,7 @@ def table(rows: Sequence[SpeedRow], found: Sequence[tuple[Cost, Cost | None]]) -
 
 
 def write_plot(path: Path, rows: Sequence[SpeedRow], costs: Sequence[Cost]) -> None:
-    """Draw seconds against frames, cameras and cores.
+    """Draw seconds against frames, cameras, cores and, where they were measured, performers.
 
     Raises
     ------
@@ -134,15 +157,27 @@ def write_plot(path: Path, rows: Sequence[SpeedRow], costs: Sequence[Cost]) -> N
         The file cannot be written.
     """
     usual = max(row.threads for row in rows)
-    several = CORES_LENGTH if any(row.frames == CORES_LENGTH for row in rows) else 100
-    groups = {
-        "frames (four cameras, all cores)": [row.cameras == 4 and row.threads == usual for row in rows],
-        "cameras (100 frames, all cores)": [row.frames == 100 and row.threads == usual for row in rows],
-        f"cores ({several} frames, four cameras)": [row.frames == several and row.cameras == 4 for row in rows],
+    beam = [(row, cost) for row, cost in zip(rows, costs, strict=True) if not row.crossing]
+    several = CORES_LENGTH if any(row.frames == CORES_LENGTH for row, _ in beam) else 100
+    curves = {
+        "frames (four cameras, all cores)": [
+            (row.frames, cost.seconds) for row, cost in beam if row.cameras == 4 and row.threads == usual
+        ],
+        "cameras (100 frames, all cores)": [
+            (row.cameras, cost.seconds) for row, cost in beam if row.frames == 100 and row.threads == usual
+        ],
+        f"cores ({several} frames, four cameras)": [
+            (row.threads, cost.seconds) for row, cost in beam if row.frames == several and row.cameras == 4
+        ],
+        f"performers ({CROSSING_LENGTH} frames, four cameras, all cores)": [
+            (row.crossing, cost.seconds) for row, cost in zip(rows, costs, strict=True) if row.crossing
+        ],
     }
     charts = []
-    for (name, chosen), of in zip(groups.items(), ("frames", "cameras", "threads"), strict=True):
-        points = sorted((getattr(r, of), c.seconds) for r, c, kept in zip(rows, costs, chosen, strict=True) if kept)
+    for name, measured in curves.items():
+        if not measured:
+            continue
+        points = sorted(measured)
         x, y = [p[0] for p in points], [p[1] for p in points]
         chart = Chart(*_CHART, (0, 1.05 * max(x)), (0, 1.1 * max(y)), f"seconds against {name}")
         chart.line(x, y, heat_colour(0.1))
@@ -156,6 +191,17 @@ def write_plot(path: Path, rows: Sequence[SpeedRow], costs: Sequence[Cost]) -> N
         raise OutputError("the picture cannot be encoded", where=str(path))
     with replacing(path) as temporary:
         temporary.write_bytes(data.tobytes())
+
+
+def _write_footage(example: Path, folder: Path, row: SpeedRow) -> Path:
+    """Write the footage of a row, and return its shot file."""
+    if not row.crossing:
+        return write_shot(example, folder, row.frames)
+    people = CROSSING[row.crossing]
+    everybody = str(max(CROSSING))
+    arguments = ["--people", everybody, "--only", *people, "--out", str(folder)]
+    render("render_crossing.py", arguments, what="people who walk past each other")
+    return folder / ("shot.toml" if len(people) > 1 else f"shot_{people[0]}.toml")
 
 
 def _program(place: Path, checkout: Path) -> Path:

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """Render two or four people who walk past each other and hide each other; needs no Blender.
 
-    .venv/bin/python tools/render_crossing.py --out build/crossing [--people 4] [--clothes equal] [--only A]
+    .venv/bin/python tools/render_crossing.py --out build/crossing [--people 4] [--clothes equal] [--only A B]
 
 Writes footage, calibration.toml, landmarks_A.trc, landmarks_B.trc, ..., and shot files with all performers (shot.toml,
-shot_staggered.toml) and with one of them (shot_A.toml, ...), while the others are in the picture. With --only that
-person alone is in the picture: what the others cost it is the difference.
+shot_staggered.toml) and with one of them (shot_A.toml, ...), while the others are in the picture. With --only, nobody
+but these people is in the picture: what the others cost them is the difference.
 """
 
 from __future__ import annotations
@@ -91,9 +91,9 @@ class Crossing:
     keys: tuple[int, ...]
     staggered: tuple[int, ...]
 
-    def only(self, name: str | None) -> Crossing:
-        """The shot with that person alone in the picture; None for everybody."""
-        return self if name is None else replace(self, cast={name: self.cast[name]})
+    def only(self, names: Sequence[str]) -> Crossing:
+        """The shot with nobody but these people in the picture."""
+        return replace(self, cast={name: self.cast[name] for name in names})
 
 
 def two_people(equal: bool) -> Crossing:
@@ -187,12 +187,13 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--people", type=int, choices=tuple(SHOTS), default=2)
     parser.add_argument("--clothes", choices=("different", "equal"), default="different")
-    parser.add_argument("--only", metavar="NAME", help="the person who alone is in the picture, A, B, ...")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="those in the picture, of A, B, ... (default: all)")
     args = parser.parse_args()
     shot = SHOTS[args.people](args.clothes == "equal")
-    if args.only is not None and args.only not in shot.cast:
-        parser.error(f"--only {args.only}: nobody has that name; choose from {', '.join(shot.cast)}")
-    render(args.out, shot.only(args.only))
+    only = args.only if args.only is not None else list(shot.cast)
+    if unknown := [name for name in only if name not in shot.cast]:
+        parser.error(f"--only {unknown[0]}: nobody has that name; choose from {', '.join(shot.cast)}")
+    render(args.out, shot.only(only))
 
 
 if __name__ == "__main__":

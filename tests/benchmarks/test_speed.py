@@ -62,13 +62,17 @@ def test_a_long_shot_turns_back_on_no_key_frame() -> None:
     assert not (turns % long_shots.KEY_EVERY == 0).any()
 
 
-def test_frames_cameras_and_cores_are_varied_one_at_a_time() -> None:
-    rows = speed.speed_rows(4, quick=False)
+def test_frames_cameras_performers_and_cores_are_varied_one_at_a_time() -> None:
+    every = speed.speed_rows(4, quick=False)
+    assert len(set(every)) == len(every)
+    rows = [row for row in every if not row.crossing]
     assert {row.frames for row in rows if (row.cameras, row.threads) == (4, 4)} == {34, 100, 400, 1000, 3000}
     assert {row.cameras for row in rows if (row.frames, row.threads) == (100, 4)} == {1, 2, 4}
     assert {row.threads for row in rows if (row.frames, row.cameras) == (400, 4)} == {1, 2, 4}
     assert [(row.frames, row.cameras) for row in rows if row.ends] == [(400, 2)]
-    assert len(set(rows)) == len(rows)
+    crossing = [row for row in every if row.crossing]
+    assert [row.crossing for row in crossing] == [1, 2, 4]
+    assert len({(row.frames, row.cameras, row.threads) for row in crossing}) == 1
 
 
 def test_the_table_says_how_many_times_as_fast_it_is_as_the_other_version() -> None:
@@ -80,6 +84,7 @@ def test_the_table_says_how_many_times_as_fast_it_is_as_the_other_version() -> N
         "100",
         "every 33",
         "4",
+        "1",
         "2",
         "4.0",
         "6.0",
@@ -90,7 +95,8 @@ def test_the_table_says_how_many_times_as_fast_it_is_as_the_other_version() -> N
     assert "1000" in lines[3] and "1.50" in lines[3]
 
 
-def test_the_plot_has_a_chart_for_frames_cameras_and_cores(tmp_path: Path) -> None:
-    rows = speed.speed_rows(2, quick=False)
+@pytest.mark.parametrize(("quick", "charts"), [(True, 3), (False, 4)])
+def test_the_plot_has_a_chart_for_each_number_that_is_varied(tmp_path: Path, quick: bool, charts: int) -> None:
+    rows = speed.speed_rows(2, quick=quick)
     speed.write_plot(tmp_path / "speed.png", rows, [Cost(row.frames * 0.1, 1.0, 0) for row in rows])
-    assert cv2.imread(str(tmp_path / "speed.png")).shape[0] > 3 * 200
+    assert charts * 200 < cv2.imread(str(tmp_path / "speed.png")).shape[0] < (charts + 1) * 290
