@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
 
 from ..body.skeleton_motion import RestSkeleton
 from ..errors import BodyError
@@ -12,6 +15,13 @@ from .bone_presets import PRESETS, BonePreset
 from .bone_words import NAMESPACE, read_name
 from .roles import SIDES, BoneMap, parent_role
 from .skeleton_tree import SkeletonTree
+
+_ENDS = {"forearm": "hand", "shin": "foot"}
+_CALLED_END = re.compile(r"(?<![a-z])end(?![a-z])", re.IGNORECASE)
+_LEAST_LIMB = 0.5
+"""Least length of a forearm or shin, in that of the bone above it."""
+_STRAIGHT = 0.87
+"""Cosine of the largest angle at a bone that divides a limb's segment."""
 
 
 def match_bones(rest: RestSkeleton, preset: str | None = None, where: str = "skeleton") -> BoneMap:
@@ -39,10 +49,9 @@ def match_bones(rest: RestSkeleton, preset: str | None = None, where: str = "ske
     whole = [one for one in found if not one.missing() and _carries_legs(one, rest)]
     if whole:
         return max(whole, key=lambda one: len(one.names()))
-    by_names = roles_by_name(rest)
+    by_names, places = roles_by_name(rest), roles_by_place(rest)
     if not by_names.missing():
-        return by_names
-    places = roles_by_place(rest)
+        return _with_placed(by_names, places, rest)
     if not places:
         return by_names.checked(rest.names, where)
     return _with_named(BoneMap(places, found_by="places"), by_names, rest).checked(rest.names, where)
@@ -73,6 +82,43 @@ def _with_named(places: BoneMap, names: BoneMap, rest: RestSkeleton) -> BoneMap:
             if tree.is_above(rest.indices(above)[-1], top):
                 bones[role] = named
     return BoneMap(bones, found_by="places")
+
+
+def _with_placed(names: BoneMap, places: Mapping[str, tuple[str, ...]], rest: RestSkeleton) -> BoneMap:
+    """Return roles found by names, together with hands and feet that only positions show, as they are called the end
+    of a limb. Where the ankle is called so, what is called foot are toes.
+    """
+    bones = dict(names.bones)
+    for limb, end, toe in ((f"{limb}.{s}", f"{end}.{s}", f"toe.{s}") for s in SIDES for limb, end in _ENDS.items()):
+        if end not in places or bones[limb] != places.get(limb) or not _may_end(rest, *bones[limb], *places[end]):
+            continue
+        named = bones.get(end)
+        if named is None:
+            bones[end] = places[end]
+        elif toe not in bones and _bends(rest, (*bones[limb], *places[end], *named)):
+            bones |= {end: places[end], toe: named}
+    used = [name for played in bones.values() for name in played]
+    return names if len(set(used)) < len(used) else BoneMap(bones, found_by=names.found_by)
+
+
+def _may_end(rest: RestSkeleton, limb: str, end: str) -> bool:
+    """Whether a bone below that of a limb may be where it ends: it is no twist bone, and as far as the limb is long."""
+    if read_name(end).kind == "helper" and not _CALLED_END.search(end):
+        return False
+    [own, last] = rest.indices([limb, end])
+    before = rest.heads[rest.parents[own]]
+    return bool(
+        np.linalg.norm(rest.heads[last] - rest.heads[own]) > _LEAST_LIMB * np.linalg.norm(rest.heads[own] - before)
+    )
+
+
+def _bends(rest: RestSkeleton, chain: Sequence[str]) -> bool:
+    """Whether three bones, each below the one before, are not on one line, as knee, ankle and ball are not."""
+    tree, [a, b, c] = SkeletonTree(rest), rest.indices(chain)
+    if not (tree.is_above(a, b) and tree.is_above(b, c)):
+        return False
+    one, other = rest.heads[b] - rest.heads[a], rest.heads[c] - rest.heads[b]
+    return bool(one @ other < _STRAIGHT * np.linalg.norm(one) * np.linalg.norm(other))
 
 
 def preset_of(bones: BoneMap) -> BonePreset:

@@ -31,7 +31,7 @@ _KINDS = {
 _DECIDING_KINDS = frozenset(["fk", "helper"])
 """Kinds that count whatever else the name says."""
 _CENTRE = "C"
-"""Begins the names of bones in the middle where those of the sides begin with L and R."""
+"""Begins the names of bones in the middle where those of the sides begin with L and R, or is numbered as these are."""
 _HELPERS = re.compile(
     r"^(ik|ikhandle|mch|tgt|target|pole|tweak|twist\d*|twk|roll|share|corrective|cor|helper|helpers|volume|jiggle|spring"
     r"|nub|end|tip|eff|effector|sec|adj|metacarpals?|carpals?|metatarsals?|vis|driver|offset|scale|parent|prop"
@@ -69,11 +69,12 @@ _WORDS: tuple[tuple[str, str], ...] = (
     ("arm", r"arm"),
     ("shoulder", r"shoulder|肩|schulter"),
     ("collar", r"clav(i|icle)?|collar(bone)?|scapula|schl(ü|ue)sselbein"),
-    ("head", r"head\d*|頭|kopf"),
-    ("neck", r"neck(lower|upper)?\d*|首|hals|nacken"),
+    ("head", r"(neck)?head\d*|headneckupper|頭|kopf"),
+    ("neck", r"neck(lower|upper)?\d*|headnecklower|首|hals|nacken"),
     (
         "spine",
-        r"(spine|(upper|lower)?chest|(upper|lower)?torso|abdomen|waist|lowerback|back|ribcage|thorax|trunk|belly|(upper)?body"
+        r"(spine(middle)?|(upper|lower)?chest|(upper|lower)?torso|abdomen|waist|lowerback|back|ribcage|thorax|trunk|belly"
+        r"|(upper)?body"
         r"|wirbels(ä|ae)ule|brust(korb)?|bauch|r(ü|ue)cken|上半身)(lower|upper)?\d*",
     ),
 )
@@ -116,22 +117,25 @@ def read_name(name: str, shared: Collection[str] = ()) -> BoneName:
     """
     tokens, side, kind, central = _tokens(name), "", "", False
     kept: list[str] = []
-    for before, token in zip(["", *tokens], tokens, strict=False):
+    for before, token, after in zip(["", *tokens], tokens, [*tokens[1:], ""], strict=False):
         small = token.lower()
         if small in shared or (token.isdigit() and (before.lower() in shared or _NUMBERED.match(before.lower()))):
             continue
         if small in _SIDES and not side:
             side = _SIDES[small]
-        elif token == _CENTRE and not before:
+        elif token == _CENTRE and (not before or after.isdigit()):
             central = True
+        elif before == _CENTRE and token.isdigit():
+            continue
         elif of := _kind_of(small):
             kind = of if of in _DECIDING_KINDS else kind or of
         elif not (_MADE.match(small) and len(tokens) > 1):
             kept.append(small)
     if central and side:  # no centre, but the controls of a side
         kind = kind or "control"
-    word = "".join(kept)
-    readings = (word, _BEND_ENDING.sub("", word), word.rstrip("0123456789"), _REGION.sub("", word))
+    word = "".join(dict.fromkeys(kept))
+    plain = word.rstrip("0123456789")
+    readings = (word, _BEND_ENDING.sub("", word), plain, _REGION.sub("", word), _REGION.sub("", plain))
     part = next((part for reading in readings if (part := _part_of(reading))), "")
     first_of_thumb = part == "thumb" and any(map(_METACARPAL.fullmatch, tokens))
     if kind == "helper" and (first_of_thumb or (part == "neck" and not side)):

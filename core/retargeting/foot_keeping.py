@@ -28,7 +28,7 @@ HEEL, BALL = 0, 1
 _HEEL_BACK = 0.3  # of the horizontal distance from ankle to ball: from the ankle back to the heel, if it is unknown
 _FOOT_LENGTH = 0.17  # of the leg length: from the ankle to the ball, if it is unknown
 _SAME_FOOT = 0.03  # relative: foot lengths this close to proportional to the legs are taken to be exactly so
-_LIKELY_FOOT = (0.7, 1.4)
+_LIKELY_FOOT = (0.8, 1.2)
 """Range of a foot's length, in proportion to the legs, within which that of its bone alone is believed to be it."""
 _FADE_TIME = 0.25  # seconds over which a correction fades
 _MAX_BRIDGED_TIME = 1.0  # seconds: over shorter swings a correction is interpolated to the next plant's

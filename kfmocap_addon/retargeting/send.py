@@ -16,7 +16,7 @@ from ...core.numerics.arrays import Bools, Ints
 from ...core.retargeting.bone_matching import described, preset_of
 from ...core.retargeting.control_rig import MOVED, ControlRig, RigPoses, local_places, local_turns
 from ...core.retargeting.retarget import Retargeted, limb_changes, plant_intervals, prepared, retarget
-from ...core.retargeting.roles import BoneMap
+from ...core.retargeting.roles import SIDES, BoneMap
 from ...core.retargeting.transfer import RetargetOptions
 from ..scene_io import fcurves
 from . import sent_actions
@@ -205,7 +205,7 @@ def _on_controls(
         with_settings(armature, preset.settings or controls.settings) as settings,
         without_holds(armature, held, moved) as holds,
     ):
-        reading = read_rig(armature, used, tips)
+        reading = read_rig(armature, used, tips, _resting_toes(bones, used))
         rig = reading.rig
         shown = ShownBones.at_rest(armature, [shown_bone(armature, follows, name) for name in rig.rest.names])
         result = retarget(source, of_source, reading.straight, asked, planted)
@@ -246,6 +246,12 @@ def _used(bones: BoneMap, of_source: BoneMap, options: RetargetOptions) -> BoneM
     moving |= {"neck"} if "head" in moving else set()
     moving |= {"root"} if options.root == "root-bone" else set()
     return BoneMap({role: names for role, names in bones.bones.items() if role in moving}, bones.preset, bones.found_by)
+
+
+def _resting_toes(bones: BoneMap, used: BoneMap) -> dict[str, str]:
+    """Return the toes for which there is no motion, by the foot that ends where they begin."""
+    sides = [side for side in SIDES if f"foot.{side}" in used.bones and f"toe.{side}" not in used.bones]
+    return {used.bones[f"foot.{s}"][0]: bones.bones[f"toe.{s}"][0] for s in sides if f"toe.{s}" in bones.bones}
 
 
 def shown_bone(armature: bpy.types.Object, follows: Mapping[str, str], name: str) -> str:

@@ -47,6 +47,41 @@ def _points(droop: float) -> dict[str, np.ndarray]:
 
 
 SKELETONS = {
+    "xps": """
+        root ground | | ground
+        root hips | root ground | hips | hips
+        pelvis | root hips | hips
+        leg {side} thigh | root hips | thigh | thigh
+        leg {side} knee | leg {side} thigh | knee | shin
+        leg {side} ankle | leg {side} knee | ankle | foot
+        leg {side} toes | leg {side} ankle | ball | toe
+        spine lower | root hips | spine1 | spine
+        spine middle | spine lower | spine2 | spine
+        spine upper | spine middle | spine3 | spine
+        arm {side} shoulder 1 | spine upper | collar | shoulder
+        arm {side} shoulder 2 | arm {side} shoulder 1 | shoulder | upper_arm
+        arm {side} elbow | arm {side} shoulder 2 | elbow | forearm
+        arm {side} wrist | arm {side} elbow | wrist | hand
+        head neck lower | spine upper | neck | neck
+        head neck upper | head neck lower | head | head
+        head jaw | head neck upper | face
+        """,
+    "mgear": """
+        body_C0_root_jnt | | ground
+        spine_C0_pelvis_jnt | body_C0_root_jnt | hips | hips
+        leg_{S}0_0_jnt | spine_C0_pelvis_jnt | thigh | thigh
+        leg_{S}0_1_jnt | leg_{S}0_0_jnt | knee | shin
+        leg_{S}0_end_jnt | leg_{S}0_1_jnt | ankle | foot
+        foot_{S}0_0_jnt | leg_{S}0_end_jnt | ball | toe
+        spine_C0_01_jnt | spine_C0_pelvis_jnt | spine1 | spine
+        spine_C0_02_jnt | spine_C0_01_jnt | spine3 | spine
+        shoulder_{S}0_shoulder_jnt | spine_C0_02_jnt | collar | shoulder
+        arm_{S}0_0_jnt | shoulder_{S}0_shoulder_jnt | shoulder | upper_arm
+        arm_{S}0_1_jnt | arm_{S}0_0_jnt | elbow | forearm
+        arm_{S}0_end_jnt | arm_{S}0_1_jnt | wrist | hand
+        neck_C0_0_jnt | spine_C0_02_jnt | neck | neck
+        neck_C0_head_jnt | neck_C0_0_jnt | head | head
+        """,
     "daz genesis 8": """
         hip | | hips | hips
         pelvis | hip | hips

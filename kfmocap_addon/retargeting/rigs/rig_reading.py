@@ -56,7 +56,10 @@ class RigReading:
 
 
 def read_rig(
-    armature: bpy.types.Object, bones: BoneMap, toe_tips: Mapping[str, float] = MappingProxyType({})
+    armature: bpy.types.Object,
+    bones: BoneMap,
+    toe_tips: Mapping[str, float] = MappingProxyType({}),
+    ends: Mapping[str, str] = MappingProxyType({}),
 ) -> RigReading:
     """Read how a rig's controls stand at rest and follow each other; it must stand at rest (`at_rest`).
 
@@ -67,6 +70,9 @@ def read_rig(
         Of the controls.
     toe_tips : mapping of str to float
         See `ControlRig`.
+    ends : mapping of str to str
+        Controls that end where another bone begins, which is none of them: a foot at toes that rest. The tails of all
+        others are those of their bones, which importers leave anywhere.
 
     Raises
     ------
@@ -85,8 +91,10 @@ def read_rig(
     turns_with, goes_with, unsteady = _followers(rest, np.array(moved), size)
     turn_parents, place_parents = ([_nearest(own, each) for own in each] for each in (turns_with, goes_with))
     lengths = np.array([armature.data.bones[name].length for name in names])
-    ends = (rest[:, :3, 3], rest[:, :3, 3] + lengths[:, None] * rest[:, :3, 1])
-    heads, tails = (end @ matrix[:3, :3].T + matrix[:3, 3] for end in ends)
+    tips = rest[:, :3, 3] + lengths[:, None] * rest[:, :3, 1]
+    for name, end in ends.items():
+        tips[names.index(name)] = armature.pose.bones[end].head
+    heads, tails = (points @ matrix[:3, :3].T + matrix[:3, 3] for points in (rest[:, :3, 3], tips))
     carriers = carriers_of_apart(RestSkeleton(tuple(names), tuple(place_parents), heads, tails), bones)
     order = _parents_first(names, turn_parents, place_parents, [carriers.get(b, -1) for b in range(len(names))])
     place = {b: i for i, b in enumerate(order)} | {-1: -1}

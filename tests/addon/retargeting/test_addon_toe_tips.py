@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
@@ -9,6 +10,7 @@ bpy = pytest.importorskip("bpy")
 from kfmocap.kfmocap_addon.retargeting.send import send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from made_rigs import moved_body  # noqa: E402
+from mathutils import Vector  # noqa: E402
 from odd_characters import BODY, controlled_human, skinned_human  # noqa: E402
 from render.motions import MOTIONS  # noqa: E402
 
@@ -33,6 +35,15 @@ def with_feet(armature, share):
         for bone in bones:
             if "foot" in bone.name:
                 bone.tail = bone.head + share * (bone.tail - bone.head)
+    return armature
+
+
+def with_feet_whose_tails_point_aside():
+    """A character with toes, whose feet's bones point anywhere, as importers leave them."""
+    armature = with_toes()
+    with body_armature.edit_bones(armature) as bones:
+        for side in "LR":
+            bones[f"foot.{side}"].tail += Vector((0.1, 0.0, 0.05))
     return armature
 
 
@@ -64,6 +75,16 @@ def test_legs_are_not_turned_where_bones_of_feet_are_not_as_long_as_the_feet(mad
 @pytest.mark.parametrize("made", [with_toes, with_copies_of_feet])
 def test_the_skin_shows_where_feet_end_whose_bones_do_not(made):
     assert turned(made()) < 0.5
+
+
+def test_feet_point_where_their_toes_begin_though_their_bones_point_aside():
+    armature = with_feet_whose_tails_point_aside()
+    rest = np.array(armature.data.bones["foot.L"].matrix_local)[:3, :3]
+    motion = moved_body(BODY, MOTIONS["walk"](BODY, 2, 30.0))
+    send_to_rig(bpy.context.scene, motion, armature, 1)
+    bpy.context.scene.frame_set(1)
+    shown = np.array(armature.pose.bones["foot.L"].matrix)[:3, :3] @ rest.T
+    assert np.abs(shown - motion.turns[0, motion.rest.names.index("foot.L")]).max() < 0.01
 
 
 def test_a_foot_that_is_long_indeed_rolls_over_its_own_tips():

@@ -155,7 +155,7 @@ def test_toes_of_feet_that_are_long_for_their_legs_stay_above_the_ground(walking
     assert tips.min() > -0.005
 
 
-@pytest.mark.parametrize("length", [0.001, 0.03, 0.09, 0.3])
+@pytest.mark.parametrize("length", [0.001, 0.03, 0.09, 0.25, 0.3])
 def test_feet_whose_bones_are_not_as_long_as_the_foot_turn_no_leg(walking, length):
     """On a character of the performer's own proportions: as importers leave bones, or as far as the ball, metres."""
     rig = made_rig("mixamo", BODY, 0.0)
