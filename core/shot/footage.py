@@ -276,7 +276,9 @@ def _stored(path: Path, numbers: Sequence[int], size: tuple[int, int], threads: 
             # Reuse the memory of the frame before: allocating some megabytes takes as long as decoding.
             read, frame = video.read(frame) if position == number else (False, None)
             if not read or frame is None:
-                raise FootageError(f"the footage ends or breaks at frame {position} of the file", where=str(path))
+                todo = "track the frames before it, or copy the file from the camera again if it should be longer"
+                what = f"the footage ends or breaks at frame {position} of the file"
+                raise FootageError(what, where=str(path), todo=todo)
             position += 1
             yield _Decoded(frame, turn)
 

@@ -33,10 +33,13 @@ def check_video_file(path: Path) -> None:
         It is not.
     """
     if path.is_dir():
-        raise FootageError("this is a folder", where=str(path), todo=f"name {PATTERNS}, as {named_footage(path).name}")
+        raise FootageError("this is a folder", where=str(path), todo=f"name {PATTERNS}, as {named_footage(path)}")
     if not path.is_file():
         if path.exists():
             raise FootageError("this is not a file but a pipe or a device", where=str(path), todo=f"name {PATTERNS}")
+        if path.is_symlink():
+            what = f"this is a link to '{os.readlink(path)}', which does not exist"
+            raise FootageError(what, where=str(path), todo="connect the drive that it is on, or name another file")
         meant = _meant(path)
         todo = f"did you mean '{meant}'?" if meant else f"name {PATTERNS}"
         raise FootageError("there is no such footage", where=str(path), todo=todo)

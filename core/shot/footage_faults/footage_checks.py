@@ -167,7 +167,7 @@ def _check_range(view: View, footage: Footage, first: int, length: int, fps: flo
     if end >= count and _end_by_times(view, footage, first + length - 1, fps) >= count:
         if images is not None and view.footage in images.values():
             [pattern] = footage_of([view.footage])
-            todo = f"this is a single image: name the sequence that it belongs to, as {pattern.name}"
+            todo = f"this is a single image: name the sequence that it belongs to, as {pattern}"
             raise FootageError("the footage has only one frame", where=where, todo=todo)
         todo = _fitting_frames(view, range(first, last + 1), range(count))
         raise FootageError(f"the footage has only {count} {unit}: {asked}", where=where, todo=todo)

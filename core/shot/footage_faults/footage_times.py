@@ -212,15 +212,24 @@ def _packets(path: Path, count: int) -> list[tuple[float, bool]]:
 
 
 def _stored_packets(path: Path, count: int) -> list[tuple[float, bool]]:
-    """Return the same of some more frames, in the order in which they are stored."""
+    """Return the same of some more frames, in the order in which they are stored.
+
+    A file cut without encoding it again also stores what comes before the cut, back to a whole picture: frames that are
+    decoded, but not shown, and all have the time of the first that is.
+    """
     if not path.is_file() or image_files(path) is not None:
         return []
     video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
     found: list[tuple[float, bool]] = []
+    cut = 0
     try:
-        while video.isOpened() and len(found) < count + _MAX_REORDERING and video.grab():
+        while video.isOpened() and len(found) - cut < count + _MAX_REORDERING and video.grab():
             is_whole = video.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME) > 0
             found.append((video.get(cv2.CAP_PROP_POS_MSEC) / 1000, is_whole))
+            cut += len(found) > 1 and found[-1][0] == found[0][0]
     finally:
         video.release()
-    return found
+    if not cut or cut == len(found) - 1:  # nothing was cut, or there are no times, as in a bare stream
+        return found
+    at_start = [k for k, (time, _) in enumerate(found) if time == found[0][0]]
+    return [packet for k, packet in enumerate(found) if k not in at_start[:-1]]

@@ -10,8 +10,9 @@ from threading import Event
 import cv2
 import numpy as np
 import pytest
+from cut_videos import cut_before
 from kfmocap.core.errors import FootageError
-from kfmocap.core.shot.footage import Album, probe
+from kfmocap.core.shot.footage import Album, pictures, probe
 from kfmocap.core.shot.footage_faults.footage_checks import check_rates, check_view
 from kfmocap.core.shot.footage_faults.footage_times import (
     footage_rate,
@@ -19,6 +20,7 @@ from kfmocap.core.shot.footage_faults.footage_times import (
     frames_missing,
     timed_gaps,
     video_rate,
+    whole_pictures,
 )
 from kfmocap.core.shot.frame_numbers import footage_index
 from kfmocap.core.shot.shot import Shot, View
@@ -200,3 +202,19 @@ def test_pairs_between_which_frames_are_missing_get_no_weight(film: Path) -> Non
     read = reader.read((0, FRAMES - 1), PictureStore(None, "all"))
     assert read.torn is not None
     assert np.flatnonzero(read.torn).tolist() == [9]
+
+
+def test_of_a_file_that_was_cut_by_its_edit_list_the_frames_that_are_shown_count(tmp_path: Path) -> None:
+    whole, cut = tmp_path / "whole.mp4", tmp_path / "cut.mp4"
+    writer = cv2.VideoWriter(str(whole), cv2.VideoWriter_fourcc(*"mp4v"), FPS, (160, 120))
+    texture = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 255, (120, 160, 3)).astype(np.uint8), (9, 9), 0)
+    for f in range(FRAMES):
+        writer.write(np.roll(texture, f, axis=1))
+    writer.release()
+    assert len(whole_pictures(whole, FRAMES)) < FRAMES / 4, "what comes before the cut has to be stored"
+    cut.write_bytes(cut_before(whole.read_bytes(), 5, FRAMES))
+    shown = len(list(pictures(cut)))
+    assert shown == FRAMES - 5
+    assert frame_times(cut, FRAMES) == pytest.approx(np.arange(shown) / FPS, abs=1e-3)
+    rate = video_rate(cut, FRAMES, FPS)
+    assert rate is not None and not rate.varies and rate.rate == pytest.approx(FPS)
