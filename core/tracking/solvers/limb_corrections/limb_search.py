@@ -35,6 +35,7 @@ from ..limb_evidence.limb_images import EVEN_LEVEL, UncoveredImages, ViewRatios
 from ..limb_evidence.limb_likelihood import (
     MIN_GAIN,
     MIN_HELD_WEIGHT,
+    POINTS_PER_PART,
     LimbModel,
     LimbOfPerformer,
     limb_of,
@@ -104,7 +105,13 @@ def found_limbs(problem: SegmentProblem, motions: Sequence[Motion], seed: int, w
     return untangled_limbs(problem, found)
 
 
-def freed_limb(problem: SegmentProblem, motions: Sequence[Motion], place: LimbOfPerformer, seed: int) -> Motion:
+def freed_limb(
+    problem: SegmentProblem,
+    motions: Sequence[Motion],
+    place: LimbOfPerformer,
+    seed: int,
+    points: int = POINTS_PER_PART,
+) -> Motion:
     """Search for one limb of a performer regardless of how well it is seen where it is.
 
     A misplaced limb in front of the body seems right, as it covers foreground of similar colours.
@@ -117,6 +124,8 @@ def freed_limb(problem: SegmentProblem, motions: Sequence[Motion], place: LimbOf
     place : LimbOfPerformer
     seed : int
         Seed of the random poses, together with that of the settings.
+    points : int
+        Points of each part whose pixels are looked at.
 
     Returns
     -------
@@ -125,7 +134,7 @@ def freed_limb(problem: SegmentProblem, motions: Sequence[Motion], place: LimbOf
     """
     rng = np.random.default_rng([seed, problem.settings.search_seed])
     ratios = [ViewRatios.of(view, problem, place[0], motions) for view in views_with_foreground(problem.views)]
-    return _with_limb_found(problem, ratios, motions, place, rng, free=True)
+    return _with_limb_found(problem, ratios, motions, place, rng, free=True, points=points)
 
 
 def is_elsewhere(body: Body, chain: Sequence[int], before: Motion, after: Motion, frames: int = 1) -> bool:
@@ -191,11 +200,12 @@ def _with_limb_found(
     rng: Generator,
     *,
     free: bool = False,
+    points: int = POINTS_PER_PART,
 ) -> Motion:
     """Move one limb of a performer to where it is likeliest; with `free`, regardless of how well it is seen now."""
     i, chain = place
     motion = motions[i]
-    limb, parts = limb_of(problem, motions, place, rng)
+    limb, parts = limb_of(problem, motions, place, rng, points)
     geometry, poses = problem.geometry(), scene_poses(problem.bodies, motions)
     uncovered = [view.uncovered(geometry, poses, parts) for view in ratios]
     uncovered = with_sides_learned(limb, uncovered, problem.whole_keys(i), rng)

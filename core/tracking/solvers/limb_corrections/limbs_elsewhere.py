@@ -36,7 +36,7 @@ def found_elsewhere(
     """
     i, chain = place
     found, near = freed_limb(alone, motions, place, seed), len(alone.bodies) > 1 or alone.shows_depth
-    least = _least_frames(alone)
+    least = least_frames(alone)
     if found is motions[i] or (near and not is_elsewhere(alone.bodies[i], chain, motions[i], found, least)):
         return None
     return found if _worth_solving(alone, motions, place, found) else None
@@ -57,7 +57,7 @@ def found_across(alone: SegmentProblem, motions: Sequence[Motion], place: LimbOf
     if led[i] is motions[i]:
         return None
     found = freed_limb(alone, led, place, _ACROSS_SEED)
-    if not is_elsewhere(alone.bodies[i], chain, motions[i], found, _least_frames(alone)):
+    if not is_elsewhere(alone.bodies[i], chain, motions[i], found, least_frames(alone)):
         return None
     return with_motion(motions, i, found) if _worth_solving(alone, motions, place, found) else None
 
@@ -69,7 +69,7 @@ def _worth_solving(alone: SegmentProblem, motions: Sequence[Motion], place: Limb
     return len(alone.bodies) == 1 or gain_elsewhere(alone, motions, place, found) > MIN_GAIN_ELSEWHERE
 
 
-def _least_frames(alone: SegmentProblem) -> int:
+def least_frames(alone: SegmentProblem) -> int:
     """Return on how many frames in a row a limb must be elsewhere: the sampled poses of a single performer scatter."""
     return 1 if len(alone.bodies) > 1 else max(2, round(MIN_DURATION * alone.fps))
 
@@ -132,7 +132,7 @@ def likelier_with_limb(
 def _elsewhere_alone(problem: SegmentProblem, before: Motion, place: LimbOfPerformer, found: Motion) -> Motion:
     """Return the motion found, as it was before on all frames on which the limb is not elsewhere."""
     i, chain = place
-    away = frames_elsewhere(problem.bodies[i], chain, before, found, _least_frames(problem))
+    away = frames_elsewhere(problem.bodies[i], chain, before, found, least_frames(problem))
     return Motion(before.translations, np.where(away[:, None, None, None], found.rotations, before.rotations))
 
 

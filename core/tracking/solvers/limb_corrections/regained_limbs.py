@@ -9,7 +9,7 @@ These signs show that a limb is lost, even in front of the body, where it covers
   (`faded_limbs`); of a single performer in several views, than on the key poses (`weakly_shown_limbs`).
 
 Others show no sign. If the images contradicted the first solution of a single performer, the whole body is therefore
-led out of its minimum once, and each of its limbs is searched for.
+led out of its minimum once, and its limbs are searched for, one by one and in pairs (`limb_pairs_elsewhere`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from functools import cache
 import numpy as np
 
 from ....body import part_poses
-from ....body.limbs import limbs
+from ....body.limbs import limb_pairs, limbs
 from ....body.motion import Motion, stacked
 from ....body.smoothness import second_differences
 from ....evidence.occlusion import LONG_GAP
@@ -39,6 +39,7 @@ from ..judgement.solution_ranking import (
 )
 from ..limb_evidence.limb_likelihood import MIN_GAIN, LimbOfPerformer, SupportOfLimb, evaluated, support_of_limbs
 from .faded_limbs import faded_limbs
+from .limb_pairs_elsewhere import with_pairs_found
 from .limb_rounds import with_limb_regained
 from .limb_search import is_elsewhere
 from .limbs_elsewhere import (
@@ -95,7 +96,9 @@ def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, work
 def _likelier_anywhere(
     problem: SegmentProblem, solution: SegmentSolution, known: SettledSolutions, workspace: Workspace
 ) -> SegmentSolution:
-    """Look for the likelier solution of a single performer: from beside the minimum, and with each limb elsewhere."""
+    """Look for the likelier solution of a single performer: from beside the minimum, with each limb elsewhere, and in
+    several views with both limbs of a pair.
+    """
     solution = _stirred(problem, solution, known, workspace)
     for chain in limbs(problem.bodies[0]):
         solution = _with_limb_looked_for(problem, solution, (0, chain), known, workspace=workspace)
@@ -105,6 +108,8 @@ def _likelier_anywhere(
             solution = _with_limb_looked_for(problem, solution, (i, chain), known, workspace=workspace, more=more)
             if is_elsewhere(problem.bodies[i], chain, present, solution.motions[i]):
                 break
+    if problem.shows_depth:
+        solution = with_pairs_found(problem, solution, limb_pairs(problem.bodies[0]), known, workspace)
     return solution
 
 

@@ -3,7 +3,8 @@
 A limb that is lost in front of the body, or along the line of sight of one of two cameras, covers foreground, leaves
 hardly any uncovered, and is too small a part of the performer for its cover to raise a doubt. But its pixels and its
 sides speak less for it than where the key poses have it. That alone does not show that it is lost: others are hidden
-for a while. So it is searched for once around an even path between the key poses, and once around its present motion.
+for a while. So it is searched for together with its counterpart (`limb_pairs_elsewhere`), then alone, once around an
+even path between the key poses, and once around its present motion.
 Mostly a limb that is right is found where it was, which costs little; otherwise the likelier solution is kept.
 """
 
@@ -13,6 +14,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
+from ....body.limbs import limb_pairs
 from ....body.motion import Motion
 from ....numerics.arrays import Array, Ints
 from ..equations.measurement import Workspace
@@ -20,6 +22,7 @@ from ..equations.problem import SegmentProblem, SegmentSolution
 from ..judgement.settled_solutions import SettledSolutions
 from ..judgement.solution_doubts import MIN_DURATION
 from ..limb_evidence.limb_likelihood import LimbOfPerformer, SupportOfLimb, least_supported, support_of_limbs
+from .limb_pairs_elsewhere import with_pairs_found
 from .limb_search import is_elsewhere
 from .limbs_elsewhere import found_across, found_elsewhere, likelier_with_limb
 from .search_rounds import MAX_SEARCH_ROUNDS
@@ -52,7 +55,10 @@ def with_weakly_shown_limbs_found(
     support : iterable of SupportOfLimb, optional
         Of this solution's motions, if it is known.
     """
-    for place in weakly_shown_limbs(problem, solution.motions, support):
+    places = weakly_shown_limbs(problem, solution.motions, support)
+    weak = [pair for pair in limb_pairs(problem.bodies[0]) if any((0, chain) in places for chain in pair)]
+    solution = with_pairs_found(problem, solution, weak, known, workspace, least_gain=LEAST_GAIN)
+    for place in places:
         for turn in range(MAX_SEARCH_ROUNDS):
             before = solution.motions
             solution = _with_limb_found(problem, solution, place, turn, known=known, workspace=workspace)

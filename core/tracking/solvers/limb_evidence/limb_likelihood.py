@@ -39,7 +39,8 @@ RANDOM_POSE_SIGMA = 0.5
 """Standard deviation of poses drawn around each key pose, radians, for a joint with a range of half a circle."""
 RANDOM_POSES = 60
 """Poses drawn around each key pose, to learn how brightness changes where no limb has its side."""
-_POINTS_PER_PART = 16
+POINTS_PER_PART = 16
+"""Points of each part whose pixels are looked at."""
 _POSE_BATCH, _MIN_FRAME_BATCH = 256, 16  # poses, but at least so many frames
 _MIN_RANGE = 0.05
 
@@ -87,7 +88,11 @@ class LimbModel:
 
 
 def limb_of(
-    problem: SegmentProblem, motions: Sequence[Motion], place: LimbOfPerformer, rng: Generator
+    problem: SegmentProblem,
+    motions: Sequence[Motion],
+    place: LimbOfPerformer,
+    rng: Generator,
+    points: int = POINTS_PER_PART,
 ) -> tuple[LimbModel, list[int]]:
     """Return a limb as motions have it, with the least `held`, and the indices of its parts among all performers'."""
     i, chain = place
@@ -98,7 +103,7 @@ def limb_of(
         body,
         chain,
         np.clip(np.ptp(body.limits[chain], axis=2) / np.pi, _MIN_RANGE, 1.0),
-        *_samples(problem.geometry(), parts, rng),
+        *_samples(problem.geometry(), parts, rng, points),
         (R[:, body.parents[chain[0]]], T[:, body.parents[chain[0]]]),
         rotations.log(motions[i].rotations[:, chain]),
         problem.fixed_axes(i)[:, chain],
@@ -239,10 +244,10 @@ def side_log_ratios(limb: LimbModel, uncovered: Sequence[UncoveredImages]) -> Ar
     return score
 
 
-def _samples(geometry: Geometry, parts: Sequence[int], rng: Generator) -> tuple[Array, Array]:
+def _samples(geometry: Geometry, parts: Sequence[int], rng: Generator, count: int) -> tuple[Array, Array]:
     """Random points inside the parts, (n, points, 3), and the parts' mean projected areas (n,), square metres."""
     vertices = [geometry.vertices[geometry.spans[part]] for part in parts]
-    points = [rng.dirichlet(np.full(len(v), 0.3), _POINTS_PER_PART) @ v for v in vertices]
+    points = [rng.dirichlet(np.full(len(v), 0.3), count) @ v for v in vertices]
     return np.array(points), shown_areas(geometry, parts)
 
 

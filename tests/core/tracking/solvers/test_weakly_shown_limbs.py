@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kfmocap.core.body import human
-from kfmocap.core.body.limbs import limbs
+from kfmocap.core.body.limbs import limb_pairs, limbs
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
@@ -93,6 +93,7 @@ def searched(
     monkeypatch.setattr(weakly_shown_limbs, "found_elsewhere", lambda _p, motions, *_: proposed(around, motions[0]))
     monkeypatch.setattr(weakly_shown_limbs, "likelier_with_limb", decided)
     monkeypatch.setattr(weakly_shown_limbs, "weakly_shown_limbs", lambda *_: [(0, LIMBS[0])])
+    monkeypatch.setattr(weakly_shown_limbs, "with_pairs_found", lambda *given, **_: given[1])
     monkeypatch.setattr(SettledSolutions, "after", lambda *_: None)
     end = weakly_shown_limbs.with_weakly_shown_limbs_found(problem, begin, SettledSolutions(), Workspace())
     return end.motions[0], asked
@@ -105,6 +106,23 @@ def test_what_the_search_finds_around_either_path_is_kept_where_it_is_likelier(
     assert searched(monkeypatch, there, elsewhere, accepted=there)[0] is there
     assert searched(monkeypatch, there, elsewhere, accepted=elsewhere)[0] is elsewhere
     assert searched(monkeypatch, there, elsewhere, accepted=None)[0] is REST
+
+
+def test_pairs_with_a_weak_limb_are_searched_for_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[object] = []
+
+    def paired(
+        _: object, solution: SegmentSolution, pairs: list[object], *__: object, **___: object
+    ) -> SegmentSolution:
+        asked.extend(pairs)
+        return solution
+
+    monkeypatch.setattr(weakly_shown_limbs, "with_pairs_found", paired)
+    monkeypatch.setattr(weakly_shown_limbs, "weakly_shown_limbs", lambda *_: [(0, LIMBS[1])])
+    monkeypatch.setattr(weakly_shown_limbs, "_with_limb_found", lambda *given, **_: asked.append(given[2]) or given[1])
+    begin = Landscape(truth=REST).solution(seen_by(2), REST)
+    weakly_shown_limbs.with_weakly_shown_limbs_found(seen_by(2), begin, SettledSolutions(), Workspace())
+    assert asked == [next(pair for pair in limb_pairs(BODY) if LIMBS[1] in pair), (0, LIMBS[1])]
 
 
 def test_a_limb_that_is_found_where_it_was_costs_no_solving(monkeypatch: pytest.MonkeyPatch) -> None:
