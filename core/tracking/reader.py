@@ -17,6 +17,7 @@ from ..errors import CancelledError, FootageError
 from ..numerics.arrays import Array, Bools
 from ..runtime.threads import worker_count
 from ..runtime.worker_memory import WorkerMemory
+from ..shot.fingerprint import checksum, value_bytes
 from ..shot.footage import Album, frames_at, working_factor
 from ..shot.footage_faults.continuity import COMPARED_PAIRS, block_change, block_means, most_changed, torn_pairs
 from ..shot.footage_faults.footage_times import FootageRate, footage_rate, frames_missing
@@ -181,9 +182,14 @@ class SegmentReader:
         unknown = max(self._begins - start, 0)
         if unknown < len(changes):
             changes[:unknown] = [changes[unknown]] * unknown
-        torn = torn_pairs(changes)[first - start : last - start] & ~self._apart[first:last] | self._gaps[first:last]
         followed = self._points.between(start, start + len(changes)) & ~self._apart[start : start + len(changes)]
-        found = PairChanges.of(changes, followed, self._delay)
+
+        def compared() -> tuple[Bools, PairChanges]:
+            return torn_pairs(changes), PairChanges.of(changes, followed, self._delay)
+
+        known = "pairs", self._delay, checksum(value_bytes((changes, followed)))
+        torn, found = compared() if self._memory is None else self._memory.value(known, compared)
+        torn = torn[first - start : last - start] & ~self._apart[first:last] | self._gaps[first:last]
         return torn, found.known(~self._beside[start : start + len(changes)]).cut(first - start, last - start)
 
 

@@ -150,7 +150,7 @@ def solve_task(
         offset = measured_offset(shot, data, state)
     if solver.refine is None:
         return _without_refinement(task, solved, offset, seconds)
-    slim = replace(solved.solution, evidence=None)
+    slim = replace(solved.solution, evidence=None, misfit=None)
     return SolvedSegment(replace(data, views=()), slim, offset, dict(seconds))
 
 
@@ -182,7 +182,7 @@ def _without_refinement(
 ) -> SolvedSegment:
     """Return a segment that is finished as soon as it is solved."""
     finished = _finished(task, ended, ended.solution.motions, offset, seconds)
-    slim = replace(ended.solution, evidence=None)
+    slim = replace(ended.solution, evidence=None, misfit=None)
     return SolvedSegment(replace(ended.data, views=()), slim, offset, dict(seconds), finished)
 
 

@@ -206,4 +206,6 @@ def _plate_sigma(colour: Bytes, plate: Bytes, known: Bools) -> float:
     some = colour[:: max(1, len(colour) // 8)]
     places = np.flatnonzero(known)[::7]
     apart = np.concatenate([cv2.absdiff(image, plate).reshape(-1, 3).take(places, axis=0) for image in some])
-    return max(2 * NORMAL_MAD * float(np.median(apart)), _MIN_SIGMA)
+    upto = np.cumsum(np.bincount(apart.ravel(), minlength=256))  # of whole levels; quicker than sorting them
+    median = np.searchsorted(upto, [(apart.size - 1) // 2, apart.size // 2], side="right").mean()
+    return max(2 * NORMAL_MAD * float(median), _MIN_SIGMA)

@@ -18,7 +18,20 @@ def interior(mask: Bools, rim: int = EDGE_WIDTH) -> Bools:
 
 def outside(mask: Bools, margin: float) -> Bools:
     """Return which pixels are farther from a mask (h, w) than a margin, pixels."""
-    return np.asarray(cv2.dilate(mask.astype(np.uint8), _disc(margin)) == 0)
+    far, box = np.ones(mask.shape, bool), box_around(mask, max(1, round(margin)))
+    if mask[box].size:
+        far[box] = cv2.dilate(mask[box].astype(np.uint8), _disc(margin)) == 0
+    return far
+
+
+def box_around(mask: Bools, margin: int) -> tuple[slice, slice]:
+    """Return the rows and columns of a mask (h, w) that are set, and so many pixels beside them; none where none is."""
+    return _span(mask.any(axis=1), margin), _span(mask.any(axis=0), margin)
+
+
+def _span(those: Bools, margin: int) -> slice:
+    found = np.flatnonzero(those)
+    return slice(max(int(found[0]) - margin, 0), int(found[-1]) + 1 + margin) if len(found) else slice(0, 0)
 
 
 def dilated(mask: Bools, distance: float) -> Bools:

@@ -17,7 +17,7 @@ from scipy.spatial import KDTree
 from ...numerics.arrays import Bools, Ints
 from ...runtime.shared_arrays import each_row
 from .foreground import HISTOGRAM_BINS, MAX_LOG_RATIO, bins, smoothed
-from .masks import interior
+from .masks import box_around, interior
 
 Bytes = NDArray[np.uint8]
 
@@ -67,9 +67,10 @@ class PartColours:
         """
         counts = np.zeros((len(performer), HISTOGRAM_BINS**3))
         for frame, label in parts.items():
-            places = bins(colour[frame])
-            for part in np.unique(label[label >= 0]).tolist():
-                counts[part] += np.bincount(places[interior(label == part, _EDGE_WIDTH)], minlength=HISTOGRAM_BINS**3)
+            window = box_around(label >= 0, _EDGE_WIDTH)
+            places, shown = bins(colour[frame][window]), label[window]
+            for part in np.flatnonzero(np.bincount(shown[shown >= 0], minlength=len(performer))).tolist():
+                counts[part] += np.bincount(places[interior(shown == part, _EDGE_WIDTH)], minlength=HISTOGRAM_BINS**3)
         total = counts.sum(axis=0)
         if not total.any():
             return None
@@ -79,9 +80,9 @@ class PartColours:
             np.transpose(np.unravel_index(np.arange(HISTOGRAM_BINS**3), cube))
         )
         ratio = np.zeros((len(performer), len(palette)), np.float32)
+        usually = [smoothed(counts[performer == m].sum(axis=0))[palette] + 1 for m in range(int(performer.max()) + 1)]
         for part in np.flatnonzero(counts.any(axis=1)):
-            usual = smoothed(counts[performer == performer[part]].sum(axis=0))[palette]
-            usual = (usual + 1) / (usual + 1).sum()
+            usual = usually[performer[part]] / usually[performer[part]].sum()
             own = smoothed(counts[part])[palette] + (PRIOR_PATCH * scale) ** 2 * usual
             ratio[part] = np.clip(np.log(own / own.sum() / usual), -MAX_LOG_RATIO, MAX_LOG_RATIO)
         return cls(nearest.astype(np.uint8), ratio, distinct)

@@ -16,14 +16,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...body import Body
-from ...evidence.misfit import measured_misfit
 from ...numerics.arrays import Array, Bools
 from ...numerics.error_lengths import length_quantile
 from ..late_views import Lateness, segment_lateness
-from ..solvers.equations.measurement import keypoint_instants, measured_at, poses_by_delay
+from ..solvers.equations.measurement import keypoint_instants, measured_at
 from ..solvers.equations.problem import SegmentProblem, SegmentSolution
 from ..solvers.equations.segment_equations import evidence_equations, hidden_and_expected, with_priors_at
 from ..solvers.equations.smoothness_factor import SegmentSmoothness
+from ..solvers.judgement.solution_doubts import misfit_at
 from .held_out_keys import USUAL_RATIO, covariance_ratios, missed_key_poses
 from .joint_covariances import growth_by_speed, tip_covariances, tip_jacobian
 from .lost_limbs import confirmed_parts, limb_reach, lost_probabilities
@@ -125,10 +125,7 @@ def segment_uncertainties(
     images = evidence_equations(problem, measured, hidden)
     smooth = SegmentSmoothness(solution.variances)
     keys = [problem.whole_keys(i) for i in range(len(problem.bodies))]
-    poses = poses_by_delay(problem, measured.instants)
-    misfit = measured_misfit(
-        problem.views, problem.geometry(), poses, first=problem.first, spans=spans, threads=threads
-    )
+    misfit = solution.misfit or misfit_at(problem, motions, threads)
     gaps = misfit.mean_gaps(keys)
     systems = [images[i] + smooth.blocks(problem, i, motion) for i, motion in enumerate(motions)]
     tied = whole.tied(systems, motions)

@@ -27,7 +27,7 @@ from .descent_stages import OUTLINE_REACH, POLISH, POLISHED_AT_ONCE, REFINEMENT,
 from .equations.measurement import Workspace
 from .equations.problem import SegmentProblem, SegmentSolution
 from .gauss_newton import continued, descend, farthest_joint
-from .judgement.solution_doubts import doubted_performers
+from .judgement.solution_doubts import doubted_performers, misfit_at
 from .limb_corrections.leaping_limbs import with_leaps_bridged
 from .limb_corrections.limb_exchange import with_crossed_limbs_exchanged
 from .limb_corrections.limb_search import pictures_find_limbs
@@ -124,5 +124,6 @@ def resumed(
     Parameters as in `gauss_newton.descend`; `before` as in `protocol.Resume`.
     """
     found = descend(problem, start, workspace, RESUMED)
+    found = replace(found, misfit=misfit_at(problem, found.motions, workspace.threads))
     searched = start if farthest_joint(problem, before, start) < OUTLINE_REACH else None
     return None if doubted_performers(problem, start, found, searched) else found

@@ -25,14 +25,17 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 from scipy.special import chdtri, fdtri
 
 from ...body.foot_plants import MIN_DURATION
-from ...body.kinematics import Poses, part_poses
+from ...body.kinematics import Poses, part_poses, twist_jacobian
 from ...body.motion import Motion
 from ...body.soles import Soles
 from ...evidence.standing_points import RADIUS, log_gain_by_displacement, log_odds_of_standing
+from ...numerics import rotations
 from ...numerics.arrays import Array, Bools
+from ...numerics.banded import BandedFactor
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.frame_ranges import runs
 from ...numerics.robust_kernels import Quadratic
@@ -42,6 +45,7 @@ from .equations.plant_factor import PlantFactor
 from .equations.problem import SegmentProblem, SegmentSolution
 from .equations.segment_equations import equations_at
 from .gauss_newton import increments_of, moved_by
+from .place_covariance import PlaceCovariance
 from .protocol import SettledMotions, SolvedFrames
 
 SIGNIFICANCE = 0.01
@@ -133,23 +137,24 @@ class _Evidence:
 
     Attributes
     ----------
-    costs, odds : dict
-        Results of `_cost` and `_log_odds` by the performer, the plant's point and its steps: several tests ask for the
-        same.
+    odds : dict
+        Results of `_log_odds` by the performer, the plant's point and its steps: several tests ask for the same.
     tracked : dict
         World poses of the parts of each performer in its motion.
     soles : dict
         Where all points of a performer's soles were tracked, shape (F, C, 3).
+    places : dict
+        The `PlaceCovariance` of each point by the performer and the point.
     """
 
     problem: SegmentProblem
     members: Sequence[int]
     systems: Sequence[BandedBlocks]
     motions: tuple[Motion, ...]
-    costs: dict[tuple[object, ...], float] = field(default_factory=dict)
     odds: dict[tuple[object, ...], float] = field(default_factory=dict)
     tracked: dict[int, Poses] = field(default_factory=dict)
     soles: dict[int, Array] = field(default_factory=dict)
+    places: dict[tuple[int, int], PlaceCovariance] = field(default_factory=dict)
 
     def plants_that_fit(
         self, performer: int, seeming: Seeming, earlier: Seeming | None, ratios: Array
@@ -331,22 +336,37 @@ class _Evidence:
         return [*before, whole]
 
     def _cost(self, performer: int, plant: Plant, ratio: float) -> float:
-        """Increase of the least cost of the evidence, whose covariance is multiplied by a ratio, by a plant."""
-        asked = performer, plant.point, plant.steps
-        if asked not in self.costs:
-            # All costs are divided by the ratio; this deviation gives the plant its own again.
-            scaled = replace(plant.factor, sigma=plant.factor.sigma / np.sqrt(ratio))
-            self.costs[asked] = (self._least_cost({performer: scaled}) - self._least_without) / ratio
-        return self.costs[asked]
+        """Increase of the least cost of the evidence, whose covariance is multiplied by a ratio, by a plant.
+
+        The normal equations are factorised once for all plants: what a plant adds depends on the covariance of its
+        point's steps alone.
+        """
+        steps, covariance = self._place(performer, plant).steps(*plant.steps)
+        covariance = ratio * covariance + plant.seeming.sigma**2 * np.eye(len(steps))
+        return float(steps @ cho_solve(cho_factor(covariance, check_finite=False), steps, check_finite=False))
+
+    def _place(self, performer: int, plant: Plant) -> PlaceCovariance:
+        asked = performer, plant.point
+        if asked not in self.places:
+            (R, T), soles = self._poses(performer), plant.seeming.soles
+            part, points = soles.parts[plant.point], self._soles(performer, plant)[:, plant.point]
+            twist = twist_jacobian(self.problem.bodies[performer], R, T)[:, part]
+            jacobian = twist[:, :3] - rotations.skew(points) @ twist[:, 3:]
+            factor, step, places = self._without_plants
+            own = places[performer]
+            there = points + np.einsum("fid,fd->fi", jacobian, step[:, own])
+            self.places[asked] = PlaceCovariance(factor, own, jacobian, there)
+        return self.places[asked]
 
     @cached_property
-    def _least_without(self) -> float:
-        return self._least_cost({})
-
-    def _least_cost(self, plants: Mapping[int, PlantFactor]) -> float:
-        """Least cost of the normal equations together with some plants."""
-        [system] = self._with_plants(plants, self.motions).systems
-        return system.cost + system.slope(system.solve(0.0)) / 2
+    def _without_plants(self) -> tuple[BandedFactor, Array, dict[int, slice]]:
+        """Factor of the normal equations without plants, the step to their least cost, and the slices of their degrees
+        of freedom that belong to each member.
+        """
+        tied = self._with_plants({}, self.motions)
+        [system], [places] = tied.systems, tied.places
+        factor = system.factor()
+        return factor, -factor.solve(system.blocks.gradient), places
 
     def _with_plants(self, plants: Mapping[int, PlantFactor], there: tuple[Motion, ...]) -> TiedSystems:
         """Move the normal equations to motions nearby, and add plants."""

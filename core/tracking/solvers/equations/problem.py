@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ....body import Body
 from ....body.motion import Motion
 from ....body.smoothness_estimate import AccelerationVariances, axis_mobility, precision_of
+from ....evidence.misfit import Misfit
 from ....evidence.rendering.part_geometry import Geometry
 from ....evidence.segment_evidence import SegmentEvidence
 from ....evidence.view_frames import ViewFrames
@@ -237,6 +238,8 @@ class SegmentSolution:
     moved : float
         Largest distance by which the last stage, which keeps the noise and the smoothness of its start, moved a joint,
         metres.
+    misfit : Misfit, optional
+        Where the images do not fit the motions, if it was measured.
     """
 
     motions: tuple[Motion, ...]
@@ -252,6 +255,7 @@ class SegmentSolution:
     only: int | None = None
     doubted: tuple[int, ...] = ()
     moved: float = 0.0
+    misfit: Misfit | None = None
 
     @classmethod
     def of(

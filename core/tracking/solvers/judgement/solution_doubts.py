@@ -8,7 +8,7 @@ import numpy as np
 
 from ....body.limbs import limbs, without_end
 from ....body.motion import Motion
-from ....evidence.misfit import beyond_known, measured_misfit, most_explained
+from ....evidence.misfit import Misfit, beyond_known, measured_misfit, most_explained
 from ....evidence.occlusion import LONG_GAP
 from ....evidence.view_frames import views_with_foreground
 from ....numerics.arrays import Array, Bools, Ints
@@ -63,7 +63,7 @@ def doubted_performers(
     unsure = {i for i, alone in each.items() if not confirmed_by_keypoints(alone, start, solution)}
     missed = {i for i in unsure if is_doubtful(each[i], solution) or limb_on_background(each[i], solution)}
     if unsure - missed:
-        missed |= unsure & set(performers_uncovered(problem, solution.motions, searched))
+        missed |= unsure & set(performers_uncovered(problem, solution.motions, searched, solution.misfit))
     return [i for i, alone in each.items() if i in missed or limb_hidden_for_long(alone, solution)]
 
 
@@ -170,29 +170,39 @@ def limb_on_background(problem: SegmentProblem, solution: SegmentSolution) -> bo
 
 
 def performers_uncovered(
-    problem: SegmentProblem, motions: Sequence[Motion], searched: Sequence[Motion] | None = None
+    problem: SegmentProblem,
+    motions: Sequence[Motion],
+    searched: Sequence[Motion] | None = None,
+    misfit: Misfit | None = None,
 ) -> list[int]:
     """Return the performers beside whom some view shows foreground of half a limb or more that nobody covers.
 
     It must last for `LONG_GAP` frames, longer than prediction bridges. A lost arm is found by this; it is too
     small a part of the performer to show in the cover of the whole body. What is as large beside motions around which
-    limbs were searched for already, if there are any, is something else, such as a bystander.
+    limbs were searched for already, if there are any, is something else, such as a bystander. `misfit` is that of the
+    motions, if it is known.
     """
     held = [i for i in problem.sought if len(problem.whole_keys(i)) > 1]
     if not (held and views_with_foreground(problem.views)):
         return []
-    areas = _areas_beside(problem, motions)
+    areas = _areas_beside(problem, misfit or misfit_at(problem, motions))
     found = [i for i in held if _limb_for_long(problem, i, areas[:, i])]
     if not found or searched is None:
         return found
-    areas -= _areas_beside(problem, searched)
+    areas -= _areas_beside(problem, misfit_at(problem, searched))
     return [i for i in found if _limb_for_long(problem, i, areas[:, i])]
 
 
-def _areas_beside(problem: SegmentProblem, motions: Sequence[Motion]) -> Array:
-    """Return the areas of foreground beside all performers, see `Misfit.areas_beside`, shape (V, M, F)."""
+def misfit_at(problem: SegmentProblem, motions: Sequence[Motion], threads: int = 1) -> Misfit:
+    """Compare motions of all performers with the foreground images, on a number of threads."""
     poses = poses_by_delay(problem, view_instants(problem, motions))
-    misfit = measured_misfit(problem.views, problem.geometry(), poses, first=problem.first, spans=problem.spans())
+    return measured_misfit(
+        problem.views, problem.geometry(), poses, first=problem.first, spans=problem.spans(), threads=threads
+    )
+
+
+def _areas_beside(problem: SegmentProblem, misfit: Misfit) -> Array:
+    """Return the areas of foreground beside all performers, see `Misfit.areas_beside`, shape (V, M, F)."""
     return misfit.areas_beside([problem.whole_keys(i) for i in range(len(problem.bodies))])
 
 
