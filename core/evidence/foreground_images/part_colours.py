@@ -68,6 +68,8 @@ class PartColours:
         counts = np.zeros((len(performer), HISTOGRAM_BINS**3))
         for frame, label in parts.items():
             window = box_around(label >= 0, _EDGE_WIDTH)
+            if not label[window].size:
+                continue
             places, shown = bins(colour[frame][window]), label[window]
             for part in np.flatnonzero(np.bincount(shown[shown >= 0], minlength=len(performer))).tolist():
                 counts[part] += np.bincount(places[interior(shown == part, _EDGE_WIDTH)], minlength=HISTOGRAM_BINS**3)
