@@ -1,0 +1,45 @@
+"""What it costs to hold a point still, from the covariance of its places."""
+
+from __future__ import annotations
+
+import numpy as np
+from kfmocap.core.numerics.banded import BandedFactor
+from kfmocap.core.numerics.banded_blocks import BandedBlocks
+from kfmocap.core.tracking.solvers import place_covariance
+from kfmocap.core.tracking.solvers.place_covariance import PlaceCovariance
+
+FRAMES, D, SIGMA = 40, 7, 0.3
+OWN = slice(1, 6)
+"""The point's performer has these of the system's unknowns."""
+
+
+def system(rng: np.random.Generator) -> tuple[BandedBlocks, np.ndarray]:
+    """A positive definite system whose frames are coupled, with some unknowns fixed."""
+    blocks = BandedBlocks.zeros(FRAMES, D)
+    blocks.diagonal[:] = 6 * np.eye(D)
+    blocks.first[:] = rng.normal(scale=0.4, size=blocks.first.shape)
+    blocks.second[:] = rng.normal(scale=0.2, size=blocks.second.shape)
+    fixed = np.zeros((FRAMES, D), bool)
+    fixed[[0, 20]] = True
+    return blocks, fixed
+
+
+def dense(factor: BandedFactor) -> np.ndarray:
+    """The inverse of its matrix, shape (F, D, F, D)."""
+    return factor.solve(np.eye(FRAMES * D).reshape(FRAMES, D, -1)).reshape(FRAMES, D, FRAMES, D)
+
+
+def test_steps_of_a_point_have_the_covariance_of_the_normal_equations() -> None:
+    """More frames are asked for than are solved for at once, and in two turns, of which the second is longer."""
+    rng = np.random.default_rng(3)
+    factor = BandedFactor(*system(rng))
+    jacobian, places = rng.normal(size=(FRAMES, 3, OWN.stop - OWN.start)), rng.normal(size=(FRAMES, 3))
+    found = PlaceCovariance(factor, OWN, jacobian, places)
+    full = np.einsum("fid,fdge,gje->figj", jacobian, dense(factor)[:, OWN, :, OWN], jacobian)
+    assert place_covariance.FRAMES_AT_ONCE < FRAMES - 8
+    for first, last in ((10, 12), (4, 34)):
+        steps, covariance = found.steps(first, last)
+        some = slice(first, last + 2)
+        expected = np.diff(np.diff(full[some, :, some], axis=0), axis=2)
+        assert np.allclose(steps, np.diff(places[some], axis=0).ravel())
+        assert np.allclose(covariance, expected.reshape(len(steps), -1), atol=1e-12)
