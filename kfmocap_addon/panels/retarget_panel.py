@@ -5,6 +5,7 @@ import bpy
 from ..operators.characters.hand_shape import FingersFromKeypoints, HandShape
 from ..operators.characters.retarget_bones import FindBones, ForgetBones, LoadBoneMap, SaveBoneMap
 from ..operators.characters.send_to_rig import SendToRig, StopFollowing, TakeMotionBack
+from ..properties.pointer_polls import chosen_character
 from ..scene_io import active_performer
 from .section import Section, draw_as_form
 from .texts import draw_text
@@ -47,6 +48,8 @@ class RetargetPanel(Section, bpy.types.Panel):
         if missing := SendToRig.missing(context):
             draw_text(layout, context, missing, "INFO")
         layout.prop(settings, "target")
+        if settings.target is None and (only := chosen_character(context.scene)) is not None:
+            layout.label(text=f"{only.name}, the only other armature", icon="ARMATURE_DATA")
         layout.prop(settings, "preset")
         row = layout.row(align=True)
         row.operator(SendToRig.bl_idname, icon="ARMATURE_DATA")

@@ -2,6 +2,9 @@
 
 import bpy
 
+LIVE_CHANGES = "kfmocap_changed"
+"""Property that marks the hidden armature through which a character follows live, and holds what has changed for it."""
+
 
 def is_camera(_self: bpy.types.PropertyGroup, candidate: bpy.types.Object) -> bool:
     """A camera object."""
@@ -9,8 +12,8 @@ def is_camera(_self: bpy.types.PropertyGroup, candidate: bpy.types.Object) -> bo
 
 
 def is_armature(_self: bpy.types.PropertyGroup, candidate: bpy.types.Object) -> bool:
-    """An armature object."""
-    return candidate.type == "ARMATURE"
+    """An armature object of the user's."""
+    return candidate.type == "ARMATURE" and LIVE_CHANGES not in candidate
 
 
 def is_character(self: bpy.types.PropertyGroup, candidate: bpy.types.Object) -> bool:
@@ -18,6 +21,16 @@ def is_character(self: bpy.types.PropertyGroup, candidate: bpy.types.Object) -> 
     performers = [slot.armature for slot in self.id_data.kfmocap.performers]
     sources = [self.source] if self.source is not None else performers if len(performers) == 1 else []
     return is_armature(self, candidate) and candidate not in sources
+
+
+def chosen_character(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """Return the character that motion is sent to: the one that is chosen, or else the only other armature."""
+    settings = scene.kfmocap.retarget
+    if settings.target is not None:
+        return settings.target
+    bodies = [slot.armature for slot in scene.kfmocap.performers]
+    others = [thing for thing in scene.objects if thing not in bodies and is_character(settings, thing)]
+    return others[0] if len(others) == 1 else None
 
 
 def is_performer(self: bpy.types.PropertyGroup, candidate: bpy.types.Object) -> bool:

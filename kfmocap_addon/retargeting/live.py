@@ -23,13 +23,13 @@ from ...core.retargeting.control_rig import ControlRig
 from ...core.retargeting.rest_alignment import alignments
 from ...core.retargeting.roles import BoneMap
 from ...core.retargeting.transfer import Placement, hip_centre, hip_path, source_blends
+from ..properties.pointer_polls import LIVE_CHANGES
 from ..scene_io.body import body_armature
 from .rigs.held_bones import Driver
 from .rigs.rig_changes import restore_rows, rows_of_holds, rows_of_settings
 from .rigs.rig_settings import Owner
 
 NAME = "KF Mocap Live"
-_CHANGED = "kfmocap_changed"
 _LENGTH = 0.1  # of every copied bone, metres
 
 
@@ -116,7 +116,7 @@ def remember(
     """
     helper: Any = _helper_of(armature)
     changed = [rows_of_holds(holds), rows_of_settings(settings), muted, _shifts_undone(armature)]
-    helper[_CHANGED] = json.dumps(changed)
+    helper[LIVE_CHANGES] = json.dumps(changed)
 
 
 def _shifts_undone(armature: bpy.types.Object) -> list[tuple[str, list[float]]]:
@@ -141,7 +141,7 @@ def stop_following(armature: bpy.types.Object) -> bool:
         bone.constraints.remove(constraint)
     if helper is not None:
         # Older files have neither drivers nor shifts.
-        holds, settings, muted, shifts = (*json.loads(helper.get(_CHANGED, "[[], []]")), [], [])[:4]
+        holds, settings, muted, shifts = (*json.loads(helper.get(LIVE_CHANGES, "[[], []]")), [], [])[:4]
         restore_rows(armature, holds, settings, muted)
         for name, shift in shifts:
             if name in armature.pose.bones:

@@ -7,13 +7,14 @@ from pathlib import Path
 import bpy
 from bpy_extras.io_utils import ExportHelper
 
+from ...properties.pointer_polls import chosen_character
 from ..conditions import Conditional
 from ..mixin import FileReader
 
 
 def has_character(context: bpy.types.Context) -> str:
-    """A character is chosen."""
-    return "" if context.scene.kfmocap.retarget.target is not None else "Choose the character's armature first"
+    """A character is chosen, or is the only other armature."""
+    return "" if chosen_character(context.scene) is not None else "Choose the character's armature first"
 
 
 def has_list(context: bpy.types.Context) -> str:
@@ -34,6 +35,7 @@ class FindBones(Conditional, bpy.types.Operator):
 
         settings = context.scene.kfmocap.retarget
         preset = None if settings.preset == "auto" else settings.preset
+        settings.target = chosen_character(context.scene)
         bones = target_armatures.target_bones(settings.target, preset)
         listed_bones.list_bones(settings, bones)
         how = f"preset {bones.preset}" if bones.preset else f"their {bones.found_by}"

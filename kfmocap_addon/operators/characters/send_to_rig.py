@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
+from ...properties.pointer_polls import chosen_character
 from ...scene_io import active_performer
 from ..conditions import Conditional, has_performer
 
@@ -45,9 +46,9 @@ def was_sent_motion(context: bpy.types.Context) -> str:
 
 
 def has_target(context: bpy.types.Context) -> str:
-    """A character is chosen that is not the source itself."""
+    """A character is chosen, or is the only other armature, that is not the source itself."""
     settings = context.scene.kfmocap.retarget
-    target = settings.target
+    target = chosen_character(context.scene)
     if target is None:
         return "Choose the character's armature first"
     if target == (settings.source or active_performer.chosen(context).armature):
@@ -84,7 +85,7 @@ class SendToRig(Conditional, bpy.types.Operator):
             live = LiveSource(settings.source, source_motion.shown_bones(settings.source, bones))
         if settings.live:
             options = replace(options, live=live)
-        target = editable(settings.target, scene)
+        target = editable(chosen_character(scene), scene)
         elsewhere = show_in(scene, target)
         report = send.send_to_rig(scene, motion, target, first, options)
         settings.target = target

@@ -20,6 +20,7 @@ from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
 from kfmocap.kfmocap_addon.properties import pointer_polls  # noqa: E402
 from kfmocap.kfmocap_addon.properties.retarget_properties import KFMocapRetarget  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting import live  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.character_files import save_copy  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.motion_files import read_motion  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.rigs.overrides import editable  # noqa: E402
@@ -274,6 +275,21 @@ def test_what_moves_already_is_not_offered_as_the_character(tracked):
     settings.source = tracked
     assert not pointer_polls.is_character(settings, tracked)
     assert pointer_polls.is_character(settings, body)
+
+
+def test_the_only_other_armature_is_the_character_and_a_live_helper_is_none(tracked):
+    settings = bpy.context.scene.kfmocap.retarget
+    settings.target, settings.live = None, True
+    assert bpy.ops.kfmocap.send_to_rig() == {"FINISHED"}
+    assert settings.target == tracked
+    settings.target = None
+    [helper] = [o for o in bpy.data.objects if o.type == "ARMATURE" and o.name.startswith(live.NAME)]
+    assert not pointer_polls.is_character(settings, helper) and not pointer_polls.is_armature(settings, helper)
+    assert bpy.ops.kfmocap.find_bones() == {"FINISHED"}
+    assert settings.target == tracked
+    settings.target = None
+    built("unity", 0.0)
+    assert not bpy.ops.kfmocap.send_to_rig.poll()
 
 
 @pytest.mark.parametrize("in_collection", [True, False])
