@@ -43,8 +43,22 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
         )
     lines += _footage_lines(values)
     for performer in values["performers"]:
+        if text := key_rate_text(performer.get("file_fps", 0.0), values["fps"]):
+            lines.append(f"{performer['name']}: {text}")
         lines += [f"{performer['name']}: {line}" for line in _performer_lines(performer)]
     return lines
+
+
+def key_rate_text(rate: float, fps: float) -> str:
+    """Return a text that a file of key poses has another frame rate than its shot; empty if it has not, or states none
+    (0).
+    """
+    if not rate or abs(rate - fps) <= SAME_RATE * fps:
+        return ""
+    return (
+        f"the file of its key poses has {rate:.5g} frames per second, the shot {fps:.5g}; its rows are taken for the "
+        f"shot's frames one by one: if both rates are right, resample it to {fps:.5g}"
+    )
 
 
 def _shifted_together(views: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -122,8 +136,8 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
         found = FootageRate(**view["rate"]) if view.get("rate") else None
         if found is not None and found.varies:
             lines.append(f"{view['camera']}: {found.text(values['fps'] * every)}")
-        elif text := rate_text(rate / every, values["fps"]):
-            lines.append(f"{view['camera']}: {text}; if it is right, write fps = {rate / every:g} under [shot]")
+        elif text := rate_text(rate, found, every, values["fps"], values["frames"][1] - values["frames"][0] + 1):
+            lines.append(f"{view['camera']}: {text}; if its own is right, write it as fps under [shot]")
         if view.get("damage"):
             lines.append(f"{view['camera']}: {FootageDamage(**view['damage']).text}")
         if view["torn"]:
@@ -166,9 +180,27 @@ def keypoints_text(agreement: float) -> str:
     )
 
 
-def rate_text(rate: float, fps: float) -> str:
-    """Return a text that footage has another frame rate than its shot; empty if it has not, or states none (0)."""
-    if not rate or abs(rate - fps) <= _RATE_TOLERANCE * rate:
+def rate_text(stated: float, found: FootageRate | None, every: int, fps: float, frames: int) -> str:
+    """Return a text that footage has another frame rate than its shot; empty if it has not, or states none (0).
+
+    By the times of its frames, if these are constant: what a phone's file states is the mean over all of it, with a
+    last frame that may last longer. Over few frames, what their times are off hides a small difference.
+
+    Parameters
+    ----------
+    stated : float
+        Frames per second, as the file states them.
+    found : FootageRate, optional
+        By the times of its frames.
+    every : int
+        Number of the footage's frames for each of the shot.
+    fps, frames : float, int
+        The shot's frames per second, and their number.
+    """
+    steady = found is not None and not found.varies
+    rate = (round(found.rate, 3) if found is not None and steady else stated) / every
+    hidden = found.astray / every / frames if found is not None and steady else 0.0
+    if not rate or abs(rate - fps) <= max(_RATE_TOLERANCE, hidden) * rate:
         return ""
     return f"its footage has {rate:g} frames per second, the shot {fps:g}"
 

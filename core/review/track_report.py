@@ -157,6 +157,7 @@ def _performer(
     return {
         "name": performer.name,
         "keyframes": [first + int(f) for f in performer.key_poses.frames],
+        "file_fps": round(performer.file_fps, 3),
         "proposed_keyframes": [first + int(f) for f in performer.key_poses.proposals()],
         "occluded_below": OCCLUDED_BELOW,
         "occluded": {

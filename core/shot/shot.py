@@ -148,6 +148,8 @@ class Performer:
         none.
     fingers : bool
         Whether files with its motion include fingers, as found from keypoints.
+    file_fps : float
+        Frames per second that the file of its key poses states; 0 if it states none, or there is no file.
     """
 
     name: str
@@ -157,6 +159,7 @@ class Performer:
     unknown: tuple[str, ...] = ()
     joint_deviation: NDArray[np.float64] | None = field(default=None, compare=False)
     fingers: bool = field(default=False, compare=False)
+    file_fps: float = field(default=0.0, compare=False)
 
 
 @dataclass(frozen=True, eq=False)

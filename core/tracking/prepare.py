@@ -257,7 +257,7 @@ def _posed_by_bvh(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], firs
             rows = spec.rows(keys, len(skeleton), first)
             body = body_of_bvh(skeleton, spec.height)
         poses = poses_of_bvh(skeleton, body, rows)
-    return Performer(spec.name, body, KeyPoses.whole(keys - first, poses), spec.person)
+    return Performer(spec.name, body, KeyPoses.whole(keys - first, poses), spec.person, file_fps=skeleton.fps)
 
 
 def _prop(spec: PerformerSpec, mesh: Path, keys: NDArray[np.int64], first: int) -> Performer:
@@ -271,7 +271,7 @@ def _prop(spec: PerformerSpec, mesh: Path, keys: NDArray[np.int64], first: int) 
             rows = spec.rows(keys, len(skeleton), first)
             body = body_of_prop(skeleton.rest, vertices)
         poses = poses_of_bvh(skeleton, body, rows)
-    return Performer(spec.name, body, KeyPoses.whole(keys - first, poses))
+    return Performer(spec.name, body, KeyPoses.whole(keys - first, poses), file_fps=skeleton.fps)
 
 
 def _posed_by_landmarks(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], first: int) -> Performer:
@@ -290,7 +290,8 @@ def _posed_by_landmarks(spec: PerformerSpec, file: Path, keys: NDArray[np.int64]
     for row, shown in zip(free, known, strict=True):
         row[sorted(set(resting_parts(body, _unknown_parts(body, names, shown))) - resting)] = True
     posed = KeyPoses.whole(keys - first, poses).without_parts(free)
-    return Performer(spec.name, body, posed, spec.person, unknown, tip_misfits(body, names, points, poses))
+    misfits = tip_misfits(body, names, points, poses)
+    return Performer(spec.name, body, posed, spec.person, unknown, misfits, file_fps=landmarks.fps)
 
 
 def _unknown_parts(body: Body, names: Sequence[str], shown: NDArray[np.bool_]) -> tuple[str, ...]:

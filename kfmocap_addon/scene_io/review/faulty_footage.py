@@ -32,7 +32,7 @@ def show_faults(
         found = [(gap.brief, gap.text) for gap in gaps] + list(
             _faults(scene.kfmocap.frame_start, v, shot, parts, results)
         )
-        if rate := rate_text(_rate(view, v, results) / view.every, shot.fps):
+        if rate := _rate(view, v, shot, results):
             found.append((rate, rate))
         messages += [f"{view.camera.name}: {text}" for _, text in found]
         slot = slots.get(view.camera.name)
@@ -41,12 +41,11 @@ def show_faults(
     return messages
 
 
-def _rate(view: View, v: int, results: Sequence[TrackResult]) -> float:
-    """Return the rate of a view's frames per second, 0 if its file states none; the file is opened only if tracking has
-    not measured it.
-    """
+def _rate(view: View, v: int, shot: Shot, results: Sequence[TrackResult]) -> str:
+    """Return what is to be said of a view's frame rate; its file is opened only if tracking has not measured it."""
     measured = next((rate for r in results if r.rates and (rate := r.rates[v]) is not None), None)
-    return container_rate(view) if measured is None or measured.varies else round(measured.rate, 3)
+    stated = container_rate(view) if measured is None or measured.varies else 0.0
+    return rate_text(stated, measured, view.every, shot.fps, shot.length)
 
 
 def _faults(

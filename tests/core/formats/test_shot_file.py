@@ -378,11 +378,13 @@ def test_landmarks_of_the_whole_footage_say_which_frame_their_first_row_shows(fo
     names, points = walking(LAST - FIRST + 1)
     known = load_shot(folder / "shot.toml").performers[0].key_poses
     whole = np.concatenate([np.full((FIRST, *points.shape[1:]), np.nan), points])
-    write_trc(folder / "landmarks.trc", names, whole, 30)
+    write_trc(folder / "landmarks.trc", names, whole, 60)
     for row, difference in ((0, 0.0), (1, 0.5 / (LAST - FIRST))):
         text = TEXT.replace('name = "man"', f'name = "man"\nfirst_row = {row}')
         (folder / "shot.toml").write_text(text)
-        found = load_shot(folder / "shot.toml").performers[0].key_poses
+        performer = load_shot(folder / "shot.toml").performers[0]
+        assert performer.file_fps == 60, "rows are frames all the same, but it is said"
+        found = performer.key_poses
         assert found.frames.tolist() == known.frames.tolist()
         moved = known.poses.translations - found.poses.translations
         np.testing.assert_allclose(moved[:, 0], difference, atol=2e-3)

@@ -15,7 +15,7 @@ from kfmocap.core.cameras.world_axes import AXES, upward_doubt
 from kfmocap.core.errors import LandmarkError
 from kfmocap.core.formats import Landmarks
 from kfmocap.core.keypoints.observations import ShotKeypoints
-from kfmocap.core.review.report_text import report_lines
+from kfmocap.core.review.report_text import rate_text, report_lines
 from kfmocap.core.review.scoring import joint_error
 from kfmocap.core.review.track_report import report
 from kfmocap.core.runtime.files import write_json
@@ -210,11 +210,11 @@ def test_problems_of_the_footage_are_reported(
     result.late = (LateView(17, 0.6, 14.2), None)
     result.gaps = ((), (Gap(shot.frames[0] + 4, 1),))
     result.damage = (None, FootageDamage((61, 64), "error while decoding MB 10 74"))
-    monkeypatch.setattr("kfmocap.core.review.track_report.container_rate", lambda view: 29.97)
-    result.rates = (FootageRate(25.0, 0.1, 5), FootageRate(25.0, 2.3, 117))
+    monkeypatch.setattr("kfmocap.core.review.track_report.container_rate", lambda view: 30.07)
+    result.rates = (FootageRate(29.97, 0.1, 5), FootageRate(25.0, 2.3, 117))
     lines = report_lines(report(shot, result()))
     assert (
-        "cam01: its footage has 29.97 frames per second, the shot 25; if it is right, write fps = 29.97 under [shot]"
+        "cam01: its footage has 29.97 frames per second, the shot 25; if its own is right, write it as fps under [shot]"
         in lines
     )
     assert [line for line in lines if line.startswith(f"cam02: frame {shot.frames[0] + 4} is missing")]
@@ -222,6 +222,22 @@ def test_problems_of_the_footage_are_reported(
     assert [line for line in lines if "frames 61, 64 of the file (error while decoding MB 10 74)" in line]
     assert [line for line in lines if line.startswith("cam02: pictures that") and "frames 103, 104" in line]
     assert [line for line in lines if line.startswith("cam01: early from about frame 117 on: a frame seems to be miss")]
+
+
+def test_frame_rates_that_unsteady_times_explain_are_not_reported() -> None:
+    for astray, frames, text in ((0.3, 60, ""), (0.3, 600, "29.97"), (0.001, 60, "29.97")):
+        assert text in (said := rate_text(30.07, FootageRate(29.97, astray, 5), 1, 30.0, frames))
+        assert bool(said) == bool(text)
+
+
+def test_key_poses_of_another_frame_rate_are_reported(tracked: tuple[Shot, type]) -> None:
+    shot, result = tracked
+    for rate, said in ((0.0, 0), (25.1, 0), (50.0, 1)):
+        performers = tuple(replace(performer, file_fps=rate) for performer in shot.performers)
+        lines = report_lines(report(replace(shot, performers=performers), result()))
+        assert len([line for line in lines if "its key poses has 50 frames per second, the shot 25" in line]) == (
+            said * len(performers)
+        )
 
 
 @pytest.mark.parametrize(
