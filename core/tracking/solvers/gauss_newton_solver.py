@@ -32,7 +32,7 @@ from .limb_corrections.leaping_limbs import with_leaps_bridged
 from .limb_corrections.limb_exchange import with_crossed_limbs_exchanged
 from .limb_corrections.limb_search import pictures_find_limbs
 from .limb_corrections.regained_limbs import with_limbs_regained
-from .multi_start import best_of_starts
+from .multi_start import best_of_starts, first_solution
 from .thinned_frames import ThinnedProblem
 
 
@@ -48,9 +48,9 @@ def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspac
     if thinned is None:
         return _solved(problem, start, workspace)
     few, begin, inner = thinned.problem, thinned.of_motions(start), thinned.workspace(workspace.part(0.2, 1.0))
-    first = descend(few, begin, thinned.workspace(workspace.part(0.0, 0.1)))
+    first = first_solution(few, begin, thinned.workspace(workspace.part(0.0, 0.1)))
     if problem.settings.limb_search and doubted_performers(few, begin, first):
-        whole = _after(first, descend(problem, start, workspace.part(0.1, 0.2)))
+        whole = _after(first, first_solution(problem, start, workspace.part(0.1, 0.2)))
         if not doubted_performers(problem, start, whole):
             return _solved(problem, start, workspace.part(0.2, 1.0), first=whole)
         first = _after(whole, descend(few, thinned.of_motions(whole.motions), inner.silent(), SETTLED))
@@ -65,6 +65,8 @@ def _solved(
     if not pictures_find_limbs(problem):
         return solution
     solution = with_crossed_limbs_exchanged(problem, solution, workspace.part(0.8, 0.9))
+    if len(problem.bodies) > 1:  # leaps are few once all pixels count, in the refinement
+        return solution
     return with_leaps_bridged(problem, solution, workspace.part(0.9, 1.0))
 
 
@@ -100,8 +102,10 @@ def _refined_and_searched(
     first = gauss_newton.refine(problem, start, workspace.part(0.0, 0.3), stages)
     if not pictures_find_limbs(problem):
         return first, first
-    bridged = with_leaps_bridged(problem, first, workspace.part(0.3, 0.4), long_only=True)
-    if bridged.motions is not first.motions:
+    several = len(problem.bodies) > 1
+    begin = with_crossed_limbs_exchanged(problem, first, workspace.silent()) if several else first
+    bridged = with_leaps_bridged(problem, begin, workspace.part(0.3, 0.4), long_only=not several)
+    if bridged.motions is not begin.motions:
         bridged = _after(bridged, gauss_newton.refine(problem, bridged.motions, workspace.part(0.4, 0.5)))
     return first, with_limbs_regained(problem, bridged, workspace.part(0.5, 1.0))
 

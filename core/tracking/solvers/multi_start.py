@@ -14,13 +14,12 @@ from dataclasses import replace
 
 from ...body.motion import Motion
 from ...runtime.timing import Seconds
-from .descent_stages import OUTLINE_REACH, POLISHED_AT_ONCE, SETTLED
+from .descent_stages import OUTLINE_REACH, POLISHED_AT_ONCE, SETTLED, STAGES
 from .equations.measurement import Workspace
 from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .gauss_newton import continued, descend, farthest_joint
 from .judgement.settled_solutions import SettledSolution
 from .judgement.solution_doubts import (
-    MIN_FOLLOWED_SHARE,
     doubted_performers,
     images_contradict,
     is_doubtful,
@@ -30,7 +29,7 @@ from .judgement.solution_doubts import (
 from .judgement.solution_ranking import covering_most, settled_further
 from .limb_corrections.limb_exchange import with_limbs_exchanged
 from .limb_corrections.mirrored_limbs import with_limbs_mirrored
-from .limb_corrections.search_rounds import TrialRound, searched
+from .limb_corrections.search_rounds import TrialRound, searched, searched_among_others
 from .limb_corrections.strayed_limbs import with_limbs_returned
 from .starts.sequential_start import follow_both_ways
 from .starts.whole_turns import with_whole_turn
@@ -48,7 +47,7 @@ def best_of_starts(
     where that is better. Parameters as in `gauss_newton.descend`; `first` is the solution from the curve, if it is
     known.
     """
-    best = first or descend(problem, start, workspace.part(0.0, 0.2))
+    best = first or first_solution(problem, start, workspace.part(0.0, 0.2))
     seconds = Seconds(best.seconds)
     if problem.keypoints:
         with seconds.measure("initial solution"):
@@ -56,11 +55,6 @@ def best_of_starts(
     if problem.search is not AccelerationSearch.JOINTS:
         problem = problem.with_smoothness(best.variances)
     doubted = doubted_performers(problem, start, best) if problem.settings.limb_search else []
-    if doubted and len(problem.bodies) > 1 and problem.shows_depth and not problem.keypoints:
-        polished = descend(problem, best.motions, workspace.silent(), POLISHED_AT_ONCE)
-        seconds.add(polished.seconds)
-        best = continued(best, polished)
-        doubted = doubted_performers(problem, start, best)
     motions, dispelled = best.motions, False
     for k, i in enumerate(worst_first(problem, best, doubted)):
         own_start = [start[j] if j == i else motion for j, motion in enumerate(motions)]
@@ -82,13 +76,21 @@ def best_of_starts(
         settled = descend(problem, motions, workspace.silent(), SETTLED)
         seconds.add(settled.seconds)
         best = continued(best, settled)
-    if doubted and not dispelled and not problem.keypoints:  # keypoints show where limbs are
+    if doubted and not dispelled and not problem.keypoints and len(problem.bodies) == 1:  # keypoints show the limbs
         with seconds.measure("initial solution"):
-            best = with_limbs_exchanged(problem, best, workspace.part(0.9, 1.0), doubted)
+            best = with_limbs_exchanged(problem, best, workspace.part(0.9, 1.0))
     if problem.keypoints:
         with seconds.measure("initial solution"):
             best = with_limbs_mirrored(problem, best, workspace.silent())
     return replace(best, seconds=seconds, doubted=() if dispelled else tuple(doubted))
+
+
+def first_solution(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
+    """Descend from the start; with several performers in several views by all pixels in the end, as those whom others
+    hide are seen by few views. Parameters as in `gauss_newton.descend`.
+    """
+    among_others = len(problem.bodies) > 1 and problem.shows_depth and not problem.keypoints
+    return descend(problem, start, workspace, (*STAGES[:-1], *POLISHED_AT_ONCE) if among_others else STAGES)
 
 
 def best_of_own_starts(
@@ -128,19 +130,22 @@ def best_of_own_starts(
         with seconds.measure("initial solution"):
             start, first = with_whole_turn(problem, start, straight := first, workspace.part(0.0, 0.05))
     solutions = [first]
-    if searching and first is straight and not images_contradict(problem, first):
+    if searching and len(problem.bodies) == 1 and first is straight and not images_contradict(problem, first):
         with seconds.measure("initial solution"):
             begin = SettledSolution.after(problem, first, workspace.silent())
             trial = TrialRound.around(problem, begin, workspace.part(0.0, 0.1))
         if not trial.explains(problem):
             return replace(first, seconds=seconds)
-    alone_in_sight = first.unhidden[performer].min() > MIN_FOLLOWED_SHARE
-    if not searching or (alone_in_sight and is_doubtful(problem, first)):
+    if not searching or (len(problem.bodies) == 1 and is_doubtful(problem, first)):
         with seconds.measure("initial solution"):
             initial = follow_both_ways(problem, start, workspace.part(0.0, 0.15))
         solutions.append(descend(problem, initial, workspace.part(0.15, 0.25)))
         seconds.add(solutions[1].seconds)
     best = covering_most(problem, *solutions)
+    if searching and len(problem.bodies) > 1:
+        with seconds.measure("initial solution"):
+            best = searched_among_others(problem, best, workspace.part(0.35, 1.0))
+        return replace(best, seconds=seconds, doubted=(performer,))
     agreed = searching and trial is None and starts_agree(problem, *solutions)
     if searching and (agreed or best is not first):
         with seconds.measure("initial solution"):

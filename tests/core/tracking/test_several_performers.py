@@ -24,6 +24,7 @@ from kfmocap.core.tracking.picture_store import PictureStore, StoredView
 from kfmocap.core.tracking.reader import ColourFrames
 from kfmocap.core.tracking.segments import MAX_LENGTH, PosedFrames, posed_frames, segments
 from kfmocap.core.tracking.solvers import gauss_newton, multi_start
+from kfmocap.core.tracking.solvers.descent_stages import POLISHED_AT_ONCE, STAGES, DescentStage
 from kfmocap.core.tracking.solvers.equations import segment_equations
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
@@ -388,28 +389,19 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Told:
 
 
 WRONG = [moved(truth, np.array([0.1, 0.0, 0.0])) for truth in TRUTHS]
-BOTH = SegmentProblem((), (BODY, BODY), 0, 30.0, (ends_held(BODY, FRAMES),) * 2)
+BOTH = SegmentProblem(tuple(coloured_views(TRUTHS)), (BODY, BODY), 0, 30.0, (ends_held(BODY, FRAMES),) * 2)
 
 
-@pytest.mark.parametrize(("less", "solved"), [(0.0, [None, 0, 0, 1, 1, None]), (2.0, [None])])
 def test_limbs_are_exchanged_by_solving_their_own_performer_and_all_settle_at_last(
-    monkeypatch: pytest.MonkeyPatch, told: Told, less: float, solved: list[int | None]
+    monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
-    """What is tried for one of many does not cost as much as solving all of them; what covers far less once it has
-    settled is not solved at all.
-    """
-    cover = [-less * solution_ranking.HOPELESS_LOSS]
+    """What is tried for one of many does not cost as much as solving all of them."""
     best = told.found(BOTH, WRONG)
-
-    def measured(problem: SegmentProblem, solution: SegmentSolution, *_: object) -> float:
-        return solution.cover + cover[0] * abs(solution.sought_cover)
-
-    monkeypatch.setattr(limb_exchange, "cover_at", measured)
     monkeypatch.setattr(limb_exchange, "likelihood", lambda _problem, _noise, found: 1e3 * found.cover)
-    found = limb_exchange.with_limbs_exchanged(BOTH, best, Workspace())
-    assert found.motions == (tuple(TRUTHS) if None in solved[1:] else tuple(WRONG))
+    found = limb_exchange.with_crossed_limbs_exchanged(BOTH, best, Workspace())
+    assert found.motions == tuple(TRUTHS)
     assert found.only is None
-    assert told.solved == solved
+    assert told.solved == [None, 0, 0, 1, 1, None]
 
 
 def test_exchanges_that_are_no_likelier_leave_the_solution_as_it_was(
@@ -417,9 +409,8 @@ def test_exchanges_that_are_no_likelier_leave_the_solution_as_it_was(
 ) -> None:
     """It is compared with them once it has settled as they have; all performers are not solved again for that."""
     best = told.found(BOTH, WRONG)
-    monkeypatch.setattr(limb_exchange, "cover_at", lambda _problem, solution, *_: solution.cover)
     monkeypatch.setattr(limb_exchange, "likelihood", lambda *_: 0.0)
-    assert limb_exchange.with_limbs_exchanged(BOTH, best, Workspace()) is best
+    assert limb_exchange.with_crossed_limbs_exchanged(BOTH, best, Workspace()) is best
     assert told.solved == [None, 0, 0, 1, 1]
 
 
@@ -438,37 +429,11 @@ def test_limbs_in_each_others_places_are_not_led_away_again_by_coarse_steps(
 
     monkeypatch.setattr(limb_exchange, "approach", astray)
     monkeypatch.setattr(limb_exchange, "exchanges", exchanged)
-    monkeypatch.setattr(limb_exchange, "cover_at", lambda _problem, solution, *_: solution.cover)
     monkeypatch.setattr(limb_exchange, "likelihood", lambda _problem, _noise, found: 1e3 * found.cover)
     best = told.found(BOTH, WRONG)
     for places in (False, True):
-        found = limb_exchange.with_limbs_exchanged(BOTH, best, Workspace())
+        found = limb_exchange.with_crossed_limbs_exchanged(BOTH, best, Workspace())
         assert found.motions == tuple(TRUTHS if places else WRONG)
-
-
-def test_limbs_of_one_of_several_that_reach_across_each_other_come_back_to_their_places(
-    monkeypatch: pytest.MonkeyPatch, told: Told
-) -> None:
-    """Though nothing contradicts the solution; the other performer stays as it was until both are solved together."""
-
-    @dataclass(frozen=True)
-    class Crossed:
-        performer: int
-
-        def reaches_across(self, *_: object) -> bool:
-            return self.performer == 1
-
-        def of_places(self, _problem: SegmentProblem, motions: Sequence[Motion]) -> tuple[Motion, ...]:
-            return tuple(TRUTHS[j] if j == self.performer else motion for j, motion in enumerate(motions))
-
-    monkeypatch.setattr(limb_exchange, "swaps", lambda problem, _motions: [Crossed(i) for i in problem.sought])
-    monkeypatch.setattr(limb_exchange, "cover_at", lambda _problem, solution, *_: solution.cover + 1.0)
-    monkeypatch.setattr(limb_exchange, "likelihood", lambda _problem, _noise, found: 1e3 * found.cover)
-    both = replace(BOTH, views=tuple(coloured_views(TRUTHS)))
-    best = told.found(both, WRONG)
-    found = limb_exchange.with_crossed_limbs_exchanged(both, best, Workspace())
-    assert found.motions == (WRONG[0], TRUTHS[1]) and found.only is None
-    assert set(told.solved[1:-1]) == {1} and told.solved[-1] is None
 
 
 def searched_for(monkeypatch: pytest.MonkeyPatch, doubts: list[list[int]]) -> list[int | None]:
@@ -481,77 +446,50 @@ def searched_for(monkeypatch: pytest.MonkeyPatch, doubts: list[list[int]]) -> li
 
     monkeypatch.setattr(multi_start, "doubted_performers", lambda *_: doubts.pop(0))
     monkeypatch.setattr(multi_start, "best_of_own_starts", own)
-    monkeypatch.setattr(multi_start, "with_limbs_exchanged", lambda _problem, best, *_: best)
-    multi_start.best_of_starts(replace(BOTH, views=tuple(coloured_views(TRUTHS))), WRONG, Workspace())
+    multi_start.best_of_starts(BOTH, WRONG, Workspace())
     return looked
 
 
 def test_the_performer_who_is_explained_least_is_searched_first(monkeypatch: pytest.MonkeyPatch, told: Told) -> None:
     shares = [np.array([1.0, 0.7, np.nan]), np.array([1.0, 0.4, 0.9])]
     monkeypatch.setattr(solution_doubts, "explained_share", lambda _problem, _solution, i: shares[i])
-    assert searched_for(monkeypatch, [[0, 1], [0, 1], [0]]) == [1, 0]
+    assert searched_for(monkeypatch, [[0, 1], [0]]) == [1, 0]
 
 
 def test_a_performer_no_longer_doubtful_once_others_are_found_is_not_searched_for(
     monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
     monkeypatch.setattr(solution_doubts, "explained_share", lambda *_: np.ones(FRAMES))
-    assert searched_for(monkeypatch, [[0, 1], [0, 1], []]) == [0]
+    assert searched_for(monkeypatch, [[0, 1], []]) == [0]
 
 
-def test_a_performer_no_longer_doubtful_once_all_are_solved_further_is_not_searched_for(
+def test_several_performers_are_solved_by_all_pixels_before_anybody_is_doubted(
     monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
-    """By all pixels: those whom others hide are seen by few views."""
-    monkeypatch.setattr(solution_doubts, "explained_share", lambda *_: np.ones(FRAMES))
-    assert searched_for(monkeypatch, [[0, 1], [1]]) == [1]
-    assert searched_for(monkeypatch, [[0, 1], []]) == []
-    assert told.solved == [None, None] * 2
+    """Those whom others hide are seen by few views."""
+    stages: list[Sequence[DescentStage]] = []
+
+    def descend(
+        problem: SegmentProblem, start: Sequence[Motion], _: Workspace, of: Sequence[DescentStage]
+    ) -> SegmentSolution:
+        stages.append(of)
+        return told.found(problem, start)
+
+    monkeypatch.setattr(multi_start, "descend", descend)
+    assert searched_for(monkeypatch, [[]]) == []
+    multi_start.first_solution(BOTH.alone(0), WRONG, Workspace())
+    assert [each[-1] for each in stages] == [POLISHED_AT_ONCE[-1]] * 2
+    multi_start.first_solution(replace(BOTH, views=BOTH.views[:1]), WRONG, Workspace())
+    assert stages[2] is STAGES
 
 
-@pytest.mark.parametrize("in_sight", [0.95, 0.8])
-def test_the_motion_of_a_performer_whom_others_hide_is_not_followed(
-    monkeypatch: pytest.MonkeyPatch, told: Told, in_sight: float
-) -> None:
-    followed: list[int | None] = []
-
-    def follow(problem: SegmentProblem, start: list[Motion], *_: object) -> list[Motion]:
-        followed.append(problem.only)
-        return start
-
-    monkeypatch.setattr(multi_start, "follow_both_ways", follow)
-    monkeypatch.setattr(multi_start, "searched", lambda _problem, _start, solutions, *_, **__: solutions[0])
+def test_the_motion_of_one_of_several_performers_is_not_followed(monkeypatch: pytest.MonkeyPatch, told: Told) -> None:
+    searches: list[SegmentSolution] = []
+    monkeypatch.setattr(multi_start, "searched_among_others", lambda _, best, *__: searches.append(best) or best)
     for doubt in ("images_contradict", "is_doubtful"):
         monkeypatch.setattr(multi_start, doubt, lambda *_: True)
     alone = BOTH.alone(1)
     first = told.found(alone, WRONG)
-    first.unhidden[1, 3] = in_sight
-    multi_start.best_of_own_starts(alone, WRONG, first, Workspace())
-    assert followed == ([1] if in_sight > solution_doubts.MIN_FOLLOWED_SHARE else [])
-
-
-@pytest.mark.parametrize(("gain", "turned"), [(0.0, False), (100.0, False), (0.0, True)])
-def test_if_only_uncovered_foreground_is_left_one_round_of_search_must_explain_it(
-    monkeypatch: pytest.MonkeyPatch, told: Told, gain: float, turned: bool
-) -> None:
-    """It may be the bare arm of a bystander. A motion to which a whole turn was added is searched all the same."""
-    searches: list[int | None] = []
-    alone = BOTH.alone(1)
-    first = told.found(alone, WRONG)
-    better = [WRONG[0], TRUTHS[1].moved(np.full((FRAMES, BODY.dof), 0.3))]
-
-    def searched(
-        problem: SegmentProblem, _start: object, solutions: Sequence[SegmentSolution], *_: object, **__: object
-    ) -> SegmentSolution:
-        searches.append(problem.only)
-        return solutions[0]
-
-    with_turn = (WRONG, told.found(alone, WRONG))
-    monkeypatch.setattr(multi_start, "with_whole_turn", lambda *_: with_turn if turned else (WRONG, first))
-    monkeypatch.setattr(multi_start, "images_contradict", lambda *_: False)
-    monkeypatch.setattr(search_rounds, "search_round", lambda *_, **__: told.found(alone, better))
-    monkeypatch.setattr(search_rounds, "likelihood", lambda _p, _n, found: gain * (found.motions[1] is better[1]))
-    monkeypatch.setattr(multi_start, "follow_both_ways", lambda _problem, start, *_: start)
-    monkeypatch.setattr(multi_start, "searched", searched)
-    multi_start.best_of_own_starts(alone, WRONG, first, Workspace())
-    assert searches == ([1] if gain or turned else [])
+    monkeypatch.setattr(multi_start, "with_whole_turn", lambda _problem, start, first, *_: (start, first))
+    found = multi_start.best_of_own_starts(alone, WRONG, first, Workspace())
+    assert searches == [first] and found.motions is first.motions and found.doubted == (1,)

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from ....body import Body, part_poses
 from ....body.limbs import limb_pairs
-from ....body.motion import Motion, with_motion
+from ....body.motion import Motion, stacked, with_motion
+from ....body.smoothness import second_differences
 from ....numerics import rotations
 from ....numerics.arrays import Array
 from ..equations.problem import SegmentProblem
@@ -27,6 +28,10 @@ MEETING_RATIO = 0.75
 """Two minima of the distance count as meetings if both are smaller than this share of its maximum between them."""
 VELOCITY_WINDOW = 0.2
 """Time before and after a meeting over which velocities are compared, seconds."""
+ROUGHNESS_RATIO = 2.0
+"""Ratio of the sums of squared accelerations with limbs of one of several performers exchanged and as they are, up to
+which they may be mistaken for each other: limbs that are, leap where they begin to follow each other's pictures, and so
+do limbs that are not once they are exchanged."""
 SWITCH_WINDOW = 0.1
 """Time before and after a meeting within which the motion may change from one limb to the other, seconds."""
 
@@ -92,17 +97,24 @@ def exchanges(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[Ex
 
     A solver that mistook the limbs at both meetings has made the motion between them smooth, so only the images can
     show that they were exchanged. Key poses count as meetings, too: limbs may be mistaken right beside them. The limbs
-    change over near a meeting where that makes the motion smoothest. They exchange their directions. They also exchange
-    their places for one of several performers in several views, if they reach across each other, and for a single one
-    in a single view: what followed the other limb's pictures is at the right place in the picture, and in a wrong one
-    in depth.
+    change over near a meeting where that makes the motion smoothest. They exchange their directions. For a single
+    performer in a single view, they also exchange their places: what followed the other limb's pictures is at the right
+    place in the picture, and in a wrong one in depth. Limbs of one of several performers in several views exchange
+    their places if they reach across each other, and otherwise their directions, but only if that hardly makes the
+    motion rougher (`ROUGHNESS_RATIO`).
 
     Yields
     ------
     Exchange
     """
     for swap in swaps(problem, motions):
-        if _is_alone_in_one_view(problem) or (_is_among_others(problem) and swap.reaches_across(problem, motions)):
+        if _is_among_others(problem):
+            places = swap.reaches_across(problem, motions)
+            there = swap.of_places(problem, motions) if places else swap.of_directions(problem, motions)
+            if swap.roughness(problem, there) < ROUGHNESS_RATIO * swap.roughness(problem, motions):
+                yield Exchange(there, places)
+            continue
+        if _is_alone_in_one_view(problem):
             yield Exchange(swap.of_places(problem, motions), places=True)
         yield Exchange(swap.of_directions(problem, motions))
 
@@ -145,6 +157,17 @@ class Swap:
         across = T[:, right[0]] - T[:, left[0]]
         sides = T[:, right[1:]] - T[:, left[1:]]
         return bool(np.einsum("fa,fka->", across, sides) < 0)
+
+    def roughness(self, problem: SegmentProblem, motions: Sequence[Motion]) -> float:
+        """Sum of the squared accelerations of the limbs' joints in motions, relative to the first, with the poses that
+        are known beside the segment.
+        """
+        i, (left, right) = self.performer, self.pair
+        before, after = problem.around(i)
+        known = stacked([motion for motion in (before, motions[i], after) if motion is not None])
+        _, T = part_poses(problem.bodies[i], known)
+        joints = T[:, left[1:] + right[1:]] - T[:, [left[0]]]
+        return float((second_differences(joints, problem.known_steps(i)) ** 2).sum())
 
 
 def swaps(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[Swap]:

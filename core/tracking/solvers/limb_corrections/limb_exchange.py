@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import islice
 
@@ -19,7 +19,6 @@ from ..gauss_newton import approach, continued, descend
 from ..judgement.solution_ranking import (
     RESTING_GAIN,
     cover_at,
-    is_hopeless,
     likeliest_at_rest,
     likelihood,
     likelihood_decides,
@@ -77,39 +76,52 @@ def recombined(
     return best
 
 
-def with_limbs_exchanged(
-    problem: SegmentProblem, best: SegmentSolution, workspace: Workspace, performers: Sequence[int] | None = None
-) -> SegmentSolution:
-    """Exchange left and right limbs of some performers, or of all, between two of their meetings, where that is better.
+def with_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspace: Workspace) -> SegmentSolution:
+    """Exchange left and right limbs of the performer that is solved for between two of their meetings, where that is
+    better.
 
     Legs that pass each other twice between two key poses look much as if they had turned back both times. A search for
-    one limb at a time does not find this error, as the other limb is in its place. Performers are treated in turn, with
-    the motions of the others given (`_in_turn`).
+    one limb at a time does not find this error, as the other limb is in its place. Among several performers, the
+    solution is only solved further to be compared with an exchange that may be better, and stays as it was where no
+    exchange counts.
     """
-    if len(problem.sought) == 1:
-        return _with_own_limbs_exchanged(problem, best, workspace)
-    asked = problem.sought if performers is None else performers
-    return _in_turn(problem, best, asked, _with_own_limbs_exchanged, workspace)
+    noise = noise_at(problem, best, workspace)
+    count = len(list(exchanges(problem, best.motions)))
+    rest = _Rest(problem, noise, workspace)
+    if count > 0 and problem.only is None:
+        best = rest.of(best)
+    kept = best
+    for k in range(count):
+        part = workspace.part(k / count, (k + 1) / count)
+        # Generated anew from the best so far: an accepted exchange leaves the meetings of the limbs where they were.
+        for exchange in islice(exchanges(problem, best.motions), k, k + 1):
+            found = _exchange_tried(problem, best, exchange, rest, part)
+            if found is None:
+                continue
+            best = rest.of(best)
+            if _exchange_counts(problem, best, found, noise):
+                best = kept = rest.known = continued(best, found)
+    return kept
 
 
-def _in_turn(
-    problem: SegmentProblem,
-    best: SegmentSolution,
-    performers: Sequence[int],
-    exchanged: Callable[[SegmentProblem, SegmentSolution, Workspace], SegmentSolution],
-    workspace: Workspace,
+def _with_mistaken_limbs_exchanged(
+    problem: SegmentProblem, best: SegmentSolution, workspace: Workspace
 ) -> SegmentSolution:
-    """Exchange limbs of one performer after the other, with the motions of the others given; if any were exchanged, all
-    are solved together at the end.
+    """Exchange limbs of one of several performers after the other, with the motions of the others given; if any were
+    exchanged, all are solved together at the end.
     """
-    motions = best.motions
-    for k, i in enumerate(performers):
-        part = workspace.part(k / len(performers), (k + 1) / len(performers))
-        alone = problem.alone(i)
-        motions = exchanged(alone, replace(best, motions=motions, only=alone.only), part).motions
+    seconds, motions = Seconds(best.seconds), best.motions
+    with seconds.measure("initial solution"):
+        for i in problem.sought:
+            alone = problem.alone(i)
+            if any(True for _ in exchanges(alone, motions)):
+                begin = replace(best, motions=motions, only=alone.only)
+                motions = with_limbs_exchanged(alone, begin, workspace.silent()).motions
     if motions is best.motions:
         return best
-    return continued(best, descend(problem, motions, workspace.silent(), SETTLED))
+    found = descend(problem, motions, workspace, SETTLED)
+    seconds.add(found.seconds)
+    return replace(continued(best, found), seconds=dict(seconds), doubted=best.doubted)
 
 
 def with_crossed_limbs_exchanged(
@@ -129,20 +141,8 @@ def with_crossed_limbs_exchanged(
     """
     if not problem.shows_depth:
         return best
-    if len(problem.bodies) == 1:
-        return _with_own_crossed_limbs_exchanged(problem, best, workspace)
-    found = _in_turn(problem, best, problem.sought, _with_own_crossed_limbs_exchanged, workspace)
-    if found is best:
-        return best
-    seconds = Seconds(best.seconds)
-    seconds.add(found.seconds)
-    return replace(found, seconds=dict(seconds), doubted=best.doubted)
-
-
-def _with_own_crossed_limbs_exchanged(
-    problem: SegmentProblem, best: SegmentSolution, workspace: Workspace
-) -> SegmentSolution:
-    """Do the same for the performer that is solved for."""
+    if len(problem.bodies) > 1:
+        return _with_mistaken_limbs_exchanged(problem, best, workspace)
     crossed = [swap for swap in swaps(problem, best.motions) if swap.reaches_across(problem, best.motions)]
     seconds = Seconds(best.seconds)
     with seconds.measure("initial solution"):
@@ -166,29 +166,6 @@ def _with_places_exchanged(
         found = _exchange_tried(problem, settled, exchange, rest, workspace)
         if found is not None and _exchange_counts(problem, settled, found, noise):
             kept = settled = rest.known = continued(settled, found)
-    return kept
-
-
-def _with_own_limbs_exchanged(problem: SegmentProblem, best: SegmentSolution, workspace: Workspace) -> SegmentSolution:
-    """Do the same for the performer that is solved for. Among several performers, the solution is only solved further
-    to be compared with an exchange that may be better, and stays as it was where no exchange counts.
-    """
-    noise = noise_at(problem, best, workspace)
-    count = len(list(exchanges(problem, best.motions)))
-    rest = _Rest(problem, noise, workspace)
-    if count > 0 and problem.only is None:
-        best = rest.of(best)
-    kept = best
-    for k in range(count):
-        part = workspace.part(k / count, (k + 1) / count)
-        # Generated anew from the best so far: an accepted exchange leaves the meetings of the limbs where they were.
-        for exchange in islice(exchanges(problem, best.motions), k, k + 1):
-            found = _exchange_tried(problem, best, exchange, rest, part)
-            if found is None:
-                continue
-            best = rest.of(best)
-            if _exchange_counts(problem, best, found, noise):
-                best = kept = rest.known = continued(best, found)
     return kept
 
 
@@ -263,8 +240,6 @@ def _exchange_settled(
         return settled_further(problem, noise, found, workspace, rival=rival)
     if not exchange.places:
         motions, *_ = approach(problem, motions, workspace.part(0.0, 0.3), SETTLING)
-    if is_hopeless(best, cover_at(problem, best, motions, workspace), best.cover):
-        return None
     vain = None
     if likelihood_decides(problem):
         vain = never_likelier(problem, noise, likelihood(problem, noise, rest.of(best)) + RESTING_GAIN)

@@ -99,7 +99,7 @@ def _searched(problem: SegmentProblem, motions: Sequence[Motion], pair: LimbPair
         motion = evenly_led(problem, performer, motion, chain)
     for chain in pair:
         around = with_motion(motions, performer, motion)
-        motion = freed_limb(problem, around, (performer, chain), _SEED + turn, POINTS_PER_PART)
+        motion = freed_limb(problem, around, (performer, chain), _SEED + turn, points=POINTS_PER_PART)
     return motion
 
 

@@ -5,6 +5,7 @@ reached in one.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,13 +13,16 @@ from ....body.motion import with_motion
 from .. import gauss_newton
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
-from ..equations.segment_equations import SegmentNoise
-from ..judgement.settled_solutions import SettledSolutions
-from ..judgement.solution_ranking import RESTING_GAIN, likeliest_at_rest, likelihood, noise_at
+from ..judgement.settled_solutions import SettledSolution, SettledSolutions
+from ..judgement.solution_ranking import RESTING_GAIN, likeliest_at_rest, likelihood
 from ..limb_evidence.limb_likelihood import LimbOfPerformer
+from .limb_search import views_of
 from .limbs_elsewhere import found_across, found_elsewhere, leads_elsewhere, solved_from
 from .search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
 
+LEAST_GAIN = 100.0
+"""Smallest gain in log likelihood, in natural units, for which a limb of one of several performers is moved: right ones
+gain up to 60 by chance."""
 MAX_RETURNS = 2
 """Rounds of the search in a row after which a limb is where it was, and the search ends: it is right there. With
 several performers one is enough."""
@@ -43,30 +47,27 @@ def with_limb_regained(
         Shared by the searches for all limbs.
     """
     alone, known = problem.alone(place[0]), known or SettledSolutions()
-    noise = noise_at(alone, solution, workspace)
 
-    def settled() -> SegmentSolution:
-        return known.after(alone, solution, workspace.silent()).solution
+    def settled() -> SettledSolution:
+        return known.after(alone, solution, workspace.silent())
 
     if len(problem.bodies) > 1:
-        tried = _tried_among_others(alone, solution, place, noise, settled=settled, workspace=workspace)
+        tried = _tried_among_others(alone, solution, place, settled=settled, workspace=workspace)
     else:
-        tried = _tried_alone(alone, place, noise, settled=settled, workspace=workspace)
+        tried = _tried_alone(alone, place, settled=settled, workspace=workspace)
     if not tried:
         return solution
-    best = likeliest_at_rest(alone, noise, settled(), *tried, workspace=workspace)
-    if best is settled():
+    best = likeliest_at_rest(alone, settled().noise, settled().solution, *tried, workspace=workspace)
+    if best is settled().solution:
         return solution
+    if len(problem.bodies) > 1:
+        gain = likelihood(alone, settled().noise, best) - likelihood(alone, settled().noise, settled().solution)
+        return replace(solution, motions=best.motions) if gain > LEAST_GAIN else solution
     return gauss_newton.continued(solution, gauss_newton.refine(problem, best.motions, workspace.silent()))
 
 
 def _tried_alone(
-    problem: SegmentProblem,
-    place: LimbOfPerformer,
-    noise: SegmentNoise,
-    *,
-    settled: Callable[[], SegmentSolution],
-    workspace: Workspace,
+    problem: SegmentProblem, place: LimbOfPerformer, *, settled: Callable[[], SettledSolution], workspace: Workspace
 ) -> list[SegmentSolution]:
     """Search for a limb of a single performer round after round, until `MAX_RETURNS` in a row lead back, and return all
     that was found.
@@ -75,17 +76,20 @@ def _tried_alone(
     ----------
     problem : SegmentProblem
     place : LimbOfPerformer
-    noise : SegmentNoise
     settled : callable
         Returns the solution with which results are compared; the search begins around it.
     workspace : Workspace
     """
-    around, returned = settled(), 0
+    noise, around, returned = settled().noise, settled().solution, 0
     across = found_across(problem, around.motions, place)
     tried = [] if across is None else [solved_from(problem, across, noise, workspace.silent())]
     around = max(around, *tried, key=lambda one: likelihood(problem, noise, one)) if tried else around
     for turn in range(MAX_SEARCH_ROUNDS):
-        there = _solved_elsewhere(problem, around, place, noise, turn=turn, workspace=workspace)
+        found = found_elsewhere(problem, around.motions, place, turn)
+        there = None
+        if found is not None:
+            part = workspace.part(turn / MAX_SEARCH_ROUNDS, (turn + 1) / MAX_SEARCH_ROUNDS)
+            there = solved_from(problem, with_motion(around.motions, place[0], found), noise, part)
         moved = there is not None and leads_elsewhere(problem, place, around.motions, there.motions)
         if there is not None:
             tried.append(there)
@@ -100,9 +104,8 @@ def _tried_among_others(
     problem: SegmentProblem,
     solution: SegmentSolution,
     place: LimbOfPerformer,
-    noise: SegmentNoise,
     *,
-    settled: Callable[[], SegmentSolution],
+    settled: Callable[[], SettledSolution],
     workspace: Workspace,
 ) -> list[SegmentSolution]:
     """Search for a limb of one of several performers round after round, and return what was found elsewhere.
@@ -112,17 +115,19 @@ def _tried_among_others(
     `solution`, as only what is found elsewhere makes settling worth its time.
     """
     around, most, vain = solution, -np.inf, 0
-    across = found_across(problem, solution.motions, place)
-    tried = [] if across is None else [solved_from(problem, across, noise, workspace.silent())]
-    if tried:
-        around = max(settled(), *tried, key=lambda one: likelihood(problem, noise, one))
-        most = likelihood(problem, noise, around)
+    tried: list[SegmentSolution] = []
+    ratios = views_of(problem, solution.motions, place[0])  # the others stay where they are
     for turn in range(MAX_SEARCH_ROUNDS):
-        there = _solved_elsewhere(problem, around, place, noise, turn=turn, workspace=workspace)
-        if there is None or not leads_elsewhere(problem, place, around.motions, there.motions):
+        found = found_elsewhere(problem, around.motions, place, turn, ratios)
+        if found is None:
+            break
+        noise = settled().noise
+        part = workspace.part(turn / MAX_SEARCH_ROUNDS, (turn + 1) / MAX_SEARCH_ROUNDS)
+        there = solved_from(problem, with_motion(around.motions, place[0], found), noise, part)
+        if not leads_elsewhere(problem, place, around.motions, there.motions):
             break
         if not tried:
-            most = likelihood(problem, noise, settled())
+            most = likelihood(problem, noise, settled().solution)
         tried.append(there)
         around, reached = there, likelihood(problem, noise, there)
         vain = 0 if reached > most + RESTING_GAIN else vain + 1
@@ -130,20 +135,3 @@ def _tried_among_others(
         if vain == MAX_VAIN_ROUNDS:
             break
     return tried
-
-
-def _solved_elsewhere(
-    problem: SegmentProblem,
-    around: SegmentSolution,
-    place: LimbOfPerformer,
-    noise: SegmentNoise,
-    *,
-    turn: int,
-    workspace: Workspace,
-) -> SegmentSolution | None:
-    """Search for a limb once around a solution, and solve from where it is found elsewhere; None if it is not."""
-    found = found_elsewhere(problem, around.motions, place, turn)
-    if found is None:
-        return None
-    part = workspace.part(turn / MAX_SEARCH_ROUNDS, (turn + 1) / MAX_SEARCH_ROUNDS)
-    return solved_from(problem, with_motion(around.motions, place[0], found), noise, part)

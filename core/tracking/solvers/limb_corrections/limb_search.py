@@ -61,6 +61,9 @@ HELD_SIGMA = 0.1
 """Standard deviation, radians, of the departure of a limb that is clearly seen where it is."""
 MIN_SEEN_SHARE = 0.1
 """A limb of which a smaller share is seen on pixels of its own colours may be elsewhere."""
+MIN_GAIN_ELSEWHERE = 150.0
+"""Least gain in log likelihood, in natural units, for which a limb of one of several performers is solved for where it
+was found: who is hidden for a moment leaves much that a search mistakes for a limb."""
 LEAST_SEEN_SHARE = 0.1
 """Least share of a limb, in relation to what is usually seen of it, by which a gain is divided."""
 BENDING_AXES = np.array([1, 0, 1])
@@ -95,13 +98,13 @@ def found_limbs(problem: SegmentProblem, motions: Sequence[Motion], seed: int, w
     list of Motion
         F poses per performer.
     """
-    views = views_with_foreground(problem.views)
-    ratios = {i: [ViewRatios.of(view, problem, i, motions) for view in views] for i in problem.sought}
+    ratios = {i: views_of(problem, motions, i) for i in problem.sought}
     found, rng = list(motions), np.random.default_rng([seed, problem.settings.search_seed])
     chains = [(i, chain) for i in problem.sought for chain in limbs(problem.bodies[i])]
+    least = -np.inf if problem.only is None else MIN_GAIN_ELSEWHERE
     for done, (i, chain) in enumerate(chains):
         workspace.report(done / len(chains), found)
-        found[i] = _with_limb_found(problem, ratios[i], found, (i, chain), rng)
+        found[i] = _with_limb_found(problem, ratios[i], found, (i, chain), rng, least_gain=least)
     return untangled_limbs(problem, found)
 
 
@@ -110,7 +113,10 @@ def freed_limb(
     motions: Sequence[Motion],
     place: LimbOfPerformer,
     seed: int,
+    *,
     points: int = POINTS_PER_PART,
+    ratios: Sequence[ViewRatios] | None = None,
+    least_gain: float = -np.inf,
 ) -> Motion:
     """Search for one limb of a performer regardless of how well it is seen where it is.
 
@@ -126,6 +132,10 @@ def freed_limb(
         Seed of the random poses, together with that of the settings.
     points : int
         Points of each part whose pixels are looked at.
+    ratios : sequence of ViewRatios, optional
+        What the views show of the performer, if it is known (`views_of`).
+    least_gain : float
+        The limb stays where it is if the images gain less (`_gain_elsewhere`), natural units.
 
     Returns
     -------
@@ -133,8 +143,13 @@ def freed_limb(
         F poses of the performer.
     """
     rng = np.random.default_rng([seed, problem.settings.search_seed])
-    ratios = [ViewRatios.of(view, problem, place[0], motions) for view in views_with_foreground(problem.views)]
-    return _with_limb_found(problem, ratios, motions, place, rng, free=True, points=points)
+    ratios = views_of(problem, motions, place[0]) if ratios is None else ratios
+    return _with_limb_found(problem, ratios, motions, place, rng, free=True, points=points, least_gain=least_gain)
+
+
+def views_of(problem: SegmentProblem, motions: Sequence[Motion], performer: int) -> list[ViewRatios]:
+    """Collect what the views show of a performer, the others being posed as in motions."""
+    return [ViewRatios.of(view, problem, performer, motions) for view in views_with_foreground(problem.views)]
 
 
 def is_elsewhere(body: Body, chain: Sequence[int], before: Motion, after: Motion, frames: int = 1) -> bool:
@@ -154,8 +169,10 @@ def frames_elsewhere(body: Body, chain: Sequence[int], before: Motion, after: Mo
     return np.asarray(away)
 
 
-def gain_elsewhere(problem: SegmentProblem, motions: Sequence[Motion], place: LimbOfPerformer, found: Motion) -> float:
-    """Return by how much likelier a limb's pixels and sides are where it was found than where motions have it.
+def _gain_elsewhere(
+    limb: LimbModel, uncovered: Sequence[UncoveredImages], seen: Array, before: Motion, found: Motion
+) -> float:
+    """Return by how much likelier a limb's pixels and sides are where it was found than where it was before.
 
     Only frames on which it is elsewhere count: on all others a search gains as well, as it follows the noise. Of a limb
     that is nearly out of sight there the images say little, so the gain is divided by the least share of it that is
@@ -163,31 +180,23 @@ def gain_elsewhere(problem: SegmentProblem, motions: Sequence[Motion], place: Li
 
     Parameters
     ----------
-    problem : SegmentProblem
-    motions : sequence of Motion
-        F poses per performer.
-    place : LimbOfPerformer
-    found : Motion
+    limb : LimbModel
+    uncovered : sequence of UncoveredImages
+    seen : ndarray, shape (F,)
+        Visible shares of its parts where it was before, summed over parts and views.
+    before, found : Motion
         F poses of the limb's performer.
 
     Returns
     -------
     float
-        Log likelihood ratio, natural units, in that relation.
+        Log likelihood ratio, natural units, in that relation; 0 where the limb is nowhere elsewhere.
     """
-    i, chain = place
-    rng = np.random.default_rng(problem.settings.search_seed)
-    limb, parts = limb_of(problem, motions, place, rng)
-    geometry, poses = problem.geometry(), scene_poses(problem.bodies, motions)
-    views = [ViewRatios.of(view, problem, i, motions) for view in views_with_foreground(problem.views)]
-    uncovered = [view.uncovered(geometry, poses, parts) for view in views]
-    uncovered = with_sides_learned(limb, uncovered, problem.whole_keys(i), rng)
-    away = frames_elsewhere(problem.bodies[i], chain, motions[i], found)
+    away = frames_elsewhere(limb.body, limb.chain, before, found)
     if not away.any():
         return 0.0
-    both = np.stack([limb.begin, rotations.log(found.rotations[:, chain])], axis=1)
+    both = np.stack([limb.begin, rotations.log(found.rotations[:, limb.chain])], axis=1)
     here, there = pixel_log_ratios(limb, uncovered, both).T
-    seen = np.sum([view.labels(geometry, poses).share[:, parts].sum(axis=1) for view in views], axis=0)
     least = seen[away].min() / max(float(np.median(seen)), 1e-9)
     return float((there - here)[away].sum() / np.clip(least, LEAST_SEEN_SHARE, 1.0))
 
@@ -201,8 +210,12 @@ def _with_limb_found(
     *,
     free: bool = False,
     points: int = POINTS_PER_PART,
+    least_gain: float,
 ) -> Motion:
-    """Move one limb of a performer to where it is likeliest; with `free`, regardless of how well it is seen now."""
+    """Move one limb of a performer to where it is likeliest; with `free`, regardless of how well it is seen now.
+
+    Other parameters as in `freed_limb`.
+    """
     i, chain = place
     motion = motions[i]
     limb, parts = limb_of(problem, motions, place, rng, points)
@@ -220,6 +233,10 @@ def _with_limb_found(
     Q = motion.rotations.copy()
     Q[:, chain] = np.where(limb.fixed.all(axis=-1)[..., None, None], Q[:, chain], rotations.exp(path))
     found = Motion(motion.translations, Q)
+    if least_gain > -np.inf:
+        seen = np.sum([view.labels(geometry, poses).share[:, parts].sum(axis=1) for view in ratios], axis=0)
+        if _gain_elsewhere(limb, uncovered, seen, motion, found) < least_gain:
+            return motion
     if limb.shoulder is None:
         return found
     return limb.shoulder.raising(limb.body.R_parent_rest[chain[0]], limb.parent[0], found)

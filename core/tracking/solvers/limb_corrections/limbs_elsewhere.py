@@ -16,30 +16,36 @@ from ..gauss_newton import descend, farthest_joint
 from ..judgement.settled_solutions import SettledSolution
 from ..judgement.solution_doubts import MIN_DURATION
 from ..judgement.solution_ranking import RESTING_GAIN, likelihood, settled_further
+from ..limb_evidence.limb_images import ViewRatios
 from ..limb_evidence.limb_likelihood import LimbOfPerformer
 from .bridges import evenly_led
-from .limb_search import frames_elsewhere, freed_limb, gain_elsewhere, is_elsewhere
+from .limb_search import MIN_GAIN_ELSEWHERE, frames_elsewhere, freed_limb, is_elsewhere
 from .local_trials import LocalTrial
 
-MIN_GAIN_ELSEWHERE = 150.0
-"""Least gain in log likelihood, in natural units, for which a limb of one of several performers is solved for where it
-was found: who is hidden for a moment leaves much that a search mistakes for a limb."""
 _ACROSS_SEED = 1000
 """Draws other poses than the searches around the present motion."""
 
 
 def found_elsewhere(
-    alone: SegmentProblem, motions: Sequence[Motion], place: LimbOfPerformer, seed: int
+    alone: SegmentProblem,
+    motions: Sequence[Motion],
+    place: LimbOfPerformer,
+    seed: int,
+    ratios: Sequence[ViewRatios] | None = None,
 ) -> Motion | None:
     """Search for a limb once, and return the motion of its performer with the limb where it is found; None if that is
     where it was, as near as a descent reaches. With a single view, it reaches less far in depth.
+
+    A limb of one of several performers is only elsewhere if the images say clearly more for it (`MIN_GAIN_ELSEWHERE`).
+    `ratios` is what the views show of the performer, if it is known.
     """
-    i, chain = place
-    found, near = freed_limb(alone, motions, place, seed), len(alone.bodies) > 1 or alone.shows_depth
-    least = least_frames(alone)
-    if found is motions[i] or (near and not is_elsewhere(alone.bodies[i], chain, motions[i], found, least)):
+    (i, chain), several = place, len(alone.bodies) > 1
+    gain = MIN_GAIN_ELSEWHERE if several else -np.inf
+    found = freed_limb(alone, motions, place, seed, ratios=ratios, least_gain=gain)
+    if found is motions[i]:
         return None
-    return found if _worth_solving(alone, motions, place, found) else None
+    near = several or alone.shows_depth
+    return None if near and not is_elsewhere(alone.bodies[i], chain, motions[i], found, least_frames(alone)) else found
 
 
 def found_across(alone: SegmentProblem, motions: Sequence[Motion], place: LimbOfPerformer) -> tuple[Motion, ...] | None:
@@ -59,14 +65,7 @@ def found_across(alone: SegmentProblem, motions: Sequence[Motion], place: LimbOf
     found = freed_limb(alone, led, place, _ACROSS_SEED)
     if not is_elsewhere(alone.bodies[i], chain, motions[i], found, least_frames(alone)):
         return None
-    return with_motion(motions, i, found) if _worth_solving(alone, motions, place, found) else None
-
-
-def _worth_solving(alone: SegmentProblem, motions: Sequence[Motion], place: LimbOfPerformer, found: Motion) -> bool:
-    """Whether the images of a limb say so much more for where it was found than for where it was that it is worth
-    solving from there. For a single performer it always is.
-    """
-    return len(alone.bodies) == 1 or gain_elsewhere(alone, motions, place, found) > MIN_GAIN_ELSEWHERE
+    return with_motion(motions, i, found)
 
 
 def least_frames(alone: SegmentProblem) -> int:

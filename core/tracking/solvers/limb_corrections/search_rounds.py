@@ -100,16 +100,13 @@ def searched(
     3. Further rounds search around the best so far. They end once the best has an equal, after `MAX_VAIN_ROUNDS` rounds
        that did not improve on the given solutions, or after `MAX_SEARCH_ROUNDS` rounds in all.
 
-    For one of several performers, the rounds end with the first that found a better solution: where others are in the
-    way, every solution explains little, and what is still lost is searched for limb by limb later.
-
     Of all solutions the likeliest is taken (`likeliest_at_rest`), with limbs of others where these are likelier
     (`recombined`).
 
     Parameters
     ----------
     problem : SegmentProblem
-        Of one performer, or of all.
+        Of a single performer.
     start : sequence of Motion
         F poses per performer.
     solutions : sequence of SegmentSolution
@@ -147,14 +144,28 @@ def searched(
         else:
             found.append(search(problem, around, motions, len(found), part))
         best = covering_most(problem, *rested, *found)
-        if begins or (problem.only is not None and best in found):
+        if begins:
             continue
         if around is not held and explains_little(problem, best) and start_cover() > MIN_START_SHARE * best.cover:
             begins.append((start, held))
-        elif not _is_confirmed(problem, best, [*rested, *found]) and (best in found or len(found) < MAX_VAIN_ROUNDS):
+        elif len(nearly_equal([*rested, *found])) == 1 and (best in found or len(found) < MAX_VAIN_ROUNDS):
             begins.append((best.motions, problem))
     best = likeliest_at_rest(problem, noise, covering_most(problem, *rested), *rested, *found, workspace=workspace)
     return recombined(problem, best, [*rested, *found], noise, exchanging)
+
+
+def searched_among_others(problem: SegmentProblem, first: SegmentSolution, workspace: Workspace) -> SegmentSolution:
+    """Search once for the limbs of one of several performers that are hardly seen where they are, and solve from where
+    they are found; what is still lost is searched for limb by limb later. Parameters as in `searched`.
+    """
+    begin = found_limbs(problem, first.motions, 0, workspace.part(0.0, 0.4))
+    if all(found is motion for found, motion in zip(begin, first.motions, strict=True)):
+        return first
+    noise = noise_at(problem, first, workspace)
+    rested = descend(problem, first.motions, workspace.silent(), SETTLED, noise).without_equations()
+    found = _solved_from(problem, problem, begin, workspace.part(0.4, 0.8), noise)
+    best = likeliest_at_rest(problem, noise, rested, found, workspace=workspace)
+    return recombined(problem, best, [rested, found], noise, workspace.part(0.8, 1.0))
 
 
 def _distinct_motions(solutions: Sequence[SegmentSolution]) -> list[Sequence[Motion]]:
@@ -164,17 +175,6 @@ def _distinct_motions(solutions: Sequence[SegmentSolution]) -> list[Sequence[Mot
         if not any(same_solution(solution.motions, motions) for motions in kept):
             kept.append(solution.motions)
     return kept
-
-
-def _is_confirmed(problem: SegmentProblem, best: SegmentSolution, solutions: Sequence[SegmentSolution]) -> bool:
-    """Whether another solution covers as much as the best or, among several performers, has the same motion.
-
-    Among several performers the visible area of one, and with it the cover, changes with every centimetre.
-    """
-    if len(nearly_equal(solutions)) > 1:
-        return True
-    others = [solution for solution in solutions if solution is not best]
-    return problem.only is not None and any(same_solution(best.motions, other.motions) for other in others)
 
 
 def search_round(
@@ -203,6 +203,16 @@ def search_round(
         Of the measurements in the last iterations; by default as measured at their start.
     """
     begin = found_limbs(problem, motions, seed, workspace.part(0.0, 0.6))
-    settled, *_ = approach(around, begin, workspace.part(0.6, 0.8), SETTLING)
-    found = descend(problem, untangled_limbs(problem, settled), workspace.part(0.8, 1.0), SETTLED, noise)
+    return _solved_from(problem, around, begin, workspace.part(0.6, 1.0), noise)
+
+
+def _solved_from(
+    problem: SegmentProblem,
+    around: SegmentProblem,
+    begin: Sequence[Motion],
+    workspace: Workspace,
+    noise: SegmentNoise | None,
+) -> SegmentSolution:
+    settled, *_ = approach(around, begin, workspace.part(0.0, 0.5), SETTLING)
+    found = descend(problem, untangled_limbs(problem, settled), workspace.part(0.5, 1.0), SETTLED, noise)
     return found.without_equations()

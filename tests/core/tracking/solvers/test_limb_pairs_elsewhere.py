@@ -53,7 +53,7 @@ def searched(
     result, and what was solved from."""
     asked: list[Motion] = []
 
-    def found(_: object, motions: Sequence[Motion], place: tuple[int, list[int]], *__: object) -> Motion:
+    def found(_: object, motions: Sequence[Motion], place: tuple[int, list[int]], *__: object, **___: object) -> Motion:
         return turned(motions[0], place[1]) if place[1] in reached else motions[0]
 
     def solved(_: object, motions: Sequence[Motion], *__: object) -> SegmentSolution:

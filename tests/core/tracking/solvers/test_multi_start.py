@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -448,19 +448,24 @@ def test_a_search_ends_after_rounds_without_success() -> None:
     assert seeds == list(range(search_rounds.MAX_VAIN_ROUNDS))
 
 
-@pytest.mark.parametrize(("only", "most"), [(None, 3), (0, 1)])
-def test_for_one_among_others_a_round_that_leads_to_the_same_motion_is_the_last(only: int | None, most: int) -> None:
-    """It covers a little more every time; for somebody alone that is worth another round."""
-    landscape, problem = Landscape(truth=TRUTH, reach=0.0), replace(PROBLEM, only=only)
-    first, find = landscape.solution(problem, off(TRUTH, ARMS, 0.2)), Finding(landscape, 0.5)
-    results: list[SegmentSolution] = []
+@pytest.mark.parametrize("lost", [True, False])
+def test_for_one_among_others_a_single_search_decides_and_nothing_is_solved_if_it_finds_no_limb(
+    monkeypatch: pytest.MonkeyPatch, lost: bool
+) -> None:
+    landscape, solved = Landscape(truth=TRUTH, reach=0.0), list[object]()
+    first = landscape.solution(PROBLEM, off(TRUTH, ARMS, LOST))
 
-    def search(*given: object) -> SegmentSolution:
-        results.append(find(*given))
-        return results[-1]
+    def descend(problem: SegmentProblem, motions: Sequence[Motion], *_: object, **__: object) -> SegmentSolution:
+        solved.append(motions)
+        return landscape.solution(problem, motions[0])
 
-    search_rounds.searched(problem, first.motions, [first], landscape, search)
-    assert len(results) == most
+    monkeypatch.setattr(search_rounds, "descend", descend)
+    monkeypatch.setattr(search_rounds, "approach", lambda _problem, motions, *_: (tuple(motions), [], {}, None))
+    monkeypatch.setattr(search_rounds, "found_limbs", lambda _problem, motions, *_: [TRUTH] if lost else list(motions))
+    monkeypatch.setattr(search_rounds, "likeliest_at_rest", lambda *given, **_: given[-1])
+    monkeypatch.setattr(search_rounds, "recombined", lambda _problem, best, *_: best)
+    found = search_rounds.searched_among_others(PROBLEM, first, landscape)
+    assert (error(found) < 1) if lost else (found is first and not solved)
 
 
 @pytest.mark.parametrize(("share", "held"), [(1.2, True), (0.8, False)])
@@ -483,22 +488,23 @@ def test_the_trunk_is_held_to_the_start_for_a_round_unless_the_start_covers_next
     assert any(trunks) == held and not trunks[0]
 
 
-@pytest.mark.parametrize("only", [None, 0])
-def test_for_one_among_others_a_round_that_finds_more_is_the_last_however_little_is_explained(
-    monkeypatch: pytest.MonkeyPatch, only: int | None
+@pytest.mark.parametrize(("explains", "turned"), [(False, False), (True, False), (False, True)])
+def test_if_only_uncovered_foreground_is_left_one_round_of_search_must_explain_it(
+    monkeypatch: pytest.MonkeyPatch, explains: bool, turned: bool
 ) -> None:
-    monkeypatch.setattr(search_rounds, "explains_little", lambda *_: True)
-    landscape, problem = Landscape(truth=TRUTH, reach=0.0), replace(PROBLEM, only=only)
-    first, find = landscape.solution(problem, off(TRUTH, ARMS, LOST)), Finding(landscape, 0.5)
-    begun: list[Motion] = []
-
-    def search(*given: Any) -> SegmentSolution:
-        begun.extend(given[2])
-        return find(*given)
-
-    found = search_rounds.searched(problem, first.motions, [first], landscape, search)
-    assert error(found) < 0.6 * LOST
-    assert (len(begun) == 1) == (only is not None)
+    """It may be the bare arm of a bystander. A motion to which a whole turn was added is searched all the same."""
+    landscape, searches = Landscape(truth=TRUTH, reach=0.0), list[object]()
+    first, other = (landscape.solution(PROBLEM, off(TRUTH, ARMS, angle)) for angle in (0.4, 0.3))
+    trial = SimpleNamespace(explains=lambda _: explains)
+    monkeypatch.setattr(search_rounds.TrialRound, "around", lambda *_: trial)
+    monkeypatch.setattr(multi_start.SettledSolution, "after", lambda *_: None)
+    for doubt in ("images_contradict", "is_doubtful"):
+        monkeypatch.setattr(multi_start, doubt, lambda *_: False)
+    with_turn = ([TRUTH], other if turned else first)
+    monkeypatch.setattr(multi_start, "with_whole_turn", lambda *_: with_turn)
+    monkeypatch.setattr(multi_start, "searched", lambda *_, **__: searches.append(1) or first)
+    multi_start.best_of_own_starts(PROBLEM, [TRUTH], first, landscape)
+    assert len(searches) == (explains or turned)
 
 
 @pytest.mark.parametrize(("around", "taken"), [("best", 1), ("worse", 0)])

@@ -20,8 +20,7 @@ from kfmocap.core.tracking.solvers.gauss_newton_solver import refined
 from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSolution
 from kfmocap.core.tracking.solvers.limb_corrections import limb_rounds, limbs_elsewhere, regained_limbs
 from kfmocap.core.tracking.solvers.limb_corrections.limb_rounds import MAX_RETURNS, with_limb_regained
-from kfmocap.core.tracking.solvers.limb_corrections.limb_search import gain_elsewhere
-from kfmocap.core.tracking.solvers.limb_corrections.limbs_elsewhere import MIN_GAIN_ELSEWHERE
+from kfmocap.core.tracking.solvers.limb_corrections.limb_search import MIN_GAIN_ELSEWHERE, freed_limb
 from kfmocap.core.tracking.solvers.limb_corrections.regained_limbs import bend_of, bent_limbs, refuted_limbs
 from kfmocap.core.tracking.solvers.limb_corrections.search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
 from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import MIN_GAIN
@@ -150,7 +149,7 @@ def test_a_doubted_performer_that_comes_to_rest_where_it_was_is_not_solved_furth
     further: list[object] = []
     for module in (regained_limbs, limbs_elsewhere):
         monkeypatch.setattr(module, "settled_further", lambda *given, **_: further.append(given) or given[2])
-    monkeypatch.setattr(limbs_elsewhere, "freed_limb", lambda _problem, motions, place, _seed: motions[place[0]])
+    monkeypatch.setattr(limbs_elsewhere, "freed_limb", lambda _problem, motions, place, _seed, **_: motions[place[0]])
     refined(replace(problem, doubted=(0,)), [TRUTH], Workspace())
     assert not further
 
@@ -195,14 +194,15 @@ def test_the_search_ends_once_the_limb_comes_to_rest_where_it_was_or_with_severa
     """
     asked: list[int] = []
 
-    def turned(_problem: SegmentProblem, motions: Sequence[Motion], place: tuple[int, list[int]], seed: int) -> Motion:
+    def turned(
+        _problem: SegmentProblem, motions: Sequence[Motion], place: tuple[int, list[int]], seed: int, **_: object
+    ) -> Motion:
         asked.append(seed)
         found = Motion(motions[place[0]].translations, motions[place[0]].rotations.copy())
         found.rotations[1:-1, ARM[0]] = found.rotations[1:-1, ARM[0]] @ rotations.exp(np.array([0.0, 0.0, -turn]))
         return found
 
     monkeypatch.setattr(limbs_elsewhere, "freed_limb", turned)
-    monkeypatch.setattr(limbs_elsewhere, "gain_elsewhere", lambda *_: 2 * MIN_GAIN_ELSEWHERE)
     monkeypatch.setattr(limb_rounds, "found_across", lambda *_: None)
     views = tuple(replace(v, foreground=np.repeat(v.foreground, performers, axis=0)) for v in problem.views)
     apart = [replace(TRUTH, translations=TRUTH.translations + [2.0 * i, 0, 0]) for i in range(performers)]
@@ -221,13 +221,22 @@ def test_one_of_several_performers_is_solved_further_only_to_be_compared_with_a_
 ) -> None:
     further: list[object] = []
 
-    def turned(_problem: SegmentProblem, motions: Sequence[Motion], place: tuple[int, list[int]], _seed: int) -> Motion:
+    def turned(
+        _problem: SegmentProblem,
+        motions: Sequence[Motion],
+        place: tuple[int, list[int]],
+        _seed: int,
+        *,
+        least_gain: float,
+        **_: object,
+    ) -> Motion:
+        if gain * MIN_GAIN_ELSEWHERE < least_gain:
+            return motions[place[0]]
         found = Motion(motions[place[0]].translations, motions[place[0]].rotations.copy())
         found.rotations[1:-1, ARM[0]] = found.rotations[1:-1, ARM[0]] @ rotations.exp(np.array([0.0, 0.0, -turn]))
         return found
 
     monkeypatch.setattr(limbs_elsewhere, "freed_limb", turned)
-    monkeypatch.setattr(limbs_elsewhere, "gain_elsewhere", lambda *_: gain * MIN_GAIN_ELSEWHERE)
     after = SettledSolution.after
     monkeypatch.setattr(SettledSolution, "after", lambda *given: further.append(given) or after(*given))
     views = tuple(replace(v, foreground=np.repeat(v.foreground, 2, axis=0)) for v in problem.views)
@@ -237,13 +246,14 @@ def test_one_of_several_performers_is_solved_further_only_to_be_compared_with_a_
     assert len(further) == compared
 
 
-def test_pictures_gain_by_a_limb_where_they_show_it_on_frames_on_which_it_was_elsewhere(
+def test_a_limb_is_moved_only_if_pictures_gain_by_it_on_frames_on_which_it_was_elsewhere(
     problem: SegmentProblem,
 ) -> None:
     """A search follows the noise of the pictures on all other frames; what it gains there does not count."""
-    assert gain_elsewhere(problem, [astray()], (0, ARM), TRUTH) > MIN_GAIN_ELSEWHERE
-    assert gain_elsewhere(problem, [TRUTH], (0, ARM), astray()) < -MIN_GAIN_ELSEWHERE
-    assert gain_elsewhere(problem, [TRUTH], (0, ARM), TRUTH) == 0
+    lost = astray()
+    assert error_mm(freed_limb(problem, [lost], (0, ARM), 0, least_gain=MIN_GAIN_ELSEWHERE)) < 0.5 * error_mm(lost)
+    assert freed_limb(problem, [lost], (0, ARM), 0, least_gain=np.inf) is lost
+    assert freed_limb(problem, [TRUTH], (0, ARM), 0, least_gain=MIN_GAIN_ELSEWHERE) is TRUTH
 
 
 @pytest.mark.parametrize(("against", "pixels", "expected"), [(2, 90, False), (2, 70, True), (0.5, 70, False)])
@@ -275,7 +285,7 @@ def test_a_limb_is_also_searched_for_around_an_even_path_between_its_key_poses(
 ) -> None:
     """It is nowhere near where it is now, where every search ends; what is found is kept if the pictures show it."""
 
-    def near_even_path(_: SegmentProblem, motions: Sequence[Motion], *__: object) -> Motion:
+    def near_even_path(_: SegmentProblem, motions: Sequence[Motion], *__: object, **___: object) -> Motion:
         led = np.abs(motions[0].difference(TRUTH)).max() < 0.01  # the arm swings evenly
         return (TRUTH if right else aside) if led else motions[0]
 
