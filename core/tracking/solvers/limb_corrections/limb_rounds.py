@@ -117,6 +117,12 @@ def _tried_among_others(
     around, most, vain = solution, -np.inf, 0
     tried: list[SegmentSolution] = []
     ratios = views_of(problem, solution.motions, place[0])  # the others stay where they are
+    across = found_across(problem, solution.motions, place, ratios)
+    if across is not None:
+        noise = settled().noise
+        tried.append(solved_from(problem, across, noise, workspace.silent()))
+        around = max(settled().solution, *tried, key=lambda one: likelihood(problem, noise, one))
+        most = likelihood(problem, noise, around)
     for turn in range(MAX_SEARCH_ROUNDS):
         found = found_elsewhere(problem, around.motions, place, turn, ratios)
         if found is None:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ....body import Body, part_poses
 from ....body.kinematics import scene_poses
 from ....body.limbs import limbs
-from ....body.motion import Motion
+from ....body.motion import Motion, with_motion
 from ....evidence.rendering.label_images import LabelImages
 from ....evidence.rendering.part_geometry import Geometry
 from ....evidence.view_frames import views_with_foreground
@@ -117,6 +117,7 @@ def freed_limb(
     points: int = POINTS_PER_PART,
     ratios: Sequence[ViewRatios] | None = None,
     least_gain: float = -np.inf,
+    before: Motion | None = None,
 ) -> Motion:
     """Search for one limb of a performer regardless of how well it is seen where it is.
 
@@ -136,6 +137,8 @@ def freed_limb(
         What the views show of the performer, if it is known (`views_of`).
     least_gain : float
         The limb stays where it is if the images gain less (`_gain_elsewhere`), natural units.
+    before : Motion, optional
+        F poses of the performer in relation to which they gain, if the search is around others.
 
     Returns
     -------
@@ -144,7 +147,9 @@ def freed_limb(
     """
     rng = np.random.default_rng([seed, problem.settings.search_seed])
     ratios = views_of(problem, motions, place[0]) if ratios is None else ratios
-    return _with_limb_found(problem, ratios, motions, place, rng, free=True, points=points, least_gain=least_gain)
+    return _with_limb_found(
+        problem, ratios, motions, place, rng, free=True, points=points, least_gain=least_gain, before=before
+    )
 
 
 def views_of(problem: SegmentProblem, motions: Sequence[Motion], performer: int) -> list[ViewRatios]:
@@ -195,7 +200,7 @@ def _gain_elsewhere(
     away = frames_elsewhere(limb.body, limb.chain, before, found)
     if not away.any():
         return 0.0
-    both = np.stack([limb.begin, rotations.log(found.rotations[:, limb.chain])], axis=1)
+    both = np.stack([rotations.log(motion.rotations[:, limb.chain]) for motion in (before, found)], axis=1)
     here, there = pixel_log_ratios(limb, uncovered, both).T
     least = seen[away].min() / max(float(np.median(seen)), 1e-9)
     return float((there - here)[away].sum() / np.clip(least, LEAST_SEEN_SHARE, 1.0))
@@ -211,6 +216,7 @@ def _with_limb_found(
     free: bool = False,
     points: int = POINTS_PER_PART,
     least_gain: float,
+    before: Motion | None = None,
 ) -> Motion:
     """Move one limb of a performer to where it is likeliest; with `free`, regardless of how well it is seen now.
 
@@ -234,8 +240,10 @@ def _with_limb_found(
     Q[:, chain] = np.where(limb.fixed.all(axis=-1)[..., None, None], Q[:, chain], rotations.exp(path))
     found = Motion(motion.translations, Q)
     if least_gain > -np.inf:
-        seen = np.sum([view.labels(geometry, poses).share[:, parts].sum(axis=1) for view in ratios], axis=0)
-        if _gain_elsewhere(limb, uncovered, seen, motion, found) < least_gain:
+        before = motion if before is None else before
+        there = scene_poses(problem.bodies, with_motion(motions, i, before))
+        seen = np.sum([view.labels(geometry, there).share[:, parts].sum(axis=1) for view in ratios], axis=0)
+        if _gain_elsewhere(limb, uncovered, seen, before, found) < least_gain:
             return motion
     if limb.shoulder is None:
         return found

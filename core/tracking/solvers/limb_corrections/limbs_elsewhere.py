@@ -48,7 +48,12 @@ def found_elsewhere(
     return None if near and not is_elsewhere(alone.bodies[i], chain, motions[i], found, least_frames(alone)) else found
 
 
-def found_across(alone: SegmentProblem, motions: Sequence[Motion], place: LimbOfPerformer) -> tuple[Motion, ...] | None:
+def found_across(
+    alone: SegmentProblem,
+    motions: Sequence[Motion],
+    place: LimbOfPerformer,
+    ratios: Sequence[ViewRatios] | None = None,
+) -> tuple[Motion, ...] | None:
     """Search for a limb around an even path between the key poses that hold it, and return the motions with the limb
     where it is found; None if that is where it was, as near as a descent reaches.
 
@@ -62,7 +67,10 @@ def found_across(alone: SegmentProblem, motions: Sequence[Motion], place: LimbOf
     led = with_motion(motions, i, evenly_led(alone, i, motions[i], chain))
     if led[i] is motions[i]:
         return None
-    found = freed_limb(alone, led, place, _ACROSS_SEED)
+    gain = MIN_GAIN_ELSEWHERE if len(alone.bodies) > 1 else -np.inf
+    found = freed_limb(alone, led, place, _ACROSS_SEED, ratios=ratios, least_gain=gain, before=motions[i])
+    if found is led[i] and gain > 0:
+        return None
     if not is_elsewhere(alone.bodies[i], chain, motions[i], found, least_frames(alone)):
         return None
     return with_motion(motions, i, found)
