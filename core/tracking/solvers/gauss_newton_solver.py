@@ -25,9 +25,11 @@ from ...runtime.timing import Seconds
 from . import gauss_newton
 from .descent_stages import OUTLINE_REACH, POLISH, POLISHED_AT_ONCE, REFINEMENT, RESUMED, SETTLED, DescentStage
 from .equations.measurement import Workspace
-from .equations.problem import SegmentProblem, SegmentSolution
+from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .gauss_newton import continued, descend, farthest_joint
-from .judgement.solution_doubts import doubted_performers, misfit_at
+from .judgement.settled_solutions import SettledSolution
+from .judgement.solution_doubts import doubted_performers, misfit_at, performers_uncovered
+from .judgement.solution_ranking import likeliest
 from .limb_corrections.leaping_limbs import with_leaps_bridged
 from .limb_corrections.limb_exchange import with_crossed_limbs_exchanged
 from .limb_corrections.limb_search import pictures_find_limbs
@@ -60,7 +62,31 @@ def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspac
 def _solved(
     problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace, first: SegmentSolution | None = None
 ) -> SegmentSolution:
-    """Solve a problem on all of its frames; `first` is the solution from the start, if it is known."""
+    """Solve a problem on all of its frames; `first` is the solution from the start, if it is known.
+
+    In a single view of a single performer, usual accelerations may draw a fast limb back from wherever a search finds
+    it. If foreground of a limb stays uncovered, the problem is solved once more with the accelerations of every joint
+    estimated, and the likelier solution is kept.
+    """
+    solution = _with_corrections(problem, start, workspace.part(0.0, 0.6), first)
+    usual = problem.search is AccelerationSearch.SCALE_THEN_JOINTS
+    if not usual or not solution.doubted or len(problem.bodies) > 1:
+        return solution
+    if not performers_uncovered(problem, solution.motions):
+        return solution
+    freed = replace(problem, search=AccelerationSearch.JOINTS)
+    settled = SettledSolution.after(problem, solution, workspace.silent())
+    faster = _with_corrections(freed, start, workspace.part(0.6, 1.0))
+    other = _after(faster, descend(freed, faster.motions, workspace.silent(), SETTLED, settled.noise))
+    if likeliest(problem, settled.noise, settled.solution, other) is settled.solution:
+        return _after(other, solution)
+    return _after(solution, replace(other, doubted=faster.doubted))
+
+
+def _with_corrections(
+    problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace, first: SegmentSolution | None = None
+) -> SegmentSolution:
+    """Solve from several starts, exchange limbs that reach across each other, and bridge leaps."""
     solution = best_of_starts(problem, start, workspace.part(0.0, 0.8), first)
     if not pictures_find_limbs(problem):
         return solution

@@ -14,7 +14,7 @@ from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.tracking.solvers import gauss_newton, gauss_newton_solver
 from kfmocap.core.tracking.solvers.descent_stages import POLISH, POLISHED_AT_ONCE, REFINEMENT, DescentStage
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
-from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
+from kfmocap.core.tracking.solvers.equations.problem import AccelerationSearch, SegmentProblem
 from kfmocap.core.tracking.solvers.thinned_frames import ThinnedProblem
 from synthetic import at_rest, ends_held, figure, look_at
 
@@ -148,3 +148,43 @@ def test_all_frames_are_tried_where_the_images_contradict_what_few_of_them_lead_
     gauss_newton_solver.solved(long_problem(), [at_rest(BODY, LONG)], Workspace())
     assert made == descents
     assert begun == [(solved_on_all, len(descents))]
+
+
+@pytest.mark.parametrize(
+    ("views", "doubted", "uncovered", "likelier", "taken"),
+    [
+        (1, (0,), [0], True, "estimated"),
+        (1, (0,), [0], False, "usual"),
+        (1, (0,), [], True, "usual"),
+        (1, (), [0], True, "usual"),
+        (2, (0,), [0], True, "usual"),
+    ],
+)
+def test_where_a_view_alone_shows_a_limb_beside_the_solution_estimated_accelerations_are_tried(
+    monkeypatch: pytest.MonkeyPatch,
+    views: int,
+    doubted: tuple[int, ...],
+    uncovered: list[int],
+    likelier: bool,
+    taken: str,
+) -> None:
+    """Usual accelerations draw a fast limb back from wherever a search finds it."""
+
+    def solved(problem: SegmentProblem, *_: Any) -> Any:
+        kind = "estimated" if problem.search is AccelerationSearch.JOINTS and views == 1 else "usual"
+        return SimpleNamespace(kind=kind, doubted=doubted, motions=(), seconds={})
+
+    monkeypatch.setattr(gauss_newton_solver, "best_of_starts", solved)
+    monkeypatch.setattr(gauss_newton_solver, "pictures_find_limbs", lambda _: False)
+    monkeypatch.setattr(gauss_newton_solver, "performers_uncovered", lambda *_: uncovered)
+    settled = SimpleNamespace(noise=None, solution=SimpleNamespace(kind="usual"))
+    monkeypatch.setattr(gauss_newton_solver.SettledSolution, "after", lambda *_: settled)
+    monkeypatch.setattr(gauss_newton_solver, "descend", solved)
+    monkeypatch.setattr(gauss_newton_solver, "likeliest", lambda _problem, _noise, a, b: b if likelier else a)
+    monkeypatch.setattr(gauss_newton_solver, "continued", lambda _, after: after)
+    monkeypatch.setattr(
+        gauss_newton_solver, "replace", lambda one, **new: replace(one, **new) if "search" in new else one
+    )
+    search = AccelerationSearch.SCALE_THEN_JOINTS if views == 1 else AccelerationSearch.JOINTS
+    found: Any = gauss_newton_solver.solved(replace(PROBLEM, search=search), [at_rest(BODY, 5)], Workspace())
+    assert found.kind == taken
