@@ -20,6 +20,8 @@ _SHOWN_DRIFT = 0.5
 """Frames by which two views may drift apart over a shot before something is said."""
 _SAME_SHIFT = 2
 """Frames within which offsets of views that fit better count as the same: they are found to within one or two."""
+_PEOPLE, _USUAL_HEIGHT = (1.0, 2.3), 1.7
+"""Heights of people, children included, beyond which the unit of a calibration is doubted, and a usual one, metres."""
 _RATE_TOLERANCE = 5e-4  # 29.97 and 30 frames per second differ by twice as much
 
 
@@ -98,6 +100,12 @@ def _performer_lines(performer: Mapping[str, Any]) -> list[str]:
         lines.append(
             "only one camera shows it: depths are estimated from the lengths of the bones, and may be decimetres off; "
             "key poses correct them"
+        )
+    by_keypoints = len(performer["proposed_keyframes"]) == len(performer["keyframes"])
+    if by_keypoints and (size := performer.get("size")) and not _PEOPLE[0] <= size <= _PEOPLE[1]:
+        lines.append(
+            f"by the calibration it is {size:g} m tall: if it is a person, state the calibration's unit, or multiply "
+            f"its translations by {_USUAL_HEIGHT / size:.2g}"
         )
     if unknown := ", ".join(performer["unknown"]):
         lines.append(f"unknown, as no key pose, keypoint or camera shows them: {unknown}")

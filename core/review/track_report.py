@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from ..body.body_size import body_size
 from ..body.soles import Soles
 from ..cameras.world_axes import upward_doubt
 from ..evidence.occlusion import OCCLUDED_BELOW, intervals, occluded, unseen
@@ -158,6 +159,7 @@ def _performer(
         "name": performer.name,
         "keyframes": [first + int(f) for f in performer.key_poses.frames],
         "file_fps": round(performer.file_fps, 3),
+        "size": round(body_size(performer.body), 2),
         "proposed_keyframes": [first + int(f) for f in performer.key_poses.proposals()],
         "occluded_below": OCCLUDED_BELOW,
         "occluded": {

@@ -16,6 +16,14 @@ from .opencv_storage import read_opencv_cameras, write_opencv_cameras
 from .qualisys import read_qualisys_cameras, write_qualisys_cameras
 from .toml_cameras import read_toml_cameras, save_cameras
 
+_OTHERS = {
+    ".xcp": "Pose2Sim converts Vicon's .xcp to its .toml",
+    ".pickle": "Pose2Sim converts OpenCap's .pickle to its .toml",
+    ".xml": "with OpenCV write .yml; of Qualisys or Theia, let the name end in .qca.txt",
+    ".txt": "of Qualisys or Theia, let the name end in .qca.txt",
+    ".blend": "export the cameras from Blender: section Calibration of the KF Mocap tab",
+}
+"""What to do with files of other programs, by the endings of their names."""
 _MAX_SIDE = 100_000  # pixels
 
 
@@ -70,11 +78,16 @@ def load_cameras(path: Path | str) -> dict[str, Camera]:
         The file cannot be read, or a camera in it is incomplete; names the file, the camera and the field.
     """
     path = Path(path)
-    known = FORMATS[format_name(path)]
+    try:
+        known = FORMATS[format_name(path)]
+    except CalibrationError as error:
+        todo = _OTHERS.get(path.suffix.lower(), error.todo)
+        raise CalibrationError(error.what, where=error.where, todo=todo) from error
     with reading(path, f"a calibration of {known.programs}", CalibrationError):
         cameras = known.read(path)
     if not cameras:
-        raise CalibrationError("the calibration holds no camera with a pose", where=str(path))
+        todo = "each camera needs its matrix, rotation and translation in a table of its own"
+        raise CalibrationError("the calibration holds no camera with a pose", where=str(path), todo=todo)
     for camera in cameras:
         _check_distortions(camera, f"{path} camera {camera.name}")
         _check_measures(camera, f"{path} camera {camera.name}")

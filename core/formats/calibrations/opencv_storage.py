@@ -94,7 +94,7 @@ def _check_yaml(text: str) -> None:
         The text has one of these.
     """
     if not text.startswith("%YAML"):
-        raise ValueError("it begins neither as YAML nor as JSON")
+        raise ValueError("it begins neither with %YAML:1.0, as OpenCV writes it, nor as JSON")
     if _LONG_WORD.search(text):
         raise ValueError("a word in it is too long")
     if _LONG_HEXADECIMAL.search(text):

@@ -87,6 +87,12 @@ def test_an_unknown_ending_is_refused(tmp_path: Path) -> None:
         export_cameras(tmp_path / "cameras.xcp", [plain()])
 
 
+def test_calibrations_of_other_programs_say_what_to_do(tmp_path: Path) -> None:
+    for name, todo in (("a.xcp", "Pose2Sim"), ("a.xml", r"OpenCV write \.yml"), ("theia.txt", r"end in \.qca\.txt")):
+        with pytest.raises(CalibrationError, match=todo):
+            load_cameras(tmp_path / name)
+
+
 def test_a_fisheye_and_long_lists_of_coefficients_go_out_as_opencv(tmp_path: Path) -> None:
     long = plain(distortions=[0.1, 0, 0, 0, 0, 0.1, 0, 0])
     export_cameras(tmp_path / "long.yml", [long])

@@ -230,6 +230,21 @@ def test_frame_rates_that_unsteady_times_explain_are_not_reported() -> None:
         assert bool(said) == bool(text)
 
 
+@pytest.mark.parametrize(("height", "factor"), [(0.5, "by 3.3"), (1.2, ""), (2.0, ""), (2.9, "by 0.59")])
+def test_a_performer_by_keypoints_of_no_person_s_size_questions_the_unit(
+    tracked: tuple[Shot, type], height: float, factor: str
+) -> None:
+    shot, result = tracked
+    whole = shot.performers[0]
+    for fixed, said in ((False, bool(factor)), (True, False)):
+        keys = replace(whole.key_poses, fixed=np.full_like(whole.key_poses.fixed, fixed))
+        performer = replace(whole, body=human(height), key_poses=keys)
+        values = report(replace(shot, performers=(performer, *shot.performers[1:])), result())
+        lines = [line for line in report_lines(values) if "state the calibration's unit" in line]
+        assert len(lines) == said
+        assert all(line.endswith(f"its translations {factor}") for line in lines)
+
+
 def test_key_poses_of_another_frame_rate_are_reported(tracked: tuple[Shot, type]) -> None:
     shot, result = tracked
     for rate, said in ((0.0, 0), (25.1, 0), (50.0, 1)):
