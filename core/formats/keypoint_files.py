@@ -23,6 +23,11 @@ from .reading import NUMBER_LIMIT, read_bytes, reading
 _MAX_NUMBER = 10**15  # number of a frame or track: some programs number pictures by the time
 KNOWN_FORMATS = "OpenPose, COCO, AlphaPose, MMPose, MediaPipe or YOLO"
 
+_TABLES = "write DeepLabCut's and other tables as COCO's JSON: a list of image_id and keypoints"
+_LANDMARKS = "these are 3D landmarks: name the file as landmarks of a [[performer]]"
+_OTHERS = {".csv": _TABLES, ".h5": _TABLES, ".trc": _LANDMARKS, ".c3d": "pose the body from it in Blender"}
+"""What to do with files of other kinds, by the endings of their names."""
+
 
 def read_keypoints(
     path: Path | str,
@@ -60,6 +65,8 @@ def read_keypoints(
     images = {} if footage is None else frames_by_name(footage)
     skipped: list[str] = []
     if path.is_file():
+        if (todo := _OTHERS.get(path.suffix.lower())) is not None:
+            raise KeypointError("is no keypoint file that can be read", where=str(path), todo=todo)
         found = [_named(person, images) for person in _read(path)]
         numbers = {person.frame for person in found if person.frame is not None}
     else:

@@ -293,3 +293,14 @@ def test_two_thousand_frames_are_read_in_a_second(tmp_path: Path) -> None:
     begin = time.process_time()
     assert len(read_keypoints(tmp_path)) == 2000
     assert time.process_time() - begin < 1.0
+
+
+def test_tables_and_landmarks_say_what_to_do_with_them(tmp_path: Path) -> None:
+    for name, todo in (
+        ("dlc.csv", "COCO's JSON"),
+        ("dlc.h5", "COCO's JSON"),
+        ("a.trc", r"landmarks of a \[\[performer"),
+    ):
+        (tmp_path / name).write_bytes(b"x")
+        with pytest.raises(KeypointError, match=todo):
+            read_keypoints(tmp_path / name)
