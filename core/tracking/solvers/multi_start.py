@@ -40,12 +40,11 @@ def best_of_starts(
 ) -> SegmentSolution:
     """Solve for the motion of all performers between their key poses, from as many starts as the images call for.
 
-    All performers are solved together from the curve through the key poses; if any of several is doubted, they are
-    solved further by all pixels, as those whom others hide are seen by few views. Each performer for whom the images
-    still contradict that solution is then solved alone from other starts, with the motions of the others given
-    (`best_of_own_starts`). Finally all are solved together again, and left and right limbs of the doubted are exchanged
-    where that is better. Parameters as in `gauss_newton.descend`; `first` is the solution from the curve, if it is
-    known.
+    All performers are solved together from the curve through the key poses (`first_solution`). Each performer for whom
+    the images contradict that solution is then solved alone from other starts, with the motions of the others given
+    (`best_of_own_starts`). Finally all are solved together again, and left and right limbs of a doubted single one are
+    exchanged where that is better. Parameters as in `gauss_newton.descend`; `first` is the solution from the curve, if
+    it is known.
     """
     best = first or first_solution(problem, start, workspace.part(0.0, 0.2))
     seconds = Seconds(best.seconds)
@@ -99,12 +98,13 @@ def best_of_own_starts(
     """Solve for one performer from several starts and return the best solution.
 
     The body may have turned the longer way round from one key pose to the next, which is tried first (`whole_turns`).
-    Where the first solution explains too little of the performer, the motion is followed frame by frame from the key
-    poses, unless others hide the performer on the way: a limb that is lost alone would be lost again. Then limbs are
-    searched for around the solutions. If nothing but uncovered foreground contradicts the first solution, and no
-    whole turn is added to it, a single round of the search decides first whether the performer's limbs can be there at
-    all: the foreground may be a bystander. So it does for the solution from the motion that was followed, and where
-    both starts lead to the same motion (`starts_agree`): the search goes on only if it finds a likelier one.
+    One of several performers is then only searched for limbs, once (`searched_among_others`). Where the first solution
+    explains too little of a single performer, the motion is followed frame by frame from the key poses: a limb that is
+    lost alone would be lost again. Then limbs are searched for around the solutions. If nothing but uncovered
+    foreground contradicts the first solution, and no whole turn is added to it, a single round of the search decides
+    first whether the performer's limbs can be there at all: the foreground may be a bystander. So it does for the
+    solution from the motion that was followed, and where both starts lead to the same motion (`starts_agree`): the
+    search goes on only if it finds a likelier one.
 
     Parameters
     ----------

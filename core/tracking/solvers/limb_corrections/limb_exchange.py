@@ -131,7 +131,8 @@ def with_crossed_limbs_exchanged(
 
     Legs that pass each other may have followed each other's pictures so well that nothing contradicts the solution. The
     exchange is solved only if it covers more at once, and only in several views: a single one does not show which limb
-    is in front.
+    is in front. Limbs of one of several performers are exchanged wherever that hardly makes their motion rougher
+    (`exchanges`).
 
     Parameters
     ----------
@@ -224,9 +225,8 @@ def _exchange_tried(
 def _exchange_settled(
     problem: SegmentProblem, best: SegmentSolution, exchange: Exchange, rest: _Rest, workspace: Workspace
 ) -> SegmentSolution | None:
-    """Solve from exchanged limbs. For one of several performers, return None if the cover is so much smaller that the
-    exchange cannot be better (`is_hopeless`): after the first iterations, or at once for limbs in each other's places.
-    Otherwise it is solved only while it could still become likelier than without the exchange (`never_likelier`).
+    """Solve from exchanged limbs. For one of several performers, only while it could still become likelier than without
+    the exchange (`never_likelier`).
 
     For a single performer it is solved until it is at rest, or cannot become likelier than without the exchange: limbs
     that do not quite meet where they are exchanged take long to get there. From each other's places, coarse steps would
