@@ -17,14 +17,17 @@ import numpy as np
 from ....body.limbs import limb_pairs
 from ....body.motion import Motion
 from ....numerics.arrays import Array, Ints
+from ..descent_stages import SETTLED
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
+from ..gauss_newton import descend
 from ..judgement.settled_solutions import SettledSolutions
 from ..judgement.solution_doubts import MIN_DURATION
 from ..limb_evidence.limb_likelihood import LimbOfPerformer, SupportOfLimb, least_supported, support_of_limbs
+from ..thinned_frames import ThinnedProblem
 from .limb_pairs_elsewhere import with_pairs_found
 from .limb_search import is_elsewhere
-from .limbs_elsewhere import found_across, found_elsewhere, likelier_with_limb
+from .limbs_elsewhere import found_across, found_elsewhere, likelier, likelier_with_limb, solved_from
 from .search_rounds import MAX_SEARCH_ROUNDS
 
 WEAK_RATIO = 0.7
@@ -44,6 +47,9 @@ def with_weakly_shown_limbs_found(
 ) -> SegmentSolution:
     """Search for the limbs of a single performer that the images show less clearly than on the key poses.
 
+    Where frames follow each other closely, limbs are searched for on some of them (`thinned_frames`), and what is found
+    there is solved for on all.
+
     Parameters
     ----------
     problem : SegmentProblem
@@ -56,6 +62,27 @@ def with_weakly_shown_limbs_found(
         Of this solution's motions, if it is known.
     """
     places = weakly_shown_limbs(problem, solution.motions, support)
+    thinned = ThinnedProblem.of(problem, solution.motions) if places else None
+    if thinned is None:
+        return _with_limbs_found(problem, solution, places, known, workspace)
+    inner = thinned.workspace(workspace)
+    few = descend(thinned.problem, thinned.of_motions(solution.motions), inner, SETTLED)
+    found = _with_limbs_found(thinned.problem, few, places, SettledSolutions(), inner)
+    if found.motions is few.motions:
+        return solution
+    settled = known.after(problem, solution, workspace)
+    there = solved_from(problem, thinned.interpolated(found.motions), settled.noise, workspace)
+    return likelier(problem, solution, settled, there, workspace, least_gain=LEAST_GAIN)
+
+
+def _with_limbs_found(
+    problem: SegmentProblem,
+    solution: SegmentSolution,
+    places: Sequence[LimbOfPerformer],
+    known: SettledSolutions,
+    workspace: Workspace,
+) -> SegmentSolution:
+    """Search for some limbs, pairs first."""
     weak = [pair for pair in limb_pairs(problem.bodies[0]) if any((0, chain) in places for chain in pair)]
     solution = with_pairs_found(problem, solution, weak, known, workspace, least_gain=LEAST_GAIN)
     for place in places:

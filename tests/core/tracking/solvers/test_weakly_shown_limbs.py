@@ -14,8 +14,10 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSolutions
+from kfmocap.core.tracking.solvers.equations.segment_equations import SegmentNoise
+from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSolution, SettledSolutions
 from kfmocap.core.tracking.solvers.limb_corrections import regained_limbs, weakly_shown_limbs
+from kfmocap.core.tracking.solvers.thinned_frames import ThinnedProblem, kept_frames
 from made_evidence import Landscape
 from synthetic import CAMERAS, at_rest, dark, ends_held
 
@@ -123,6 +125,35 @@ def test_pairs_with_a_weak_limb_are_searched_for_first(monkeypatch: pytest.Monke
     begin = Landscape(truth=REST).solution(seen_by(2), REST)
     weakly_shown_limbs.with_weakly_shown_limbs_found(seen_by(2), begin, SettledSolutions(), Workspace())
     assert asked == [next(pair for pair in limb_pairs(BODY) if LIMBS[1] in pair), (0, LIMBS[1])]
+
+
+@pytest.mark.parametrize("found", [True, False])
+def test_where_frames_follow_each_other_closely_limbs_are_searched_for_on_some_and_decided_on_all(
+    monkeypatch: pytest.MonkeyPatch, found: bool
+) -> None:
+    problem, lengths = seen_by(2), list[int]()
+    begin, there = Landscape(truth=REST).solution(problem, REST), turned(0.9)
+    kept, noise = kept_frames(problem, 2), SegmentNoise(*[np.zeros(0)] * 3)
+
+    def searched_on(few: SegmentProblem, solution: SegmentSolution, *_: object) -> SegmentSolution:
+        lengths.append(few.length)
+        return replace(solution, motions=(there[kept],)) if found else solution
+
+    def solved(whole: SegmentProblem, motions: Sequence[Motion], *_: object) -> SegmentSolution:
+        assert len(motions[0]) == whole.length
+        return replace(begin, motions=tuple(motions))
+
+    monkeypatch.setattr(ThinnedProblem, "of", lambda whole, _: ThinnedProblem.at(whole, kept, 2))
+    monkeypatch.setattr(weakly_shown_limbs, "descend", solved)
+    monkeypatch.setattr(weakly_shown_limbs, "solved_from", solved)
+    monkeypatch.setattr(weakly_shown_limbs, "likelier", lambda *given, **_: given[3])
+    monkeypatch.setattr(weakly_shown_limbs, "weakly_shown_limbs", lambda *_: [(0, LIMBS[0])])
+    monkeypatch.setattr(weakly_shown_limbs, "_with_limbs_found", searched_on)
+    monkeypatch.setattr(SettledSolutions, "after", lambda *_: SettledSolution(begin, noise, begin))
+    end = weakly_shown_limbs.with_weakly_shown_limbs_found(problem, begin, SettledSolutions(), Workspace())
+    assert lengths == [len(kept)] and len(kept) < problem.length
+    assert (end is begin) == (not found)
+    np.testing.assert_allclose(end.motions[0].rotations[kept], (there if found else REST).rotations[kept], atol=1e-9)
 
 
 def test_a_limb_that_is_found_where_it_was_costs_no_solving(monkeypatch: pytest.MonkeyPatch) -> None:
