@@ -86,10 +86,12 @@ def best_of_starts(
 
 def first_solution(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
     """Descend from the start; with several performers in several views by all pixels in the end, as those whom others
-    hide are seen by few views. Parameters as in `gauss_newton.descend`.
+    hide are seen by few views. Performers with key poses on all frames do not count. Parameters as in
+    `gauss_newton.descend`.
     """
-    among_others = len(problem.bodies) > 1 and problem.shows_depth and not problem.keypoints
-    return descend(problem, start, workspace, (*STAGES[:-1], *POLISHED_AT_ONCE) if among_others else STAGES)
+    several = sum(not fixed.all() for fixed in problem.fixed) > 1
+    by_all = several and problem.shows_depth and not problem.keypoints
+    return descend(problem, start, workspace, (*STAGES[:-1], *POLISHED_AT_ONCE) if by_all else STAGES)
 
 
 def best_of_own_starts(

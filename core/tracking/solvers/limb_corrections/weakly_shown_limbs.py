@@ -3,8 +3,8 @@
 A limb that is lost in front of the body, or along the line of sight of one of two cameras, covers foreground, leaves
 hardly any uncovered, and is too small a part of the performer for its cover to raise a doubt. But its pixels and its
 sides speak less for it than where the key poses have it. That alone does not show that it is lost: others are hidden
-for a while. So it is searched for together with its counterpart (`limb_pairs_elsewhere`), then alone, once around an
-even path between the key poses, and once around its present motion.
+for a while. So it is searched for alone, once around an even path between the key poses, and once around its present
+motion; before that together with its counterpart (`limb_pairs_elsewhere`), if that is shown as weakly.
 Mostly a limb that is right is found where it was, which costs little; otherwise the likelier solution is kept.
 """
 
@@ -83,7 +83,7 @@ def _with_limbs_found(
     workspace: Workspace,
 ) -> SegmentSolution:
     """Search for some limbs, pairs first."""
-    weak = [pair for pair in limb_pairs(problem.bodies[0]) if any((0, chain) in places for chain in pair)]
+    weak = [pair for pair in limb_pairs(problem.bodies[0]) if all((0, chain) in places for chain in pair)]
     solution = with_pairs_found(problem, solution, weak, known, workspace, least_gain=LEAST_GAIN)
     for place in places:
         for turn in range(MAX_SEARCH_ROUNDS):

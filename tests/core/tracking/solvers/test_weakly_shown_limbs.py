@@ -110,8 +110,11 @@ def test_what_the_search_finds_around_either_path_is_kept_where_it_is_likelier(
     assert searched(monkeypatch, there, elsewhere, accepted=None)[0] is REST
 
 
-def test_pairs_with_a_weak_limb_are_searched_for_first(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("both", [True, False])
+def test_pairs_of_which_both_limbs_are_weak_are_searched_for_first(monkeypatch: pytest.MonkeyPatch, both: bool) -> None:
     asked: list[object] = []
+    pair = limb_pairs(BODY)[0]
+    weak = [(0, chain) for chain in (pair if both else pair[:1])]
 
     def paired(
         _: object, solution: SegmentSolution, pairs: list[object], *__: object, **___: object
@@ -120,11 +123,11 @@ def test_pairs_with_a_weak_limb_are_searched_for_first(monkeypatch: pytest.Monke
         return solution
 
     monkeypatch.setattr(weakly_shown_limbs, "with_pairs_found", paired)
-    monkeypatch.setattr(weakly_shown_limbs, "weakly_shown_limbs", lambda *_: [(0, LIMBS[1])])
+    monkeypatch.setattr(weakly_shown_limbs, "weakly_shown_limbs", lambda *_: weak)
     monkeypatch.setattr(weakly_shown_limbs, "_with_limb_found", lambda *given, **_: asked.append(given[2]) or given[1])
     begin = Landscape(truth=REST).solution(seen_by(2), REST)
     weakly_shown_limbs.with_weakly_shown_limbs_found(seen_by(2), begin, SettledSolutions(), Workspace())
-    assert asked == [next(pair for pair in limb_pairs(BODY) if LIMBS[1] in pair), (0, LIMBS[1])]
+    assert asked == ([pair, *weak] if both else weak)
 
 
 @pytest.mark.parametrize("found", [True, False])
