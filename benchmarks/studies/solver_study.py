@@ -67,22 +67,13 @@ class LinearisedSegment:
     @property
     def weights(self) -> tuple[Array, Array]:
         """Weights of the smoothness and of the terminal terms of each parameter, shape (D,), see `relaxation`."""
-        n, D = self.rows.steps.shape
-        units = np.concatenate([np.full(3, 1.0 if self.published else relaxation.LENGTH_UNIT), np.ones(D - 3)])
-        terminal = np.concatenate([np.full(3, relaxation.NU), np.full(D - 3, relaxation.LAMBDA)])
-        return relaxation.SMOOTHNESS / units**2, terminal / (n * units**2)
+        u, smooth, terminal = relaxation.weights_of_steps(*self.rows.steps.shape, whole=not self.published)
+        return smooth, u * terminal
 
     def steps_of(self, increments: Array) -> Array:
-        """Steps x (n, D) after increments (n, D) of the poses after the first, to first order."""
+        """Steps x (n, D) after increments (n, D) of the poses, the inverse of `StepEquations.increments`."""
         before = np.concatenate([np.zeros_like(increments[:1]), increments[:-1]])
         return self.rows.steps + increments - (self.rows.carried @ before[..., None])[..., 0]
-
-    def increments_of(self, steps: Array) -> Array:
-        """Increments of the poses that lead to steps, (n, D); the inverse of `steps_of`."""
-        out = steps - self.rows.steps
-        for j in range(1, len(out)):
-            out[j] += self.rows.carried[j] @ out[j - 1]
-        return out
 
     def end_error(self, steps: Array) -> Array:
         """What is left to the last key pose after steps, in its own axes, shape (D,)."""
@@ -93,7 +84,7 @@ class LinearisedSegment:
     def energy(self, steps: Array) -> float:
         """Half the energy (21) at steps (n, D), against that of the gradient terms at the initial solution."""
         smooth, terminal = self.weights
-        moved = self.increments_of(steps)
+        moved = self.rows.increments(steps)
         gradients = (moved * (self.rows.poses.gradient + self.rows.poses.gradient_at(moved))).sum() / 2
         apart = (smooth * np.diff(steps, axis=0) ** 2).sum() / 4
         return float(gradients + apart + (terminal * self.end_error(steps) ** 2).sum() / 2)
@@ -120,7 +111,7 @@ class LinearisedSegment:
         system.gradient[:-1] -= (np.swapaxes(here, 1, 2) @ apart)[..., 0]
         system.gradient[: n - 2] += (np.swapaxes(back[1:], 1, 2) @ apart[1:])[..., 0]
         system.diagonal[-1] += np.diag(terminal)
-        system.gradient[-1] -= terminal * (self.end_error(steps) + self.increments_of(steps)[-1])
+        system.gradient[-1] -= terminal * (self.end_error(steps) + self.rows.increments(steps)[-1])
         return system
 
     def gauss_newton(self, count: int) -> Array:

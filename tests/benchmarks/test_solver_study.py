@@ -31,7 +31,7 @@ def segment(published: bool) -> LinearisedSegment:
 def test_the_normal_equations_are_the_derivative_of_the_energy(published: bool) -> None:
     own = segment(published)
     steps = own.rows.steps + np.random.default_rng(1).normal(0, 1e-3, own.rows.steps.shape)
-    moved = own.increments_of(steps)
+    moved = own.rows.increments(steps)
     np.testing.assert_allclose(own.steps_of(moved), steps, atol=1e-12)
     slope = numeric_jacobian(lambda d: np.array([own.energy(own.steps_of(d.reshape(moved.shape)))]), moved.ravel())
     np.testing.assert_allclose(

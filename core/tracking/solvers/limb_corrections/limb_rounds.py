@@ -17,12 +17,9 @@ from ..judgement.settled_solutions import SettledSolution, SettledSolutions
 from ..judgement.solution_ranking import RESTING_GAIN, likeliest_at_rest, likelihood
 from ..limb_evidence.limb_likelihood import LimbOfPerformer
 from .limb_search import views_of
-from .limbs_elsewhere import found_across, found_elsewhere, leads_elsewhere, solved_from
+from .limbs_elsewhere import LEAST_GAIN, found_across, found_elsewhere, leads_elsewhere, solved_from
 from .search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
 
-LEAST_GAIN = 100.0
-"""Smallest gain in log likelihood, in natural units, for which a limb of one of several performers is moved: right ones
-gain up to 60 by chance."""
 MAX_RETURNS = 2
 """Rounds of the search in a row after which a limb is where it was, and the search ends: it is right there. With
 several performers one is enough."""

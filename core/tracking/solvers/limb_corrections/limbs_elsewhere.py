@@ -22,6 +22,9 @@ from .bridges import evenly_led
 from .limb_search import MIN_GAIN_ELSEWHERE, frames_elsewhere, freed_limb, is_elsewhere
 from .local_trials import LocalTrial
 
+LEAST_GAIN = 100.0
+"""Smallest gain in log likelihood, in natural units, for which a limb is moved that only its pictures speak against, or
+one of several performers: solving a limb that is right once more from elsewhere gains up to 60 by chance."""
 _ACROSS_SEED = 1000
 """Draws other poses than the searches around the present motion."""
 

@@ -27,15 +27,12 @@ from ..limb_evidence.limb_likelihood import LimbOfPerformer, SupportOfLimb, leas
 from ..thinned_frames import ThinnedProblem
 from .limb_pairs_elsewhere import with_pairs_found
 from .limb_search import is_elsewhere
-from .limbs_elsewhere import found_across, found_elsewhere, likelier, likelier_with_limb, solved_from
+from .limbs_elsewhere import LEAST_GAIN, found_across, found_elsewhere, likelier, likelier_with_limb, solved_from
 from .search_rounds import MAX_SEARCH_ROUNDS
 
 WEAK_RATIO = 0.7
 """Ratio of the support of a limb, in the mean over `MIN_DURATION`, to its support on the key poses, below which it is
 searched for."""
-LEAST_GAIN = 100.0
-"""Smallest gain in log likelihood, in natural units, for which it is moved: solving a limb that is right once more from
-elsewhere gains up to 60 by chance."""
 
 
 def with_weakly_shown_limbs_found(

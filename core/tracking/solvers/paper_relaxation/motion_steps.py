@@ -108,12 +108,16 @@ class StepEquations:
         blocks.gradient[:-1] -= (across @ left[..., None])[..., 0]
         return cls.of(blocks, motion)
 
-    def gradient(self, x: Array) -> Array:
-        """Gradient by the steps, (n, D), at steps x (n, D)."""
+    def increments(self, x: Array) -> Array:
+        """Increments of the n poses after the first, (n, D), that lead to steps x (n, D), to first order."""
         change = x - self.steps
         for j in range(1, len(change)):
             change[j] += self.carried[j] @ change[j - 1]
-        out = self.poses.gradient_at(change)
+        return change
+
+    def gradient(self, x: Array) -> Array:
+        """Gradient by the steps, (n, D), at steps x (n, D)."""
+        out = self.poses.gradient_at(self.increments(x))
         for j in range(len(out) - 1, 0, -1):
             out[j - 1] += self.carried[j].T @ out[j]
         return out

@@ -127,10 +127,8 @@ def relax(
         Use u = 1 and the unit `LENGTH_UNIT`, as in the second half of the sweeps.
     """
     n, D = rows.steps.shape
-    u, length = (1.0, LENGTH_UNIT) if whole else (1.0 / n, 1.0)
-    units = np.concatenate([np.full(3, length), np.ones(D - 3)])
-    smooth = SMOOTHNESS / units**2
-    weight = fixed[-1] * np.concatenate([np.full(3, NU), np.full(D - 3, LAMBDA)]) / (units**2 * n * u)
+    u, smooth, terminal = weights_of_steps(n, D, whole=whole)
+    weight = fixed[-1] * terminal
     inverse = np.linalg.inv(rows.curvature + np.diag(smooth + weight))
     R_last, T_last = keyed.rotations[-1], keyed.translations[-1]
     x = rows.steps.copy()
@@ -155,6 +153,16 @@ def relax(
             x[j] = new
             before = before @ rotations.exp(new[3:].reshape(-1, 3))
     return Steps(x[:, :3], x[:, 3:].reshape(n, -1, 3)).accumulated(motion)
+
+
+def weights_of_steps(n: int, D: int, *, whole: bool) -> tuple[float, Array, Array]:
+    """Return u of equation (27), and the weights of the smoothness and of the terminal terms of each of the D motion
+    parameters in a sweep over n steps; `whole` as in `relax`.
+    """
+    u, length = (1.0, LENGTH_UNIT) if whole else (1.0 / n, 1.0)
+    units = np.concatenate([np.full(3, length), np.ones(D - 3)])
+    terminal = np.concatenate([np.full(3, NU), np.full(D - 3, LAMBDA)])
+    return u, SMOOTHNESS / units**2, terminal / (units**2 * n * u)
 
 
 def axis_vector(P: Array) -> Array:
