@@ -1,28 +1,21 @@
 """Whether a view's footage changes from key frame to key frame where the key poses move.
 
-Footage of another camera or another take, and key poses of another world, are far from any solution: neither a small
-correction of the camera nor the tracked motion says so. A camera that stands still sees a difference between two key
-frames where the performers were or are, and little elsewhere; how well the one predicts the other is the probability
-that a pixel there differs more than one elsewhere (the area under the receiver operating characteristic: T. Fawcett,
-Pattern Recognition Letters 27 (2006) 861-874).
+How well it does is measured by `core.evidence.movement_match`; here views are compared as they are, and with other
+offsets.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cache, partial
-from itertools import combinations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.kinematics import Poses, scene_poses
-from ..cameras.camera import Camera
 from ..errors import FootageError
+from ..evidence.movement_match import COARSE_SIDE, key_poses_of, movement_match
 from ..evidence.rendering.label_images import render_labels
 from ..evidence.rendering.part_geometry import Geometry
-from ..numerics.arrays import Array, Bools
 from ..shot.footage import frames_at, probe
 from ..shot.footage_faults.footage_checks import stored_frames
 from ..shot.frame_numbers import footage_index
@@ -31,14 +24,6 @@ from .background_shift import BackgroundShift, background_shift
 from .key_frame_views import KeyFrameView
 from .view_findings import FootageMatch
 
-_SIDE = 160
-"""Approximate longer side of the pictures that are compared, pixels."""
-_MIN_PIXELS = 60
-"""Fewest pixels on which performers must be on one key frame and not on another."""
-_MIN_CHANGE = 4.0
-"""Grey levels by which some pixel of two pictures must differ: others show the same, and say nothing."""
-_MARGIN = np.ones((5, 5), np.uint8)
-"""Pixels around the performers that count neither way: key poses are inexact."""
 _MAX_SHIFT, _MIN_SHIFT = 30, 2
 """Greatest and least change of the offset that is tried, frames of the shot."""
 _MAX_SHIFTED_KEYS, _MAX_READ = 5, 300
@@ -46,8 +31,6 @@ _MAX_SHIFTED_KEYS, _MAX_READ = 5, 300
 _MIN_SHIFTED_MATCH, _MIN_GAIN, _MIN_LACK = 0.97, 3.0, 0.01
 """Another offset is better if it matches at least this well, and if the present one lacks more of a match (1 - match):
 this many times what the other lacks, and this much more."""
-_CORE = np.ones((3, 3), np.uint8)
-"""Pixels inside the performers' outlines that do not count as theirs, for the same reason as `_MARGIN`."""
 
 
 def footage_matches(shot: Shot, views: Sequence[KeyFrameView], frames: NDArray[np.int64]) -> list[FootageMatch]:
@@ -58,7 +41,7 @@ def footage_matches(shot: Shot, views: Sequence[KeyFrameView], frames: NDArray[n
     geometry, found = Geometry.of([performer.body for performer in shot.performers]), []
     for view, pictured in zip(shot.views, views, strict=True):
         if view.camera.stands_still:
-            own = _match(pictured.rectified(view.camera), pictured.camera(view.camera), geometry, poses)
+            own = movement_match(pictured.rectified(view.camera), pictured.camera(view.camera), geometry, poses)
             if own is not None:
                 found.append(FootageMatch(view.camera.name, own))
     return found
@@ -88,7 +71,7 @@ def better_offset(shot: Shot, view: View, frames: NDArray[np.int64]) -> float | 
         footage = probe(view.footage)
         count = stored_frames(view, footage, 0)
         shown = [f for f in sorted(places) if 0 <= footage_index(view, shot.frames[0] + f) < count]
-        factor = max(1.0, max(view.camera.size) / _SIDE)
+        factor = max(1.0, max(view.camera.size) / COARSE_SIDE)
         read = frames_at(view, [shot.frames[0] + f for f in shown], factor, grey=False)
         pictures = dict(zip(shown, read, strict=True))
     except FootageError:
@@ -104,7 +87,7 @@ def _best_offset(
 
     def lack(kept: tuple[int, ...], shift: int) -> float | None:
         shown = np.stack([pictures[int(frames[k]) + shift] for k in kept])
-        match = _match(shown, camera, geometry, (R[list(kept)], T[list(kept)]))
+        match = movement_match(shown, camera, geometry, (R[list(kept)], T[list(kept)]))
         return None if match is None else 1 - match
 
     present = cache(partial(lack, shift=0))
@@ -117,50 +100,3 @@ def _best_offset(
         if own is not None and other is not None and other < least and own > _MIN_GAIN * other + _MIN_LACK:
             best, least = shift, other
     return None if best is None else view.offset + view.every * best
-
-
-def key_poses_of(shot: Shot, frames: NDArray[np.int64]) -> Poses:
-    """Return the world poses of all performers' parts on K frames on which all of them have key poses."""
-    keys = [performer.key_poses for performer in shot.performers]
-    return scene_poses(
-        [performer.body for performer in shot.performers],
-        [key.poses[np.searchsorted(key.frames, frames)] for key in keys],
-    )
-
-
-def _match(pictures: NDArray[np.uint8], camera: Camera, geometry: Geometry, poses: Poses) -> float | None:
-    """Return the mean over pairs of key frames, weighted by the number of pixels that say it; None if these are few."""
-    small = camera.reduced(max(1.0, max(camera.size) / _SIDE))
-    shown = [_blurred(picture, small.size) for picture in pictures]
-    body = [part.astype(np.uint8) for part in render_labels(geometry, small, 0, *poses).part >= 0]
-    inner, outer = [cv2.erode(mask, _CORE) > 0 for mask in body], [cv2.dilate(mask, _MARGIN) > 0 for mask in body]
-    counts, chances = [], []
-    for a, b in combinations(range(len(shown)), 2):
-        moved, still = (inner[a] & ~outer[b]) | (inner[b] & ~outer[a]), ~(outer[a] | outer[b])
-        if moved.any() and still.any():
-            different = _difference(shown[a], shown[b], still)
-            if different.max() < _MIN_CHANGE:
-                continue
-            counts.append(int(moved.sum()))
-            chances.append(_chance_of_more(different[moved], different[still]))
-    return float(np.average(chances, weights=counts)) if sum(counts) >= _MIN_PIXELS else None
-
-
-def _blurred(picture: NDArray[np.uint8], size: tuple[int, int]) -> Array:
-    reduced = cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.float32)
-    return np.asarray(cv2.GaussianBlur(reduced, (0, 0), 1.0))
-
-
-def _difference(a: Array, b: Array, still: Bools) -> Array:
-    """Return the largest difference of two pictures' channels, (h, w), but for the exposure and the colour of the light
-    in what stands still.
-    """
-    gain = np.median((a[still] + 1) / (b[still] + 1), axis=0)
-    return np.asarray(np.abs(a - gain * b).max(axis=-1))
-
-
-def _chance_of_more(some: Array, others: Array) -> float:
-    """Return the probability that one of some numbers is larger than one of others (Mann and Whitney)."""
-    ordered = np.sort(others)
-    ranks = np.searchsorted(ordered, some, "left") + np.searchsorted(ordered, some, "right")
-    return float(ranks.mean() / (2 * len(others)))

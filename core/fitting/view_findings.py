@@ -9,11 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from ..evidence.movement_match import MIN_MATCH
 from .background_shift import BackgroundShift
 from .keypoint_cameras import PictureShift
 
-MIN_MATCH = 0.9
-"""Probability from which footage is the key poses': see docs/refinement.md for those of right and of wrong footage."""
 _DEFLICKER = "filter it, as with: ffmpeg -i FOOTAGE -vf deflicker=size=15 -crf 14 CONVERTED.mp4"
 _STABILISE = (
     "stabilise its footage, as with: ffmpeg -i FOOTAGE -vf vidstabdetect=tripod=1 -f null - && ffmpeg -i FOOTAGE -vf "

@@ -13,13 +13,16 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..shot.footage import probe
+from ..evidence.movement_match import FINE_SIDE, MIN_MATCH, key_poses_of, movement_match
+from ..evidence.rendering.part_geometry import Geometry
+from ..shot.footage import frames_at, probe
 from ..shot.footage_faults.continuity import COMPARED_PAIRS
 from ..shot.footage_faults.footage_checks import stored_frames
 from ..shot.footage_faults.footage_times import FootageRate, timed_gaps
 from ..shot.frame_numbers import across_gaps, footage_index, frames_damaged, gap_frame
 from ..shot.shot import Gap, Shot, View
 from .journal import FinishedSegment
+from .segments import whole_keys
 from .track_result import TrackResult
 
 MAX_GAPS = 4
@@ -28,6 +31,34 @@ time."""
 SAME_GAP_FRAMES = 2
 """Distance in frames within which gaps are one: at most so far from its true place one was found, with one exception
 (docs/bench.md)."""
+
+MAX_COMPARED_KEYS = 5
+"""Greatest number of key frames by which footage is compared with the key poses before delays are believed."""
+
+
+def without_false_delays(shot: Shot, result: TrackResult) -> TrackResult:
+    """Return a result without delays of views if some view's footage does not show the key poses: what is found late in
+    footage of another take, or by a calibration of another world, says nothing.
+    """
+    if any(result.late) and not _shows_key_poses(shot):
+        return replace(result, late=(None,) * len(shot.views))
+    return result
+
+
+def _shows_key_poses(shot: Shot) -> bool:
+    keys = whole_keys(shot, 0, shot.length - 1)
+    frames = keys[np.linspace(0, len(keys) - 1, min(MAX_COMPARED_KEYS, len(keys))).round().astype(int)]
+    if len(frames) < 2:
+        return True
+    geometry, poses = Geometry.of([performer.body for performer in shot.performers]), key_poses_of(shot, frames)
+    for view in shot.views:
+        if view.camera.stands_still:
+            factor = max(1.0, max(view.camera.size) / FINE_SIDE)
+            pictures = np.stack([*frames_at(view, (shot.frames[0] + frames).tolist(), factor, grey=False)])
+            match = movement_match(pictures, view.camera.reduced(factor).rectified(), geometry, poses)
+            if match is not None and match < MIN_MATCH:
+                return False
+    return True
 
 
 def with_timed_gaps(shot: Shot, rates: Sequence[FootageRate | None]) -> Shot:

@@ -35,7 +35,15 @@ from ..shot.keypose_spline import spline
 from ..shot.shot import Shot
 from ..shot.shot_spec import ShotSpec
 from .damaged_footage import decoder_messages, found_damage, known_damage, without_damaged
-from .footage_gaps import MAX_GAPS, fits_better, unaffected, with_found_gaps, with_gaps, with_timed_gaps
+from .footage_gaps import (
+    MAX_GAPS,
+    fits_better,
+    unaffected,
+    with_found_gaps,
+    with_gaps,
+    with_timed_gaps,
+    without_false_delays,
+)
 from .journal import FinishedSegment, KeptSegments
 from .picture_store import fits_in_memory, picture_folder
 from .reader import is_kept, kept_rate
@@ -126,6 +134,7 @@ def _tracked_with_corrections(shot: Shot, options: _TrackOptions) -> TrackResult
     if [view.damaged for view in sound.views] != [view.damaged for view in shot.views]:
         result, done = _tracked_again(sound, shot, options, result, done)
         shot = sound
+    result = without_false_delays(shot, result)
     for _ in range(MAX_GAPS):
         corrected = with_gaps(shot, result)
         if corrected is None:

@@ -13,8 +13,15 @@ from kfmocap.core.shot.footage_faults.footage_times import FootageRate
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import Gap, Shot, View
 from kfmocap.core.tracking import tracker
-from kfmocap.core.tracking.footage_gaps import FoundGap, found_gaps, with_found_gaps, with_timed_gaps
+from kfmocap.core.tracking.footage_gaps import (
+    FoundGap,
+    found_gaps,
+    with_found_gaps,
+    with_timed_gaps,
+    without_false_delays,
+)
 from kfmocap.core.tracking.journal import Journal
+from kfmocap.core.tracking.late_views import LateView
 from kfmocap.core.tracking.retracking import Excerpt, digests, track_excerpts
 from kfmocap.core.tracking.run_context import RunContext
 from kfmocap.core.tracking.segments import segments
@@ -74,6 +81,17 @@ def test_whole_footage_is_tracked_once(films: dict[str, Shot], tracked: dict[str
     assert tracked["whole"].motions[0].rotations.tobytes() == without.motions[0].rotations.tobytes()
     assert tracked["whole"].gaps == ((), (), ())
     assert tracked["whole"].camera_frames == without.camera_frames
+
+
+def test_delays_in_footage_of_another_camera_are_not_believed(
+    films: dict[str, Shot], tracked: dict[str, TrackResult]
+) -> None:
+    shot, late = films["whole"], (LateView(PLACE, 0.5, 12.0), None, None)
+    found = replace(tracked["whole"], late=late)
+    assert without_false_delays(shot, found) is found
+    a, b, c = shot.views
+    exchanged = replace(shot, views=(replace(a, footage=b.footage), replace(b, footage=a.footage), c))
+    assert not any(without_false_delays(exchanged, found).late)
 
 
 @pytest.mark.parametrize("fault", ["missing", "twice"])
