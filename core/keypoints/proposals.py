@@ -69,7 +69,7 @@ def propose_performers(
         frames = chosen_frames(fit, shot.fps) if request.frames is None else np.array(sorted(request.frames), np.int64)
         keys = KeyPoses.proposed(frames, fit.motion[frames])
         unknown = unseen_parts(fit.body, keypoints)
-        performers.append(Performer(request.name, fit.body, keys, request.person, unknown))
+        performers.append(Performer(request.name, fit.body, keys, request.person, unknown, given_height=request.height))
     return tuple(performers)
 
 

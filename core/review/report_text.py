@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from ..errors import listed
 from ..shot.footage_faults.footage_checks import SAME_RATE
 from ..shot.footage_faults.footage_damage import FootageDamage
@@ -22,6 +24,8 @@ _SAME_SHIFT = 2
 """Frames within which offsets of views that fit better count as the same: they are found to within one or two."""
 _PEOPLE, _USUAL_HEIGHT = (1.0, 2.3), 1.7
 """Heights of people, children included, beyond which the unit of a calibration is doubted, and a usual one, metres."""
+_SAME_HEIGHT = 0.15
+"""Logarithm of a ratio up to which the height of the limbs can be that of the person."""
 _RATE_TOLERANCE = 5e-4  # 29.97 and 30 frames per second differ by twice as much
 
 
@@ -106,6 +110,13 @@ def _performer_lines(performer: Mapping[str, Any]) -> list[str]:
         lines.append(
             f"by the calibration it is {size:g} m tall: if it is a person, state the calibration's unit, or multiply "
             f"its translations by {_USUAL_HEIGHT / size:.2g}"
+        )
+    if (heights := performer.get("heights")) and abs(np.log(heights["limbs"] / heights["given"])) > _SAME_HEIGHT:
+        given, limbs = heights["given"], heights["limbs"]
+        lines.append(
+            f"a height of {given:g} m was given, but its limbs are those of a person of {limbs:g} m: if the height is "
+            f"right, all lengths are wrong by a factor of {limbs / given:.2g}, as with a calibration in another unit "
+            "or a wand of another length"
         )
     if unknown := ", ".join(performer["unknown"]):
         lines.append(f"unknown, as no key pose, keypoint or camera shows them: {unknown}")

@@ -13,6 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from ..body.body_size import body_size
+from ..body.measures.measures_from_landmarks import limb_height
 from ..body.soles import Soles
 from ..cameras.world_axes import upward_doubt
 from ..evidence.occlusion import OCCLUDED_BELOW, intervals, occluded, unseen
@@ -160,6 +161,7 @@ def _performer(
         "keyframes": [first + int(f) for f in performer.key_poses.frames],
         "file_fps": round(performer.file_fps, 3),
         "size": round(body_size(performer.body), 2),
+        "heights": _heights(performer),
         "proposed_keyframes": [first + int(f) for f in performer.key_poses.proposals()],
         "occluded_below": OCCLUDED_BELOW,
         "occluded": {
@@ -178,6 +180,12 @@ def _performer(
         ],
         "worst_frames": [{"frame": first + f, "residual": float(residual[f])} for f in worst[:WORST_FRAMES]],
     }
+
+
+def _heights(performer: Performer) -> dict[str, float] | None:
+    """Return the height that was given and that of the limbs, metres; None if either is not known."""
+    given, limbs = performer.given_height, limb_height(performer.body)
+    return None if given is None or limbs is None else {"given": given, "limbs": round(limbs, 2)}
 
 
 def _expected_errors(shot: Shot, performer: Performer, errors: JointErrors, unknown: Sequence[str]) -> dict[str, Any]:

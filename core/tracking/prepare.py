@@ -257,7 +257,8 @@ def _posed_by_bvh(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], firs
             rows = spec.rows(keys, len(skeleton), first)
             body = body_of_bvh(skeleton, spec.height)
         poses = poses_of_bvh(skeleton, body, rows)
-    return Performer(spec.name, body, KeyPoses.whole(keys - first, poses), spec.person, file_fps=skeleton.fps)
+    keyed = KeyPoses.whole(keys - first, poses)
+    return Performer(spec.name, body, keyed, spec.person, file_fps=skeleton.fps, given_height=spec.height)
 
 
 def _prop(spec: PerformerSpec, mesh: Path, keys: NDArray[np.int64], first: int) -> Performer:
@@ -291,7 +292,9 @@ def _posed_by_landmarks(spec: PerformerSpec, file: Path, keys: NDArray[np.int64]
         row[sorted(set(resting_parts(body, _unknown_parts(body, names, shown))) - resting)] = True
     posed = KeyPoses.whole(keys - first, poses).without_parts(free)
     misfits = tip_misfits(body, names, points, poses)
-    return Performer(spec.name, body, posed, spec.person, unknown, misfits, file_fps=landmarks.fps)
+    return Performer(
+        spec.name, body, posed, spec.person, unknown, misfits, file_fps=landmarks.fps, given_height=spec.height
+    )
 
 
 def _unknown_parts(body: Body, names: Sequence[str], shown: NDArray[np.bool_]) -> tuple[str, ...]:

@@ -31,6 +31,8 @@ SHIFT_SIGMA = 0.03
 """Standard deviation of a shift (`body.human.SHIFTS`) from the average person's, metres."""
 MIN_GAIN = 1e-3
 """The fit of measures ends when a step lowers the cost by less than this share."""
+MAX_HEIGHT_RATIO = 1.5
+"""Ratio of two heights beyond which they are not those of one person: fits from there do not converge."""
 LIMIT_TOLERANCE = 1e-6
 """A joint this near to its limit is held while measures change, radians."""
 UNOBSERVED_WEIGHT = 1e-12
@@ -49,17 +51,40 @@ def fit_body(names: Sequence[str], targets_world: Array, height: float | None = 
     targets_world : ndarray, shape (K, L, 3)
         Metres; NaN where a landmark is not known.
     height : float, optional
-        Metres; by default estimated from the lengths of the limbs.
+        See `starting_height`.
     rounds : int
         Largest number of steps of the measures.
     """
     targets = np.asarray(targets_world, float)
-    stature = estimate_height(names, targets) if height is None else height
+    stature = starting_height(names, targets, height)
     problem = _MeasureProblem.of(stature, names, targets)
     rough = problem.minimised(problem.posed(problem.average, None, tolerance=COARSE_TOLERANCE), 1)
     # With the second round the body nearly fits.
     found = problem.minimised(problem.posed(rough.values, rough.poses, search=True), rounds - 1)
     return human(stature, problem.measures(found.values))
+
+
+def starting_height(names: Sequence[str], targets_world: Array, given: float | None) -> float:
+    """Return the height from which measures are fitted, metres: the given one, unless the lengths of the limbs
+    contradict it altogether, as with a calibration in another unit; if none is given, that of the limbs.
+    """
+    if given is None:
+        return estimate_height(names, targets_world)
+    try:
+        seen = estimate_height(names, targets_world)
+    except LandmarkError:
+        return given
+    return given if 1 / MAX_HEIGHT_RATIO < seen / given < MAX_HEIGHT_RATIO else seen
+
+
+def limb_height(body: Body) -> float | None:
+    """Return the height of the average person with a body's limbs, metres; None if it has none of these."""
+    names = list(body.landmarks)
+    rest = Motion(np.zeros((1, 3)), np.tile(np.eye(3), (1, len(body), 1, 1)))
+    try:
+        return estimate_height(names, landmark_positions(body, rest, names))
+    except LandmarkError:
+        return None
 
 
 def estimate_height(names: Sequence[str], targets_world: Array) -> float:

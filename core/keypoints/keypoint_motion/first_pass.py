@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...body import Body, human
 from ...body.measures.body_measures import BodyMeasures
-from ...body.measures.measures_from_landmarks import estimate_height
+from ...body.measures.measures_from_landmarks import starting_height
 from ...errors import KeypointError
 from ...numerics.arrays import Array
 from ...shot.keypose_spline import spline
@@ -103,8 +103,8 @@ def scaled_first_pass(
     correlated : float
         See `FitProblem`.
     height : float, optional
-        Height of the body, metres. By default it is estimated from the keypoints; with a single view, from feet that
-        stand on the floor.
+        Height of the body, metres; with several views only one to begin with, see `starting_height`. By default it is
+        estimated from the keypoints; with a single view, from feet that stand on the floor.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def scaled_first_pass(
         body = human(likely_height(keypoints.of_views([view]), fps) if height is None else height)
         fixed = resting_degrees(body, keypoints)
         return lifted_fit(body, keypoints, view, fixed=fixed, precision=precision, fps=fps)
-    measures = BodyMeasures.average(estimate_height(keypoints.names, points) if height is None else height)
+    measures = BodyMeasures.average(starting_height(keypoints.names, points, height))
     body = measures.body()
     fixed = resting_degrees(body, agreement.keypoints)
     start = with_resting(posed_start(body, agreement.keypoints, points, fps), fixed)

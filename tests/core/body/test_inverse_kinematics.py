@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from kfmocap.core.body import Body, human, landmark_positions
 from kfmocap.core.body.inverse_kinematics import fit_poses
-from kfmocap.core.body.measures.measures_from_landmarks import estimate_height, fit_body
+from kfmocap.core.body.measures.measures_from_landmarks import estimate_height, fit_body, starting_height
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import LandmarkError
 from kfmocap.core.numerics import rotations
@@ -256,6 +256,9 @@ def test_height_is_judged_from_the_limbs() -> None:
     )
     with pytest.raises(LandmarkError, match="height"):
         estimate_height(["Hip", "Neck"], targets[:, :2])
+    assert starting_height(["Hip", "Neck"], targets[:, :2], 0.4) == 0.4
+    for given, taken in ((None, 1.78), (1.5, 1.5), (0.356, 1.78), (17.8, 1.78)):
+        assert starting_height(NAMES, targets, given) == pytest.approx(taken, rel=1e-6)
 
 
 def test_a_given_height_is_taken() -> None:

@@ -245,6 +245,18 @@ def test_a_performer_by_keypoints_of_no_person_s_size_questions_the_unit(
         assert all(line.endswith(f"its translations {factor}") for line in lines)
 
 
+@pytest.mark.parametrize(("given", "factor"), [(None, ""), (1.6, ""), (2.0, ""), (1.4, "1.2"), (0.35, "5")])
+def test_a_height_that_the_limbs_contradict_is_questioned(
+    tracked: tuple[Shot, type], given: float | None, factor: str
+) -> None:
+    shot, result = tracked
+    performer = replace(shot.performers[0], body=human(1.75), given_height=given)
+    values = report(replace(shot, performers=(performer, *shot.performers[1:])), result())
+    lines = [line for line in report_lines(values) if "m was given, but its limbs are those of" in line]
+    assert len(lines) == bool(factor)
+    assert all("a person of 1.75 m" in line and f"by a factor of {factor}," in line for line in lines)
+
+
 def test_key_poses_of_another_frame_rate_are_reported(tracked: tuple[Shot, type]) -> None:
     shot, result = tracked
     for rate, said in ((0.0, 0), (25.1, 0), (50.0, 1)):
