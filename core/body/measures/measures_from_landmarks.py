@@ -70,6 +70,7 @@ def starting_height(names: Sequence[str], targets_world: Array, given: float | N
     """
     if given is None:
         return estimate_height(names, targets_world)
+    default_measures(given)  # raises for an impossible height
     try:
         seen = estimate_height(names, targets_world)
     except LandmarkError:
