@@ -86,10 +86,10 @@ class Drawing:
         if sought is None or len(sought) > geometry.performer.max():
             labels = render_labels(geometry, camera, frames.first, R, T)
             return cls(labels, labels.areas())
-        own, moving = cache.moving(geometry, sought)
-        rest = np.setdiff1d(np.arange(T.shape[1]), own)
+        moving = np.isin(geometry.performer, sought)
+        own, rest = np.flatnonzero(moving), np.flatnonzero(~moving)
         others = cache.drawn(frames.view, geometry, frames.poses, rest, stride=stride, first=frames.first)
-        alone = render_labels(moving, camera, frames.first, R[:, own], T[:, own])
+        alone = render_labels(geometry.subset(own.tolist()), camera, frames.first, R[:, own], T[:, own])
         labels = others.still.among(alone, own)
         hidden = others.still.hidden(labels)
         return cls(labels, others.still.areas(labels, hidden, alone, own), others, hidden)

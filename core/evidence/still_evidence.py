@@ -57,17 +57,6 @@ class StillPartsCache:
 
     def __init__(self) -> None:
         self._kept: dict[ViewFrames, dict[tuple[int, int], StillEvidence]] = {}
-        self._moving: dict[tuple[Geometry, tuple[int, ...]], tuple[Ints, Geometry]] = {}
-
-    def moving(self, geometry: Geometry, sought: Sequence[int]) -> tuple[Ints, Geometry]:
-        """Return the indices of the parts of the performers that are solved for, and a geometry of these alone."""
-        key = geometry, tuple(sought)
-        found = self._moving.get(key)
-        if found is None:
-            parts = np.flatnonzero(np.isin(geometry.performer, sought))
-            found = parts, geometry.subset(parts.tolist())
-            self._moving = {key: found}  # one performer is solved at a time
-        return found
 
     def drawn(
         self, view: ViewFrames, geometry: Geometry, poses: Poses, parts: Ints, *, stride: int, first: int

@@ -24,6 +24,10 @@ from .part_outlines import FRACTION_BITS, Outlines
 
 NEAR_PLANE = 0.05
 """Parts with a vertex nearer to the camera plane than this, metres, are not drawn."""
+DEPTH_STEP = 0.002
+"""Unit of depth images of whole numbers, metres."""
+EMPTY_DEPTH = (1 << 16) - 1
+"""Depth where there is no part, in units of `DEPTH_STEP`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +56,11 @@ class DrawnBefore(Protocol):
     @property
     def depth(self) -> NDArray[np.float32]:
         """Depth images of these parts, metres, shape (n, h, w)."""
+        ...
+
+    @property
+    def depth_steps(self) -> NDArray[np.uint16]:
+        """The same in units of `DEPTH_STEP`."""
         ...
 
 
@@ -186,6 +195,19 @@ class LabelImages:
         images = np.full(self.part.size, np.inf, np.float32) if self.still is None else self.still.depth.flatten()
         images[self.index] = 1 / self.inverse_depth
         return images.reshape(self.part.shape)
+
+    def depth_steps(self) -> NDArray[np.uint16]:
+        """Depth in units of `DEPTH_STEP`, `EMPTY_DEPTH` where there is no part, shape (n, h, w)."""
+        images = (
+            np.full(self.part.size, EMPTY_DEPTH, np.uint16) if self.still is None else self.still.depth_steps.flatten()
+        )
+        images[self.index] = in_depth_steps(1 / self.inverse_depth)
+        return images.reshape(self.part.shape)
+
+
+def in_depth_steps(depth: NDArray[np.float32]) -> NDArray[np.uint16]:
+    """Return depths, metres, in units of `DEPTH_STEP`."""
+    return np.minimum(depth / np.float32(DEPTH_STEP), np.float32(EMPTY_DEPTH)).astype(np.uint16)
 
 
 def pixels_at(

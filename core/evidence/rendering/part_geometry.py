@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
@@ -74,7 +75,14 @@ class Geometry:
         )
 
     def subset(self, parts: Sequence[int]) -> Geometry:
-        """Return the geometry of some of the parts, in that order."""
-        vertices = [self.vertices[self.spans[part]] for part in parts]
-        planes = [self.planes[self.face_owner == part] for part in parts]
-        return Geometry.joined(vertices, planes, self.performer[list(parts)])
+        """Return the geometry of some of the parts, in that order; it is built once."""
+        found = self._subsets.get(tuple(parts))
+        if found is None:
+            vertices = [self.vertices[self.spans[part]] for part in parts]
+            planes = [self.planes[self.face_owner == part] for part in parts]
+            found = self._subsets[tuple(parts)] = Geometry.joined(vertices, planes, self.performer[list(parts)])
+        return found
+
+    @cached_property
+    def _subsets(self) -> dict[tuple[int, ...], Geometry]:
+        return {}

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...body.kinematics import Poses
 from ...cameras.camera import Camera
 from ...numerics.arrays import Array, Ints
-from .label_images import Faces, LabelImages, render_labels
+from .label_images import Faces, LabelImages, in_depth_steps, render_labels
 from .part_geometry import Geometry
 
 
@@ -46,6 +46,16 @@ class StillParts:
         return self.labels.depth_images()
 
     @cached_property
+    def depth_steps(self) -> NDArray[np.uint16]:
+        """The same in units of `DEPTH_STEP`."""
+        return in_depth_steps(self.depth)
+
+    @cached_property
+    def _numbered(self) -> NDArray[np.int16]:
+        """Label images with the indices of all parts."""
+        return np.append(self.parts, -1).astype(np.int16)[self.labels.part]  # -1 is the last
+
+    @cached_property
     def _filled(self) -> Array:
         return self.labels.outlines.areas
 
@@ -64,7 +74,7 @@ class StillParts:
         hidden[hidden] = rank[frame[hidden], self.parts[there[hidden]]] > rank[frame[hidden], number[hidden]]
         seen = ~hidden
         index = moving.index[seen]
-        part = np.append(self.parts, -1)[self.labels.part].astype(np.int16)  # -1 is the last
+        part = self._numbered.copy()
         part.ravel()[index] = number[seen]
         count = np.zeros((n, P), np.intp)
         count[:, parts] = np.bincount((frame * P + number)[seen], minlength=n * P).reshape(n, P)[:, parts]

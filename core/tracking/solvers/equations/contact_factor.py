@@ -177,12 +177,11 @@ def surface_points(vertices: Array) -> Array:
     """Return the vertices of a convex polyhedron, (V, 3), with points along its edges between them, (K, 3)."""
     hull = ConvexHull(vertices)
     edges = np.unique(np.sort(np.concatenate([hull.simplices[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))])), axis=0)
-    points = [vertices[hull.vertices]]
-    for a, b in edges:
-        count = int(np.linalg.norm(vertices[b] - vertices[a]) / POINT_SPACING)
-        share = np.arange(1, count + 1)[:, None] / (count + 1)
-        points.append((1 - share) * vertices[a] + share * vertices[b])
-    return np.concatenate(points)
+    a, b = vertices[edges[:, 0]], vertices[edges[:, 1]]
+    count = (np.linalg.norm(b - a, axis=1) / POINT_SPACING).astype(np.intp)
+    edge = np.repeat(np.arange(len(edges)), count)
+    share = ((1 + np.arange(len(edge)) - (np.cumsum(count) - count)[edge]) / (count + 1)[edge])[:, None]
+    return np.concatenate([vertices[hull.vertices], (1 - share) * a[edge] + share * b[edge]])
 
 
 def with_contact(

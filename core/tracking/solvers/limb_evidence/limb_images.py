@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -18,7 +19,7 @@ from ....cameras.camera import Camera
 from ....evidence.foreground_images.foreground import LEVELS_PER_UNIT, MAX_LOG_RATIO, log_ratio
 from ....evidence.foreground_images.part_colours import ColouredFrames
 from ....evidence.limb_sides import PartSides, SideRatios, SlopeImages
-from ....evidence.rendering.label_images import NEAR_PLANE, LabelImages, render_labels
+from ....evidence.rendering.label_images import DEPTH_STEP, NEAR_PLANE, LabelImages, render_labels
 from ....evidence.rendering.part_geometry import Geometry
 from ....evidence.rendering.still_parts import StillParts
 from ....evidence.view_frames import ViewFrames
@@ -30,10 +31,6 @@ PartPoses = tuple[Array, Array]
 """K world orientations and positions of a part on each of m frames: (m, K, 3, 3) and (m, K, 3)."""
 EVEN_LEVEL = 128
 """Value of a foreground image whose log likelihood ratio is 0: performer and background are equally likely."""
-DEPTH_STEP = 0.002
-"""Unit of depth images, metres."""
-EMPTY_DEPTH = (1 << 16) - 1
-"""Depth where there is no part, in units of `DEPTH_STEP`."""
 MAX_STRIDE = 3
 """Largest distance between the pixels that are used, in rows and in columns."""
 MIN_WIDTH = 2.5
@@ -97,7 +94,20 @@ class ViewRatios:
         return cls(camera, problem.first, foreground, coloured, still, slopes, stride)
 
     def labels(self, geometry: Geometry, poses: tuple[Array, Array], without: Sequence[int] = ()) -> LabelImages:
-        """Render label images of all parts without some; indices are those of all parts."""
+        """Render label images of all parts without some; indices are those of all parts. Those of all parts are kept
+        for the next time that they have the same poses, as when limb after limb is found where it was.
+        """
+        if len(without):
+            return self._rendered(geometry, poses, without)
+        if not self._last or any(not np.array_equal(a, b) for a, b in zip(self._last[0][0], poses, strict=True)):
+            self._last[:] = [(poses, self._rendered(geometry, poses))]
+        return self._last[0][1]
+
+    @cached_property
+    def _last(self) -> list[tuple[tuple[Array, Array], LabelImages]]:
+        return []
+
+    def _rendered(self, geometry: Geometry, poses: tuple[Array, Array], without: Sequence[int] = ()) -> LabelImages:
         parts = np.setdiff1d(np.arange(len(geometry.spans)), without)
         if self.still is not None:
             parts = np.setdiff1d(parts, self.still.parts)
@@ -129,7 +139,7 @@ class ViewRatios:
             own = colours.ratio[part]
             before = np.where(colours.distinct[part][others, None], own - colours.ratio[others], np.float32(0))
             images.append(_as_steps(np.concatenate([before, beside[:, None] + own])).take(place))
-        depth = depth_steps(labels)[window]
+        depth = labels.depth_steps()[window]
         return UncoveredImages(
             self.camera, self.first, tuple(images), depth, self.slopes, origin=corner, stride=self.stride
         )
@@ -259,20 +269,6 @@ class UncoveredImages:
         for image, u, v, out in zip(images, columns - left, rows - top, found, strict=True):
             cv2.remap(image, u, v, cv2.INTER_NEAREST, out, cv2.BORDER_CONSTANT, beyond)
         return found
-
-
-def depth_steps(labels: LabelImages) -> NDArray[np.uint16]:
-    """Depth of the parts at every pixel of label images, in units of `DEPTH_STEP`."""
-    if labels.still is None:
-        images = np.full(labels.part.shape, EMPTY_DEPTH, np.uint16)
-    else:
-        images = _in_depth_steps(labels.still.depth)
-    images.ravel()[labels.index] = _in_depth_steps(1 / labels.inverse_depth)
-    return images
-
-
-def _in_depth_steps(depth: NDArray[np.float32]) -> NDArray[np.uint16]:
-    return np.minimum(depth / np.float32(DEPTH_STEP), np.float32(EMPTY_DEPTH)).astype(np.uint16)
 
 
 def _as_steps(ratio: NDArray[np.float32]) -> NDArray[np.uint8]:

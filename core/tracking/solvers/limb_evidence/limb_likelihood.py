@@ -15,13 +15,13 @@ from ....body.kinematics import scene_poses
 from ....body.limbs import limbs, without_end
 from ....body.motion import Motion
 from ....evidence.limb_sides import PartSides, SideRatios
-from ....evidence.rendering.label_images import LabelImages
+from ....evidence.rendering.label_images import EMPTY_DEPTH, LabelImages
 from ....evidence.rendering.part_geometry import Geometry
 from ....evidence.view_frames import views_with_foreground
 from ....numerics import rotations
 from ....numerics.arrays import Array, Bools
 from ..equations.problem import SegmentProblem
-from .limb_images import EMPTY_DEPTH, MAX_STRIDE, PartPoses, UncoveredImages, ViewRatios, depth_steps, shown_areas
+from .limb_images import MAX_STRIDE, PartPoses, UncoveredImages, ViewRatios, shown_areas
 from .raised_shoulder import RaisedShoulder
 
 LimbOfPerformer = tuple[int, list[int]]
@@ -145,7 +145,7 @@ def support_of_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> Iter
         # Finding a limb takes finer pixels than telling that it is not where it was found.
         ratios = [ViewRatios.of(view, alone, i, motions, MAX_STRIDE) for view in views]
         labels = [view.labels(geometry, poses) for view in ratios]
-        depths = [depth_steps(each) for each in labels]
+        depths = [each.depth_steps() for each in labels]
         for chain in limbs(problem.bodies[i]):
             limb, parts = limb_of(problem, motions, (i, chain), rng)
             own = np.isin(np.arange(len(geometry.spans) + 1), parts)  # the last is nobody

@@ -13,7 +13,7 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.body.shoulder_rhythm import shoulder_rhythms
 from kfmocap.core.errors import CancelledError
 from kfmocap.core.evidence.foreground_images.foreground import LEVELS_PER_UNIT
-from kfmocap.core.evidence.rendering.label_images import NEAR_PLANE, render_labels
+from kfmocap.core.evidence.rendering.label_images import DEPTH_STEP, NEAR_PLANE, render_labels
 from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
@@ -24,7 +24,6 @@ from kfmocap.core.tracking.solvers.limb_corrections import limb_search
 from kfmocap.core.tracking.solvers.limb_corrections.like_limbs import exchanges, swaps, untangled, with_places_exchanged
 from kfmocap.core.tracking.solvers.limb_corrections.limb_search import _seen_shares, found_limbs
 from kfmocap.core.tracking.solvers.limb_evidence.limb_images import (
-    DEPTH_STEP,
     UncoveredImages,
     ViewRatios,
     search_stride,
