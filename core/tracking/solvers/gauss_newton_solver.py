@@ -70,7 +70,7 @@ def _solved(
     """
     solution = _with_corrections(problem, start, workspace.part(0.0, 0.6), first)
     usual = problem.search is AccelerationSearch.SCALE_THEN_JOINTS
-    if not usual or not solution.doubted or len(problem.bodies) > 1:
+    if not usual or not solution.doubted or problem.among_others:
         return solution
     if not performers_uncovered(problem, solution.motions):
         return solution
@@ -91,7 +91,7 @@ def _with_corrections(
     if not pictures_find_limbs(problem):
         return solution
     solution = with_crossed_limbs_exchanged(problem, solution, workspace.part(0.8, 0.9))
-    if len(problem.bodies) > 1:  # leaps are few once all pixels count, in the refinement
+    if problem.among_others:  # leaps are few once all pixels count, in the refinement
         return solution
     return with_leaps_bridged(problem, solution, workspace.part(0.9, 1.0))
 
@@ -113,7 +113,7 @@ def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
         begin = thinned.interpolated(few.motions)
         found = _after(few, gauss_newton.refine(problem, begin, workspace.part(0.6, 0.9)))
     else:
-        at_once = problem.shows_depth and (not problem.doubted or len(problem.bodies) > 1)
+        at_once = problem.shows_depth and (not problem.doubted or problem.among_others)
         stages = POLISHED_AT_ONCE if at_once else REFINEMENT
         first, found = _refined_and_searched(problem, start, workspace.part(0.0, 0.9), stages)
         if stages is POLISHED_AT_ONCE and found.motions is first.motions:
@@ -128,7 +128,7 @@ def _refined_and_searched(
     first = gauss_newton.refine(problem, start, workspace.part(0.0, 0.3), stages)
     if not pictures_find_limbs(problem):
         return first, first
-    several = len(problem.bodies) > 1
+    several = problem.among_others
     begin = with_crossed_limbs_exchanged(problem, first, workspace.silent()) if several else first
     bridged = with_leaps_bridged(problem, begin, workspace.part(0.3, 0.4), long_only=not several)
     if bridged.motions is not begin.motions:

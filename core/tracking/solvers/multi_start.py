@@ -40,11 +40,10 @@ def best_of_starts(
 ) -> SegmentSolution:
     """Solve for the motion of all performers between their key poses, from as many starts as the images call for.
 
-    All performers are solved together from the curve through the key poses (`first_solution`). Each performer for whom
-    the images contradict that solution is then solved alone from other starts, with the motions of the others given
-    (`best_of_own_starts`). Finally all are solved together again, and left and right limbs of a doubted single one are
-    exchanged where that is better. Parameters as in `gauss_newton.descend`; `first` is the solution from the curve, if
-    it is known.
+    All performers are solved together from the curve through the key poses (`first_solution`). Where the images
+    contradict that, other starts are tried for a single performer (`_best_alone`), or for each of several in doubt
+    (`_best_among_others`). Parameters as in `gauss_newton.descend`; `first` is the solution from the curve, if it is
+    known.
     """
     best = first or first_solution(problem, start, workspace.part(0.0, 0.2))
     seconds = Seconds(best.seconds)
@@ -53,35 +52,17 @@ def best_of_starts(
             best = with_limbs_returned(problem, start, best, workspace.silent())
     if problem.search is not AccelerationSearch.JOINTS:
         problem = problem.with_smoothness(best.variances)
-    doubted = doubted_performers(problem, start, best) if problem.settings.limb_search else []
-    motions, dispelled = best.motions, False
-    for k, i in enumerate(worst_first(problem, best, doubted)):
-        own_start = [start[j] if j == i else motion for j, motion in enumerate(motions)]
-        part = workspace.part(0.2 + 0.7 * k / len(doubted), 0.2 + 0.7 * (k + 1) / len(doubted))
-        alone = problem.alone(i)
-        before = replace(best, only=alone.only)
-        if k:  # limbs of another performer, found since, may have been what contradicted this one
-            before = descend(alone, motions, workspace.silent(), SETTLED)
-            seconds.add(before.seconds)
-            motions = before.motions
-            if not doubted_performers(alone, own_start, before):
-                continue
-        own = best_of_own_starts(alone, own_start, before, part)
-        seconds.add(own.seconds)
-        motions = own.motions
-        if len(problem.bodies) == 1:
-            best, dispelled = own, not own.doubted
-    if motions is not best.motions:
-        settled = descend(problem, motions, workspace.silent(), SETTLED)
-        seconds.add(settled.seconds)
-        best = continued(best, settled)
-    if doubted and not dispelled and not problem.keypoints and len(problem.bodies) == 1:  # keypoints show the limbs
-        with seconds.measure("initial solution"):
-            best = with_limbs_exchanged(problem, best, workspace.part(0.9, 1.0))
+    if problem.settings.limb_search and (doubted := doubted_performers(problem, start, best)):
+        part = workspace.part(0.2, 1.0)
+        if problem.among_others:
+            best = _best_among_others(problem, start, best, doubted, part)
+        else:
+            best = _best_alone(problem, start, best, part)
+        seconds.add(best.seconds)
     if problem.keypoints:
         with seconds.measure("initial solution"):
-            best = with_limbs_mirrored(problem, best, workspace.silent())
-    return replace(best, seconds=seconds, doubted=() if dispelled else tuple(doubted))
+            best = replace(with_limbs_mirrored(problem, best, workspace.silent()), doubted=best.doubted)
+    return replace(best, seconds=seconds)
 
 
 def first_solution(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
@@ -94,15 +75,78 @@ def first_solution(problem: SegmentProblem, start: Sequence[Motion], workspace: 
     return descend(problem, start, workspace, (*STAGES[:-1], *POLISHED_AT_ONCE) if by_all else STAGES)
 
 
+def _best_among_others(
+    problem: SegmentProblem,
+    start: Sequence[Motion],
+    first: SegmentSolution,
+    doubted: Sequence[int],
+    workspace: Workspace,
+) -> SegmentSolution:
+    """Solve for each performer in doubt, with the motions of the others given, and for all together again.
+
+    Parameters and `seconds` as in `best_of_own_starts`.
+    """
+    seconds, motions = Seconds(), first.motions
+    for k, i in enumerate(worst_first(problem, first, doubted)):
+        own_start = [start[j] if j == i else motion for j, motion in enumerate(motions)]
+        part = workspace.part(k / len(doubted), (k + 1) / len(doubted))
+        alone = problem.alone(i)
+        before = replace(first, only=i)
+        if k:  # limbs of another performer, found since, may have been what contradicted this one
+            before = descend(alone, motions, workspace.silent(), SETTLED)
+            seconds.add(before.seconds)
+            motions = before.motions
+            if not doubted_performers(alone, own_start, before):
+                continue
+        own = turned_and_searched(alone, own_start, before, part)
+        seconds.add(own.seconds)
+        motions = own.motions
+    if motions is first.motions:
+        return replace(first, seconds=seconds, doubted=tuple(doubted))
+    settled = descend(problem, motions, workspace.silent(), SETTLED)
+    seconds.add(settled.seconds)
+    return replace(continued(first, settled), seconds=seconds, doubted=tuple(doubted))
+
+
+def turned_and_searched(
+    problem: SegmentProblem, start: Sequence[Motion], first: SegmentSolution, workspace: Workspace
+) -> SegmentSolution:
+    """Solve for one of several performers from another turn of the body (`whole_turns`), and search it for limbs once
+    (`searched_among_others`). Parameters as in `best_of_own_starts`; `seconds` is the time spent here.
+    """
+    seconds = Seconds()
+    if not _can_be_searched(problem):
+        best = covering_most(problem, first, _followed(problem, start, workspace, seconds))
+        return replace(best, seconds=seconds)
+    with seconds.measure("initial solution"):
+        _, turned = with_whole_turn(problem, start, first, workspace.part(0.0, 0.05))
+        best = searched_among_others(problem, turned, workspace.part(0.35, 1.0))
+    return replace(best, seconds=seconds)
+
+
+def _best_alone(
+    problem: SegmentProblem, start: Sequence[Motion], first: SegmentSolution, workspace: Workspace
+) -> SegmentSolution:
+    """Solve for a single performer from several starts; if it stays in doubt, left and right limbs are exchanged where
+    that is better. Parameters and result as in `best_of_own_starts`.
+    """
+    best = best_of_own_starts(problem, start, first, workspace.part(0.0, 0.9))
+    if not best.doubted or problem.keypoints:  # keypoints show the limbs
+        return best
+    seconds, doubted = Seconds(best.seconds), best.doubted
+    with seconds.measure("initial solution"):
+        best = with_limbs_exchanged(problem, best, workspace.part(0.9, 1.0))
+    return replace(best, seconds=seconds, doubted=doubted)
+
+
 def best_of_own_starts(
     problem: SegmentProblem, start: Sequence[Motion], first: SegmentSolution, workspace: Workspace
 ) -> SegmentSolution:
-    """Solve for one performer from several starts and return the best solution.
+    """Solve for a single performer from several starts and return the best solution.
 
     The body may have turned the longer way round from one key pose to the next, which is tried first (`whole_turns`).
-    One of several performers is then only searched for limbs, once (`searched_among_others`). Where the first solution
-    explains too little of a single performer, the motion is followed frame by frame from the key poses: a limb that is
-    lost alone would be lost again. Then limbs are searched for around the solutions. If nothing but uncovered
+    Where the first solution explains too little, the motion is followed frame by frame from the key poses: a limb that
+    is lost alone would be lost again. Then limbs are searched for around the solutions. If nothing but uncovered
     foreground contradicts the first solution, and no whole turn is added to it, a single round of the search decides
     first whether the performer's limbs can be there at all: the foreground may be a bystander. So it does for the
     solution from the motion that was followed, and where both starts lead to the same motion (`starts_agree`): the
@@ -111,7 +155,6 @@ def best_of_own_starts(
     Parameters
     ----------
     problem : SegmentProblem
-        Of one performer, see `SegmentProblem.alone`.
     start : sequence of Motion
         F poses per performer.
     first : SegmentSolution
@@ -123,33 +166,25 @@ def best_of_own_starts(
     SegmentSolution
         `seconds` is the time spent here. `doubted` is empty if the doubt was dispelled.
     """
-    seconds, [performer] = Seconds(), problem.sought
+    seconds, doubted = Seconds(), tuple(problem.sought)
+    if not _can_be_searched(problem):
+        best = covering_most(problem, first, _followed(problem, start, workspace, seconds))
+        return replace(best, seconds=seconds, doubted=doubted)
     trial, settled = None, None
-    # Keypoints show where limbs are. In a single view many poses look alike, unless key poses on both sides decide.
-    least_keys = 1 if problem.shows_depth else 2
-    searching = len(problem.whole_keys(performer)) >= least_keys and not problem.keypoints
-    if searching:
-        with seconds.measure("initial solution"):
-            start, first = with_whole_turn(problem, start, straight := first, workspace.part(0.0, 0.05))
-    solutions = [first]
-    if searching and len(problem.bodies) == 1 and first is straight and not images_contradict(problem, first):
+    with seconds.measure("initial solution"):
+        start, first = with_whole_turn(problem, start, straight := first, workspace.part(0.0, 0.05))
+    if first is straight and not images_contradict(problem, first):
         with seconds.measure("initial solution"):
             begin = SettledSolution.after(problem, first, workspace.silent())
             trial = TrialRound.around(problem, begin, workspace.part(0.0, 0.1))
         if not trial.explains(problem):
             return replace(first, seconds=seconds)
-    if not searching or (len(problem.bodies) == 1 and is_doubtful(problem, first)):
-        with seconds.measure("initial solution"):
-            initial = follow_both_ways(problem, start, workspace.part(0.0, 0.15))
-        solutions.append(descend(problem, initial, workspace.part(0.15, 0.25)))
-        seconds.add(solutions[1].seconds)
+    solutions = [first]
+    if is_doubtful(problem, first):
+        solutions.append(_followed(problem, start, workspace, seconds))
     best = covering_most(problem, *solutions)
-    if searching and len(problem.bodies) > 1:
-        with seconds.measure("initial solution"):
-            best = searched_among_others(problem, best, workspace.part(0.35, 1.0))
-        return replace(best, seconds=seconds, doubted=(performer,))
-    agreed = searching and trial is None and starts_agree(problem, *solutions)
-    if searching and (agreed or best is not first):
+    agreed = trial is None and starts_agree(problem, *solutions)
+    if agreed or best is not first:
         with seconds.measure("initial solution"):
             settled = SettledSolution.after(problem, best, workspace.silent())
             if agreed:  # at rest, as a search may be likelier for having come nearer to the same motion
@@ -161,11 +196,30 @@ def best_of_own_starts(
                 dispelled = not trial.gains(problem)
         if dispelled:
             return replace(settled.solution, seconds=seconds)
-    if searching:
-        # Even if the cover raises no doubt an arm may be lost: it is a small part of what is to be covered.
-        with seconds.measure("initial solution"):
-            best = searched(problem, start, solutions, workspace.part(0.35, 1.0), trial=trial, settled=settled)
-    return replace(best, seconds=seconds, doubted=(performer,))
+    # Even if the cover raises no doubt an arm may be lost: it is a small part of what is to be covered.
+    with seconds.measure("initial solution"):
+        best = searched(problem, start, solutions, workspace.part(0.35, 1.0), trial=trial, settled=settled)
+    return replace(best, seconds=seconds, doubted=doubted)
+
+
+def _can_be_searched(problem: SegmentProblem) -> bool:
+    """Whether the limbs of the one performer that is solved for are worth a search.
+
+    Keypoints show where limbs are. In a single view many poses look alike, unless key poses on both sides decide.
+    """
+    [performer] = problem.sought
+    return len(problem.whole_keys(performer)) >= (1 if problem.shows_depth else 2) and not problem.keypoints
+
+
+def _followed(
+    problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace, seconds: Seconds
+) -> SegmentSolution:
+    """Solve from the motion followed frame by frame from the key poses; the time is added to `seconds`."""
+    with seconds.measure("initial solution"):
+        initial = follow_both_ways(problem, start, workspace.part(0.0, 0.15))
+    found = descend(problem, initial, workspace.part(0.15, 0.25))
+    seconds.add(found.seconds)
+    return found
 
 
 def starts_agree(problem: SegmentProblem, *solutions: SegmentSolution) -> bool:
@@ -173,7 +227,7 @@ def starts_agree(problem: SegmentProblem, *solutions: SegmentSolution) -> bool:
     although they explain too little, and no limb is known to be lost.
     """
     first, *others = solutions
-    if not others or len(problem.bodies) > 1:
+    if not others:
         return False
     near = all(farthest_joint(problem, first.motions, other.motions) < OUTLINE_REACH for other in others)
     return near and not any(limb_contradicted(problem, one) for one in solutions)

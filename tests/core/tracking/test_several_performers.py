@@ -445,7 +445,7 @@ def searched_for(monkeypatch: pytest.MonkeyPatch, doubts: list[list[int]]) -> li
         return before
 
     monkeypatch.setattr(multi_start, "doubted_performers", lambda *_: doubts.pop(0))
-    monkeypatch.setattr(multi_start, "best_of_own_starts", own)
+    monkeypatch.setattr(multi_start, "turned_and_searched", own)
     multi_start.best_of_starts(BOTH, WRONG, Workspace())
     return looked
 
@@ -492,5 +492,5 @@ def test_the_motion_of_one_of_several_performers_is_not_followed(monkeypatch: py
     alone = BOTH.alone(1)
     first = told.found(alone, WRONG)
     monkeypatch.setattr(multi_start, "with_whole_turn", lambda _problem, start, first, *_: (start, first))
-    found = multi_start.best_of_own_starts(alone, WRONG, first, Workspace())
-    assert searches == [first] and found.motions is first.motions and found.doubted == (1,)
+    found = multi_start.turned_and_searched(alone, WRONG, first, Workspace())
+    assert searches == [first] and found.motions is first.motions

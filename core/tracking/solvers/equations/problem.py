@@ -142,13 +142,21 @@ class SegmentProblem:
         """Indices of the performers that are solved for."""
         return list(range(len(self.bodies))) if self.only is None else [self.only]
 
+    @property
+    def among_others(self) -> bool:
+        """Whether there are several performers. Others then hide much of each, and much that seems lost is not: all
+        pixels count before anybody is doubted, each performer is searched for limbs once, and is corrected limb by limb
+        in the refinement.
+        """
+        return len(self.bodies) > 1
+
     def alone(self, performer: int) -> SegmentProblem:
         """Return the problem of one performer, the motions of all others being given.
 
         A prop stays tied to the performer that holds it. A performer is not tied to the props that it holds: a lost arm
         could not be found again if it were kept at a lost prop.
         """
-        if len(self.bodies) == 1:
+        if not self.among_others:
             return self
         fixed = tuple(f if i == performer else np.ones_like(f) for i, f in enumerate(self.fixed))
         holds = tuple(hold for hold in self.holds if hold.prop == performer)

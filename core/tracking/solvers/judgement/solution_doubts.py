@@ -111,7 +111,7 @@ def _unexplained(problem: SegmentProblem, solution: SegmentSolution, performer: 
     keys, low = problem.whole_keys(performer), _frames_explained_little(problem, solution, performer)
     views = views_with_foreground(problem.views)
     # The foreground of others may look like a performer's.
-    if not len(low) or len(keys) < 2 or not views or len(problem.bodies) > 1:
+    if not len(low) or len(keys) < 2 or not views or problem.among_others:
         return len(low) > 0
     explained, frames = solution.explained[performer], [*keys.tolist(), *low.tolist()]
     poses, geometry = poses_by_delay(problem, view_instants(problem, solution.motions)), problem.geometry()

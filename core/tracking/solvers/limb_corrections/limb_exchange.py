@@ -142,7 +142,7 @@ def with_crossed_limbs_exchanged(
     """
     if not problem.shows_depth:
         return best
-    if len(problem.bodies) > 1:
+    if problem.among_others:
         return _with_mistaken_limbs_exchanged(problem, best, workspace)
     crossed = [swap for swap in swaps(problem, best.motions) if swap.reaches_across(problem, best.motions)]
     seconds = Seconds(best.seconds)

@@ -48,7 +48,7 @@ def with_limb_regained(
     def settled() -> SettledSolution:
         return known.after(alone, solution, workspace.silent())
 
-    if len(problem.bodies) > 1:
+    if problem.among_others:
         tried = _tried_among_others(alone, solution, place, settled=settled, workspace=workspace)
     else:
         tried = _tried_alone(alone, place, settled=settled, workspace=workspace)
@@ -57,7 +57,7 @@ def with_limb_regained(
     best = likeliest_at_rest(alone, settled().noise, settled().solution, *tried, workspace=workspace)
     if best is settled().solution:
         return solution
-    if len(problem.bodies) > 1:
+    if problem.among_others:
         gain = likelihood(alone, settled().noise, best) - likelihood(alone, settled().noise, settled().solution)
         return replace(solution, motions=best.motions) if gain > LEAST_GAIN else solution
     return gauss_newton.continued(solution, gauss_newton.refine(problem, best.motions, workspace.silent()))

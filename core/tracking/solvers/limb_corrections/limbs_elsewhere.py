@@ -42,7 +42,7 @@ def found_elsewhere(
     A limb of one of several performers is only elsewhere if the images say clearly more for it (`MIN_GAIN_ELSEWHERE`).
     `ratios` is what the views show of the performer, if it is known.
     """
-    (i, chain), several = place, len(alone.bodies) > 1
+    (i, chain), several = place, alone.among_others
     gain = MIN_GAIN_ELSEWHERE if several else -np.inf
     found = freed_limb(alone, motions, place, seed, ratios=ratios, least_gain=gain)
     if found is motions[i]:
@@ -70,7 +70,7 @@ def found_across(
     led = with_motion(motions, i, evenly_led(alone, i, motions[i], chain))
     if led[i] is motions[i]:
         return None
-    gain = MIN_GAIN_ELSEWHERE if len(alone.bodies) > 1 else -np.inf
+    gain = MIN_GAIN_ELSEWHERE if alone.among_others else -np.inf
     found = freed_limb(alone, led, place, _ACROSS_SEED, ratios=ratios, least_gain=gain, before=motions[i])
     if found is led[i] and gain > 0:
         return None
@@ -81,7 +81,7 @@ def found_across(
 
 def least_frames(alone: SegmentProblem) -> int:
     """Return on how many frames in a row a limb must be elsewhere: the sampled poses of a single performer scatter."""
-    return 1 if len(alone.bodies) > 1 else max(2, round(MIN_DURATION * alone.fps))
+    return 1 if alone.among_others else max(2, round(MIN_DURATION * alone.fps))
 
 
 def leads_elsewhere(
@@ -89,7 +89,7 @@ def leads_elsewhere(
 ) -> bool:
     """Whether a search has led to another motion: with several performers, of this limb, see `is_elsewhere`."""
     i, chain = place
-    if len(alone.bodies) > 1:
+    if alone.among_others:
         return is_elsewhere(alone.bodies[i], chain, before[i], after[i])
     return farthest_joint(alone, before, after) > UNCONVERGED_MOVE
 

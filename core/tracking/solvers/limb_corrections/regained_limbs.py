@@ -76,7 +76,7 @@ def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, work
     with seconds.measure("initial solution"):
         lost = [(i, chain) for i in problem.sought for chain in bent_limbs(problem, i, solution.motions[i])]
         hidden = solution.unhidden.min() <= MIN_FOLLOWED_SHARE
-        undoubted = len(problem.bodies) == 1 and problem.shows_depth and not problem.doubted
+        undoubted = not problem.among_others and problem.shows_depth and not problem.doubted
         support = evaluated(support_of_limbs(problem, solution.motions)) if hidden or undoubted else None
         lost += [place for place in refuted_limbs(problem, solution.motions, support) if place not in lost]
         if hidden:
@@ -88,7 +88,7 @@ def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, work
         if undoubted:
             support = support if solution.motions is before else None
             solution = with_weakly_shown_limbs_found(problem, solution, known, workspace.silent(), support)
-        if problem.doubted and len(problem.bodies) == 1 and likelihood_decides(problem):
+        if problem.doubted and not problem.among_others and likelihood_decides(problem):
             solution = _likelier_anywhere(problem, solution, known, workspace.silent())
     return replace(solution, seconds=dict(seconds))
 
