@@ -437,8 +437,12 @@ def test_limbs_in_each_others_places_are_not_led_away_again_by_coarse_steps(
 
 
 def searched_for(monkeypatch: pytest.MonkeyPatch, doubts: list[list[int]]) -> list[int | None]:
-    """Whom limbs are looked for where the performers are doubted one time after the other as given."""
+    """Whom limbs are looked for where the performers are doubted one time after the other as given.
+
+    Whoever was in doubt at first stays so.
+    """
     looked: list[int | None] = []
+    expected = tuple(doubts[0])
 
     def own(problem: SegmentProblem, _start: object, before: SegmentSolution, *_: object) -> SegmentSolution:
         looked.append(problem.only)
@@ -446,7 +450,7 @@ def searched_for(monkeypatch: pytest.MonkeyPatch, doubts: list[list[int]]) -> li
 
     monkeypatch.setattr(multi_start, "doubted_performers", lambda *_: doubts.pop(0))
     monkeypatch.setattr(multi_start, "turned_and_searched", own)
-    multi_start.best_of_starts(BOTH, WRONG, Workspace())
+    assert multi_start.best_of_starts(BOTH, WRONG, Workspace()).doubted == expected
     return looked
 
 

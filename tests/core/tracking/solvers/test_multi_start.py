@@ -147,11 +147,9 @@ def test_a_motion_is_followed_only_where_too_little_of_the_body_is_explained(
     assert followed == [True] * little and begun == [1 + little] * (keys + views > 2)
 
 
-def test_somebody_among_others_stays_doubted_where_two_starts_lead_to_the_same_motion() -> None:
+def test_it_takes_two_starts_to_agree() -> None:
     solution = Landscape(truth=TRUTH).solution(PROBLEM, TRUTH)
-    problem = replace(PROBLEM, bodies=(HUMAN, HUMAN))
     assert multi_start.starts_agree(PROBLEM, solution, solution)
-    assert not multi_start.starts_agree(problem, solution, solution)
     assert not multi_start.starts_agree(PROBLEM, solution)
 
 
