@@ -9,7 +9,6 @@ import numpy as np
 
 from ...body.motion import Motion
 from ...numerics.arrays import Bools, Ints
-from ...numerics.robust_kernels import Quadratic
 from .equations.plant_factor import PlantFactor
 from .equations.problem import SegmentProblem
 
@@ -22,24 +21,18 @@ class Plant:
     ----------
     seeming : PlantFactor
         All apparent plants of the performer.
-    point : int
+    performer, point : int
     steps : tuple of int
         First and last step between two frames.
     """
 
     seeming: PlantFactor
+    performer: int
     point: int
     steps: tuple[int, int]
 
     def __len__(self) -> int:
         return self.steps[1] + 1 - self.steps[0]
-
-    @property
-    def factor(self) -> PlantFactor:
-        """The plant as evidence."""
-        steps = np.zeros_like(self.seeming.steps)
-        steps[self.steps[0] : self.steps[1] + 1, self.point] = True
-        return replace(self.seeming, steps=steps, kernel=Quadratic())
 
     def longer(self, before: int, after: int, movable: Bools) -> Plant | None:
         """Return the plant with steps before and after it; None if they are not among the movable ones, (F - 1,)."""

@@ -16,7 +16,7 @@ from kfmocap.core.retargeting.foot_clean_up import with_clean_feet
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import KeyPoses
 from kfmocap.core.tracking.segment_stages import TrackState
-from kfmocap.core.tracking.solvers import standing_feet
+from kfmocap.core.tracking.solvers import plant_evidence
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.protocol import SettledMotions, SolvedFrames
 from kfmocap.core.tracking.solvers.standing_feet import with_plants_at_rest, with_standing_feet
@@ -199,7 +199,7 @@ def test_a_point_that_flickers_stands_on_with_the_other_one_if_the_pictures_say_
         """Say that a point stands, on each of a plant's frames, or nothing."""
         return 0.2 * len(path) if told else 0.0
 
-    monkeypatch.setattr(standing_feet, "log_odds_of_standing", odds)
+    monkeypatch.setattr(plant_evidence, "log_odds_of_standing", odds)
     assert rested(motion).planted[0][:, 1].all() == told
 
 
@@ -210,12 +210,12 @@ def test_pictures_make_a_plant_longer_where_they_show_the_point_in_its_place(
     """A foot that stands is tracked 16 mm aside on two frames: farther than the evidence leaves open."""
     motion = tracked(standing(BODY, FRAMES), 1)
     motion.translations[1:3, 0] += 0.016
-    monkeypatch.setattr(standing_feet, "log_odds_of_standing", lambda _view, _first, path: odds * len(path))
+    monkeypatch.setattr(plant_evidence, "log_odds_of_standing", lambda _view, _first, path: odds * len(path))
 
     def gains(_view: object, _first: int, _place: Array, stood: Array) -> Array:
         return np.where(stood, 0.0, gain)
 
-    monkeypatch.setattr(standing_feet, "log_gain_by_displacement", gains)
+    monkeypatch.setattr(plant_evidence, "log_gain_by_displacement", gains)
     found = rested(motion).planted[0]
     assert found[4:, 0].all() and found[:3, 0].all() == held
 
@@ -326,7 +326,7 @@ def test_pictures_overrule_the_evidence_where_it_may_be_wrong_but_not_key_poses(
     speed: float, odds: float, held: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Clear pictures of both views let a foot stand that creeps slowly by the evidence, and release one that stands."""
-    monkeypatch.setattr(standing_feet, "log_odds_of_standing", lambda *_: odds)
+    monkeypatch.setattr(plant_evidence, "log_odds_of_standing", lambda *_: odds)
     motion = tracked(creeping(speed), 1)
     stands = rested(motion).planted[0][planted(motion)].mean()
     assert (stands > 0.6) == held

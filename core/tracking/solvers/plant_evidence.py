@@ -1,0 +1,165 @@
+"""What the normal equations and the pictures of a segment say about plants: points of the soles that stand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.special import chdtri
+
+from ...body.kinematics import Poses, part_poses, twist_jacobian
+from ...body.motion import Motion
+from ...evidence.standing_points import RADIUS, log_gain_by_displacement, log_odds_of_standing
+from ...numerics import rotations
+from ...numerics.arrays import Array
+from ...numerics.banded import BandedFactor
+from ...numerics.banded_blocks import BandedBlocks
+from .apparent_plants import Plant
+from .equations.hold_factor import TiedSystems, tied_systems
+from .equations.plant_factor import PlantFactor
+from .equations.problem import SegmentProblem
+from .gauss_newton import increments_of, moved_by
+from .place_covariance import PlaceCovariance
+
+SIGNIFICANCE = 0.01
+"""Significance level of the test: share of true plants that it rejects if the covariance is right."""
+SHOE_HEIGHT = 0.02
+"""Height above the sole of what is looked at in the pictures, metres: the side of a shoe."""
+NEWTON_STEPS = 4
+"""Gauss-Newton steps, all on the same normal equations."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlantEvidence:
+    """The normal equations of performers that holds tie to each other, the members, linearised at motions of all.
+
+    Attributes
+    ----------
+    odds : dict
+        Results of `log_odds` by the performer, the plant's point and its steps: several tests ask for the same.
+    tracked : dict
+        World poses of the parts of each performer in its motion.
+    soles : dict
+        Where all points of a performer's soles were tracked, shape (F, C, 3).
+    places : dict
+        The `PlaceCovariance` of each point by the performer and the point.
+    """
+
+    problem: SegmentProblem
+    members: Sequence[int]
+    systems: Sequence[BandedBlocks]
+    motions: tuple[Motion, ...]
+    odds: dict[tuple[object, ...], float] = field(default_factory=dict)
+    tracked: dict[int, Poses] = field(default_factory=dict)
+    soles: dict[int, Array] = field(default_factory=dict)
+    places: dict[tuple[int, int], PlaceCovariance] = field(default_factory=dict)
+
+    def with_plants_held(self, plants: Mapping[int, PlantFactor]) -> tuple[Motion, ...]:
+        """Solve for the motions with the planted points of members at rest."""
+        motions = self.motions
+        for _ in range(NEWTON_STEPS):
+            tied = self._with_plants(plants, motions)
+            motions = moved_by(motions, increments_of(tied, [system.solve(0.0) for system in tied.systems]))
+        return motions
+
+    def key_poses_agree(self, plant: Plant) -> bool:
+        """Test whether key poses, which are exact, have the point of a plant in one place: a steady drift between them
+        would hide among the many steps.
+        """
+        first, last = plant.steps
+        keyed = np.flatnonzero(self.problem.fixed[plant.performer].all(axis=1)[first : last + 2])
+        if len(keyed) < 2:
+            return True
+        drift = np.diff(self.path(plant)[keyed[[0, -1]]], axis=0)
+        return bool(np.sum(drift**2) < np.ptp(keyed) * plant.seeming.sigma**2 * chdtri(3, SIGNIFICANCE))
+
+    def path(self, plant: Plant) -> Array:
+        """Where a plant's point was tracked, shape (F, 3)."""
+        first, last = plant.steps
+        return self._soles(plant)[first : last + 2, plant.point]
+
+    def _soles(self, plant: Plant) -> Array:
+        if plant.performer not in self.soles:
+            self.soles[plant.performer] = plant.seeming.soles.world(self._poses(plant.performer))
+        return self.soles[plant.performer]
+
+    def _poses(self, performer: int) -> Poses:
+        if performer not in self.tracked:
+            self.tracked[performer] = part_poses(self.problem.bodies[performer], self.motions[performer])
+        return self.tracked[performer]
+
+    def way(self, plant: Plant) -> float:
+        """How far a plant's point was tracked from its mean place at most, metres."""
+        path = self.path(plant)
+        return float(np.linalg.norm(path - path.mean(axis=0), axis=1).max())
+
+    def log_odds(self, plant: Plant) -> float:
+        """Logarithm of how much likelier the pictures are if a plant's point stands than if it moves as tracked."""
+        problem, asked = self.problem, (plant.performer, plant.point, plant.steps)
+        if asked not in self.odds:
+            first, path = problem.first + plant.steps[0], self.path(plant) + [0.0, 0.0, SHOE_HEIGHT]
+            self.odds[asked] = sum(log_odds_of_standing(view, first, path) for view in problem.views)
+        return self.odds[asked]
+
+    def stays(self, plant: Plant, longer: Plant) -> bool:
+        """Test whether the pictures show a plant's point in its place on the frames that a longer one adds: none of
+        them is explained better by a displacement, of two axes in each view, than it would be by chance every other
+        time. Only nearby displacements are compared.
+        """
+        if self.way(longer) >= RADIUS:
+            return False
+        place = self.path(plant).mean(axis=0) + [0.0, 0.0, SHOE_HEIGHT]
+        first, last = longer.steps[0], longer.steps[1] + 1
+        frames = np.arange(first, last + 1)
+        stood = (frames >= plant.steps[0]) & (frames <= plant.steps[1] + 1)
+        start, views = self.problem.first + first, self.problem.views
+        gains = np.stack([log_gain_by_displacement(view, start, place, stood) for view in views])[:, ~stood]
+        shown = np.isfinite(gains).sum(axis=0)
+        return bool(shown.all() and (2 * np.nansum(gains, axis=0) < chdtri(2 * shown, 0.5)).all())
+
+    def cost(self, plant: Plant, ratio: float) -> float:
+        """Increase of the least cost of the evidence, whose covariance is multiplied by a ratio, by a plant.
+
+        The normal equations are factorised once for all plants: what a plant adds depends on the covariance of its
+        point's steps alone.
+        """
+        steps, covariance = self._place(plant).steps(*plant.steps)
+        covariance = ratio * covariance + plant.seeming.sigma**2 * np.eye(len(steps))
+        return float(steps @ cho_solve(cho_factor(covariance, check_finite=False), steps, check_finite=False))
+
+    def _place(self, plant: Plant) -> PlaceCovariance:
+        performer, _ = asked = plant.performer, plant.point
+        if asked not in self.places:
+            (R, T), soles = self._poses(performer), plant.seeming.soles
+            part, points = soles.parts[plant.point], self._soles(plant)[:, plant.point]
+            twist = twist_jacobian(self.problem.bodies[performer], R, T)[:, part]
+            jacobian = twist[:, :3] - rotations.skew(points) @ twist[:, 3:]
+            factor, step, places = self._without_plants
+            own = places[performer]
+            there = points + np.einsum("fid,fd->fi", jacobian, step[:, own])
+            self.places[asked] = PlaceCovariance(factor, own, jacobian, there)
+        return self.places[asked]
+
+    @cached_property
+    def _without_plants(self) -> tuple[BandedFactor, Array, dict[int, slice]]:
+        """Factor of the normal equations without plants, the step to their least cost, and the slices of their degrees
+        of freedom that belong to each member.
+        """
+        tied = self._with_plants({}, self.motions)
+        [system], [places] = tied.systems, tied.places
+        factor = system.factor()
+        return factor, -factor.solve(system.blocks.gradient), places
+
+    def _with_plants(self, plants: Mapping[int, PlantFactor], there: tuple[Motion, ...]) -> TiedSystems:
+        """Move the normal equations to motions nearby, and add plants."""
+        problem, systems = self.problem, list(self.systems)
+        for i in self.members:
+            increments = self.motions[i].difference(there[i])
+            systems[i] = replace(systems[i], gradient=systems[i].gradient_at(increments))
+            if i in plants:
+                poses = self._poses(i) if there is self.motions else part_poses(problem.bodies[i], there[i])
+                systems[i] = plants[i].blocks(problem.bodies[i], poses).add(systems[i])
+        return tied_systems(systems, problem.holds, problem.bodies, there, fixed=problem.fixed, sought=self.members)

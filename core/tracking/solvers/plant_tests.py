@@ -1,0 +1,152 @@
+"""Whether a point of the soles stands, and from when to when, by what is known of its plants."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import chdtri, fdtri
+
+from ...body.foot_plants import MIN_DURATION
+from ...evidence.standing_points import RADIUS
+from ...numerics.arrays import Bools
+from ...numerics.frame_ranges import runs
+from .apparent_plants import Plant, Seeming, joined
+from .plant_evidence import SIGNIFICANCE, PlantEvidence
+
+JOINING_SIGNIFICANCE = 0.1
+"""Significance level at which a frame beside a plant that passed is refused: the step to it is tested by itself."""
+PICTURES_ODDS = 10.0
+"""How many times likelier the pictures around a point must be if it stands than if it moves as it was tracked, for a
+plant to pass though the normal equations say otherwise, as far as these may be wrong."""
+RATIO_COUNT = 12.0
+"""Number of squared errors from which the ratio of errors to the covariance is known: those of a part at two key poses,
+along three axes, and as many of the whole body."""
+FLICKER = 0.2
+"""For how long the evidence may be against a plant that goes on, seconds, as long as it is for it over all."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlantTests:
+    """Tests of the plants of a point of the soles.
+
+    Attributes
+    ----------
+    evidence : PlantEvidence
+    ratio : float
+        Of squared errors of the point to those that the normal equations predict.
+    movable : ndarray of bool, shape (F - 1,)
+        Steps that key poses do not fix.
+    """
+
+    evidence: PlantEvidence
+    ratio: float
+    movable: Bools
+
+    def plants_of(self, seeming: Seeming, earlier: Seeming | None, performer: int, point: int) -> list[Plant]:
+        """Return the plants of a point that pass the tests, with the frames beside them that do.
+
+        Parameters
+        ----------
+        seeming, earlier : Seeming
+            As found now, and before the refinement.
+        performer, point : int
+        """
+        longer = [] if earlier is None else runs(earlier.plants.steps[:, point] & self.movable)
+        beside = runs(seeming.beside(point, earlier) & self.movable)
+        passed: list[Plant] = []
+        for run in runs(seeming.plants.steps[:, point] & self.movable):
+            lengths = dict.fromkeys((joined(run, longer), run))
+            tried = [Plant(seeming.plants, performer, point, steps) for steps in lengths]
+            one = next((plant for plant in tried if self._agrees(plant)), None)
+            if one is not None:
+                whole = replace(one, steps=joined(one.steps, beside))
+                one = whole if self._goes_on(one, whole) else one
+                passed = self._with_next(passed, self._lengthened(one))
+        return passed
+
+    def _agrees(self, plant: Plant) -> bool:
+        """Test a plant against key poses, pictures, and the evidence, whose covariance is multiplied by a ratio.
+
+        Whoever moves may do so on every step along three axes, and explains the pictures better by chance. As the ratio
+        is known from a few errors only, a plant that it refuses passes as long as the pictures have nothing against it:
+        no drift, along three axes, explains them better than it would by chance. One that they show
+        to stand may cost more.
+        """
+        if not self.evidence.key_poses_agree(plant):
+            return False
+        axes, odds = 3 * len(plant), self.evidence.log_odds(plant)
+        if 2 * odds < -chdtri(axes, SIGNIFICANCE):
+            return False
+        cost = self._cost(plant)
+        if odds > np.log(PICTURES_ODDS):
+            return cost < _most_by_chance(axes, SIGNIFICANCE)
+        within = chdtri(axes, SIGNIFICANCE)
+        if 2 * odds > -chdtri(3, SIGNIFICANCE):
+            within = max(within, _most_by_chance(axes))
+        return cost < within
+
+    def _goes_on(self, plant: Plant, longer: Plant) -> bool:
+        """Test whether a point stands on more frames than those of a plant that passed, by what these add. Pictures
+        further from where it stands than what is compared do not say so.
+        """
+        if longer.steps == plant.steps or not self.evidence.key_poses_agree(longer):
+            return False
+        within = chdtri(3 * (len(longer) - len(plant)), SIGNIFICANCE)
+        odds = self.evidence.log_odds(longer) - self.evidence.log_odds(plant)
+        if 2 * odds < -within:
+            return False
+        if odds > np.log(PICTURES_ODDS) and self.evidence.way(longer) < RADIUS:
+            return True
+        return self._cost(longer) - self._cost(plant) < within
+
+    def _lengthened(self, plant: Plant) -> Plant:
+        """Return a plant that passed with the frames beside it on which the point may stand, too: one after the other,
+        or several at once, over which a flicker of the evidence is no more.
+        """
+        cost, odds = self._cost(plant), self.evidence.log_odds(plant)
+        most = max(round(FLICKER * self.evidence.problem.fps), 1)
+        for before, after in ((1, 0), (0, 1)):
+            steps = 1
+            while steps <= most and (longer := plant.longer(steps * before, steps * after, self.movable)) is not None:
+                more = self._cost(longer) - cost
+                beyond = more >= _most_by_chance(3 * most)
+                if beyond and self.evidence.way(longer) >= RADIUS:
+                    break
+                gain = self.evidence.log_odds(longer) - odds
+                stands = more < chdtri(3 * steps, JOINING_SIGNIFICANCE)
+                stands = stands or (gain > 0 and more < _most_by_chance(3 * steps))
+                stands = stands or (gain > np.log(PICTURES_ODDS) and self.evidence.stays(plant, longer))
+                if stands and self.evidence.key_poses_agree(longer):
+                    plant, cost, odds, steps = longer, cost + more, odds + gain, 1
+                else:
+                    steps += 1
+        return plant
+
+    def _with_next(self, plants: Sequence[Plant], following: Plant) -> list[Plant]:
+        """Return plants of a point with the one that follows, if there is time for a step between it and the last of
+        them. If not, as a foot that stands does not jump aside and stand again, they are one plant where the evidence
+        agrees; else the longer one is kept.
+        """
+        if not plants:
+            return [following]
+        *before, last = plants
+        between = slice(last.steps[1] + 1, following.steps[0])
+        if (
+            between.stop - between.start > round(MIN_DURATION * self.evidence.problem.fps)
+            or not self.movable[between].all()
+        ):
+            return [*plants, following]
+        whole = replace(last, steps=(last.steps[0], max(last.steps[1], following.steps[1])))
+        if not self._agrees(whole):
+            whole = max(last, following, key=len)
+        return [*before, whole]
+
+    def _cost(self, plant: Plant) -> float:
+        return self.evidence.cost(plant, self.ratio)
+
+
+def _most_by_chance(axes: int, significance: float = JOINING_SIGNIFICANCE) -> float:
+    """Largest cost of a plant, along so many axes, that is left to chance as the ratio is known from a few errors."""
+    return float(axes * fdtri(axes, RATIO_COUNT, 1 - significance))
