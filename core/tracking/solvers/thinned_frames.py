@@ -108,6 +108,13 @@ class ThinnedProblem:
         """Return motions of K poses on all F frames; those on the kept frames stay the same to the last bit."""
         return [interpolated(motion, self.frames, self.whole.length) for motion in motions]
 
+    def between(self, values: Array, axis: int = 0) -> Array:
+        """Interpolate what was measured on the K kept frames, along an axis, to all F frames."""
+        last, share = places_between(self.frames, np.arange(self.whole.length))
+        rows = np.moveaxis(values, axis, 0)
+        part = share.reshape(-1, *(1,) * (rows.ndim - 1))
+        return np.asarray(np.moveaxis((1 - part) * rows[last] + part * rows[last + 1], 0, axis))
+
     def workspace(self, workspace: Workspace) -> Workspace:
         """Return a workspace that reports motions on all frames, and whose caches end with the reduced problem."""
         outer = workspace.on_step
@@ -125,20 +132,13 @@ class ThinnedProblem:
         """Return a solution of the reduced problem as one on all frames, without evidence; what was measured is
         interpolated.
         """
-
-        def between(values: Array, axis: int) -> Array:
-            rows = np.moveaxis(values, axis, 0)
-            part = share.reshape(-1, *(1,) * (rows.ndim - 1))
-            return np.asarray(np.moveaxis((1 - part) * rows[last] + part * rows[last + 1], 0, axis))
-
-        last, share = places_between(self.frames, np.arange(self.whole.length))
         return replace(
             few,
             motions=tuple(self.interpolated(few.motions)),
-            share=between(few.share, 1),
-            explained=between(few.explained, 1),
-            unhidden=between(few.unhidden, 1),
-            residual=between(few.residual, 0),
+            share=self.between(few.share, 1),
+            explained=self.between(few.explained, 1),
+            unhidden=self.between(few.unhidden, 1),
+            residual=self.between(few.residual),
             evidence=None,
             variances=self.variances(few),
         )

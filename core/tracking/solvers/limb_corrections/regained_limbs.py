@@ -14,9 +14,9 @@ led out of its minimum once, and its limbs are searched for, one by one and in p
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -38,6 +38,7 @@ from ..judgement.solution_ranking import (
     settled_further,
 )
 from ..limb_evidence.limb_likelihood import MIN_GAIN, LimbOfPerformer, SupportOfLimb, evaluated, support_of_limbs
+from ..thinned_frames import ThinnedProblem
 from .faded_limbs import faded_limbs
 from .limb_pairs_elsewhere import with_pairs_found
 from .limb_rounds import with_limb_regained
@@ -77,8 +78,9 @@ def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, work
         lost = [(i, chain) for i in problem.sought for chain in bent_limbs(problem, i, solution.motions[i])]
         hidden = solution.unhidden.min() <= MIN_FOLLOWED_SHARE
         undoubted = not problem.among_others and problem.shows_depth and not problem.doubted
-        support = evaluated(support_of_limbs(problem, solution.motions)) if hidden or undoubted else None
-        lost += [place for place in refuted_limbs(problem, solution.motions, support) if place not in lost]
+        measured = _support_on_some_frames(problem, solution.motions)
+        support = evaluated(measured) if hidden or undoubted else None
+        lost += [place for place in refuted_limbs(problem, solution.motions, support or measured) if place not in lost]
         if hidden:
             lost += [place for place in faded_limbs(problem, solution.motions, support) if place not in lost]
         known, before = SettledSolutions(), solution.motions
@@ -91,6 +93,22 @@ def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, work
         if problem.doubted and not problem.among_others and likelihood_decides(problem):
             solution = _likelier_anywhere(problem, solution, known, workspace.silent())
     return replace(solution, seconds=dict(seconds))
+
+
+def _support_on_some_frames(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[SupportOfLimb]:
+    """Generate the `support_of_limbs`; of a single performer, where frames follow each other closely, measured on some
+    of them and interpolated.
+    """
+    thinned = None if problem.among_others else ThinnedProblem.of(problem, motions)
+    if thinned is None:
+        yield from support_of_limbs(problem, motions)
+        return
+    for i, chain, sides, shown in support_of_limbs(thinned.problem, thinned.of_motions(motions)):
+        yield i, chain, thinned.between(sides), partial(_between, thinned, shown)
+
+
+def _between(thinned: ThinnedProblem, shown: Callable[[], Array]) -> Array:
+    return thinned.between(shown())
 
 
 def _likelier_anywhere(

@@ -14,6 +14,7 @@ from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.settings import Settings
+from kfmocap.core.tracking.solvers import gauss_newton
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.gauss_newton_solver import refined
@@ -23,7 +24,8 @@ from kfmocap.core.tracking.solvers.limb_corrections.limb_rounds import MAX_RETUR
 from kfmocap.core.tracking.solvers.limb_corrections.limb_search import MIN_GAIN_ELSEWHERE, freed_limb
 from kfmocap.core.tracking.solvers.limb_corrections.regained_limbs import bend_of, bent_limbs, refuted_limbs
 from kfmocap.core.tracking.solvers.limb_corrections.search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
-from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import MIN_GAIN
+from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import MIN_GAIN, SupportOfLimb
+from kfmocap.core.tracking.solvers.thinned_frames import ThinnedProblem
 from synthetic import at_rest, ends_held, look_at, poses_of, silhouette
 
 BODY, FRAMES, FPS = human(1.75), 12, 30.0
@@ -298,3 +300,28 @@ def test_a_limb_is_also_searched_for_around_an_even_path_between_its_key_poses(
         assert error_mm(found.motions[0]) < 1
     else:
         assert found is solution
+
+
+@pytest.mark.usefixtures("without_descent")
+def test_where_frames_follow_each_other_closely_what_shows_limbs_is_measured_on_some(
+    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames, known = np.array([0, 3, 6, 9, 11]), []
+
+    def steadily_clearer(some: SegmentProblem, motions: Sequence[Motion]) -> list[tuple[object, ...]]:
+        assert len(motions[0]) == some.length == len(frames)
+        times = some.times / some.fps
+        return [(0, ARM, times, lambda: 2 * times)]
+
+    def refuted(_problem: object, _motions: object, support: Sequence[SupportOfLimb]) -> list[object]:
+        known.extend((sides, shown()) for _, _, sides, shown in support)
+        return []
+
+    monkeypatch.setattr(ThinnedProblem, "of", lambda whole, _: ThinnedProblem.at(whole, frames, 3))
+    monkeypatch.setattr(regained_limbs, "support_of_limbs", steadily_clearer)
+    monkeypatch.setattr(regained_limbs, "refuted_limbs", refuted)
+    solution = gauss_newton.descend(problem, [TRUTH], Workspace())
+    assert regained_limbs.with_limbs_regained(problem, solution, Workspace()).motions is solution.motions
+    [(sides, shown)] = known
+    np.testing.assert_allclose(sides, np.arange(FRAMES) / FPS)
+    np.testing.assert_allclose(shown, 2 * sides)
