@@ -139,6 +139,17 @@ def test_videos_are_added_with_those_of_the_lframe_beside_them(blender, tmp_path
     assert [view.name for view in bpy.context.scene.kfmocap_capture.views] == ["cam01"]
 
 
+def test_a_whole_folder_can_be_chosen_for_the_videos(blender, tmp_path):
+    files = ["a_LFRAME.mp4", "a_Wand.mp4", "b_lframe.mp4", "b_wand.mp4", "take 1.mp4"]
+    for name in files:
+        video(tmp_path / name)
+    with pytest.raises(RuntimeError, match="choose the videos of the wand"):
+        bpy.ops.kfmocap.add_videos(directory=str(tmp_path), files=[{"name": ""}])
+    bpy.ops.kfmocap.add_videos(directory=str(tmp_path), files=[{"name": name} for name in files])
+    found = [(view.name, Path(view.lframe).name) for view in bpy.context.scene.kfmocap_capture.views]
+    assert found == [("a", "a_LFRAME.mp4"), ("b", "b_lframe.mp4")]
+
+
 @pytest.fixture
 def solver(monkeypatch):
     """Stands in for detection and solver, and for the report."""

@@ -1,20 +1,23 @@
 """The list of a capture's views."""
 
+import re
 from pathlib import Path
 
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from ....core.errors import CalibrationError
+from ....core.errors import CalibrationError, FootageError
 from ...scene_io import capture_scene as captures
 from ..conditions import Conditional
 from ..footage.add_footage import VIDEOS, globbed
-from ..mixin import FileReader
+from ..mixin import FileReader, ReportingOperator
+
+_WAND = re.compile("wand", re.IGNORECASE)
 
 
-class AddVideos(bpy.types.Operator, ImportHelper):
+class AddVideos(ReportingOperator, bpy.types.Operator, ImportHelper):
     """Add cameras by their wand videos. A video of the same name with "lframe" instead of "wand" is taken as that
-    camera's L-frame video"""
+    camera's L-frame video; if some names have "wand", others are left out"""
 
     bl_idname = "kfmocap.add_videos"
     bl_label = "Add Videos"
@@ -24,21 +27,35 @@ class AddVideos(bpy.types.Operator, ImportHelper):
     files: bpy.props.CollectionProperty(type=bpy.types.OperatorFileListElement)
     filter_glob: bpy.props.StringProperty(default=globbed(VIDEOS), options={"HIDDEN"})
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
+        folder = Path(bpy.path.abspath(self.directory))
+        chosen = [folder / file.name for file in sorted(self.files, key=lambda file: file.name) if file.name]
+        if not chosen:
+            raise FootageError("no file is chosen", todo="choose the videos of the wand")
+        named = [path for path in chosen if _WAND.search(path.stem)]
         views = context.scene.kfmocap_capture.views
-        for file in sorted(self.files, key=lambda file: file.name):
-            path = Path(bpy.path.abspath(self.directory)) / file.name
+        for path in named or chosen:
             view = views.add()
             view.name, view.wand = camera_name(path), str(path)
-            beside = path.with_name(path.name.replace("wand", "lframe"))
-            view.lframe = str(beside) if beside != path and beside.is_file() else ""
+            view.lframe = str(_lframe_video(path) or "")
         context.scene.kfmocap_capture.active = len(views) - 1
-        return {"FINISHED"}
+        of_lframes = {Path(view.lframe) for view in views}
+        left = [path.name for path in chosen if named and path not in named and path not in of_lframes]
+        if left:
+            self.report({"INFO"}, f'Left out, as "wand" is not in their names: {", ".join(left)}')
+
+
+def _lframe_video(wand: Path) -> Path | None:
+    """Return the video beside one of the wand that has "lframe" in place of "wand" in its name, in any case."""
+    wanted = _WAND.sub("lframe", wand.name).casefold()
+    if wanted == wand.name.casefold():
+        return None
+    return next((path for path in sorted(wand.parent.glob("*")) if path.name.casefold() == wanted), None)
 
 
 def camera_name(path: Path) -> str:
     """Return the name of a video without the word that says it shows the wand."""
-    name = path.stem.replace("wand", "").strip("-_. ")
+    name = _WAND.sub("", path.stem).strip("-_. ")
     return name or path.stem
 
 
