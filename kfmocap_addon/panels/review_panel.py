@@ -57,12 +57,12 @@ def _draw_hidden(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> N
 def _draw_lost(column: bpy.types.UILayout, context: bpy.types.Context, slot: bpy.types.PropertyGroup) -> None:
     if slot.lost:
         column.separator()
-        draw_text(column, context, "May be lost: the footage shows background there")
+        draw_text(column, context, "May be lost: the footage does not show it there")
     for part in slot.lost:
         first, last = part.frames
         button = column.operator(GoToFrame.bl_idname, text=f"{part.name}: {first} to {last}", icon="ERROR")
         button.frame = (first + last) // 2
-        button.reason = f"Jump there: {part.name} lies where the footage shows background; pose it and set a key pose"
+        button.reason = f"Jump there: the footage does not show {part.name} where it lies; pose it and set a key pose"
 
 
 def _draw_helpful(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> None:

@@ -1,9 +1,10 @@
 """The probability that a part of a limb is lost: that the tracker has it somewhere else than in the footage.
 
 The pixels that a part covers look like the performer where it is right, as on the key frames. Where it is lost, it
-covers background in some views; in others it may lie in front of the rest of the body, and nothing shows. A lost limb
-stays lost for a while, so the states found and lost form a hidden Markov chain, whose probabilities are computed given
-all frames.
+covers background in some views; in others it may lie in front of the rest of the body, and nothing shows. A single view
+leaves more limbs there, so that the sides of limbs and the colours of their parts, too, are asked whether it is seen. A
+lost limb stays lost for a while, so the states found and lost form a hidden Markov chain, whose probabilities are
+computed given all frames.
 """
 
 from __future__ import annotations
@@ -36,7 +37,9 @@ REVEAL_PROBABILITY = 0.5
 """Probability that a view reveals that a part is lost; otherwise it lies in front of or behind the rest of the body."""
 
 
-def lost_probabilities(body: Body, misfit: Misfit, span: slice, *, held: Bools, keys: Ints) -> Array:
+def lost_probabilities(
+    body: Body, misfit: Misfit, span: slice, *, held: Bools, keys: Ints, support: Array | None = None
+) -> Array:
     """Probability that each part of a performer is lost, shape (F, P).
 
     It is zero for parts of the trunk. A part of a limb is at least as probably lost as the one that it hangs on.
@@ -52,16 +55,22 @@ def lost_probabilities(body: Body, misfit: Misfit, span: slice, *, held: Bools, 
     keys : ndarray of int, shape (K,)
         Frames with a key pose of the whole body, which show the share of each part that looks like background though it
         is right. Without any, it is the median over all frames.
+    support : ndarray, shape (F, P), optional
+        Log likelihood ratio of the images with each part against without it (`limb_likelihood.support_of_parts`).
     """
     visible, background = misfit.visible[..., span], misfit.background[..., span]
     pieces = np.minimum(visible / PATCH_SIDE**2, misfit.pixels[..., span])
     usual = _usual_background(background, pieces, keys)
     doubt = _log_odds(background, pieces, usual).sum(axis=0) / FRAMES_PER_OBSERVATION
+    each = [doubt]
+    if support is not None:  # of a lost part the images say as much as if nothing were there
+        each.append(-_outward(body, support) / FRAMES_PER_OBSERVATION)
     lost = np.zeros(held.shape)
     for chain in limbs(body):
         sure = np.ones(len(lost))
         for part in chain:
-            sure = sure * (1 - _chain_probabilities(np.where(held[:, part], -np.inf, doubt[:, part])))
+            for odds in each:
+                sure = sure * (1 - _chain_probabilities(np.where(held[:, part], -np.inf, odds[:, part])))
             lost[:, part] = 1 - sure
     return lost
 
@@ -83,6 +92,14 @@ def limb_reach(body: Body) -> Array:
     for chain in limbs(body):
         reach[chain] = np.cumsum(lengths[chain])
     return reach
+
+
+def _outward(body: Body, values: Array) -> Array:
+    """Sums of values (F, P) over each part of a limb and those beyond it, (F, P)."""
+    total = values.copy()
+    for chain in limbs(body):
+        total[:, chain] = np.cumsum(values[:, chain[::-1]], axis=1)[:, ::-1]
+    return total
 
 
 def _usual_background(background: Array, pieces: Array, keys: Ints) -> Array:

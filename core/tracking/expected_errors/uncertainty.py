@@ -24,6 +24,7 @@ from ..solvers.equations.problem import SegmentProblem, SegmentSolution
 from ..solvers.equations.segment_equations import evidence_equations, hidden_and_expected, with_priors_at
 from ..solvers.equations.smoothness_factor import SegmentSmoothness
 from ..solvers.judgement.solution_doubts import misfit_at
+from ..solvers.limb_evidence.limb_likelihood import support_of_parts
 from .held_out_keys import USUAL_RATIO, covariance_ratios, missed_key_poses
 from .joint_covariances import growth_by_speed, tip_covariances, tip_jacobian
 from .lost_limbs import confirmed_parts, limb_reach, lost_probabilities
@@ -130,6 +131,7 @@ def segment_uncertainties(
     systems = [images[i] + smooth.blocks(problem, i, motion) for i, motion in enumerate(motions)]
     tied = whole.tied(systems, motions)
     covariances = tied.by_performer([system.factor().covariances() for system in tied.systems])
+    support = None if problem.shows_depth or problem.keypoints else support_of_parts(whole, motions)
     uncertainties = []
     for i, (body, motion, fixed) in enumerate(zip(problem.bodies, motions, problem.fixed, strict=True)):
         held = np.repeat(fixed.all(axis=1)[:, None], len(body), axis=1)
@@ -144,7 +146,9 @@ def segment_uncertainties(
                 tip_covariances(tip_jacobian(body, motion), covariances[i]) * growth[..., None, None],
                 missed_key_poses(problem, solution, images, i, growth),
                 gaps[i],
-                lost_probabilities(body, misfit, spans[i], held=held, keys=keys[i]),
+                lost_probabilities(
+                    body, misfit, spans[i], held=held, keys=keys[i], support=None if support is None else support[i]
+                ),
             )
         )
     minimised = whole.tied(with_priors_at(whole, solution, images, expected), motions)

@@ -135,7 +135,7 @@ def test_the_report_has_how_far_off_the_parts_may_be_and_where_one_more_key_pose
 def test_blind_spots_are_reported_in_one_line_each(tracked: tuple[Shot, type]) -> None:
     shot, result = tracked
     unseen, lost, helpful, suggested = report_lines(report(shot, result))
-    assert lost == "man: may be lost, as the footage shows background where they are: forearm.L 114-116"
+    assert lost == "man: may be lost, as the footage does not show them where they are: forearm.L 114-116"
     assert unseen == "man: frames on which no camera sees a part: shin.L 1, hand.R 7"
     assert suggested == "man: key poses would help at 107 (hand.R hidden 108-114), 115 (hand.R hidden 108-114)"
     assert helpful.startswith("man: where one more key pose would help most: ") and "(forearm.L some" in helpful

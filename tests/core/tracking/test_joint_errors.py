@@ -171,10 +171,10 @@ def misfit_of(found: Motion, cameras: tuple = CAMERAS) -> Misfit:
     return measured_misfit(views, Geometry.of([BODY]), at, first=0, spans=[slice(0, P)])
 
 
-def lost_in(misfit: Misfit, held: Array | None = None) -> Array:
+def lost_in(misfit: Misfit, held: Array | None = None, support: Array | None = None) -> Array:
     held = np.zeros((FRAMES, P), bool) if held is None else held
     held[[0, -1]] = True
-    return lost_probabilities(BODY, misfit, slice(0, P), held=held, keys=np.array([0, FRAMES - 1]))
+    return lost_probabilities(BODY, misfit, slice(0, P), held=held, keys=np.array([0, FRAMES - 1]), support=support)
 
 
 def test_an_arm_that_lies_on_background_may_be_lost_on_these_frames_and_no_other_part_ever() -> None:
@@ -224,3 +224,14 @@ def test_a_part_of_a_few_pixels_is_not_lost_because_of_one_of_them() -> None:
 
 def test_without_foreground_images_nothing_is_called_lost() -> None:
     assert lost_in(misfit_of(arm_turned_away(), cameras=())).max() < REPORTED_PROBABILITY
+
+
+def test_a_forearm_that_the_images_speak_against_may_be_lost_even_in_front_of_the_body() -> None:
+    """Not the upper arm that they speak for by more, nor one that is hidden, of which they say nothing."""
+    misfit, support = misfit_of(at_rest(BODY, FRAMES)), np.full((FRAMES, P), 20.0)
+    support[LOST, ARM[1]] = -10.0
+    assert (lost_in(misfit, support=support)[LOST, ARM] >= REPORTED_PROBABILITY).all(axis=0).tolist() == [False, True]
+    support[LOST, ARM] = 0.0
+    assert lost_in(misfit, support=support).max() < 0.1
+    support[LOST, ARM] = 5.0, -10.0
+    assert (lost_in(misfit, support=support)[LOST, ARM] >= REPORTED_PROBABILITY).all()

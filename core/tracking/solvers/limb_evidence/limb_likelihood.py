@@ -117,8 +117,6 @@ def limb_of(
 def support_of_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[SupportOfLimb]:
     """Generate, for every limb, the log likelihood ratio of the images with the limb where it is against without it.
 
-    The limbs of a performer change nothing in the images of the others, which are drawn once for all of them.
-
     Parameters
     ----------
     problem : SegmentProblem
@@ -136,6 +134,26 @@ def support_of_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> Iter
     callable
         Computes the ratio on each frame by sides and pixels together, (F,). It is 0 where the limb is hidden in all
         views.
+    """
+    for i, chain, sides, shown in _support_by_part(problem, motions):
+        yield i, chain, sides.sum(axis=0), partial(_summed, shown)
+
+
+def support_of_parts(problem: SegmentProblem, motions: Sequence[Motion]) -> list[Array]:
+    """Return, per performer, the log likelihood ratio of the images with each part of a limb where it is against
+    without it, (F, P); 0 for the trunk, and for a part that is hidden in all views. Parameters as in
+    `support_of_limbs`.
+    """
+    found = [np.zeros((problem.length, len(body))) for body in problem.bodies]
+    for i, chain, _, shown in _support_by_part(problem, motions):
+        found[i][:, chain] = shown().T
+    return found
+
+
+def _support_by_part(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[SupportOfLimb]:
+    """Generate what `support_of_limbs` does for each of the n parts of a limb, (n, F) instead of (F,).
+
+    The limbs of a performer change nothing in the images of the others, which are drawn once for all of them.
     """
     rng = np.random.default_rng(problem.settings.search_seed)
     views = [view for view in views_with_foreground(problem.views) if view.colours is not None]
@@ -160,7 +178,8 @@ def support_of_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> Iter
                 )
                 for view, shown, depth in zip(ratios, labels, depths, strict=True)
             ]
-            sides = side_log_ratios(limb, with_sides_learned(limb, beside, problem.whole_keys(i), rng))
+            sides = np.zeros((len(chain), problem.length))
+            _add_side_log_ratios(limb, with_sides_learned(limb, beside, problem.whole_keys(i), rng), list(sides))
             yield i, chain, sides, partial(_log_ratios, limb, ratios, (geometry, poses, parts), sides)
 
 
@@ -199,15 +218,20 @@ def _returning(shown: Array) -> Callable[[], Array]:
     return lambda: shown
 
 
+def _summed(by_part: Callable[[], Array]) -> Array:
+    return np.asarray(by_part().sum(axis=0))
+
+
 def _log_ratios(
     limb: LimbModel,
     ratios: Sequence[ViewRatios],
     drawn: tuple[Geometry, tuple[Array, Array], Sequence[int]],
     sides: Array,
 ) -> Array:
-    """Log likelihood ratio of a limb's present pose by its pixels, plus that of its sides, (F,)."""
-    uncovered = [view.uncovered(*drawn) for view in ratios]
-    return sides + pixel_log_ratios(replace(limb, sides=()), uncovered, limb.begin[:, None])[:, 0]
+    """Log likelihood ratio of a limb's present pose by its pixels, plus that of its sides, by part, (n, F)."""
+    uncovered, pixels = [view.uncovered(*drawn) for view in ratios], np.zeros((*sides.shape, 1))
+    _add_pixel_log_ratios(replace(limb, sides=()), uncovered, limb.begin[:, None], list(pixels))
+    return np.asarray(sides + pixels[..., 0])
 
 
 def with_sides_learned(
@@ -237,11 +261,17 @@ def _with_learned(limb: LimbModel, images: UncoveredImages, keys: NDArray[np.int
 
 def side_log_ratios(limb: LimbModel, uncovered: Sequence[UncoveredImages]) -> Array:
     """Log likelihood ratio of a limb's present pose by the brightness across its sides, (F,)."""
-    score, every = np.zeros(len(limb.begin)), slice(0, len(limb.begin))
-    for sides, poses in zip(limb.sides, _posed(limb, every, limb.begin[:, None]), strict=False):
+    score = np.zeros(len(limb.begin))
+    _add_side_log_ratios(limb, uncovered, [score] * len(limb.chain))
+    return score
+
+
+def _add_side_log_ratios(limb: LimbModel, uncovered: Sequence[UncoveredImages], scores: Sequence[Array]) -> None:
+    """Add those of each of the n parts to its own one of n arrays (F,)."""
+    every = slice(0, len(limb.begin))
+    for score, sides, poses in zip(scores, limb.sides, _posed(limb, every, limb.begin[:, None]), strict=False):
         for images in uncovered:
             score += images.beside(sides, every, poses)[:, 0]
-    return score
 
 
 def _samples(geometry: Geometry, parts: Sequence[int], rng: Generator, count: int) -> tuple[Array, Array]:
@@ -263,15 +293,22 @@ def pixel_log_ratios(limb: LimbModel, uncovered: Sequence[UncoveredImages], draw
         Rotation vectors.
     """
     score = np.zeros((len(limb.held), drawn.shape[1]))
-    for some in _chunks(*score.shape):
+    _add_pixel_log_ratios(limb, uncovered, drawn, [score] * len(limb.chain))
+    return score
+
+
+def _add_pixel_log_ratios(
+    limb: LimbModel, uncovered: Sequence[UncoveredImages], drawn: Array, scores: Sequence[Array]
+) -> None:
+    """Add those of each of the n parts to its own one of n arrays (F, K)."""
+    for some in _chunks(*scores[0].shape):
         chosen = drawn if len(drawn) == 1 else drawn[some]
         for part, (area, poses) in enumerate(zip(limb.areas, _posed(limb, some, chosen), strict=True)):
             world = _placed(limb.points[part], poses)
             for images in uncovered:
-                score[some] += area / PATCH_RADIUS**2 * images.at(part, some, world)
+                scores[part][some] += area / PATCH_RADIUS**2 * images.at(part, some, world)
                 if part < len(limb.sides):
-                    score[some] += images.beside(limb.sides[part], some, poses)
-    return score
+                    scores[part][some] += images.beside(limb.sides[part], some, poses)
 
 
 def _chunks(frames: int, poses: int) -> Iterator[slice]:
