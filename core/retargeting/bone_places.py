@@ -34,7 +34,9 @@ def roles_by_place(rest: RestSkeleton) -> dict[str, tuple[str, ...]]:
     higher = [pair for pair in pairs if rest.heads[list(pair), 2].min() > rest.heads[list(legs), 2].max()]
     if not higher:
         return {}
-    arms = max(higher, key=lambda pair: _length(rest, paths[pair]))
+    # A skirt may be longer than the arms, but hangs on the hips as the legs do.
+    apart = [pair for pair in higher if rest.parents[pair[0]] != rest.parents[legs[0]]]
+    arms = max(apart or higher, key=lambda pair: _length(rest, paths[pair]))
     found: dict[str, tuple[str, ...]] = {}
     left = _left(rest, (legs, arms), lateral)
     for branch in (legs, arms):

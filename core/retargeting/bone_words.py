@@ -8,14 +8,13 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
+from .bone_vocabulary import SIDES, WORDS
+
 NAMESPACE = re.compile(r"^.*[:|]")
 """What comes before a bone's name in files of other programs, as in mixamorig:Hips."""
 _REMARK = re.compile(r"\[.*?\]|\(.*?\)")
-_TOKEN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\W\d_a-zA-Z]+")
-_SIDES = {
-    **dict.fromkeys(("l", "left", "lf", "lft", "lt", "左"), "L"),
-    **dict.fromkeys(("r", "right", "rt", "rgt", "rg", "右"), "R"),
-}
+_TOKEN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[А-ЯЁ]?[а-яё]+|[^\W\d_a-zA-Zа-яё]+")
+_ACCENTED = re.compile(r"([a-zA-Z])[\u0300-\u036f]+")
 _MADE = re.compile(
     r"^(bip|valve|biped|j|b|m|cc|base|bn|bone|joint|jnt|jt|sh|bind|skin|sk|x|character|valvebiped"
     r"|mstr|main)$"
@@ -35,50 +34,14 @@ _CENTRE = "C"
 _HELPERS = re.compile(
     r"^(ik|ikhandle|mch|tgt|target|pole|tweak|twist\d*|twk|roll|share|corrective|cor|helper|helpers|volume|jiggle|spring"
     r"|nub|end|tip|eff|effector|sec|adj|metacarpals?|carpals?|metatarsals?|vis|driver|offset|scale|parent|prop"
-    r"|pec|pectoral|breast|out|in|bck|fwd|lat|latissimus|scap|weapon|drehung|捩|親|キャンセル)$",
+    r"|pec|pectoral|breast|out|in|bck|fwd|lat|latissimus|scap|weapon|drehung|giro|torsione?|torcao|скрутка"
+    r"|捩|親|キャンセル)$",
     re.IGNORECASE,
 )
 _BEND_ENDING = re.compile(r"(bend|base)$")
 _REGION = re.compile(r"^(arm|leg)(?=.)")
 _METACARPAL = re.compile(r"metacarpals?", re.IGNORECASE)
 _NEARLY_ALL = 0.9  # share of the names
-_PHALANX = r"(proximal|intermediate|distal)?\d*"
-
-_WORDS: tuple[tuple[str, str], ...] = (
-    ("root", r"root|master|reference|armature|全|全て|wurzel"),
-    ("hips", r"hips?|pelvis|cog|bip\d*pelvis|lowertorso|lowerbody|下半身|becken|hüfte|huefte"),
-    ("toe", r"toes?(base)?\d*|ball|toebone|つま先|zehen?"),
-    ("foot", r"foot|feet|足首|fu(ß|ss)"),
-    ("ankle", r"ankle"),
-    ("shin", r"shin|calf|lowerleg|leglower|lowleg|crus|tibia|fibula|unterschenkel"),
-    ("knee", r"knee|ひざ|膝|knie"),
-    ("leg", r"leg|bein"),
-    ("thigh", r"thigh|upleg|upperleg|legupper|femur|足|oberschenkel"),
-    ("thumb", rf"(hand)?thumb(metacarpal|{_PHALANX})|親指\d*|daumen\d*"),
-    ("index", rf"(hand|f)?(index|pointer|fore)(finger)?{_PHALANX}|(人指|人差指|人差し指)\d*|zeigefinger\d*"),
-    ("middle", rf"(hand|f)?(middle|mid)(finger)?{_PHALANX}|中指\d*|mittelfinger\d*"),
-    ("ring", rf"(hand|f)?ring(finger)?{_PHALANX}|薬指\d*"),
-    ("pinky", rf"(hand|f)?(pinky|little|pinkie|small)(finger)?{_PHALANX}|小指\d*|kleine?finger\d*"),
-    ("finger", r"finger\d+"),
-    ("hand", r"hand|fist"),
-    ("wrist", r"wrist|手首|handgelenk"),
-    ("palm", r"palm"),
-    ("forearm", r"forearm|radius|ulna|lowerarm|armlower|lowarm|ひじ|肘|unterarm"),
-    ("elbow", r"elbow|ell(en)?bogen"),
-    ("upper_arm", r"upperarm|uparm|armupper|humerus|腕|shldr|oberarm"),
-    ("arm", r"arm"),
-    ("shoulder", r"shoulder|肩|schulter"),
-    ("collar", r"clav(i|icle)?|collar(bone)?|scapula|schl(ü|ue)sselbein"),
-    ("head", r"(neck)?head\d*|headneckupper|頭|kopf"),
-    ("neck", r"neck(lower|upper)?\d*|headnecklower|首|hals|nacken"),
-    (
-        "spine",
-        r"(spine(middle)?|(upper|lower)?chest|(upper|lower)?torso|abdomen|waist|lowerback|back|ribcage|thorax|trunk|belly"
-        r"|(upper)?body"
-        r"|wirbels(ä|ae)ule|brust(korb)?|bauch|r(ü|ue)cken|上半身)(lower|upper)?\d*",
-    ),
-)
-"""Parts of a body and patterns of their words, matched with names without namespace, side and function."""
 
 
 @dataclass(frozen=True)
@@ -90,8 +53,8 @@ class BoneName:
     side : str
         "L", "R" or empty.
     part : str
-        A part of `_WORDS`, or empty. For limbs it is either the segment or the joint at which it begins, as a shin may
-        be called knee.
+        A part of `bone_vocabulary.WORDS`, or empty. For limbs it is either the segment or the joint at which it begins,
+        as a shin may be called knee.
     kind : str
         Empty for a plain bone, "def" for a deforming one, "stretch" for one that is stretched and may deform the skin,
         "org" for one that deforming bones copy, "fk" and "control" for controls, "helper" for bones that do not belong
@@ -117,23 +80,24 @@ def read_name(name: str, shared: Collection[str] = ()) -> BoneName:
     """
     tokens, side, kind, central = _tokens(name), "", "", False
     kept: list[str] = []
+    made: list[str] = []
     for before, token, after in zip(["", *tokens], tokens, [*tokens[1:], ""], strict=False):
         small = token.lower()
         if small in shared or (token.isdigit() and (before.lower() in shared or _NUMBERED.match(before.lower()))):
             continue
-        if small in _SIDES and not side:
-            side = _SIDES[small]
+        if small in SIDES and not side:
+            side = SIDES[small]
         elif token == _CENTRE and (not before or after.isdigit()):
             central = True
         elif before == _CENTRE and token.isdigit():
             continue
         elif of := _kind_of(small):
             kind = of if of in _DECIDING_KINDS else kind or of
-        elif not (_MADE.match(small) and len(tokens) > 1):
-            kept.append(small)
+        else:
+            (made if _MADE.match(small) and len(tokens) > 1 else kept).append(small)
     if central and side:  # no centre, but the controls of a side
         kind = kind or "control"
-    word = "".join(dict.fromkeys(kept))
+    word = "".join(dict.fromkeys(kept or made))  # main is a hand in French
     plain = word.rstrip("0123456789")
     readings = (word, _BEND_ENDING.sub("", word), plain, _REGION.sub("", word), _REGION.sub("", plain))
     part = next((part for reading in readings if (part := _part_of(reading))), "")
@@ -153,7 +117,7 @@ def shared_words(names: Sequence[str]) -> frozenset[str]:
     return frozenset(
         word
         for word, count in counts.items()
-        if count > (_NEARLY_ALL if _part_of(word) else 0.5) * len(names) and word not in _SIDES
+        if count > (_NEARLY_ALL if _part_of(word) else 0.5) * len(names) and word not in SIDES
     )
 
 
@@ -164,7 +128,8 @@ def _kind_of(word: str) -> str:
 
 def _tokens(name: str) -> list[str]:
     """Split a name into words, numbers and single letters, with marks of the side separated."""
-    plain = _REMARK.sub("", NAMESPACE.sub("", unicodedata.normalize("NFKC", name)))
+    unaccented = _ACCENTED.sub(r"\1", unicodedata.normalize("NFD", name))
+    plain = _REMARK.sub("", NAMESPACE.sub("", unicodedata.normalize("NFKC", unaccented)))
     found: list[str] = []
     for token in _TOKEN.findall(plain):
         small = token.lower()
@@ -191,4 +156,4 @@ def _capitals(word: str) -> list[str]:
 
 
 def _part_of(word: str) -> str:
-    return next((part for part, pattern in _WORDS if re.fullmatch(pattern, word)), "")
+    return next((part for part, patterns in WORDS if any(re.fullmatch(each, word) for each in patterns)), "")

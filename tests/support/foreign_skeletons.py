@@ -5,8 +5,28 @@ from __future__ import annotations
 import numpy as np
 from kfmocap.core.body.skeleton_motion import RestSkeleton
 
-_LEFT = {"s": "l", "S": "L", "Side": "Left", "side": "left", "jp": "左"}
-_RIGHT = {"s": "r", "S": "R", "Side": "Right", "side": "right", "jp": "右"}
+_LEFT = {
+    "s": "l",
+    "S": "L",
+    "Side": "Left",
+    "side": "left",
+    "jp": "左",
+    "es": "izq",
+    "fr": "gauche",
+    "it": "sx",
+    "ru": "Л",
+}
+_RIGHT = {
+    "s": "r",
+    "S": "R",
+    "Side": "Right",
+    "side": "right",
+    "jp": "右",
+    "es": "der",
+    "fr": "droite",
+    "it": "dx",
+    "ru": "П",
+}
 
 
 def _points(droop: float) -> dict[str, np.ndarray]:
@@ -417,6 +437,106 @@ SKELETONS = {
         Unterschenkel_{S} | Oberschenkel_{S} | knee | shin
         Fuß_{S} | Unterschenkel_{S} | ankle | foot
         Zehen_{S} | Fuß_{S} | ball | toe
+        """,
+    "spanish": """
+        Raíz |  | ground | root
+        Cadera | Raíz | hips | hips
+        Columna_1 | Cadera | spine1 | spine
+        Pecho | Columna_1 | spine3 | spine
+        Cuello | Pecho | neck | neck
+        Cabeza | Cuello | head | head
+        Clavícula_{es} | Pecho | collar | shoulder
+        Brazo_{es} | Clavícula_{es} | shoulder | upper_arm
+        Giro_Brazo_{es} | Brazo_{es} | armtwist
+        Antebrazo_{es} | Brazo_{es} | elbow | forearm
+        Mano_{es} | Antebrazo_{es} | wrist | hand
+        Índice_1_{es} | Mano_{es} | index0 | index
+        Pulgar_1_{es} | Mano_{es} | thumb0 | thumb
+        Muslo_{es} | Cadera | thigh | thigh
+        Pantorrilla_{es} | Muslo_{es} | knee | shin
+        Pie_{es} | Pantorrilla_{es} | ankle | foot
+        Dedos_Pie_{es} | Pie_{es} | ball | toe
+        """,
+    "french": """
+        racine |  | ground | root
+        bassin | racine | hips | hips
+        colonne.1 | bassin | spine1 | spine
+        poitrine | colonne.1 | spine3 | spine
+        cou | poitrine | neck | neck
+        tête | cou | head | head
+        clavicule.{fr} | poitrine | collar | shoulder
+        bras.{fr} | clavicule.{fr} | shoulder | upper_arm
+        avant_bras.{fr} | bras.{fr} | elbow | forearm
+        main.{fr} | avant_bras.{fr} | wrist | hand
+        index.1.{fr} | main.{fr} | index0 | index
+        pouce.1.{fr} | main.{fr} | thumb0 | thumb
+        cuisse.{fr} | bassin | thigh | thigh
+        jambe.{fr} | cuisse.{fr} | knee | shin
+        pied.{fr} | jambe.{fr} | ankle | foot
+        orteils.{fr} | pied.{fr} | ball | toe
+        """,
+    "italian": """
+        radice |  | ground | root
+        bacino | radice | hips | hips
+        colonna1 | bacino | spine1 | spine
+        petto | colonna1 | spine3 | spine
+        collo | petto | neck | neck
+        testa | collo | head | head
+        clavicola_{it} | petto | collar | shoulder
+        braccio_{it} | clavicola_{it} | shoulder | upper_arm
+        avambraccio_{it} | braccio_{it} | elbow | forearm
+        mano_{it} | avambraccio_{it} | wrist | hand
+        coscia_{it} | bacino | thigh | thigh
+        gamba_{it} | coscia_{it} | knee | shin
+        piede_{it} | gamba_{it} | ankle | foot
+        """,
+    "portuguese": """
+        raiz |  | ground | root
+        quadril | raiz | hips | hips
+        coluna | quadril | spine1 | spine
+        peito | coluna | spine3 | spine
+        pescoço | peito | neck | neck
+        cabeça | pescoço | head | head
+        braço.{s} | peito | shoulder | upper_arm
+        antebraço.{s} | braço.{s} | elbow | forearm
+        mão.{s} | antebraço.{s} | wrist | hand
+        coxa.{s} | quadril | thigh | thigh
+        canela.{s} | coxa.{s} | knee | shin
+        pé.{s} | canela.{s} | ankle | foot
+        """,
+    "russian": """
+        Корень |  | ground | root
+        Таз | Корень | hips | hips
+        Поясница | Таз | spine1 | spine
+        Грудь | Поясница | spine3 | spine
+        Шея | Грудь | neck | neck
+        Голова | Шея | head | head
+        Ключица_{ru} | Грудь | collar | shoulder
+        Плечо_{ru} | Ключица_{ru} | shoulder | upper_arm
+        Предплечье_{ru} | Плечо_{ru} | elbow | forearm
+        Кисть_{ru} | Предплечье_{ru} | wrist | hand
+        УказательныйПалец1_{ru} | Кисть_{ru} | index0 | index
+        БольшойПалец1_{ru} | Кисть_{ru} | thumb0 | thumb
+        Бедро_{ru} | Таз | thigh | thigh
+        Голень_{ru} | Бедро_{ru} | knee | shin
+        Стопа_{ru} | Голень_{ru} | ankle | foot
+        ПальцыСтопы_{ru} | Стопа_{ru} | ball | toe
+        """,
+    "chinese": """
+        全 |  | ground | root
+        骨盆 | 全 | hips | hips
+        脊椎1 | 骨盆 | spine1 | spine
+        脊椎2 | 脊椎1 | spine3 | spine
+        脖子 | 脊椎2 | neck | neck
+        头 | 脖子 | head | head
+        {jp}锁骨 | 脊椎2 | collar | shoulder
+        {jp}上臂 | {jp}锁骨 | shoulder | upper_arm
+        {jp}前臂 | {jp}上臂 | elbow | forearm
+        {jp}手 | {jp}前臂 | wrist | hand
+        {jp}大腿 | 骨盆 | thigh | thigh
+        {jp}小腿 | {jp}大腿 | knee | shin
+        {jp}脚 | {jp}小腿 | ankle | foot
+        {jp}脚趾 | {jp}脚 | ball | toe
         """,
     "a prefix on most bones, helpers of other prefixes": """
         SKEL_ROOT | | hips | hips

@@ -168,12 +168,29 @@ def test_bones_without_telling_names_are_found_by_their_places(turn, droop):
     assert limbs | {"hips", "head"} <= set(found)
 
 
+def test_a_skirt_on_the_hips_is_no_arms_where_places_decide_though_it_is_longer():
+    rig = made_rig("kfmocap", BODY, 0.5)
+    count, hips = len(rig.rest.names), rig.index("hips")
+    names = [f"b{k}" for k in range(count)]
+    heads, parents = [*rig.rest.heads], [*rig.rest.parents]
+    for side in (1.0, -1.0):
+        for k in range(4):
+            names.append(f"b{len(names)}")
+            parents.append(len(names) - 2 if k else hips)
+            heads.append(rig.rest.heads[hips] + [side * (0.15 + 0.05 * k), 0.0, 0.05 - 0.28 * k])
+    tails = np.array(heads) + [0.0, 0.0, -0.05]
+    tails[:count] = rig.rest.tails
+    found = roles_by_place(RestSkeleton(tuple(names), tuple(parents), np.array(heads), tails))
+    assert found["forearm.L"] == (names[rig.index("forearm.L")],)
+    assert found["shin.L"] == (names[rig.index("shin.L")],)
+
+
 def test_places_of_limbs_go_by_the_sides_that_names_say_and_not_by_feet_that_point_nowhere():
     made = made_rig("kfmocap", BODY, 0.5).rest
-    words = {"upper_arm": "braço", "forearm": "antebraço", "thigh": "coxa", "shin": "perna", "foot": "pé"}
+    words = {"upper_arm": "felkar", "forearm": "alkar", "thigh": "comb", "shin": "lábszár", "foot": "lábfej"}
     kept = [j for j, name in enumerate(made.names) if name.split(".")[0] not in ("toe", *FINGERS)]
     names = [made.names[j].split(".") for j in kept]
-    foreign = tuple(".".join([words.get(word, f"osso_{word}"), *side]) for word, *side in names)
+    foreign = tuple(".".join([words.get(word, f"csont_{word}"), *side]) for word, *side in names)
     tails = made.tails[kept].copy()
     for k, (word, *_) in enumerate(names):
         if word == "foot":
@@ -182,8 +199,8 @@ def test_places_of_limbs_go_by_the_sides_that_names_say_and_not_by_feet_that_poi
     found = match_bones(RestSkeleton(foreign, parents, made.heads[kept], tails))
     assert found.found_by == "places"
     for side in "LR":
-        assert found.bones[f"upper_arm.{side}"] == (f"braço.{side}",)
-        assert found.bones[f"shin.{side}"] == (f"perna.{side}",)
+        assert found.bones[f"upper_arm.{side}"] == (f"felkar.{side}",)
+        assert found.bones[f"shin.{side}"] == (f"lábszár.{side}",)
 
 
 def test_a_bone_that_marks_the_end_of_the_head_is_not_the_head_where_places_decide():
