@@ -19,6 +19,7 @@ from ..errors import FootageError
 from .frame_numbers import FIRST_PARITY, footage_index, frames_per_file_frame
 from .image_sequences import check_size, image_files, read_image
 from .shot import View
+from .video_edits import shown_share
 from .video_file import check_video_file
 
 Image = NDArray[Any]
@@ -28,6 +29,8 @@ _ROTATIONS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_
 
 
 _CONVERT = "convert it to H.264, as with: ffmpeg -i FOOTAGE -c:v libx264 -crf 14 -fps_mode passthrough CONVERTED.mp4"
+
+_WITHOUT_COVER = "leave the cover out, as with: ffmpeg -i FOOTAGE -map 0:v:1 -c copy CONVERTED.mkv"
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,7 @@ class Footage:
     size : tuple of int
         Width and height after the rotation that the metadata asks for, pixels.
     count : int
-        Number of frames (not fields), for a video as its container states.
+        Number of frames (not fields), for a video as its container states, without those that an edit list cuts.
     fps : float
         Frames per second, 0 for an image sequence.
     """
@@ -72,7 +75,11 @@ def probe(path: Path | str) -> Footage:
         if not video.read()[0]:
             what = f"OpenCV cannot decode the footage (codec {_codec(video)})"
             raise FootageError(what, where=str(path), todo=_CONVERT)
-        return Footage(path, size, int(video.get(cv2.CAP_PROP_FRAME_COUNT)), video.get(cv2.CAP_PROP_FPS))
+        stored = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
+        if stored > 1 and _codec(video) == "MJPG" and not video.grab():
+            what = "only its first picture can be read: it is a cover before the video proper, or the file is damaged"
+            raise FootageError(what, where=str(path), todo=_WITHOUT_COVER)
+        return Footage(path, size, round(stored * shown_share(path)), video.get(cv2.CAP_PROP_FPS))
 
 
 def container_rate(view: View) -> float:

@@ -17,11 +17,12 @@ import pytest
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import FootageError
 from kfmocap.core.shot import image_sequences, image_sizes
-from kfmocap.core.shot.footage import Footage, frames_at, pictures, probe
+from kfmocap.core.shot.footage import Footage, decodable, frames_at, pictures, probe
 from kfmocap.core.shot.footage_faults.footage_checks import check_rates, check_view
 from kfmocap.core.shot.frame_numbers import footage_index
 from kfmocap.core.shot.image_sequences import named_footage
 from kfmocap.core.shot.shot import View
+from kfmocap.core.shot.video_edits import shown_share
 
 SIZE = (64, 48)
 COUNT = 12
@@ -203,6 +204,32 @@ def test_footage_that_breaks_off_names_the_frame(tmp_path: Path) -> None:
         cv2.imwrite(str(tmp_path / f"f{f}.png"), picture(f))
     with pytest.raises(FootageError, match="frame 2 is missing"):
         list(frames_at(View(camera(), tmp_path / "f#.png"), range(4), 1))
+
+
+def test_frames_that_an_edit_list_cuts_off_are_not_counted(video: Path, tmp_path: Path) -> None:
+    data = bytearray(video.read_bytes())
+    place = data.index(b"elst") + 12  # of the length of its only edit
+    (whole,) = struct.unpack(">I", data[place : place + 4])
+    assert probe(video).count == COUNT
+    data[place : place + 4] = struct.pack(">I", whole * 2 // 3)
+    cut = tmp_path / "cut.mp4"
+    cut.write_bytes(data)
+    assert probe(cut).count == decodable(cut, COUNT) < COUNT
+    for size in range(0, len(data), 97):  # of a damaged file, too
+        cut.write_bytes(data[:size])
+        assert 0 < shown_share(cut) <= 1
+
+
+def test_a_cover_before_the_video_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "covered.avi"
+    writer = cv2.VideoWriter(str(path), cv2.CAP_OPENCV_MJPEG, cv2.VideoWriter_fourcc(*"MJPG"), 30, SIZE)
+    for frame in range(COUNT):
+        writer.write(picture(frame))
+    writer.release()
+    data = path.read_bytes()
+    path.write_bytes(data[: data.index(b"00dc", data.index(b"00dc") + 4)])
+    with pytest.raises(FootageError, match=r"a cover before the video proper.* -map 0:v:1"):
+        probe(path)
 
 
 @pytest.mark.parametrize("pattern", ["img_%04d.png", "img_####.png", "img_*.png"])
