@@ -58,8 +58,8 @@ def shifted_background(
     return background_shift(list(pictured.rectified(view.camera)), list(body), frames.tolist(), pictured.factor)
 
 
-def better_offset(shot: Shot, view: View, frames: NDArray[np.int64]) -> float | None:
-    """Return an offset with which a view's footage matches the key poses on K frames much better than with its own.
+def better_shift(shot: Shot, view: View, frames: NDArray[np.int64]) -> int | None:
+    """Return by how many frames of the shot later footage of a view matches the key poses on K frames much better.
 
     Only the first part of long footage is read.
     """
@@ -76,12 +76,12 @@ def better_offset(shot: Shot, view: View, frames: NDArray[np.int64]) -> float | 
         pictures = dict(zip(shown, read, strict=True))
     except FootageError:
         return None
-    return _best_offset(shot, view, frames, pictures, factor)
+    return _best_shift(shot, view, frames, pictures, factor)
 
 
-def _best_offset(
+def _best_shift(
     shot: Shot, view: View, frames: NDArray[np.int64], pictures: Mapping[int, NDArray[np.uint8]], factor: float
-) -> float | None:
+) -> int | None:
     bodies, camera = [p.body for p in shot.performers], view.camera.reduced(factor).rectified()
     geometry, (R, T) = Geometry.of(bodies), key_poses_of(shot, frames)
 
@@ -99,4 +99,4 @@ def _best_offset(
         own, other = present(kept), lack(kept, shift)
         if own is not None and other is not None and other < least and own > _MIN_GAIN * other + _MIN_LACK:
             best, least = shift, other
-    return None if best is None else view.offset + view.every * best
+    return best

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..shot.shot import Shot
-from .footage_match import better_offset, shifted_background
+from .footage_match import better_shift, shifted_background
 from .key_frame_views import KeyFrameView
 from .view_findings import CameraFit, FootageMatch, MovedCamera, ViewFinding
 
-MAX_OFFSET_SPREAD = 4.0
-"""Largest difference between offsets of all views that mean one thing, key poses that lag, frames: each is known to two
-frames at most."""
+MAX_SHIFT_SPREAD = 4.0
+"""Largest difference between shifts of all views that mean one thing, key poses that lag, frames of the shot: each is
+known to two frames at most."""
 
 
 def moved_cameras(
@@ -68,19 +68,26 @@ def attributed_findings(
     correctable = {fit.camera for fit in fits if fit.off}
     unlike = {match.camera: match for match in matches if match.off and match.camera not in correctable}
     views = {view.camera.name: view for view in shot.views}
+    shifts: dict[str, int] = {}
     for match in matches:
+        view = views[match.camera]
         if match.camera in correctable or match.camera in unlike:
-            offset = better_offset(shot, views[match.camera], frames)
-            if offset is not None:
-                unlike[match.camera] = replace(match, offset=offset)
-    if len(matches) > 1 and len(unlike) == len(matches) and not _agree(unlike.values()):
+            shift = better_shift(shot, view, frames)
+            if shift is not None:
+                shifts[match.camera] = shift
+                unlike[match.camera] = replace(match, offset=view.offset + view.every * shift)
+    if len(matches) > 1 and len(unlike) == len(matches) and common_shift(list(shifts.values()), len(matches)) is None:
         # The key poses are elsewhere, or of another movement: some offset always fits a little better.
         unlike = {name: without for name, own in unlike.items() if (without := replace(own, offset=None)).off}
     return (*unlike.values(), *(fit for fit in fits if fit.off or fit.camera not in unlike))
 
 
-def _agree(matches: Iterable[FootageMatch]) -> bool:
-    """Whether offsets that fit better are known of all of some views, and are about the same."""
-    offsets = [match.offset for match in matches]
-    known = [offset for offset in offsets if offset is not None]
-    return len(known) == len(offsets) and max(known) - min(known) <= MAX_OFFSET_SPREAD
+def common_shift(shifts: Sequence[float], views: int) -> float | None:
+    """Return the shift, in frames of the shot, by which the footage of all of a number of views matches better.
+
+    None if it is not known of all of them, or if they differ by more than `MAX_SHIFT_SPREAD`. Where they agree, the key
+    poses are rather late or early than all the views.
+    """
+    if not shifts or len(shifts) < views or max(shifts) - min(shifts) > MAX_SHIFT_SPREAD:
+        return None
+    return float(np.median(shifts))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import listed
+from ..fitting.misfit_causes import common_shift
 from ..shot.footage_faults.footage_checks import SAME_RATE
 from ..shot.footage_faults.footage_damage import FootageDamage
 from ..shot.footage_faults.footage_times import FootageRate
@@ -20,8 +21,6 @@ _MIN_AGREEMENT = 0.45
 """Share of a view's keypoints that agree from which nothing is said: see docs/keypoints.md."""
 _SHOWN_DRIFT = 0.5
 """Frames by which two views may drift apart over a shot before something is said."""
-_SAME_SHIFT = 2
-"""Frames within which offsets of views that fit better count as the same: they are found to within one or two."""
 _PEOPLE, _USUAL_HEIGHT = (1.0, 2.3), 1.7
 """Heights of people, children included, beyond which the unit of a calibration is doubted, and a usual one, metres."""
 _SAME_HEIGHT = 0.15
@@ -77,10 +76,11 @@ def _shifted_together(views: Sequence[Mapping[str, Any]]) -> list[str]:
         for fit in view["fits"]
         if fit["off"] and fit.get("offset") is not None
     ]
-    if len(views) < 2 or len(shifts) < len(views) or max(shifts) - min(shifts) > _SAME_SHIFT:
+    shift = common_shift(shifts, len(views))
+    if len(views) < 2 or shift is None:
         return []
     return [
-        f"all views fit better by about {abs(shifts[0]):.0f} frames: rather than the offsets, check the key poses: "
+        f"all views fit better by about {abs(shift):.0f} frames: rather than the offsets, check the key poses: "
         "whether key frames are counted from 0, and which frame the first row of their file shows (first_row of a "
         "[[performer]])"
     ]

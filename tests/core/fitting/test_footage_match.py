@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kfmocap.core.fitting.footage_match import better_offset, footage_matches
+from kfmocap.core.fitting.footage_match import better_shift, footage_matches
 from kfmocap.core.fitting.key_frame_views import KeyFrameView, read_key_frames
 from kfmocap.core.fitting.misfit_causes import attributed_findings
 from kfmocap.core.fitting.shot_cameras import checked_frames, fit_by_key_poses
@@ -64,10 +64,12 @@ def test_an_offset_that_is_wrong_by_some_frames_is_found(tmp_path: Path, every: 
     truth, keys = swing(BODY, 40, size=0.9), np.array([6, 12, 18, 24])
     right = film(tmp_path, [BODY], [truth], [FRONT, SIDE])[1]
     shot = shot_of([right], [BODY], [truth[:32:every]], (keys // every).tolist())
-    assert better_offset(shot, replace(right, every=every), keys // every) is None
+    assert better_shift(shot, replace(right, every=every), keys // every) is None
     for wrong in (-6.0, 8.0):
         late = replace(right, offset=wrong, every=every)
-        offset = better_offset(shot, late, keys // every)
+        shift = better_shift(shot, late, keys // every)
+        assert shift is not None
+        offset = wrong + every * shift
         assert offset == pytest.approx(0.0, abs=2.0)
         off = CameraFit(9.0, 1.0, 5.0, "side", "key poses")
         found, *others = attributed_findings(
@@ -77,19 +79,23 @@ def test_an_offset_that_is_wrong_by_some_frames_is_found(tmp_path: Path, every: 
         assert f"side: its pictures fit the key poses better with an offset of about {offset:g}" in found.summary
 
 
-@pytest.mark.parametrize(("found", "kept"), [((21.0, 19.0), True), ((21.0, -8.0), False), ((21.0, None), False)])
+@pytest.mark.parametrize(("found", "kept"), [((21, 19), True), ((21, -8), False), ((21, None), False)])
 def test_offsets_of_all_views_are_named_only_if_they_agree(
-    shot: Shot, monkeypatch: pytest.MonkeyPatch, found: tuple[float | None, ...], kept: bool
+    shot: Shot, monkeypatch: pytest.MonkeyPatch, found: tuple[int | None, ...], kept: bool
 ) -> None:
-    """A body that was moved is nowhere where the footage shows it: in each view, some other offset fits better."""
-    offsets = dict(zip(("front", "side"), found, strict=True))
+    """A body that was moved is nowhere where the footage shows it: in each view, some other offset fits better.
+
+    Views agree by how many frames theirs are late, whatever the offsets that they already have.
+    """
+    shifts = dict(zip(("front", "side"), found, strict=True))
     monkeypatch.setattr(
-        "kfmocap.core.fitting.misfit_causes.better_offset", lambda _shot, view, _frames: offsets[view.camera.name]
+        "kfmocap.core.fitting.misfit_causes.better_shift", lambda _shot, view, _frames: shifts[view.camera.name]
     )
-    matches = [FootageMatch(name, 0.6) for name in offsets]
-    said = attributed_findings(shot, FRAMES, matches, [])
+    front, side = shot.views
+    matches = [FootageMatch(name, 0.6) for name in shifts]
+    said = attributed_findings(replace(shot, views=(front, replace(side, offset=12.0))), FRAMES, matches, [])
     assert [own.off for own in said] == [True, True]
-    assert [own.offset for own in said if isinstance(own, FootageMatch)] == (list(found) if kept else [None, None])
+    assert [own.offset for own in said if isinstance(own, FootageMatch)] == ([21.0, 31.0] if kept else [None, None])
 
 
 def test_cameras_that_move_and_poses_that_hardly_differ_are_not_judged(
