@@ -8,7 +8,7 @@ descent often starts where another one ended, under another noise.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -23,7 +23,7 @@ from .gradient_evidence.compared_pixels import ComparedPixels, LabelledFrames, c
 from .outline_evidence.outline_lines import outline_lines
 from .outline_evidence.outline_sums import OutlineSums, outline_sums
 from .rendering.label_images import LabelImages, render_labels
-from .rendering.part_geometry import Geometry
+from .rendering.part_geometry import PerformerParts
 from .sampling import Sampling
 from .still_evidence import StillEvidence, StillPartsCache
 from .view_frames import GradientImageCache, ViewFrames
@@ -57,6 +57,28 @@ class FramesInView:
 
 
 @dataclass(frozen=True, eq=False)
+class SegmentInViews:
+    """F consecutive frames in V views from shot frame `first` on, with world poses (R, T) of all parts on them,
+    (F, P, 3, 3) and (F, P, 3), by the delay of the views that show them.
+    """
+
+    views: Sequence[ViewFrames]
+    first: int
+    poses: Mapping[float, Poses]
+    sampling: Sampling
+
+    def __len__(self) -> int:
+        return len(next(iter(self.poses.values()))[0])
+
+    def some(self, view: int, begin: int, end: int) -> FramesInView:
+        """Return the frames from the one with index `begin` to the one with index `end`, inclusive, of a view."""
+        shown = self.views[view]
+        R, T = self.poses[shown.delay]
+        frames = slice(begin, end + 1)
+        return FramesInView(shown, self.first + begin, (R[frames], T[frames]), self.sampling)
+
+
+@dataclass(frozen=True, eq=False)
 class Drawing:
     """Label images of all performers, with those whose motion is given drawn only once.
 
@@ -77,16 +99,14 @@ class Drawing:
     hidden: LabelImages | None = None
 
     @classmethod
-    def of(
-        cls, frames: FramesInView, geometry: Geometry, cache: StillPartsCache, sought: Sequence[int] | None
-    ) -> Drawing:
-        """Draw the parts of all performers; `sought` as in `render_and_compare`."""
-        (R, T), stride = frames.poses, frames.sampling.stride
+    def of(cls, frames: FramesInView, parts: PerformerParts, cache: StillPartsCache) -> Drawing:
+        """Draw the parts of all performers."""
+        (R, T), stride, geometry = frames.poses, frames.sampling.stride, parts.geometry
         camera = frames.view.camera.subsampled(stride)
-        if sought is None or len(sought) > geometry.performer.max():
+        if parts.sought is None or len(parts.sought) > geometry.performer.max():
             labels = render_labels(geometry, camera, frames.first, R, T)
             return cls(labels, labels.areas())
-        moving = np.isin(geometry.performer, sought)
+        moving = np.isin(geometry.performer, parts.sought)
         own, rest = np.flatnonzero(moving), np.flatnonzero(~moving)
         others = cache.drawn(frames.view, geometry, frames.poses, rest, stride=stride, first=frames.first)
         alone = render_labels(geometry.subset(own.tolist()), camera, frames.first, R[:, own], T[:, own])
@@ -102,9 +122,7 @@ class FrameComparison:
     Attributes
     ----------
     frames : FramesInView
-    geometry : Geometry
-    sought : tuple of int, optional
-        See `render_and_compare`.
+    parts : PerformerParts
     drawing : Drawing
     compared : ComparedPixels
     outlines : OutlineSums
@@ -115,23 +133,21 @@ class FrameComparison:
     """
 
     frames: FramesInView
-    geometry: Geometry
-    sought: tuple[int, ...] | None
+    parts: PerformerParts
     drawing: Drawing
     compared: ComparedPixels
     outlines: OutlineSums
     explained: Array
     agreeing: Array
 
-    def is_of(self, frames: FramesInView, geometry: Geometry, sought: tuple[int, ...] | None) -> bool:
+    def is_of(self, frames: FramesInView, parts: PerformerParts) -> bool:
         """Whether these frames, these parts and these poses were compared."""
         own = self.frames
         return (
             own.view is frames.view
             and own.first == frames.first
             and replace(own.sampling, by_part=frames.sampling.by_part) == frames.sampling
-            and self.geometry is geometry
-            and self.sought == sought
+            and self.parts == parts
             and all(np.array_equal(a, b) for a, b in zip(own.poses, frames.poses, strict=True))
         )
 
@@ -146,11 +162,11 @@ class ComparisonCache:
     def __init__(self) -> None:
         self._kept: dict[ViewFrames, dict[tuple[int, int], list[FrameComparison]]] = {}
 
-    def kept(self, frames: FramesInView, geometry: Geometry, sought: tuple[int, ...] | None) -> FrameComparison | None:
+    def kept(self, frames: FramesInView, parts: PerformerParts) -> FrameComparison | None:
         """Return the comparison of the same, see `render_and_compare`; None if it is not kept."""
         recent = self._kept.get(frames.view, {}).get((frames.first, len(frames)), [])
         for known in recent:
-            if known.is_of(frames, geometry, sought):
+            if known.is_of(frames, parts):
                 recent.remove(known)
                 recent.append(known)  # as the last one
                 return known
@@ -187,17 +203,14 @@ class EvidenceCaches:
 
 
 def render_and_compare(
-    frames: FramesInView, geometry: Geometry, sought: tuple[int, ...] | None, caches: EvidenceCaches
+    frames: FramesInView, parts: PerformerParts, caches: EvidenceCaches
 ) -> tuple[FrameComparison, dict[str, float]]:
     """Draw the bodies and compare them with some frames of one view, unless one of the last comparisons was the same.
 
     Parameters
     ----------
     frames : FramesInView
-    geometry : Geometry
-        The parts of all performers.
-    sought : tuple of int, optional
-        Indices of the performers that are solved for, by default all; the others get no gradients and outlines.
+    parts : PerformerParts
     caches : EvidenceCaches
 
     Returns
@@ -207,9 +220,9 @@ def render_and_compare(
         Time spent, by stage.
     """
     begin = time.perf_counter()
-    if (kept := caches.comparisons.kept(frames, geometry, sought)) is not None:
+    if (kept := caches.comparisons.kept(frames, parts)) is not None:
         return kept, {"label images": time.perf_counter() - begin, "gradients": 0.0, "outlines": 0.0}
-    drawing = Drawing.of(frames, geometry, caches.still, sought)
+    drawing = Drawing.of(frames, parts, caches.still)
     drawn = time.perf_counter()
     foreground = frames.foreground()
     compared = compare(labelled_frames(frames, drawing.labels, foreground, caches.images))
@@ -222,8 +235,7 @@ def render_and_compare(
         explained, agreeing = _explained(frames, drawing, foreground), _agreeing(frames, drawing.labels, foreground)
     comparison = FrameComparison(
         frames=frames,
-        geometry=geometry,
-        sought=sought,
+        parts=parts,
         drawing=drawing,
         compared=compared,
         outlines=outlines,

@@ -12,7 +12,7 @@ from ..numerics.arrays import Array
 from .frame_comparison import EvidenceCaches, FrameComparison, FramesInView, labelled_frames, render_and_compare
 from .gradient_evidence.gradients import GradientSums, brightness_constancy
 from .outline_evidence.outline_sums import OutlineSums
-from .rendering.part_geometry import Geometry
+from .rendering.part_geometry import PerformerParts
 from .view_frames import ViewFrames
 
 
@@ -61,28 +61,20 @@ class FrameEvidence:
 
 
 def frame_evidence(
-    frames: FramesInView,
-    geometry: Geometry,
-    *,
-    noise: Array | None,
-    caches: EvidenceCaches,
-    sought: tuple[int, ...] | None,
+    frames: FramesInView, parts: PerformerParts, *, noise: Array | None, caches: EvidenceCaches
 ) -> FrameEvidence:
     """Measure the evidence of some frames of one view.
 
     Parameters
     ----------
     frames : FramesInView
-    geometry : Geometry
-        The parts of all performers.
+    parts : PerformerParts
     noise : ndarray, shape (n - 1, 1 + P), optional
         Standard deviation of the residuals of each pair of frames, under which costs are computed; by default it is
         estimated from the residuals.
     caches : EvidenceCaches
-    sought : tuple of int, optional
-        Indices of the performers that are solved for, by default all; the others get no gradients and outlines.
     """
-    comparison, seconds = render_and_compare(frames, geometry, sought, caches)
+    comparison, seconds = render_and_compare(frames, parts, caches)
     begin = time.perf_counter()
     gradients = _gradients(frames, comparison, caches, noise)
     seconds["gradients"] += time.perf_counter() - begin

@@ -20,7 +20,7 @@ from ..numerics.arrays import Bools
 from ..numerics.repeatable import transformed
 from ..runtime.shared_arrays import collected, each_row
 from .rendering.label_images import NEAR_PLANE
-from .view_frames import smoothed_slopes
+from .smoothed_images import smoothed_slopes
 
 BONE_POSITIONS = np.array([0.2, 0.5, 0.8])
 """Positions along a part's bone at which its sides are sampled, as shares of the bone's length."""

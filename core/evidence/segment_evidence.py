@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
@@ -11,15 +11,13 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.kinematics import Poses
 from ..numerics.arrays import Array, Bools
-from .frame_comparison import EvidenceCaches, FramesInView
+from .frame_comparison import EvidenceCaches, SegmentInViews
 from .frame_evidence import FrameEvidence, frame_evidence
 from .gradient_evidence.gradients import GradientSums
 from .outline_evidence.outline_sums import OutlineSums
-from .rendering.part_geometry import Geometry
+from .rendering.part_geometry import Geometry, PerformerParts
 from .sampling import Sampling
-from .view_frames import ViewFrames
 
 PAIRS_PER_BATCH = 32
 """Approximate number of pairs of frames that are processed at a time: large enough for NumPy, small enough for the
@@ -98,57 +96,43 @@ class SegmentEvidence:
 
 
 def accumulate_evidence(
-    views: Sequence[ViewFrames],
-    geometry: Geometry,
-    poses: Mapping[float, Poses],
-    sampling: Sampling,
+    frames: SegmentInViews,
+    parts: PerformerParts,
     *,
-    first: int,
     noise: Array | None = None,
     caches: EvidenceCaches | None = None,
     threads: int = 1,
-    sought: Sequence[int] | None = None,
 ) -> SegmentEvidence:
     """Measure the evidence of F frames in all views; the result does not depend on the number of threads.
 
     Parameters
     ----------
-    views : sequence of ViewFrames
-    geometry : Geometry
-        The parts of all performers.
-    poses : mapping of float to tuple
-        World poses (R, T) of all parts, (F, P, 3, 3) and (F, P, 3), by the delay of the views that show them.
-    sampling : Sampling
-    first : int
-        Shot frame of the first of the F frames.
+    frames : SegmentInViews
+    parts : PerformerParts
     noise : ndarray, shape (V, F - 1, 1 + P), optional
         Standard deviation of the residuals of each pair of frames, under which costs are computed; by default it is
         estimated from the residuals.
     caches : EvidenceCaches, optional
         Shared with the next call.
     threads : int
-    sought : sequence of int, optional
-        Indices of the performers that are solved for, by default all; the others get no gradients and outlines.
     """
-    caches, own = caches or EvidenceCaches(), None if sought is None else tuple(sought)
-    F = len(next(iter(poses.values()))[0])
-    runs = max(round((F - 1) / PAIRS_PER_BATCH), 1)
-    bounds = [(F - 1) * k // runs for k in range(runs + 1)]
-    spans = [(v, a, b) for v in range(len(views)) for a, b in pairwise(bounds)]
+    caches, pairs = caches or EvidenceCaches(), len(frames) - 1
+    runs = max(round(pairs / PAIRS_PER_BATCH), 1)
+    bounds = [pairs * k // runs for k in range(runs + 1)]
+    spans = [(v, a, b) for v in range(len(frames.views)) for a, b in pairwise(bounds)]
 
     def run(span: tuple[int, int, int]) -> FrameEvidence:
         v, a, b = span
-        R, T = poses[views[v].delay]
-        frames = FramesInView(views[v], first + a, (R[a : b + 1], T[a : b + 1]), sampling)
         given = None if noise is None else noise[v, a:b]
-        return frame_evidence(frames, geometry, noise=given, caches=caches, sought=own)
+        return frame_evidence(frames.some(v, a, b), parts, noise=given, caches=caches)
 
     if threads == 1:
         done = [run(span) for span in spans]
     else:
         with ThreadPoolExecutor(threads) as pool:
             done = list(pool.map(run, spans))
-    return _joined([done[i : i + runs] for i in range(0, len(done), runs)], geometry, sampling, threads)
+    rows = [done[i : i + runs] for i in range(0, len(done), runs)]
+    return _joined(rows, parts.geometry, frames.sampling, threads)
 
 
 def _joined(

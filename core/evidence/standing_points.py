@@ -14,7 +14,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..numerics.arrays import Array, Bools, Ints
-from .view_frames import BrightnessImages, ViewFrames
+from .smoothed_images import SmoothedImages
+from .view_frames import ViewFrames
 
 RADIUS = 0.025
 """Radius of the surroundings of the point that are compared, metres."""
@@ -125,9 +126,7 @@ def _disc(radius: float, stride: int) -> Array:
     return np.asarray(around[np.hypot(*around.T) <= radius], float)
 
 
-def _pictures(
-    view: ViewFrames, frames: Ints, pixels: Array, radius: float, smoothing: float
-) -> BrightnessImages | None:
+def _pictures(view: ViewFrames, frames: Ints, pixels: Array, radius: float, smoothing: float) -> SmoothedImages | None:
     """A view's pictures of these frames, as far as they show pixels (N, 2) and what is around them; None if they do
     not show all of it.
     """
@@ -140,14 +139,15 @@ def _pictures(
     if (low < 0).any() or high[0] > width or high[1] > height:
         return None
     shown = view.grey[frames - view.first, low[1] : high[1], low[0] : high[0]]
-    return BrightnessImages.of(shown, smoothing, (int(low[0]), int(low[1])))
+    return SmoothedImages.brightness(shown, smoothing, (int(low[0]), int(low[1])))
 
 
-def _sampled(images: BrightnessImages, pixels: Array, frames: Ints | None = None) -> Array:
+def _sampled(images: SmoothedImages, pixels: Array, frames: Ints | None = None) -> Array:
     """Brightness (F, K) of images at pixels (F, K, 2), of the first F images unless they are given."""
     F, K, _ = pixels.shape
     frame = np.repeat(np.arange(F) if frames is None else frames, K)
-    return images.sample(frame, pixels.reshape(-1, 2).astype(np.float32)).reshape(F, K).astype(float)
+    [brightness] = images.sample(frame, pixels.reshape(-1, 2).astype(np.float32))
+    return brightness.reshape(F, K).astype(float)
 
 
 def _noise(*squared: Array) -> float:

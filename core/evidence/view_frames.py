@@ -1,196 +1,24 @@
-"""Reduced frames of a view, and the brightness and gradient images made of them when they are needed."""
+"""Reduced frames of a view, and a cache of the gradient images that are made of them when they are needed."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
-from ..runtime.shared_arrays import copied_from_map, each_row
+from ..runtime.shared_arrays import copied_from_map
 from ..shot.footage_faults.continuity import single_frames
 from .foreground_images.part_colours import ColouredFrames, PartColours
-
-Image = NDArray[np.float32]
+from .smoothed_images import SmoothedImages
 
 BOX_MARGIN = 6
 """Margin around a requested box for which gradient images are computed as well, pixels."""
 MAX_CACHED_BYTES = 32 << 20
 """Largest size of one view's gradient images in a cache."""
 _MIN_DEPTH = 0.5  # metres before the camera: nearer points have the scale of this distance
-_ROW = 256
-_STEPS = 1 << cv2.INTER_BITS
-
-
-_KERNEL_BITS = 12
-"""The weights of a kernel are integers whose sum is two to this power."""
-_WHITE = 255 << 8
-"""Value of white in a smoothed image."""
-
-
-def _whole_gaussian(sigma: float) -> Image:
-    """Gaussian kernel with integer weights, shape (2 n + 1,)."""
-    half = max(1, round(4 * sigma))
-    tail = np.rint(cv2.getGaussianKernel(2 * half + 1, sigma)[:half, 0] * 2**_KERNEL_BITS)
-    return np.concatenate([tail, [2**_KERNEL_BITS - 2 * tail.sum()], tail[::-1]]).astype(np.float32)
-
-
-def _smoothed(image: NDArray[np.uint8], kernel: Image) -> Image:
-    """Smooth an 8-bit image; the result has integer values up to `_WHITE`.
-
-    All sums are integers below 2^24, which single precision represents exactly, so processors that add in another order
-    give the same image to the last bit. Differences would be amplified by solving.
-    """
-    one = np.ones(1, np.float32)
-    kernel = kernel * np.float32(2.0 ** (4 - _KERNEL_BITS))  # sums stay exact: it only moves their point
-    across = cv2.sepFilter2D(image, cv2.CV_32F, kernel, one)
-    down = cv2.sepFilter2D(np.rint(across, out=across), cv2.CV_32F, one, kernel)
-    return np.rint(down, out=down)
-
-
-def _brightness_and_slopes(image: NDArray[np.uint8], kernel: Image) -> tuple[Image, Image, Image]:
-    """Smooth an 8-bit image to brightness 0 to 1, and differentiate it by u and v, per pixel."""
-    smooth = _smoothed(image, kernel)
-    du, dv = (cv2.Scharr(smooth, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
-    for values in (smooth, du, dv):  # while they are in the cache
-        np.multiply(values, np.float32(1 / _WHITE), out=values)
-    return smooth, np.asarray(du, np.float32), np.asarray(dv, np.float32)
-
-
-def smoothed_slopes(grey: NDArray[np.uint8], sigma: float) -> Iterator[tuple[Image, Image]]:
-    """Generate the derivatives by u and v, (h, w) each, of 8-bit images (n, h, w) smoothed by a Gaussian of `sigma`
-    pixels; in brightness 0 to 1 per pixel.
-    """
-    kernel = _whole_gaussian(sigma)
-    for image in each_row(grey):
-        yield _brightness_and_slopes(image, kernel)[1:]
-
-
-@dataclass(frozen=True, eq=False)
-class GradientImages:
-    """Brightness (0 to 1) and its derivatives per pixel in a window of n frames.
-
-    Attributes
-    ----------
-    values : ndarray, shape (n h, w, 3)
-        Brightness and its derivatives by u and v; the windows of the frames are stacked vertically.
-    count : int
-        The number of frames, n.
-    origin : tuple of int
-        Pixel (u, v) of the frames that is the first one of the window.
-    """
-
-    values: Image
-    count: int
-    origin: tuple[int, int] = (0, 0)
-
-    @classmethod
-    def of(cls, grey: NDArray[np.uint8], sigma: float, origin: tuple[int, int] = (0, 0)) -> GradientImages:
-        """Smooth windows of 8 bits (n, h, w) by a Gaussian of `sigma` pixels and differentiate them."""
-        values = np.empty((*grey.shape, 3), np.float32)
-        kernel = _whole_gaussian(sigma)
-        for image, out in zip(grey, values, strict=True):
-            cv2.merge(_brightness_and_slopes(image, kernel), out)
-        return cls(values.reshape(-1, grey.shape[2], 3), len(grey), origin)
-
-    @property
-    def height(self) -> int:
-        """Height of the window, pixels."""
-        return self.values.shape[0] // self.count
-
-    def shows(self, box: tuple[int, int, int, int]) -> bool:
-        """Whether a box (left, top, right, bottom) of the frames lies within the window."""
-        (left, top), width = self.origin, self.values.shape[1]
-        return left <= box[0] and top <= box[1] and box[2] <= left + width and box[3] <= top + self.height
-
-    def sample(self, image: NDArray[np.intp], pixels: Image) -> Image:
-        """Interpolate brightness and derivatives bilinearly.
-
-        Parameters
-        ----------
-        image : ndarray of int, shape (N,)
-            Index of the frame.
-        pixels : ndarray of float32, shape (N, 2)
-            Positions in the frame; outside of the window, those on its edge are used.
-
-        Returns
-        -------
-        ndarray of float32, shape (3, N)
-        """
-        u, v = pixels.T - np.array(self.origin, np.float32)[:, None]
-        places = stacked_places(u, v, image, self.height)
-        return interpolated(self.values, places, u.shape).T
-
-    def at(self, image: NDArray[np.intp], pixels: NDArray[np.intp]) -> Image:
-        """Brightness and derivatives at whole pixels (N, 2) within the window, shape (3, N)."""
-        u, v = pixels.T
-        index = (v - self.origin[1] + image * self.height) * self.values.shape[1] + u - self.origin[0]
-        return np.asarray(self.values.reshape(-1, 3).take(index, axis=0).T)
-
-
-@dataclass(frozen=True, eq=False)
-class BrightnessImages:
-    """Smoothed brightness (0 to 1) in a window of n frames.
-
-    Attributes
-    ----------
-    values : ndarray, shape (n h, w)
-        The windows of the frames are stacked vertically.
-    height : int
-        Height of the window, h, pixels.
-    origin : tuple of int
-        Pixel (u, v) of the frames that is the first one of the window.
-    """
-
-    values: Image
-    height: int
-    origin: tuple[int, int] = (0, 0)
-
-    @classmethod
-    def of(cls, grey: NDArray[np.uint8], sigma: float, origin: tuple[int, int] = (0, 0)) -> BrightnessImages:
-        """Smooth windows of 8 bits (n, h, w) by a Gaussian of `sigma` pixels."""
-        values = np.empty(grey.shape, np.float32)
-        kernel = _whole_gaussian(sigma)
-        for image, out in zip(grey, values, strict=True):
-            np.multiply(_smoothed(image, kernel), np.float32(1 / _WHITE), out=out)
-        return cls(values.reshape(-1, grey.shape[2]), grey.shape[1], origin)
-
-    def sample(self, image: NDArray[np.intp], pixels: Image) -> Image:
-        """Interpolate bilinearly at pixels (N, 2) of the frames with indices (N,), shape (N,)."""
-        u, v = pixels.T - np.array(self.origin, np.float32)[:, None]
-        return interpolated(self.values, stacked_places(u, v, image, self.height), u.shape)
-
-
-def stacked_places(
-    u: NDArray[np.floating[Any]], v: NDArray[np.floating[Any]], image: NDArray[np.intp], height: int
-) -> NDArray[np.float32]:
-    """Convert positions in images to positions in their vertical stack, as `interpolated` takes them.
-
-    Positions above or below an image are moved to its edge; `image` is broadcast to u and v.
-    """
-    places = np.zeros((2, (u.size // _ROW + 1) * _ROW), np.float32)  # OpenCV takes no more than 32767 rows
-    places[0, : u.size] = u.ravel()
-    # As OpenCV rounds them; in single precision, a place far down the stack would be rounded otherwise.
-    row = np.clip(v, 0, height - 1).astype(np.float32) * np.float32(_STEPS)
-    np.rint(row, out=row)
-    row *= np.float32(1 / _STEPS)
-    row += (image * height).astype(np.float32)
-    places[1, : u.size] = row.ravel()
-    return places.reshape(2, -1, _ROW)
-
-
-def interpolated(image: NDArray[Any], places: Image, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Interpolate an image bilinearly at positions from `stacked_places`, which were made of arrays of `shape`; the
-    result has one more axis for images of several channels.
-    """
-    values = cv2.remap(image, places[0], places[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    channels = image.shape[2:]
-    return np.asarray(values.reshape(-1, *channels)[: math.prod(shape)].reshape(*shape, *channels))
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,9 +96,9 @@ class GradientImageCache:
     """
 
     def __init__(self) -> None:
-        self._kept: dict[ViewFrames, dict[tuple[int, int], tuple[float, GradientImages]]] = {}
+        self._kept: dict[ViewFrames, dict[tuple[int, int], tuple[float, SmoothedImages]]] = {}
 
-    def images(self, view: ViewFrames, frames: range, sigma: float, box: tuple[int, int, int, int]) -> GradientImages:
+    def images(self, view: ViewFrames, frames: range, sigma: float, box: tuple[int, int, int, int]) -> SmoothedImages:
         """Return the gradient images of consecutive shot frames in a box (left, top, right, bottom) and around it."""
         margin, (height, width) = BOX_MARGIN + int(np.ceil(2 * sigma)), view.grey.shape[1:]
         left, top = max(box[0] - margin, 0), max(box[1] - margin, 0)
@@ -284,7 +112,7 @@ class GradientImageCache:
         window = copied_from_map(
             view.grey[start : start + len(frames), top : bottom + BOX_MARGIN, left : right + BOX_MARGIN]
         )
-        images = GradientImages.of(window, sigma, (left, top))
+        images = SmoothedImages.with_gradients(window, sigma, (left, top))
         for first, count in list(kept):  # those that show some of the same pairs of frames are replaced
             if min(first + count, frames.stop) - max(first, frames.start) > 1:
                 kept.pop((first, count), None)  # another thread may have done it

@@ -180,7 +180,7 @@ def _histogram(colour: Bytes, regions: Mapping[int, Bools], strangers: Array | N
 
 def smoothed(counts: NDArray[np.float64]) -> NDArray[np.float64]:
     """Blur a colour histogram, (HISTOGRAM_BINS^3,), over neighbouring bins."""
-    cube = counts.reshape(HISTOGRAM_BINS, -1)  # in double precision: see `view_frames`
+    cube = counts.reshape(HISTOGRAM_BINS, -1)  # in double precision: see `smoothed_images`
     for _ in range(3):  # blurs one axis of colour, then goes on to the next
         cube = cv2.GaussianBlur(cube, (1, 0), 0, sigmaY=0.7, borderType=cv2.BORDER_REPLICATE)
         cube = (

@@ -11,7 +11,7 @@ from ...body.kinematics import Poses
 from ...cameras.camera import Camera
 from ..foreground_images.foreground import log_ratio
 from ..rendering.label_images import LabelImages
-from ..view_frames import GradientImages, Image
+from ..smoothed_images import Image, SmoothedImages
 
 BACKGROUND_BELOW = -0.5
 """Log likelihood ratio below which a pixel within the model's outline counts as background."""
@@ -63,7 +63,7 @@ class LabelledFrames:
     ----------
     camera : Camera
         The view's camera, for its reduced and rectified frames.
-    images : GradientImages
+    images : SmoothedImages
         Brightness and derivatives of the frames.
     labels : LabelImages
         Label images of the frames, with every stride-th pixel.
@@ -79,7 +79,7 @@ class LabelledFrames:
     """
 
     camera: Camera
-    images: GradientImages
+    images: SmoothedImages
     labels: LabelImages
     poses: Poses
     first: int

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...numerics.arrays import Array, Bools
 from ...numerics.robust_kernels import NORMAL_MAD
-from ..view_frames import Image
+from ..smoothed_images import Image
 from .compared_pixels import ComparedPixels
 from .image_wrenches import camera_twist, wrenches
 from .pixel_gains import MIN_NOISE, gains

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...numerics import rotations
 from ...numerics.arrays import Array
-from ..view_frames import Image
+from ..smoothed_images import Image
 
 
 def wrenches(points: Image, slope: Image, focal: Image) -> Image:

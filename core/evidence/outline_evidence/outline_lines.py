@@ -21,7 +21,7 @@ from ..foreground_images.foreground import log_ratio
 from ..foreground_images.part_colours import ColouredFrames
 from ..gradient_evidence.image_wrenches import wrenches
 from ..rendering.label_images import LabelImages, pixels_at
-from ..view_frames import interpolated, stacked_places
+from ..smoothed_images import interpolated, stacked_places
 from .outline_pieces import OnOutlines, OutlinePieces, seen_pieces
 
 CORRELATION_FACTOR = 0.5

@@ -86,3 +86,19 @@ class Geometry:
     @cached_property
     def _subsets(self) -> dict[tuple[int, ...], Geometry]:
         return {}
+
+
+@dataclass(frozen=True)
+class PerformerParts:
+    """The parts that footage is compared with, and whose they are.
+
+    Attributes
+    ----------
+    geometry : Geometry
+        The parts of all performers.
+    sought : tuple of int, optional
+        Indices of the performers that are solved for, by default all; the others get no gradients and outlines.
+    """
+
+    geometry: Geometry
+    sought: tuple[int, ...] | None = None

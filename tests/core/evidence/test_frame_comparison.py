@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence import frame_comparison
-from kfmocap.core.evidence.frame_comparison import EvidenceCaches
+from kfmocap.core.evidence.frame_comparison import EvidenceCaches, SegmentInViews
 from kfmocap.core.evidence.gradient_evidence.gradients import GradientSums
 from kfmocap.core.evidence.outline_evidence.outline_sums import OutlineSums
-from kfmocap.core.evidence.rendering.part_geometry import Geometry
+from kfmocap.core.evidence.rendering.part_geometry import Geometry, PerformerParts
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.segment_evidence import SegmentEvidence, accumulate_evidence
 from kfmocap.core.evidence.view_frames import ViewFrames
@@ -19,7 +19,7 @@ from synthetic import at_rest, figure, look_at, picture, poses_of, silhouette
 
 Array = np.ndarray
 BODY = figure()
-GEOMETRY = Geometry.of([BODY])
+PARTS = PerformerParts(Geometry.of([BODY]))
 CAMERA = look_at("cam", (0.8, -2.2, 1.6))
 SHIFTS = np.random.default_rng(0).normal(0, 0.01, (3, BODY.dof))
 
@@ -56,7 +56,7 @@ def evidence_of(
 ) -> SegmentEvidence:
     given = None if noise is None else np.full((1, len(view.grey) - 1, 1 + len(BODY)), noise)
     sampling, poses = Sampling(1.0, 1.0, 2, 0.1, by_part), {0.0: poses_of([BODY], [motion])}
-    return accumulate_evidence((view,), GEOMETRY, poses, sampling, first=0, noise=given, caches=caches)
+    return accumulate_evidence(SegmentInViews((view,), 0, poses, sampling), PARTS, noise=given, caches=caches)
 
 
 def assert_same(found: SegmentEvidence, expected: SegmentEvidence) -> None:

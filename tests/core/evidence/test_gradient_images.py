@@ -5,7 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from kfmocap.core.evidence.view_frames import GradientImageCache, GradientImages, ViewFrames
+from kfmocap.core.evidence.smoothed_images import SmoothedImages
+from kfmocap.core.evidence.view_frames import GradientImageCache, ViewFrames
 from synthetic import (
     look_at,
 )
@@ -57,7 +58,9 @@ def test_no_more_gradient_images_are_kept_than_the_bound_allows(monkeypatch: pyt
 def test_gradient_images_are_derivatives_of_the_smoothed_picture() -> None:
     u, v = np.meshgrid(np.arange(60.0), np.arange(40.0))
     ramp = np.uint8(np.stack([2 * u + 3 * v, 4 * u]))
-    b, du, dv = (c.reshape(2, 40, 60)[:, 8:-8, 8:-8] for c in cv2.split(GradientImages.of(ramp, 1.0).values))
+    b, du, dv = (
+        c.reshape(2, 40, 60)[:, 8:-8, 8:-8] for c in cv2.split(SmoothedImages.with_gradients(ramp, 1.0).values)
+    )
     np.testing.assert_allclose(b, ramp[:, 8:-8, 8:-8] / 255, atol=1e-5)
     np.testing.assert_allclose(du, np.full(b.shape, 1) * np.array([2, 4])[:, None, None] / 255, atol=1e-5)
     np.testing.assert_allclose(dv, np.full(b.shape, 1) * np.array([3, 0])[:, None, None] / 255, atol=1e-5)

@@ -14,6 +14,7 @@ from kfmocap.core.body.joint_blocks import joint_blocks
 from kfmocap.core.body.motion import Motion, stacked
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.evidence import segment_evidence
+from kfmocap.core.evidence.frame_comparison import SegmentInViews
 from kfmocap.core.evidence.gradient_evidence.compared_pixels import LabelledFrames, compare
 from kfmocap.core.evidence.gradient_evidence.gradients import (
     HUBER_LIMIT,
@@ -25,10 +26,11 @@ from kfmocap.core.evidence.gradient_evidence.gradients import (
 from kfmocap.core.evidence.gradient_evidence.image_wrenches import camera_twist
 from kfmocap.core.evidence.gradient_evidence.pixel_gains import log_likelihoods
 from kfmocap.core.evidence.rendering.label_images import LabelImages, render_labels
-from kfmocap.core.evidence.rendering.part_geometry import Geometry
+from kfmocap.core.evidence.rendering.part_geometry import Geometry, PerformerParts
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.segment_evidence import SegmentEvidence, accumulate_evidence
-from kfmocap.core.evidence.view_frames import GradientImages, ViewFrames
+from kfmocap.core.evidence.smoothed_images import SmoothedImages
+from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
 from synthetic import (
     at_rest,
@@ -47,6 +49,7 @@ from synthetic import (
 Array = np.ndarray
 Brightness = Callable[[Array, Array], Array]
 BODY = figure()
+PARTS = PerformerParts(Geometry.of([BODY]))
 P = len(BODY)
 CAMERA = look_at("cam", (0.8, -2.2, 1.6))
 ALL_COUNT = 1e9
@@ -63,7 +66,7 @@ def flashed(u: Array, v: Array) -> Array:
     return pattern(u, v) + 0.03
 
 
-def gradient_images(pictures: Sequence[Brightness], size: tuple[int, int]) -> GradientImages:
+def gradient_images(pictures: Sequence[Brightness], size: tuple[int, int]) -> SmoothedImages:
     """Exact brightness and derivatives at the pixel centres."""
     u, v = pixel_grid(size).T
     step = 1e-4
@@ -73,10 +76,10 @@ def gradient_images(pictures: Sequence[Brightness], size: tuple[int, int]) -> Gr
         [(f(u, v + step) - f(u, v - step)) / (2 * step) for f in pictures],
     ]
     b, du, dv = (np.float32(c).reshape(-1, size[0]) for c in channels)
-    return GradientImages(cv2.merge((b, du, dv)), len(pictures))
+    return SmoothedImages(cv2.merge((b, du, dv)), len(pictures))
 
 
-def sums_of(camera: Camera, images: GradientImages, labels: LabelImages, poses: tuple[Array, Array]) -> GradientSums:
+def sums_of(camera: Camera, images: SmoothedImages, labels: LabelImages, poses: tuple[Array, Array]) -> GradientSums:
     """Those of all pixels, of which all count."""
     frames = LabelledFrames(camera, images, labels, poses, first=0, stride=1)
     return brightness_constancy(compare(frames), ALL_COUNT)
@@ -261,7 +264,7 @@ def evidence_of(
 ) -> SegmentEvidence:
     poses = {0.0: poses_of([BODY], [motion])}
     sampling = Sampling(1.0, tolerance, stride, by_part=by_part)
-    return accumulate_evidence(views, Geometry.of([BODY]), poses, sampling, first=0)
+    return accumulate_evidence(SegmentInViews(views, 0, poses, sampling), PARTS)
 
 
 def test_pictures_that_do_not_follow_on_say_nothing() -> None:
@@ -438,7 +441,7 @@ def test_the_cost_is_hubers_error_under_the_noise_that_is_given() -> None:
     def measured(tolerance: float, noise: float | None = None) -> GradientSums:
         sampling, poses = Sampling(1.0, tolerance, 1), {0.0: poses_of([BODY], [motion])}
         given = None if noise is None else np.full((len(views), 1, 1 + len(BODY)), noise)
-        return accumulate_evidence(views, Geometry.of([BODY]), poses, sampling, first=0, noise=given).gradients
+        return accumulate_evidence(SegmentInViews(views, 0, poses, sampling), PARTS, noise=given).gradients
 
     own, whole = measured(1.0), measured(ALL_COUNT)
     np.testing.assert_allclose(whole.cost * whole.count, whole.energy, rtol=1e-5)

@@ -12,9 +12,10 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.evidence.foreground_images.foreground import MAX_LOG_RATIO
 from kfmocap.core.evidence.foreground_images.part_colours import ColouredFrames, PartColours
+from kfmocap.core.evidence.frame_comparison import SegmentInViews
 from kfmocap.core.evidence.outline_evidence.outline_lines import Lines, outline_lines
 from kfmocap.core.evidence.rendering.label_images import render_labels
-from kfmocap.core.evidence.rendering.part_geometry import Geometry
+from kfmocap.core.evidence.rendering.part_geometry import Geometry, PerformerParts
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.segment_evidence import accumulate_evidence
 from kfmocap.core.evidence.view_frames import ViewFrames
@@ -160,9 +161,8 @@ def test_what_a_pose_explains_grows_with_the_colours_that_its_parts_lie_on() -> 
     right, lifted = twice, (twice[0], twice[1] + 0.12 * np.eye(len(BODY))[FOREARM][:, None] * np.array([0, 0, 1.0]))
 
     def explained(view: ViewFrames, poses: tuple[Array, Array]) -> float:
-        evidence = accumulate_evidence(
-            (view,), Geometry.of([BODY]), {0.0: poses}, Sampling(1.0, 1.0, 1, 0.1), first=0, threads=1
-        )
+        shown = SegmentInViews((view,), 0, {0.0: poses}, Sampling(1.0, 1.0, 1, 0.1))
+        evidence = accumulate_evidence(shown, PerformerParts(Geometry.of([BODY])))
         return float(evidence.explained.sum())
 
     plain = explained(view, right) - explained(view, lifted)

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from kfmocap.core.evidence.view_frames import GradientImages
+from kfmocap.core.evidence.smoothed_images import SmoothedImages
 from scipy.ndimage import gaussian_filter
 
 OLDER = {
@@ -20,11 +20,11 @@ OLDER = {
 CODE = """
 import hashlib, numpy as np
 from kfmocap.core.evidence.foreground_images.foreground import _histogram
-from kfmocap.core.evidence.view_frames import GradientImages
+from kfmocap.core.evidence.smoothed_images import SmoothedImages
 rng = np.random.default_rng(0)
 sha = hashlib.sha256()
 for sigma in (1.0, 1.7, 4.0, 8.0):
-    sha.update(GradientImages.of(rng.integers(0, 256, (1, 61, 83), dtype=np.uint8), sigma).values.tobytes())
+    sha.update(SmoothedImages.with_gradients(rng.integers(0, 256, (1, 61, 83), dtype=np.uint8), sigma).values.tobytes())
 colour = rng.integers(0, 256, (1, 61, 83, 3), dtype=np.uint8)
 sha.update(_histogram(colour, {0: colour[0, ..., 0] > 99}).tobytes())
 print(sha.hexdigest())
@@ -45,7 +45,7 @@ def test_images_are_the_same_to_the_last_bit_without_newer_instructions() -> Non
 @pytest.mark.parametrize("sigma", [1.0, 4.0, 8.0])
 def test_images_are_smoothed_by_a_gaussian(sigma: float) -> None:
     image = np.random.default_rng(1).integers(0, 256, (1, 120, 160), dtype=np.uint8)
-    values = GradientImages.of(image, sigma).values
+    values = SmoothedImages.with_gradients(image, sigma).values
     smooth = gaussian_filter(image[0] / 255, sigma, mode="mirror", truncate=4)
     assert values[..., 0] == pytest.approx(smooth, abs=1e-3)
     slope = gaussian_filter(np.gradient(image[0] / 255.0, axis=1), sigma, mode="mirror", truncate=4)

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from ....body.kinematics import Poses, scene_poses
 from ....body.motion import Motion
 from ....body.time_shift import Delayed, delayed
-from ....evidence.frame_comparison import EvidenceCaches
+from ....evidence.frame_comparison import EvidenceCaches, SegmentInViews
 from ....evidence.occlusion import unseen
+from ....evidence.rendering.part_geometry import PerformerParts
 from ....evidence.sampling import Sampling
 from ....evidence.segment_evidence import SegmentEvidence, accumulate_evidence
 from ....numerics.arrays import Array
@@ -151,25 +152,21 @@ class Workspace:
         """Measure the evidence of the images at motions, F poses per performer; see `accumulate_evidence` for
         `sampling` and `noise`.
         """
-        instants, geometry = view_instants(problem, motions), problem.geometry()
+        instants = view_instants(problem, motions)
         poses = poses_by_delay(problem, instants)
-        sought = None if problem.only is None else problem.sought
-        asked = tuple(problem.views), geometry, problem.first, sought, sampling
+        parts = PerformerParts(problem.geometry(), None if problem.only is None else (problem.only,))
+        asked = tuple(problem.views), problem.first, parts, sampling
         values = [noise, *(array for each in poses.values() for array in each)]
         evidence = self.recent.evidence(asked, values)
         if evidence is None:
             if problem.length >= LONG:
                 return_freed_memory()
             evidence = accumulate_evidence(
-                problem.views,
-                geometry,
-                poses,
-                sampling,
-                first=problem.first,
+                SegmentInViews(problem.views, problem.first, poses, sampling),
+                parts,
                 noise=noise,
                 caches=self.caches,
                 threads=self.threads,
-                sought=sought,
             )
             self.recent.keep(asked, values, evidence)
             if problem.length >= LONG:
