@@ -23,11 +23,17 @@ SETTINGS = ["working_size = 120", "limb_search = false", "prediction = false"]
 """It is the command that is ended: tracking itself may be short."""
 
 
-def killed(*arguments: str, interrupts: signal.Handlers = signal.SIG_DFL) -> str:
-    """What `kill_runs` says of runs, ten of which SIGKILL ends, and five each SIGTERM and SIGINT; fails where one left
-    what it should not. The tool is started with SIGINT handled in a given way.
+@pytest.fixture(scope="module")
+def signals(pytestconfig: pytest.Config) -> str:
+    """How many runs each signal ends, at random moments."""
+    return "SIGKILL=20,SIGTERM=10,SIGINT=10" if pytestconfig.getoption("nightly") else "SIGKILL=5,SIGTERM=3,SIGINT=3"
+
+
+def killed(signals: str, *arguments: str, interrupts: signal.Handlers = signal.SIG_DFL) -> str:
+    """What `kill_runs` says of runs that signals end; fails where one left what it should not. The tool is started with
+    SIGINT handled in a given way.
     """
-    tool, signals = str(ROOT / "tools" / "kill_runs.py"), "SIGKILL=10,SIGTERM=5,SIGINT=5"
+    tool = str(ROOT / "tools" / "kill_runs.py")
     process = subprocess.run(
         [sys.executable, tool, "--fork", "--signals", signals, *arguments],
         env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},  # twice as fast where each process has one core at most
@@ -40,27 +46,26 @@ def killed(*arguments: str, interrupts: signal.Handlers = signal.SIG_DFL) -> str
     return process.stdout
 
 
-def test_tracking_leaves_all_or_nothing(tmp_path: Path) -> None:
+def test_tracking_leaves_all_or_nothing(tmp_path: Path, signals: str) -> None:
     shot = short_walk(tmp_path / "walk", 4, keyframes=(0, 2, 3), settings=SETTINGS, posed=True) / "shot.toml"
-    said = killed("track", str(shot), "--out", "OUT", "--no-blender", "--views", "cam01")
+    said = killed(signals, "track", str(shot), "--out", "OUT", "--no-blender", "--views", "cam01")
     for code in (-9, 143, 130):
         assert f"exit code {code} and old results" in said
 
 
-def test_calibrating_leaves_all_or_nothing_though_the_tool_runs_in_the_background(tmp_path: Path) -> None:
+def test_calibrating_leaves_all_or_nothing_though_the_tool_runs_in_the_background(tmp_path: Path, signals: str) -> None:
     """A shell has its background programs ignore SIGINT: that must not pass on to the runs."""
     wand = made_capture(tmp_path, cameras=2)
-    said = killed(
-        "calibrate", str(wand), "--out", "OUT/cameras.toml", "--report", "OUT/report", interrupts=signal.SIG_IGN
-    )
+    command = ["calibrate", str(wand), "--out", "OUT/cameras.toml", "--report", "OUT/report"]
+    said = killed(signals, *command, interrupts=signal.SIG_IGN)
     for code in (-9, 143, 130):
         assert f"exit code {code} and old results" in said
 
 
-def test_a_batch_leaves_all_or_nothing_of_every_shot(tmp_path: Path) -> None:
+def test_a_batch_leaves_all_or_nothing_of_every_shot(tmp_path: Path, signals: str) -> None:
     kinds = {"keyframes": (0, 2), "views": 1, "settings": SETTINGS, "posed": True}
     shots = [short_walk(tmp_path / name, 3, name=name, **kinds) / "shot.toml" for name in ("one", "other")]
-    killed("--apart", "batch", *map(str, shots), "--out", "OUT", "--no-blender")
+    killed(signals, "--apart", "batch", *map(str, shots), "--out", "OUT", "--no-blender")
 
 
 OUTLIVED = """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -88,6 +89,14 @@ def told(whole: Shot, tmp_path_factory: pytest.TempPathFactory) -> Shot:
     return of_side(whole, damaged)
 
 
+@pytest.fixture(scope="module")
+def remembered(told: Shot) -> Iterator[tuple[WorkerMemory, TrackResult]]:
+    """The result of the shot of which the decoder tells, and the memory with its pictures."""
+    memory = WorkerMemory()
+    yield memory, track(told, run=RunContext(memory=memory))
+    memory.close()
+
+
 def known(shot: Shot) -> Shot:
     """The shot with what is damaged given."""
     views = [replace(v, damaged=((FIRST, WHOLE - 1),)) if i == SIDE else v for i, v in enumerate(shot.views)]
@@ -133,8 +142,8 @@ def test_damage_that_only_the_pictures_show_gets_no_weight(shown: Shot, monkeypa
     assert error(result) < 0.6 * error(track(shown)), "the other views show the motion meanwhile"
 
 
-def test_damage_that_the_decoder_tells_gets_no_weight(told: Shot) -> None:
-    result = track(told)
+def test_damage_that_the_decoder_tells_gets_no_weight(told: Shot, remembered: tuple[WorkerMemory, TrackResult]) -> None:
+    _, result = remembered
     assert stretches(result) == ((FIRST, WHOLE - 1),)
     assert result.motions[0].rotations.tobytes() == track(known(told)).motions[0].rotations.tobytes()
 
@@ -150,14 +159,13 @@ def test_whole_footage_is_not_damaged(whole: Shot) -> None:
     assert track(whole).damage == ()
 
 
-def test_pictures_in_memory_are_known_to_be_damaged(told: Shot) -> None:
-    memory = WorkerMemory()
-    first, again = (track(told, run=RunContext(memory=memory)) for _ in range(2))
+def test_pictures_in_memory_are_known_to_be_damaged(told: Shot, remembered: tuple[WorkerMemory, TrackResult]) -> None:
+    memory, first = remembered
+    again = track(told, run=RunContext(memory=memory))
     assert stretches(first) == stretches(again)
     assert again.motions[0].rotations.tobytes() == first.motions[0].rotations.tobytes()
     [part] = track_excerpts(told, [Excerpt(0, WHOLE, footage_offset=0.0)], run=RunContext(memory=memory))
     assert stretches(part) == stretches(first)
-    memory.close()
 
 
 def test_what_decoders_say_in_a_run_that_is_ended_counts_for_the_next(told: Shot) -> None:

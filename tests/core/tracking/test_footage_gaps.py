@@ -55,12 +55,16 @@ def two_views(shot: Shot, *, correct: bool) -> TrackResult:
     return track(replace(shot, views=shot.views[: SIDE + 1], settings=Settings(correct_gaps=correct)))
 
 
+@pytest.fixture(scope="module")
+def whole_error(films: dict[str, Shot]) -> float:
+    return error(two_views(films["whole"], correct=True))
+
+
 @pytest.mark.parametrize("fault", ["missing", "twice"])
-def test_what_is_tracked_is_as_good_as_of_whole_footage(films: dict[str, Shot], fault: str) -> None:
-    whole = error(two_views(films["whole"], correct=True))
+def test_what_is_tracked_is_as_good_as_of_whole_footage(films: dict[str, Shot], whole_error: float, fault: str) -> None:
     result = two_views(films[fault], correct=True)
-    assert error(two_views(films[fault], correct=False)) > 1.5 * whole
-    assert error(result) < 1.2 * whole
+    assert error(two_views(films[fault], correct=False)) > 1.5 * whole_error
+    assert error(result) < 1.2 * whole_error
     assert not any(result.late)
 
 

@@ -7,7 +7,6 @@ import platform
 import re
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -31,8 +30,9 @@ import sys, numpy as np
 from kfmocap.core.body import part_poses
 from kfmocap.core.tracking.prepare import load_shot
 from kfmocap.core.tracking.tracker import track
-shot = load_shot(sys.argv[1])
-np.save(sys.argv[2], part_poses(shot.performers[0].body, track(shot).motions[0])[1])
+for path, out in zip(sys.argv[1::2], sys.argv[2::2], strict=True):
+    shot = load_shot(path)
+    np.save(out, part_poses(shot.performers[0].body, track(shot).motions[0])[1])
 """
 
 
@@ -71,16 +71,17 @@ def walk_from_keypoints(folder: Path) -> Path:
 @pytest.mark.skipif(
     sys.platform != "linux" or platform.machine() != "x86_64", reason="these are the names of processors of one kind"
 )
-@pytest.mark.parametrize("made", [searched_walk, relaxed_walk, walk_from_keypoints])
-def test_an_older_processor_tracks_the_same_motion(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, made: Callable[[Path], Path]
-) -> None:
-    shot, out, searched = made(tmp_path / "walk"), tmp_path / "older.npy", []
-    subprocess.run([sys.executable, "-c", CODE, shot, out], env=os.environ | OLDER, check=True)
+def test_an_older_processor_tracks_the_same_motion(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kinds, searched = (searched_walk, relaxed_walk, walk_from_keypoints), []
+    shots = {made: made(tmp_path / made.__name__) for made in kinds}
+    saved = {made: tmp_path / f"{made.__name__}.npy" for made in shots}
+    paths = [path for made, shot in shots.items() for path in (shot, saved[made])]
+    subprocess.run([sys.executable, "-c", CODE, *paths], env=os.environ | OLDER, check=True)
     search = limb_search._likeliest
     monkeypatch.setattr(limb_search, "_likeliest", lambda *given: searched.append(given) or search(*given))
-    loaded = load_shot(shot)
-    this, older = part_poses(loaded.performers[0].body, track(loaded).motions[0])[1], np.load(out)
-    assert searched or made is not searched_walk
-    assert not np.array_equal(this, older)  # the kernels differ
-    assert np.abs(this - older).max() < 1e-10
+    for made, shot in shots.items():
+        loaded = load_shot(shot)
+        this, older = part_poses(loaded.performers[0].body, track(loaded).motions[0])[1], np.load(saved[made])
+        assert searched, "the first of them"
+        assert not np.array_equal(this, older), made  # the kernels differ
+        assert np.abs(this - older).max() < 1e-10, made

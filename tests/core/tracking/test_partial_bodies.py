@@ -119,7 +119,8 @@ def test_the_command_writes_such_a_shot_with_and_without_what_is_unknown(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = written(tmp_path, 'keyframes = [0, 17]\nlandmarks = "upper.trc"', LEGS)
-    path.write_text(re.sub(r"^keypoints = .*\n", "", path.read_text(), flags=re.MULTILINE))  # a first pass takes longer
+    text = re.sub(r"^keypoints = .*\n", "", path.read_text(), flags=re.MULTILINE)  # a first pass takes longer
+    path.write_text(text.replace("17]", "3]"))
     write_landmarks(tmp_path)
     for name, option in (("all", []), ("known", ["--leave-out-unknown"])):
         assert main(["track", str(path), "--out", str(tmp_path / name), "--no-blender", *option]) == 0
