@@ -57,11 +57,6 @@ class RefinedCamera:
         Root mean square distance by which the projections of the performers' joints moved on the key frames, pixels.
     deviation : float
         Standard deviation of these projections, pixels; infinite if no joint is in front of the camera.
-    position_deviation, rotation_deviation : float
-        Standard deviations of the optical centre along its worst axis, metres, and of the orientation about its worst
-        axis, radians.
-    focal_deviation : float
-        Standard deviation of the focal length, relative.
     clearness : float
         How clearly the view shows the performers' outlines at the key poses, 0 to 1.
     limit : float
@@ -71,9 +66,6 @@ class RefinedCamera:
     camera: Camera
     shift: float
     deviation: float
-    position_deviation: float
-    rotation_deviation: float
-    focal_deviation: float
     clearness: float
     limit: float = np.inf
 
@@ -214,9 +206,6 @@ def _described(
         camera=state.cameras[v],
         shift=_shift(start, state, view, v),
         deviation=float(np.sqrt(variance)),
-        position_deviation=float(np.sqrt(np.linalg.eigvalsh(own[:3, :3])[-1])),
-        rotation_deviation=float(np.sqrt(np.linalg.eigvalsh(own[3:6, 3:6])[-1])),
-        focal_deviation=float(np.sqrt(own[6, 6])),
         clearness=clearness,
         limit=float(np.sqrt(variance * chance_quantile(shares))),
     )

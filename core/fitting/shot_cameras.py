@@ -250,8 +250,7 @@ def _by_keypoints(shot: Shot) -> Refinement | None:
     for v, view in enumerate(shot.views):
         own = shifts.get(v, PictureShift(0.0, np.inf, np.inf))
         camera, shift = (moved[v], own.shift) if own.off else (view.camera, 0.0)
-        unknown = (np.nan, np.nan, np.nan)
-        found.append(RefinedCamera(camera, shift, own.deviation, *unknown, clearness=1.0, limit=own.limit))
+        found.append(RefinedCamera(camera, shift, own.deviation, clearness=1.0, limit=own.limit))
     return Refinement(tuple(found), np.zeros(0, dtype=np.int64))
 
 

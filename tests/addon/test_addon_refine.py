@@ -26,7 +26,7 @@ def refined(shot: Shot, _progress: object = None, lost: tuple[int, ...] = ()) ->
     """Every camera moved a little, but for those that are lost."""
     return Refinement(
         tuple(
-            RefinedCamera(view.camera if v in lost else adjusted(view.camera, STEP), 12.3, 4.5, 0, 0, 0, v not in lost)
+            RefinedCamera(view.camera if v in lost else adjusted(view.camera, STEP), 12.3, 4.5, v not in lost)
             for v, view in enumerate(shot.views)
         ),
         np.array([0]),

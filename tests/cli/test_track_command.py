@@ -128,7 +128,7 @@ def test_refining_first_tracks_with_the_refined_cameras_and_writes_them(
 ) -> None:
     def refined(shot, _progress):
         camera = adjusted(shot.views[0].camera, STEP)
-        return Refinement((RefinedCamera(camera, 7.5, 2.0, 0, 0, 0, clearness=1.0),), np.array([0]))
+        return Refinement((RefinedCamera(camera, 7.5, 2.0, clearness=1.0),), np.array([0]))
 
     def tracked(shot, progress=None, pictures=(), **_):
         seen.append(shot.views[0].camera)

@@ -42,7 +42,7 @@ def fitted(given: Shot, _progress: object = None) -> BodyFit:
 
 def refined(given: Shot, _progress: object = None) -> Refinement:
     """What refining the cameras returns where they were right."""
-    views = tuple(RefinedCamera(view.camera, 0.0, 1.0, 0.0, 0.0, 0.0, clearness=1.0) for view in given.views)
+    views = tuple(RefinedCamera(view.camera, 0.0, 1.0, clearness=1.0) for view in given.views)
     return Refinement(views, np.array([0]))
 
 

@@ -178,7 +178,7 @@ def test_refining_by_keypoints_leaves_cameras_alone_that_fit_the_key_poses(
     """And refines all by the key poses where they do not fit these, too."""
     shot = filmed(views, [FRONT, SIDE])
     agreed = shot_cameras.Refinement(
-        tuple(shot_cameras.RefinedCamera(c, 0.0, 1.0, 0, 0, 0, clearness=1.0) for c in (FRONT, SIDE)), np.zeros(0, int)
+        tuple(shot_cameras.RefinedCamera(c, 0.0, 1.0, clearness=1.0) for c in (FRONT, SIDE)), np.zeros(0, int)
     )
     monkeypatch.setattr(shot_cameras, "_by_keypoints", lambda _shot: agreed)
     assert refine_shot_cameras(shot) is agreed
