@@ -20,7 +20,7 @@ from ....body.limbs import limbs
 from ....body.motion import Motion, stacked, with_motion
 from ....body.smoothness import second_differences
 from ....numerics.arrays import Array, Bools
-from ..descent_stages import OUTLINE_REACH
+from ..descent_stages import OUTLINE_REACH, SETTLED
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
@@ -86,7 +86,9 @@ def with_long_leaps_bridged(
         motion = _searched_across(problem, performer, best.motions, leap)
         if not is_elsewhere(problem.bodies[performer], leap.parts, best.motions[performer], motion, MIN_FRAMES):
             continue  # found again from a path without the leap: it moves that fast
-        found = descend(problem, with_motion(best.motions, performer, motion), workspace.silent(), BRIDGING, noise)
+        # Where others hide much, coarse steps lead away again from what a search has found.
+        stages = SETTLED if problem.among_others else BRIDGING
+        found = descend(problem, with_motion(best.motions, performer, motion), workspace.silent(), stages, noise)
         likelier = likeliest(problem, noise, best, found)
         if likelier is not best:
             best, leaps = likelier, long_leaps(problem, performer, likelier.motions[performer])
@@ -109,7 +111,8 @@ def long_leaps(problem: SegmentProblem, performer: int, motion: Motion) -> list[
     """Return the intervals beside abrupt steps of a performer's limbs, those of the largest step first.
 
     Each runs from a step, in either direction, to the next one, to a frame on which a key pose holds part of the limb,
-    or to the end of the segment.
+    or to the end of the segment. Among several performers a limb that leaps on within `MIN_FRAMES` is away until the
+    leap after that.
 
     Parameters
     ----------
@@ -119,27 +122,32 @@ def long_leaps(problem: SegmentProblem, performer: int, motion: Motion) -> list[
         F poses.
     """
     F, found = len(motion), list[tuple[float, Leap]]()
+    least = MIN_FRAMES if problem.among_others else 1
     held = problem.fixed_axes(performer).all(axis=2)
     for chain in limbs(problem.bodies[performer]):
         steps = abrupt_steps(problem, performer, motion, chain)
         for step in steps:
-            for first, last in _beside(step, steps, held[:, chain].any(axis=1)):
+            for first, last in _beside(step, steps, held[:, chain].any(axis=1), least):
                 if last - first + 1 < F:
                     found.append((step.size, Leap(first, last, tuple(chain))))
     ordered = [leap for _, leap in sorted(found, key=lambda one: -one[0])]
     return list(dict.fromkeys(ordered))
 
 
-def _beside(step: AbruptStep, steps: Sequence[AbruptStep], held: Bools) -> Iterator[tuple[int, int]]:
-    """Generate the first and last frames of the intervals after a step and before it."""
+def _beside(step: AbruptStep, steps: Sequence[AbruptStep], held: Bools, least: int) -> Iterator[tuple[int, int]]:
+    """Generate the first and last frames of the intervals after a step and before it; steps that would end them within
+    fewer than `least` frames do not.
+    """
     F = len(held)
     known = np.flatnonzero(held).tolist()
     first = step.after
-    end = min([k for k in known if k >= first] + [s.after for s in steps if s.before >= first], default=F)
+    ends = [s.after for s in steps if s.before >= first and s.after - first >= least]
+    end = min([k for k in known if k >= first] + ends, default=F)
     if first < end:
         yield first, end - 1
     last = step.before
-    begin = max([k for k in known if k <= last] + [s.before for s in steps if s.after <= last], default=-1)
+    begins = [s.before for s in steps if s.after <= last and last - s.before >= least]
+    begin = max([k for k in known if k <= last] + begins, default=-1)
     if begin < last:
         yield begin + 1, last
 

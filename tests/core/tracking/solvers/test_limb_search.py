@@ -437,3 +437,20 @@ def test_a_search_reports_every_limb_and_can_be_ended() -> None:
 
     with pytest.raises(CancelledError):
         found_limbs(problem_of(truth, seen(truth)), [truth], 0, Workspace(on_step=end))
+
+
+def test_a_childs_limb_found_elsewhere_gains_as_much_as_an_adults(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its pixels show a smaller area, by which they count."""
+    gains = []
+    for height in (1.75, 1.2):
+        body = human(height)
+        chain = limbs(body)[0]
+        problem = SegmentProblem((), (body,), 0, FPS, (ends_held(body, LENGTH),))
+        before, found = at_rest(body, LENGTH), at_rest(body, LENGTH)
+        found.rotations[1:-1, chain[0]] = rotations.exp(np.array([0.0, 0.0, 1.0]))
+        limb, _ = limb_of(problem, [before], (0, chain), np.random.default_rng(0))
+        likelier = np.tile([0.0, limb.areas.sum()], (LENGTH, 1))
+        monkeypatch.setattr(limb_search, "pixel_log_ratios", lambda *_, likelier=likelier: likelier)
+        gains.append(limb_search._gain_elsewhere(limb, [], np.ones(LENGTH), before, found))
+    assert gains[0] > 0
+    np.testing.assert_allclose(gains[1], gains[0], rtol=0.01)

@@ -11,9 +11,10 @@ from kfmocap.core.body import human
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
+from kfmocap.core.tracking.solvers.descent_stages import SETTLED
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
 from kfmocap.core.tracking.solvers.limb_corrections import long_leaps as module
-from kfmocap.core.tracking.solvers.limb_corrections.bridges import evenly_led
+from kfmocap.core.tracking.solvers.limb_corrections.bridges import BRIDGING, evenly_led
 from kfmocap.core.tracking.solvers.limb_corrections.leaping_limbs import with_leaps_bridged
 from kfmocap.core.tracking.solvers.limb_corrections.long_leaps import abrupt_steps, long_leaps
 from made_evidence import Landscape
@@ -87,6 +88,9 @@ def test_an_interval_runs_from_a_leap_to_the_next_one_or_to_a_held_frame() -> No
     f = np.arange(FRAMES)
     assert intervals(away(BESIDE_A_KEY)) == {(1, FRAMES - 2)}
     assert intervals(away((f > 5) & (f < 20))) == {(1, 5), (6, 19), (20, FRAMES - 2)}
+    leaping_on, several = away(1.0 * (f == 14) - 0.6 * (f == 15)), replace(PROBLEM, bodies=(BODY, BODY))
+    assert {(14, 14), (15, 15)} < intervals(leaping_on)
+    assert intervals(leaping_on, several) == {(1, 13), (1, 14), (14, 15), (15, FRAMES - 2), (16, FRAMES - 2)}
     held = PROBLEM.fixed[0].copy()
     held[24, 3 + 3 * ARM[1] : 6 + 3 * ARM[1]] = True  # only the forearm
     assert intervals(away(BESIDE_A_KEY), replace(PROBLEM, fixed=(held,))) == {(1, 23)}
@@ -133,3 +137,16 @@ def test_a_limb_is_led_evenly_from_one_pose_that_holds_all_of_it_to_the_next() -
     np.testing.assert_allclose(turns, np.broadcast_to(turns[0], turns.shape), atol=1e-12)
     others = np.setdiff1d(np.arange(len(BODY)), ARM)
     np.testing.assert_array_equal(led.rotations[:, others], wrong.rotations[:, others])
+
+
+def test_among_several_performers_what_is_found_is_solved_by_fine_steps_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The trunk is still where the lost limb has drawn it, and coarse steps lead the limb away again."""
+    landscape, wrong, stages = Landscape(truth=TRUTH), away(BESIDE_A_KEY), list[object]()
+    both = replace(PROBLEM, bodies=(BODY, BODY), fixed=PROBLEM.fixed * 2)
+    monkeypatch.setattr(module, "freed_limb", lambda *_: TRUTH)
+    monkeypatch.setattr(module, "descend", lambda _problem, _motions, _workspace, of, _noise: stages.append(of))
+    monkeypatch.setattr(module, "likeliest", lambda _problem, _noise, best, _found: best)
+    solution = landscape.solution(PROBLEM, wrong)
+    for problem, motions in ((PROBLEM, [wrong]), (both.alone(0), [wrong, TRUTH])):
+        module.with_long_leaps_bridged(problem, 0, replace(solution, motions=motions), None, landscape)
+    assert stages == [BRIDGING, SETTLED]
