@@ -50,6 +50,8 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
     for performer in values["performers"]:
         if text := key_rate_text(performer.get("file_fps", 0.0), values["fps"]):
             lines.append(f"{performer['name']}: {text}")
+        if text := first_row_text(performer.get("file_rows", 0), values["frames"]):
+            lines.append(f"{performer['name']}: {text}")
         lines += [f"{performer['name']}: {line}" for line in _performer_lines(performer)]
     return lines
 
@@ -63,6 +65,20 @@ def key_rate_text(rate: float, fps: float) -> str:
     return (
         f"the file of its key poses has {rate:.5g} frames per second, the shot {fps:.5g}; its rows are taken for the "
         f"shot's frames one by one: if both rates are right, resample it to {fps:.5g}"
+    )
+
+
+def first_row_text(rows: int, frames: Sequence[int]) -> str:
+    """Return a text that it was not said which frame the first row of a file of key poses shows, though the shot (first
+    and last frame) begins later than its footage, and the file may begin with the footage; else empty.
+    """
+    first, last = frames
+    if first <= 0 or rows <= last + 1 - first:
+        return ""
+    return (
+        f"the file of its key poses has {rows} rows for the shot's {last + 1 - first} frames; its first row is taken "
+        f"for frame {first}: if the file begins with the footage, write first_row = 0 into the [[performer]], "
+        f"otherwise first_row = {first}"
     )
 
 

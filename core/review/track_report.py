@@ -160,6 +160,7 @@ def _performer(
         "name": performer.name,
         "keyframes": [first + int(f) for f in performer.key_poses.frames],
         "file_fps": round(performer.file_fps, 3),
+        "file_rows": performer.file_rows,
         "size": round(body_size(performer.body), 2),
         "heights": _heights(performer),
         "proposed_keyframes": [first + int(f) for f in performer.key_poses.proposals()],

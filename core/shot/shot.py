@@ -150,6 +150,8 @@ class Performer:
         Whether files with its motion include fingers, as found from keypoints.
     file_fps : float
         Frames per second that the file of its key poses states; 0 if it states none, or there is no file.
+    file_rows : int
+        Rows of the file of its key poses, if it was not said which frame the first of them shows; 0 if it was.
     given_height : float, optional
         Height that was stated beside the landmarks or keypoints to which the body was fitted, metres.
     """
@@ -162,6 +164,7 @@ class Performer:
     joint_deviation: NDArray[np.float64] | None = field(default=None, compare=False)
     fingers: bool = field(default=False, compare=False)
     file_fps: float = field(default=0.0, compare=False)
+    file_rows: int = field(default=0, compare=False)
     given_height: float | None = field(default=None, compare=False)
 
 

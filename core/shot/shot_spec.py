@@ -83,6 +83,10 @@ class PerformerSpec:
     fingers: bool = False
     first_row: int | None = None
 
+    def uncounted(self, count: int) -> int:
+        """Return the number of rows of a file, or 0 if it is said which frame the first of them shows."""
+        return count if self.first_row is None else 0
+
     def rows(self, frames: NDArray[np.int64], count: int, shot_first: int) -> NDArray[np.int64]:
         """Return the rows of a file of landmarks or key poses that show some frames.
 

@@ -258,7 +258,15 @@ def _posed_by_bvh(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], firs
             body = body_of_bvh(skeleton, spec.height)
         poses = poses_of_bvh(skeleton, body, rows)
     keyed = KeyPoses.whole(keys - first, poses)
-    return Performer(spec.name, body, keyed, spec.person, file_fps=skeleton.fps, given_height=spec.height)
+    return Performer(
+        spec.name,
+        body,
+        keyed,
+        spec.person,
+        file_fps=skeleton.fps,
+        file_rows=spec.uncounted(len(skeleton)),
+        given_height=spec.height,
+    )
 
 
 def _prop(spec: PerformerSpec, mesh: Path, keys: NDArray[np.int64], first: int) -> Performer:
@@ -272,7 +280,8 @@ def _prop(spec: PerformerSpec, mesh: Path, keys: NDArray[np.int64], first: int) 
             rows = spec.rows(keys, len(skeleton), first)
             body = body_of_prop(skeleton.rest, vertices)
         poses = poses_of_bvh(skeleton, body, rows)
-    return Performer(spec.name, body, KeyPoses.whole(keys - first, poses), file_fps=skeleton.fps)
+    keyed = KeyPoses.whole(keys - first, poses)
+    return Performer(spec.name, body, keyed, file_fps=skeleton.fps, file_rows=spec.uncounted(len(skeleton)))
 
 
 def _posed_by_landmarks(spec: PerformerSpec, file: Path, keys: NDArray[np.int64], first: int) -> Performer:
@@ -293,7 +302,15 @@ def _posed_by_landmarks(spec: PerformerSpec, file: Path, keys: NDArray[np.int64]
     posed = KeyPoses.whole(keys - first, poses).without_parts(free)
     misfits = tip_misfits(body, names, points, poses)
     return Performer(
-        spec.name, body, posed, spec.person, unknown, misfits, file_fps=landmarks.fps, given_height=spec.height
+        spec.name,
+        body,
+        posed,
+        spec.person,
+        unknown,
+        misfits,
+        file_fps=landmarks.fps,
+        file_rows=spec.uncounted(len(landmarks)),
+        given_height=spec.height,
     )
 
 

@@ -257,6 +257,17 @@ def test_a_height_that_the_limbs_contradict_is_questioned(
     assert all("a person of 1.75 m" in line and f"by a factor of {factor}," in line for line in lines)
 
 
+@pytest.mark.parametrize(("rows", "first", "said"), [(0, 4, 0), (9, 0, 0), (5, 4, 0), (6, 4, 1)])
+def test_a_file_of_more_rows_than_a_shot_that_begins_later_is_asked_about(
+    tracked: tuple[Shot, type], rows: int, first: int, said: int
+) -> None:
+    shot, result = tracked
+    performer = replace(shot.performers[0], file_rows=rows)
+    values = report(replace(shot, performers=(performer, *shot.performers[1:])), result())
+    lines = report_lines({**values, "frames": [first, first + 4]})
+    assert len([line for line in lines if f"taken for frame {first}: if" in line and "first_row = 0" in line]) == said
+
+
 def test_key_poses_of_another_frame_rate_are_reported(tracked: tuple[Shot, type]) -> None:
     shot, result = tracked
     for rate, said in ((0.0, 0), (25.1, 0), (50.0, 1)):
