@@ -28,7 +28,7 @@ def pictures_of(take: WandTake, camera: int) -> list[np.ndarray]:
 @pytest.mark.parametrize(("seed", "hardship"), [(51, "usual"), (52, "dim")])
 def test_balls_are_spots_before_boards_in_the_range_of_their_colour(seed, hardship):
     take = drawn_take(seed, HARDSHIPS[hardship])
-    for k, camera in enumerate(take.cameras):
+    for k, camera in enumerate(take.cameras[:2]):
         still = Picture.of(np.mean(pictures_of(take, k), axis=0).round().astype(np.uint8))
         spots = find_spots(still, RED, MOST)
         apart = np.linalg.norm(spots.centres[:, None] - camera.project(take.lframe_points), axis=-1)
@@ -38,7 +38,8 @@ def test_balls_are_spots_before_boards_in_the_range_of_their_colour(seed, hardsh
 
 @pytest.mark.parametrize("seed", [13, 53])
 def test_all_views_tell_the_lframe_before_boards_in_the_range_of_its_colour(seed, tmp_path: Path):
-    take = drawn_take(seed, HARDSHIPS["usual"])
+    drawn = drawn_take(seed, HARDSHIPS["usual"])
+    take = replace(drawn, cameras=drawn.cameras[:3], offsets=drawn.offsets[:3])
     views = []
     for k, camera in enumerate(take.cameras):
         video = tmp_path / f"{camera.name}.avi"
