@@ -32,6 +32,8 @@ _LIKELY_FOOT = (0.8, 1.2)
 """Range of a foot's length, in proportion to the legs, within which that of its bone alone is believed to be it."""
 _FADE_TIME = 0.25  # seconds over which a correction fades
 _MAX_BRIDGED_TIME = 1.0  # seconds: over shorter swings a correction is interpolated to the next plant's
+_LEAST_BEND = 0.05
+"""Least of 1 - d^2 / l^2 of a leg that counts: a straight one would not bend at all."""
 _FLOOR_TOLERANCE = 0.06  # of the leg length: plants within this height stand on the floor
 
 
@@ -145,6 +147,9 @@ def foot_goals(
             leg = leg_length(rig.rest, rig.bones)
             turns[:, ankle] = _flattened(turns[:, ankle], path.planted.all(axis=1), offsets, motion.fps)
             points = _still(points, path.planted, floor, _FLOOR_TOLERANCE * leg)
+        floor = np.where(path.planted[:, BALL], points[:, BALL, 2], _least_height(points, placement))
+        ends = poses.places[:, [controls[0], ankle]]
+        turns[:, ankle] = _with_lower_heel(turns[:, ankle], offsets, floor, ends, leg_length(rig.rest, rig.bones))
         ways = np.einsum("fij,cj->fci", turns[:, ankle], offsets)
         wanted = _ankle_path(points, path.planted, ways, poses.places[:, ankle])
         held = path.planted.any(axis=1)
@@ -176,6 +181,39 @@ def _target_offsets(
     offsets = ratio * (path.offsets * [1.0, 1.0, 0.0]) @ A
     offsets[:, 2] = rig.rest.ground - ankle[2]
     return np.asarray(offsets)
+
+
+def _with_lower_heel(turns: Array, offsets: Array, floor: Array, ends: Array, leg: float) -> Array:
+    """Return rotations (F, 3, 3) of a foot with the heel less far up where its ball would raise the ankle: on its tips,
+    a long foot would bend a short leg.
+
+    The sum of squared turns of foot, shin and thigh is least if the foot turns by k c h / (l^2 + k c^2), where h is how
+    far the ankle would be raised, c the horizontal distance from ankle to ball, l the length of the leg, d that from
+    hip to ankle, and k = 2 / (1 - d^2 / l^2).
+
+    Parameters
+    ----------
+    turns : ndarray, shape (F, 3, 3)
+    offsets : ndarray, shape (2, 3)
+        Heel and ball from the ankle, at rest.
+    floor : ndarray, shape (F,)
+        Least height of the ball.
+    ends : ndarray, shape (F, 2, 3)
+        Hip and ankle, as joint angles have them.
+    leg : float
+        Its length.
+    """
+    ways = np.einsum("fij,cj->fci", turns, offsets)
+    sole = ways[:, BALL] - ways[:, HEEL]
+    raised = floor - ways[:, BALL, 2] - ends[:, 1, 2]
+    c = np.linalg.norm(ways[:, BALL, :2], axis=1)
+    straight = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) / leg
+    k = 2 / np.maximum(1 - straight**2, _LEAST_BEND)
+    pitch = np.arctan2(-sole[:, 2], np.linalg.norm(sole[:, :2], axis=1))
+    angle = np.clip(k * c * raised / (leg**2 + k * c**2), 0.0, np.maximum(pitch, 0.0))
+    across = np.cross(sole, [0.0, 0.0, 1.0])
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    return np.asarray(Rotation.from_rotvec(angle[:, None] * across).as_matrix() @ turns)
 
 
 def _ankle_path(points: Array, planted: Bools, ways: Array, ankle: Array) -> Array:
@@ -226,8 +264,12 @@ def _ease(t: Array) -> Array:
 
 def _lift(soles: Array, points: Array, held: Bools, placement: Placement) -> Array:
     """Return how far a swinging foot must be raised to be no deeper in the ground than the source's, (F,)."""
-    allowed = np.minimum(points[..., 2].min(axis=1), placement.ground[2])
-    return np.where(held, 0.0, np.maximum(allowed - soles[..., 2].min(axis=1), 0.0))
+    return np.where(held, 0.0, np.maximum(_least_height(points, placement) - soles[..., 2].min(axis=1), 0.0))
+
+
+def _least_height(points: Array, placement: Placement) -> Array:
+    """Return the height that a sole must have: that of the ground, or of the source's (F, 2, 3), if that is deeper."""
+    return np.minimum(points[..., 2].min(axis=1), placement.ground[2])
 
 
 def _still(points: Array, planted: Bools, floor: float, snap: float) -> Array:

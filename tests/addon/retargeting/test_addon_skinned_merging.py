@@ -96,7 +96,7 @@ def test_fingers_toes_and_hair_belong_to_hands_feet_and_the_head_however_long_th
     assert np.ptp(points, axis=0).max() < 0.5  # the end of the hair, a metre below, is not
 
 
-@pytest.mark.parametrize("name", ["J_Sec_L_Skirt", "LeftBreast", "skirt_front", "スカート_0_1", "Cape.001"])
+@pytest.mark.parametrize("name", ["J_Sec_L_Skirt", "LeftBreast", "skirt_front", "スカート_0_1", "Cape.001", "Юбка_1"])
 def test_what_a_simulation_moves_belongs_to_the_part_above(name):
     armature = skinned_human()
     top = BODY.parts[BODY.index("pelvis")].head_world

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from kfmocap.core.body import human
+from kfmocap.core.retargeting import foot_keeping
 from kfmocap.core.retargeting.retarget import Retargeted, prepared, retarget
 from made_rigs import LONGER_LEGS, SHORTER_ARMS, made_rig, moved_body, moved_rig
 from render.benchmark_shots import PLANS
@@ -30,6 +32,7 @@ MOVEMENTS = [
     "sitting_down",
     "picking_up_near",
 ]
+LONG_FOOT = 2.5
 STILL = 0.001  # metres around its mean place
 SLIDE, HEIGHT_ERROR, TWIST = 0.002, 0.005, 10.0
 
@@ -125,3 +128,31 @@ def test_the_same_holds_from_and_to_every_kind_of_rig(kind, there):
         rig = made_rig(kind, other, np.radians(45), 7)
         result = retarget(source, bones, rig)
     assert_feet_stand(source, result, rig, plants=4)
+
+
+def test_a_long_foot_on_its_tips_comes_down_at_the_heel_rather_than_only_bend_the_leg(monkeypatch):
+    """The sum of squared turns of thigh, shin and foot is less than where the leg alone is bent."""
+    source, bones = prepared(moved("front_kick", EQUAL))
+    rig = made_rig("kfmocap", EQUAL, 0.0, 7)
+    foot = rig.index("foot.R")
+    ahead = LONG_FOOT * (rig.rest.tails[foot] - rig.rest.heads[foot]) * [1.0, 1.0, 0.0]
+    rig = replace(rig, toe_tips=dict.fromkeys("LR", float(np.linalg.norm(ahead))))
+    result = retarget(source, bones, rig)
+    monkeypatch.setattr(foot_keeping, "_with_lower_heel", lambda turns, *_: turns)
+    bent = retarget(source, bones, rig)
+    [path] = [path for path in result.feet if path.side == "R"]
+    frames = path.planted[:, foot_keeping.BALL]
+    turned, by_leg = (squared_turns(rig, each, frames, ("thigh.R", "shin.R", "foot.R")) for each in (result, bent))
+    assert (turned < 0.8 * by_leg).all()
+    tip = [*ahead[:2], rig.rest.ground - rig.rest.heads[foot, 2]]
+    height = (result.poses.places[:, foot] + result.poses.turns[:, foot] @ tip)[frames, 2]
+    np.testing.assert_allclose(height, path.points[frames, foot_keeping.BALL, 2], atol=HEIGHT_ERROR)
+
+
+def squared_turns(rig, result: Retargeted, frames, roles) -> np.ndarray:
+    """Sum of the squared turns of bones away from joint angles, by frame."""
+    found = []
+    for b in map(rig.index, roles):
+        before, after = (poses.turns[frames, b] for poses in (result.by_angles, result.poses))
+        found.append(Rotation.from_matrix(np.swapaxes(before, -1, -2) @ after).magnitude() ** 2)
+    return np.sum(found, axis=0)
