@@ -20,6 +20,8 @@ _NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shin", "shin": "fo
 _MIN_TOE_LENGTH, _USUAL_TOE_LENGTH = 0.2, 0.5
 """Least length of toes that is not arbitrary, and usual length, in units of the distance from ankle to ball."""
 _LEAST_FOOT = 0.12  # of the distance from ankle to knee: the tail of a foot's bone that is nearer is arbitrary
+_BENT = np.sin(np.radians(30))
+"""Sine of the angle from which a knee is bent at rest."""
 _STRAY_COSINE = np.cos(np.radians(40))  # at a larger angle to the forearm, the tail of a hand's bone is arbitrary
 
 
@@ -38,7 +40,8 @@ def alignments(
     -----
     Trunk and shoulders keep the target's own posture; only the direction that they face is aligned. Limbs are turned to
     the source's directions, each together with its parent and then by the shortest rotation, so that no twist is
-    added. Feet keep the target's slope and turn only about the vertical. If both skeletons have fingers, the normals of
+    added; a knee that is bent at rest, as of a character that sits, shows the twist of its thigh. Feet keep the
+    target's slope and turn only about the vertical. If both skeletons have fingers, the normals of
     the palms are aligned as well.
     """
     F = facing(source, of_source) @ facing(target, of_target).T
@@ -51,8 +54,10 @@ def alignments(
         base = role.partition(".")[0]
         if role not in of_source.bones and base not in ("spine", "neck"):
             A[role] = [above] * count
-        elif base in ("upper_arm", "forearm", "thigh", "shin"):
-            before = F if base in ("upper_arm", "thigh") else above
+        elif base == "thigh":
+            A[role] = [_thigh((source, of_source), (target, of_target), role, F)]
+        elif base in ("upper_arm", "forearm", "shin"):
+            before = F if base == "upper_arm" else above
             d_s, d_t = direction(source, of_source, role), direction(target, of_target, role)
             A[role] = [_aligned(before, d_t, d_s)]
         elif base == "hand":
@@ -130,6 +135,27 @@ def shortest_turn(a: Array, b: Array) -> Array:
         side /= np.linalg.norm(side, axis=-1, keepdims=True)
         R = np.where(opposite, 2 * side[..., :, None] * side[..., None, :] - np.eye(3), R)
     return np.asarray(R)
+
+
+def _thigh(source: _Skeleton, target: _Skeleton, role: str, F: Array) -> Array:
+    """Align a thigh's direction and, if either knee is bent at rest, the axes about which the knees bend."""
+    knees = [knee_axes(*rig, role.partition(".")[2]) for rig in (source, target)]
+    if not any(bent for _, bent in knees):
+        return _aligned(F, direction(*target, role), direction(*source, role))
+    return np.asarray(knees[0][0] @ knees[1][0].T)
+
+
+def knee_axes(rest: RestSkeleton, bones: BoneMap, side: str) -> tuple[Array, bool]:
+    """Return the thigh's axes at rest as columns, shape (3, 3), along it, to the left about which the knee bends,
+    and perpendicular to both; and whether the knee is bent. A straight one is taken to bend about the axis through the
+    hips.
+    """
+    along, below = (direction(rest, bones, f"{part}.{side}") for part in ("thigh", "shin"))
+    across, left = np.cross(along, below), facing(rest, bones)[:, 0]
+    bent = bool(across @ left > _BENT)
+    x = across if bent else left - along * (along @ left)
+    x = x / np.linalg.norm(x)
+    return np.stack([along, x, np.cross(along, x)], axis=1), bent
 
 
 def _hand(source: _Skeleton, target: _Skeleton, role: str, above: Array) -> Array:

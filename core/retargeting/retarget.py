@@ -98,8 +98,18 @@ def way_up(rest: RestSkeleton, bones: BoneMap) -> Array:
     return np.asarray(ends[1] - ends[0])
 
 
-def grounded(rest: RestSkeleton, bones: BoneMap, origin: float = 0.0) -> RestSkeleton:
-    """Return a skeleton with the height of its ground: that of its origin, or of the lowest point of its feet."""
+def grounded(rest: RestSkeleton, bones: BoneMap, origin: float = 0.0, sole: float | None = None) -> RestSkeleton:
+    """Return a skeleton with the height of its ground: that of its origin, or of the lowest point of its feet.
+
+    Parameters
+    ----------
+    rest : RestSkeleton
+    bones : BoneMap
+    origin : float
+        Height of the origin.
+    sole : float, optional
+        How far the feet reach below the ankles; by default as far as their bones do.
+    """
     ankles = [name for side in SIDES for role in ("foot", "toe") for name in bones.bones.get(f"{role}.{side}", ())]
     feet = rest.indices(ankles or [name for side in SIDES for name in bones.bones[f"shin.{side}"]])
     low = float(np.nanmin(np.concatenate([rest.heads[feet, 2], rest.tails[feet, 2]])))
@@ -109,7 +119,7 @@ def grounded(rest: RestSkeleton, bones: BoneMap, origin: float = 0.0) -> RestSke
     stands = bool(ankles) and (
         _STANDING[0] * leg <= high - origin <= _STANDING[1] * leg or _SOLES[0] * leg <= low - origin <= _SOLES[1] * leg
     )
-    return replace(rest, ground=origin if stands else low)
+    return replace(rest, ground=origin if stands else low if sole is None else high - sole)
 
 
 def retarget(

@@ -19,6 +19,7 @@ from ...core.retargeting.retarget import Retargeted, limb_changes, plant_interva
 from ...core.retargeting.roles import SIDES, BoneMap
 from ...core.retargeting.transfer import RetargetOptions
 from ..scene_io import fcurves
+from ..scene_io.characters.skins import read_skin
 from . import sent_actions
 from .live import LiveSource, follow, refuse_inverse_kinematics, remember, stop_following
 from .rigs import rig_warnings
@@ -31,7 +32,7 @@ from .rigs.rig_error import ShownBones, measured_errors
 from .rigs.rig_reading import read_rig
 from .rigs.rig_settings import Owner, setting_channel, with_settings
 from .target_armatures import target_bones
-from .toe_tips import toe_tips
+from .toe_tips import sole_below_ankle, toe_tips
 
 _SAMPLE = 60  # frames on which the remaining error is measured
 
@@ -195,7 +196,8 @@ def _on_controls(
     used = _used(bones, of_source, asked)
     names = used.names()
     ik = [name for name in ik_bones(preset) if name in armature.pose.bones]
-    tips = toe_tips(armature, bones, used, follows)
+    skin = read_skin(armature)
+    tips, sole = toe_tips(armature, skin, bones, used, follows), sole_below_ankle(armature, skin, bones, follows)
     held = () if preset.settings else names  # the limbs of a rig with settings are switched by these
     moved = [] if preset.settings else [used.bones[role][0] for role in MOVED if role in used.bones]
     with (
@@ -205,7 +207,7 @@ def _on_controls(
         with_settings(armature, preset.settings or controls.settings) as settings,
         without_holds(armature, held, moved) as holds,
     ):
-        reading = read_rig(armature, used, tips, _resting_toes(bones, used))
+        reading = read_rig(armature, used, tips, _resting_toes(bones, used), sole)
         rig = reading.rig
         shown = ShownBones.at_rest(armature, [shown_bone(armature, follows, name) for name in rig.rest.names])
         result = retarget(source, of_source, reading.straight, asked, planted)

@@ -1,4 +1,4 @@
-"""How far the feet of a character reach, where the motion has no toes: as their bones say, or else their skin."""
+"""How far the feet of a character reach ahead and down: as their bones say, or else their skin."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...core.numerics.arrays import Array
 from ...core.retargeting.rest_alignment import ankle_to_ball, facing, toe_reach
 from ...core.retargeting.roles import SIDES, BoneMap
 from ..scene_io.body.body_armature import world_frame
-from ..scene_io.characters.skins import Skin, read_skin
+from ..scene_io.characters.skins import Skin
 from .rigs.rig_at_rest import rest_skeleton
 
 _BONE_SHARE = 0.86
@@ -22,13 +22,17 @@ _BELIEVED = (0.8, 1.25)
 """Range of the reach of a foot's bones, in that which its skin shows, within which they are believed."""
 
 
-def toe_tips(armature: bpy.types.Object, bones: BoneMap, used: BoneMap, shown: Mapping[str, str]) -> dict[str, float]:
+def toe_tips(
+    armature: bpy.types.Object, skin: Skin, bones: BoneMap, used: BoneMap, shown: Mapping[str, str]
+) -> dict[str, float]:
     """Return the horizontal distance from the ankle to the tips of the toes, metres, by side: of skinned feet, and of
     those whose toes have bones, unless the motion moves these.
 
     Parameters
     ----------
     armature : bpy.types.Object
+    skin : Skin
+        Its own.
     bones, used : BoneMap
         All that play a role, and those for which there is motion.
     shown : mapping of str to str
@@ -37,7 +41,7 @@ def toe_tips(armature: bpy.types.Object, bones: BoneMap, used: BoneMap, shown: M
     sides = [side for side in SIDES if f"foot.{side}" in used.bones and f"toe.{side}" not in used.bones]
     if not sides:
         return {}
-    rest, skin = rest_skeleton(armature), read_skin(armature)
+    rest = rest_skeleton(armature)
     forward = facing(rest, bones) @ [0.0, -1.0, 0.0]
     found = {}
     for side in sides:
@@ -54,8 +58,22 @@ def toe_tips(armature: bpy.types.Object, bones: BoneMap, used: BoneMap, shown: M
     return found
 
 
+def sole_below_ankle(armature: bpy.types.Object, skin: Skin, bones: BoneMap, shown: Mapping[str, str]) -> float | None:
+    """Return how far the skin of the feet reaches below the ankles at rest, metres; None without such skin. Parameters
+    as for `toe_tips`.
+    """
+    feet = [shown.get(name, name) for side in SIDES for name in bones.bones.get(f"foot.{side}", ())]
+    depths = [float(-points[:, 2].min()) for foot in feet if len(points := _foot_skin(armature, skin, foot))]
+    return max(depths, default=None)
+
+
 def _skin_reach(armature: bpy.types.Object, skin: Skin, foot: str, ahead: Array) -> float:
-    """Return how far the skin of a foot lies ahead of the ankle at rest, metres; 0 without skin.
+    """Return how far the skin of a foot lies ahead of the ankle at rest, metres; 0 without skin."""
+    return float(max(_foot_skin(armature, skin, foot) @ ahead, default=0.0))
+
+
+def _foot_skin(armature: bpy.types.Object, skin: Skin, foot: str) -> Array:
+    """Return the skin of a foot at rest, from the ankle, in the world's axes, shape (V, 3).
 
     It is led by the foot's bone, by others that begin where this does, such as copies of it, and by what hangs on them.
     """
@@ -65,6 +83,4 @@ def _skin_reach(armature: bpy.types.Object, skin: Skin, foot: str, ahead: Array)
     feet = [bone for bone in armature.data.bones if (bone.head_local - ankle.head_local).length <= near]
     below = {each.name for bone in feet for each in (bone, *bone.children_recursive)}
     led = np.isin(skin.leaders, [i for i, name in enumerate(skin.names) if name in below])
-    if not led.any():
-        return 0.0
-    return float(((skin.points[led] - np.array(ankle.head_local)) @ matrix[:3, :3].T @ ahead).max())
+    return np.asarray((skin.points[led] - np.array(ankle.head_local)) @ matrix[:3, :3].T)

@@ -60,6 +60,7 @@ def read_rig(
     bones: BoneMap,
     toe_tips: Mapping[str, float] = MappingProxyType({}),
     ends: Mapping[str, str] = MappingProxyType({}),
+    sole: float | None = None,
 ) -> RigReading:
     """Read how a rig's controls stand at rest and follow each other; it must stand at rest (`at_rest`).
 
@@ -73,6 +74,8 @@ def read_rig(
     ends : mapping of str to str
         Controls that end where another bone begins, which is none of them: a foot at toes that rest. The tails of all
         others are those of their bones, which importers leave anywhere.
+    sole : float, optional
+        See `grounded`.
 
     Raises
     ------
@@ -106,7 +109,7 @@ def read_rig(
     shifted = [*(bones.bones[role][0] for role in MOVED if role in bones.bones), *(names[b] for b in carriers)]
     shifts = {name: location_axes(armature, name) for name in shifted}
     rig = ControlRig(
-        grounded(skeleton, bones, float(origin[2])),
+        grounded(skeleton, bones, float(origin[2]), sole),
         bones,
         tuple(place[turn_parents[b]] for b in order),
         R[order],

@@ -13,8 +13,8 @@ _TWIST = ("twist", "roll")
 """Words in the names of bones that divide the twist of the one above; importers lose where bones point."""
 _SIMULATED_WORDS = (
     "breast", "bust", "pectoral", "jiggle", "skirt", "dress", "coat", "cape", "cloak", "cloth", "sleeve", "ribbon",
-    "hair", "j_sec", "スカート", "マント", "リボン", "髪", "胸", "袖", "falda", "jupe", "gonna", "saia", "umhang", "юбк",
-    "плащ", "волос", "裙", "披风", "头发",
+    "hair", "j_sec", "スカート", "マント", "リボン", "髪", "胸", "袖", "falda", "jupe", "gonna", "saia", "umhang",
+    "юбк", "плащ", "волос", "裙", "披风", "头发",
 )  # fmt: skip
 """Words in the names of bones that a simulation moves, which follow the body."""
 _REACH = 1.5

@@ -10,7 +10,7 @@ bpy = pytest.importorskip("bpy")
 from kfmocap.kfmocap_addon.retargeting.send import send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from made_rigs import moved_body  # noqa: E402
-from mathutils import Vector  # noqa: E402
+from mathutils import Matrix, Vector  # noqa: E402
 from odd_characters import BODY, controlled_human, skinned_human  # noqa: E402
 from render.motions import MOTIONS  # noqa: E402
 
@@ -64,6 +64,18 @@ def turned(armature):
     """How far the legs are turned to keep the feet where those of the performer stand, who has these legs, degrees."""
     report = send_to_rig(bpy.context.scene, moved_body(BODY, MOTIONS["walk"](BODY, 60, 30.0)), armature, 1)
     return max(report["turned_to_keep_feet_and_hands"][leg]["worst_degrees"] for leg in ("leg.L", "leg.R"))
+
+
+def test_the_skin_shows_the_ground_below_a_character_that_is_above_its_origin_at_rest():
+    armature = with_feet(skinned_human(), 0.5)
+    up = armature.matrix_world.to_3x3().inverted() @ Vector((0.0, 0.0, 0.5))
+    with body_armature.edit_bones(armature) as bones:
+        for bone in bones:
+            bone.head, bone.tail = bone.head + up, bone.tail + up
+    [skin] = [o for o in bpy.data.objects if o.type == "MESH"]
+    skin.data.transform(Matrix.Translation(up))
+    report = send_to_rig(bpy.context.scene, moved_body(BODY, MOTIONS["walk"](BODY, 4, 30.0)), armature, 1)
+    assert report["scale"] == pytest.approx(1.0, abs=0.003)
 
 
 @pytest.mark.parametrize("made", [skinned_human, controlled_human])

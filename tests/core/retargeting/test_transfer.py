@@ -13,7 +13,7 @@ from kfmocap.core.errors import BodyError
 from kfmocap.core.numerics import rotations
 from kfmocap.core.retargeting.bone_presets import PRESETS
 from kfmocap.core.retargeting.control_rig import local_places, local_turns
-from kfmocap.core.retargeting.rest_alignment import toe_reach
+from kfmocap.core.retargeting.rest_alignment import alignments, toe_reach
 from kfmocap.core.retargeting.retarget import grounded, prepared, retarget, upright_turn
 from kfmocap.core.retargeting.roles import BoneMap
 from kfmocap.core.retargeting.transfer import BoneBlend, RetargetOptions, chain_blends, source_blends
@@ -195,6 +195,37 @@ def test_feet_with_high_ankles_stand_on_the_origin(ankle, toe):
         heads[[thigh, shin, foot], 2] = ankle + 0.3, ankle + 0.15, ankle
         tails[foot, 2] = toe
     assert grounded(replace(rig.rest, heads=heads, tails=tails), rig.bones).ground == 0.0
+
+
+def test_the_sole_shows_the_ground_below_a_skeleton_that_does_not_stand():
+    rig = made_rig("mixamo", BODY)
+    up = [0.0, 0.0, 0.4]
+    raised = replace(rig.rest, heads=rig.rest.heads + up, tails=rig.rest.tails + up)
+    assert grounded(raised, rig.bones, sole=0.1).ground == pytest.approx(raised.heads[rig.index("foot.L"), 2] - 0.1)
+    assert grounded(rig.rest, rig.bones, sole=0.1).ground == 0.0
+
+
+@pytest.mark.parametrize("splay", [0.0, 0.2])
+def test_the_knees_of_who_sits_at_rest_bend_as_those_of_who_stands(splay):
+    """The thigh's twist at rest is what its knee shows: turning the thigh down by the shortest way would keep half."""
+    standing = made_rig("kfmocap", BODY)
+    heads, tails = standing.rest.heads.copy(), standing.rest.tails.copy()
+    for side, sign in (("L", 1.0), ("R", -1.0)):
+        thigh, shin, foot = (standing.index(f"{limb}.{side}") for limb in ("thigh", "shin", "foot"))
+        long = np.linalg.norm(heads[shin] - heads[thigh])
+        knee = heads[thigh] + long * np.array([sign * np.sin(splay), -np.cos(splay), 0.0])
+        ankle = knee - [0.0, 0.0, np.linalg.norm(heads[foot] - heads[shin])]
+        tails[foot] += ankle - heads[foot]
+        heads[shin], heads[foot] = knee, ankle
+        tails[thigh], tails[shin] = knee, ankle
+    sitting = replace(standing.rest, heads=heads, tails=tails)
+    there = alignments(standing.rest, standing.bones, sitting, standing.bones)
+    back = alignments(sitting, standing.bones, standing.rest, standing.bones)
+    for side, sign in (("L", 1.0), ("R", -1.0)):
+        [A], [B] = there[f"thigh.{side}"], back[f"thigh.{side}"]
+        hinge = [np.cos(splay), sign * np.sin(splay), 0.0]
+        np.testing.assert_allclose(A @ hinge, [1.0, 0.0, 0.0], atol=0.05)
+        np.testing.assert_allclose(A @ B, np.eye(3), atol=1e-9)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
