@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import bpy
@@ -88,6 +89,8 @@ def follow(
         if _turning(role, k) in helper.data.bones:
             turned = _constraint(armature, name, "COPY_ROTATION", helper, _turning(role, k))
             turned.target_space = turned.owner_space = "WORLD"
+            if not armature.data.bones[name].use_connect:
+                _hang_where_it_rests(armature, name)
     hips = rig.bones.bones["hips"][0]
     first = placement.scale * hip_path(motion, of_source)[0] * [1.0, 1.0, 0.0]
     shift = first if root == "in-place" else np.zeros(3)
@@ -111,21 +114,9 @@ def remember(
     settings: Mapping[tuple[Owner, str], Any],
     muted: Sequence[Driver] = (),
 ) -> None:
-    """Store what has changed of the rig's constraints and settings, and its muted drivers, for `stop_following`; bones
-    that follow are put back to where they hang, as constraints would turn them where they have been shifted to.
-    """
+    """Store what has changed of the rig's constraints and settings, and its muted drivers, for `stop_following`."""
     helper: Any = _helper_of(armature)
-    changed = [rows_of_holds(holds), rows_of_settings(settings), muted, _shifts_undone(armature)]
-    helper[LIVE_CHANGES] = json.dumps(changed)
-
-
-def _shifts_undone(armature: bpy.types.Object) -> list[tuple[str, list[float]]]:
-    """Clear the locations of bones that follow; returns what they were."""
-    following: list[Any] = [bone for bone, _ in _constraints(armature)]
-    found = {bone.name: list(bone.location) for bone in following if any(bone.location)}
-    for name in found:
-        armature.pose.bones[name].location = (0.0, 0.0, 0.0)
-    return list(found.items())
+    helper[LIVE_CHANGES] = json.dumps([rows_of_holds(holds), rows_of_settings(settings), muted])
 
 
 def is_following(armature: bpy.types.Object) -> bool:
@@ -140,7 +131,7 @@ def stop_following(armature: bpy.types.Object) -> bool:
     for bone, constraint in found:
         bone.constraints.remove(constraint)
     if helper is not None:
-        # Older files have neither drivers nor shifts.
+        # Older files have no drivers, or shifts as well.
         holds, settings, muted, shifts = (*json.loads(helper.get(LIVE_CHANGES, "[[], []]")), [], [])[:4]
         restore_rows(armature, holds, settings, muted)
         for name, shift in shifts:
@@ -238,12 +229,25 @@ def _place(
     return made
 
 
+def _hang_where_it_rests(armature: bpy.types.Object, bone: str) -> None:
+    """Undo what shifts a bone by hand or by keys: else it would be turned where it has been shifted to."""
+    limit: Any = _first_constraint(armature, bone, "LIMIT_LOCATION")
+    limit.owner_space = "LOCAL"
+    for axis, side in product("xyz", ("min", "max")):
+        setattr(limit, f"use_{side}_{axis}", True)  # the limits are 0
+
+
 def _constraint(armature: bpy.types.Object, bone: str, kind: str, helper: bpy.types.Object, followed: str) -> Any:
+    made = _first_constraint(armature, bone, kind)
+    made.target, made.subtarget = helper, followed
+    return made
+
+
+def _first_constraint(armature: bpy.types.Object, bone: str, kind: str) -> Any:
     """Return a constraint of a control, before those that the rig has itself: these act as on keys."""
     constraints: Any = armature.pose.bones[bone].constraints
     made: Any = constraints.new(kind)
     made.name = NAME
-    made.target, made.subtarget = helper, followed
     own = sum(one.name.startswith(NAME) for one in constraints) - 1
     constraints.move(len(constraints) - 1, own)
     return made
@@ -257,4 +261,5 @@ def _constraints(armature: bpy.types.Object) -> Iterator[tuple[bpy.types.PoseBon
 
 
 def _helper_of(armature: bpy.types.Object) -> bpy.types.Object | None:
-    return next((c.target for _, c in _constraints(armature) if c.target is not None), None)
+    found = (getattr(constraint, "target", None) for _, constraint in _constraints(armature))
+    return next((target for target in found if target is not None), None)

@@ -234,11 +234,12 @@ def test_bones_that_were_shifted_go_back_to_where_they_hang(state, layer):
     assert keyed == {"pelvis", "upper_arm.L"} | ({"spine", "shin.R"} if state is shifted else set())
 
 
-def test_bones_that_were_shifted_are_so_again_once_a_character_stops_following():
+@pytest.mark.parametrize("state", [shifted, shifted_by_keys, shifted_by_a_strip])
+def test_bones_that_were_shifted_are_so_again_once_a_character_stops_following(state):
     live = body_armature.build_armature(BODY, "man", bpy.context.scene.collection)
     motion_curves.write_motion(live, swing(BODY, FRAMES, 0.3), 1)
     armature = skinned_human()
-    shifted(armature)
+    state(armature)
     before = shown_heads(armature, 1, BODY.names)
     report = send_to_rig(bpy.context.scene, motion(), armature, 1, SendOptions(live=LiveSource(live, {})))
     assert max(limb["worst_mm"] for limb in report["error"].values()) < 0.1
