@@ -238,20 +238,21 @@ def ankle_to_ball(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None
     return np.asarray(flat) if shown and least < length < below_knee else None
 
 
-def toe_reach(rest: RestSkeleton, bones: BoneMap, side: str) -> float:
-    """Return the horizontal distance at rest from the ankle to the tips of a foot's toes; 0 if it is unknown.
+def toe_reach(rest: RestSkeleton, bones: BoneMap, side: str) -> tuple[float, bool]:
+    """Return the horizontal distance at rest from the ankle to the tips of a foot's toes, 0 if it is unknown, and
+    whether the tail of the toes' bone shows it.
 
     It is estimated from the distance to the toes' joint where their tail is arbitrary, as importers leave it.
     """
     way = ankle_to_ball(rest, bones, side)
     if way is None:
-        return 0.0
+        return 0.0, False
     ball = float(np.linalg.norm(way))
     [j] = rest.indices(bones.bones[f"toe.{side}"])
     toes = rest.tails[j] - rest.heads[j]
     ahead = float(toes @ way) / ball
     shown = _MIN_TOE_LENGTH * ball < ahead < ball and ahead > 0.5 * np.linalg.norm(toes)
-    return ball + (ahead if shown else _USUAL_TOE_LENGTH * ball)
+    return ball + (ahead if shown else _USUAL_TOE_LENGTH * ball), shown
 
 
 def feet_point_back(rest: RestSkeleton, bones: BoneMap) -> bool:

@@ -43,17 +43,18 @@ def toe_tips(
         return {}
     rest = rest_skeleton(armature)
     forward = facing(rest, bones) @ [0.0, -1.0, 0.0]
+    toes = {side: toe_reach(rest, bones, side) for side in sides if f"toe.{side}" in bones.bones}
+    told = all(shown_by_tail for _, shown_by_tail in toes.values())  # tails of one side alone are by chance
     found = {}
     for side in sides:
-        resting = f"toe.{side}" in bones.bones
         way = ankle_to_ball(rest, bones, side)
-        reach = toe_reach(rest, bones, side) if resting else 0.0 if way is None else float(np.linalg.norm(way))
+        reach = toes[side][0] if side in toes else 0.0 if way is None else float(np.linalg.norm(way))
         [foot] = bones.bones[f"foot.{side}"]
         ahead = forward if way is None else way / np.linalg.norm(way)
         skinned = _BONE_SHARE * _skin_reach(armature, skin, shown.get(foot, foot), ahead)
         if skinned > 0:
-            found[side] = reach if _BELIEVED[0] < reach / skinned < _BELIEVED[1] else skinned
-        elif resting:
+            found[side] = reach if told and _BELIEVED[0] < reach / skinned < _BELIEVED[1] else skinned
+        elif side in toes:
             found[side] = reach
     return found
 

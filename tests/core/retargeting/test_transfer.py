@@ -182,7 +182,8 @@ def test_the_reach_of_toes_is_estimated_where_their_tails_are_arbitrary(tail, re
     )
     assert np.linalg.norm(heads[shin] - heads[foot]) > 0.13
     bones = BoneMap({**rig.bones.bones, "toe.L": ("toe",)})
-    assert toe_reach(rest, bones, "L") == pytest.approx(reach, abs=1e-6)
+    found, shown = toe_reach(rest, bones, "L")
+    assert (found, shown) == (pytest.approx(reach, abs=1e-6), tail == (0.0, -0.08, 0.0))
 
 
 @pytest.mark.parametrize(("ankle", "toe"), [(0.07, 0.02), (0.3, 0.01)])
