@@ -147,9 +147,9 @@ def foot_goals(
             leg = leg_length(rig.rest, rig.bones)
             turns[:, ankle] = _flattened(turns[:, ankle], path.planted.all(axis=1), offsets, motion.fps)
             points = _still(points, path.planted, floor, _FLOOR_TOLERANCE * leg)
-        floor = np.where(path.planted[:, BALL], points[:, BALL, 2], _least_height(points, placement))
+        lowest = np.where(path.planted[:, BALL], points[:, BALL, 2], _least_height(points, placement))
         ends = poses.places[:, [controls[0], ankle]]
-        turns[:, ankle] = _with_lower_heel(turns[:, ankle], offsets, floor, ends, leg_length(rig.rest, rig.bones))
+        turns[:, ankle] = _with_lower_heel(turns[:, ankle], offsets, lowest, ends, leg_length(rig.rest, rig.bones))
         ways = np.einsum("fij,cj->fci", turns[:, ankle], offsets)
         wanted = _ankle_path(points, path.planted, ways, poses.places[:, ankle])
         held = path.planted.any(axis=1)

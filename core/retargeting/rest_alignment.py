@@ -251,7 +251,7 @@ def toe_reach(rest: RestSkeleton, bones: BoneMap, side: str) -> tuple[float, boo
     [j] = rest.indices(bones.bones[f"toe.{side}"])
     toes = rest.tails[j] - rest.heads[j]
     ahead = float(toes @ way) / ball
-    shown = _MIN_TOE_LENGTH * ball < ahead < ball and ahead > 0.5 * np.linalg.norm(toes)
+    shown = bool(_MIN_TOE_LENGTH * ball < ahead < ball and ahead > 0.5 * np.linalg.norm(toes))
     return ball + (ahead if shown else _USUAL_TOE_LENGTH * ball), shown
 
 
