@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 from ..core.choices import CALIBRATION_ENDINGS, FEET, ROOT_MOTIONS, SOLVERS, either
 from ..core.runtime.program_version import program_version
@@ -12,7 +13,7 @@ from ..core.runtime.program_version import program_version
 
 def parser() -> argparse.ArgumentParser:
     """Build the parser; the name of the command is parsed into `command`."""
-    program = argparse.ArgumentParser(prog="kfmocap", description="Keyframe motion tracking of performers.")
+    program = _Parser(prog="kfmocap", description="Keyframe motion tracking of performers.")
     program.add_argument("--version", action=_Version, nargs=0, help="show the program's version and exit")
     commands = program.add_subparsers(required=True, metavar="COMMAND", dest="command")
     _add_track(commands.add_parser("track", help="track a shot and write motion, pictures and a report"))
@@ -27,6 +28,30 @@ def parser() -> argparse.ArgumentParser:
     _add_retarget(commands.add_parser("retarget", help="put motion files on a character of a .blend file"))
     _add_bench(commands.add_parser("bench", help="measure the tracker's errors and times on the examples"))
     return program
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser that says how an option takes several values, if it was given them one after the other."""
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse the arguments; those that are left over may belong to the option before them."""
+        given = sys.argv[1:] if args is None else list(args)
+        parsed, left = self.parse_known_args(given, namespace)
+        if left:
+            before = given[: given.index(left[0])]
+            option = next((own for own in reversed(before) if own in _SEVERAL), "")
+            hint = f"; for several: {option} {_SEVERAL[option]}" if option and not left[0].startswith("-") else ""
+            self.error(f"unrecognized arguments: {' '.join(left)}{hint}")
+        return parsed
+
+
+_SEVERAL = {
+    "--views": "cam01,cam02",
+    "--keyframes": "0,20,40",
+    "--offset": "cam01=3 --offset cam02=-2",
+    "--set": "NAME=VALUE --set NAME=VALUE",
+}
+"""Options with several values, and how these are written."""
 
 
 def _add_track(command: argparse.ArgumentParser) -> None:

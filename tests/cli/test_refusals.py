@@ -170,3 +170,19 @@ def test_a_folder_in_the_way_is_seen_before_tracking(
     (folder / "out" / taken).mkdir()
     assert track(folder) == 1
     assert f"{taken}: a folder is in the way" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "hint"),
+    [
+        ("--views cam01 cam02", "cam02; for several: --views cam01,cam02"),
+        ("--offset cam01=1 cam02=2", "cam02=2; for several: --offset cam01=3 --offset cam02=-2"),
+        ("--views cam01 --wrong", "--wrong"),
+    ],
+)
+def test_values_one_after_the_other_are_told_how_they_are_written(
+    arguments: str, hint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        parser().parse_args(["track", "shot.toml", "--out", "results", *arguments.split()])
+    assert capsys.readouterr().err.endswith(f"unrecognized arguments: {hint}\n")
