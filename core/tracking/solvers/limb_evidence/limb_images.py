@@ -29,6 +29,8 @@ from ..equations.problem import SegmentProblem
 
 PartPoses = tuple[Array, Array]
 """K world orientations and positions of a part on each of m frames: (m, K, 3, 3) and (m, K, 3)."""
+LimbBone = tuple[Array, Array, float]
+"""Where a bone begins and where it ends in K poses on each of m frames, (m, K, 3) each, and its radius, metres."""
 EVEN_LEVEL = 128
 """Value of a foreground image whose log likelihood ratio is 0: performer and background are equally likely."""
 MAX_STRIDE = 3
@@ -228,8 +230,7 @@ class UncoveredImages:
         which of them other parts do not hide; shapes (m, 2, n, K) for n points on either side.
         """
         assert self.slopes is not None and self.depth is not None
-        Rc, tc = self.camera.poses(self.first + frames.start, len(poses[0]))
-        centre = -np.einsum("mji,mj->mi", Rc, tc).astype(np.float32)
+        centre = self._centre(frames, poses).astype(np.float32)
         R, T = (each.astype(np.float32) for each in poses)
         change, seen = self.slopes.steepest(frames, *sides.seen_from(centre, R, T))
         pixels = seen[:, :2].reshape(len(seen), 2, -1, seen.shape[-1]) / np.float32(self.stride)
@@ -242,10 +243,27 @@ class UncoveredImages:
             return np.zeros(poses[1].shape[:2], np.float32)
         return self.sides.of(*self.changes(sides, frames, poses)).sum(axis=(1, 2))
 
-    def at(self, part: int, frames: slice, points_world: NDArray[np.float32]) -> NDArray[np.float32]:
+    def seen_areas(self, areas: Array, frames: slice, poses: PartPoses) -> Array:
+        """Projected areas of a part in K poses on m frames, square metres, (m, K), from those along its axes (3,): as
+        of an ellipsoid, which a limb's part resembles.
+        """
+        R, T = poses
+        ray = T - self._centre(frames, poses)[:, None]
+        along = np.einsum("mkij,mki->mkj", R, np.broadcast_to(ray, R.shape[:-1])) * areas
+        return np.asarray(np.linalg.norm(along, axis=-1) / np.linalg.norm(ray, axis=-1))
+
+    def _centre(self, frames: slice, poses: PartPoses) -> Array:
+        """Positions of the camera on the frames of poses, (m, 3)."""
+        Rc, tc = self.camera.poses(self.first + frames.start, len(poses[0]))
+        return np.asarray(-np.einsum("mji,mj->mi", Rc, tc))
+
+    def at(
+        self, part: int, frames: slice, points_world: NDArray[np.float32], bones: Sequence[LimbBone] = ()
+    ) -> NDArray[np.float32]:
         """Mean log likelihood ratio of the pixels that a part's points (m, 3, K, points) fall on, shape (m, K).
 
-        Points outside of the image or behind other parts count 0.
+        Points outside of the image, behind other parts, or on pixels that the given bones of the same limb cover, which
+        have been counted for these, count 0.
         """
         Rc, tc = self.camera.poses(self.first + frames.start, len(points_world))
         K = self.camera.matrix
@@ -259,8 +277,36 @@ class UncoveredImages:
         if self.depth is not None:
             others = self._looked_up(self.depth[frames], columns, rows, 0)
             steps *= depth.reshape(others.shape) < others * np.float32(DEPTH_STEP)
+        for bone in bones:
+            steps *= ~self._on_bone(bone, K @ Rc, tc @ K.T, columns, rows)
         count = steps.shape[-1]  # a product of matrices is the fastest sum; it is exact, as all steps are whole
         return np.asarray(steps.astype(np.float32) @ np.ones(count, np.float32) / np.float32(count * LEVELS_PER_UNIT))
+
+    def _on_bone(
+        self, bone: LimbBone, turned: Array, shifted: Array, columns: NDArray[np.float32], rows: NDArray[np.float32]
+    ) -> Bools:
+        """Whether pixels (m, K, points) lie on a bone in K poses on m frames; the view's frames project a point x to
+        `turned` @ x + `shifted`, (m, 3, 3) and (m, 3).
+        """
+        begin, end, radius = bone
+        ends = np.stack(np.broadcast_arrays(begin, end)) @ np.swapaxes(turned, 1, 2) + shifted[:, None]
+        depth = np.maximum(ends[..., 2:], NEAR_PLANE)
+        (u, v), (right, down) = (
+            np.moveaxis(each.astype(np.float32), -1, 0)[..., None]
+            for each in (ends[0, ..., :2] / depth[0], ends[1, ..., :2] / depth[1] - ends[0, ..., :2] / depth[0])
+        )
+        width = (self.camera.matrix[0, 0] * radius / depth[0]).astype(np.float32)
+        x, y = columns - u, rows - v
+        share = x * right
+        share += y * down
+        share /= np.maximum(right * right + down * down, np.float32(1e-6))
+        np.clip(share, 0, 1, out=share)
+        x -= share * right
+        y -= share * down
+        x *= x
+        y *= y
+        x += y
+        return np.asarray(x < width * width)
 
     def _looked_up(self, images: NDArray[Any], columns: Array, rows: Array, beyond: float) -> NDArray[Any]:
         """Look up the nearest pixels of images (m, h, w) at positions (m, K, points) in the view."""
@@ -281,6 +327,15 @@ def _as_steps(ratio: NDArray[np.float32]) -> NDArray[np.uint8]:
 def shown_areas(geometry: Geometry, parts: Sequence[int]) -> Array:
     """Mean projected areas of parts, square metres, shape (n,): by Cauchy's formula a quarter of their surfaces."""
     return np.array([ConvexHull(geometry.vertices[geometry.spans[part]]).area / 4 for part in parts])
+
+
+def axis_areas(geometry: Geometry, part: int) -> Array:
+    """Projected areas of a part's convex hull along the axes of its frame, square metres, (3,): half of what its faces
+    cover on either side.
+    """
+    vertices = geometry.vertices[geometry.spans[part]]
+    a, b, c = np.moveaxis(vertices[ConvexHull(vertices).simplices], 1, 0)
+    return np.asarray(np.abs(np.cross(b - a, c - a)).sum(axis=0) / 4)
 
 
 def shown_widths(geometry: Geometry, parts: Sequence[int]) -> Array:

@@ -21,7 +21,15 @@ from ....evidence.view_frames import views_with_foreground
 from ....numerics import rotations
 from ....numerics.arrays import Array, Bools
 from ..equations.problem import SegmentProblem
-from .limb_images import MAX_STRIDE, PartPoses, UncoveredImages, ViewRatios, shown_areas
+from .limb_images import (
+    MAX_STRIDE,
+    PartPoses,
+    UncoveredImages,
+    ViewRatios,
+    axis_areas,
+    shown_areas,
+    shown_widths,
+)
 from .raised_shoulder import RaisedShoulder
 
 LimbOfPerformer = tuple[int, list[int]]
@@ -58,8 +66,10 @@ class LimbModel:
         Range of each joint's rotation vector in half circles.
     points : ndarray, shape (n, points, 3)
         Points inside each part, in its frame, metres.
-    areas : ndarray, shape (n,)
-        Mean projected area of each part, square metres.
+    areas : ndarray, shape (n, 3)
+        Projected area of each part along the axes of its frame, square metres.
+    radii : ndarray, shape (n,)
+        Half the mean projected width of each part, metres.
     parent : tuple of ndarray, shapes (F, 3, 3) and (F, 3)
         World poses of the part that the limb hangs on.
     begin : ndarray, shape (F, n, 3)
@@ -79,6 +89,7 @@ class LimbModel:
     range: Array
     points: Array
     areas: Array
+    radii: Array
     parent: tuple[Array, Array]
     begin: Array
     fixed: NDArray[np.bool_]
@@ -103,7 +114,9 @@ def limb_of(
         body,
         chain,
         np.clip(np.ptp(body.limits[chain], axis=2) / np.pi, _MIN_RANGE, 1.0),
-        *_samples(problem.geometry(), parts, rng, points),
+        _samples(problem.geometry(), parts, rng, points),
+        np.array([axis_areas(problem.geometry(), part) for part in parts]),
+        shown_widths(problem.geometry(), parts) / 2,
         (R[:, body.parents[chain[0]]], T[:, body.parents[chain[0]]]),
         rotations.log(motions[i].rotations[:, chain]),
         problem.fixed_axes(i)[:, chain],
@@ -229,9 +242,19 @@ def _log_ratios(
     sides: Array,
 ) -> Array:
     """Log likelihood ratio of a limb's present pose by its pixels, plus that of its sides, by part, (n, F)."""
+    geometry, _, parts = drawn
+    limb = shown_evenly(replace(limb, sides=()), geometry, parts)
     uncovered, pixels = [view.uncovered(*drawn) for view in ratios], np.zeros((*sides.shape, 1))
-    _add_pixel_log_ratios(replace(limb, sides=()), uncovered, limb.begin[:, None], list(pixels))
+    _add_pixel_log_ratios(limb, uncovered, limb.begin[:, None], list(pixels))
     return np.asarray(sides + pixels[..., 0])
+
+
+def shown_evenly(limb: LimbModel, geometry: Geometry, parts: Sequence[int]) -> LimbModel:
+    """Return a limb whose parts count by their mean areas in every pose: how clearly it is shown should not depend on
+    whether it points at a camera.
+    """
+    even = np.repeat(shown_areas(geometry, parts)[:, None], 3, axis=1)
+    return replace(limb, areas=even, radii=np.zeros(len(parts)))
 
 
 def with_sides_learned(
@@ -274,15 +297,17 @@ def _add_side_log_ratios(limb: LimbModel, uncovered: Sequence[UncoveredImages], 
             score += images.beside(sides, every, poses)[:, 0]
 
 
-def _samples(geometry: Geometry, parts: Sequence[int], rng: Generator, count: int) -> tuple[Array, Array]:
-    """Random points inside the parts, (n, points, 3), and the parts' mean projected areas (n,), square metres."""
+def _samples(geometry: Geometry, parts: Sequence[int], rng: Generator, count: int) -> Array:
+    """Random points inside the parts, (n, points, 3)."""
     vertices = [geometry.vertices[geometry.spans[part]] for part in parts]
-    points = [rng.dirichlet(np.full(len(v), 0.3), count) @ v for v in vertices]
-    return np.array(points), shown_areas(geometry, parts)
+    return np.array([rng.dirichlet(np.full(len(v), 0.3), count) @ v for v in vertices])
 
 
 def pixel_log_ratios(limb: LimbModel, uncovered: Sequence[UncoveredImages], drawn: Array) -> Array:
     """Log likelihood ratios of K poses of the limb on each frame, shape (F, K).
+
+    A part counts by its area in the view, and pixels that two parts cover count once: otherwise a limb that points at
+    the camera, or is folded, would count what little it covers several times.
 
     Parameters
     ----------
@@ -303,10 +328,13 @@ def _add_pixel_log_ratios(
     """Add those of each of the n parts to its own one of n arrays (F, K)."""
     for some in _chunks(*scores[0].shape):
         chosen = drawn if len(drawn) == 1 else drawn[some]
-        for part, (area, poses) in enumerate(zip(limb.areas, _posed(limb, some, chosen), strict=True)):
+        placed = list(_posed(limb, some, chosen))
+        bones = [(T, end, r) for (_, T), (_, end), r in zip(placed, placed[1:], limb.radii.tolist(), strict=False)]
+        for part, poses in enumerate(placed):
             world = _placed(limb.points[part], poses)
             for images in uncovered:
-                scores[part][some] += area / PATCH_RADIUS**2 * images.at(part, some, world)
+                area = images.seen_areas(limb.areas[part], some, poses)
+                scores[part][some] += area / PATCH_RADIUS**2 * images.at(part, some, world, bones[:part])
                 if part < len(limb.sides):
                     scores[part][some] += images.beside(limb.sides[part], some, poses)
 

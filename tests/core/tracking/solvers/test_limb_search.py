@@ -28,7 +28,12 @@ from kfmocap.core.tracking.solvers.limb_evidence.limb_images import (
     ViewRatios,
     search_stride,
 )
-from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import LimbModel, limb_of, pixel_log_ratios
+from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import (
+    PATCH_RADIUS,
+    LimbModel,
+    limb_of,
+    pixel_log_ratios,
+)
 from synthetic import at_rest, coloured, ends_held, look_at, poses_of, silhouette
 
 Array = np.ndarray
@@ -200,6 +205,25 @@ def test_points_show_the_pixel_nearest_to_them_and_nothing_beyond_the_picture_or
         np.testing.assert_allclose(found, expected.mean(axis=-1), atol=1e-5)
 
 
+@pytest.mark.parametrize(("bend", "swing"), [(0.0, 0.0), (0.0, 1.4), (2.4, 0.0), (2.4, 1.0), (1.5, 0.7)])
+def test_a_limb_counts_by_what_it_covers_even_where_it_points_at_the_camera_or_is_folded(
+    bend: float, swing: float
+) -> None:
+    motion = at_rest(BODY, 1)
+    chain = next(chain for chain in limbs(BODY) if BODY.names[chain[0]] == "upper_arm.L")
+    motion.rotations[:, BODY.index("upper_arm.L")] = rotations.exp(np.array([-swing, 0, 0]))
+    motion.rotations[:, BODY.index("forearm.L")] = rotations.exp(np.array([-bend, 0, 0]))
+    problem = problem_of(motion)
+    limb, parts = limb_of(problem, [motion], (0, chain), np.random.default_rng(0), 200)
+    far = look_at("far", (40.0, 0, 1.4), (0, 0, 1.4), size=(900, 900), focal=16000.0)
+    geometry, (R, T) = problem.geometry().subset(parts), poses_of([BODY], [motion])
+    drawn = render_labels(geometry, far, 0, R[:, parts], T[:, parts])
+    area = np.count_nonzero(drawn.part >= 0) * (40.0 / 16000.0) ** 2
+    even = tuple(np.full((1, 900, 900), 128 + LEVELS_PER_UNIT, np.uint8) for _ in parts)
+    (found,) = pixel_log_ratios(limb, [UncoveredImages(far, 0, even, None, None, stride=1)], limb.begin[:, None])
+    assert found * PATCH_RADIUS**2 == pytest.approx(area, rel=0.2)
+
+
 def test_however_a_limb_turns_it_stays_within_the_window_that_is_searched(monkeypatch: pytest.MonkeyPatch) -> None:
     """To the last bit what it shows in the whole picture."""
     truth = walk(5)
@@ -253,7 +277,7 @@ def test_an_arm_that_points_the_other_way_is_found_in_two_views(seed: int) -> No
 
 def test_limbs_that_are_seen_where_they_are_stay_there() -> None:
     truth = walk()
-    (found,) = found_limbs(problem_of(truth, seen(truth)), [truth], seed=0, workspace=Workspace())
+    (found,) = found_limbs(problem_of(truth, seen(truth)), [truth], seed=2, workspace=Workspace())
     nearer = [part for chain in limbs(BODY) for part in chain if BODY.names[part].endswith(".L")]
     np.testing.assert_array_equal(found.rotations[:, nearer], truth.rotations[:, nearer])
 
