@@ -15,6 +15,8 @@ _HEAD = 64
 """Number of bytes examined: in every video container or stream, some of these do not occur in text."""
 _TEXT = bytes([*b"\t\n\f\r", *range(0x20, 0x7F)])
 _VIDEO_WITH_A_TEXT_FIRST = b"YUV4MPEG2"
+_ADDRESS = re.compile(r"(^|/)(smb|afp|nfs|ftp|sftp|https?|file):/")
+"""What begins an address; a path has one slash where that has two."""
 _LIKENESS = 0.8
 """Similarity, 0 to 1, from which a file's name may be what a misspelt one meant."""
 _OTHERS = {b"BLENDER": "a Blender file", b"\x28\xb5\x2f\xfd": "a compressed Blender file", b"PK\3\4": "a ZIP archive"}
@@ -40,6 +42,9 @@ def check_video_file(path: Path) -> None:
         if path.is_symlink():
             what = f"this is a link to '{os.readlink(path)}', which does not exist"
             raise FootageError(what, where=str(path), todo="connect the drive that it is on, or name another file")
+        if _ADDRESS.search(path.as_posix()):
+            what = "this is an address, and footage is read from files only"
+            raise FootageError(what, where=str(path), todo="connect the drive and name the file on it, or copy it")
         meant = _meant(path)
         todo = f"did you mean '{meant}'?" if meant else f"name {PATTERNS}"
         raise FootageError("there is no such footage", where=str(path), todo=todo)

@@ -37,7 +37,8 @@ def check_view(view: View, first: int, length: int, fps: float | None = None) ->
     """
     footage = probe(view.footage)
     with located(str(view.footage)):
-        camera_at_size(view.camera, footage.size, resized=False, declare="say so: resized = true under [calibration]")
+        declare = "say so: resized = true under [calibration], or Resized Footage of Import Calibration in Blender"
+        camera_at_size(view.camera, footage.size, resized=False, declare=declare)
     _check_range(view, footage, first, length, fps)
     return footage
 
@@ -180,7 +181,8 @@ def _fitting_frames(view: View, frames: range, stored: range) -> str:
     fitting = [frame for frame in frames if footage_index(view, frame) in stored]
     if not fitting:
         return "correct the view's offset"
-    return f"track frames {fitting[0]} to {fitting[-1]}, or correct the view's offset"
+    end = "first" if fitting[0] == frames[0] else "last"  # Blender's scene counts its frames from another number
+    return f"track frames {fitting[0]} to {fitting[-1]}, the shot's {end} {len(fitting)}, or correct the view's offset"
 
 
 def _end_by_times(view: View, footage: Footage, last: int, fps: float | None) -> int:

@@ -182,6 +182,12 @@ def test_missing_and_unreadable_footage_is_refused(tmp_path: Path) -> None:
         probe(tmp_path / "text.mp4")
 
 
+@pytest.mark.parametrize("named", ["smb://nas/shoot/cam01.mp4", "https://example.org/cam01.mp4"])
+def test_an_address_is_not_taken_for_a_misspelt_path(tmp_path: Path, named: str) -> None:
+    with pytest.raises(FootageError, match="this is an address"):
+        probe(tmp_path / named)
+
+
 @pytest.mark.parametrize(
     ("named", "there", "meant"),
     [
