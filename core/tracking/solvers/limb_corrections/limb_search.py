@@ -66,9 +66,9 @@ MIN_SEEN_SHARE = 0.1
 MIN_GAIN_ELSEWHERE = 150.0
 """Least gain in log likelihood, in natural units, for which a limb of one of several performers is solved for where it
 was found: who is hidden for a moment leaves much that a search mistakes for a limb."""
-USUAL_SIZE = 1.7
-"""Size of a body (`core.body.body_size`), metres, whose limbs gain as much. Pixels count by the area that they show, so
-the limbs of a body of another size gain in proportion to its square."""
+CHILD_SIZE = 1.6
+"""Size of a body (`core.body.body_size`), metres, below which its limbs gain less: pixels count by the area that they
+show. The least gain was measured with adults of 1.65 m and more."""
 LEAST_SEEN_SHARE = 0.1
 """Least share of a limb, in relation to what is usually seen of it, by which a gain is divided."""
 BENDING_AXES = np.array([1, 0, 1])
@@ -186,7 +186,7 @@ def _gain_elsewhere(
 
     Only frames on which it is elsewhere count: on all others a search gains as well, as it follows the noise. Of a limb
     that is nearly out of sight there the images say little, so the gain is divided by the least share of it that is
-    seen, in relation to the usual share; and so they do of the limbs of a child (`USUAL_SIZE`).
+    seen, in relation to the usual share; and so they do of the limbs of a child (`CHILD_SIZE`).
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def _gain_elsewhere(
     both = np.stack([rotations.log(motion.rotations[:, limb.chain]) for motion in (before, found)], axis=1)
     here, there = pixel_log_ratios(limb, uncovered, both).T
     least = seen[away].min() / max(float(np.median(seen)), 1e-9)
-    size = (body_size(limb.body) / USUAL_SIZE) ** 2
+    size = min(body_size(limb.body) / CHILD_SIZE, 1.0) ** 2
     return float((there - here)[away].sum() / (size * np.clip(least, LEAST_SEEN_SHARE, 1.0)))
 
 

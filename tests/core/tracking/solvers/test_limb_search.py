@@ -463,10 +463,10 @@ def test_a_search_reports_every_limb_and_can_be_ended() -> None:
         found_limbs(problem_of(truth, seen(truth)), [truth], 0, Workspace(on_step=end))
 
 
-def test_a_childs_limb_found_elsewhere_gains_as_much_as_an_adults(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_small_childs_limb_found_elsewhere_gains_as_much_as_a_larger_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its pixels show a smaller area, by which they count."""
     gains = []
-    for height in (1.75, 1.2):
+    for height in (1.5, 1.2):
         body = human(height)
         chain = limbs(body)[0]
         problem = SegmentProblem((), (body,), 0, FPS, (ends_held(body, LENGTH),))
