@@ -15,7 +15,7 @@ from ..core.cameras.camera import Camera
 from ..core.errors import ShotError
 from ..core.fitting.shot_cameras import camera_fits, refine_shot_cameras
 from ..core.formats.shot_toml import read_shot_spec
-from ..core.review.report_text import first_row_text, key_rate_text, report_lines
+from ..core.review.report_text import key_file_remarks, report_lines
 from ..core.runtime.files import check_writable
 from ..core.runtime.interrupts import REPORT_FILE, results_are_written
 from ..core.runtime.progress import share
@@ -72,11 +72,8 @@ def _run(
         rate = kept_rate(shot, view, memory)
         if rate is not None and rate.varies:  # it may not be worth the time then
             print(f"kfmocap: {view.camera.name}: {rate.text(shot.fps * view.every)}", file=sys.stderr)
-    for performer in shot.performers:
-        if text := key_rate_text(performer.file_fps, shot.fps):
-            print(f"kfmocap: {performer.name}: {text}", file=sys.stderr)
-        if text := first_row_text(performer.file_rows, shot.frames):
-            print(f"kfmocap: {performer.name}: {text}", file=sys.stderr)
+    for text in key_file_remarks(shot):
+        print(f"kfmocap: {text}", file=sys.stderr)
     refined = None
     with journal_beside(args.out, resume=args.resume) as journal, progress_bar() as progress:
         if args.refine:

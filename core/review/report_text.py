@@ -13,6 +13,7 @@ from ..shot.footage_faults.footage_checks import SAME_RATE
 from ..shot.footage_faults.footage_damage import FootageDamage
 from ..shot.footage_faults.footage_times import FootageRate
 from ..shot.frame_numbers import footage_offset_text
+from ..shot.shot import Shot
 from ..tracking.footage_gaps import FoundGap
 from ..tracking.late_views import LateView
 
@@ -80,6 +81,16 @@ def first_row_text(rows: int, frames: Sequence[int]) -> str:
         f"for frame {first}: if the file begins with the footage, write first_row = 0 into the [[performer]], "
         f"otherwise first_row = {first}"
     )
+
+
+def key_file_remarks(shot: Shot) -> list[str]:
+    """Return what is to be asked about the files of the performers' key poses before a shot is tracked, as lines."""
+    return [
+        f"{performer.name}: {text}"
+        for performer in shot.performers
+        for text in (key_rate_text(performer.file_fps, shot.fps), first_row_text(performer.file_rows, shot.frames))
+        if text
+    ]
 
 
 def _shifted_together(views: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -177,12 +177,15 @@ def test_an_incomplete_scene_is_refused_by_name(blender, tmp_path):
         scene.shot_from_scene(built)
 
 
-def test_load_shot_shows_a_shot_file(blender, tmp_path, monkeypatch):
+def test_load_shot_shows_a_shot_file(blender, tmp_path, monkeypatch, capfd):
     from kfmocap.core.tracking import prepare
 
-    monkeypatch.setattr(prepare, "load_shot", lambda path: shot(tmp_path))
+    given = shot(tmp_path)
+    later = replace(given, performers=tuple(replace(own, file_rows=900) for own in given.performers))
+    monkeypatch.setattr(prepare, "load_shot", lambda path: replace(later, frames=(3, later.frames[1])))
     assert bpy.ops.kfmocap.load_shot(filepath=str(tmp_path / "shot.toml")) == {"FINISHED"}
     assert bpy.context.scene.kfmocap.shot == "walk"
+    assert "write first_row = 0" in capfd.readouterr().out
 
 
 def test_a_shot_file_that_is_wrong_is_reported_and_changes_nothing(blender, tmp_path):

@@ -18,6 +18,7 @@ class LoadShot(FileReader, bpy.types.Operator):
     filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
 
     def read(self, context: bpy.types.Context, path: Path) -> None:
+        from ....core.review.report_text import key_file_remarks
         from ....core.tracking.prepare import load_shot
         from ...scene_io import scene as scenes
 
@@ -32,6 +33,8 @@ class LoadShot(FileReader, bpy.types.Operator):
             screens.show_footage()
             timelines.show_keys(context)
         self.report({"INFO"}, f"{shot.name}: {len(shot.views)} views, {shot.length} frames")
+        for text in key_file_remarks(shot):
+            self.report({"WARNING"}, text)
 
 
 def add_to_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
