@@ -41,7 +41,6 @@ from ..limb_evidence.limb_likelihood import (
     LimbOfPerformer,
     limb_of,
     pixel_log_ratios,
-    shown_evenly,
     side_log_ratios,
     with_sides_learned,
 )
@@ -249,7 +248,7 @@ def _with_limb_found(
         before = motion if before is None else before
         there = scene_poses(problem.bodies, with_motion(motions, i, before))
         seen = np.sum([view.labels(geometry, there).share[:, parts].sum(axis=1) for view in ratios], axis=0)
-        if _gain_elsewhere(shown_evenly(limb, geometry, parts), uncovered, seen, before, found) < least_gain:
+        if _gain_elsewhere(limb, uncovered, seen, before, found) < least_gain:
             return motion
     if limb.shoulder is None:
         return found

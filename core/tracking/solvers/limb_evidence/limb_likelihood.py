@@ -105,7 +105,10 @@ def limb_of(
     rng: Generator,
     points: int = POINTS_PER_PART,
 ) -> tuple[LimbModel, list[int]]:
-    """Return a limb as motions have it, with the least `held`, and the indices of its parts among all performers'."""
+    """Return a limb as motions have it, with the least `held`, and the indices of its parts among all performers'.
+
+    One of several performers is shown evenly: by what is seen of its area, more is found that others show.
+    """
     i, chain = place
     body, span = problem.bodies[i], problem.spans()[i]
     parts = [span.start + part for part in chain]
@@ -124,7 +127,7 @@ def limb_of(
         tuple(PartSides.of(body.parts[part]) for part in without_end(chain)),
         RaisedShoulder.of(problem, i, chain, R),
     )
-    return limb, parts
+    return limb if problem.only is None else shown_evenly(limb, problem.geometry(), parts), parts
 
 
 def support_of_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[SupportOfLimb]:
