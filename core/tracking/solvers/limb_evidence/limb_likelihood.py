@@ -69,7 +69,7 @@ class LimbModel:
     areas : ndarray, shape (n, 3)
         Projected area of each part along the axes of its frame, square metres.
     radii : ndarray, shape (n,)
-        Half the mean projected width of each part, metres.
+        Half the mean projected width of each part, metres; 0 where pixels that it covers count for other parts, too.
     parent : tuple of ndarray, shapes (F, 3, 3) and (F, 3)
         World poses of the part that the limb hangs on.
     begin : ndarray, shape (F, n, 3)
@@ -332,7 +332,7 @@ def _add_pixel_log_ratios(
     for some in _chunks(*scores[0].shape):
         chosen = drawn if len(drawn) == 1 else drawn[some]
         placed = list(_posed(limb, some, chosen))
-        bones = [(T, end, r) for (_, T), (_, end), r in zip(placed, placed[1:], limb.radii.tolist(), strict=False)]
+        bones = [(T, end, r) for (_, T), (_, end), r in zip(placed, placed[1:], limb.radii.tolist(), strict=False) if r]
         for part, poses in enumerate(placed):
             world = _placed(limb.points[part], poses)
             for images in uncovered:
