@@ -127,7 +127,7 @@ def limb_of(
         tuple(PartSides.of(body.parts[part]) for part in without_end(chain)),
         RaisedShoulder.of(problem, i, chain, R),
     )
-    return limb if problem.only is None else shown_evenly(limb, problem.geometry(), parts), parts
+    return shown_evenly(limb, problem.geometry(), parts) if problem.among_others else limb, parts
 
 
 def support_of_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[SupportOfLimb]:
