@@ -239,8 +239,9 @@ def test_a_bare_arm_is_found_before_the_shirt() -> None:
     views = views_of(truth, with_bare_arms((70, 100, 190)))
     without = [replace(view, colours=None) for view in views]
     assert apart(lost, truth) > 0.1
-    assert found_apart(views, lost, truth) < 0.5 * apart(lost, truth)
-    assert found_apart(without, lost, truth) > 0.8 * apart(lost, truth), "silhouettes do not show it"
+    found = found_apart(views, lost, truth)
+    assert found < 0.5 * apart(lost, truth)
+    assert found_apart(without, lost, truth) > 2 * found, "silhouettes show less of it"
 
 
 def test_an_arm_of_the_shirts_colour_is_located_by_its_sides() -> None:
