@@ -19,6 +19,7 @@ from ..formats.keypoint_files import read_shot_keypoints
 from ..keypoints.keypoint_rays import Keypoints
 from ..keypoints.observations import correlated_frames, performer_keypoints
 from ..keypoints.view_agreement import without_midpoints
+from ..numerics.arrays import evenly_spaced
 from ..runtime.progress import Progress, share
 from ..runtime.threads import one_library_thread
 from ..runtime.worker_memory import WorkerMemory
@@ -208,8 +209,7 @@ def _first_pictures(shot: Shot, show: Show | None, memory: WorkerMemory | None) 
 def checked_frames(shot: Shot) -> list[int]:
     """Return the key frames on which cameras are compared with the key poses, as shot frames."""
     keys = whole_keys(shot, 0, shot.length - 1)
-    chosen = np.linspace(0, len(keys) - 1, min(MAX_CHECKED_KEYS, len(keys))).round().astype(int)
-    return [int(frame) for frame in keys[chosen]]
+    return [int(frame) for frame in keys[evenly_spaced(len(keys), MAX_CHECKED_KEYS)]]
 
 
 def refine_shot_cameras(shot: Shot, progress: Progress | None = None) -> Refinement:

@@ -21,7 +21,7 @@ from ..cameras.camera import Camera
 from ..errors import OutputError
 from ..evidence.rendering.label_images import render_labels
 from ..evidence.rendering.part_geometry import Geometry
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, evenly_spaced
 from ..numerics.frame_ranges import runs
 from ..runtime.files import replacing
 from ..runtime.progress import Progress, report_progress
@@ -51,7 +51,7 @@ def sheet_frames(shot: Shot) -> list[int]:
     ends = sorted({0, *keys, shot.length - 1})
     middles = [(a + b) // 2 for a, b in pairwise(ends)]
     frames = sorted({*ends, *middles})
-    picked = np.linspace(0, len(frames) - 1, min(COLUMNS, len(frames))).round().astype(int)
+    picked = evenly_spaced(len(frames), COLUMNS)
     return [frames[i] for i in picked]
 
 

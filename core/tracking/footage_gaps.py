@@ -15,6 +15,7 @@ import numpy as np
 
 from ..evidence.movement_match import FINE_SIDE, MIN_MATCH, key_poses_of, movement_match
 from ..evidence.rendering.part_geometry import Geometry
+from ..numerics.arrays import evenly_spaced
 from ..shot.footage import frames_at, probe
 from ..shot.footage_faults.continuity import COMPARED_PAIRS
 from ..shot.footage_faults.footage_checks import stored_frames
@@ -47,7 +48,7 @@ def without_false_delays(shot: Shot, result: TrackResult) -> TrackResult:
 
 def _shows_key_poses(shot: Shot) -> bool:
     keys = whole_keys(shot, 0, shot.length - 1)
-    frames = keys[np.linspace(0, len(keys) - 1, min(MAX_COMPARED_KEYS, len(keys))).round().astype(int)]
+    frames = keys[evenly_spaced(len(keys), MAX_COMPARED_KEYS)]
     if len(frames) < 2:
         return True
     geometry, poses = Geometry.of([performer.body for performer in shot.performers]), key_poses_of(shot, frames)

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..body import twist_jacobian
 from ..body.motion import Motion
-from ..numerics.arrays import Array, Bools, Ints
+from ..numerics.arrays import Array, Bools, Ints, evenly_spaced
 from .solvers.equations.hold_factor import TiedSystems
 from .solvers.equations.measurement import Instants, MeasuredMotion
 from .solvers.equations.problem import SegmentProblem
@@ -119,7 +119,7 @@ def segment_lateness(
         reached yet.
     """
     F = problem.length
-    places = np.unique(np.linspace(0, F - 1, min(F, MAX_STARTS)).round().astype(int))
+    places = evenly_spaced(F, MAX_STARTS)
     evidence, weights = weighted_evidence(problem, measured.evidence, hidden)
     factors, spans = [system.factor() for system in tied.systems], problem.spans()
     ahead = [factor.solve(system.blocks.gradient) for factor, system in zip(factors, tied.systems, strict=True)]

@@ -229,7 +229,8 @@ def _with_limb_found(
     """
     i, chain = place
     motion = motions[i]
-    limb, parts = limb_of(problem, motions, place, rng, points)
+    # By what is seen of its area, a limb of one of several performers is found where others show it.
+    limb, parts = limb_of(problem, motions, place, rng, points, evenly=problem.among_others)
     geometry, poses = problem.geometry(), scene_poses(problem.bodies, motions)
     uncovered = [view.uncovered(geometry, poses, parts) for view in ratios]
     uncovered = with_sides_learned(limb, uncovered, problem.whole_keys(i), rng)

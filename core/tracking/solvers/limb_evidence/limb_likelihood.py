@@ -104,22 +104,29 @@ def limb_of(
     place: LimbOfPerformer,
     rng: Generator,
     points: int = POINTS_PER_PART,
+    *,
+    evenly: bool = False,
 ) -> tuple[LimbModel, list[int]]:
     """Return a limb as motions have it, with the least `held`, and the indices of its parts among all performers'.
 
-    One of several performers is shown evenly: by what is seen of its area, more is found that others show.
+    If it is shown evenly, its parts count by their mean areas in every pose, and each for itself.
     """
     i, chain = place
     body, span = problem.bodies[i], problem.spans()[i]
     parts = [span.start + part for part in chain]
     R, T = part_poses(body, motions[i])
+    geometry = problem.geometry()
+    if evenly:
+        areas, radii = np.repeat(shown_areas(geometry, parts)[:, None], 3, axis=1), np.zeros(len(parts))
+    else:
+        areas, radii = np.array([axis_areas(geometry, part) for part in parts]), shown_widths(geometry, parts) / 2
     limb = LimbModel(
         body,
         chain,
         np.clip(np.ptp(body.limits[chain], axis=2) / np.pi, _MIN_RANGE, 1.0),
-        _samples(problem.geometry(), parts, rng, points),
-        np.array([axis_areas(problem.geometry(), part) for part in parts]),
-        shown_widths(problem.geometry(), parts) / 2,
+        _samples(geometry, parts, rng, points),
+        areas,
+        radii,
         (R[:, body.parents[chain[0]]], T[:, body.parents[chain[0]]]),
         rotations.log(motions[i].rotations[:, chain]),
         problem.fixed_axes(i)[:, chain],
@@ -127,7 +134,7 @@ def limb_of(
         tuple(PartSides.of(body.parts[part]) for part in without_end(chain)),
         RaisedShoulder.of(problem, i, chain, R),
     )
-    return shown_evenly(limb, problem.geometry(), parts) if problem.among_others else limb, parts
+    return limb, parts
 
 
 def support_of_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[SupportOfLimb]:
@@ -181,7 +188,8 @@ def _support_by_part(problem: SegmentProblem, motions: Sequence[Motion]) -> Iter
         labels = [view.labels(geometry, poses) for view in ratios]
         depths = [each.depth_steps() for each in labels]
         for chain in limbs(problem.bodies[i]):
-            limb, parts = limb_of(problem, motions, (i, chain), rng)
+            # How clearly a limb is shown should not depend on whether it points at a camera.
+            limb, parts = limb_of(problem, motions, (i, chain), rng, evenly=True)
             own = np.isin(np.arange(len(geometry.spans) + 1), parts)  # the last is nobody
             beside = [
                 UncoveredImages(
@@ -245,19 +253,9 @@ def _log_ratios(
     sides: Array,
 ) -> Array:
     """Log likelihood ratio of a limb's present pose by its pixels, plus that of its sides, by part, (n, F)."""
-    geometry, _, parts = drawn
-    limb = shown_evenly(replace(limb, sides=()), geometry, parts)
     uncovered, pixels = [view.uncovered(*drawn) for view in ratios], np.zeros((*sides.shape, 1))
-    _add_pixel_log_ratios(limb, uncovered, limb.begin[:, None], list(pixels))
+    _add_pixel_log_ratios(replace(limb, sides=()), uncovered, limb.begin[:, None], list(pixels))
     return np.asarray(sides + pixels[..., 0])
-
-
-def shown_evenly(limb: LimbModel, geometry: Geometry, parts: Sequence[int]) -> LimbModel:
-    """Return a limb whose parts count by their mean areas in every pose: how clearly it is shown should not depend on
-    whether it points at a camera.
-    """
-    even = np.repeat(shown_areas(geometry, parts)[:, None], 3, axis=1)
-    return replace(limb, areas=even, radii=np.zeros(len(parts)))
 
 
 def with_sides_learned(
