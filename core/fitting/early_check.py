@@ -14,7 +14,7 @@ from ..tracking.segments import whole_keys
 from .flicker import FLICKER_FRAMES, MIN_FLICKER, flicker
 from .footage_match import footage_matches
 from .key_frame_views import pictured_key_frames
-from .misfit_causes import attributed_findings
+from .misfit_causes import attributed_findings, moved_cameras
 from .view_findings import FlickeringLight, FootageMatch, ViewFinding
 
 EARLY_MISFITS = "footage that does not match"
@@ -36,8 +36,8 @@ def _early_keys(shot: Shot) -> NDArray[np.int64]:
 
 @one_library_thread()
 def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]]) -> list[ViewFinding]:
-    """Return the views whose light flickers, or whose footage does not match the first key poses, which is known before
-    anything is tracked.
+    """Return the views whose light flickers, whose camera moves, or whose footage does not match the first key poses,
+    which is known before anything is tracked.
 
     Parameters
     ----------
@@ -56,5 +56,8 @@ def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]
         return flickering
     rectified = replace(shot, views=tuple(replace(view, camera=view.camera.rectified()) for view in shot.views))
     views = pictured_key_frames(rectified, frames, pictures)
-    off = [match for match in footage_matches(rectified, views, frames) if match.off]
-    return flickering + [own for own in attributed_findings(shot, frames, off, ()) if isinstance(own, FootageMatch)]
+    moved = moved_cameras(rectified, views, frames)
+    matches = footage_matches(rectified, views, frames)
+    off = [match for match in matches if match.off and match.camera not in moved]
+    unlike = [own for own in attributed_findings(shot, frames, off, ()) if isinstance(own, FootageMatch)]
+    return [*flickering, *moved.values(), *unlike]

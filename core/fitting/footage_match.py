@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FootageError
+from ..evidence.background_shift import BackgroundShift, background_shift
 from ..evidence.movement_match import COARSE_SIDE, key_poses_of, movement_match
 from ..evidence.rendering.label_images import render_labels
 from ..evidence.rendering.part_geometry import Geometry
@@ -20,7 +21,6 @@ from ..shot.footage import frames_at, probe
 from ..shot.footage_faults.footage_checks import stored_frames
 from ..shot.frame_numbers import footage_index
 from ..shot.shot import Shot, View
-from .background_shift import BackgroundShift, background_shift
 from .key_frame_views import KeyFrameView
 from .view_findings import FootageMatch
 

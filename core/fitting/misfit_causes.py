@@ -22,10 +22,8 @@ def moved_cameras(
     shot: Shot,
     views: Sequence[KeyFrameView],
     frames: NDArray[np.int64],
-    matches: Sequence[FootageMatch],
-    fits: Sequence[CameraFit],
 ) -> dict[str, MovedCamera]:
-    """Return the cameras that do not fit, or whose footage does not match, because they were moved during the shot.
+    """Return the cameras that were moved during the shot, or held in the hand, though their calibration has one pose.
 
     Parameters
     ----------
@@ -34,8 +32,6 @@ def moved_cameras(
         The pictures of its views on those frames.
     frames : ndarray of int, shape (K,)
         Shot frames with key poses of the whole body.
-    matches, fits : sequence of FootageMatch, of CameraFit
-        How well the views' footage and cameras fit the key poses.
 
     Returns
     -------
@@ -43,15 +39,12 @@ def moved_cameras(
         By the cameras' names; their frames are counted as in the shot file.
     """
     found = {}
-    off = {fit.camera for fit in fits if fit.off} | {match.camera for match in matches if match.off}
     for view, pictured in zip(shot.views, views, strict=True):
-        name = view.camera.name
-        if name in off:
-            shift = shifted_background(shot, view, pictured, frames)
-            if shift is not None:
-                first = shot.frames[0]
-                there = replace(shift, frames=(first + shift.frames[0], first + shift.frames[1]))
-                found[name] = MovedCamera(name, there)
+        shift = shifted_background(shot, view, pictured, frames)
+        if shift is not None:
+            first, name = shot.frames[0], view.camera.name
+            there = replace(shift, frames=(first + shift.frames[0], first + shift.frames[1]))
+            found[name] = MovedCamera(name, there)
     return found
 
 
@@ -63,7 +56,13 @@ def attributed_findings(
     A camera that can be corrected explains that its footage does not match. Another offset explains both; but where
     performers walk steadily, a camera that was turned looks like one that is late.
 
-    Parameters are those of `moved_cameras`.
+    Parameters
+    ----------
+    shot : Shot
+    frames : ndarray of int, shape (K,)
+        Shot frames with key poses of the whole body.
+    matches, fits : sequence of FootageMatch, of CameraFit
+        How well the views' footage and cameras fit the key poses.
     """
     correctable = {fit.camera for fit in fits if fit.off}
     unlike = {match.camera: match for match in matches if match.off and match.camera not in correctable}

@@ -114,7 +114,7 @@ def fit_by_key_poses(
         CameraFit(one.shift, one.deviation, one.limit, one.camera.name, "key poses") for one in found if not one.lost
     ]
     matches = footage_matches(shot, views, frames)
-    moved = moved_cameras(shot, views, frames, matches, fits)
+    moved = moved_cameras(shot, views, frames)
     rest = [fit for fit in fits if fit.camera not in moved]
     return (
         *moved.values(),

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from ..evidence.background_shift import BackgroundShift
 from ..evidence.movement_match import MIN_MATCH
-from .background_shift import BackgroundShift
 from .keypoint_cameras import PictureShift
 
 _DEFLICKER = "filter it, as with: ffmpeg -i FOOTAGE -vf deflicker=size=15 -crf 14 CONVERTED.mp4"

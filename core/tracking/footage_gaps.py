@@ -13,10 +13,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..body.kinematics import scene_poses
+from ..evidence.background_shift import background_shift
 from ..evidence.movement_match import FINE_SIDE, MIN_MATCH, key_poses_of, movement_match
+from ..evidence.rendering.label_images import render_labels
 from ..evidence.rendering.part_geometry import Geometry
 from ..numerics.arrays import evenly_spaced
-from ..shot.footage import frames_at, probe
+from ..shot.footage import frames_at, probe, working_factor
 from ..shot.footage_faults.continuity import COMPARED_PAIRS
 from ..shot.footage_faults.footage_checks import stored_frames
 from ..shot.footage_faults.footage_times import FootageRate, timed_gaps
@@ -33,15 +36,18 @@ SAME_GAP_FRAMES = 2
 """Distance in frames within which gaps are one: at most so far from its true place one was found, with one exception
 (docs/bench.md)."""
 
+MAX_COMPARED_FRAMES = 8
+"""How many frames, at most, beside those at a delay, show whether a camera moves before the delay is believed."""
 MAX_COMPARED_KEYS = 5
 """Greatest number of key frames by which footage is compared with the key poses before delays are believed."""
 
 
 def without_false_delays(shot: Shot, result: TrackResult) -> TrackResult:
-    """Return a result without delays of views if some view's footage does not show the key poses: what is found late in
-    footage of another take, or by a calibration of another world, says nothing.
+    """Return a result without delays of views if some view's footage does not show the key poses, or its camera moves
+    though its calibration has one pose: what is found late in footage of another take, by a calibration of another
+    world, or in footage that shakes, says nothing.
     """
-    if any(result.late) and not _shows_key_poses(shot):
+    if any(result.late) and not (_shows_key_poses(shot) and _cameras_stand_still(shot, result)):
         return replace(result, late=(None,) * len(shot.views))
     return result
 
@@ -58,6 +64,23 @@ def _shows_key_poses(shot: Shot) -> bool:
             pictures = np.stack([*frames_at(view, (shot.frames[0] + frames).tolist(), factor, grey=False)])
             match = movement_match(pictures, view.camera.reduced(factor).rectified(), geometry, poses)
             if match is not None and match < MIN_MATCH:
+                return False
+    return True
+
+
+def _cameras_stand_still(shot: Shot, result: TrackResult) -> bool:
+    """Whether the background of every camera that should stand still does, as far as some of the frames show."""
+    spread = evenly_spaced(shot.length, MAX_COMPARED_FRAMES).tolist()
+    ends = [frame for late in result.late if late is not None for frame in (late.frame - 1, late.frame)]
+    frames = np.array(sorted({*spread, *ends}))
+    bodies = [performer.body for performer in shot.performers]
+    geometry, poses = Geometry.of(bodies), scene_poses(bodies, [motion[frames] for motion in result.motions])
+    for view in shot.views:
+        if view.camera.stands_still:
+            factor = working_factor(view, shot.settings.working_size)
+            pictures = [*frames_at(view, (shot.frames[0] + frames).tolist(), factor, grey=False)]
+            seen = render_labels(geometry, view.camera.reduced(factor).rectified(), 0, *poses).part >= 0
+            if background_shift(pictures, list(seen), frames.tolist(), factor) is not None:
                 return False
     return True
 

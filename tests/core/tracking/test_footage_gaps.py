@@ -98,6 +98,21 @@ def test_delays_in_footage_of_another_camera_are_not_believed(
     assert not any(without_false_delays(exchanged, found).late)
 
 
+def test_delays_in_footage_that_shakes_are_not_believed(
+    films: dict[str, Shot], tracked: dict[str, TrackResult], tmp_path: Path
+) -> None:
+    shot, late = films["whole"], (None, LateView(PLACE, 0.5, 12.0), None)
+    plaster = cv2.GaussianBlur(np.random.default_rng(3).normal(0, 200, pictures("front")[0].shape), (0, 0), 2.0)
+    for frame in range(LENGTH):
+        steady = np.clip(pictures("front")[frame] + plaster, 0, 255)
+        moved = np.array([[1.0, 0.0, 4 * np.sin(np.pi * frame / 6)], [0.0, 1.0, 0.0]])  # not on key frames
+        shaken = cv2.warpAffine(steady, moved, steady.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
+        cv2.imwrite(str(tmp_path / f"{frame:03d}.png"), shaken.astype(np.uint8))
+    front = replace(shot.views[0], footage=tmp_path / "%03d.png")
+    shaking = replace(shot, views=(front, *shot.views[1:]))
+    assert not any(without_false_delays(shaking, replace(tracked["whole"], late=late)).late)
+
+
 @pytest.mark.parametrize("fault", ["missing", "twice"])
 def test_the_result_is_that_of_a_shot_whose_gaps_are_known(
     films: dict[str, Shot], tracked: dict[str, TrackResult], fault: str

@@ -7,7 +7,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from kfmocap.core.fitting.background_shift import background_shift
+from kfmocap.core.evidence.background_shift import background_shift
+from kfmocap.core.fitting.early_check import early_misfits
 from kfmocap.core.fitting.shot_cameras import fit_by_key_poses
 from kfmocap.core.fitting.view_findings import MovedCamera
 from kfmocap.core.shot.shot import View
@@ -65,12 +66,13 @@ def test_where_performers_are_does_not_count() -> None:
     assert background_shift([wall(), turning], [here, here], [0, 5], 1.0) is None
 
 
-def test_a_camera_that_does_not_fit_because_it_was_moved_is_said_to_have_moved() -> None:
+def test_a_camera_that_was_moved_is_said_to_have_moved_also_before_tracking() -> None:
     shot = shot_of([View(FRONT, "front.mp4")], [BODY], [TRUTH], range(len(TRUTH)))
     shot = replace(shot, frames=(100, 100 + len(TRUTH) - 1))
     still = wall(FRONT.size)
     pictures = [{k: moved(still, 4 * k, 0) for k in range(len(TRUTH))}]
     [said] = fit_by_key_poses(shot, pictures)
+    assert [own.by for own in early_misfits(shot, pictures)] == ["background"]
     assert isinstance(said, MovedCamera) and said.off
     last = 100 + len(TRUTH) - 1
     assert f"front: its camera moved: the background lies 12 px elsewhere on frame {last} than on frame 100" in (
