@@ -5,8 +5,6 @@ Importing it loads neither NumPy nor the core beyond its errors, as Blender does
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +17,6 @@ from .session import SESSION
 
 if TYPE_CHECKING:
     from ..cli.services import OutputRequest, RetargetRequest
-    from ..core.numerics.arrays import Array
     from ..core.shot.shot import Shot
     from ..core.tracking.track_result import TrackResult
 
@@ -58,17 +55,14 @@ class BatchSession:
         """Write the BVH and FBX files and shot.blend; returns the files written."""
         from .export import blender_outputs
 
+        def add_fingers(scene: bpy.types.Scene) -> None:
+            from .retargeting import finger_tracking
+
+            finger_tracking.add_fingers(scene, request.hands)
+
         with registration.registered():
-            return blender_outputs.write_blender_outputs(
-                shot,
-                result,
-                request.folder,
-                bpy.context.scene if request.open_scene or request.shown else None,
-                home=request.home,
-                leave_out_unknown=request.leave_out_unknown,
-                finish=partial(_add_fingers, hands=request.hands) if request.hands else None,
-                shown=request.shown,
-            )
+            finish = add_fingers if request.hands else None
+            return blender_outputs.write_blender_outputs(shot, result, request, finish)
 
     def retarget(self, request: RetargetRequest) -> dict[str, Any]:
         """Put a motion on a character and save the file; returns the report."""
@@ -76,12 +70,6 @@ class BatchSession:
 
         with registration.registered():
             return character_files.retarget_file(request)
-
-
-def _add_fingers(scene: bpy.types.Scene, hands: Sequence[Array | None]) -> None:
-    from .retargeting import finger_tracking
-
-    finger_tracking.add_fingers(scene, hands)
 
 
 def register() -> None:

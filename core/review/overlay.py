@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -92,15 +92,12 @@ def contact_sheet(
     """
     chosen = sheet_frames(shot) if frames is None else sorted(frames)
     bodies = [without_hidden_solids(performer.body, performer.unknown) for performer in shot.performers]
-    geometry = Geometry.of(bodies)
+    sheet = _Sheet(shot, chosen, Geometry.of(bodies), labelled)
     poses = [scene_poses(bodies, poses_after(motions, shown_delay(view, shot.settings), chosen)) for view in shot.views]
-    width = (SHEET_WIDTH + _CELL_SPACING) // max(len(chosen), 3) - _CELL_SPACING
     rows = []
-    kept: Sequence[Mapping[int, Image] | None] = pictures or [None] * len(shot.views)
 
     def row_of(v: int) -> Image:
-        view = shot.views[v]
-        return _row(shot, chosen, geometry, view, width=width, pictures=kept[v], poses=poses[v], labelled=labelled)
+        return sheet.row(shot.views[v], poses[v], pictures[v] if pictures else None)
 
     with ThreadPoolExecutor(worker_count(shot.settings.threads)) as pool:
         for row in pool.map(row_of, range(len(shot.views))):
@@ -136,41 +133,47 @@ def write_contact_sheet(path: Path, sheet: Image) -> None:
         temporary.write_bytes(data.tobytes())
 
 
-def _row(
-    shot: Shot,
-    frames: list[int],
-    geometry: Geometry,
-    view: View,
-    *,
-    width: int,
-    pictures: Mapping[int, Image] | None,
-    poses: Poses,
-    labelled: bool,
-) -> Image:
-    """Draw the frames of one view side by side, each cropped to the performers."""
-    R, T = poses
-    camera = view.camera.rectified()
-    boxes = [_framing(camera, f, geometry, R[k], T[k]) for k, f in enumerate(frames)]
-    height = round(np.clip(np.max([e[1] / e[0] for _, e in boxes]) * width, 0.7 * width, _MAX_CELL_HEIGHT))
-    factors = [max(e[0] / width, e[1] / height, 1 / _MAX_ZOOM) for _, e in boxes]
-    images: Iterable[Image]
-    if pictures is None:
-        images = frames_at(view, [shot.frames[0] + f for f in frames], max(min(factors), 1.0), grey=False)
-    else:
-        images = [pictures[frame] for frame in frames]
-    keys = {int(f) for performer in shot.performers for f in performer.key_poses.frames}
-    cells = []
-    for k, (frame, image) in enumerate(zip(frames, images, strict=True)):
-        near = camera.reduced(factors[k])
-        shrinks = near.size[0] < image.shape[1]
-        enlarged = cv2.resize(image, near.size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC)
-        draw_outlines(enlarged, geometry, near, frame=frame, R=R[k], T=T[k])
-        cell = _cropped(enlarged, boxes[k][0] / factors[k], (width, height))
-        if labelled:
-            _label(cell, view.camera.name, shot.frames[0] + frame, frame in keys)
-        cells.append(cell)
-    gap = np.full((height, _CELL_SPACING, 3), _BACKGROUND, np.uint8)
-    return np.hstack([part for cell in cells for part in (cell, gap)][:-1])
+@dataclass(frozen=True, eq=False)
+class _Sheet:
+    """What the rows of a contact sheet have in common; frames are counted from the shot's first."""
+
+    shot: Shot
+    frames: list[int]
+    geometry: Geometry
+    labelled: bool
+
+    @property
+    def cell_width(self) -> int:
+        return (SHEET_WIDTH + _CELL_SPACING) // max(len(self.frames), 3) - _CELL_SPACING
+
+    def row(self, view: View, poses: Poses, pictures: Mapping[int, Image] | None) -> Image:
+        """Draw the frames of one view side by side, each cropped to the performers.
+
+        The pictures are read from the footage if they are not given.
+        """
+        (R, T), shot, frames, width = poses, self.shot, self.frames, self.cell_width
+        camera = view.camera.rectified()
+        boxes = [_framing(camera, f, self.geometry, R[k], T[k]) for k, f in enumerate(frames)]
+        height = round(np.clip(np.max([e[1] / e[0] for _, e in boxes]) * width, 0.7 * width, _MAX_CELL_HEIGHT))
+        factors = [max(e[0] / width, e[1] / height, 1 / _MAX_ZOOM) for _, e in boxes]
+        images: Iterable[Image]
+        if pictures is None:
+            images = frames_at(view, [shot.frames[0] + f for f in frames], max(min(factors), 1.0), grey=False)
+        else:
+            images = [pictures[frame] for frame in frames]
+        keys = {int(f) for performer in shot.performers for f in performer.key_poses.frames}
+        cells = []
+        for k, (frame, image) in enumerate(zip(frames, images, strict=True)):
+            near = camera.reduced(factors[k])
+            shrinks = near.size[0] < image.shape[1]
+            enlarged = cv2.resize(image, near.size, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC)
+            draw_outlines(enlarged, self.geometry, near, frame=frame, R=R[k], T=T[k])
+            cell = _cropped(enlarged, boxes[k][0] / factors[k], (width, height))
+            if self.labelled:
+                _label(cell, view.camera.name, shot.frames[0] + frame, frame in keys)
+            cells.append(cell)
+        gap = np.full((height, _CELL_SPACING, 3), _BACKGROUND, np.uint8)
+        return np.hstack([part for cell in cells for part in (cell, gap)][:-1])
 
 
 def _framing(camera: Camera, frame: int, geometry: Geometry, R: Array, T: Array) -> tuple[Array, Array]:

@@ -23,6 +23,7 @@ from .exporters import export_performers
 from .whole_files import writing
 
 if TYPE_CHECKING:
+    from ...cli.services import OutputRequest
     from ...core.tracking.track_result import TrackResult
 
 _STEPS_UP = 3  # footage further away than that is found by its absolute path
@@ -63,35 +64,23 @@ def show_shot(shot: Shot, home: Path | str, beside: Path | None = None) -> bpy.t
 def write_blender_outputs(
     shot: Shot,
     result: TrackResult,
-    out_dir: Path | str,
-    scene: bpy.types.Scene | None = None,
-    *,
-    home: Path | str | None = None,
-    leave_out_unknown: bool = False,
+    request: OutputRequest,
     finish: Callable[[bpy.types.Scene], None] | None = None,
-    shown: bool = False,
 ) -> list[Path]:
     """Write NAME.bvh, NAME.fbx (NAME_PERFORMER.* for several performers) and shot.blend.
+
+    If the open scene shows the shot already, its armatures get the motion, and shot.blend is a copy of the open file.
+    Otherwise a new scene shows the shot; that closes the open file, so it needs a process without a user.
 
     Parameters
     ----------
     shot : Shot
     result : TrackResult
         Of that shot.
-    out_dir : path
-        Created if it does not exist.
-    scene : bpy.types.Scene, optional
-        The scene that the shot was read from: its armatures get the motion, and shot.blend is a copy of the
-        open file. By default a new scene shows the shot; that closes the open file, so it needs a process
-        without a user.
-    home : path, optional
-        Folder that the files will be moved to: footage near it is named relative to it. By default `out_dir`.
-    leave_out_unknown : bool
-        Whether BVH and FBX leave out the bones of parts that nothing has shown.
+    request : OutputRequest
+        Its folder is created if it does not exist; its hands are for the caller.
     finish : callable, optional
         Called with the scene once it has the motion, before files are written.
-    shown : bool
-        Whether the scene was made by `show_shot` for this home.
 
     Returns
     -------
@@ -103,20 +92,21 @@ def write_blender_outputs(
     OutputError
         If a file cannot be written, or a new scene is asked for in an application with a user.
     """
-    folder = Path(out_dir).resolve()
-    if scene is None:
+    folder = Path(request.folder).resolve()
+    if request.open_scene or request.shown:
+        scene = bpy.context.scene
+        scenes.write_motions(scene, result.motions, shot)
+    else:
         scene = _fresh_scene()
         scenes.build_scene(shot, result.motions, scene)
         _open_on_footage(scene)
-    else:
-        scenes.write_motions(scene, result.motions, shot)
     if finish is not None:
         finish(scene)
     review_data.write_review(scene, [(shot, result, 0)])
     tracked_segments.remember_footage(scene, result)
-    options = ExportOptions(leave_out_unknown=leave_out_unknown)
+    options = ExportOptions(leave_out_unknown=request.leave_out_unknown)
     paths = export_performers(scene, folder, options)
-    paths_from_home = nullcontext() if shown else _portable_paths(Path(home or folder).resolve())
+    paths_from_home = nullcontext() if request.shown else _portable_paths(Path(request.home or folder).resolve())
     with writing(folder / "shot.blend") as target, paths_from_home:
         bpy.ops.wm.save_as_mainfile(filepath=str(target), copy=True, check_existing=False, relative_remap=False)
     paths.append(folder / "shot.blend")

@@ -1,4 +1,4 @@
-"""A strip below the footage with the chosen performer's key poses, tracked frames, and doubtful frames."""
+"""A strip below the footage: key poses, tracked frames, and frames on which a part of the performer may be lost."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ _LOST_COLOUR: Colour = (0.95, 0.15, 0.1, 0.9)
 _CURRENT_FRAME_COLOUR: Colour = (0.35, 0.6, 1.0, 1.0)
 _PROPOSAL_OPACITY = 0.45
 """Opacity of proposed key poses."""
-_BAND, _RED, _WHOLE, _PART = 2.0, 4.0, 5.0, 3.0
-"""Pixels: height of the bands of tracked and of doubted frames; half the size of key poses of the whole body, and of
+_TRACKED_HEIGHT, _LOST_HEIGHT, _WHOLE, _PART = 2.0, 4.0, 5.0, 3.0
+"""Pixels: height of the bands of tracked and of lost frames; half the size of key poses of the whole body, and of
 some bones.
 """
 _STRIPS = 8  # whose triangles are remembered: one per 3D view that shows one
@@ -48,7 +48,7 @@ class Strip:
         The performer's: red, green, blue.
     whole, partial, proposed : tuple of int
         Key poses of the whole body, of some bones, and the tracker's proposals.
-    tracked, doubted : tuple of Run
+    tracked, lost : tuple of Run
         Frames with tracked keys, and those on which some part may be lost.
     """
 
@@ -58,7 +58,7 @@ class Strip:
     partial: tuple[int, ...] = ()
     proposed: tuple[int, ...] = ()
     tracked: tuple[Run, ...] = ()
-    doubted: tuple[Run, ...] = ()
+    lost: tuple[Run, ...] = ()
 
 
 def strip_of(context: bpy.types.Context) -> Strip | None:
@@ -76,7 +76,7 @@ def strip_of(context: bpy.types.Context) -> Strip | None:
         partial=tuple(entry.frame for entry in own if entry.bones),
         proposed=tuple(entry.frame for entry in entries if entry.proposed),
         tracked=known_keys().tracked(slot.armature),
-        doubted=tuple((part.frames[0], part.frames[1]) for part in slot.lost),
+        lost=tuple((part.frames[0], part.frames[1]) for part in slot.lost),
     )
 
 
@@ -124,11 +124,11 @@ def _pieces(strip: Strip, box: Box, scale: float) -> tuple[tuple[Colour, Triangl
             for corner in _diamond(position(strip.frames, box, frame), middle, size * scale)
         )
 
-    half = _BAND * scale / 2
+    half = _TRACKED_HEIGHT * scale / 2
     found: list[tuple[Colour, Triangles]] = [
         (_BACKGROUND_COLOUR, _rectangle(box[0], low, box[2], high)),
         (_TRACKED, bands(strip.tracked, middle - half, middle + half)),
-        (_LOST_COLOUR, bands(strip.doubted, low, low + _RED * scale)),
+        (_LOST_COLOUR, bands(strip.lost, low, low + _LOST_HEIGHT * scale)),
         ((*strip.colour, _PROPOSAL_OPACITY), diamonds(strip.proposed, _WHOLE)),
         ((*strip.colour, 1.0), diamonds(strip.whole, _WHOLE) + diamonds(strip.partial, _PART)),
     ]

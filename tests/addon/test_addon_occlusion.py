@@ -10,6 +10,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import PARTS, motion, shot, track_result  # noqa: E402
+from kfmocap.cli.services import OutputRequest  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.kfmocap_addon import panels  # noqa: E402
 from kfmocap.kfmocap_addon.export import blender_outputs, exporters  # noqa: E402
@@ -113,7 +114,7 @@ def test_the_animators_keys_and_key_poses_stay(blender, tmp_path):
 def test_a_saved_scene_still_says_what_was_hidden(blender, tmp_path):
     original = shot(tmp_path, frames=FRAMES)
     result = track_result(original, [motion(FRAMES)], (UNSEEN,))
-    blender_outputs.write_blender_outputs(original, result, tmp_path / "out")
+    blender_outputs.write_blender_outputs(original, result, OutputRequest(tmp_path / "out"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out" / "shot.blend"))
     slot = bpy.context.scene.kfmocap.performers[0]
     assert hidden(slot, 8) == ["hand.L"]
@@ -125,7 +126,7 @@ def test_a_batch_of_an_open_scene_writes_it_too(blender, tmp_path):
     original = shot(tmp_path, frames=FRAMES)
     built = scene.build_scene(original, scene=bpy.context.scene)
     result = track_result(original, [motion(FRAMES)], (UNSEEN,))
-    blender_outputs.write_blender_outputs(original, result, tmp_path / "out", built)
+    blender_outputs.write_blender_outputs(original, result, OutputRequest(tmp_path / "out", open_scene=True))
     assert hidden(built.kfmocap.performers[0], 8) == ["hand.L"]
 
 

@@ -1,4 +1,4 @@
-"""The strip under the footage shows where in the shot key poses, tracked and doubted frames are."""
+"""The strip under the footage shows where in the shot key poses, tracked and lost frames are."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_key_poses_are_diamonds_on_their_frames_and_proposals_are_paler():
     assert pale == pytest.approx([position(STRIP.frames, BOX, frame) for frame in (30, 40)])
 
 
-def test_bands_span_tracked_and_doubted_frames_within_the_shot():
+def test_bands_span_tracked_and_lost_frames_within_the_shot():
     step = (BOX[2] - BOX[0]) / 40
     for colour, wanted in (
         (key_strip._TRACKED, [(12, 29), (31, 49)]),
@@ -63,11 +63,11 @@ def test_bands_span_tracked_and_doubted_frames_within_the_shot():
     ):
         edges = [[BOX[0] + (a - 11) * step, BOX[0] + (b - 10) * step] for a, b in wanted]
         np.testing.assert_allclose(spans(STRIP, colour), edges)
-    assert spans(replace(STRIP, doubted=()), key_strip._LOST_COLOUR) == []
+    assert spans(replace(STRIP, lost=()), key_strip._LOST_COLOUR) == []
 
 
 def test_nothing_leaves_the_strip_and_the_boxes_of_alternatives_begin_above_it():
-    for _, corners in pieces(replace(STRIP, whole=(0, 15, 99), doubted=((0, 12),)), BOX, 1.0):
+    for _, corners in pieces(replace(STRIP, whole=(0, 15, 99), lost=((0, 12),)), BOX, 1.0):
         x, y = np.array(corners).T
         assert x.min() >= BOX[0] - 5 and x.max() <= BOX[2] + 5 and y.min() >= BOX[1] and y.max() <= BOX[3]
     assert boxes(1, 1.0)[0][1] > HEIGHT
@@ -99,7 +99,7 @@ def test_the_strip_is_of_the_chosen_performers_keys(blender, tmp_path):
     assert tracked == set(range(start, start + 24)) - set(own)
     part = slot.lost.add()
     part.name, part.frames = "hand.L", (start + 3, start + 5)
-    assert key_strip.strip_of(bpy.context).doubted == ((start + 3, start + 5),)
+    assert key_strip.strip_of(bpy.context).lost == ((start + 3, start + 5),)
     hand = slot.armature.pose.bones["hand.L"]
     hand.rotation_quaternion = (0.8, 0.6, 0.0, 0.0)
     hand.keyframe_insert("rotation_quaternion", frame=start + 9)

@@ -203,7 +203,7 @@ def test_footage_whose_path_stays_is_not_opened_again(blender, tmp_path):
 
     bpy.app.handlers.depsgraph_update_post.append(note)
     try:
-        blender_outputs.write_blender_outputs(original, result_of(original), out, bpy.context.scene)
+        blender_outputs.write_blender_outputs(original, result_of(original), OutputRequest(out, open_scene=True))
         bpy.context.view_layer.update()
     finally:
         bpy.app.handlers.depsgraph_update_post.remove(note)
@@ -220,7 +220,7 @@ def test_tracking_the_open_scene_loses_nothing_in_it(blender, tmp_path):
     bpy.ops.wm.save_mainfile()
     stored, names = (tmp_path / "mine.blend").read_bytes(), [clip.filepath for clip in bpy.data.movieclips]
     out = tmp_path / "results" / "out"
-    blender_outputs.write_blender_outputs(original, result_of(original), out, bpy.context.scene)
+    blender_outputs.write_blender_outputs(original, result_of(original), OutputRequest(out, open_scene=True))
     assert (tmp_path / "mine.blend").read_bytes() == stored
     assert bpy.data.filepath == str(tmp_path / "mine.blend")
     assert [clip.filepath for clip in bpy.data.movieclips] == names
