@@ -214,6 +214,8 @@ def check_images(path: Path, files: Mapping[int, Path], frames: range, size: tup
     needed = sorted(number for number in files if number in frames)
     if gaps := _gaps(needed, frames):
         what = f"images are missing in the sequence: frames {listed(gaps, _MAX_SHOWN_GAPS)}, counted from 0"
+        before = [number for number in files if number < next(n for n in frames if n not in files)]
+        what += f", the first of them after {files[max(before)].name}" if before else ""
         todo = "write or copy these images again, or track frames without them"
         raise FootageError(what, where=str(path), todo=todo)
     first = _stored_size(files[min(files)])

@@ -31,7 +31,7 @@ BAD_INPUT = [
         "too few frames",
         "frames = [0, 5]",
         "frames = [0, 50]",
-        ["%02d.png", "cam01", "only 6 frames", "track frames 0 to 5"],
+        ["%02d.png", "cam01", "only 6 frames, 0 to 5", "first 6 frames, in a shot file frames = [0, 5]"],
     ),
     (
         "camera that matches nothing",

@@ -159,7 +159,7 @@ def _check_range(view: View, footage: Footage, first: int, length: int, fps: flo
     last, offset, each = first + length - 1, view.offset, frames_per_file_frame(view)
     unit = "fields" if is_interlaced(view) else "frames"
     every = f" and every = {view.every}" if view.every > 1 else ""
-    asked = f"the shot's frames {first} to {last} with offset {offset:g}{every} are its {unit} {start} to {end}"
+    asked = f"with offset {offset:g}{every} the shot's {length} frames are its {unit} {start} to {end}"
     where = _named(view)
     if start < 0:
         todo = _fitting_frames(view, range(first, last + 1), range(end + 1))
@@ -171,7 +171,8 @@ def _check_range(view: View, footage: Footage, first: int, length: int, fps: flo
             todo = f"this is a single image: name the sequence that it belongs to, as {pattern}"
             raise FootageError("the footage has only one frame", where=where, todo=todo)
         todo = _fitting_frames(view, range(first, last + 1), range(count))
-        raise FootageError(f"the footage has only {count} {unit}: {asked}", where=where, todo=todo)
+        has = f"the footage has only {count} {unit}" + (f", 0 to {count - 1}" if count > 1 else "")
+        raise FootageError(f"{has}: {asked}", where=where, todo=todo)
     if images is not None:
         check_images(view.footage, images, range(start // each, end // each + 1), footage.size)
 
@@ -182,7 +183,8 @@ def _fitting_frames(view: View, frames: range, stored: range) -> str:
     if not fitting:
         return "correct the view's offset"
     end = "first" if fitting[0] == frames[0] else "last"  # Blender's scene counts its frames from another number
-    return f"track frames {fitting[0]} to {fitting[-1]}, the shot's {end} {len(fitting)}, or correct the view's offset"
+    in_file = f"in a shot file frames = [{fitting[0]}, {fitting[-1]}]"
+    return f"track only the shot's {end} {len(fitting)} frames, {in_file}, or correct the view's offset"
 
 
 def _end_by_times(view: View, footage: Footage, last: int, fps: float | None) -> int:

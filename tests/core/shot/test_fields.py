@@ -227,8 +227,8 @@ def test_a_frame_is_decoded_once_for_its_two_fields(tmp_path: Path, monkeypatch:
 @pytest.mark.parametrize(
     ("length", "offset", "message"),
     [
-        (COUNT + 1, 0, "only 8 fields: the shot's frames 0 to 8 with offset 0 are its fields 0 to 8"),
-        (COUNT, 1, "only 8 fields: .* with offset 1 are its fields 1 to 8"),
+        (COUNT + 1, 0, "only 8 fields, 0 to 7: with offset 0 the shot's 9 frames are its fields 0 to 8"),
+        (COUNT, 1, "only 8 fields, .* with offset 1 .* are its fields 1 to 8"),
         (2, -1, "begins before the footage: .* are its fields -1 to 0"),
     ],
 )
