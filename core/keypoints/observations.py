@@ -93,17 +93,24 @@ class ShotKeypoints:
     performers : tuple of PerformerKeypoints
     skipped : tuple of tuple of str
         Per view: the files that could not be read, each with the reason.
+    frames_off : tuple of float or None
+        Per view: see `core.keypoints.keypoint_delay.frames_off`; empty before pictures were read.
     """
 
     performers: tuple[PerformerKeypoints, ...] = ()
     skipped: tuple[tuple[str, ...], ...] = ()
+    frames_off: tuple[float | None, ...] = ()
 
     def of_views(self, views: Sequence[int]) -> ShotKeypoints:
         """Return the same of some views, in that order."""
         order = list(views)
         if not self.performers:
             return self
-        return ShotKeypoints(tuple(p.of_views(order) for p in self.performers), tuple(self.skipped[v] for v in order))
+        return ShotKeypoints(
+            tuple(p.of_views(order) for p in self.performers),
+            tuple(self.skipped[v] for v in order),
+            tuple(self.frames_off[v] for v in order) if self.frames_off else (),
+        )
 
 
 def fit_keypoints(shot: Shot, detections: Sequence[Detections], fixed: Sequence[NDArray[np.bool_]]) -> ShotKeypoints:

@@ -184,6 +184,8 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
             lines.append(f"{view['camera']}: {found.text(values['fps'] * every)}")
         elif text := rate_text(rate, found, every, values["fps"], values["frames"][1] - values["frames"][0] + 1):
             lines.append(f"{view['camera']}: {text}; if its own is right, write it as fps under [shot]")
+        if off := view.get("keypoint_frames_off"):
+            lines.append(f"{view['camera']}: {keypoint_numbers_text(off)}")
         if view.get("damage"):
             lines.append(f"{view['camera']}: {FootageDamage(**view['damage']).text}")
         if view["torn"]:
@@ -223,6 +225,16 @@ def keypoints_text(agreement: float) -> str:
     return (
         f"{1 - agreement:.0%} contradict the other views or the motion: check that they are of this footage and this "
         "person, and that its offset is right"
+    )
+
+
+def keypoint_numbers_text(off: float) -> str:
+    """Return a text that keypoints belong to pictures some frames after theirs, or before if negative."""
+    when, way = ("before", "high") if off < 0 else ("after", "low")
+    return (
+        f"its keypoints move as what its pictures show {abs(off):.1f} frames {when} them: their frame numbers seem to "
+        f"be too {way} by {round(abs(off))} (they count from 0, as the frames of the footage), or the detector saw "
+        "another file"
     )
 
 

@@ -115,8 +115,15 @@ def _view_values(shot: Shot, result: TrackResult, number: int) -> dict[str, Any]
         "gaps": [dataclasses.asdict(gap) for gap in found_gaps(shot, result)[number]],
         "late": _late(shot, result, number),
         "damage": _of_view(result.damage, number),
+        "keypoint_frames_off": _of_keypoints(result.observed.frames_off, number),
         "skipped": list(result.observed.skipped[number]) if result.observed.skipped else [],
     }
+
+
+def _of_keypoints(off: Sequence[float | None], view: int) -> float | None:
+    """Return by how many frames a view's keypoints are off, if they are."""
+    own = off[view] if off else None
+    return None if own is None else round(own, 1)
 
 
 def _late(shot: Shot, result: TrackResult, view: int) -> dict[str, Any] | None:

@@ -13,6 +13,8 @@ import numpy as np
 
 from ..body.motion import Motion
 from ..evidence.view_frames import ViewFrames
+from ..keypoints.keypoint_delay import ENOUGH_MOVEMENTS, KeypointMovements, keypoint_movements
+from ..keypoints.keypoint_rays import Keypoints
 from ..numerics.arrays import Bools
 from ..runtime.threads import worker_count
 from ..runtime.timing import Seconds
@@ -40,11 +42,15 @@ class SegmentFootage:
         Folder for the files with the segments' pictures; without one, these are held in memory.
     memory : WorkerMemory, optional
         Cache of frames for the next job; frames in it are not decoded again.
+    keypoints : sequence of Keypoints
+        Those of every performer, whose movements are compared with the pictures'.
 
     Attributes
     ----------
     torn : tuple of list of int
         Per view: frames read so far that do not continue the frame before, counted from the shot's first.
+    movements : tuple of list of KeypointMovements
+        Per view, and in it per performer: how the movements of keypoints agree with the pictures read so far.
     """
 
     def __init__(
@@ -55,11 +61,14 @@ class SegmentFootage:
         *,
         folder: Path | None = None,
         memory: WorkerMemory | None = None,
+        keypoints: Sequence[Keypoints] = (),
     ) -> None:
         kept = frozenset(shot.frames[0] + frame for frame in pictures)
         self._albums = [Album(kept, working_factor(view, MAX_PICTURE_SIDE)) for view in shot.views]
         self._shot, self._solver, self._folder, self._memory = shot, solver, folder, memory
+        self._keypoints = keypoints
         self.torn: tuple[list[int], ...] = tuple([] for _ in shot.views)
+        self.movements: tuple[list[KeypointMovements], ...] = tuple([] for _ in shot.views)
 
     @property
     def pictures(self) -> tuple[dict[int, Image], ...]:
@@ -99,9 +108,7 @@ class SegmentFootage:
             def submitted(segment: Segment) -> list[Future[tuple[ViewFrames | StoredView, PairChanges]]]:
                 with_foreground = self._solver.uses_foreground and segment not in known
                 return [
-                    pool.submit(
-                        self._read, reader, segment, f"{segment[0]}_{number}", start if with_foreground else None
-                    )
+                    pool.submit(self._read, reader, segment, number, start if with_foreground else None)
                     for number, reader in enumerate(readers)
                 ]
 
@@ -119,12 +126,12 @@ class SegmentFootage:
                 stopped.set()
 
     def _read(
-        self, reader: SegmentReader, segment: Segment, name: str, start: Sequence[Motion] | None
+        self, reader: SegmentReader, segment: Segment, number: int, start: Sequence[Motion] | None
     ) -> tuple[ViewFrames | StoredView, PairChanges]:
         """Read one view of a segment, with foreground images if motions are given; also returns how much its pairs of
         frames stand out.
         """
-        shot, store = self._shot, PictureStore(self._folder, name)
+        shot, store = self._shot, PictureStore(self._folder, f"{segment[0]}_{number}")
         frames = reader.read(segment, store)
         if start is None:
             view = grey_frames(frames, store)
@@ -139,8 +146,20 @@ class SegmentFootage:
                 store=store,
             )
         store.remove(COLOUR)
+        self._compare_movements(number, view, segment)
         assert frames.changes is not None
         return store.stored(view), frames.changes
+
+    def _compare_movements(self, number: int, view: ViewFrames, segment: Segment) -> None:
+        """Compare the movements of keypoints in a view of a segment with its pictures, until enough are compared."""
+        before = self.movements[number]
+        if self._shot.views[number].keypoints is None or sum(m.counts.sum() for m in before) > ENOUGH_MOVEMENTS:
+            return
+        K, found = view.camera.matrix, list[KeypointMovements]()
+        for keypoints in self._keypoints:
+            rays = keypoints.rays[number, segment[0] : segment[1] + 1]
+            found.append(keypoint_movements(view.grey, rays @ K[:2, :2].T + K[:2, 2]))
+        before[:] = [m.joined(then) for m, then in zip(found, before, strict=True)] if before else found
 
 
 def _without_skips(read: Sequence[tuple[ViewFrames | StoredView, PairChanges]]) -> tuple[ViewFrames | StoredView, ...]:

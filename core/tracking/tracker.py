@@ -21,6 +21,7 @@ from ..body.motion import Motion
 from ..body.unknown_parts import without_hidden_solids
 from ..errors import ShotError
 from ..formats.keypoint_files import read_shot_keypoints
+from ..keypoints.keypoint_delay import frames_off_by_view
 from ..keypoints.observations import ShotKeypoints, fit_keypoints
 from ..runtime.progress import Progress, report_progress
 from ..runtime.threads import one_library_thread, worker_count
@@ -199,7 +200,8 @@ def _tracked(
         )
         first = run.first_pictures
         wanted = {*options.pictures, *(() if first is None else first.frames)}
-        footage = SegmentFootage(shot, solver, wanted, folder=folder, memory=run.memory)
+        keypoints = [own.factor.keypoints for own in observed.performers]
+        footage = SegmentFootage(shot, solver, wanted, folder=folder, memory=run.memory, keypoints=keypoints)
         started = time.perf_counter()
         for views in footage.by_segment(begin.motions, finished.known, seconds):
             if first is not None and all(first.frames <= own.keys() for own in footage.pictures):
@@ -212,6 +214,7 @@ def _tracked(
         state, done = schedule.finish(solved)
         passed = time.perf_counter() - started - seconds["footage"]
     seconds.add(_scaled_to_elapsed(schedule.seconds, passed))
+    observed = replace(observed, frames_off=frames_off_by_view(footage.movements))
     report_progress(progress, "tracking", 1.0)
     result = replace(
         result_of_segments(shot, state, done, observed, tuple(tuple(frames) for frames in footage.torn)),

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import bpy
 
 from ....core.errors import listed
-from ....core.review.report_text import keypoints_text, rate_text, torn_text
+from ....core.review.report_text import keypoint_numbers_text, keypoints_text, rate_text, torn_text
 from ....core.shot.footage import container_rate
 from ....core.shot.shot import Shot, View
 from ....core.tracking.footage_gaps import found_gaps, torn_frames
@@ -70,6 +70,8 @@ def _faults(
     ]
     if contradicting:
         yield "most of its keypoints contradict the others", f"of its keypoints, {contradicting[0]}"
+    if apart := [n for r in results if r.observed.frames_off and (n := r.observed.frames_off[v]) is not None]:
+        yield f"its keypoints are {abs(apart[0]):.1f} frames off", keypoint_numbers_text(apart[0])
     if rates := [rate for r in results if r.rates and (rate := r.rates[v]) is not None and rate.varies]:
         yield (
             "frames are missing in it" if rates[0].missing else "its frame rate varies",

@@ -156,6 +156,14 @@ def test_cameras_that_another_axis_than_z_is_upright_for_are_reported(tracked: t
         assert [line.split(":")[0] for line in said] == ([] if up == "z" else [upward_doubt(filed)])
 
 
+def test_keypoints_of_other_frames_are_reported(tracked: tuple[Shot, type]) -> None:
+    shot, result = tracked
+    late = type("Late", (result,), {"observed": ShotKeypoints(frames_off=(None, -1.04))})
+    lines = [line for line in report_lines(report(shot, late, ())) if "keypoints" in line]
+    assert len(lines) == 1
+    assert lines[0].startswith("cam02: ") and "1.0 frames before" in lines[0] and "too high by 1" in lines[0]
+
+
 def test_a_footage_offset_is_reported_unless_it_was_given(tracked: tuple[Shot, type]) -> None:
     shot, result = tracked
     result.footage_offset = 0.38

@@ -1,12 +1,18 @@
-"""Pairs of frames that do not continue each other are named in whichever segment and view they are."""
+"""Pairs of frames that do not continue each other are named in whichever segment and view they are, and keypoints that
+were found in other frames.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from kfmocap.core.body.kinematics import part_poses, tip_positions
+from kfmocap.core.keypoints.keypoint_delay import frames_off_by_view
+from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.runtime.timing import Seconds
 from kfmocap.core.runtime.worker_memory import WorkerMemory
 from kfmocap.core.shot.footage_faults.continuity import block_change
@@ -14,7 +20,8 @@ from kfmocap.core.shot.shot import View
 from kfmocap.core.tracking import reader
 from kfmocap.core.tracking.segment_footage import SegmentFootage
 from kfmocap.core.tracking.solvers.registry import solver_named
-from synthetic import figure, look_at, shot_of, swing
+from synthetic import CAMERAS, figure, look_at, shot_of, swing
+from synthetic import film as pictured
 from walking_film import FRAMES, film
 
 SIZE = (320, 184)
@@ -56,3 +63,18 @@ def test_how_much_frames_change_is_measured_once_for_several_jobs(
     memory = WorkerMemory()
     assert torn(memory) == torn(memory) == torn(None) == ([], [FRAMES // 2])
     assert len(compared) == 2 * 2 * (FRAMES - 1), "of two views, with the memory once, and once without"
+
+
+def test_keypoints_found_in_other_frames_are_measured_over_all_segments(tmp_path: Path) -> None:
+    """Their numbers are one too high."""
+    seen = swing(BODY, 33, size=1.5)
+    views = [replace(view, keypoints=tmp_path) for view in pictured(tmp_path, [BODY], [seen], CAMERAS)]
+    shot = shot_of(views, [BODY], [seen], (0, 16, 32))
+    tips = tip_positions(BODY, part_poses(BODY, seen))[np.r_[0, :32]]
+    poses = [np.stack([view.camera.poses(0, 33)[k] for view in views]) for k in (0, 1)]
+    placed = np.einsum("vfab,flb->vfla", poses[0], tips) + poses[1][:, :, None]
+    rays = placed[..., :2] / placed[..., 2:]
+    keypoints = Keypoints(BODY.names, rays, np.ones(rays.shape[:3]), *poses)
+    footage = SegmentFootage(shot, solver_named("gauss-newton"), (), keypoints=[keypoints])
+    list(footage.by_segment([seen], (), Seconds()))
+    assert frames_off_by_view(footage.movements) == pytest.approx((-1.0, -1.0), abs=0.2)
