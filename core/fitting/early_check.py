@@ -47,9 +47,9 @@ def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]
     """
     swings = [flicker([own[f] for f in range(min(FLICKER_FRAMES, shot.length))]) for own in pictures]
     flickering: list[ViewFinding] = [
-        FlickeringLight(view.camera.name, swing)
+        FlickeringLight(view.camera.name, swing.amplitude, swing.in_bands)
         for view, swing in zip(shot.views, swings, strict=True)
-        if swing > MIN_FLICKER
+        if swing.amplitude > MIN_FLICKER
     ]
     frames = _early_keys(shot)
     if len(frames) < 2:

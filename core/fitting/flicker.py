@@ -1,30 +1,61 @@
-"""Whether the light flickers: how much brightness swings from frame to frame, whatever moves in the pictures."""
+"""Whether the light flickers: how much brightness swings from frame to frame, whatever moves in the pictures.
+
+Cameras that expose one row after the other show lamps on the mains as bands, which differ from frame to frame while the
+mean brightness hardly does.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..numerics.arrays import Array
+
 FLICKER_FRAMES = 6
 """Number of consecutive frames that show it: lamps on the mains beat with frame rates within a few frames."""
 MIN_FLICKER = 0.04
-"""Amplitude that is said, relative: on footage in steady light it is below 0.01."""
+"""Amplitude that is said, relative: on footage in steady light, or whose exposure drifts, it is below 0.01."""
 _SIZE = 32, 18
 
 
-def flicker(pictures: Sequence[NDArray[np.uint8]]) -> float:
-    """Return the amplitude of the brightness of consecutive pictures about its trend, relative.
+@dataclass(frozen=True)
+class Flicker:
+    """How much the brightness of consecutive pictures swings about its trend.
 
-    The ratio of two pictures is the median over their blocks, most of which show what stands still.
+    Attributes
+    ----------
+    amplitude : float
+        Of the rows of a picture, relative.
+    in_bands : bool
+        Whether rows swing one after the other, as in cameras that expose them so: no filter for whole pictures helps.
+    """
+
+    amplitude: float
+    in_bands: bool
+
+
+def flicker(pictures: Sequence[NDArray[np.uint8]]) -> Flicker:
+    """Measure how much the light flickers.
+
+    The ratio of two pictures, or of a row of blocks in both, is the median over these blocks, most of which show what
+    stands still.
     """
     blocks = [cv2.resize(p, _SIZE, interpolation=cv2.INTER_AREA).astype(float).mean(axis=-1) + 1 for p in pictures]
-    steps = [np.median(np.log(after / before)) for before, after in pairwise(blocks)]
-    level, number = np.r_[0.0, np.cumsum(steps)], np.arange(len(blocks))
-    if len(level) < 4:
-        return 0.0
-    rest = level - np.polyval(np.polyfit(number, level, 1), number)
-    return float(np.ptp(rest) / 2)
+    if len(blocks) < 4:
+        return Flicker(0.0, in_bands=False)
+    steps = [np.log(after / before) for before, after in pairwise(blocks)]
+    whole = _swing(np.array([[np.median(step)] for step in steps]))
+    rows = _swing(np.array([np.median(step, axis=1) for step in steps]))
+    return Flicker(max(whole, rows), in_bands=rows > 2 * whole)
+
+
+def _swing(steps: Array) -> float:
+    """Return the median amplitude of M levels about their trends, from their steps, shape (n, M)."""
+    levels, number = np.r_[np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)], np.arange(len(steps) + 1)
+    slope, start = np.polyfit(number, levels, 1)
+    return float(np.median(np.ptp(levels - np.outer(number, slope) - start, axis=0)) / 2)

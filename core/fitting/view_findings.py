@@ -14,6 +14,10 @@ from ..evidence.movement_match import MIN_MATCH
 from .keypoint_cameras import PictureShift
 
 _DEFLICKER = "filter it, as with: ffmpeg -i FOOTAGE -vf deflicker=size=15 -crf 14 CONVERTED.mp4"
+_EXPOSE = (
+    "film with an exposure of 1/50 or 1/100 s (1/60 or 1/120 s where the mains have 60 Hz), or in other light; this "
+    "footage can be tracked, less exactly"
+)
 _STABILISE = (
     "stabilise its footage, as with: ffmpeg -i FOOTAGE -vf vidstabdetect=tripod=1 -f null - && ffmpeg -i FOOTAGE -vf "
     "vidstabtransform=tripod=1:optzoom=0 -crf 14 CONVERTED.mp4; or solve the camera's motion, as in Blender"
@@ -130,12 +134,15 @@ class FlickeringLight:
     camera : str
     amplitude : float
         Of the brightness, relative.
+    in_bands : bool
+        Whether it runs through the pictures in bands.
     by, off
         As of other findings.
     """
 
     camera: str
     amplitude: float
+    in_bands: bool = False
     by: Literal["light"] = "light"
     off: Literal[True] = True
 
@@ -147,6 +154,8 @@ class FlickeringLight:
     @property
     def summary(self) -> str:
         """One line on how much it flickers and what to do."""
+        if self.in_bands:
+            return f"{self.camera}: {self.brief} from frame to frame, in bands: {_EXPOSE}"
         return f"{self.camera}: {self.brief} from frame to frame: {_DEFLICKER}"
 
 

@@ -7,13 +7,17 @@ from ..conditions import Conditional, has_performer
 from ..key_conditions import has_other_key_pose
 from ..reporting import reported
 
+UNDO_GROUP = "Frame Change"
+"""As of Blender's own tools: undoing what was done on a frame does not go back to the frame before it."""
+
 
 class GoToFrame(bpy.types.Operator):
     """Jump to a frame"""
 
     bl_idname = "kfmocap.go_to_frame"
     bl_label = "Go to Frame"
-    bl_options = {"INTERNAL"}
+    bl_options = {"INTERNAL", "UNDO_GROUPED"}
+    bl_undo_group = UNDO_GROUP
 
     frame: bpy.props.IntProperty(name="Frame", description="Scene frame to go to")
     reason: bpy.props.StringProperty(name="Reason", description="What there is to do at that frame")
@@ -32,7 +36,8 @@ class StepKeyPose(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.step_key_pose"
     bl_label = "Previous or Next Key Pose"
-    bl_options = {"INTERNAL"}
+    bl_options = {"INTERNAL", "UNDO_GROUPED"}
+    bl_undo_group = UNDO_GROUP
     conditions = (has_performer, has_other_key_pose)
     while_placing = True
 
@@ -64,7 +69,8 @@ class NextSuggestion(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.next_suggestion"
     bl_label = "Next Suggestion"
-    bl_options = {"INTERNAL"}
+    bl_options = {"INTERNAL", "UNDO_GROUPED"}
+    bl_undo_group = UNDO_GROUP
     conditions = (has_performer, _has_suggestion)
     while_placing = True
 

@@ -19,16 +19,28 @@ def lit(gains: np.ndarray) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("rate", [1.7, 2.1])
 def test_its_amplitude_is_measured(rate: float) -> None:
-    assert flicker(lit(1 + 0.15 * np.sin(rate * FRAMES + 0.4))) == pytest.approx(0.15, abs=0.05)
+    found = flicker(lit(1 + 0.15 * np.sin(rate * FRAMES + 0.4)))
+    assert found.amplitude == pytest.approx(0.15, abs=0.05) and not found.in_bands
+
+
+def banded() -> list[np.ndarray]:
+    """Two bands in every picture, which run downwards."""
+    gain = 1 + 0.15 * np.sin(2.3 * FRAMES[:, None] + 4 * np.pi * np.arange(len(ROOM)) / len(ROOM))
+    return [np.clip(own[:, None, None] * ROOM, 0, 255).astype(np.uint8) for own in gain]
+
+
+def test_bands_are_flicker_though_the_mean_brightness_is_steady() -> None:
+    found = flicker(banded())
+    assert found.amplitude == pytest.approx(0.15, abs=0.05) and found.in_bands
 
 
 def test_clouds_and_what_moves_are_no_flicker() -> None:
-    assert flicker(lit(1 - 0.06 * FRAMES)) < MIN_FLICKER
+    assert flicker(lit(1 - 0.06 * FRAMES)).amplitude < MIN_FLICKER
     moving = lit(np.ones(FLICKER_FRAMES))
     for frame, picture in enumerate(moving):
         picture[20:70, 10 + 20 * frame : 50 + 20 * frame] = 250
-    assert flicker(moving) < MIN_FLICKER / 4
-    assert flicker(lit(np.array([1.0, 1.5, 1.0]))) == 0.0  # too few to tell
+    assert flicker(moving).amplitude < MIN_FLICKER / 4
+    assert flicker(lit(np.array([1.0, 1.5, 1.0]))).amplitude == 0.0  # too few to tell
 
 
 def test_a_view_whose_light_flickers_is_named_with_what_filters_it() -> None:
@@ -39,4 +51,6 @@ def test_a_view_whose_light_flickers_is_named_with_what_filters_it() -> None:
     assert early_frames(shot) == frozenset(range(FLICKER_FRAMES))
     [said] = early_misfits(shot, [dict(enumerate(lit(1 + 0.2 * (-1.0) ** FRAMES)))])
     assert said.off and "front: its light flickers by" in said.summary and "-vf deflicker=" in said.summary
+    [said] = early_misfits(shot, [dict(enumerate(banded()))])
+    assert "in bands" in said.summary and "exposure of 1/50" in said.summary and "deflicker" not in said.summary
     assert not early_misfits(shot, [dict(enumerate(lit(np.ones(FLICKER_FRAMES))))])

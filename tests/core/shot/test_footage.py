@@ -79,7 +79,7 @@ def test_of_footage_with_several_frames_for_each_of_the_shot_one_is_streamed(
     view = View(camera(), video, offset, every=every)
     frames = range(1, 4)
     assert [frame_of(image) for image in frames_at(view, frames, 1)] == [every * f + round(offset) for f in frames]
-    with pytest.raises(FootageError, match=rf"only 12 frames, .* and every = {every} the shot.s 7 frames are its frames"):
+    with pytest.raises(FootageError, match=rf"only 12 frames, .* and every = {every} the shot's 7 frames are its"):
         check_view(view, 0 if offset >= 0 else 1, 7)
 
 
