@@ -1,11 +1,13 @@
-"""Roles of bones by position at rest: legs reach lowest, arms farthest to the sides, and the head is on top."""
+"""Roles of bones by position at rest: legs reach lowest, arms are most like a human's, and the head is on top."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import combinations, pairwise, product
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ..body.skeleton_motion import RestSkeleton
 from ..numerics.arrays import Array
@@ -14,6 +16,20 @@ from .skeleton_tree import SkeletonTree
 
 _SYMMETRY = 0.03  # of the height: largest distance of a bone's partner from its mirror image
 _MIN_LENGTH = 0.08  # of the height: least length of a thigh, shin, upper arm or forearm
+_AS_LOW = 0.05  # of the height: legs that reach as low as others within this may be a human's
+_ARM = (0.172 / 0.245, 0.150 / 0.246, 0.288 / 0.491)
+"""A human's upper arm in thighs, forearm in shins, and height of the shoulders above the hips in legs, by the segment
+lengths in `core.body.human`.
+"""
+_FINGERS = 3
+"""Least number of fingers that show a hand."""
+_SAME_CARRIER = 2.0
+"""How far limbs that hang on the same bone as the legs differ from arms, as the logarithm of a proportion."""
+_AS_FAR = 0.1  # relative: bones of both sides are as far down their limbs within this
+_LEVEL = 10.0  # least horizontal distance of siblings on both sides, in units of the vertical one
+_SAME_AXIS = np.cos(np.radians(5))
+
+_Pair = tuple[int, int]
 
 
 def roles_by_place(rest: RestSkeleton) -> dict[str, tuple[str, ...]]:
@@ -25,62 +41,121 @@ def roles_by_place(rest: RestSkeleton) -> dict[str, tuple[str, ...]]:
     height = float(max(rest.heads[:, 2].max(), points[:, 2].max()) - min(rest.heads[:, 2].min(), points[:, 2].min()))
     if height <= 0:
         return {}
-    lateral = _lateral_axis(rest)
-    pairs = _mirrored_branches(rest, lateral, _SYMMETRY * height)
-    if len(pairs) < 2:
+    shortest = _MIN_LENGTH * height
+    lateral, aside = _mirror(rest, _SYMMETRY * height)
+    pairs = _mirrored_branches(rest, lateral, aside, _SYMMETRY * height)
+    limbs = _legs_and_arms(rest, pairs, shortest, _AS_LOW * height)
+    if limbs is None:
         return {}
-    paths = {pair: _farthest_path(rest, pair[0], lateral) for pair in pairs}
-    legs = min(pairs, key=lambda pair: min(rest.heads[j, 2] for j in _subtree(rest, pair[0])))
-    higher = [pair for pair in pairs if rest.heads[list(pair), 2].min() > rest.heads[list(legs), 2].max()]
-    if not higher:
-        return {}
-    # A skirt may be longer than the arms, but hangs on the hips as the legs do.
-    apart = [pair for pair in higher if rest.parents[pair[0]] != rest.parents[legs[0]]]
-    arms = max(apart or higher, key=lambda pair: _length(rest, paths[pair]))
     found: dict[str, tuple[str, ...]] = {}
-    left = _left(rest, (legs, arms), lateral)
-    for branch in (legs, arms):
-        for one in branch:
+    left = _left(rest, limbs, lateral)
+    for branch in limbs:
+        for one, other in (branch, branch[::-1]):
             on_left = float(left @ (rest.heads[one] - _middle(rest, branch))) > 0
-            limb = _limb_roles(rest, one, branch == arms, lateral, _MIN_LENGTH * height)
+            limb, _ = _limb(rest, one, other, branch == limbs[1], shortest)
             found |= {f"{role}.{'L' if on_left else 'R'}": (rest.names[j],) for role, j in limb.items()}
-    found |= _trunk(rest, legs[0], arms[0])
+    found |= _trunk(rest, limbs[0][0], limbs[1][0])
     return found
 
 
-def _lateral_axis(rest: RestSkeleton) -> Array:
-    """Return the horizontal axis (x or y) along which the skeleton is symmetrical, as a unit vector."""
-    scores = []
-    for axis in np.eye(3)[:2]:
-        aside = (rest.heads - _centre(rest)) @ axis
-        mirrored = rest.heads - 2 * np.outer(aside, axis)
-        error = np.linalg.norm(mirrored[:, None] - rest.heads[None], axis=2).min(axis=1).mean()
-        scores.append(np.abs(aside).mean() - 3 * error)
-    return np.asarray(np.eye(3)[int(np.argmax(scores))])
+def _mirror(rest: RestSkeleton, near: float) -> tuple[Array, Array]:
+    """Return the horizontal axis along which the skeleton is symmetrical, as a unit vector, and how far each bone is
+    from the middle, shape (J,): of the planes through bones with several children, the one across which most bones have
+    a partner.
+    """
+    tree, children = cKDTree(rest.heads), Counter(rest.parents)
+    forks = [j for j in range(len(rest.names)) if children[j] > 1]
+    best = (0.0, np.eye(3)[0], np.zeros(len(rest.names)))
+    for axis in _across(rest, forks):
+        along = rest.heads @ axis
+        for middle in np.unique(np.round(along[forks] / near, 1)) * near:
+            aside = along - middle
+            apart, _ = tree.query(rest.heads - 2 * np.outer(aside, axis), distance_upper_bound=near)
+            partners = np.isfinite(apart) & (np.abs(aside) > near)
+            score = float(np.sum(1 - apart[partners] / (2 * near)))
+            if score > best[0]:
+                best = (score, axis, aside)
+    return best[1], best[2]
 
 
-def _centre(rest: RestSkeleton) -> Array:
-    return np.asarray((rest.heads.min(axis=0) + rest.heads.max(axis=0)) / 2)
+def _across(rest: RestSkeleton, forks: Sequence[int]) -> list[Array]:
+    """Return horizontal axes along which a skeleton may be symmetrical: those of the world, and between siblings."""
+    found = [*np.eye(3)[:2]]
+    for fork in forks:
+        for a, b in combinations([j for j, p in enumerate(rest.parents) if p == fork], 2):
+            way = rest.heads[a] - rest.heads[b]
+            size = float(np.linalg.norm(way[:2]))
+            axis = way * [1.0, 1.0, 0.0] / max(size, 1e-12)
+            if size > _LEVEL * abs(way[2]) and all(abs(axis @ other) < _SAME_AXIS for other in found):
+                found.append(axis)
+    return found
 
 
-def _mirrored_branches(rest: RestSkeleton, lateral: Array, near: float) -> list[tuple[int, int]]:
-    """Return pairs of bones that are mirror images of each other and children of a bone in the middle."""
-    aside = (rest.heads - _centre(rest)) @ lateral
-    ends = [max(_subtree(rest, j), key=lambda k: abs(aside[k])) for j in range(len(rest.names))]
-    central = [abs(aside[j]) < near / 2 for j in range(len(rest.names))]
-    pairs = []
+def _mirrored_branches(rest: RestSkeleton, lateral: Array, aside: Array, near: float) -> list[_Pair]:
+    """Return pairs of children of a bone in the middle that are mirror images of each other, and below which most bones
+    are as long as others on the other side, however these limbs are posed.
+    """
+    images = rest.heads - 2 * aside[:, None] * lateral
+    below = [_subtree(rest, j) for j in range(len(rest.names))]
+    pairs: list[_Pair] = []
     for j, p in enumerate(rest.parents):
-        if p < 0 or aside[ends[j]] < near:
+        if p < 0 or abs(aside[p]) >= near / 2 or max(abs(aside[below[j]])) < near:
             continue
-        for k in range(len(rest.names)):
-            if rest.parents[k] != p or k == j:
-                continue
-            images = [rest.heads[i] - 2 * aside[i] * lateral for i in (j, ends[j])]
-            apart = [np.linalg.norm(image - rest.heads[i]) for image, i in zip(images, (k, ends[k]), strict=True)]
-            if max(apart) < near and central[p]:
-                pairs.append((j, k))
-                break
+        for k in (k for k in range(len(rest.names)) if rest.parents[k] == p and k != j):
+            opposite = float(aside[below[j]].mean() * aside[below[k]].mean()) < 0
+            if opposite and np.linalg.norm(images[j] - rest.heads[k]) < near:
+                shared = len(_shared(rest, j, k))
+                if shared > max(1, len(below[j]) / 2):
+                    pairs.append((j, k))
+                    break
     return pairs
+
+
+def _shared(rest: RestSkeleton, top: int, other: int) -> list[int]:
+    """Return a bone and those below it that are as far away from it, along the bones, as others are from another bone:
+    both sides have them, however they are posed.
+    """
+    own, theirs = ({one: 0.0} for one in (top, other))
+    for away in (own, theirs):
+        for j in _subtree(rest, next(iter(away)))[1:]:
+            p = rest.parents[j]
+            away[j] = away[p] + float(np.linalg.norm(rest.heads[j] - rest.heads[p]))
+    others = np.array([*theirs.values()])
+    return [j for j, way in own.items() if np.abs(others - way).min() <= _AS_FAR * way]
+
+
+def _legs_and_arms(
+    rest: RestSkeleton, pairs: Sequence[_Pair], shortest: float, as_low: float
+) -> tuple[_Pair, _Pair] | None:
+    """Return the pairs of limbs that are most like the legs and arms of a human, of those that reach lowest and those
+    above them; None if there are none.
+    """
+    lows = {pair: min(rest.heads[j, 2] for j in _subtree(rest, pair[0])) for pair in pairs}
+    best: tuple[float, _Pair, _Pair] | None = None
+    for legs, arms in product(pairs, pairs):
+        reach = lows[legs] <= min(lows.values()) + as_low
+        if reach and rest.heads[list(arms), 2].min() > rest.heads[list(legs), 2].max():
+            unlike = _unlike_human(rest, legs, arms, shortest)
+            if np.isfinite(unlike) and (best is None or unlike < best[0]):
+                best = (unlike, legs, arms)
+    return None if best is None else best[1:]
+
+
+def _unlike_human(rest: RestSkeleton, legs: _Pair, arms: _Pair, shortest: float) -> float:
+    """Return how far limbs differ from the legs and arms of a human, in proportions and in their places, as wings,
+    hair, skirts and the hind legs of a centaur do; infinite if they are no limbs.
+    """
+    (leg, of_leg), (arm, of_arm) = _limb(rest, *legs, False, shortest), _limb(rest, *arms, True, shortest)
+    if not leg or not arm:
+        return float(np.inf)
+    whole = float(of_leg.sum())
+    rise = float(rest.heads[arm["upper_arm"], 2] - rest.heads[leg["thigh"], 2]) / whole
+    beside = float(np.linalg.norm((_middle(rest, arms) - _middle(rest, legs))[:2])) / whole
+    ratios = np.array([*(of_arm / of_leg), max(rise, 0.1)]) / _ARM
+    hand = _subtree(rest, arm["hand"]) if "hand" in arm else []
+    tips = [j for j in hand[1:] if j not in rest.parents]
+    same = rest.parents[arms[0]] == rest.parents[legs[0]]  # a skirt hangs on the hips as the legs do
+    return float(np.abs(np.log(ratios)).sum()) + beside + _SAME_CARRIER * same - (len(tips) >= _FINGERS)
 
 
 def _subtree(rest: RestSkeleton, top: int) -> list[int]:
@@ -89,19 +164,6 @@ def _subtree(rest: RestSkeleton, top: int) -> list[int]:
         if rest.parents[j] in found:
             found.append(j)
     return found
-
-
-def _farthest_path(rest: RestSkeleton, top: int, lateral: Array) -> list[int]:
-    """Return the bones from one to the descendant whose joint is farthest away."""
-    end = max(_subtree(rest, top), key=lambda k: float(np.linalg.norm(rest.heads[k] - rest.heads[top])))
-    path = [end]
-    while path[-1] != top:
-        path.append(rest.parents[path[-1]])
-    return path[::-1]
-
-
-def _length(rest: RestSkeleton, path: Sequence[int]) -> float:
-    return float(np.linalg.norm(np.diff(rest.heads[list(path)], axis=0), axis=1).sum())
 
 
 def _middle(rest: RestSkeleton, pair: tuple[int, int]) -> Array:
@@ -133,39 +195,33 @@ def _forward(rest: RestSkeleton, legs: tuple[int, int], lateral: Array) -> Array
     return np.asarray(ahead if abs(reach.max()) >= abs(reach.min()) else -ahead)
 
 
-def _limb_roles(rest: RestSkeleton, top: int, arm: bool, lateral: Array, shortest: float) -> dict[str, int]:
-    """Return the bones of an arm or leg: its two long segments, the bone above the first, and those below the
-    second.
+def _limb(rest: RestSkeleton, top: int, other: int, arm: bool, shortest: float) -> tuple[dict[str, int], Array]:
+    """Return the bones of an arm or leg, its two long segments, the bone above the first, and those below the second,
+    and the lengths of both segments, shape (2,); no bones if there are no such segments.
+
+    Only what the limb on the other side has, too, counts: no weapon in a hand.
     """
-    path = _farthest_path(rest, top, lateral)
-    if not arm:
-        low = min(_subtree(rest, top), key=lambda j: float(rest.heads[j, 2]))
-        path = [low]
-        while path[-1] != top:
-            path.append(rest.parents[path[-1]])
-        path = path[::-1]
+    shared = _shared(rest, top, other)
+    away = np.linalg.norm(rest.heads[shared] - rest.heads[top], axis=1)
+    path = [shared[int(np.argmax(away) if arm else np.argmin(rest.heads[shared, 2]))]]
+    while path[-1] != top:
+        path.append(rest.parents[path[-1]])
+    path.reverse()
     ends = [*path, -1]
     lengths = [
         float(np.linalg.norm((rest.heads[b] if b >= 0 else rest.tails[a]) - rest.heads[a])) for a, b in pairwise(ends)
     ]
     long = [k for k, length in enumerate(lengths) if length > shortest]
     if len(long) < 2:
-        return {}
-    upper, lower = long[:2] if not arm else _arm_segments(long, lengths)
-    names = ("shoulder", "upper_arm", "forearm", "hand", "") if arm else ("", "thigh", "shin", "foot", "toe")
-    found = {names[1]: path[upper], names[2]: path[lower]}
+        return {}, np.zeros(2)
+    # Of an arm the longest two consecutive segments, below a long collar bone; a knee may be divided in two.
+    upper, lower = max(pairwise(long), key=lambda two: lengths[two[0]] + lengths[two[1]]) if arm else long[:2]
+    names = ("shoulder", "upper_arm", "forearm", "hand") if arm else ("", "thigh", "shin", "foot", "toe")
+    found = {names[1]: path[upper], names[2]: path[upper + 1]}
     if upper > 0 and names[0]:
         found[names[0]] = path[upper - 1]
-    for k, name in enumerate(names[3:]):
-        if lower + 1 + k < len(path) and name:
-            found[name] = path[lower + 1 + k]
-    return found
-
-
-def _arm_segments(long: list[int], lengths: Sequence[float]) -> tuple[int, int]:
-    """Return upper arm and forearm: the longest two consecutive segments."""
-    pairs = list(pairwise(long))
-    return max(pairs, key=lambda pair: lengths[pair[0]] + lengths[pair[1]])
+    found |= dict(zip(names[3:], path[lower + 1 :], strict=False))
+    return found, np.array([lengths[upper], sum(lengths[upper + 1 : lower + 1])])
 
 
 def _trunk(rest: RestSkeleton, leg: int, arm: int) -> dict[str, tuple[str, ...]]:
@@ -180,17 +236,13 @@ def _trunk(rest: RestSkeleton, leg: int, arm: int) -> dict[str, tuple[str, ...]]
     if spine:
         found["spine"] = tuple(rest.names[k] for k in reversed(spine))
     above = [k for k in range(len(rest.names)) if rest.parents[k] == chest and rest.heads[k, 2] >= rest.heads[chest, 2]]
-    above = [
-        k
-        for k in above
-        if abs(rest.heads[k] - rest.heads[chest])[:2].max() < abs(rest.heads[k, 2] - rest.heads[chest, 2]) + 1e-3
-    ]
+    above = [k for k in above if _rises(rest, chest, k)]
     if not above:
         return found
     neck = [max(above, key=lambda k: max(rest.heads[i, 2] for i in _subtree(rest, k)))]
     while below := [k for k in range(len(rest.names)) if rest.parents[k] == neck[-1]]:
         straight = [k for k in below if len([i for i in below if abs(rest.heads[i, 2] - rest.heads[k, 2]) < 1e-6]) == 1]
-        if len(below) > 1 or not straight:
+        if len(below) > 1 or not straight or not _rises(rest, neck[-1], below[0]):
             break
         neck.append(below[0])
     last = neck[-1]
@@ -200,3 +252,9 @@ def _trunk(rest: RestSkeleton, leg: int, arm: int) -> dict[str, tuple[str, ...]]
     if len(neck) > 1:
         found["neck"] = tuple(rest.names[k] for k in neck[:-1])
     return found
+
+
+def _rises(rest: RestSkeleton, low: int, high: int) -> bool:
+    """Whether a bone begins rather above another one than before, behind or beside it, as no jaw or plait does."""
+    way = rest.heads[high] - rest.heads[low]
+    return bool(np.abs(way[:2]).max() < abs(way[2]) + 1e-3)

@@ -38,6 +38,9 @@ class ControlRig:
     toe_tips : mapping of str to float
         Horizontal distance at rest from the ankle to the tips of the toes, metres, 0 where it is unknown, for the sides
         ("L", "R") on which it is known from more than the foot's control, and toes keep their rest rotation.
+    palms : mapping of str to ndarray, shape (3, 3)
+        By side, the axes of the palms at rest, see `core.retargeting.palms.palm_axes`, where fingers that are
+        not controlled show them.
     """
 
     rest: RestSkeleton
@@ -46,6 +49,7 @@ class ControlRig:
     R_world_rest: Array
     location_axes: Array
     toe_tips: Mapping[str, float] = field(default_factory=dict)
+    palms: Mapping[str, Array] = field(default_factory=dict)
 
     def index(self, role: str, place: int = 0) -> int:
         """Return the index of the control that plays a role; `place` counts along a chain."""

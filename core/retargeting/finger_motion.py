@@ -8,7 +8,8 @@ from scipy.linalg import solveh_banded
 from ..body.skeleton_motion import RestSkeleton
 from ..formats.keypoint_layouts import HAND_POINTS
 from ..numerics.arrays import Array
-from .rest_alignment import palm_axes, shortest_turn
+from .palms import palm_axes
+from .rest_alignment import shortest_turn
 from .roles import FINGERS, SIDES, BoneMap
 
 SMOOTHING_TIME = 0.04
@@ -22,7 +23,7 @@ _BONES_PER_FINGER, _SECOND_DIFFERENCE = 3, (1.0, -2.0, 1.0)
 def seen_directions(points_world: Array, fps: float) -> dict[str, Array]:
     """Return the directions of the finger bones of one hand in the axes of its palm.
 
-    The palm's axes are those of `core.retargeting.rest_alignment.palm_axes`: across it, along the middle finger, out of
+    The palm's axes are those of `core.retargeting.palms.palm_axes`: across it, along the middle finger, out of
     it.
 
     Parameters

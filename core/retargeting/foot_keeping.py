@@ -131,7 +131,7 @@ def foot_goals(
         Whether planted feet stand completely still and flat; if not, they move as the source's do.
     """
     motion, of_source = source
-    A = alignments(motion.rest, of_source, rig.rest, rig.bones)
+    A = alignments(motion.rest, of_source, rig.rest, rig.bones, rig.palms)
     turns = poses.turns.copy()
     goals = []
     for path in paths:

@@ -11,7 +11,7 @@ from ..body.skeleton_motion import RestSkeleton
 from ..errors import BodyError
 from ..numerics import rotations
 from ..numerics.arrays import Array
-from .rest_alignment import palm_axes
+from .palms import palm_axes
 from .roles import FINGERS, BoneMap
 
 _Bends = tuple[float, float, float]

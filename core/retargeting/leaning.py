@@ -45,7 +45,12 @@ class Lean:
             self.pivot + np.einsum("bij,bj->bi", back, ends - self.pivot) for ends in (rig.rest.heads, rig.rest.tails)
         )
         rest = RestSkeleton(rig.rest.names, rig.rest.parents, heads, tails)
-        return replace(rig, rest=grounded(rest, rig.bones, float(self.pivot[2])), R_world_rest=back @ rig.R_world_rest)
+        return replace(
+            rig,
+            rest=grounded(rest, rig.bones, float(self.pivot[2])),
+            R_world_rest=back @ rig.R_world_rest,
+            palms={side: back[rig.index(f"hand.{side}")] @ axes for side, axes in rig.palms.items()},
+        )
 
     def _leaned(self, poses: RigPoses) -> RigPoses:
         turns = np.where(self.leaning[:, None, None], poses.turns @ self.turn.T, poses.turns)

@@ -7,11 +7,16 @@ cancel out. Aligning a skeleton to another and back gives inverse rotations.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..body.skeleton_motion import RestSkeleton
 from ..errors import BodyError
 from ..numerics.arrays import Array
+from .palms import palm_along, palm_axes
 from .roles import FINGERS, PARENTS, SIDES, BoneMap, parent_role
 
 _Skeleton = tuple[RestSkeleton, BoneMap]
@@ -22,11 +27,17 @@ _MIN_TOE_LENGTH, _USUAL_TOE_LENGTH = 0.2, 0.5
 _LEAST_FOOT = 0.12  # of the distance from ankle to knee: the tail of a foot's bone that is nearer is arbitrary
 _BENT = np.sin(np.radians(30))
 """Sine of the angle from which a knee is bent at rest."""
+_BENT_ELBOW = np.sin(np.radians(45))  # the same for elbows, which are also bent sideways a little
 _STRAY_COSINE = np.cos(np.radians(40))  # at a larger angle to the forearm, the tail of a hand's bone is arbitrary
+_OWN_COSINE = np.cos(np.radians(10))  # so it is where the forearm's bone is at a larger angle to the forearm
 
 
 def alignments(
-    source: RestSkeleton, of_source: BoneMap, target: RestSkeleton, of_target: BoneMap
+    source: RestSkeleton,
+    of_source: BoneMap,
+    target: RestSkeleton,
+    of_target: BoneMap,
+    palms: Mapping[str, Array] = MappingProxyType({}),
 ) -> dict[str, list[Array]]:
     """Return the alignment A (3, 3) of every bone of the target, by role.
 
@@ -35,14 +46,17 @@ def alignments(
     source, target : RestSkeleton
         Standing upright.
     of_source, of_target : BoneMap
+    palms : mapping of str to ndarray, shape (3, 3)
+        By side, the axes of the target's palms, see `core.retargeting.palms`, where bones without a role show them.
 
     Notes
     -----
     Trunk and shoulders keep the target's own posture; only the direction that they face is aligned. Limbs are turned to
     the source's directions, each together with its parent and then by the shortest rotation, so that no twist is
-    added; a knee that is bent at rest, as of a character that sits, shows the twist of its thigh. Feet keep the
-    target's slope and turn only about the vertical. If both skeletons have fingers, the normals of
-    the palms are aligned as well.
+    added; a knee that is bent at rest, as of a character that sits, shows the twist of its thigh, and an elbow that of
+    its upper arm. Feet keep the target's slope and turn only about the vertical. If a skeleton has fingers, the normals
+    of the palms are aligned as well, half by the forearm; those of one without fingers face down when its arms are
+    raised to the sides.
     """
     F = facing(source, of_source) @ facing(target, of_target).T
     A: dict[str, list[Array]] = {}
@@ -56,12 +70,15 @@ def alignments(
             A[role] = [above] * count
         elif base == "thigh":
             A[role] = [_thigh((source, of_source), (target, of_target), role, F)]
-        elif base in ("upper_arm", "forearm", "shin"):
-            before = F if base == "upper_arm" else above
+        elif base == "upper_arm":
+            A[role] = [_upper_arm((source, of_source), (target, of_target), role, F)]
+        elif base in ("forearm", "shin"):
             d_s, d_t = direction(source, of_source, role), direction(target, of_target, role)
-            A[role] = [_aligned(before, d_t, d_s)]
+            A[role] = [_aligned(above, d_t, d_s)]
+            if base == "forearm":
+                A[role] = [_half_twisted((source, of_source), (target, of_target), role, A[role][0], palms)]
         elif base == "hand":
-            A[role] = [_hand((source, of_source), (target, of_target), role, above)]
+            A[role] = [_hand((source, of_source), (target, of_target), role, above, palms)]
         elif base in FINGERS:
             A[role] = _finger((source, of_source), (target, of_target), role, above)
         elif base in ("foot", "toe"):
@@ -158,37 +175,93 @@ def knee_axes(rest: RestSkeleton, bones: BoneMap, side: str) -> tuple[Array, boo
     return np.stack([along, x, np.cross(along, x)], axis=1), bent
 
 
-def _hand(source: _Skeleton, target: _Skeleton, role: str, above: Array) -> Array:
-    """Align a hand's direction if both tails are reliable, and the palms' normals if both have fingers."""
-    side = role.partition(".")[2]
-    palms = [palm_axes(*rig, side) for rig in (source, target)]
-    if palms[0] is not None and palms[1] is not None:
-        return np.asarray(palms[0] @ palms[1].T)
-    ways = []
-    for rig in (source, target):
-        along = direction(*rig, role)
-        if along @ direction(*rig, f"forearm.{side}") < _STRAY_COSINE:
-            return above
-        ways.append(along)
-    return _aligned(above, ways[1], ways[0])
+def _upper_arm(source: _Skeleton, target: _Skeleton, role: str, F: Array) -> Array:
+    """Align an upper arm's direction and, if either elbow is bent at rest, the axes about which the elbows bend."""
+    raised = [_from_t_pose(*rig, role.partition(".")[2]) for rig in (source, target)]
+    if not any(bent for _, _, bent in raised):
+        return _aligned(F, direction(*target, role), direction(*source, role))
+    return np.asarray(raised[0][0] @ raised[1][0].T)
 
 
-def palm_axes(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
-    """Return the hand's axes at rest as columns, shape (3, 3): across the palm towards the index finger, along the
-    middle finger, and perpendicular to both; None without fingers.
+def _from_t_pose(rest: RestSkeleton, bones: BoneMap, side: str) -> tuple[Array, Array, bool]:
+    """Return the rotations (3, 3) that take upper arm and forearm from a T pose that faces -Y, in which the elbow bends
+    forward, to the pose at rest; and whether the elbow is bent, so that it shows the twist.
     """
-    across = [bones.bones.get(f"{finger}.{side}") for finger in ("index", "pinky")]
-    if None in across or f"middle.{side}" not in bones.bones:
+    along, below = (direction(rest, bones, f"{part}.{side}") for part in ("upper_arm", "forearm"))
+    F, out = facing(rest, bones), np.array([1.0 if side == "L" else -1.0, 0.0, 0.0])
+    across = np.cross(below, along)
+    bent = bool(np.linalg.norm(across) > _BENT_ELBOW)
+    upper = _aligned(F, out, along)
+    if bent:
+        z = across * out[0] / np.linalg.norm(across)
+        x = along * out[0]
+        upper = np.stack([x, np.cross(z, x), z], axis=1)
+    return upper, _aligned(upper, out, below), bent
+
+
+def _half_twisted(source: _Skeleton, target: _Skeleton, role: str, A: Array, palms: Mapping[str, Array]) -> Array:
+    """Return a forearm's alignment with half of the twist by which the palms differ, as in supination."""
+    side = role.partition(".")[2]
+    axes = _palms(source, target, side, A, palms)
+    if axes is None:
+        return A
+    along = direction(*source, role)
+    twist = Rotation.from_matrix(axes[0] @ axes[1].T @ A.T).as_quat()
+    angle = np.arctan2(twist[:3] @ along, twist[3])
+    return np.asarray(Rotation.from_rotvec(angle * along).as_matrix() @ A)
+
+
+def _hand(source: _Skeleton, target: _Skeleton, role: str, above: Array, palms: Mapping[str, Array]) -> Array:
+    """Align a hand's direction if both are known, and the palms' normals if either has fingers."""
+    side = role.partition(".")[2]
+    axes = _palms(source, target, side, above, palms)
+    if axes is not None:
+        return np.asarray(axes[0] @ axes[1].T)
+    ways = [_hand_direction(*rig, side) for rig in (source, target)]
+    return above if ways[0] is None or ways[1] is None else _aligned(above, ways[1], ways[0])
+
+
+def _palms(
+    source: _Skeleton, target: _Skeleton, side: str, above: Array, of_target: Mapping[str, Array]
+) -> tuple[Array, Array] | None:
+    """Return the axes of both palms at rest, given the alignment of the forearm; None if neither has fingers.
+
+    A hand without fingers has the direction of its bone, or else that of the other skeleton's hand, and its palm faces
+    down when the arm is raised to the side.
+    """
+    known = [palm_axes(*source, side), palm_axes(*target, side)]
+    known[1] = of_target.get(side) if known[1] is None else known[1]
+    if known[0] is not None and known[1] is not None:
+        return known[0], known[1]
+    if f"hand.{side}" not in source[1].bones or (known[0] is None and known[1] is None):
         return None
-    hand, middle, index, pinky = (
-        rest.heads[rest.indices(bones.bones[f"{role}.{side}"])[0]] for role in ("hand", "middle", "index", "pinky")
+    forward = [
+        _from_t_pose(*rig, side)[1] @ [0.0, -1.0, 0.0] if axes is None else axes[:, 0]
+        for rig, axes in zip((source, target), known, strict=True)
+    ]
+    first, second = (
+        own if own is not None or axes is None else axes[:, 1]
+        for own, axes in zip((_hand_direction(*source, side), _hand_direction(*target, side)), known, strict=True)
     )
-    y = middle - hand
-    y /= np.linalg.norm(y)
-    x = index - pinky
-    x = x - y * (x @ y)
-    x /= np.linalg.norm(x)
-    return np.stack([x, y, np.cross(x, y)], axis=1)
+    if first is None:
+        assert second is not None  # the one with fingers has a direction
+        first = above @ second
+    if second is None:
+        second = above.T @ first
+    return palm_along(first, forward[0]), palm_along(second, forward[1])
+
+
+def _hand_direction(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
+    """Return the direction of a hand at rest; None if it is unknown, as its bone's tail or that of the forearm points
+    elsewhere.
+    """
+    if f"hand.{side}" not in bones.bones:
+        return None
+    along, before = direction(rest, bones, f"hand.{side}"), direction(rest, bones, f"forearm.{side}")
+    [hand, forearm] = rest.indices([*bones.bones[f"hand.{side}"], *bones.bones[f"forearm.{side}"]])
+    own = rest.tails[forearm] - rest.heads[forearm]
+    shown = np.isnan([*own, *rest.tails[hand]]).any() or own @ before >= _OWN_COSINE * np.linalg.norm(own)
+    return along if shown and along @ before >= _STRAY_COSINE else None
 
 
 def _finger(source: _Skeleton, target: _Skeleton, role: str, above: Array) -> list[Array]:

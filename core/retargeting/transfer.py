@@ -139,7 +139,7 @@ def transfer(
     BodyError
         Root motion was requested on a root bone, and the rig has none.
     """
-    A = alignments(source.rest, of_source, rig.rest, rig.bones)
+    A = alignments(source.rest, of_source, rig.rest, rig.bones, rig.palms)
     F = len(source)
     turns = np.broadcast_to(np.eye(3), (F, len(rig.rest.names), 3, 3)).copy()
     driven = np.zeros(len(rig.rest.names), bool)

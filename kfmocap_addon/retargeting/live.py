@@ -159,7 +159,7 @@ def _helper_bones(
     rig: ControlRig, source: SkeletonMotion, of_source: BoneMap, placement: Placement
 ) -> Iterator[_HelperBone]:
     rest = source.rest
-    A = alignments(rest, of_source, rig.rest, rig.bones)
+    A = alignments(rest, of_source, rig.rest, rig.bones, rig.palms)
     for role, alignment in A.items():
         for k, blend in enumerate(source_blends(rest, of_source, role, len(alignment))):
             orientation = alignment[k] @ rig.R_world_rest[rig.index(role, k)]

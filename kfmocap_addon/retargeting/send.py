@@ -207,7 +207,7 @@ def _on_controls(
         with_settings(armature, preset.settings or controls.settings) as settings,
         without_holds(armature, held, moved) as holds,
     ):
-        reading = read_rig(armature, used, tips, _resting_toes(bones, used), sole)
+        reading = read_rig(armature, used, tips, _resting_toes(bones, used), sole=sole, fingers=bones)
         rig = reading.rig
         shown = ShownBones.at_rest(armature, [shown_bone(armature, follows, name) for name in rig.rest.names])
         result = retarget(source, of_source, reading.straight, asked, planted)

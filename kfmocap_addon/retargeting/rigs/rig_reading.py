@@ -22,8 +22,9 @@ from ....core.numerics import rotations
 from ....core.numerics.arrays import Array, Bools
 from ....core.retargeting.control_rig import MOVED, ControlRig, carriers_of_apart
 from ....core.retargeting.leaning import Lean, lean_of
+from ....core.retargeting.palms import axes_of_palm, palm_bones
 from ....core.retargeting.retarget import grounded
-from ....core.retargeting.roles import BoneMap
+from ....core.retargeting.roles import SIDES, BoneMap
 from ...scene_io.body.body_armature import world_frame
 from .rig_at_rest import pose, posed_matrices, rest_orientations, update
 
@@ -60,7 +61,9 @@ def read_rig(
     bones: BoneMap,
     toe_tips: Mapping[str, float] = MappingProxyType({}),
     ends: Mapping[str, str] = MappingProxyType({}),
+    *,
     sole: float | None = None,
+    fingers: BoneMap | None = None,
 ) -> RigReading:
     """Read how a rig's controls stand at rest and follow each other; it must stand at rest (`at_rest`).
 
@@ -76,6 +79,8 @@ def read_rig(
         others are those of their bones, which importers leave anywhere.
     sole : float, optional
         See `grounded`.
+    fingers : BoneMap, optional
+        The roles of bones that are no controls, of which fingers show where palms face.
 
     Raises
     ------
@@ -115,11 +120,23 @@ def read_rig(
         R[order],
         np.stack([shifts.get(names[b], scale * R[b]) for b in order]),
         toe_tips,
+        {} if fingers is None else _palms(armature, matrix, bones, fingers),
     )
     turned = rig.R_world_rest @ np.swapaxes(rest_orientations(armature, rig.rest.names), -1, -2)
     lean = lean_of(rig, turned, origin)
     straight = rig if lean is None else lean.straightened(rig)
     return RigReading(rig, tuple(sorted(names[b] for b in np.flatnonzero(unsteady))), straight, lean)
+
+
+def _palms(armature: bpy.types.Object, matrix: Array, bones: BoneMap, fingers: BoneMap) -> dict[str, Array]:
+    """Return the axes of the palms that fingers show, by side, in the world, see `ControlRig`."""
+    found = {}
+    for side in SIDES:
+        names = palm_bones(BoneMap(dict(fingers.bones) | dict(bones.bones)), side)
+        if names is not None and f"hand.{side}" in bones.bones:
+            points = posed_matrices(armature, names)[:, :3, 3] @ matrix[:3, :3].T
+            found[side] = axes_of_palm(*points)
+    return {side: axes for side, axes in found.items() if axes is not None}
 
 
 def _placed_origin(armature: bpy.types.Object, hips: str) -> Array:

@@ -11,6 +11,7 @@ from kfmocap.core.body import human
 from kfmocap.core.body.skeleton_motion import RestSkeleton
 from kfmocap.core.errors import BodyError
 from kfmocap.core.formats.bone_map_files import read_bone_map, write_bone_map
+from kfmocap.core.numerics import rotations
 from kfmocap.core.retargeting.bone_matching import match_bones
 from kfmocap.core.retargeting.bone_names import roles_by_name
 from kfmocap.core.retargeting.bone_places import roles_by_place
@@ -168,21 +169,62 @@ def test_bones_without_telling_names_are_found_by_their_places(turn, droop):
     assert limbs | {"hips", "head"} <= set(found)
 
 
-def test_a_skirt_on_the_hips_is_no_arms_where_places_decide_though_it_is_longer():
-    rig = made_rig("kfmocap", BODY, 0.5)
-    count, hips = len(rig.rest.names), rig.index("hips")
-    names = [f"b{k}" for k in range(count)]
-    heads, parents = [*rig.rest.heads], [*rig.rest.parents]
-    for side in (1.0, -1.0):
-        for k in range(4):
-            names.append(f"b{len(names)}")
-            parents.append(len(names) - 2 if k else hips)
-            heads.append(rig.rest.heads[hips] + [side * (0.15 + 0.05 * k), 0.0, 0.05 - 0.28 * k])
-    tails = np.array(heads) + [0.0, 0.0, -0.05]
-    tails[:count] = rig.rest.tails
-    found = roles_by_place(RestSkeleton(tuple(names), tuple(parents), np.array(heads), tails))
-    assert found["forearm.L"] == (names[rig.index("forearm.L")],)
-    assert found["shin.L"] == (names[rig.index("shin.L")],)
+LIMBS = {f"{limb}.{side}" for limb in ("thigh", "shin", "foot", "upper_arm", "forearm", "hand") for side in "LR"}
+
+
+def nameless(extra=(), turn=0.0, droop=0.8):
+    """A human whose bones have numbers for names, with pairs of chains of further bones (role that they hang on, joints
+    on the left), turned about the vertical; and the number of the bone of each role.
+    """
+    rig = made_rig("mixamo", BODY, droop)
+    heads, parents, tails = [*rig.rest.heads], [*rig.rest.parents], [*rig.rest.tails]
+    for role, joints in extra:
+        for side in (1.0, -1.0):
+            parent = rig.index(role.format("L" if side > 0 else "R"))
+            for at in joints:
+                parents.append(parent)
+                parent = len(heads)
+                heads.append(np.array(at) * [side, 1.0, 1.0])
+                tails.append(heads[-1] + [0.0, 0.0, -0.05])
+    R = rotations.exp(np.array([0.0, 0.0, turn]))
+    names = tuple(str(k) for k in range(len(heads)))
+    rest = RestSkeleton(names, tuple(parents), np.array(heads) @ R.T, np.array(tails) @ R.T)
+    return rest, {role: (names[rig.index(role)],) for role in ("hips", "head", *LIMBS)}
+
+
+BESIDE = {
+    "skirt": [("hips", [(0.15, 0.0, 1.0), (0.2, 0.0, 0.7), (0.25, 0.0, 0.45), (0.3, 0.0, 0.2)])],
+    "wings": [("spine", [(0.1, 0.1, 1.2), (0.5, 0.3, 1.6), (1.0, 0.4, 1.7), (1.4, 0.4, 1.3)])],
+    "hair": [("head", [(0.08, 0.05, 1.65), (0.12, 0.08, 1.3), (0.13, 0.1, 0.95), (0.13, 0.1, 0.6)])],
+    "hind legs": [("hips", [(0.1, 0.9, 0.95), (0.1, 0.85, 0.5), (0.1, 0.9, 0.05)])],
+}
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.6])
+@pytest.mark.parametrize("what", BESIDE)
+def test_limbs_that_are_least_human_are_no_arms_and_no_legs_where_places_decide(what, turn):
+    rest, roles = nameless(BESIDE[what], turn)
+    found = roles_by_place(rest)
+    assert {role: found[role] for role in roles} == roles
+
+
+def test_a_weapon_in_one_hand_and_a_step_forward_leave_a_skeleton_symmetrical():
+    rest, roles = nameless()
+    heads, tails = rest.heads.copy(), rest.tails.copy()
+    for side, turn in (("L", -0.2), ("R", 0.15)):
+        bones = [rest.names.index(roles[f"{role}.{side}"][0]) for role in ("thigh", "shin", "foot")]
+        R, hip = rotations.exp(np.array([turn, 0.0, 0.0])), heads[bones[0]].copy()
+        heads[bones], tails[bones] = hip + (heads[bones] - hip) @ R.T, hip + (tails[bones] - hip) @ R.T
+    hand = rest.names.index(roles["hand.R"][0])
+    blade = heads[hand] + np.array([[-0.1, -0.2, 0.0], [-0.3, -1.0, 0.0]])
+    armed = RestSkeleton(
+        (*rest.names, "grip", "point"),
+        (*rest.parents, hand, len(heads)),
+        np.vstack([heads, blade]),
+        np.vstack([tails, blade + [0.0, -0.1, 0.0]]),
+    )
+    found = roles_by_place(armed)
+    assert {role: found[role] for role in roles} == roles
 
 
 def test_places_of_limbs_go_by_the_sides_that_names_say_and_not_by_feet_that_point_nowhere():
