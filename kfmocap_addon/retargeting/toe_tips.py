@@ -81,7 +81,10 @@ def _foot_skin(armature: bpy.types.Object, skin: Skin, foot: str) -> Array:
     matrix, _ = world_frame(armature)
     ankle = armature.data.bones[foot]
     near = _SAME_PLACE * (ankle.parent or ankle).length
-    feet = [bone for bone in armature.data.bones if (bone.head_local - ankle.head_local).length <= near]
-    below = {each.name for bone in feet for each in (bone, *bone.children_recursive)}
+    below: set[str] = set()
+    for bone in armature.data.bones:  # parents first
+        above = bone.parent
+        if (above and above.name in below) or (bone.head_local - ankle.head_local).length <= near:
+            below.add(bone.name)
     led = np.isin(skin.leaders, [i for i, name in enumerate(skin.names) if name in below])
     return np.asarray((skin.points[led] - np.array(ankle.head_local)) @ matrix[:3, :3].T)
