@@ -91,7 +91,7 @@ _SOLE = 0.016  # below the heel and toe landmarks, metres for a height of 1.75 m
 def default_measures(height: float) -> dict[str, float]:
     """Measures in metres of a person of that height; limbs are named per side (`thigh.L`)."""
     if not np.isfinite(height) or not 0.3 <= height <= 3.0:
-        todo = "give it in metres, 0.3 to 3.0; if it follows from landmarks or keypoints, check the calibration's unit"
+        todo = "give it in metres, 0.3 to 3.0; if it follows from landmarks or keypoints, check their units"
         raise BodyError(f"a height of {height:.3g} m is not a person's", todo=todo)
     measures: dict[str, float] = {}
     for name, fraction in FRACTIONS.items():

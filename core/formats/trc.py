@@ -64,6 +64,9 @@ def read_trc(path: Path | str) -> Landmarks:
 def _landmarks(lines: list[str], path: Path) -> Landmarks:
     if len(lines) < _HEADER_LINES or not lines[0].startswith("PathFileType"):
         raise LandmarkError("is not a TRC file", where=str(path), todo="its first line must begin with PathFileType")
+    if "\t" not in lines[3] and lines[3].strip():
+        todo = "export it again, or save it as text with tabs: spreadsheets write commas or semicolons"
+        raise LandmarkError("its columns are not separated by tabs", where=f"{path} line 4", todo=todo)
     header = dict(zip(lines[1].split("\t"), (v.strip() for v in lines[2].split("\t")), strict=False))
     unit = header.get("Units", "m").lower()
     if unit not in METRES:

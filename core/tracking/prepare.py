@@ -47,6 +47,9 @@ _STATE_UNIT = 'write unit = "mm" or unit = "cm" under [calibration]; unit = "m" 
 MIN_LANDMARKS = 4
 """Fewest main joints that a key pose needs; for people who are not wholly in the picture some are unknown."""
 
+_MAX_NAMES, _MAX_NAME = 8, 24
+"""How many of a file's names of landmarks an error lists at most, and with how many characters each."""
+
 
 def load_shot(
     path: Path | str,
@@ -322,6 +325,10 @@ def _landmarks_at(landmarks: Landmarks, keys: NDArray[np.int64], rows: NDArray[n
     """Return the landmarks at the key frames alone, which are in some rows, shape (K, L, 3), metres."""
     points = landmarks.points_world[rows]
     main = [i for i, name in enumerate(landmarks.names) if name in MAIN_LANDMARKS]
+    if len(main) < MIN_LANDMARKS:
+        what = f"only {len(main)} of its {len(landmarks.names)} landmarks are main joints, of {MIN_LANDMARKS} needed"
+        named = ", ".join(name[:_MAX_NAME] for name in landmarks.names[:_MAX_NAMES])
+        raise LandmarkError(what, todo=f"name them {', '.join(MAIN_LANDMARKS)}; it has {named or 'none'}")
     for key, known in zip(keys, np.isfinite(points[:, main]).all(axis=-1).sum(axis=1), strict=True):
         if known < MIN_LANDMARKS:
             what = f"only {known} of the main joints are known at key frame {key}; a key pose needs {MIN_LANDMARKS}"

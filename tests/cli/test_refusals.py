@@ -51,7 +51,12 @@ BAD_INPUT = [
     ("broken TOML", "[shot]", "[shot", ["shot.toml", "TOML", "line"]),
     ("missing calibration", '"calibration.toml"', '"no.toml"', ["[calibration] file", "no.toml"]),
     ("missing landmarks", '"landmarks.trc"', '"no.trc"', ["[[performer]] 1 landmarks", "no.trc"]),
-    ("too few landmarks", '"landmarks.trc"', '"legs.trc"', ["legs.trc", "only 3 of the main joints", "key frame 0"]),
+    (
+        "too few landmarks",
+        '"landmarks.trc"',
+        '"legs.trc"',
+        ["legs.trc", "only 3 of its 5 landmarks", "it has Nose, RHip"],
+    ),
     ("NaN landmarks", '"landmarks.trc"', '"holes.trc"', ["holes.trc", "only 2 of the main joints", "key frame 5"]),
 ]
 

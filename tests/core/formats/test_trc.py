@@ -87,3 +87,12 @@ def test_a_file_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"taken\.trc"):
         write_trc(tmp_path / "taken.trc", ["A"], np.zeros((1, 1, 3)), 30)
     assert [p.name for p in tmp_path.iterdir()] == ["taken.trc"]
+
+
+@pytest.mark.parametrize("between", [",", ";", "  "])
+def test_a_file_that_a_spreadsheet_has_saved_otherwise_is_said_to_have_no_tabs(tmp_path: Path, between: str) -> None:
+    file = tmp_path / "landmarks.trc"
+    write_trc(file, ["LHip", "RHip"], np.zeros((2, 2, 3)), 30.0)
+    file.write_text(file.read_text().replace("\t", between))
+    with pytest.raises(LandmarkError, match="line 4: its columns are not separated by tabs"):
+        read_trc(file)
