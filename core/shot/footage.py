@@ -55,8 +55,12 @@ class Footage:
     fps: float
 
 
+_SURELY_DECODED = ("AVC1", "H264")
+"""Codecs that nearly every build of FFmpeg decodes: where one does not, it is reported when frames are read."""
+
+
 def probe(path: Path | str) -> Footage:
-    """Find out about footage, decoding only its first frame.
+    """Find out about footage, decoding no more than its first frame, and none where its codec is surely known.
 
     Raises
     ------
@@ -72,11 +76,10 @@ def probe(path: Path | str) -> Footage:
         size = int(video.get(cv2.CAP_PROP_FRAME_WIDTH)), int(video.get(cv2.CAP_PROP_FRAME_HEIGHT))
         if _quarter_turns(video) in (90, 270):
             size = size[::-1]
-        if not video.read()[0]:
-            what = f"OpenCV cannot decode the footage (codec {_codec(video)})"
-            raise FootageError(what, where=str(path), todo=_CONVERT)
-        stored = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
-        if stored > 1 and _codec(video) == "MJPG" and not video.grab():
+        codec, stored = _codec(video), int(video.get(cv2.CAP_PROP_FRAME_COUNT))
+        if codec not in _SURELY_DECODED and not video.read()[0]:
+            raise _undecodable(path, codec)
+        if stored > 1 and codec == "MJPG" and not video.grab():
             what = "only its first picture can be read: it is a cover before the video proper, or the file is damaged"
             raise FootageError(what, where=str(path), todo=_WITHOUT_COVER)
         return Footage(path, size, round(stored * shown_share(path)), video.get(cv2.CAP_PROP_FPS))
@@ -239,6 +242,10 @@ def _codec(video: cv2.VideoCapture) -> str:
     return letters.decode("ascii", errors="replace").strip().upper() if letters.strip(b"\0 ") else "unknown"
 
 
+def _undecodable(path: Path, codec: str) -> FootageError:
+    return FootageError(f"OpenCV cannot decode the footage (codec {codec})", where=str(path), todo=_CONVERT)
+
+
 def _quarter_turns(video: cv2.VideoCapture) -> int:
     """Return the clockwise rotation that the metadata asks for, degrees: 0, 90, 180 or 270."""
     return round(video.get(cv2.CAP_PROP_ORIENTATION_META) / 90) * 90 % 360
@@ -283,6 +290,8 @@ def _stored(path: Path, numbers: Sequence[int], size: tuple[int, int], threads: 
             # Reuse the memory of the frame before: allocating some megabytes takes as long as decoding.
             read, frame = video.read(frame) if position == number else (False, None)
             if not read or frame is None:
+                if not position:
+                    raise _undecodable(path, _codec(video))
                 todo = "track the frames before it, or copy the file from the camera again if it should be longer"
                 what = f"the footage ends or breaks at frame {position} of the file"
                 raise FootageError(what, where=str(path), todo=todo)

@@ -6,9 +6,10 @@ tint, is learned on the key frames, from places that are in the light on one of 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -214,8 +215,9 @@ class CastShadows:
         fall = dilated(opened(fall, MIN_SHADOW_RADIUS * pixels_per_metre), SHADOW_REACH * pixels_per_metre)
         return cls(model, plate, fall)
 
-    def shade(self, distance: Bytes, image: Bytes, steps: int) -> None:
-        """Lower the distances of an image's pixels (h, w, 3) from the plate where a shadow explains them better.
+    def shade(self, distance: Bytes, channels: Sequence[NDArray[Any]], steps: int) -> None:
+        """Lower the distances from the plate of the pixels of an image's three channels, (h, w) each, where a shadow
+        explains them better.
 
         Distances are changed in place; they count `steps` per unit of negative log likelihood, and 255 marks pixels
         whose background is unknown.
@@ -224,7 +226,7 @@ class CastShadows:
         some = apart.take(fall)
         chosen = np.flatnonzero((some >= steps) & (some < 255))
         places = fall.take(chosen)
-        colours = np.stack([channel.ravel().take(places) for channel in cv2.split(image)])
+        colours = np.stack([channel.ravel().take(places) for channel in channels])
         found = self.model.distances(colours.T, plate.take(chosen, axis=1).T) * np.float32(steps)
         np.clip(np.rint(found, out=found), 0, 254, out=found)
         apart[places] = np.minimum(some.take(chosen), found.astype(np.uint8))

@@ -9,6 +9,7 @@ different clothes are distinguished by colour, in equal clothes a pixel may belo
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -115,14 +116,18 @@ def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Ite
         _table(own, background, sigma, [other for j, other in enumerate(bodies) if j != i], strangers)
         for i, own in enumerate(bodies)
     ]
-    squares = np.minimum(np.round(np.arange(256) ** 2 * _DISTANCE_STEPS / (2 * sigma**2)), 255).astype(np.uint8)
+    steps = _DISTANCE_STEPS / (2 * sigma**2)
     unknown = np.where(there, 0, 255).astype(np.uint8)
     for image in each_row(colour):
-        b, g, r = cv2.split(cv2.LUT(cv2.absdiff(image, plate), squares))
-        distance = cv2.min(cv2.add(cv2.add(b, g), r), 254) | unknown  # these sums end at 255
+        apart = cv2.absdiff(image, plate)
+        b, g, r = cv2.split(cv2.multiply(apart, apart, scale=steps))
+        distance = cv2.min(cv2.add(cv2.add(b, g), r), 254) | unknown  # products and sums end at 255
+        channels = cv2.split(image)
         if shadows is not None:
-            shadows.shade(distance, image, _DISTANCE_STEPS)
-        places = bins(image).astype(np.intp) << 8 | distance
+            shadows.shade(distance, channels, _DISTANCE_STEPS)
+        places = _bins_of(channels).astype(np.intp)
+        places <<= 8
+        places |= distance
         images = np.empty((len(tables), *places.shape), np.uint8)
         for table, result in zip(tables, images, strict=True):
             table.take(places, out=result, mode="clip")
@@ -155,7 +160,12 @@ def _table(body: Array, background: Array, sigma: float, others: Sequence[Array]
 
 def bins(image: Bytes) -> NDArray[np.uint16]:
     """Histogram bin of every pixel of an image (h, w, 3)."""
-    b, g, r = cv2.split(image // (256 // HISTOGRAM_BINS))
+    return _bins_of(cv2.split(image))
+
+
+def _bins_of(channels: Sequence[NDArray[Any]]) -> NDArray[np.uint16]:
+    """Histogram bin of every pixel of an image's three channels (h, w)."""
+    b, g, r = (channel // (256 // HISTOGRAM_BINS) for channel in channels)
     places = b.astype(np.uint16)
     for channel in (g, r):
         places *= HISTOGRAM_BINS
