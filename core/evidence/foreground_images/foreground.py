@@ -163,7 +163,7 @@ def bins(image: Bytes) -> NDArray[np.uint16]:
     return _bins_of(cv2.split(image))
 
 
-def _bins_of(channels: Sequence[NDArray[Any]]) -> NDArray[np.uint16]:
+def _bins_of(channels: Sequence[Any]) -> NDArray[np.uint16]:
     """Histogram bin of every pixel of an image's three channels (h, w)."""
     b, g, r = (channel // (256 // HISTOGRAM_BINS) for channel in channels)
     places = b.astype(np.uint16)
