@@ -20,7 +20,7 @@ MAX_FRAMES_OFF = 3
 """Numbers of keypoints are tried that are up to this much too high or too low."""
 ENOUGH_MOVEMENTS = 400
 """Number of movements in a view after which no more are compared."""
-MIN_FRAMES_OFF, MIN_SURENESS = 0.75, 3.0
+MIN_FRAMES_OFF, MIN_SURENESS = 0.75, 2.5
 """Least number of frames that is reported, and in standard deviations how much better pictures so much earlier or later
 must agree; see docs/keypoints.md for what is measured with right and with wrong numbers."""
 _FRAMES_OFF = np.arange(-MAX_FRAMES_OFF, MAX_FRAMES_OFF + 1)
