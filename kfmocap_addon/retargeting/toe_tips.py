@@ -60,12 +60,21 @@ def toe_tips(
 
 
 def sole_below_ankle(armature: bpy.types.Object, skin: Skin, bones: BoneMap, shown: Mapping[str, str]) -> float | None:
-    """Return how far the skin of the feet reaches below the ankles at rest, metres; None without such skin. Parameters
-    as for `toe_tips`.
+    """Return how far the skin of the feet reaches below the ankles at rest, metres, or what hangs on their bones where
+    there is no such skin; None without either. Parameters as for `toe_tips`.
     """
     feet = [shown.get(name, name) for side in SIDES for name in bones.bones.get(f"foot.{side}", ())]
     depths = [float(-points[:, 2].min()) for foot in feet if len(points := _foot_skin(armature, skin, foot))]
-    return max(depths, default=None)
+    return max(depths or [depth for foot in feet if (depth := _depth_of_bones(armature, foot)) > 0], default=None)
+
+
+def _depth_of_bones(armature: bpy.types.Object, foot: str) -> float:
+    """Return how far the bones that hang on a foot's bone reach below it at rest, metres."""
+    matrix, _ = world_frame(armature)
+    ankle = armature.data.bones[foot]
+    ends = [end for bone in ankle.children_recursive for end in (bone.head_local, bone.tail_local)]
+    ways = (np.array([*ends, ankle.head_local]) - np.array(ankle.head_local)) @ matrix[:3, :3].T
+    return float(-ways[:, 2].min())
 
 
 def _skin_reach(armature: bpy.types.Object, skin: Skin, foot: str, ahead: Array) -> float:

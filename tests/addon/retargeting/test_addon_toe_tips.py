@@ -11,7 +11,7 @@ from kfmocap.kfmocap_addon.retargeting.send import send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from made_rigs import moved_body  # noqa: E402
 from mathutils import Matrix, Vector  # noqa: E402
-from odd_characters import BODY, controlled_human, skinned_human  # noqa: E402
+from odd_characters import BODY, controlled_human, shown_heads, skinned_human  # noqa: E402
 from render.motions import MOTIONS  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
@@ -68,6 +68,22 @@ def turned(armature):
     """How far the legs are turned to keep the feet where those of the performer stand, who has these legs, degrees."""
     report = send_to_rig(bpy.context.scene, moved_body(BODY, MOTIONS["walk"](BODY, 60, 30.0)), armature, 1)
     return max(report["turned_to_keep_feet_and_hands"][leg]["worst_degrees"] for leg in ("leg.L", "leg.R"))
+
+
+def test_toes_that_do_not_move_show_the_ground_where_there_is_no_skin():
+    """A skeleton that walks on its toes, on ankles as high as an animal's: these toes would sink into the ground."""
+    armature = skinned_human()
+    for skin in [o for o in bpy.data.objects if o.type == "MESH"]:
+        bpy.data.objects.remove(skin)
+    with body_armature.edit_bones(armature) as bones:
+        for side in "LR":
+            foot, shin, paw = bones[f"foot.{side}"], bones[f"shin.{side}"], bones.new(f"paw.{side}")
+            shin.tail.z = foot.head.z = 0.36
+            foot.tail = foot.head + Vector((0.0, 0.0, -0.28))
+            paw.parent, paw.head, paw.tail = foot, foot.tail, foot.tail + Vector((0.0, -0.1, -0.08))
+    send_to_rig(bpy.context.scene, moved_body(BODY, MOTIONS["walk"](BODY, 30, 30.0)), armature, 1)
+    lowest = shown_heads(armature, 30, ["paw.L", "paw.R"])[..., 2].min()
+    assert lowest == pytest.approx(0.08, abs=0.005)
 
 
 def test_the_skin_shows_the_ground_below_a_character_that_is_above_its_origin_at_rest():
