@@ -9,7 +9,7 @@ import numpy as np
 
 from ..body.skeleton_motion import RestSkeleton
 from ..errors import BodyError
-from .bone_names import roles_by_name
+from .bone_names import completed, roles_by_name
 from .bone_places import roles_by_place
 from .bone_presets import PRESETS, BonePreset
 from .bone_words import NAMESPACE, read_name
@@ -48,7 +48,8 @@ def match_bones(rest: RestSkeleton, preset: str | None = None, where: str = "ske
     found = [by_preset(rest.names, name) for name in PRESETS]
     whole = [one for one in found if not one.missing() and _carries_legs(one, rest)]
     if whole:
-        return max(whole, key=lambda one: len(one.names()))
+        best = max(whole, key=lambda one: len(one.names()))
+        return best if preset_of(best).follows else completed(best, roles_by_name(rest), rest)
     by_names, places = roles_by_name(rest), roles_by_place(rest)
     if not by_names.missing():
         return _with_placed(by_names, places, rest)

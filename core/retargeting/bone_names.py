@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 from ..body.skeleton_motion import RestSkeleton
 from .bone_words import BoneName, read_name, shared_words
-from .roles import FINGERS, SIDES, BoneMap
+from .roles import FINGERS, PARENTS, SIDES, BoneMap, parent_role
 from .skeleton_tree import SkeletonTree
 
 _FAMILIES: tuple[frozenset[str], ...] = tuple(
@@ -48,10 +48,26 @@ def roles_by_name(rest: RestSkeleton) -> BoneMap:
         for kinds in _FAMILIES:
             one = BoneMap(_roles(rest, names, tree, kinds), found_by="names")
             if not one.missing():
-                return one
+                return completed(one, BoneMap(_roles(rest, names, tree, _FAMILIES[-1]), found_by="names"), rest)
             if len(one.missing()) < len(found.missing()) or not found.bones:
                 found = one
     return found
+
+
+def completed(bones: BoneMap, more: BoneMap, rest: RestSkeleton) -> BoneMap:
+    """Return a map with roles that it lacks, and chains of which it has a part, as another one has them, where these
+    bones have no other role and hang on that of the role above.
+    """
+    tree, found = SkeletonTree(rest), dict(bones.bones)
+    for role in PARENTS:
+        wanted, own, above = more.bones.get(role, ()), found.get(role, ()), found.get(parent_role(role, found), ())
+        if not above or len(wanted) <= len(own) or not set(own) <= set(wanted):
+            continue
+        others = {name for other, played in found.items() if other != role for name in played}
+        [top, *_], [*_, carrier] = rest.indices(wanted), rest.indices(above)
+        if not others & set(wanted) and tree.is_above(carrier, top):
+            found[role] = wanted
+    return BoneMap(found, bones.preset, bones.found_by)
 
 
 def _roles(

@@ -284,11 +284,11 @@ SKELETONS = {
         {Side}Leg | {Side}UpLeg | knee | shin
         {Side}Foot | {Side}Leg | ankle | foot
         {Side}ToeBase | {Side}Foot | ball | toe
-        LowerBack | Hips | spine1
+        LowerBack | Hips | spine1 | spine
         Spine | LowerBack | spine2 | spine
         Spine1 | Spine | spine3 | spine
         Neck | Spine1 | neck | neck
-        Neck1 | Neck | nape
+        Neck1 | Neck | nape | neck
         Head | Neck1 | head | head
         {Side}Shoulder | Spine1 | collar | shoulder
         {Side}Arm | {Side}Shoulder | shoulder | upper_arm
@@ -296,6 +296,43 @@ SKELETONS = {
         {Side}Hand | {Side}ForeArm | wrist | hand
         {Side}FingerBase | {Side}Hand | palm
         {Side}HandIndex1 | {Side}FingerBase | index0
+        """,
+    "mb-lab, unreal but for the spine": """
+        root | | ground | root
+        pelvis | root | hips | hips
+        thigh_{S} | pelvis | thigh | thigh
+        thigh_twist_{S} | thigh_{S} | thightwist
+        calf_{S} | thigh_{S} | knee | shin
+        foot_{S} | calf_{S} | ankle | foot
+        toes_{S} | foot_{S} | ball | toe
+        spine01 | pelvis | spine1 | spine
+        spine02 | spine01 | spine2 | spine
+        spine03 | spine02 | spine3 | spine
+        neck | spine03 | neck | neck
+        head | neck | head | head
+        clavicle_{S} | spine03 | collar | shoulder
+        upperarm_{S} | clavicle_{S} | shoulder | upper_arm
+        lowerarm_{S} | upperarm_{S} | elbow | forearm
+        hand_{S} | lowerarm_{S} | wrist | hand
+        """,
+    "auto-rig pro's controls alone": """
+        c_pos | | ground
+        c_traj | c_pos | ground | root
+        c_root_master.x | c_traj | hips | hips
+        c_thigh_fk.{s} | c_root_master.x | thigh | thigh
+        c_leg_fk.{s} | c_thigh_fk.{s} | knee | shin
+        c_foot_fk.{s} | c_leg_fk.{s} | ankle | foot
+        c_toes_fk.{s} | c_foot_fk.{s} | ball | toe
+        c_foot_ik.{s} | c_traj | ankle
+        c_spine_01.x | c_root_master.x | spine1 | spine
+        c_spine_02.x | c_spine_01.x | spine3 | spine
+        c_neck.x | c_spine_02.x | neck | neck
+        c_head.x | c_neck.x | head | head
+        c_shoulder.{s} | c_spine_02.x | collar | shoulder
+        c_arm_fk.{s} | c_shoulder.{s} | shoulder | upper_arm
+        c_forearm_fk.{s} | c_arm_fk.{s} | elbow | forearm
+        c_hand_fk.{s} | c_forearm_fk.{s} | wrist | hand
+        c_hand_ik.{s} | c_traj | wrist
         """,
     "xsens": """
         Hips | | hips | hips
