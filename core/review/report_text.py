@@ -28,6 +28,11 @@ _SAME_HEIGHT = 0.15
 """Logarithm of a ratio up to which the height of the limbs can be that of the person."""
 _RATE_TOLERANCE = 5e-4  # 29.97 and 30 frames per second differ by twice as much
 
+NO_KEYPOINTS_TEXT = (
+    "its keypoint files show no performer on the shot's frames: check that they are of this footage, and that their "
+    "frame numbers count from 0, as the frames of the footage"
+)
+
 
 def report_lines(values: Mapping[str, Any]) -> list[str]:
     """Return a report as lines of text: problems of the footage, hidden parts, and suggested key poses."""
@@ -184,6 +189,11 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
             lines.append(f"{view['camera']}: {found.text(values['fps'] * every)}")
         elif text := rate_text(rate, found, every, values["fps"], values["frames"][1] - values["frames"][0] + 1):
             lines.append(f"{view['camera']}: {text}; if its own is right, write it as fps under [shot]")
+        seen = [
+            own[view["camera"]]["frames"] for performer in values["performers"] if (own := performer.get("keypoints"))
+        ]
+        if view.get("keypoints") and seen and not any(seen):
+            lines.append(f"{view['camera']}: {NO_KEYPOINTS_TEXT}")
         if off := view.get("keypoint_frames_off"):
             lines.append(f"{view['camera']}: {keypoint_numbers_text(off)}")
         if view.get("damage"):

@@ -490,13 +490,14 @@ def test_keypoints_that_contradict_the_others_are_said_beside_their_view(built, 
     monkeypatch.setattr(faulty_footage, "container_rate", lambda view: 0.0)
     others = [None] * (len(built.kfmocap.views) - 2)
     performer = SimpleNamespace(agreements=lambda: [0.21, 0.65, *others])
-    observed = SimpleNamespace(performers=(performer,))
+    observed = SimpleNamespace(performers=(performer,), frames_off=(None, -1.1, *others))
     tracked = scene.shot_from_scene(built)
     part = Excerpt(0, tracked.length - 1)
     result = track_result(tracked, [motion(tracked.length)])
     result.observed = observed
-    [said] = faulty_footage.show_faults(built, tracked, [part], [result])
+    said, late = faulty_footage.show_faults(built, tracked, [part], [result])
     assert said.startswith("cam01: of its keypoints, 79% contradict the other views")
+    assert late.startswith("cam02: its keypoints") and "1.1 frames before" in late
     assert built.kfmocap.views[0].faults == "most of its keypoints contradict the others"
 
 

@@ -7,7 +7,13 @@ from collections.abc import Iterator, Sequence
 import bpy
 
 from ....core.errors import listed
-from ....core.review.report_text import keypoint_numbers_text, keypoints_text, rate_text, torn_text
+from ....core.review.report_text import (
+    NO_KEYPOINTS_TEXT,
+    keypoint_numbers_text,
+    keypoints_text,
+    rate_text,
+    torn_text,
+)
 from ....core.shot.footage import container_rate
 from ....core.shot.shot import Shot, View
 from ....core.tracking.footage_gaps import found_gaps, torn_frames
@@ -24,7 +30,7 @@ def show_faults(
 
     What was shown before stays if only a part of the shot was tracked, and nothing is wrong there.
     """
-    whole = sum(part.last - part.first for part in parts) >= shot.length - 1
+    whole = _is_whole(shot, parts)
     slots = {slot.name: slot for slot in scene.kfmocap.views}
     messages, zero = [], scene.kfmocap.frame_start - shot.frames[0]
     for v, (view, own) in enumerate(zip(shot.views, found_gaps(shot, results[-1]), strict=True)):
@@ -39,6 +45,11 @@ def show_faults(
         if slot is not None and (found or whole):
             slot.faults = "; ".join(brief for brief, _ in found)
     return messages
+
+
+def _is_whole(shot: Shot, parts: Sequence[Excerpt]) -> bool:
+    """Whether all of a shot was tracked."""
+    return sum(part.last - part.first for part in parts) >= shot.length - 1
 
 
 def _rate(view: View, v: int, shot: Shot, results: Sequence[TrackResult]) -> str:
@@ -62,12 +73,11 @@ def _faults(
         yield late[0].brief, late[0].text
     if damage := [own for r in results if r.damage and (own := r.damage[v]) is not None]:
         yield "its file is damaged" if damage[0].reported else "its pictures may be damaged", damage[0].text
-    contradicting = [
-        text
-        for r in results
-        for performer in r.observed.performers
-        if (agreement := performer.agreements()[v]) is not None and (text := keypoints_text(agreement))
-    ]
+    agreements = [performer.agreements()[v] for r in results for performer in r.observed.performers]
+    nobody = bool(agreements) and all(agreement is None for agreement in agreements)
+    if nobody and shot.views[v].keypoints is not None and _is_whole(shot, parts):
+        yield "its keypoints show no performer", NO_KEYPOINTS_TEXT
+    contradicting = [text for agreement in agreements if agreement is not None and (text := keypoints_text(agreement))]
     if contradicting:
         yield "most of its keypoints contradict the others", f"of its keypoints, {contradicting[0]}"
     if apart := [n for r in results if r.observed.frames_off and (n := r.observed.frames_off[v]) is not None]:

@@ -156,6 +156,21 @@ def test_cameras_that_another_axis_than_z_is_upright_for_are_reported(tracked: t
         assert [line.split(":")[0] for line in said] == ([] if up == "z" else [upward_doubt(filed)])
 
 
+def test_keypoint_files_that_show_nobody_are_reported(tracked: tuple[Shot, type]) -> None:
+    """As those whose numbers are others than the footage's frames."""
+    shot, result = tracked
+    values = report(shot, result, ())
+    for view in values["views"]:
+        view["keypoints"] = f"{view['camera']}_json"
+    assert not [line for line in report_lines(values) if "keypoint" in line], "the solver does not use any"
+    values["performers"][0]["keypoints"] = {
+        camera: {"frames": frames, "agreement": 0.9, "sides_changed": []}
+        for camera, frames in (("cam01", 20), ("cam02", 0))
+    }
+    [said] = [line for line in report_lines(values) if "keypoint" in line]
+    assert said.startswith("cam02: its keypoint files show no performer")
+
+
 def test_keypoints_of_other_frames_are_reported(tracked: tuple[Shot, type]) -> None:
     shot, result = tracked
     late = type("Late", (result,), {"observed": ShotKeypoints(frames_off=(None, -1.04))})
