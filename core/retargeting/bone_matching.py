@@ -13,6 +13,7 @@ from .bone_names import completed, roles_by_name
 from .bone_places import roles_by_place
 from .bone_presets import PRESETS, BonePreset
 from .bone_words import NAMESPACE, read_name
+from .rest_alignment import feet_point_back
 from .roles import SIDES, BoneMap, parent_role
 from .skeleton_tree import SkeletonTree
 
@@ -45,6 +46,11 @@ def match_bones(rest: RestSkeleton, preset: str | None = None, where: str = "ske
         if preset not in PRESETS:
             raise BodyError(f"there is no preset '{preset}'", where=where, todo=f"choose {', '.join(PRESETS)}")
         return by_preset(rest.names, preset).checked(rest.names, where)
+    return _facing_forward(_found(rest, where), rest)
+
+
+def _found(rest: RestSkeleton, where: str) -> BoneMap:
+    """Return the roles by the preset that fits best, names or positions; see `match_bones`."""
     found = [by_preset(rest.names, name) for name in PRESETS]
     whole = [one for one in found if not one.missing() and _carries_legs(one, rest)]
     if whole:
@@ -56,6 +62,29 @@ def match_bones(rest: RestSkeleton, preset: str | None = None, where: str = "ske
     if not places:
         return by_names.checked(rest.names, where)
     return _with_named(BoneMap(places, found_by="places"), by_names, rest).checked(rest.names, where)
+
+
+def _facing_forward(bones: BoneMap, rest: RestSkeleton) -> BoneMap:
+    """Return a map with left and right exchanged where a skeleton that stands has its toes behind its feet: its sides
+    are named as seen from the front.
+    """
+    toes = all(f"toe.{side}" in bones.bones for side in SIDES)
+    knee, shoulder = (rest.heads[rest.indices(bones.bones[f"{role}.L"])[0]] for role in ("shin", "upper_arm"))
+    rise = shoulder - knee
+    if not toes or rise[2] < np.abs(rise[:2]).max() or not feet_point_back(rest, bones):
+        return bones
+    other = {"L": "R", "R": "L"}
+    exchanged = {
+        ".".join([role.partition(".")[0], other[side]]) if (side := role.partition(".")[2]) else role: names
+        for role, names in bones.bones.items()
+    }
+    return BoneMap(exchanged, bones.preset, bones.found_by)
+
+
+def sides_exchanged(bones: BoneMap) -> bool:
+    """Whether both thighs have the side of the other in their names."""
+    sides = [side_of_bone(bones.bones[f"thigh.{side}"][0]) for side in SIDES]
+    return sides == [*SIDES][::-1]
 
 
 def _carries_legs(bones: BoneMap, rest: RestSkeleton) -> bool:

@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ....core.retargeting.bone_matching import sides_exchanged
 from ....core.retargeting.control_rig import ControlRig
 from ....core.retargeting.rest_alignment import feet_point_back
 from ....core.retargeting.retarget import upright_turn
@@ -31,6 +32,11 @@ def standing_wrongly(armature: bpy.types.Object, rig: ControlRig) -> list[str]:
         found.append(
             "the feet point backward: if left and right are named as seen from the front, exchange them in the list of "
             "Find Bones, or in a bone map"
+        )
+    elif rig.bones.found_by != "file" and sides_exchanged(rig.bones):
+        found.append(
+            "left and right are exchanged, as the names of bones have the toes behind the feet: exchange them back in "
+            "the list of Find Bones, or in a bone map, if that is wrong"
         )
     return found
 

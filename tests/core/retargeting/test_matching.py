@@ -12,7 +12,7 @@ from kfmocap.core.body.skeleton_motion import RestSkeleton
 from kfmocap.core.errors import BodyError
 from kfmocap.core.formats.bone_map_files import read_bone_map, write_bone_map
 from kfmocap.core.numerics import rotations
-from kfmocap.core.retargeting.bone_matching import match_bones
+from kfmocap.core.retargeting.bone_matching import match_bones, sides_exchanged
 from kfmocap.core.retargeting.bone_names import roles_by_name
 from kfmocap.core.retargeting.bone_places import roles_by_place
 from kfmocap.core.retargeting.bone_presets import PRESETS
@@ -51,6 +51,21 @@ def test_feet_that_point_back_by_the_names_of_their_sides_are_noticed():
         for role in rig.bones.bones
     }
     assert feet_point_back(rig.rest, BoneMap(swapped))
+
+
+@pytest.mark.parametrize("turn", [0.0, 2.0])
+def test_sides_named_as_seen_from_the_front_are_exchanged_where_toes_show_it(turn):
+    rest, roles = foreign_skeleton("rokoko")
+    R = rotations.exp(np.array([0.0, 0.0, turn]))
+    seen = tuple(n.replace("Left", "?").replace("Right", "Left").replace("?", "Right") for n in rest.names)
+    found = match_bones(replace(rest, names=seen, heads=rest.heads @ R.T, tails=rest.tails @ R.T))
+    assert found.bones["shin.L"] == ("RightShin",)
+    assert found.bones["hand.R"] == ("LeftHand",)
+    assert sides_exchanged(found)
+    lying = rotations.exp(np.array([np.pi / 2, 0.0, 0.0]))
+    down = match_bones(replace(rest, heads=rest.heads @ lying.T, tails=rest.tails @ lying.T))
+    assert down.bones["shin.L"] == roles["shin.L"]
+    assert not sides_exchanged(down)
 
 
 @pytest.mark.parametrize("wrap", ["Character1:{}", "rig|{}", "{}"])
