@@ -109,9 +109,10 @@ def _content(file: Path) -> bytes:
             size = os.fstat(stream.fileno()).st_size
             for k in range(_SAMPLES):
                 place = max((size - _PIECE) * k // (_SAMPLES - 1), k * _PIECE)
-                if place < size:
-                    stream.seek(place)
-                    pieces.append(stream.read(_PIECE))
+                if place >= size:
+                    break
+                stream.seek(place)
+                pieces.append(stream.read(_PIECE))
         return b"".join(pieces) + str(size).encode()
     except OSError:
         return b""
