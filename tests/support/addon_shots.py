@@ -61,6 +61,11 @@ def motion(frames: int, seed: int = 0, parts: int = PARTS) -> Motion:
     return Motion(path, rotations.exp(np.cumsum(rng.normal(0, 0.4, (frames, parts, 3)), axis=0)))
 
 
+@cache
+def _person(height: float) -> Body:
+    return human(height)
+
+
 def shot(folder: Path, performers: tuple[str, ...] = ("man",), fps: float = 60.0, frames: int = FRAMES) -> Shot:
     """A fixed and a moving camera, key poses at the first, sixth and last frame."""
     length = max(30, FIRST + frames + 3)
@@ -71,7 +76,7 @@ def shot(folder: Path, performers: tuple[str, ...] = ("man",), fps: float = 60.0
     people = []
     for seed, name in enumerate(performers):
         keys = [0, 5, frames - 1]
-        people.append(Performer(name, human(1.7 + 0.1 * seed), KeyPoses.whole(keys, motion(frames, seed)[keys])))
+        people.append(Performer(name, _person(1.7 + 0.1 * seed), KeyPoses.whole(keys, motion(frames, seed)[keys])))
     return Shot("walk", fps, (FIRST, FIRST - 1 + frames), views, tuple(people))
 
 

@@ -210,7 +210,7 @@ def linked(made: Callable[[], bpy.types.Object], folder: Path) -> bpy.types.Obje
 
 
 def generated_rig() -> bpy.types.Object:
-    """Rigify's human as it is generated, with a skin of small clouds around the deforming bones of trunk and limbs.
+    """Rigify's human as it is generated but for its face, with small clouds of skin around what deforms its limbs.
 
     Generating takes seconds: it is done once, and kept in a file.
     """
@@ -247,7 +247,7 @@ def _generated(kind: str = "human", skin: tuple[str, ...] = _RIGIFY_SKIN) -> bpy
     getattr(bpy.ops.object, f"armature_{kind}_metarig_add")()
     bpy.ops.object.mode_set(mode="OBJECT")
     for bone in bpy.context.object.pose.bones:
-        if bone.rigify_type == "faces.super_face":  # of the cat: it takes ten seconds, twenty times the rest
+        if bone.rigify_type == "faces.super_face":  # which no test needs: it takes ten seconds, twenty times the rest
             bone.rigify_type = ""
     bpy.ops.pose.rigify_generate()
     rig = next(owner for owner in bpy.data.objects if owner.type == "ARMATURE" and "rig_id" in owner.data)
