@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from kfmocap.cli import tracked_files
-from kfmocap.core.body import human, landmark_positions
+from kfmocap.core.body import Body, human, landmark_positions
+from kfmocap.core.body.measures.measures_from_landmarks import fit_body
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.formats import save_cameras, write_trc
 from kfmocap.core.numerics import rotations
+from kfmocap.core.tracking import prepare
 from tiny_shot import FRAMES, SHOT, SIZE, made_result, motion_of
+
+
+@cache
+def _fitted(names: tuple[str, ...], points: bytes, height: float | None) -> Body:
+    return fit_body(names, np.frombuffer(points).reshape(-1, len(names), 3), height)
 
 
 @pytest.fixture
@@ -30,5 +38,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "shot.toml").write_text(SHOT)
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "notes.txt").write_text("mine")
+    # The same landmarks in nearly every test, which takes half of its time.
+    monkeypatch.setattr(prepare, "fit_body", lambda names, points, height: _fitted((*names,), points.tobytes(), height))
     monkeypatch.setattr(tracked_files, "track", lambda shot, progress=None, **_: made_result(shot))
     return tmp_path

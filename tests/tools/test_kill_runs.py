@@ -26,7 +26,7 @@ SETTINGS = ["working_size = 120", "limb_search = false", "prediction = false"]
 @pytest.fixture(scope="module")
 def signals(pytestconfig: pytest.Config) -> str:
     """How many runs each signal ends, at random moments."""
-    return "SIGKILL=20,SIGTERM=10,SIGINT=10" if pytestconfig.getoption("nightly") else "SIGKILL=5,SIGTERM=3,SIGINT=3"
+    return "SIGKILL=20,SIGTERM=10,SIGINT=10" if pytestconfig.getoption("nightly") else "SIGKILL=3,SIGTERM=2,SIGINT=2"
 
 
 def killed(signals: str, *arguments: str, interrupts: signal.Handlers = signal.SIG_DFL) -> str:
