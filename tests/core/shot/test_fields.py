@@ -17,6 +17,7 @@ from kfmocap.core.shot import footage
 from kfmocap.core.shot.footage import Album, frames_at
 from kfmocap.core.shot.footage_faults.footage_checks import check_view
 from kfmocap.core.shot.frame_numbers import file_index
+from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import View
 from kfmocap.core.tracking.tracker import track
 from synthetic import figure, film, look_at, pixel_grid, shot_of, swing
@@ -258,7 +259,7 @@ EYES = (
 
 def error_mm(views: Sequence[View]) -> float:
     """Mean distance of the landmarks of the motion that is tracked between its two ends."""
-    found = track(shot_of(views, [BODY], [TRUTH], (0, LENGTH - 1))).motions[0]
+    found = track(shot_of(views, [BODY], [TRUTH], (0, LENGTH - 1), Settings(limb_search=False))).motions[0]
     return 1000 * np.linalg.norm(places(found) - places(TRUTH), axis=-1).mean()
 
 

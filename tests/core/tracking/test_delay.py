@@ -27,7 +27,7 @@ LENGTH = 9
 FINE = swing(BODY, 4 * LENGTH, size=0.9)
 """The truth at every quarter of a frame."""
 TRUTH = FINE[::4]
-SOLVERS = [Settings(), Settings(solver="relaxation", sweeps=300, correlation_length=0.03)]
+SOLVERS = [Settings(limb_search=False), Settings(solver="relaxation", sweeps=300, correlation_length=0.03)]
 """Pixels weigh so much in the relaxation that the pictures decide on these small ones, not smoothness: the key pose at
 the end is then met after some hundred sweeps."""
 

@@ -13,6 +13,7 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.body.smoothness import acceleration
 from kfmocap.core.errors import CancelledError, ShotError
 from kfmocap.core.fitting.shot_cameras import track_and_check
+from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import KeyPoses, Shot, View
 from kfmocap.core.tracking import retracking
 from kfmocap.core.tracking.retracking import (
@@ -43,7 +44,7 @@ def whole(views: list[View]) -> TrackResult:
 
 
 def shot(views: Sequence[View], keys: Sequence[int] = KEYS) -> Shot:
-    return shot_of(views, [BODY], [TRUTH], keys)
+    return shot_of(views, [BODY], [TRUTH], keys, Settings(limb_search=False))
 
 
 def error_mm(motion: Motion, truth: Motion) -> float:

@@ -32,12 +32,13 @@ from retimed_videos import retimed
 from synthetic import shot_of
 
 SIDE = 1
+SETTINGS = Settings(limb_search=False)
 
 
 @pytest.fixture(scope="module")
 def films(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Shot]:
     home = tmp_path_factory.mktemp("film")
-    return {name: late_film(home / name, shift, Settings()) for name, shift in SHIFTS.items()}
+    return {name: late_film(home / name, shift, SETTINGS) for name, shift in SHIFTS.items()}
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +53,7 @@ def error(result: TrackResult) -> float:
 
 
 def two_views(shot: Shot, *, correct: bool) -> TrackResult:
-    return track(replace(shot, views=shot.views[: SIDE + 1], settings=Settings(correct_gaps=correct)))
+    return track(replace(shot, views=shot.views[: SIDE + 1], settings=replace(SETTINGS, correct_gaps=correct)))
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +82,7 @@ def test_the_gap_is_told_and_pairs_across_it_have_no_weight(
 
 
 def test_whole_footage_is_tracked_once(films: dict[str, Shot], tracked: dict[str, TrackResult]) -> None:
-    without = track(replace(films["whole"], settings=Settings(correct_gaps=False)))
+    without = track(replace(films["whole"], settings=replace(SETTINGS, correct_gaps=False)))
     assert tracked["whole"].motions[0].rotations.tobytes() == without.motions[0].rotations.tobytes()
     assert tracked["whole"].gaps == ((), (), ())
     assert tracked["whole"].camera_frames == without.camera_frames
@@ -132,7 +133,7 @@ def test_missing_frames_that_the_times_of_a_file_tell_are_counted_from_the_start
     assert with_timed_gaps(fields, rates).views[0].gaps == (Gap(10, 4, timed=True), Gap(18, 2, timed=True))
     known = replace(shot, views=tuple(replace(view, gaps=(Gap(7, -1),)) for view in shot.views))
     assert with_timed_gaps(known, rates).views[0].gaps == (Gap(7, -1),)
-    assert not with_timed_gaps(replace(shot, settings=Settings(correct_gaps=False)), rates).views[0].gaps
+    assert not with_timed_gaps(replace(shot, settings=replace(SETTINGS, correct_gaps=False)), rates).views[0].gaps
     varies = replace(rates[0], missing=(), counted=((5, 2), (9, -1)))
     assert with_timed_gaps(shot, (varies, *rates[1:])).views[0].gaps == (Gap(5, 2, timed=True), Gap(9, -1, timed=True))
 
@@ -144,11 +145,11 @@ def test_one_view_alone_is_counted_by_the_times_of_its_file(tmp_path: Path) -> N
         writer.write(cv2.cvtColor(pictures("side")[frame], cv2.COLOR_GRAY2BGR))
     writer.release()
     path.write_bytes(retimed(path.read_bytes(), [1.0 + (k == PLACE - 1) for k in range(LENGTH)]))
-    shot = shot_of([View(camera, path)], [BODY], [TRUTH[FRAMES]], (0, 6, LENGTH - 1), Settings())
+    shot = shot_of([View(camera, path)], [BODY], [TRUTH[FRAMES]], (0, 6, LENGTH - 1), SETTINGS)
     result = track(shot)
     assert result.gaps == ((Gap(PLACE, 1, timed=True),),)
     assert {PLACE, PLACE + 1} <= set(result.torn[0])
-    assert error(result) < 0.8 * error(track(replace(shot, settings=Settings(correct_gaps=False))))
+    assert error(result) < 0.8 * error(track(replace(shot, settings=replace(SETTINGS, correct_gaps=False))))
 
 
 def test_gaps_follow_the_views_whatever_their_order(films: dict[str, Shot], tracked: dict[str, TrackResult]) -> None:

@@ -17,7 +17,7 @@ from synthetic import at_rest, figure, film, look_at, part, shot_of
 
 BODY = figure()
 BOARD = Body((part("board", -1, (0.62, -0.55, 0.75), (0.62, -0.55, 1.85), 0.5, 0.02),), {})
-FRAMES, HIDDEN = 60, slice(24, 36)
+FRAMES, HIDDEN = 48, slice(24, 36)
 KEYS = (0, FRAMES - 1)
 CAMERAS = (look_at("left", (-0.3, -2.9, 1.5)), look_at("right", (0.9, -2.7, 1.2)))
 ARM = ["forearm.L", "forearm.L tip"]

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from kfmocap.core.errors import CancelledError
+from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import Shot
 from kfmocap.core.tracking.journal import JOURNAL_SUFFIX, Journal, KeptSegments, journal_beside, run_key
 from kfmocap.core.tracking.run_context import RunContext
@@ -26,7 +27,7 @@ KEYS = (0, 4, 8, 12)
 @pytest.fixture(scope="module")
 def shot(tmp_path_factory: pytest.TempPathFactory) -> Shot:
     views = film(tmp_path_factory.mktemp("film"), [BODY], [TRUTH], CAMERAS)
-    return shot_of(views, [BODY], [TRUTH], KEYS)
+    return shot_of(views, [BODY], [TRUTH], KEYS, Settings(limb_search=False))
 
 
 @pytest.fixture(scope="module")

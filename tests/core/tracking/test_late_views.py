@@ -13,7 +13,7 @@ from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
 from kfmocap.core.tracking.tracker import track
 from late_footage import CAMERAS, LENGTH, PLACE, SHIFTS, late_film
 
-GIVEN = Settings(correct_gaps=False)
+GIVEN = Settings(correct_gaps=False, limb_search=False)
 
 
 @pytest.fixture(scope="module", params=SHIFTS)

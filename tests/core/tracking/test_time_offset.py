@@ -34,7 +34,7 @@ def shots(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Shot]:
     """By how many quarters of a frame the key poses are late: they, and the truth, are those of a later instant."""
     home = tmp_path_factory.mktemp("film")
     views = film(home, [BODY], [FINE[0 : 4 * LENGTH : 4]], CAMERAS)
-    return {late: shot_of(views, [BODY], [truth(late)], KEYS) for late in (0, 1, 2)}
+    return {late: shot_of(views, [BODY], [truth(late)], KEYS, Settings(limb_search=False)) for late in (0, 1, 2)}
 
 
 @pytest.fixture(scope="module")
