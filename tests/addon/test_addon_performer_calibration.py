@@ -26,7 +26,7 @@ pytest_plugins = ("addon_fixtures",)
 
 pytestmark = pytest.mark.blender
 
-FRAMES, HEIGHT = 30, 1.8
+FRAMES, HEIGHT = 20, 1.8
 GIVEN = cameras(3)
 
 

