@@ -31,11 +31,9 @@ Writer = Callable[[Path, bpy.types.Object, bpy.types.Scene, ExportOptions], None
 """Writes the motion of an armature of a scene to a path."""
 
 
-def export_performers(
-    scene: bpy.types.Scene, folder: Path, options: ExportOptions = DEFAULTS, name: str = ""
-) -> list[Path]:
+def export_performers(scene: bpy.types.Scene, folder: Path, options: ExportOptions = DEFAULTS) -> list[Path]:
     """Write every performer of a scene's shot; see `export_armatures`."""
-    return export_armatures(scene, destinations.performers(scene), folder, options, name)
+    return export_armatures(scene, destinations.performers(scene), folder, options)
 
 
 def export_armatures(
