@@ -25,7 +25,7 @@ MIN_UNHIDDEN_SHARE = 0.5
 MIN_FOLLOWED_SHARE = 0.9
 """Share of a performer that must be unhidden by others on every frame for its motion to be followed frame by frame: a
 window of a few frames shows too little of somebody whom others pass in front of. Where less of any performer is
-unhidden, limbs of all may have been led astray, see `faded_limbs`."""
+unhidden, limbs of all may have been led astray, see `limb_signs`."""
 LIMB_SHARE = 0.5
 """Area of uncovered foreground beside a performer, relative to the area of its smallest limb, from which on it may be a
 lost limb."""

@@ -364,7 +364,8 @@ def _uniform_draws(
     usual, begin = np.median(limb.begin, axis=0), np.arange(len(drawn)) // CANDIDATES_PER_DRAW % 2 == 0
     drawn = np.where(shaping, drawn, usual)
     drawn[begin, 1:] = usual[1:]
-    score = pixel_log_ratios(replace(limb, points=limb.points[:, :_FEW_POINTS], sides=()), uncovered, drawn[None])
+    roughly = replace(limb, points=limb.points[:, :_FEW_POINTS], radii=np.zeros(len(limb.radii)), sides=())
+    score = pixel_log_ratios(roughly, uncovered, drawn[None])
     winner = score.reshape(len(score), UNIFORM_DRAWS, CANDIDATES_PER_DRAW).argmax(
         axis=2
     ) + CANDIDATES_PER_DRAW * np.arange(UNIFORM_DRAWS)

@@ -18,13 +18,13 @@ from kfmocap.core.tracking.solvers import gauss_newton
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.gauss_newton_solver import refined
-from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSolution
-from kfmocap.core.tracking.solvers.limb_corrections import limb_rounds, limbs_elsewhere, regained_limbs
-from kfmocap.core.tracking.solvers.limb_corrections.limb_rounds import MAX_RETURNS, with_limb_regained
+from kfmocap.core.tracking.solvers.judgement.limb_signs import bend_of
+from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSolutions
+from kfmocap.core.tracking.solvers.judgement.solution_ranking import RESTING_GAIN
+from kfmocap.core.tracking.solvers.limb_corrections import limb_groups, regained_limbs
+from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import LimbGroup, with_limbs_found
 from kfmocap.core.tracking.solvers.limb_corrections.limb_search import MIN_GAIN_ELSEWHERE, freed_limb
-from kfmocap.core.tracking.solvers.limb_corrections.regained_limbs import bend_of, bent_limbs, refuted_limbs
-from kfmocap.core.tracking.solvers.limb_corrections.search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
-from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import MIN_GAIN, SupportOfLimb
+from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import SupportOfLimb
 from kfmocap.core.tracking.solvers.thinned_frames import ThinnedProblem
 from synthetic import at_rest, ends_held, look_at, poses_of, silhouette
 
@@ -73,44 +73,17 @@ def error_mm(motion: Motion, true: Motion = TRUTH) -> float:
     return float(1000 * np.linalg.norm(a - b, axis=-1).mean())
 
 
-def test_a_limb_that_turns_away_at_a_key_pose_is_bent_and_no_other(problem: SegmentProblem) -> None:
-    assert bent_limbs(problem, 0, astray()) == [ARM]
-    assert bent_limbs(problem, 0, TRUTH) == []
-
-
-def test_nothing_is_bent_where_no_motion_is_known_beside_the_segment(problem: SegmentProblem) -> None:
-    assert bent_limbs(replace(problem, before=None, after=None), 0, astray()) == []
-
-
-@pytest.mark.filterwarnings("error")
-def test_between_key_poses_next_to_each_other_what_counts_as_bent_is_the_error_of_a_key_pose(
-    problem: SegmentProblem,
-) -> None:
-    """No frame there shows how the limb moves otherwise."""
-    short = replace(problem, fixed=(ends_held(BODY, 3),), after=(WHOLE[4:5],))
-    assert bend_of(short, 0, TRUTH[:3], ARM) < 1
-    assert bend_of(short, 0, astray()[:3], ARM) > 1
-
-
-def test_who_moves_as_suddenly_between_the_key_poses_may_do_so_at_one(problem: SegmentProblem) -> None:
-    """Blows follow one another: one of them begins at a key pose."""
-    jerky = TRUTH.rotations.copy()
-    turns = np.zeros((FRAMES, 3))
-    turns[1:-1, 0] = 0.5 * (np.arange(FRAMES - 2) // 2 % 2)
-    jerky[:, ARM[0]] = jerky[:, ARM[0]] @ rotations.exp(turns)
-    assert bend_of(problem, 0, Motion(TRUTH.translations, jerky), ARM) < 1
-
-
 @pytest.fixture
 def without_descent(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Motions stay what they are, so that looking for limbs does all the work."""
+    """Motions stay what they are, so that looking for limbs does all the work. So small pictures gain little."""
 
     def measured(problem: SegmentProblem, motions: Sequence[Motion], *_: object) -> SegmentSolution:
         evidence = Workspace().measure(problem, motions, Sampling(1.0, 1.0, 3, 0.07)).evidence
         return SegmentSolution.of(motions, evidence, iterations=1, energy=[0.0])
 
     monkeypatch.setattr("kfmocap.core.tracking.solvers.gauss_newton.refine", measured)
-    limbs = ("limb_corrections.regained_limbs", "limb_corrections.limbs_elsewhere")
+    monkeypatch.setattr(limb_groups, "LEAST_GAIN", RESTING_GAIN)
+    limbs = ("limb_corrections.regained_limbs", "limb_corrections.limb_groups")
     for module in (*limbs, "judgement.settled_solutions", "judgement.solution_ranking"):
         monkeypatch.setattr(f"kfmocap.core.tracking.solvers.{module}.descend", measured)
 
@@ -149,9 +122,9 @@ def test_a_doubted_performer_that_comes_to_rest_where_it_was_is_not_solved_furth
 ) -> None:
     """Whatever is solved further becomes a little likelier."""
     further: list[object] = []
-    for module in (regained_limbs, limbs_elsewhere):
+    for module in (regained_limbs, limb_groups):
         monkeypatch.setattr(module, "settled_further", lambda *given, **_: further.append(given) or given[2])
-    monkeypatch.setattr(limbs_elsewhere, "freed_limb", lambda _problem, motions, place, _seed, **_: motions[place[0]])
+    monkeypatch.setattr(limb_groups, "freed_limb", lambda _problem, motions, place, _seed, **_: motions[place[0]])
     refined(replace(problem, doubted=(0,)), [TRUTH], Workspace())
     assert not further
 
@@ -177,77 +150,6 @@ def test_a_bent_limb_stays_where_it_covers_more_than_anything_that_is_found(prob
     assert error_mm(found, astray()) < 30
 
 
-@pytest.mark.usefixtures("without_descent")
-@pytest.mark.parametrize(
-    ("performers", "turn", "rounds"),
-    [
-        (1, 0.0, MAX_RETURNS),
-        (1, 0.05, MAX_RETURNS),
-        (1, 0.3, MAX_SEARCH_ROUNDS),
-        (2, 0.3, MAX_VAIN_ROUNDS),
-        (2, 0.05, 1),
-    ],
-)
-def test_the_search_ends_once_the_limb_comes_to_rest_where_it_was_or_with_several_performers_without_success(
-    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch, performers: int, turn: float, rounds: int
-) -> None:
-    """The limb is led astray by a turn, farther with every round. It is where it was, unless it is farther away than a
-    descent reaches.
-    """
-    asked: list[int] = []
-
-    def turned(
-        _problem: SegmentProblem, motions: Sequence[Motion], place: tuple[int, list[int]], seed: int, **_: object
-    ) -> Motion:
-        asked.append(seed)
-        found = Motion(motions[place[0]].translations, motions[place[0]].rotations.copy())
-        found.rotations[1:-1, ARM[0]] = found.rotations[1:-1, ARM[0]] @ rotations.exp(np.array([0.0, 0.0, -turn]))
-        return found
-
-    monkeypatch.setattr(limbs_elsewhere, "freed_limb", turned)
-    monkeypatch.setattr(limb_rounds, "found_across", lambda *_: None)
-    views = tuple(replace(v, foreground=np.repeat(v.foreground, performers, axis=0)) for v in problem.views)
-    apart = [replace(TRUTH, translations=TRUTH.translations + [2.0 * i, 0, 0]) for i in range(performers)]
-    several = replace(problem, views=views, bodies=(BODY,) * performers, fixed=problem.fixed * performers)
-    several = replace(several, before=None, after=None)
-    solution = refined(several, apart, Workspace())
-    asked.clear()
-    with_limb_regained(several, solution, (0, ARM), Workspace())
-    assert asked == list(range(rounds))
-
-
-@pytest.mark.usefixtures("without_descent")
-@pytest.mark.parametrize(("turn", "gain", "compared"), [(0.05, 2.0, 0), (0.3, 2.0, 1), (0.3, 0.5, 0)])
-def test_one_of_several_performers_is_solved_further_only_to_be_compared_with_a_limb_that_is_clearly_seen_elsewhere(
-    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch, turn: float, gain: float, compared: int
-) -> None:
-    further: list[object] = []
-
-    def turned(
-        _problem: SegmentProblem,
-        motions: Sequence[Motion],
-        place: tuple[int, list[int]],
-        _seed: int,
-        *,
-        least_gain: float,
-        **_: object,
-    ) -> Motion:
-        if gain * MIN_GAIN_ELSEWHERE < least_gain:
-            return motions[place[0]]
-        found = Motion(motions[place[0]].translations, motions[place[0]].rotations.copy())
-        found.rotations[1:-1, ARM[0]] = found.rotations[1:-1, ARM[0]] @ rotations.exp(np.array([0.0, 0.0, -turn]))
-        return found
-
-    monkeypatch.setattr(limbs_elsewhere, "freed_limb", turned)
-    after = SettledSolution.after
-    monkeypatch.setattr(SettledSolution, "after", lambda *given: further.append(given) or after(*given))
-    views = tuple(replace(v, foreground=np.repeat(v.foreground, 2, axis=0)) for v in problem.views)
-    both = replace(problem, views=views, bodies=(BODY,) * 2, fixed=problem.fixed * 2, before=None, after=None)
-    apart = [replace(TRUTH, translations=TRUTH.translations + [2.0 * i, 0, 0]) for i in range(2)]
-    with_limb_regained(both, limb_rounds.gauss_newton.refine(both, apart, Workspace()), (0, ARM), Workspace())
-    assert len(further) == compared
-
-
 def test_a_limb_is_moved_only_if_pictures_gain_by_it_on_frames_on_which_it_was_elsewhere(
     problem: SegmentProblem,
 ) -> None:
@@ -256,18 +158,6 @@ def test_a_limb_is_moved_only_if_pictures_gain_by_it_on_frames_on_which_it_was_e
     assert error_mm(freed_limb(problem, [lost], (0, ARM), 0, least_gain=MIN_GAIN_ELSEWHERE)) < 0.5 * error_mm(lost)
     assert freed_limb(problem, [lost], (0, ARM), 0, least_gain=np.inf) is lost
     assert freed_limb(problem, [TRUTH], (0, ARM), 0, least_gain=MIN_GAIN_ELSEWHERE) is TRUTH
-
-
-@pytest.mark.parametrize(("against", "pixels", "expected"), [(2, 90, False), (2, 70, True), (0.5, 70, False)])
-def test_sides_refute_a_limb_that_its_pixels_show_less_than_on_the_key_poses(
-    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch, against: float, pixels: float, expected: bool
-) -> None:
-    """How sides look is learned on few key poses: over many frames the error of that adds up."""
-    between = np.arange(FRAMES) % (FRAMES - 1) > 0
-    sides = np.where(between, -against * MIN_GAIN / between.sum(), 1.0)
-    shown = sides + np.where(between, pixels, 100.0)
-    monkeypatch.setattr(regained_limbs, "support_of_limbs", lambda *_: [(0, ARM, sides, lambda: shown)])
-    assert bool(refuted_limbs(problem, [TRUTH])) == expected
 
 
 @pytest.mark.parametrize("views", [1, 2])
@@ -293,9 +183,9 @@ def test_a_limb_is_also_searched_for_around_an_even_path_between_its_key_poses(
 
     aside = Motion(TRUTH.translations, TRUTH.rotations.copy())
     aside.rotations[1:-1, ARM[0]] = aside.rotations[1:-1, ARM[0]] @ rotations.exp(np.array([0.0, 0.0, -1.2]))
-    monkeypatch.setattr(limbs_elsewhere, "freed_limb", near_even_path)
+    monkeypatch.setattr(limb_groups, "freed_limb", near_even_path)
     solution = refined(replace(problem, settings=Settings(limb_search=False)), [astray()], Workspace())
-    found = with_limb_regained(problem, solution, (0, ARM), Workspace())
+    found = with_limbs_found(problem, solution, LimbGroup(0, (ARM,)), SettledSolutions(), Workspace())
     if right:
         assert error_mm(found.motions[0]) < 1
     else:

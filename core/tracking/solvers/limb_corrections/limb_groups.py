@@ -1,0 +1,198 @@
+"""Searching for limbs that may be lost, round after round: one limb, or both of a pair at once.
+
+Both limbs of a pair are one group, as arms that are lost in front of the trunk turn shoulders and trunk with them. If
+one of them is put right, the shoulders cannot follow it while the other one holds them, and the images become less
+likely. So both are searched for before the body is solved for, which then turns shoulders and trunk as well.
+
+Every round draws poses around a motion, solves from what is found elsewhere, and keeps it if the images are likelier.
+The first is around an even path between the key poses, the others around the likeliest motion so far: what a search
+finds departs slowly from what it searches around, so that a limb that was lost within a few frames is not found from
+where it is now, nor a fast one in a single round.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ....body import Body
+from ....body.motion import Motion, with_motion
+from ....numerics.arrays import Bools
+from ..descent_stages import SETTLED
+from ..equations.measurement import Workspace
+from ..equations.problem import SegmentProblem, SegmentSolution
+from ..equations.segment_equations import SegmentNoise
+from ..gauss_newton import continued, descend
+from ..judgement.settled_solutions import SettledSolutions
+from ..judgement.solution_doubts import MIN_DURATION
+from ..judgement.solution_ranking import RESTING_GAIN, likelihood, settled_further
+from ..limb_evidence.limb_images import ViewRatios
+from ..limb_evidence.limb_likelihood import POINTS_PER_PART
+from .bridges import evenly_led
+from .limb_search import MIN_GAIN_ELSEWHERE, frames_elsewhere, freed_limb, views_of
+from .local_trials import LocalTrial
+from .search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
+
+LEAST_GAIN = 100.0
+"""Smallest gain in log likelihood, in natural units, for which limbs are moved that the images do not contradict, or
+those of one of several performers: solving a limb that is right once more from elsewhere gains up to 60 by chance."""
+PAIR_POINTS = 3
+"""How many times as many points of each part as for a single limb are looked at for a pair."""
+
+
+@dataclass(frozen=True)
+class LimbGroup:
+    """Limbs of a performer that are searched for together.
+
+    Attributes
+    ----------
+    performer : int
+    chains : tuple of list of int
+        One limb or two, as chains of parts.
+    """
+
+    performer: int
+    chains: tuple[list[int], ...]
+
+    def frames_elsewhere(self, body: Body, before: Motion, after: Motion, frames: int) -> Bools:
+        """Return on which frames any of the limbs is elsewhere for so many frames in a row (`limb_search`)."""
+        each = [frames_elsewhere(body, chain, before, after, frames) for chain in self.chains]
+        return np.any(each, axis=0)
+
+
+def with_limbs_found(
+    problem: SegmentProblem,
+    solution: SegmentSolution,
+    group: LimbGroup,
+    known: SettledSolutions,
+    workspace: Workspace,
+) -> SegmentSolution:
+    """Search for a group of limbs round after round, and return the likeliest solution, which may be the given one.
+
+    Only that of one performer changes. The search ends with a round that finds the limbs where they were, even around
+    an even path far from there, or after `MAX_VAIN_ROUNDS` in a row that find nothing likelier. Limbs that end where
+    they were stay there, however much likelier the rest has become, unless the images contradict it: that is chance.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    solution : SegmentSolution
+    group : LimbGroup
+    known : SettledSolutions
+        Shared by the searches for all groups.
+    workspace : Workspace
+    """
+    alone, i = problem.alone(group.performer), group.performer
+    ratios, settled = views_of(alone, solution.motions, i), None  # the others stay where they are
+    best, vain = solution, 0
+    for turn in range(1 + MAX_SEARCH_ROUNDS):
+        found = _proposed(alone, best.motions, group, turn, ratios)
+        if found is None:
+            break
+        if settled is None:
+            settled = known.after(alone, solution, workspace.silent())
+            best = settled.solution
+        there = _likelier(alone, settled.noise, best, group, found, workspace=workspace.silent())
+        best, vain = (best, vain + 1) if there is None else (there, 0)
+        if vain == MAX_VAIN_ROUNDS:
+            break
+    if settled is None or best is settled.solution:
+        return solution
+    gain = likelihood(alone, settled.noise, best) - likelihood(alone, settled.noise, settled.solution)
+    moved = contradicted(problem) or _elsewhere(alone, group, settled.solution.motions[i], best.motions[i]).any()
+    if gain <= least_gain(problem) or not moved:
+        return solution
+    return continued(solution, replace(best, only=problem.only))
+
+
+def contradicted(problem: SegmentProblem) -> bool:
+    """Whether the images contradicted a solution for a single performer: then anything that is likelier is an
+    improvement.
+    """
+    return bool(problem.doubted) and not problem.among_others
+
+
+def least_gain(problem: SegmentProblem) -> float:
+    """Smallest gain in log likelihood, in natural units, for which a solution is left for another one."""
+    return RESTING_GAIN if contradicted(problem) else LEAST_GAIN
+
+
+def _proposed(
+    alone: SegmentProblem, motions: Sequence[Motion], group: LimbGroup, turn: int, ratios: Sequence[ViewRatios]
+) -> Motion | None:
+    """Search for the limbs of a group, one after the other; None if they are where they were.
+
+    The first turn is around even paths of all of them, but not with a single view: the likelier of two motions that are
+    far apart is not the truer one often enough there. A limb of one of several performers is only elsewhere if the
+    images say clearly more for it (`MIN_GAIN_ELSEWHERE`).
+    """
+    i, before = group.performer, motions[group.performer]
+    around = before
+    for chain in group.chains if turn == 0 and alone.shows_depth else ():
+        around = evenly_led(alone, i, around, chain)
+    found, points = around, POINTS_PER_PART * (1 if len(group.chains) == 1 else PAIR_POINTS)
+    least = MIN_GAIN_ELSEWHERE if alone.among_others else -np.inf
+    for chain in group.chains:
+        found = freed_limb(
+            alone,
+            with_motion(motions, i, found),
+            (i, chain),
+            turn,
+            points=points,
+            ratios=ratios,
+            least_gain=least,
+            before=before,
+        )
+    if found is before or (alone.among_others and found is around):
+        return None
+    return found if _elsewhere(alone, group, before, found).any() else None
+
+
+def _elsewhere(alone: SegmentProblem, group: LimbGroup, before: Motion, after: Motion) -> Bools:
+    """Return on which frames some limb is farther from where it was than a descent reaches, for a while, as sampled
+    poses scatter. In depth, which a single view hardly shows, a descent reaches less far: there it is on all frames.
+    """
+    if not alone.shows_depth:
+        return np.ones(alone.length, bool)
+    long = max(2, round(MIN_DURATION * alone.fps))
+    return group.frames_elsewhere(alone.bodies[group.performer], before, after, long)
+
+
+def _likelier(
+    alone: SegmentProblem,
+    noise: SegmentNoise,
+    best: SegmentSolution,
+    group: LimbGroup,
+    found: Motion,
+    *,
+    workspace: Workspace,
+) -> SegmentSolution | None:
+    """Solve with limbs where they were found, until they are at rest; None if that makes the images no likelier.
+
+    Where they are elsewhere on few frames, it is solved on these and those beside them first, while the motion of the
+    others stays.
+    """
+    i = group.performer
+    away = _elsewhere(alone, group, best.motions[i], found)
+    moved = Motion(found.translations, np.where(away[:, None, None, None], found.rotations, best.motions[i].rotations))
+    motions = with_motion(best.motions, i, found)
+    local = LocalTrial.around(alone, noise, best.motions, with_motion(best.motions, i, moved))
+    if local is not None:
+        here = solved_from(local.problem, local.of(best.motions), local.noise, workspace)
+        there = solved_from(local.problem, local.of(with_motion(best.motions, i, moved)), local.noise, workspace)
+        if likelihood(local.problem, local.noise, there) <= likelihood(local.problem, local.noise, here) + RESTING_GAIN:
+            return None
+        motions = local.within(best.motions, there.motions)
+    rival = likelihood(alone, noise, best) + RESTING_GAIN
+    there = solved_from(alone, motions, noise, workspace)
+    there = settled_further(alone, noise, there, workspace, rival=rival)
+    return there if likelihood(alone, noise, there) > rival else None
+
+
+def solved_from(
+    problem: SegmentProblem, motions: Sequence[Motion], noise: SegmentNoise, workspace: Workspace
+) -> SegmentSolution:
+    """Solve from motions; the result is only to be compared with others."""
+    return descend(problem, motions, workspace, SETTLED, noise).without_equations()

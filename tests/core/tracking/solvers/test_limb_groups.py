@@ -1,0 +1,168 @@
+"""Limbs that may be lost are searched for, one or a pair at once, for as long as that makes the images likelier."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+from kfmocap.core.body import human
+from kfmocap.core.body.limbs import limb_pairs
+from kfmocap.core.body.motion import Motion
+from kfmocap.core.numerics import rotations
+from kfmocap.core.tracking.solvers.equations.measurement import Workspace
+from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.solvers.equations.segment_equations import SegmentNoise
+from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSolution, SettledSolutions
+from kfmocap.core.tracking.solvers.limb_corrections import limb_groups
+from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import LEAST_GAIN, LimbGroup, with_limbs_found
+from kfmocap.core.tracking.solvers.limb_corrections.local_trials import ADAPTATION_TIME, HELD_FRAMES
+from kfmocap.core.tracking.solvers.limb_corrections.search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
+from made_evidence import Landscape
+from synthetic import CAMERAS, at_rest, dark, ends_held
+
+BODY, FPS = human(), 30.0
+PAIR = limb_pairs(BODY)[0]
+
+
+def seen_by(cameras: int, frames: int = 16, performers: int = 1) -> SegmentProblem:
+    views = tuple(view for camera in CAMERAS[:cameras] for view in dark(camera, frames))
+    return SegmentProblem(views, (BODY,) * performers, 0, FPS, (ends_held(BODY, frames),) * performers)
+
+
+def turned(motion: Motion, chain: Sequence[int], frames: slice = slice(1, -1), angle: float = 0.9) -> Motion:
+    """A limb elsewhere on some frames between the key poses."""
+    turns = np.zeros((len(motion), 3))
+    turns[frames, 0] = angle
+    Q = motion.rotations.copy()
+    Q[:, chain[0]] = Q[:, chain[0]] @ rotations.exp(turns)
+    return Motion(motion.translations, Q)
+
+
+def angles(motion: Motion) -> tuple[int, int]:
+    """How far the limbs of the pair have turned at most, in tenths of a radian."""
+    each = [np.linalg.norm(rotations.log(motion.rotations[:, chain[0]]), axis=-1).max() for chain in PAIR]
+    return round(10 * each[0]), round(10 * each[1])
+
+
+@dataclass
+class World:
+    """A search that turns some limbs on some frames, and how likely images are by where limbs are."""
+
+    likelihood: dict[tuple[int, int], float]
+    found: Sequence[Sequence[int]] = ()
+    angle: float = 0.9
+    frames: slice = field(default_factory=lambda: slice(1, -1))
+    back: float = 0.0
+    """By how much the first limb turns when it is solved for."""
+    settled: int = 0
+    solved: list[tuple[int, int]] = field(default_factory=list)
+    """First frame and length of what was solved."""
+    tried: list[tuple[int, int]] = field(default_factory=list)
+    """Where the limbs were in it."""
+
+    def search(
+        self, _problem: object, motions: Sequence[Motion], place: tuple[int, Sequence[int]], *_: object, **__: object
+    ) -> Motion:
+        i, chain = place
+        return turned(motions[i], chain, self.frames, self.angle) if chain in self.found else motions[i]
+
+    def after(self, monkeypatch: pytest.MonkeyPatch, problem: SegmentProblem, group: LimbGroup) -> SegmentSolution:
+        """Search for a group of limbs, from a solution at rest."""
+        rest = [at_rest(BODY, problem.length)] * len(problem.bodies)
+        begin = Landscape(truth=rest[0]).solution(seen_by(2, problem.length), rest[0])
+        begin = replace(begin, motions=tuple(rest))
+        noise = SegmentNoise(*(np.ones((2, problem.length - 1, *more)) for more in ((1,), ())), np.ones(2))
+
+        def solved(some: SegmentProblem, motions: Sequence[Motion], *_: object) -> SegmentSolution:
+            self.solved.append((some.first, some.length))
+            self.tried.append(angles(motions[0]))
+            return replace(begin, motions=(turned(motions[0], PAIR[0], angle=self.back), *motions[1:]))
+
+        def settled(*_: object) -> SettledSolution:
+            self.settled += 1
+            return SettledSolution(begin, noise, begin)
+
+        monkeypatch.setattr(limb_groups, "freed_limb", self.search)
+        monkeypatch.setattr(limb_groups, "solved_from", solved)
+        monkeypatch.setattr(limb_groups, "views_of", lambda *_: [])
+        monkeypatch.setattr(limb_groups, "settled_further", lambda *given, **_: given[2])
+        monkeypatch.setattr(limb_groups, "likelihood", lambda _p, _n, one: self.likelihood[angles(one.motions[0])])
+        monkeypatch.setattr(SettledSolutions, "after", settled)
+        return with_limbs_found(problem, begin, group, SettledSolutions(), Workspace())
+
+
+ONE, BOTH = LimbGroup(0, (PAIR[0],)), LimbGroup(0, PAIR)
+MUCH = 2 * LEAST_GAIN
+
+
+def test_both_limbs_are_moved_where_the_images_are_less_likely_with_only_one_of_them_moved(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    gains = {(0, 0): 0.0, (9, 0): -MUCH, (0, 9): -MUCH, (9, 9): MUCH, (18, 18): 0.0}
+    found = World(gains, PAIR).after(monkeypatch, seen_by(2), BOTH)
+    assert angles(found.motions[0]) == (9, 9)
+
+
+def test_a_limb_is_searched_for_around_where_it_was_found_until_that_is_in_vain(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One that moves fast is not reached in one round."""
+    world = World({(0, 0): 0.0, (9, 0): MUCH, (18, 0): 2 * MUCH, (27, 0): MUCH}, PAIR[:1])
+    assert angles(world.after(monkeypatch, seen_by(2), ONE).motions[0]) == (18, 0)
+    assert world.tried == [(9, 0), (18, 0), *[(27, 0)] * MAX_VAIN_ROUNDS]
+
+
+@pytest.mark.parametrize("performers", [1, 2])
+@pytest.mark.parametrize("found", [True, False])
+def test_the_search_ends_after_rounds_in_vain(monkeypatch: pytest.MonkeyPatch, performers: int, found: bool) -> None:
+    """Limbs that are found where they were cost no solving."""
+    world = World({(0, 0): 0.0, (9, 0): -MUCH}, PAIR[:1] if found else ())
+    solution = world.after(monkeypatch, seen_by(2, performers=performers), ONE)
+    assert angles(solution.motions[0]) == (0, 0)
+    assert world.tried == [(9, 0)] * MAX_VAIN_ROUNDS * found and world.settled == found
+
+
+def test_the_search_ends_after_some_rounds_though_each_gains(monkeypatch: pytest.MonkeyPatch) -> None:
+    world = World({(3 * k, 0): MUCH * k for k in range(2 + MAX_SEARCH_ROUNDS)}, PAIR[:1], angle=0.3)
+    world.after(monkeypatch, seen_by(2), ONE)
+    assert len(world.tried) == 1 + MAX_SEARCH_ROUNDS
+
+
+@pytest.mark.parametrize(
+    ("gain", "back", "doubted", "performers", "moved"),
+    [
+        (MUCH, 0.0, (), 1, True),
+        (LEAST_GAIN / 2, 0.0, (), 1, False),
+        (MUCH, -0.85, (), 1, False),
+        (LEAST_GAIN / 2, -0.85, (0,), 1, True),
+        (LEAST_GAIN / 2, 0.0, (0,), 2, False),
+    ],
+)
+def test_limbs_stay_where_they_were_unless_the_images_are_clearly_likelier_with_them_elsewhere(
+    monkeypatch: pytest.MonkeyPatch, gain: float, back: float, doubted: tuple[int, ...], performers: int, moved: bool
+) -> None:
+    """What is likelier with limbs where they were, as near as a descent reaches, is chance, unless the images
+    contradicted the motion of a single performer."""
+    there = (round(10 * (0.9 + back)), 0)
+    world = World({(0, 0): 0.0, there: gain, (2 * there[0], 0): 0.0}, PAIR[:1], back=back)
+    problem = replace(seen_by(2, performers=performers), doubted=doubted)
+    found = world.after(monkeypatch, problem, ONE)
+    assert angles(found.motions[0]) == (there if moved else (0, 0))
+    assert len(world.tried) > 0
+
+
+LONG, AWAY = 80, slice(40, 46)
+BESIDE = HELD_FRAMES + round(ADAPTATION_TIME * FPS)
+
+
+@pytest.mark.parametrize("gain", [-MUCH, MUCH])
+def test_a_limb_that_is_elsewhere_on_few_frames_is_tried_on_these_first(
+    monkeypatch: pytest.MonkeyPatch, gain: float
+) -> None:
+    world = World({(0, 0): 0.0, (9, 0): gain, (18, 0): 0.0}, PAIR[:1], frames=AWAY)
+    found = world.after(monkeypatch, seen_by(2, LONG), ONE)
+    few = (AWAY.start - BESIDE, AWAY.stop - AWAY.start + 2 * BESIDE)
+    assert world.solved[:3] == [few, few, (0, LONG) if gain > 0 else few]
+    assert angles(found.motions[0]) == ((9, 0) if gain > 0 else (0, 0))
