@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from itertools import combinations, pairwise, product
+from itertools import pairwise, product
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from ..body.skeleton_motion import RestSkeleton
 from ..numerics.arrays import Array
 from .bone_words import read_name
+from .roles import FINGERS
 from .skeleton_tree import SkeletonTree
 
 _SYMMETRY = 0.03  # of the height: largest distance of a bone's partner from its mirror image
@@ -22,12 +23,17 @@ _ARM = (0.172 / 0.245, 0.150 / 0.246, 0.288 / 0.491)
 lengths in `core.body.human`.
 """
 _FINGERS = 3
-"""Least number of fingers that show a hand."""
+"""Least number of fingers that show a hand, without the thumb."""
+_IN_PALM = 0.5
+"""A bone that begins nearer to the wrist than this share of where the next one does is no part of a finger."""
 _SAME_CARRIER = 2.0
 """How far limbs that hang on the same bone as the legs differ from arms, as the logarithm of a proportion."""
 _AS_FAR = 0.1  # relative: bones of both sides are as far down their limbs within this
 _LEVEL = 10.0  # least horizontal distance of siblings on both sides, in units of the vertical one
-_SAME_AXIS = np.cos(np.radians(5))
+_HALF_TURN = 36
+"""Directions of siblings are told apart in so many steps of a half turn."""
+_TRUNK = 8
+"""Bones with several children, of those with most bones below them, that may be in the middle."""
 
 _Pair = tuple[int, int]
 
@@ -53,7 +59,10 @@ def roles_by_place(rest: RestSkeleton) -> dict[str, tuple[str, ...]]:
         for one, other in (branch, branch[::-1]):
             on_left = float(left @ (rest.heads[one] - _middle(rest, branch))) > 0
             limb, _ = _limb(rest, one, other, branch == limbs[1], shortest)
-            found |= {f"{role}.{'L' if on_left else 'R'}": (rest.names[j],) for role, j in limb.items()}
+            side = "L" if on_left else "R"
+            found |= {f"{role}.{side}": (rest.names[j],) for role, j in limb.items()}
+            fingers = _fingers(rest, limb["hand"]) if "hand" in limb else {}
+            found |= {f"{role}.{side}": tuple(rest.names[j] for j in bones) for role, bones in fingers.items()}
     found |= _trunk(rest, limbs[0][0], limbs[1][0])
     return found
 
@@ -65,6 +74,7 @@ def _mirror(rest: RestSkeleton, near: float) -> tuple[Array, Array]:
     """
     tree, children = cKDTree(rest.heads), Counter(rest.parents)
     forks = [j for j in range(len(rest.names)) if children[j] > 1]
+    forks = sorted(forks, key=lambda j: -len(_subtree(rest, j)))[:_TRUNK]
     best = (0.0, np.eye(3)[0], np.zeros(len(rest.names)))
     for axis in _across(rest, forks):
         along = rest.heads @ axis
@@ -80,15 +90,15 @@ def _mirror(rest: RestSkeleton, near: float) -> tuple[Array, Array]:
 
 def _across(rest: RestSkeleton, forks: Sequence[int]) -> list[Array]:
     """Return horizontal axes along which a skeleton may be symmetrical: those of the world, and between siblings."""
-    found = [*np.eye(3)[:2]]
+    found = {0: np.array([1.0, 0.0, 0.0]), _HALF_TURN // 2: np.array([0.0, 1.0, 0.0])}
     for fork in forks:
-        for a, b in combinations([j for j, p in enumerate(rest.parents) if p == fork], 2):
-            way = rest.heads[a] - rest.heads[b]
-            size = float(np.linalg.norm(way[:2]))
-            axis = way * [1.0, 1.0, 0.0] / max(size, 1e-12)
-            if size > _LEVEL * abs(way[2]) and all(abs(axis @ other) < _SAME_AXIS for other in found):
-                found.append(axis)
-    return found
+        at = rest.heads[[j for j, p in enumerate(rest.parents) if p == fork]]
+        ways = np.concatenate([at[k + 1 :] - at[k] for k in range(len(at))])
+        ways = ways[np.linalg.norm(ways[:, :2], axis=1) > _LEVEL * np.abs(ways[:, 2])]
+        turns = np.arctan2(ways[:, 1], ways[:, 0]) / np.pi * _HALF_TURN
+        for step, turn in zip(np.round(turns).astype(int) % _HALF_TURN, turns * np.pi / _HALF_TURN, strict=True):
+            found.setdefault(int(step), np.array([np.cos(turn), np.sin(turn), 0.0]))
+    return [*found.values()]
 
 
 def _mirrored_branches(rest: RestSkeleton, lateral: Array, aside: Array, near: float) -> list[_Pair]:
@@ -101,13 +111,13 @@ def _mirrored_branches(rest: RestSkeleton, lateral: Array, aside: Array, near: f
     for j, p in enumerate(rest.parents):
         if p < 0 or abs(aside[p]) >= near / 2 or max(abs(aside[below[j]])) < near:
             continue
-        for k in (k for k in range(len(rest.names)) if rest.parents[k] == p and k != j):
+        apart = np.linalg.norm(rest.heads - images[j], axis=1)
+        for k in (k for k in np.flatnonzero(apart < near) if rest.parents[k] == p and k != j):
             opposite = float(aside[below[j]].mean() * aside[below[k]].mean()) < 0
-            if opposite and np.linalg.norm(images[j] - rest.heads[k]) < near:
-                shared = len(_shared(rest, j, k))
-                if shared > max(1, len(below[j]) / 2):
-                    pairs.append((j, k))
-                    break
+            shared = len(_shared(rest, j, k)) if opposite else 0
+            if shared > max(1, len(below[j]) / 2):
+                pairs.append((j, int(k)))
+                break
     return pairs
 
 
@@ -159,11 +169,11 @@ def _unlike_human(rest: RestSkeleton, legs: _Pair, arms: _Pair, shortest: float)
 
 
 def _subtree(rest: RestSkeleton, top: int) -> list[int]:
-    found = [top]
+    found = {top: None}
     for j in range(top + 1, len(rest.names)):
         if rest.parents[j] in found:
-            found.append(j)
-    return found
+            found[j] = None
+    return [*found]
 
 
 def _middle(rest: RestSkeleton, pair: tuple[int, int]) -> Array:
@@ -222,6 +232,33 @@ def _limb(rest: RestSkeleton, top: int, other: int, arm: bool, shortest: float) 
         found[names[0]] = path[upper - 1]
     found |= dict(zip(names[3:], path[lower + 1 :], strict=False))
     return found, np.array([lengths[upper], sum(lengths[upper + 1 : lower + 1])])
+
+
+def _fingers(rest: RestSkeleton, hand: int) -> dict[str, list[int]]:
+    """Return the fingers of a hand with four or five of them: the thumb points most apart, and others follow by how far
+    they are from it. Bones in the palm are left out.
+    """
+    children = {j: [k for k, p in enumerate(rest.parents) if p == j] for j in _subtree(rest, hand)}
+    palm = hand
+    while len(children[palm]) == 1:
+        palm = children[palm][0]
+    chains = [[top] for top in children[palm]]
+    for chain in chains:
+        while children[chain[-1]]:
+            chain.append(max(children[chain[-1]], key=lambda j: len(_subtree(rest, j))))
+    chains = [chain for chain in chains if len(chain) > 1]
+    if len(chains) not in (_FINGERS + 1, _FINGERS + 2):
+        return {}
+    ways = np.array([rest.heads[chain[-1]] - rest.heads[chain[0]] for chain in chains])
+    ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-12)
+    thumb = chains.pop(int(np.argmin(ways @ ways.sum(axis=0))))
+    for chain in chains:
+        away = np.linalg.norm(rest.heads[chain[:2]] - rest.heads[hand], axis=1)
+        if len(chain) > 3 and away[0] < _IN_PALM * away[1]:
+            del chain[0]
+    chains.sort(key=lambda chain: float(np.linalg.norm(rest.heads[chain[0]] - rest.heads[thumb[0]])))
+    names = FINGERS if len(chains) > _FINGERS else [finger for finger in FINGERS if finger != "ring"]
+    return {finger: chain[:3] for finger, chain in zip(names, [thumb, *chains], strict=True)}
 
 
 def _trunk(rest: RestSkeleton, leg: int, arm: int) -> dict[str, tuple[str, ...]]:

@@ -223,6 +223,32 @@ def test_limbs_that_are_least_human_are_no_arms_and_no_legs_where_places_decide(
     assert {role: found[role] for role in roles} == roles
 
 
+@pytest.mark.parametrize("in_palm", [False, True])
+@pytest.mark.parametrize("count", [4, 5])
+def test_fingers_are_found_by_their_places(count, in_palm):
+    """Also where bones in the palm are above them; the thumb has none."""
+    plain = made_rig("mixamo", BODY, 0.0)
+    wrist = plain.rest.heads[plain.index("hand.L")]
+    fingers = [("thumb", -0.05), ("index", -0.03), ("middle", 0.0), ("ring", 0.025), ("pinky", 0.05)]
+    chosen = [one for one in fingers if count > 4 or one[0] != "ring"]
+    chains = []
+    for finger, y in reversed(chosen):
+        if finger == "thumb":
+            joints = [wrist + [0.02 + 0.02 * k, -0.03 - 0.03 * k, 0.0] for k in range(3)]
+        else:
+            joints = [wrist + [0.09 + 0.03 * k, y, 0.0] for k in range(3)]
+            joints = [wrist + [0.02, y / 3, 0.0], *joints] if in_palm else joints
+        chains.append(("hand.{}", joints))
+    rest, _ = nameless(chains, droop=0.0)
+    found = roles_by_place(rest)
+    place = len(plain.rest.names)
+    for (finger, _), (_, joints) in zip(reversed(chosen), chains, strict=True):
+        for side in "LR":
+            own = tuple(str(place + k) for k in range(len(joints)))[-3:]
+            assert found[f"{finger}.{side}"] == own, finger
+            place += len(joints)
+
+
 def test_a_weapon_in_one_hand_and_a_step_forward_leave_a_skeleton_symmetrical():
     rest, roles = nameless()
     heads, tails = rest.heads.copy(), rest.tails.copy()
