@@ -29,7 +29,7 @@ from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSoluti
 from .gauss_newton import continued, descend, farthest_joint
 from .judgement.settled_solutions import SettledSolution
 from .judgement.solution_doubts import doubted_performers, misfit_at, performers_uncovered
-from .judgement.solution_ranking import likeliest
+from .judgement.solution_ranking import clearly_likelier
 from .limb_corrections.leaping_limbs import with_leaps_bridged
 from .limb_corrections.limb_exchange import with_crossed_limbs_exchanged
 from .limb_corrections.limb_search import pictures_find_limbs
@@ -66,7 +66,7 @@ def _solved(
 
     In a single view of a single performer, usual accelerations may draw a fast limb back from wherever a search finds
     it. If foreground of a limb stays uncovered, the problem is solved once more with the accelerations of every joint
-    estimated, and the likelier solution is kept.
+    estimated, and that solution is taken unless the first is clearly likelier.
     """
     solution = _with_corrections(problem, start, workspace.part(0.0, 0.6), first)
     usual = problem.search is AccelerationSearch.SCALE_THEN_JOINTS
@@ -78,7 +78,7 @@ def _solved(
     settled = SettledSolution.after(problem, solution, workspace.silent())
     faster = _with_corrections(freed, start, workspace.part(0.6, 1.0))
     other = _after(faster, descend(freed, faster.motions, workspace.silent(), SETTLED, settled.noise))
-    if likeliest(problem, settled.noise, settled.solution, other) is settled.solution:
+    if clearly_likelier(problem, settled.noise, settled.solution, other):
         return _after(other, solution)
     return _after(solution, replace(other, doubted=faster.doubted))
 

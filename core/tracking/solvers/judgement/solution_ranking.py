@@ -136,6 +136,17 @@ def likeliest(problem: SegmentProblem, noise: SegmentNoise, *solutions: SegmentS
     return max(solutions, key=lambda solution: likelihood(problem, noise, solution))
 
 
+def clearly_likelier(
+    problem: SegmentProblem, noise: SegmentNoise, solution: SegmentSolution, other: SegmentSolution
+) -> bool:
+    """Whether a solution is likelier than another by more than solutions still gain that are at rest (`RESTING_GAIN`),
+    both measured under the same noise; where the likelihood does not tell, whether it is preferred to it (`likeliest`).
+    """
+    if not likelihood_decides(problem):
+        return likeliest(problem, noise, solution, other) is solution
+    return likelihood(problem, noise, solution) > likelihood(problem, noise, other) + RESTING_GAIN
+
+
 def likeliest_at_rest(
     problem: SegmentProblem, noise: SegmentNoise, *solutions: SegmentSolution, workspace: Workspace
 ) -> SegmentSolution:

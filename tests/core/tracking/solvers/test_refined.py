@@ -15,6 +15,7 @@ from kfmocap.core.tracking.solvers import gauss_newton, gauss_newton_solver
 from kfmocap.core.tracking.solvers.descent_stages import POLISH, POLISHED_AT_ONCE, REFINEMENT, DescentStage
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import AccelerationSearch, SegmentProblem
+from kfmocap.core.tracking.solvers.judgement import solution_ranking
 from kfmocap.core.tracking.solvers.thinned_frames import ThinnedProblem
 from synthetic import at_rest, ends_held, figure, look_at
 
@@ -180,7 +181,7 @@ def test_where_a_view_alone_shows_a_limb_beside_the_solution_estimated_accelerat
     settled = SimpleNamespace(noise=None, solution=SimpleNamespace(kind="usual"))
     monkeypatch.setattr(gauss_newton_solver.SettledSolution, "after", lambda *_: settled)
     monkeypatch.setattr(gauss_newton_solver, "descend", solved)
-    monkeypatch.setattr(gauss_newton_solver, "likeliest", lambda _problem, _noise, a, b: b if likelier else a)
+    monkeypatch.setattr(gauss_newton_solver, "clearly_likelier", lambda *_: not likelier)
     monkeypatch.setattr(gauss_newton_solver, "continued", lambda _, after: after)
     monkeypatch.setattr(
         gauss_newton_solver, "replace", lambda one, **new: replace(one, **new) if "search" in new else one
@@ -188,3 +189,14 @@ def test_where_a_view_alone_shows_a_limb_beside_the_solution_estimated_accelerat
     search = AccelerationSearch.SCALE_THEN_JOINTS if views == 1 else AccelerationSearch.JOINTS
     found: Any = gauss_newton_solver.solved(replace(PROBLEM, search=search), [at_rest(BODY, 5)], Workspace())
     assert found.kind == taken
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "clear"), [(249.0, 246.0, False), (257.0, 246.0, True), (246.0, 249.0, False)]
+)
+def test_a_solution_is_clearly_likelier_by_more_than_solutions_at_rest_still_gain(
+    monkeypatch: pytest.MonkeyPatch, first: float, second: float, clear: bool
+) -> None:
+    monkeypatch.setattr(solution_ranking, "likelihood", lambda _problem, _noise, solution: solution)
+    given: Any = PROBLEM, None, first, second
+    assert solution_ranking.clearly_likelier(*given) == clear
