@@ -24,6 +24,8 @@ lengths in `core.body.human`.
 """
 _FINGERS = 3
 """Least number of fingers that show a hand, without the thumb."""
+_BESIDE = 0.7
+"""Shoulders that are further beside the hips than above them, by more than this in legs, are of a body that lies."""
 _IN_PALM = 0.5
 """A bone that begins nearer to the wrist than this share of where the next one does is no part of a finger."""
 _SAME_CARRIER = 2.0
@@ -153,7 +155,7 @@ def _legs_and_arms(
 
 def _unlike_human(rest: RestSkeleton, legs: _Pair, arms: _Pair, shortest: float) -> float:
     """Return how far limbs differ from the legs and arms of a human, in proportions and in their places, as wings,
-    hair, skirts and the hind legs of a centaur do; infinite if they are no limbs.
+    hair, skirts and the hind legs of a centaur do; infinite if they are no limbs, or those of four legs.
     """
     (leg, of_leg), (arm, of_arm) = _limb(rest, *legs, False, shortest), _limb(rest, *arms, True, shortest)
     if not leg or not arm:
@@ -161,6 +163,8 @@ def _unlike_human(rest: RestSkeleton, legs: _Pair, arms: _Pair, shortest: float)
     whole = float(of_leg.sum())
     rise = float(rest.heads[arm["upper_arm"], 2] - rest.heads[leg["thigh"], 2]) / whole
     beside = float(np.linalg.norm((_middle(rest, arms) - _middle(rest, legs))[:2])) / whole
+    if beside > max(rise, _BESIDE):
+        return float(np.inf)
     ratios = np.array([*(of_arm / of_leg), max(rise, 0.1)]) / _ARM
     hand = _subtree(rest, arm["hand"]) if "hand" in arm else []
     tips = [j for j in hand[1:] if j not in rest.parents]

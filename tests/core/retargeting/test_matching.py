@@ -249,6 +249,17 @@ def test_fingers_are_found_by_their_places(count, in_palm):
             place += len(joints)
 
 
+def test_an_animal_on_four_legs_is_no_human_where_places_decide():
+    heads, parents = [[0.0, 0.35, 0.6], [0.0, 0.1, 0.62], [0.0, -0.25, 0.62], [0.0, -0.45, 0.8]], [-1, 0, 1, 2]
+    for x in (0.12, -0.12):
+        for y, top, above in ((-0.25, 0.61, 2), (0.35, 0.55, 0)):
+            parents += [above, len(heads), len(heads) + 1]
+            heads += [[x, y, top], [x, y + 0.04, 0.3], [x, y, 0.06]]
+    names = tuple(str(k) for k in range(len(heads)))
+    tails = np.array(heads) + [0.0, -0.05, 0.0]
+    assert roles_by_place(RestSkeleton(names, tuple(parents), np.array(heads), tails)) == {}
+
+
 def test_a_weapon_in_one_hand_and_a_step_forward_leave_a_skeleton_symmetrical():
     rest, roles = nameless()
     heads, tails = rest.heads.copy(), rest.tails.copy()
