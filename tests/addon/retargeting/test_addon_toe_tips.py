@@ -1,4 +1,4 @@
-"""Feet whose bones are not as long as the foot: their skin shows where they end."""
+"""Hands and feet whose bones do not tell enough: skin and fingers show where feet end and palms face."""
 
 from __future__ import annotations
 
@@ -127,3 +127,21 @@ def test_a_foot_that_is_long_indeed_rolls_over_its_own_tips():
                 if vertex.co.z < 0.09:  # the feet
                     vertex.co.y *= 1.6
     assert turned(armature) > 2
+
+
+def test_fingers_that_are_not_moved_show_where_palms_face():
+    """The performer has no fingers, and holds its palms down; the character's face forward at rest."""
+    armature = skinned_human()
+    with body_armature.edit_bones(armature) as bones:
+        for side in "LR":
+            hand = bones[f"hand.{side}"]
+            for finger, up in (("index", 0.03), ("middle", 0.0), ("pinky", -0.03)):
+                bone = bones.new(f"{finger}.{side}")
+                bone.parent, bone.head = hand, hand.tail + Vector((0.0, 0.0, up))
+                bone.tail = bone.head + 0.3 * (hand.tail - hand.head)
+    motion = moved_body(BODY, MOTIONS["walk"](BODY, 2, 30.0))
+    send_to_rig(bpy.context.scene, motion, armature, 1)
+    for side in "LR":
+        index, pinky = shown_heads(armature, 1, [f"index.{side}", f"pinky.{side}"])[0]
+        ahead = motion.turns[0, motion.rest.names.index(f"hand.{side}")] @ [0.0, -1.0, 0.0]
+        assert (index - pinky) @ ahead > 0.99 * np.linalg.norm(index - pinky), side
