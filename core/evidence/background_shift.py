@@ -26,8 +26,9 @@ _STILL, _MAX_ERROR = 1.0, 1.5
 """Distances up to which a corner stays, and returns to its place or agrees with a similarity, pixels."""
 _MIN_SHIFT = 2.0
 """Least median displacement of a camera that has moved, pixels of the reduced pictures."""
-_MIN_SHARE = 0.5
-"""Share of the corners that a similarity must explain for the camera to have moved."""
+_MIN_SHARE, _MIN_EXTENT = 0.5, 0.25
+"""Share of the corners that a similarity must explain for the camera to have moved, and of the picture that these must
+enclose: before a plain wall, most corners are those of somebody who is not where the key poses are."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,10 @@ def _shift(one: NDArray[np.uint8], other: NDArray[np.uint8], free: Bools) -> flo
     similarity, agreeing = cv2.estimateAffinePartial2D(start, end, ransacReprojThreshold=_MAX_ERROR)
     if similarity is None or agreeing.mean() < _MIN_SHARE:
         return None
-    return float(np.median(moved[agreeing[:, 0] > 0]))
+    together = agreeing[:, 0] > 0
+    if cv2.contourArea(cv2.convexHull(start[together])) < _MIN_EXTENT * one.size:
+        return None
+    return float(np.median(moved[together]))
 
 
 def _lengths(vectors: Array) -> Array:
