@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
@@ -53,8 +53,11 @@ class Geometry:
 
     @classmethod
     def of(cls, bodies: Sequence[Body]) -> Geometry:
-        """Return the geometry of some bodies; that of the last ones is kept."""
-        return _of_bodies(tuple(bodies))
+        """Return the geometry of some bodies."""
+        parts = [part for body in bodies for part in body.parts]
+        planes = [np.unique(part.planes.round(9), axis=0) for part in parts]
+        performer = np.repeat(np.arange(len(bodies)), [len(body) for body in bodies])
+        return cls.joined([part.vertices for part in parts], planes, performer)
 
     @classmethod
     def joined(cls, vertices: Sequence[Array], planes: Sequence[Array], performer: Ints | None = None) -> Geometry:
@@ -83,14 +86,6 @@ class Geometry:
     @cached_property
     def _subsets(self) -> dict[tuple[int, ...], Geometry]:
         return {}
-
-
-@lru_cache(maxsize=8)
-def _of_bodies(bodies: tuple[Body, ...]) -> Geometry:
-    parts = [part for body in bodies for part in body.parts]
-    planes = [np.unique(part.planes.round(9), axis=0) for part in parts]
-    performer = np.repeat(np.arange(len(bodies)), [len(body) for body in bodies])
-    return Geometry.joined([part.vertices for part in parts], planes, performer)
 
 
 @dataclass(frozen=True)
