@@ -22,6 +22,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..numerics.arrays import Array, Bools
 from ..numerics.banded import BandedFactor
@@ -37,6 +38,8 @@ POOLING_COUNT = 30.0
 """
 ROOT_PRIOR_COUNT = 6.0
 """Weight of the root's earlier estimate, as a number of accelerations: it has no other joints to be pooled with."""
+ROOT_GROUPS = 2
+"""Groups of the root's place: the horizontal axes, and the vertical one, along which weight and jumps accelerate it."""
 MIN_MOBILITY = 0.05
 """Lower bound of the acceleration about an axis about which a joint can hardly turn, as a share of the usual one."""
 _MIN_VARIANCE = 1e-12  # of what stands still, (rad/frame^2)^2 or (m/frame^2)^2
@@ -80,7 +83,20 @@ class AccelerationVariances:
 
 def precision_of(variances: Array, mobility: Array) -> Array:
     """Inverse variances of the acceleration of each degree of freedom (..., D), from variances of G groups (..., G)."""
-    return np.asarray(1 / (np.repeat(variances, 3, axis=-1) * mobility**2))
+    return np.asarray(1 / (np.repeat(variances, group_sizes(len(mobility)), axis=-1) * mobility**2))
+
+
+def group_sizes(dof: int) -> NDArray[np.int_]:
+    """Number of axes of each group, shape (G,): two horizontal ones and the vertical one of the root's place, and three
+    of every part's turn.
+    """
+    return np.array([2, 1, *[3] * (dof // 3 - 1)])
+
+
+def by_group(values: Array) -> Array:
+    """Sum values of all degrees of freedom (..., D) over the axes of each group, shape (..., G)."""
+    sizes = group_sizes(values.shape[-1])
+    return np.asarray(np.add.reduceat(values, np.cumsum(sizes) - sizes, axis=-1))
 
 
 def axis_mobility(body: Body) -> Array:
@@ -113,13 +129,15 @@ def updated_variances(
     total = (squares * before.typical / before.local).sum(axis=0)
     known = gamma.sum(axis=0)
     typical = (POOLING_COUNT * before.typical + total) / (POOLING_COUNT + known)
-    typical[0] = (ROOT_PRIOR_COUNT * before.typical[0] + total[0]) / (ROOT_PRIOR_COUNT + known[0])
-    joints = np.arange(1, len(axes))[axes[1:] > 0]
+    root = slice(0, ROOT_GROUPS)
+    typical[root] = (ROOT_PRIOR_COUNT * before.typical[root] + total[root]) / (ROOT_PRIOR_COUNT + known[root])
+    joints = np.arange(ROOT_GROUPS, len(axes))[axes[ROOT_GROUPS:] > 0]
     if len(joints):
         pool = float(np.exp(np.mean(np.log(before.typical[joints]))))
         for _ in range(_POOL_ITERATIONS):  # the likeliest scale of inverse gamma distributions is the harmonic mean
             pool = 1 / float(np.mean((POOLING_COUNT + known[joints]) / (POOLING_COUNT * pool + total[joints])))
-        typical[1:] = (POOLING_COUNT * pool + total[1:]) / (POOLING_COUNT + known[1:])
+        turns = slice(ROOT_GROUPS, None)
+        typical[turns] = (POOLING_COUNT * pool + total[turns]) / (POOLING_COUNT + known[turns])
     typical = np.maximum(typical, _MIN_VARIANCE)
     if not bursts:
         return AccelerationVariances.constant(typical, len(squares))
@@ -191,7 +209,7 @@ def estimate_variances(
     if observed.is_fixed():
         return before
     known, fixed, start, expected = observed.known, observed.fixed, observed.start, observed.expected
-    axes = (~fixed.all(axis=0)).reshape(-1, 3).sum(axis=1).astype(float)
+    axes = by_group((~fixed.all(axis=0)).astype(float))
     differences = SecondDifferences.of(known, observed.steps)
     for _ in range(rounds):
         smooth = differences.normal_equations(before.precision(mobility), expected)
@@ -204,9 +222,7 @@ def estimate_variances(
         )
         solved = acceleration(known.moved(step), observed.steps) - (0.0 if expected is None else expected)
         uncertain = differences.variances((diagonal, first, second))
-        squares, left = (
-            (values / mobility**2).reshape(len(solved), -1, 3).sum(axis=2) for values in (solved**2, uncertain)
-        )
+        squares, left = (by_group(values / mobility**2) for values in (solved**2, uncertain))
         found = updated_variances(before, squares, left, axes, bursts=bursts)
         before = found if given is None else found.with_given(before, given)
     return before

@@ -278,10 +278,11 @@ def _refined_camera(found: RefinedCamera) -> dict[str, Any]:
 
 
 def _accelerations(performer: Performer, found: list[NDArray[np.float64]]) -> dict[str, Any]:
-    """Return the medians of the accelerations that were estimated on the segments."""
+    """Return the medians of the accelerations that were estimated on the segments; of the root, all axes together."""
     if not found:
         return {}
-    root, *joints = np.median(found, axis=0)
+    across, up, *joints = np.median(found, axis=0)
+    root = np.sqrt((2 * across**2 + up**2) / 3)
     turns = {part.name: round(float(value), 1) for part, value in zip(performer.body.parts, joints, strict=True)}
     return {"accelerations": {"root": round(float(root), 2), "joints": turns}}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..body import Body
-from ..body.smoothness_estimate import POOLING_COUNT, axis_mobility, precision_of
+from ..body.smoothness_estimate import POOLING_COUNT, ROOT_GROUPS, axis_mobility, by_group, group_sizes, precision_of
 from ..numerics.arrays import Array, Bools
 from .settings import Settings
 from .shot import KeyPoses
@@ -22,15 +22,15 @@ def usual_variances(body: Body, fps: float, settings: Settings) -> Array:
 
     The groups are those of `core.body.smoothness_estimate`: the root's position and the rotation of every part.
     """
-    sigma = np.full(body.dof // 3, settings.joint_acceleration or USUAL_JOINT)
-    sigma[0] = settings.root_acceleration or USUAL_ROOT
+    sigma = np.full(len(group_sizes(body.dof)), settings.joint_acceleration or USUAL_JOINT)
+    sigma[:ROOT_GROUPS] = settings.root_acceleration or USUAL_ROOT
     return np.asarray((sigma / fps**2) ** 2)
 
 
 def given_groups(body: Body, settings: Settings) -> Bools:
     """Return which groups' accelerations are given in the settings and not estimated, shape (G,)."""
-    given = np.full(body.dof // 3, settings.joint_acceleration is not None)
-    given[0] = settings.root_acceleration is not None
+    given = np.full(len(group_sizes(body.dof)), settings.joint_acceleration is not None)
+    given[:ROOT_GROUPS] = settings.root_acceleration is not None
     return given
 
 
@@ -57,7 +57,7 @@ def variances_from_key_poses(body: Body, keys: KeyPoses, fps: float, settings: S
     m, n = gaps[:-1], gaps[1:]
     weight = (m + n) / 3 + (1 / m + 1 / n) / 6
     squares = (np.diff(speed, axis=0) / axis_mobility(body)) ** 2 / weight[:, None]
-    seen = squares.reshape(len(m), -1, 3).mean(axis=(0, 2)) / usual
-    count = 3 * len(m)
+    count = len(m) * group_sizes(body.dof)
+    seen = by_group(squares).sum(axis=0) / count / usual
     likely = usual * np.maximum((POOLING_COUNT * seen.mean() + count * seen) / (POOLING_COUNT + count), _MIN_CHANGE)
     return np.where(given_groups(body, settings), usual, likely)

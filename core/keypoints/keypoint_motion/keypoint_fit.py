@@ -14,7 +14,14 @@ from ...body.joint_limits import habitual_prior, posture_prior
 from ...body.measures.body_measures import BodyMeasures
 from ...body.motion import Motion
 from ...body.smoothness import MAX_STEP, limited, smoothness
-from ...body.smoothness_estimate import AccelerationVariances, ObservedMotion, axis_mobility, estimate_variances
+from ...body.smoothness_estimate import (
+    AccelerationVariances,
+    ObservedMotion,
+    axis_mobility,
+    by_group,
+    estimate_variances,
+    group_sizes,
+)
 from ...numerics.arrays import Array
 from ...numerics.banded import BandedFactor, bordered_solution
 from ...numerics.banded_blocks import BandedBlocks
@@ -122,7 +129,7 @@ class FitProblem:
         """Return the variances from which the estimate of smoothness starts; if views agree on nothing, they are
         kept.
         """
-        typical = (1 / (self.precision * mobility**2)).reshape(-1, 3).mean(axis=1)
+        typical = by_group(1 / (self.precision * mobility**2)) / group_sizes(len(mobility))
         widened = typical * START_SCALE**2 if self.views_agree else typical
         return AccelerationVariances.constant(widened, max(frames - 2, 0))
 

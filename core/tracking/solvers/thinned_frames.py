@@ -16,7 +16,7 @@ import numpy as np
 
 from ...body import Body, part_poses
 from ...body.motion import Motion
-from ...body.smoothness_estimate import AccelerationVariances, axis_mobility
+from ...body.smoothness_estimate import ROOT_GROUPS, AccelerationVariances, axis_mobility
 from ...evidence.occlusion import LONG_GAP
 from ...evidence.view_frames import ViewFrames
 from ...numerics import rotations
@@ -266,10 +266,12 @@ def _sway(body: Body, variances: Array, motion: Motion) -> float:
     """
     mobile = (axis_mobility(body)[3:].reshape(-1, 3) ** 2).mean(axis=1)
     joints = part_poses(body, motion[:1])[1][0]
-    squares = np.full(len(body), variances[0])
+    squares = np.full(len(body), variances[:ROOT_GROUPS].max())
     for part in range(len(body)):
         above = body.parents[part]
         while above >= 0:
-            squares[part] += variances[1 + above] * mobile[above] * np.sum((joints[part] - joints[above]) ** 2)
+            squares[part] += (
+                variances[ROOT_GROUPS + above] * mobile[above] * np.sum((joints[part] - joints[above]) ** 2)
+            )
             above = body.parents[above]
     return float(np.sqrt(squares.max()))

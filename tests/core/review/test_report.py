@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from kfmocap.core.body import human
 from kfmocap.core.body.motion import Motion
+from kfmocap.core.body.smoothness_estimate import ROOT_GROUPS
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.cameras.world_axes import AXES, upward_doubt
 from kfmocap.core.errors import LandmarkError
@@ -193,13 +194,14 @@ def test_a_footage_offset_is_reported_unless_it_was_given(tracked: tuple[Shot, t
 def test_the_report_has_the_accelerations_that_were_found(tracked: tuple[Shot, type]) -> None:
     shot, result = tracked
     assert "accelerations" not in report(shot, result)["performers"][0]
-    found = np.full(1 + len(shot.performers[0].body), 20.0)
-    found[0], found[1 + shot.performers[0].body.index("forearm.R")] = 1.5, 60.0
+    found = np.full(ROOT_GROUPS + len(shot.performers[0].body), 20.0)
+    found[:ROOT_GROUPS] = 1.5, 3.0  # across and up: sqrt((2 * 1.5**2 + 3**2) / 3)
+    found[ROOT_GROUPS + shot.performers[0].body.index("forearm.R")] = 60.0
     result.segments = (Segment(0, 23, 3, (5.0, 2.0, 1.5), (found,)),)
     values = report(shot, result)
     accelerations = values["performers"][0]["accelerations"]
-    assert accelerations["root"] == 1.5 and accelerations["joints"]["forearm.R"] == 60.0
-    assert any("root 1.5 m/s^2" in line and "60 rad/s^2 (forearm.R)" in line for line in report_lines(values))
+    assert accelerations["root"] == 2.12 and accelerations["joints"]["forearm.R"] == 60.0
+    assert any("root 2.1 m/s^2" in line and "60 rad/s^2 (forearm.R)" in line for line in report_lines(values))
 
 
 def landmarks(names: list[str], points: np.ndarray) -> Landmarks:

@@ -11,10 +11,12 @@ from kfmocap.core.body.acceleration_scale import likeliest_scale
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.body.smoothness import SecondDifferences, acceleration, smoothness
 from kfmocap.core.body.smoothness_estimate import (
+    ROOT_GROUPS,
     AccelerationVariances,
     ObservedMotion,
     axis_mobility,
     estimate_variances,
+    group_sizes,
     precision_of,
     updated_variances,
 )
@@ -31,6 +33,9 @@ BODY = human(solid=False)
 BODY = replace(BODY, parts=BODY.parts[:4], landmarks={})
 """Trunk and head: a root and three joints."""
 FREE = axis_mobility(BODY)
+SIZES = group_sizes(BODY.dof)
+JOINT = ROOT_GROUPS + 1
+"""Group of the joint whose rotation is degrees of freedom 6 to 8."""
 SETTINGS = Settings()
 USUAL = usual_variances(BODY, 30.0, SETTINGS)
 
@@ -58,7 +63,7 @@ def observed_blocks(motion: Motion, truth: Motion, noise: float, seed: int = 1) 
 
 def found(truth: Motion, noise: float, start: float, rounds: int = 10) -> AccelerationVariances:
     fixed = np.zeros((len(truth), BODY.dof), bool)
-    begin = AccelerationVariances.constant(np.full(BODY.dof // 3, start**2), len(truth) - 2)
+    begin = AccelerationVariances.constant(np.full(len(SIZES), start**2), len(truth) - 2)
     return estimate_variances(
         ObservedMotion(truth, observed_blocks(truth, truth, noise), fixed), FREE, begin, rounds=rounds
     )
@@ -73,12 +78,20 @@ def test_a_known_acceleration_is_found_from_noisy_observations(start: float) -> 
     assert np.sqrt(spread.local).mean() == pytest.approx(0.006, rel=0.35)
 
 
+def test_a_body_that_bounces_is_found_to_accelerate_upwards_and_not_across() -> None:
+    deviation = 0.002 * FREE
+    deviation[2] *= 10
+    across, up = np.sqrt(found(walk(200, deviation), 0.003, 0.006).typical[:ROOT_GROUPS])
+    assert across == pytest.approx(0.002, rel=0.5)
+    assert up == pytest.approx(0.02, rel=0.5)
+
+
 def test_a_burst_in_a_quiet_motion_is_left_in_it() -> None:
     deviation = np.repeat(0.001 * FREE[None], 118, axis=0)
     deviation[50:54, 6:9] *= 60
     truth = walk(120, deviation)
     spread = found(truth, 0.003, 0.002)
-    loud, quiet = spread.local[50:54, 2].mean(), np.median(np.delete(spread.local[:, 2], np.s_[46:58]))
+    loud, quiet = spread.local[50:54, JOINT].mean(), np.median(np.delete(spread.local[:, JOINT], np.s_[46:58]))
     assert loud > 20 * quiet
     observed = observed_blocks(truth, truth, 0.003)
     free = np.zeros((120, BODY.dof), bool)
@@ -115,7 +128,7 @@ def test_key_poses_suggest_the_same_at_any_frame_rate() -> None:
 def test_key_poses_suggest_the_acceleration_between_them() -> None:
     estimates, true = [], 0.01 * np.sqrt(USUAL)
     for seed in range(20):
-        truth = walk(121, np.repeat(true, 3) * FREE, seed)
+        truth = walk(121, np.repeat(true, SIZES) * FREE, seed)
         frames = np.arange(0, 121, 10)
         estimates.append(variances_from_key_poses(BODY, KeyPoses.whole(frames, truth[frames]), 30.0, SETTINGS))
     assert np.sqrt(np.mean(estimates, axis=0)) == pytest.approx(true, rel=0.2)
@@ -151,13 +164,14 @@ def test_accelerations_that_the_settings_give_are_not_estimated() -> None:
     begin = AccelerationVariances.constant(usual_variances(BODY, 30.0, settings), 58)
     evidence, given = observed_blocks(truth, truth, 0.01), given_groups(BODY, settings)
     spread = estimate_variances(ObservedMotion(truth, evidence, fixed), FREE, begin, rounds=3, given=given)
-    assert spread.typical_accelerations(30.0)[1:] == pytest.approx(45.0)
-    assert np.ptp(spread.local[:, 1:]) == 0
-    assert spread.typical_accelerations(30.0)[0] != pytest.approx(begin.typical_accelerations(30.0)[0], rel=0.1)
+    assert spread.typical_accelerations(30.0)[ROOT_GROUPS:] == pytest.approx(45.0)
+    assert np.ptp(spread.local[:, ROOT_GROUPS:]) == 0
+    for root in range(ROOT_GROUPS):
+        assert spread.typical_accelerations(30.0)[root] != pytest.approx(begin.typical_accelerations(30.0)[root], 0.1)
     keys = KeyPoses.whole(np.array([0, 20, 40]), truth[[0, 20, 40]])
     suggested = variances_from_key_poses(BODY, keys, 30.0, settings)
-    np.testing.assert_array_equal(suggested[1:], begin.typical[1:])
-    assert suggested[0] != begin.typical[0]
+    np.testing.assert_array_equal(suggested[ROOT_GROUPS:], begin.typical[ROOT_GROUPS:])
+    assert (suggested[:ROOT_GROUPS] != begin.typical[:ROOT_GROUPS]).all()
 
 
 def test_without_bursts_a_limb_that_jumps_is_as_smooth_as_on_other_frames() -> None:
@@ -165,10 +179,10 @@ def test_without_bursts_a_limb_that_jumps_is_as_smooth_as_on_other_frames() -> N
     deviation[18:22, 6:9] *= 60
     truth, fixed = walk(60, deviation), np.zeros((60, BODY.dof), bool)
     evidence = observed_blocks(truth, truth, 0.003)
-    begin = AccelerationVariances.constant(np.full(BODY.dof // 3, 4e-6), 58)
+    begin = AccelerationVariances.constant(np.full(len(SIZES), 4e-6), 58)
     for bursts in (False, True):
         spread = estimate_variances(ObservedMotion(truth, evidence, fixed), FREE, begin, rounds=10, bursts=bursts)
-        assert (spread.local[18:22, 2].mean() > 20 * spread.local[40, 2]) == bursts
+        assert (spread.local[18:22, JOINT].mean() > 20 * spread.local[40, JOINT]) == bursts
 
 
 def test_the_spline_stays_where_nothing_is_free() -> None:
@@ -185,7 +199,7 @@ def test_the_scale_of_all_accelerations_is_found_whatever_was_expected(called: f
     true, noise = 0.02, 0.01
     truth = walk(60, true * FREE)
     fixed = np.zeros((60, BODY.dof), bool)
-    expected = np.full(BODY.dof // 3, (called * true) ** 2)
+    expected = np.full(len(SIZES), (called * true) ** 2)
     scale = likeliest_scale(
         ObservedMotion(truth, observed_blocks(truth, truth, noise), fixed), precision_of(expected, FREE)[None]
     )
@@ -198,7 +212,7 @@ def test_where_nothing_is_seen_the_scale_is_the_expected_one_nearly() -> None:
     fixed[[0, -1]] = True
     nothing = BandedBlocks.zeros(10, BODY.dof)
     moved = walk(10, 0.02 * FREE)
-    precision = precision_of(np.full(BODY.dof // 3, 0.02**2), FREE)[None]
+    precision = precision_of(np.full(len(SIZES), 0.02**2), FREE)[None]
     assert likeliest_scale(ObservedMotion(still, nothing, np.ones_like(fixed)), precision) == 1.0
     assert 0.1 < likeliest_scale(ObservedMotion(moved, nothing, fixed), precision) < 10
 
@@ -211,7 +225,7 @@ def test_usual_accelerations_are_settled_by_all_that_the_pictures_say_and_not_by
     )
 
     def estimated(before: SegmentSmoothness, factor: float, *, bursts: bool) -> SegmentSmoothness:
-        truth = walk(60, factor * np.sqrt(np.repeat(USUAL, 3)) * FREE)
+        truth = walk(60, factor * np.sqrt(np.repeat(USUAL, SIZES)) * FREE)
         seen = observed_blocks(truth, truth, 0.2 * factor * float(np.sqrt(USUAL[1])))
         return before.estimated(problem, [truth], [seen], bursts=bursts)
 
