@@ -115,7 +115,13 @@ def contradicted(problem: SegmentProblem) -> bool:
 
 
 def least_gain(problem: SegmentProblem) -> float:
-    """Smallest gain in log likelihood, in natural units, for which a solution is left for another one."""
+    """Smallest gain in log likelihood, in natural units, for which a solution is left for another one.
+
+    A single view hardly shows how far a limb of its only performer points towards it, so that no more than a small gain
+    is to be had.
+    """
+    if not (problem.shows_depth or problem.among_others):
+        return 0.0
     return RESTING_GAIN if contradicted(problem) else LEAST_GAIN
 
 
@@ -185,7 +191,7 @@ def _likelier(
         if likelihood(local.problem, local.noise, there) <= likelihood(local.problem, local.noise, here) + RESTING_GAIN:
             return None
         motions = local.within(best.motions, there.motions)
-    rival = likelihood(alone, noise, best) + RESTING_GAIN
+    rival = likelihood(alone, noise, best) + min(RESTING_GAIN, least_gain(alone))
     there = solved_from(alone, motions, noise, workspace)
     there = settled_further(alone, noise, there, workspace, rival=rival)
     return there if likelihood(alone, noise, there) > rival else None

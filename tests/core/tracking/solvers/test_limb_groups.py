@@ -153,6 +153,13 @@ def test_limbs_stay_where_they_were_unless_the_images_are_clearly_likelier_with_
     assert len(world.tried) > 0
 
 
+@pytest.mark.parametrize(("views", "moved"), [(1, True), (2, False)])
+def test_a_single_view_moves_limbs_for_a_small_gain(monkeypatch: pytest.MonkeyPatch, views: int, moved: bool) -> None:
+    """It hardly shows how far they point towards it."""
+    world = World({(0, 0): 0.0, (9, 0): 1.0, (18, 0): 2.0, (27, 0): 0.0}, PAIR[:1])
+    assert angles(world.after(monkeypatch, seen_by(views), ONE).motions[0]) == ((18, 0) if moved else (0, 0))
+
+
 LONG, AWAY = 80, slice(40, 46)
 BESIDE = HELD_FRAMES + round(ADAPTATION_TIME * FPS)
 
