@@ -99,6 +99,13 @@ def by_group(values: Array) -> Array:
     return np.asarray(np.add.reduceat(values, np.cumsum(sizes) - sizes, axis=-1))
 
 
+def _by_group_of_one_root(values: Array) -> Array:
+    """Sum values as `by_group` does, with the sum over all axes of the root's place for each of its groups."""
+    sums = by_group(values)
+    sums[..., :ROOT_GROUPS] = sums[..., :ROOT_GROUPS].sum(axis=-1, keepdims=True)
+    return sums
+
+
 def axis_mobility(body: Body) -> Array:
     """Acceleration of each degree of freedom as a share of its group's, shape (D,).
 
@@ -187,6 +194,7 @@ def estimate_variances(
     *,
     rounds: int = 1,
     bursts: bool = True,
+    root_as_one: bool = False,
     given: Bools | None = None,
 ) -> AccelerationVariances:
     """Estimate how smooth a motion is from what is seen of it.
@@ -203,13 +211,17 @@ def estimate_variances(
     bursts : bool
         Whether the variances of frames may differ. Far from the solution they should not: a limb that was mistaken for
         another would be explained as one that jumps at a key pose.
+    root_as_one : bool
+        Whether all axes of the root's place have one estimate. In a single view its errors in depth, which is nearly
+        horizontal, would pass for movement, and its vertical axis for calm.
     given : ndarray of bool, shape (G,), optional
         Groups whose variances are not estimated.
     """
     if observed.is_fixed():
         return before
     known, fixed, start, expected = observed.known, observed.fixed, observed.start, observed.expected
-    axes = by_group((~fixed.all(axis=0)).astype(float))
+    grouped = _by_group_of_one_root if root_as_one else by_group
+    axes = grouped((~fixed.all(axis=0)).astype(float))
     differences = SecondDifferences.of(known, observed.steps)
     for _ in range(rounds):
         smooth = differences.normal_equations(before.precision(mobility), expected)
@@ -222,7 +234,7 @@ def estimate_variances(
         )
         solved = acceleration(known.moved(step), observed.steps) - (0.0 if expected is None else expected)
         uncertain = differences.variances((diagonal, first, second))
-        squares, left = (by_group(values / mobility**2) for values in (solved**2, uncertain))
+        squares, left = (grouped(values / mobility**2) for values in (solved**2, uncertain))
         found = updated_variances(before, squares, left, axes, bursts=bursts)
         before = found if given is None else found.with_given(before, given)
     return before

@@ -86,6 +86,18 @@ def test_a_body_that_bounces_is_found_to_accelerate_upwards_and_not_across() -> 
     assert up == pytest.approx(0.02, rel=0.5)
 
 
+def test_the_root_as_one_accelerates_alike_along_all_axes() -> None:
+    deviation = 0.002 * FREE
+    deviation[2] *= 10
+    truth, fixed = walk(60, deviation), np.zeros((60, BODY.dof), bool)
+    observed = ObservedMotion(truth, observed_blocks(truth, truth, 0.003), fixed)
+    begin = AccelerationVariances.constant(np.full(len(SIZES), 4e-5), 58)
+    spread = estimate_variances(observed, FREE, begin, rounds=5, root_as_one=True)
+    np.testing.assert_array_equal(spread.typical[0], spread.typical[1])
+    np.testing.assert_array_equal(spread.local[:, 0], spread.local[:, 1])
+    assert np.sqrt(spread.typical[0]) == pytest.approx(np.sqrt(np.mean(deviation[:3] ** 2)), rel=0.5)
+
+
 def test_a_burst_in_a_quiet_motion_is_left_in_it() -> None:
     deviation = np.repeat(0.001 * FREE[None], 118, axis=0)
     deviation[50:54, 6:9] *= 60
