@@ -24,7 +24,7 @@ NAME = "kfmocap.kfmocap_addon.operators.performers.say_height"
 @pytest.fixture
 def tool(blender, monkeypatch):
     page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-    [source] = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    [source] = [code for code in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "class SayHeight" in code]
     module = ModuleType(NAME)
     module.__package__ = NAME.rpartition(".")[0]
     monkeypatch.setitem(sys.modules, NAME, module)

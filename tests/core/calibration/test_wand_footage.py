@@ -25,7 +25,7 @@ from render_wand import write_take
 pytestmark = pytest.mark.long
 SMALL = tuple(camera.reduced(1.5) for camera in CAMERAS[:3])
 NOTHING = SeenBalls(Markers(np.zeros(0, int), np.zeros((0, 4, 2)), np.zeros((0, 4))), np.zeros((0, 4)))
-TAKE = WandTake(SMALL, OFFSETS[:3], frames=56, fps=11.2, lframe_frames=3)
+TAKE = WandTake(SMALL, OFFSETS[:3], frames=75, fps=15.0, lframe_frames=3)
 
 
 @pytest.fixture(scope="module")

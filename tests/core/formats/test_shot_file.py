@@ -269,7 +269,11 @@ BAD = [
     ("offset = 1.0", "every = 2.0", r"\[\[view\]\] 2 every: 2.0 is not a whole number from 1"),
     ("offset = 1.0", "every = true", r"\[\[view\]\] 2 every: True is not a whole number from 1"),
     ("offset = 1.0", 'fields = "top"', r"\[\[view\]\] 2 fields: unknown value 'top'.*top-first"),
-    ("offset = 1.0", 'offset = 15\nfields = "top-first"', "'cam02' footage.*only 22 fields: .*its fields 17 to 24"),
+    (
+        "offset = 1.0",
+        'offset = 15\nfields = "top-first"',
+        "'cam02' footage.*only 22 fields, 0 to 21: .*its fields 17 to 24",
+    ),
     ("offset = 1.0", "missing = [0]", r"\[\[view\]\] 2 missing: 0 cannot be one of them"),
     ("offset = 1.0", "missing = [5]\ntwice = [5]", r"\[\[view\]\] 2 twice: 5 cannot be one of them"),
     ("offset = 1.0", "twice = 5", r"\[\[view\]\] 2 twice: must be a list of whole numbers"),

@@ -102,7 +102,7 @@ class SegmentSmoothness:
                     self.variances[i],
                     rounds=rounds,
                     bursts=bursts,
-                    root_as_one=not problem.shows_depth,
+                    root_as_one=problem.among_others or not problem.shows_depth,
                     given=given_groups(problem.bodies[i], problem.settings),
                 )
         return SegmentSmoothness(tuple(found), scaled=True) if contradicted else replace(self, kept=bursts)
