@@ -48,7 +48,8 @@ _POOL_ITERATIONS = 20
 
 @dataclass(frozen=True, eq=False)
 class AccelerationVariances:
-    """Variances of accelerations, per frame to the fourth, of G groups: the root's place and every part's turn.
+    """Variances of accelerations, per frame to the fourth, of G groups: the root's place, across and upwards, and every
+    part's turn.
 
     Attributes
     ----------

@@ -20,7 +20,7 @@ _MIN_CHANGE = 1e-6  # of a variance: equal key poses do not mean that nothing mo
 def usual_variances(body: Body, fps: float, settings: Settings) -> Array:
     """Return the variances of accelerations per frame, shape (G,), from the settings or else the typical ones.
 
-    The groups are those of `core.body.smoothness_estimate`: the root's position and the rotation of every part.
+    The groups are those of `core.body.smoothness_estimate`.
     """
     sigma = np.full(len(group_sizes(body.dof)), settings.joint_acceleration or USUAL_JOINT)
     sigma[:ROOT_GROUPS] = settings.root_acceleration or USUAL_ROOT
