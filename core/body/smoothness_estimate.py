@@ -213,8 +213,9 @@ def estimate_variances(
         Whether the variances of frames may differ. Far from the solution they should not: a limb that was mistaken for
         another would be explained as one that jumps at a key pose.
     root_as_one : bool
-        Whether all axes of the root's place have one estimate. In a single view its errors in depth, which is nearly
-        horizontal, would pass for movement, and its vertical axis for calm.
+        Whether all axes of the root's place have one estimate: in a single view, where errors in depth, which is nearly
+        horizontal, would pass for movement and the vertical axis for calm, and among several performers, where it lost
+        limbs (docs/evidence.md).
     given : ndarray of bool, shape (G,), optional
         Groups whose variances are not estimated.
     """

@@ -25,7 +25,7 @@ from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
 from kfmocap.core.tracking.solvers.limb_corrections.limb_search import found_limbs
 from kfmocap.core.tracking.solvers.limb_corrections.regained_limbs import refuted_limbs
-from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import support_of_limbs
+from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import LimbOfPerformer, support_of_limbs
 from synthetic import at_rest, ends_held, figure, look_at, part, poses_of, silhouette
 
 Array = np.ndarray
@@ -254,9 +254,13 @@ def test_an_arm_of_the_shirts_colour_is_located_by_its_sides() -> None:
         for motion in (truth, lost)
     )
     assert (right > 0).all() and (wrong[2:-2] < 0).all()
-    (refuted,) = refuted_limbs(problem, [lost])
-    assert refuted[1][0] == arm
-    assert not refuted_limbs(problem, [truth])
+    [(_, chain)] = refuted(problem, lost)
+    assert chain[0] == arm
+    assert not refuted(problem, truth)
+
+
+def refuted(problem: SegmentProblem, motion: Motion) -> list[LimbOfPerformer]:
+    return refuted_limbs(problem, support_of_limbs(problem, [motion]))
 
 
 def with_arm_across(truth: Motion, frames: slice) -> Motion:
@@ -271,9 +275,9 @@ def test_an_arm_without_which_the_pictures_are_likelier_for_long_is_refuted_by_t
     views = views_of(truth, with_bare_arms((70, 100, 190)), brightness=True)
     problem = SegmentProblem(tuple(views), (HUMAN,), 0, 30.0, (ends_held(HUMAN, FRAMES),))
     lost = with_arm_across(truth, slice(1, -1))
-    assert [chain[0] for _, chain in refuted_limbs(problem, [lost])] == [HUMAN.index("upper_arm.R")]
-    assert not refuted_limbs(problem, [truth])
-    assert not refuted_limbs(problem, [with_arm_across(truth, slice(4, 6))]), "it is elsewhere for two frames alone"
+    assert [chain[0] for _, chain in refuted(problem, lost)] == [HUMAN.index("upper_arm.R")]
+    assert not refuted(problem, truth)
+    assert not refuted(problem, with_arm_across(truth, slice(4, 6))), "it is elsewhere for two frames alone"
 
 
 def test_an_arm_that_the_body_hides_from_all_views_is_not_refuted() -> None:
@@ -286,4 +290,4 @@ def test_an_arm_that_the_body_hides_from_all_views_is_not_refuted() -> None:
     arm = HUMAN.index("upper_arm.R")
     shown = next(shown for _, chain, _, shown in support_of_limbs(problem, [motion]) if chain[0] == arm)
     assert (shown() == 0).all()
-    assert not refuted_limbs(problem, [motion])
+    assert not refuted(problem, motion)

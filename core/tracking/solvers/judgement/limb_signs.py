@@ -9,8 +9,9 @@
 - *Weakly shown:* the images show it less clearly than on the key poses. So they do a limb that is lost in front of the
   body, or along the line of sight of one of two cameras, where it covers foreground and leaves hardly any uncovered.
 
-None of them proves it: limbs are hidden for a while, and do turn away at key poses. A limb is too small a part of the
-performer for its cover to raise a doubt (`solution_doubts`).
+All but the first follow from what the images say for limbs (`SupportOfLimb`). None proves that a limb is lost: limbs
+are hidden for a while, and do turn away at key poses. A limb is too small a part of the performer for its cover to
+raise a doubt (`solution_doubts`).
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from ....evidence.occlusion import LONG_GAP
 from ....numerics.arrays import Array, Ints
 from ....numerics.frame_ranges import runs
 from ..equations.problem import SegmentProblem
-from ..limb_evidence.limb_likelihood import MIN_GAIN, LimbOfPerformer, SupportOfLimb, least_supported, support_of_limbs
+from ..limb_evidence.limb_likelihood import MIN_GAIN, LimbOfPerformer, SupportOfLimb, least_supported
 from .solution_doubts import MIN_DURATION
 
 BEND_RATIO = 3.0
@@ -89,9 +90,7 @@ def _joint_changes(problem: SegmentProblem, performer: int, motion: Motion, chai
     return np.asarray(np.linalg.norm(second_differences(joints, problem.known_steps(performer)), axis=-1))
 
 
-def refuted_limbs(
-    problem: SegmentProblem, motions: Sequence[Motion], support: Iterable[SupportOfLimb] | None = None
-) -> list[LimbOfPerformer]:
+def refuted_limbs(problem: SegmentProblem, support: Iterable[SupportOfLimb]) -> list[LimbOfPerformer]:
     """Find the limbs without which the images would be likelier on some run of frames.
 
     This holds if the log likelihood ratio of the brightness across a limb's sides is below -`MIN_GAIN` in sum, while
@@ -99,17 +98,9 @@ def refuted_limbs(
     was learned on the few key poses, so that over a long time between them small errors add up to any sum. It also
     holds if both this ratio and that of sides and pixels together are negative over `LONG_GAP` frames, longer
     than prediction bridges. A limb that is hidden in all views is not refuted.
-
-    Parameters
-    ----------
-    problem : SegmentProblem
-    motions : sequence of Motion
-        F poses per performer.
-    support : iterable of SupportOfLimb, optional
-        Of these motions, if it is known.
     """
     found = []
-    for i, chain, sides, shown in support_of_limbs(problem, motions) if support is None else support:
+    for i, chain, sides, shown in support:
         shown, (first, end) = cache(shown), _worst_run(sides)
         refuted = sides[first:end].sum() < -MIN_GAIN and (
             (pixels := shown() - sides)[first:end].mean() < MIN_SUPPORT * pixels[problem.whole_keys(i)].mean()
@@ -132,22 +123,11 @@ def _against_for_long(shown: Array) -> bool:
     return bool((upto[LONG_GAP:] < upto[:-LONG_GAP]).any())
 
 
-def faded_limbs(
-    problem: SegmentProblem, motions: Sequence[Motion], support: Iterable[SupportOfLimb] | None = None
-) -> list[LimbOfPerformer]:
+def faded_limbs(problem: SegmentProblem, support: Iterable[SupportOfLimb]) -> list[LimbOfPerformer]:
     """Find the limbs whose support, the log likelihood ratio of the images with the limb where it is against without
     it, is low for a moment: the one that falls lowest first.
-
-    Parameters
-    ----------
-    problem : SegmentProblem
-    motions : sequence of Motion
-        F poses per performer.
-    support : iterable of SupportOfLimb, optional
-        Of these motions, if it is known.
     """
     long = _least_duration(problem)
-    support = support_of_limbs(problem, motions) if support is None else support
     return least_supported(support, lambda _, shown: _lowest_support(shown, long), FADED_RATIO)
 
 
@@ -161,22 +141,11 @@ def _lowest_support(support: Array, long: int) -> float:
     return float(min(means, default=1.0))
 
 
-def weakly_shown_limbs(
-    problem: SegmentProblem, motions: Sequence[Motion], support: Iterable[SupportOfLimb] | None = None
-) -> list[LimbOfPerformer]:
+def weakly_shown_limbs(problem: SegmentProblem, support: Iterable[SupportOfLimb]) -> list[LimbOfPerformer]:
     """Find the limbs that the images show less clearly for a moment than on the key poses (`WEAK_RATIO`), the weakest
     first.
-
-    Parameters
-    ----------
-    problem : SegmentProblem
-    motions : sequence of Motion
-        F poses per performer.
-    support : iterable of SupportOfLimb, optional
-        Of these motions, if it is known.
     """
     long = _least_duration(problem)
-    support = support_of_limbs(problem, motions) if support is None else support
     return least_supported(support, lambda i, shown: _weakest_support(shown, problem.whole_keys(i), long), WEAK_RATIO)
 
 

@@ -229,7 +229,7 @@ def _with_limb_found(
     """
     i, chain = place
     motion = motions[i]
-    # By what is seen of its area, a limb of one of several performers is found where others show it.
+    # Of one of several performers: by what is seen of their areas, more parts are found where others show them.
     limb, parts = limb_of(problem, motions, place, rng, points, evenly=problem.among_others)
     geometry, poses = problem.geometry(), scene_poses(problem.bodies, motions)
     uncovered = [view.uncovered(geometry, poses, parts) for view in ratios]

@@ -75,9 +75,9 @@ def suspected_groups(problem: SegmentProblem, solution: SegmentSolution) -> list
         measured = _support_on_some_frames(problem, motions)
         support = evaluated(measured) if hidden or weakly else measured
         places = [(i, chain) for i in problem.sought for chain in bent_limbs(problem, i, motions[i])]
-        places += refuted_limbs(problem, motions, support)
-        places += faded_limbs(problem, motions, support) if hidden else []
-        places += weakly_shown_limbs(problem, motions, support) if weakly else []
+        places += refuted_limbs(problem, support)
+        places += faded_limbs(problem, support) if hidden else []
+        places += weakly_shown_limbs(problem, support) if weakly else []
     groups = [LimbGroup(i, (chain,)) for k, (i, chain) in enumerate(places) if (i, chain) not in places[:k]]
     if single and problem.shows_depth:
         pairs = [pair for pair in limb_pairs(problem.bodies[0]) if all((0, chain) in places for chain in pair)]

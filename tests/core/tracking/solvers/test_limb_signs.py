@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
-from kfmocap.core.body import human
 from kfmocap.core.body.limbs import limbs
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
-from kfmocap.core.tracking.solvers.judgement import limb_signs
 from kfmocap.core.tracking.solvers.judgement.limb_signs import (
     bend_of,
     bent_limbs,
@@ -20,38 +19,12 @@ from kfmocap.core.tracking.solvers.judgement.limb_signs import (
     refuted_limbs,
     weakly_shown_limbs,
 )
-from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import MIN_GAIN
-from synthetic import at_rest, ends_held
+from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import MIN_GAIN, SupportOfLimb
+from swinging_arm import ARM, BODY, FPS, FRAMES, TRUTH, WHOLE, astray
+from synthetic import ends_held
 
 Array = np.ndarray
-BODY, FRAMES, FPS = human(1.75), 12, 30.0
 LIMBS = limbs(BODY)
-ARM = [BODY.index(f"{name}.R") for name in ("upper_arm", "forearm", "hand")]
-REST = at_rest(BODY, FRAMES)
-Support = dict[tuple[int, int], Array]
-"""Support of limbs by performer and number of the limb; all others have full support."""
-
-
-def swinging() -> Motion:
-    """An arm that swings on at a steady speed through the poses on both ends, and one frame beyond."""
-    motion = at_rest(BODY, FRAMES + 2)
-    turns = np.zeros((FRAMES + 2, 3))
-    turns[:, 2] = 0.09 * np.arange(FRAMES + 2)
-    motion.rotations[:, ARM[0]] = rotations.exp(turns)
-    return motion
-
-
-WHOLE = swinging()
-TRUTH = WHOLE[1:-1]
-
-
-def astray() -> Motion:
-    """The arm turns back right after the first key pose, and comes back until the last."""
-    turns = np.zeros((FRAMES, 3))
-    turns[1:, 0] = np.linspace(-0.8, 0.0, FRAMES - 1)
-    Q = TRUTH.rotations.copy()
-    Q[:, ARM[0]] = Q[:, ARM[0]] @ rotations.exp(turns)
-    return Motion(TRUTH.translations, Q)
 
 
 def held(performers: int) -> SegmentProblem:
@@ -61,13 +34,11 @@ def held(performers: int) -> SegmentProblem:
 ALONE = replace(held(1), before=(WHOLE[:1],), after=(WHOLE[-1:],))
 
 
-def supported(monkeypatch: pytest.MonkeyPatch, of: Support) -> None:
-    def each(problem: SegmentProblem, _motions: object) -> Iterator[tuple[object, ...]]:
-        for i in problem.sought:
-            for k, chain in enumerate(LIMBS):
-                yield i, chain, np.zeros(FRAMES), lambda i=i, k=k: of.get((i, k), np.full(FRAMES, 60.0))
-
-    monkeypatch.setattr(limb_signs, "support_of_limbs", each)
+def supported(problem: SegmentProblem, of: dict[tuple[int, int], Array]) -> Iterator[SupportOfLimb]:
+    """Support of all limbs: of some by performer and number of the limb, of all others full."""
+    for i in problem.sought:
+        for k, chain in enumerate(LIMBS):
+            yield i, chain, np.zeros(FRAMES), partial(of.get, (i, k), np.full(FRAMES, 60.0))
 
 
 def shown(share: float, first: int, last: int) -> Array:
@@ -105,14 +76,13 @@ def test_who_moves_as_suddenly_between_the_key_poses_may_do_so_at_one() -> None:
 
 @pytest.mark.parametrize(("against", "pixels", "expected"), [(2, 90, False), (2, 70, True), (0.5, 70, False)])
 def test_sides_refute_a_limb_that_its_pixels_show_less_than_on_the_key_poses(
-    monkeypatch: pytest.MonkeyPatch, against: float, pixels: float, expected: bool
+    against: float, pixels: float, expected: bool
 ) -> None:
     """How sides look is learned on few key poses: over many frames the error of that adds up."""
     between = np.arange(FRAMES) % (FRAMES - 1) > 0
     sides = np.where(between, -against * MIN_GAIN / between.sum(), 1.0)
     support = sides + np.where(between, pixels, 100.0)
-    monkeypatch.setattr(limb_signs, "support_of_limbs", lambda *_: [(0, ARM, sides, lambda: support)])
-    assert bool(refuted_limbs(ALONE, [TRUTH])) == expected
+    assert bool(refuted_limbs(ALONE, [(0, ARM, sides, lambda: support)])) == expected
 
 
 @pytest.mark.parametrize(
@@ -125,17 +95,16 @@ def test_sides_refute_a_limb_that_its_pixels_show_less_than_on_the_key_poses(
         (np.full(FRAMES, 5.0), False),
     ],
 )
-def test_a_limb_has_faded_whose_support_falls_for_more_than_a_moment(
-    monkeypatch: pytest.MonkeyPatch, support: Array, fades: bool
-) -> None:
+def test_a_limb_has_faded_whose_support_falls_for_more_than_a_moment(support: Array, fades: bool) -> None:
     """One that is little seen all the time has not."""
-    supported(monkeypatch, {(1, 0): support})
-    assert faded_limbs(held(2), (REST, REST)) == ([(1, LIMBS[0])] if fades else [])
+    problem = held(2)
+    assert faded_limbs(problem, supported(problem, {(1, 0): support})) == ([(1, LIMBS[0])] if fades else [])
 
 
-def test_the_limb_that_has_faded_most_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    supported(monkeypatch, {(0, 0): shown(0.3, 4, 7), (0, 1): shown(0.4, 5, 9), (1, 0): shown(-0.2, 5, 8)})
-    assert faded_limbs(held(2), (REST, REST)) == [(1, LIMBS[0]), (0, LIMBS[0]), (0, LIMBS[1])]
+def test_the_limb_that_has_faded_most_comes_first() -> None:
+    problem = held(2)
+    support = supported(problem, {(0, 0): shown(0.3, 4, 7), (0, 1): shown(0.4, 5, 9), (1, 0): shown(-0.2, 5, 8)})
+    assert faded_limbs(problem, support) == [(1, LIMBS[0]), (0, LIMBS[0]), (0, LIMBS[1])]
 
 
 @pytest.mark.parametrize(
@@ -149,8 +118,6 @@ def test_the_limb_that_has_faded_most_comes_first(monkeypatch: pytest.MonkeyPatc
         (shown(0.1, 0, FRAMES), False),  # hardly seen on the key poses either
     ],
 )
-def test_a_limb_is_weak_where_its_support_falls_below_that_of_the_key_poses(
-    monkeypatch: pytest.MonkeyPatch, support: Array, weak: bool
-) -> None:
-    supported(monkeypatch, {(0, 1): support})
-    assert weakly_shown_limbs(held(1), [REST]) == ([(0, LIMBS[1])] if weak else [])
+def test_a_limb_is_weak_where_its_support_falls_below_that_of_the_key_poses(support: Array, weak: bool) -> None:
+    problem = held(1)
+    assert weakly_shown_limbs(problem, supported(problem, {(0, 1): support})) == ([(0, LIMBS[1])] if weak else [])

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kfmocap.core.body import human, landmark_positions
+from kfmocap.core.body import landmark_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.view_frames import ViewFrames
@@ -26,36 +26,13 @@ from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import LimbGroup
 from kfmocap.core.tracking.solvers.limb_corrections.limb_search import MIN_GAIN_ELSEWHERE, freed_limb
 from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import SupportOfLimb
 from kfmocap.core.tracking.solvers.thinned_frames import ThinnedProblem
-from synthetic import at_rest, ends_held, look_at, poses_of, silhouette
+from swinging_arm import ARM, BODY, FPS, FRAMES, TRUTH, WHOLE, astray
+from synthetic import ends_held, look_at, poses_of, silhouette
 
-BODY, FRAMES, FPS = human(1.75), 12, 30.0
-ARM = [BODY.index(f"{name}.R") for name in ("upper_arm", "forearm", "hand")]
 CAMERAS = (
     look_at("front", (0.4, -4.0, 1.2), (0, 0, 0.95), size=(160, 120), focal=120.0),
     look_at("side", (4.0, 0.3, 1.1), (0, 0, 0.95), size=(160, 120), focal=120.0),
 )
-
-
-def swinging() -> Motion:
-    """An arm that swings on at a steady speed through the poses on both ends, and one frame beyond."""
-    motion = at_rest(BODY, FRAMES + 2)
-    turns = np.zeros((FRAMES + 2, 3))
-    turns[:, 2] = 0.09 * np.arange(FRAMES + 2)
-    motion.rotations[:, ARM[0]] = rotations.exp(turns)
-    return motion
-
-
-WHOLE = swinging()
-TRUTH = WHOLE[1:-1]
-
-
-def astray() -> Motion:
-    """The arm turns back right after the first key pose, and comes back until the last."""
-    turns = np.zeros((FRAMES, 3))
-    turns[1:, 0] = np.linspace(-0.8, 0.0, FRAMES - 1)
-    Q = TRUTH.rotations.copy()
-    Q[:, ARM[0]] = Q[:, ARM[0]] @ rotations.exp(turns)
-    return Motion(TRUTH.translations, Q)
 
 
 @pytest.fixture(scope="module")
@@ -203,7 +180,7 @@ def test_where_frames_follow_each_other_closely_what_shows_limbs_is_measured_on_
         times = some.times / some.fps
         return [(0, ARM, times, lambda: 2 * times)]
 
-    def refuted(_problem: object, _motions: object, support: Sequence[SupportOfLimb]) -> list[object]:
+    def refuted(_problem: object, support: Sequence[SupportOfLimb]) -> list[object]:
         known.extend((sides, shown()) for _, _, sides, shown in support)
         return []
 
