@@ -37,7 +37,7 @@ class ControlRig:
         controls that play a role of `MOVED` and of those that are apart are used.
     toe_tips : mapping of str to float
         Horizontal distance at rest from the ankle to the tips of the toes, metres, 0 where it is unknown, for the sides
-        ("L", "R") on which it is known from more than the foot's control, and toes keep their rest rotation.
+        ("L", "R") on which it is known from more than the foot's control, and the motion has no toes.
     palms : mapping of str to ndarray, shape (3, 3)
         By side, the axes of the palms at rest, see `core.retargeting.palms.palm_axes`, where fingers that are
         not controlled show them.

@@ -19,6 +19,7 @@ from ..numerics.arrays import Array, Bools
 from ..numerics.frame_ranges import runs
 from .control_rig import ControlRig, RigPoses
 from .limb_goals import LimbGoal, limb_controls
+from .long_feet import LIKELY_FOOT, Sole
 from .rest_alignment import alignments, ankle_to_ball, facing
 from .roles import SIDES, BoneMap
 from .transfer import Placement, leg_length
@@ -28,12 +29,8 @@ HEEL, BALL = 0, 1
 _HEEL_BACK = 0.3  # of the horizontal distance from ankle to ball: from the ankle back to the heel, if it is unknown
 _FOOT_LENGTH = 0.17  # of the leg length: from the ankle to the ball, if it is unknown
 _SAME_FOOT = 0.03  # relative: foot lengths this close to proportional to the legs are taken to be exactly so
-_LIKELY_FOOT = (0.8, 1.2)
-"""Range of a foot's length, in proportion to the legs, within which that of its bone alone is believed to be it."""
 _FADE_TIME = 0.25  # seconds over which a correction fades
 _MAX_BRIDGED_TIME = 1.0  # seconds: over shorter swings a correction is interpolated to the next plant's
-_LEAST_BEND = 0.05
-"""Least of 1 - d^2 / l^2 of a leg that counts: a straight one would not bend at all."""
 _FLOOR_TOLERANCE = 0.06  # of the leg length: plants within this height stand on the floor
 
 
@@ -117,7 +114,7 @@ def foot_goals(
     placement: Placement,
     clean: bool = False,
 ) -> tuple[list[LimbGoal], RigPoses]:
-    """Return goals for the target's ankles, and its poses with planted feet turned flat.
+    """Return goals for the target's ankles, and its poses with planted feet turned flat, and toes of long feet bent.
 
     Parameters
     ----------
@@ -132,7 +129,7 @@ def foot_goals(
     """
     motion, of_source = source
     A = alignments(motion.rest, of_source, rig.rest, rig.bones, rig.palms)
-    turns = poses.turns.copy()
+    turns, driven = poses.turns.copy(), poses.driven.copy()
     goals = []
     for path in paths:
         roles = tuple(f"{role}.{path.side}" for role in ("thigh", "shin", "foot"))
@@ -148,15 +145,28 @@ def foot_goals(
             turns[:, ankle] = _flattened(turns[:, ankle], path.planted.all(axis=1), offsets, motion.fps)
             points = _still(points, path.planted, floor, _FLOOR_TOLERANCE * leg)
         lowest = np.where(path.planted[:, BALL], points[:, BALL, 2], _least_height(points, placement))
-        ends = poses.places[:, [controls[0], ankle]]
-        turns[:, ankle] = _with_lower_heel(turns[:, ankle], offsets, lowest, ends, leg_length(rig.rest, rig.bones))
-        ways = np.einsum("fij,cj->fci", turns[:, ankle], offsets)
+        hip, foot = (poses.places[:, b] for b in (controls[0], ankle))
+        toe = _bending_toe(of_source, rig, path.side)
+        joint = None if toe is None else rig.rest.heads[toe] - rig.rest.heads[ankle]
+        sole = Sole(offsets[HEEL], offsets[BALL], joint)
+        turns[:, ankle] = sole.with_lower_heel(turns[:, ankle], lowest, hip, foot, leg_length(rig.rest, rig.bones))
+        bends = sole.toe_bends(turns[:, ankle], foot[:, 2] - lowest)
+        if toe is not None:
+            turns[:, toe], driven[toe] = turns[:, ankle] @ sole.bent(bends), True
+        ways = sole.ends(turns[:, ankle], bends)
         wanted = _ankle_path(points, path.planted, ways, poses.places[:, ankle])
         held = path.planted.any(axis=1)
         shift = spread_shifts(np.where(held[:, None], wanted - poses.places[:, ankle], 0.0), held, motion.fps)
         shift[:, 2] += _lift(poses.places[:, ankle, None] + shift[:, None] + ways, points, held, placement)
         goals.append(LimbGoal(*controls, shift, held))
-    return goals, RigPoses(turns, poses.places, poses.driven)
+    return goals, RigPoses(turns, poses.places, driven)
+
+
+def _bending_toe(of_source: BoneMap, rig: ControlRig, side: str) -> int | None:
+    """Return the control of toes for which the source has no motion, and whose tips are known; None without one."""
+    role = f"toe.{side}"
+    there = role in rig.bones.bones and role not in of_source.bones and side in rig.toe_tips
+    return rig.index(role) if there else None
 
 
 def _target_offsets(
@@ -164,8 +174,8 @@ def _target_offsets(
 ) -> Array:
     """Return heel and ball relative to the target's ankle at rest, (2, 3): the source's, scaled to the target's foot.
 
-    The foot of a source without toe bones rolls over the tips of the toes. So does the target's then, with straight
-    toes, which its foot bone ends before.
+    The foot of a source without toe bones rolls over the tips of the toes. So does the target's then, which its foot
+    bone ends before, with straight toes unless it is long for its leg.
     """
     own = sole_offsets(rig.rest, rig.bones, path.side)
     ratio = placement.scale
@@ -173,47 +183,14 @@ def _target_offsets(
     reach = 0.0 if own is None else float(np.linalg.norm(own[BALL, :2]))
     if not both[0] and path.side in rig.toe_tips:
         reach = rig.toe_tips[path.side]
-    if reach > 0 and both[0] == both[1]:
+    if reach > 0 and (both[0] == both[1] or path.side in rig.toe_tips):
         found = reach / float(np.linalg.norm(path.offsets[BALL, :2]))
-        known = both[0] or path.side in rig.toe_tips or _LIKELY_FOOT[0] < found / ratio < _LIKELY_FOOT[1]
+        known = both[0] or path.side in rig.toe_tips or LIKELY_FOOT[0] < found / ratio < LIKELY_FOOT[1]
         ratio = found if known and abs(found / ratio - 1) >= _SAME_FOOT else ratio
     ankle = rig.rest.heads[rig.index(f"foot.{path.side}")]
     offsets = ratio * (path.offsets * [1.0, 1.0, 0.0]) @ A
     offsets[:, 2] = rig.rest.ground - ankle[2]
     return np.asarray(offsets)
-
-
-def _with_lower_heel(turns: Array, offsets: Array, floor: Array, ends: Array, leg: float) -> Array:
-    """Return rotations (F, 3, 3) of a foot with the heel less far up where its ball would raise the ankle: on its tips,
-    a long foot would bend a short leg.
-
-    The sum of squared turns of foot, shin and thigh is least if the foot turns by k c h / (l^2 + k c^2), where h is how
-    far the ankle would be raised, c the horizontal distance from ankle to ball, l the length of the leg, d that from
-    hip to ankle, and k = 2 / (1 - d^2 / l^2).
-
-    Parameters
-    ----------
-    turns : ndarray, shape (F, 3, 3)
-    offsets : ndarray, shape (2, 3)
-        Heel and ball from the ankle, at rest.
-    floor : ndarray, shape (F,)
-        Least height of the ball.
-    ends : ndarray, shape (F, 2, 3)
-        Hip and ankle, as joint angles have them.
-    leg : float
-        Its length.
-    """
-    ways = np.einsum("fij,cj->fci", turns, offsets)
-    sole = ways[:, BALL] - ways[:, HEEL]
-    raised = floor - ways[:, BALL, 2] - ends[:, 1, 2]
-    c = np.linalg.norm(ways[:, BALL, :2], axis=1)
-    straight = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) / leg
-    k = 2 / np.maximum(1 - straight**2, _LEAST_BEND)
-    pitch = np.arctan2(-sole[:, 2], np.linalg.norm(sole[:, :2], axis=1))
-    angle = np.clip(k * c * raised / (leg**2 + k * c**2), 0.0, np.maximum(pitch, 0.0))
-    across = np.cross(sole, [0.0, 0.0, 1.0])
-    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
-    return np.asarray(Rotation.from_rotvec(angle[:, None] * across).as_matrix() @ turns)
 
 
 def _ankle_path(points: Array, planted: Bools, ways: Array, ankle: Array) -> Array:

@@ -167,7 +167,7 @@ def limb_changes(rig: ControlRig, result: Retargeted) -> dict[str, dict[str, flo
     found = {}
     for limb, roles in LIMBS.items():
         controls = [rig.index(role, k) for role, k, _ in rig.bones.items() if role in roles]
-        controls = [b for b in controls if result.poses.driven[b]]
+        controls = [b for b in controls if result.by_angles.driven[b]]
         if controls:
             before, after = (p.turns[:, controls] for p in (result.by_angles, result.poses))
             angles = np.degrees(np.linalg.norm(rotations.log(np.swapaxes(before, -1, -2) @ after), axis=-1))

@@ -15,6 +15,7 @@ from ...core.errors import BodyError
 from ...core.numerics.arrays import Bools, Ints
 from ...core.retargeting.bone_matching import described, preset_of
 from ...core.retargeting.control_rig import MOVED, ControlRig, RigPoses, local_places, local_turns
+from ...core.retargeting.long_feet import long_feet
 from ...core.retargeting.retarget import Retargeted, limb_changes, plant_intervals, prepared, retarget
 from ...core.retargeting.roles import SIDES, BoneMap
 from ...core.retargeting.transfer import RetargetOptions
@@ -26,7 +27,7 @@ from .rigs import rig_warnings
 from .rigs.fk_controls import FkControls, through_controls
 from .rigs.held_bones import Driver, without_connections, without_drivers, without_holds
 from .rigs.ik_controls import forget_twists, ik_bones, ik_channels, ik_roles
-from .rigs.rig_at_rest import at_rest, leave_rest_position
+from .rigs.rig_at_rest import at_rest, leave_rest_position, rest_skeleton
 from .rigs.rig_curves import ControlChannel, CurveOptions, rotation_channel, shifts_undone, write_channels
 from .rigs.rig_error import ShownBones, measured_errors
 from .rigs.rig_reading import read_rig
@@ -194,10 +195,12 @@ def _on_controls(
         bones, controls = through_controls(armature, bones)
     follows = {**preset.follows, **{control: bone for bone, control in controls.by_bone.items()}}
     used = _used(bones, of_source, asked)
-    names = used.names()
     ik = [name for name in ik_bones(preset) if name in armature.pose.bones]
     skin = read_skin(armature)
     tips, sole = toe_tips(armature, skin, bones, used, follows), sole_below_ankle(armature, skin, bones, follows)
+    if asked.feet != "off" and asked.root != "in-place" and not preset.ik:
+        used = _with_toes(bones, used, long_feet((source.rest, of_source), (rest_skeleton(armature), bones), tips))
+    names = used.names()
     held = () if preset.settings else names  # the limbs of a rig with settings are switched by these
     moved = [] if preset.settings else [used.bones[role][0] for role in MOVED if role in used.bones]
     with (
@@ -248,6 +251,12 @@ def _used(bones: BoneMap, of_source: BoneMap, options: RetargetOptions) -> BoneM
     moving |= {"neck"} if "head" in moving else set()
     moving |= {"root"} if options.root == "root-bone" else set()
     return BoneMap({role: names for role, names in bones.bones.items() if role in moving}, bones.preset, bones.found_by)
+
+
+def _with_toes(bones: BoneMap, used: BoneMap, sides: list[str]) -> BoneMap:
+    """Return the roles that are used, with the toes of some sides."""
+    toes = {f"toe.{side}": bones.bones[f"toe.{side}"] for side in sides}
+    return BoneMap(dict(used.bones) | toes, used.preset, used.found_by)
 
 
 def _resting_toes(bones: BoneMap, used: BoneMap) -> dict[str, str]:

@@ -129,6 +129,31 @@ def test_a_foot_that_is_long_indeed_rolls_over_its_own_tips():
     assert turned(armature) > 2
 
 
+def test_toes_of_a_foot_that_is_long_for_its_leg_bend_on_the_ground():
+    """Those of the performer's own proportions do not, and keep the pose that they have."""
+    walk = moved_body(BODY, MOTIONS["walk"](BODY, 60, 30.0))
+    for share in (1.0, 1.6):
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+        armature = with_feet(skinned_human(), share)
+        [skin] = [o for o in bpy.data.objects if o.type == "MESH"]
+        with body_armature.edit_bones(armature) as bones:
+            for side in "LR":
+                foot, toe = bones[f"foot.{side}"], bones.new(f"toe.{side}")
+                tip, foot.tail = foot.tail.copy(), foot.head.lerp(foot.tail, 0.6)
+                toe.parent, toe.head, toe.tail = foot, foot.tail, tip
+        for vertex in skin.data.vertices:
+            if vertex.co.z < 0.09:  # the feet
+                vertex.co.y *= share
+        report = send_to_rig(bpy.context.scene, walk, armature, 1)
+        toes = [armature.pose.bones[f"toe.{side}"] for side in "LR"]
+        assert ("toe.L" in report["not_in_source"]) == (share == 1.0)
+        bends = []
+        for frame in range(1, 61):
+            bpy.context.scene.frame_set(frame)
+            bends += [np.degrees(toe.matrix_basis.to_quaternion().angle) for toe in toes]
+        assert (max(bends) > 20) == (share > 1)
+
+
 def test_fingers_that_are_not_moved_show_where_palms_face():
     """The performer has no fingers, and holds its palms down; the character's face forward at rest."""
     armature = skinned_human()

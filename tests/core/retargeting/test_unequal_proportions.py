@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from kfmocap.core.body import human
 from kfmocap.core.retargeting import foot_keeping
+from kfmocap.core.retargeting.long_feet import Sole
 from kfmocap.core.retargeting.retarget import Retargeted, prepared, retarget
 from made_rigs import LONGER_LEGS, SHORTER_ARMS, made_rig, moved_body, moved_rig
 from render.benchmark_shots import PLANS
@@ -138,7 +139,7 @@ def test_a_long_foot_on_its_tips_comes_down_at_the_heel_rather_than_only_bend_th
     ahead = LONG_FOOT * (rig.rest.tails[foot] - rig.rest.heads[foot]) * [1.0, 1.0, 0.0]
     rig = replace(rig, toe_tips=dict.fromkeys("LR", float(np.linalg.norm(ahead))))
     result = retarget(source, bones, rig)
-    monkeypatch.setattr(foot_keeping, "_with_lower_heel", lambda turns, *_: turns)
+    monkeypatch.setattr(Sole, "with_lower_heel", lambda _, turns, *__: turns)
     bent = retarget(source, bones, rig)
     [path] = [path for path in result.feet if path.side == "R"]
     frames = path.planted[:, foot_keeping.BALL]
@@ -156,3 +157,19 @@ def squared_turns(rig, result: Retargeted, frames, roles) -> np.ndarray:
         before, after = (poses.turns[frames, b] for poses in (result.by_angles, result.poses))
         found.append(Rotation.from_matrix(np.swapaxes(before, -1, -2) @ after).magnitude() ** 2)
     return np.sum(found, axis=0)
+
+
+def test_the_sole_of_a_foot_whose_toes_bend_stays_above_the_ground():
+    """Until its toes are level, their tips touch it; the heel comes down as far as the sole below their joint needs."""
+    heel, tip, joint = np.array([0.0, 0.05, -0.08]), np.array([0.0, -0.3, -0.08]), np.array([0.0, -0.2, -0.06])
+    sole = Sole(heel, tip, joint)
+    pitch = np.radians([0.0, 10.0, 30.0, 50.0])
+    turns = Rotation.from_rotvec(pitch[:, None] * [1.0, 0.0, 0.0]).as_matrix()
+    for height in (0.08, 0.12, 0.2, 0.3):
+        bends = sole.toe_bends(turns, np.full(4, height))
+        tips = height + (turns @ (joint + sole.bent(bends) @ (tip - joint))[..., None])[:, 2, 0]
+        straight = height + (turns @ tip)[:, 2]
+        assert (bends[straight >= 0] < 1e-9).all()
+        assert (bends <= pitch + 1e-9).all()
+        part = (bends > 1e-9) & (bends < pitch - 1e-9)
+        np.testing.assert_allclose(tips[part], 0.0, atol=1e-9)
