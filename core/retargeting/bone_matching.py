@@ -14,7 +14,7 @@ from .bone_places import roles_by_place
 from .bone_presets import PRESETS, BonePreset
 from .bone_words import NAMESPACE, read_name
 from .rest_alignment import feet_point_back
-from .roles import SIDES, BoneMap, parent_role
+from .roles import FINGERS, SIDES, BoneMap, parent_role
 from .skeleton_tree import SkeletonTree
 
 _ENDS = {"forearm": "hand", "shin": "foot"}
@@ -115,8 +115,8 @@ def _with_named(places: BoneMap, names: BoneMap, rest: RestSkeleton) -> BoneMap:
 
 
 def _with_placed(names: BoneMap, places: Mapping[str, tuple[str, ...]], rest: RestSkeleton) -> BoneMap:
-    """Return roles found by names, together with hands and feet that only positions show, as they are called the end
-    of a limb. Where the ankle is called so, what is called foot are toes.
+    """Return roles found by names, together with head, neck and fingers that only positions show; and hands and
+    feet, as they may be called the end of a limb. Where the ankle is called so, what is called foot are toes.
     """
     bones = dict(names.bones)
     for limb, end, toe in ((f"{limb}.{s}", f"{end}.{s}", f"toe.{s}") for s in SIDES for limb, end in _ENDS.items()):
@@ -128,7 +128,14 @@ def _with_placed(names: BoneMap, places: Mapping[str, tuple[str, ...]], rest: Re
         elif toe not in bones and _bends(rest, (*bones[limb], *places[end], *named)):
             bones |= {end: places[end], toe: named}
     used = [name for played in bones.values() for name in played]
-    return names if len(set(used)) < len(used) else BoneMap(bones, found_by=names.found_by)
+    found = names if len(set(used)) < len(used) else BoneMap(bones, found_by=names.found_by)
+    named_hands = {role.partition(".")[2] for role in found.bones if role.partition(".")[0] in FINGERS}
+    more = {
+        role: played
+        for role, played in places.items()
+        if role in ("neck", "head") or (role.partition(".")[0] in FINGERS and role.partition(".")[2] not in named_hands)
+    }
+    return completed(found, BoneMap({**more, **found.bones}), rest)
 
 
 def _may_end(rest: RestSkeleton, limb: str, end: str) -> bool:

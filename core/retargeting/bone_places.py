@@ -65,7 +65,7 @@ def roles_by_place(rest: RestSkeleton) -> dict[str, tuple[str, ...]]:
             found |= {f"{role}.{side}": (rest.names[j],) for role, j in limb.items()}
             fingers = _fingers(rest, limb["hand"]) if "hand" in limb else {}
             found |= {f"{role}.{side}": tuple(rest.names[j] for j in bones) for role, bones in fingers.items()}
-    found |= _trunk(rest, limbs[0][0], limbs[1][0])
+    found |= _trunk(rest, limbs[0][0], limbs[1])
     return found
 
 
@@ -198,15 +198,19 @@ def _left(rest: RestSkeleton, pairs: Sequence[tuple[int, int]], lateral: Array) 
 
 
 def _forward(rest: RestSkeleton, legs: tuple[int, int], lateral: Array) -> Array:
-    """Return the horizontal direction of the feet, from the lowest third of the shins to the farthest point below."""
-    below = [j for leg in legs for j in _subtree(rest, leg)]
-    low = min(rest.heads[j, 2] for j in below)
-    top = max(rest.heads[j, 2] for j in below)
+    """Return the horizontal direction of the feet, each from the lowest third of its shin to the farthest point below,
+    as the feet may be a step apart.
+    """
     ahead = np.cross(lateral, [0.0, 0.0, 1.0])
-    feet = [j for j in below if rest.heads[j, 2] < low + 0.2 * (top - low)]
-    points = np.concatenate([rest.heads[feet], rest.tails[feet][~np.isnan(rest.tails[feet][:, 0])]])
-    reach = (points - rest.heads[feet[0]]) @ ahead
-    return np.asarray(ahead if abs(reach.max()) >= abs(reach.min()) else -ahead)
+    reach = []
+    for leg in legs:
+        below = _subtree(rest, leg)
+        low, top = (limit(rest.heads[j, 2] for j in below) for limit in (min, max))
+        feet = [j for j in below if rest.heads[j, 2] < low + 0.2 * (top - low)]
+        points = np.concatenate([rest.heads[feet], rest.tails[feet][~np.isnan(rest.tails[feet][:, 0])]])
+        reach.append((points - rest.heads[feet[0]]) @ ahead)
+    ways = np.concatenate(reach)
+    return np.asarray(ahead if abs(ways.max()) >= abs(ways.min()) else -ahead)
 
 
 def _limb(rest: RestSkeleton, top: int, other: int, arm: bool, shortest: float) -> tuple[dict[str, int], Array]:
@@ -265,10 +269,10 @@ def _fingers(rest: RestSkeleton, hand: int) -> dict[str, list[int]]:
     return {finger: chain[:3] for finger, chain in zip(names, [thumb, *chains], strict=True)}
 
 
-def _trunk(rest: RestSkeleton, leg: int, arm: int) -> dict[str, tuple[str, ...]]:
+def _trunk(rest: RestSkeleton, leg: int, arms: _Pair) -> dict[str, tuple[str, ...]]:
     """Return hips, spine, neck and head: the path from the legs' parent to the arms' parent, and on to the top."""
     tree = SkeletonTree(rest)
-    hips, chest = tree.common([leg, arm]), rest.parents[arm]
+    hips, chest = tree.common([leg, arms[0]]), rest.parents[arms[0]]
     if hips < 0:
         return {}
     way = [chest, *tree.above(chest)]
@@ -277,7 +281,7 @@ def _trunk(rest: RestSkeleton, leg: int, arm: int) -> dict[str, tuple[str, ...]]
     if spine:
         found["spine"] = tuple(rest.names[k] for k in reversed(spine))
     above = [k for k in range(len(rest.names)) if rest.parents[k] == chest and rest.heads[k, 2] >= rest.heads[chest, 2]]
-    above = [k for k in above if _rises(rest, chest, k)]
+    above = [k for k in above if k not in arms and _rises(rest, chest, k)]
     if not above:
         return found
     neck = [max(above, key=lambda k: max(rest.heads[i, 2] for i in _subtree(rest, k)))]

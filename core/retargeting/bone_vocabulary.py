@@ -43,7 +43,7 @@ WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
     (
         "shin",
         (
-            r"shin|calf|lowerleg|leglower|lowleg|crus|tibia|fibula|unterschenkel",
+            r"shin|calf|(lower|low|lwr|lo)leg|leglower|crus|tibia|fibula|unterschenkel",
             r"pantorrilla|espinilla|mollet|polpaccio|stinco|panturrilha|canela|голень",
             r"小腿",
         ),
@@ -52,12 +52,12 @@ WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("leg", (r"leg|bein", r"pierna|jambe|gamba|perna|нога", r"腿")),
     (
         "thigh",
-        (r"thigh|upleg|upperleg|legupper|femur|oberschenkel", r"muslo|cuisse|coscia|coxa|бедро", r"足|大腿"),
+        (r"thigh|(upper|up|upr)leg|legupper|femur|oberschenkel", r"muslo|cuisse|coscia|coxa|бедро", r"足|大腿"),
     ),
     (
         "thumb",
         (
-            rf"(hand)?thumb(metacarpal|{_PHALANX})|daumen\d*",
+            rf"(hand|finger)?thumb(metacarpal|{_PHALANX})|daumen\d*",
             r"(pulgar|pouce|pollice|polegar|большойпалец)\d*",
             r"(親指|拇指)\d*",
         ),
@@ -65,7 +65,7 @@ WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
     (
         "index",
         (
-            rf"(hand|f)?(index|pointer|fore)(finger)?{_PHALANX}|zeigefinger\d*",
+            rf"(hand|f|finger)?(index|pointer|fore)(finger)?{_PHALANX}|zeigefinger\d*",
             r"(indice|indicador|указательныйпалец)\d*",
             r"(人指|人差指|人差し指|食指)\d*",
         ),
@@ -73,7 +73,7 @@ WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
     (
         "middle",
         (
-            rf"(hand|f)?(middle|mid)(finger)?{_PHALANX}|mittelfinger\d*",
+            rf"(hand|f|finger)?(middle|mid)(finger)?{_PHALANX}|mittelfinger\d*",
             r"(medio|corazon|majeur|среднийпалец)\d*",
             r"中指\d*",
         ),
@@ -81,7 +81,7 @@ WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
     (
         "ring",
         (
-            rf"(hand|f)?ring(finger)?{_PHALANX}",
+            rf"(hand|f|finger)?ring(finger)?{_PHALANX}",
             r"(anular|annulaire|anulare|anelar|безымянныйпалец)\d*",
             r"(薬指|无名指)\d*",
         ),
@@ -89,7 +89,7 @@ WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
     (
         "pinky",
         (
-            rf"(hand|f)?(pinky|little|pinkie|small)(finger)?{_PHALANX}|kleine?finger\d*",
+            rf"(hand|f|finger)?(pinky|little|pinkie|small)(finger)?{_PHALANX}|kleine?finger\d*",
             r"(menique|auriculaire|mignolo|mindinho|minimo|мизинец)\d*",
             r"小指\d*",
         ),
@@ -101,13 +101,13 @@ WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
     (
         "forearm",
         (
-            r"forearm|radius|ulna|lowerarm|armlower|lowarm|unterarm",
+            r"forearm|radius|ulna|(lower|low|lwr|lo)arm|armlower|unterarm",
             r"antebrazo|avantbras|avambraccio|antebraco|предплечье",
             r"ひじ|肘|前臂|小臂",
         ),
     ),
     ("elbow", (r"elbow|ell(en)?bogen", r"codo|coude|gomito|cotovelo|локоть", r"手肘")),
-    ("upper_arm", (r"upperarm|uparm|armupper|humerus|shldr|oberarm", r"腕|上臂|大臂")),
+    ("upper_arm", (r"(upper|up|upr)arm|armupper|humerus|shldr|oberarm", r"腕|上臂|大臂")),
     ("arm", (r"arm", r"brazo|bras|braccio|braco|рука")),
     ("shoulder", (r"shoulder|schulter", r"hombro|epaule|spalla|ombro|плечо", r"肩膀?")),
     (

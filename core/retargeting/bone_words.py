@@ -9,6 +9,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from .bone_vocabulary import SIDES, WORDS
+from .roles import FINGERS
 
 NAMESPACE = re.compile(r"^.*[:|]")
 """What comes before a bone's name in files of other programs, as in mixamorig:Hips."""
@@ -31,6 +32,10 @@ _DECIDING_KINDS = frozenset(["fk", "helper"])
 """Kinds that count whatever else the name says."""
 _CENTRE = "C"
 """Begins the names of bones in the middle where those of the sides begin with L and R, or is numbered as these are."""
+_CENTRES = frozenset(["cn", "ctr", "cen", "cent", "md"])
+_LETTERS = "ABCDEFG"
+_LETTERED = frozenset(["spine", "neck", *FINGERS])
+"""Letters number the bones of chains in some rigs, as in spineA and thumbB."""
 _HELPERS = re.compile(
     r"^(ik|ikhandle|mch|tgt|target|pole|tweak|twist\d*|twk|roll|share|corrective|cor|helper|helpers|volume|jiggle|spring"
     r"|nub|end|tip|eff|effector|sec|adj|metacarpals?|carpals?|metatarsals?|vis|driver|offset|scale|parent|prop"
@@ -39,7 +44,8 @@ _HELPERS = re.compile(
     re.IGNORECASE,
 )
 _BEND_ENDING = re.compile(r"(bend|base)$")
-_REGION = re.compile(r"^(arm|leg)(?=.)")
+_REGION = re.compile(r"^(arm|leg)(?=.)|^hand(?=wrist|palm)|^foot(?=ankle|ball|toe)")
+_PHALANX_ENDING = re.compile(r"(?<=\d)(proximal|intermediate|medial|distal)$")
 _METACARPAL = re.compile(r"metacarpals?", re.IGNORECASE)
 _NEARLY_ALL = 0.9  # share of the names
 
@@ -87,8 +93,10 @@ def read_name(name: str, shared: Collection[str] = ()) -> BoneName:
             continue
         if small in SIDES and not side:
             side = SIDES[small]
-        elif token == _CENTRE and (not before or after.isdigit()):
+        elif (token == _CENTRE and (not before or after.isdigit())) or (small in _CENTRES and not before):
             central = True
+        elif token in _LETTERS and _part_of(before.lower()) in _LETTERED:
+            kept.append(str(_LETTERS.index(token) + 1))
         elif before == _CENTRE and token.isdigit():
             continue
         elif of := _kind_of(small):
@@ -97,7 +105,9 @@ def read_name(name: str, shared: Collection[str] = ()) -> BoneName:
             (made if _MADE.match(small) and len(tokens) > 1 else kept).append(small)
     if central and side:  # no centre, but the controls of a side
         kind = kind or "control"
-    word = "".join(dict.fromkeys(kept or made))  # main is a hand in French
+    if kept[:1] and _REGION.sub("", kept[0] + "x") == "x" and kept[0] in kept[1:]:
+        kept = kept[1:]  # of the arm, the forearm
+    word = _PHALANX_ENDING.sub("", "".join(dict.fromkeys(kept or made)))  # main is a hand in French
     plain = word.rstrip("0123456789")
     readings = (word, _BEND_ENDING.sub("", word), plain, _REGION.sub("", word), _REGION.sub("", plain))
     part = next((part for reading in readings if (part := _part_of(reading))), "")

@@ -10,6 +10,7 @@ _LEFT = {
     "S": "L",
     "Side": "Left",
     "side": "left",
+    "f": "lf",
     "jp": "左",
     "es": "izq",
     "fr": "gauche",
@@ -21,6 +22,7 @@ _RIGHT = {
     "S": "R",
     "Side": "Right",
     "side": "right",
+    "f": "rt",
     "jp": "右",
     "es": "der",
     "fr": "droite",
@@ -718,6 +720,59 @@ SKELETONS = {
         UpperLeg.{S} | Hips | thigh | thigh
         LowerLeg.{S} | UpperLeg.{S} | knee | shin
         Foot.{S} | LowerLeg.{S} | ankle | foot
+        """,
+    "fallout 4": """
+        Root | | ground | root
+        COM | Root | hips | hips
+        Pelvis | COM | hips
+        {S}Leg_Thigh | Pelvis | thigh | thigh
+        {S}Leg_Calf | {S}Leg_Thigh | knee | shin
+        {S}Leg_Foot | {S}Leg_Calf | ankle | foot
+        {S}Leg_Toe1 | {S}Leg_Foot | ball | toe
+        SPINE1 | COM | spine1 | spine
+        SPINE2 | SPINE1 | spine2 | spine
+        Chest | SPINE2 | spine3 | spine
+        {S}Arm_Collarbone | Chest | collar | shoulder
+        {S}Arm_UpperArm | {S}Arm_Collarbone | shoulder | upper_arm
+        {S}Arm_ForeArm1 | {S}Arm_UpperArm | elbow | forearm
+        {S}Arm_Hand | {S}Arm_ForeArm1 | wrist | hand
+        Neck | Chest | neck | neck
+        HEAD | Neck | head | head
+        """,
+    "source 2": """
+        pelvis | | hips | hips
+        spine_0 | pelvis | spine1 | spine
+        spine_1 | spine_0 | spine3 | spine
+        clavicle_{S} | spine_1 | collar | shoulder
+        arm_upper_{S} | clavicle_{S} | shoulder | upper_arm
+        arm_lower_{S} | arm_upper_{S} | elbow | forearm
+        hand_{S} | arm_lower_{S} | wrist | hand
+        finger_index_0_{S} | hand_{S} | index0 | index
+        finger_index_1_{S} | finger_index_0_{S} | index1 | index
+        leg_upper_{S} | pelvis | thigh | thigh
+        leg_lower_{S} | leg_upper_{S} | knee | shin
+        ankle_{S} | leg_lower_{S} | ankle | foot
+        ball_{S} | ankle_{S} | ball | toe
+        neck_0 | spine_1 | neck | neck
+        head | neck_0 | head | head
+        """,
+    "letters number the bones of chains": """
+        cn_pelvis_bnd | | hips | hips
+        cn_spineA_bnd | cn_pelvis_bnd | spine1 | spine
+        cn_spineB_bnd | cn_spineA_bnd | spine2 | spine
+        cn_spineC_bnd | cn_spineB_bnd | spine3 | spine
+        {f}_clav_bnd | cn_spineC_bnd | collar | shoulder
+        {f}_uprArm_bnd | {f}_clav_bnd | shoulder | upper_arm
+        {f}_lwrArm_bnd | {f}_uprArm_bnd | elbow | forearm
+        {f}_wrist_bnd | {f}_lwrArm_bnd | wrist | hand
+        {f}_indexA_bnd | {f}_wrist_bnd | index0 | index
+        {f}_indexB_bnd | {f}_indexA_bnd | index1 | index
+        {f}_upLeg_bnd | cn_pelvis_bnd | thigh | thigh
+        {f}_loLeg_bnd | {f}_upLeg_bnd | knee | shin
+        {f}_ankle_bnd | {f}_loLeg_bnd | ankle | foot
+        cn_neckA_bnd | cn_spineC_bnd | neck | neck
+        cn_neckB_bnd | cn_neckA_bnd | nape | neck
+        cn_head_bnd | cn_neckB_bnd | head | head
         """,
     "vrm 1.0 as blender marks sides": """
         hips | | hips | hips

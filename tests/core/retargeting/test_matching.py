@@ -19,6 +19,7 @@ from kfmocap.core.retargeting.bone_presets import PRESETS
 from kfmocap.core.retargeting.bone_words import read_name, shared_words
 from kfmocap.core.retargeting.rest_alignment import feet_point_back
 from kfmocap.core.retargeting.roles import CHAINS, FINGERS, BoneMap, named_together
+from kfmocap.core.retargeting.skeleton_tree import SkeletonTree
 from made_rigs import made_rig
 
 BODY = human(1.75)
@@ -277,6 +278,33 @@ def test_a_weapon_in_one_hand_and_a_step_forward_leave_a_skeleton_symmetrical():
     )
     found = roles_by_place(armed)
     assert {role: found[role] for role in roles} == roles
+
+
+def test_a_wide_step_does_not_turn_a_skeleton_around_where_places_decide():
+    """The foot behind stands on its toes: it does not show that the skeleton faces backward."""
+    rest, roles = nameless()
+    heads, tails = rest.heads.copy(), rest.tails.copy()
+    for side, turn in (("L", -0.5), ("R", 0.45)):
+        bones = [rest.names.index(roles[f"{role}.{side}"][0]) for role in ("thigh", "shin", "foot")]
+        R, hip = rotations.exp(np.array([turn, 0.0, 0.0])), heads[bones[0]].copy()
+        heads[bones], tails[bones] = hip + (heads[bones] - hip) @ R.T, hip + (tails[bones] - hip) @ R.T
+    found = roles_by_place(replace(rest, heads=heads, tails=tails))
+    assert {role: found[role] for role in roles} == roles
+
+
+def test_an_arm_is_no_head_where_places_decide_and_there_is_none():
+    rest, roles = nameless()
+    tree, heads = SkeletonTree(rest), rest.heads.copy()
+    arms = [rest.names.index(roles[f"upper_arm.{side}"][0]) for side in "LR"]
+    chest = tree.common(arms)
+    tops = [next(j for j in (arm, *tree.above(arm)) if rest.parents[j] == chest) for arm in arms]
+    heads[tops, 2] = heads[chest, 2] + 0.3
+    neck = [j for j, p in enumerate(rest.parents) if p == chest and j not in tops]
+    kept = [j for j in range(len(heads)) if j not in neck and not any(tree.is_above(k, j) for k in neck)]
+    parents = tuple(kept.index(rest.parents[j]) if rest.parents[j] >= 0 else -1 for j in kept)
+    found = roles_by_place(RestSkeleton(tuple(rest.names[j] for j in kept), parents, heads[kept], rest.tails[kept]))
+    assert found["forearm.L"] == roles["forearm.L"]
+    assert "head" not in found
 
 
 def test_places_of_limbs_go_by_the_sides_that_names_say_and_not_by_feet_that_point_nowhere():
