@@ -117,7 +117,9 @@ def _add_demo(command: argparse.ArgumentParser) -> None:
 
 def _add_retarget(command: argparse.ArgumentParser) -> None:
     command.add_argument("motions", nargs="+", type=_path, metavar="MOTION", help="motion files (.bvh, .fbx)")
-    command.add_argument("--to", required=True, type=_path, metavar="CHARACTER.blend", help="file with the character")
+    command.add_argument(
+        "--to", required=True, type=_path, metavar="CHARACTER", help="its file: .blend, .fbx, .glb, .vrm"
+    )
     command.add_argument("--armature", metavar="NAME", help="the character's armature (default: the only candidate)")
     command.add_argument("--preset", metavar="NAME", help="kind of rig, such as rigify, mixamo (default: by its bones)")
     command.add_argument(

@@ -16,8 +16,9 @@ from ...core.errors import BodyError, OutputError, ShotError
 from ...core.retargeting.transfer import RetargetOptions
 from ..export.whole_files import writing
 from ..scene_io.scene import set_rate
+from .imported_files import IMPORTERS, import_alone, last_line
 from .listed_bones import read_map
-from .motion_files import last_line, read_motion
+from .motion_files import read_motion
 from .rigs.overrides import editable
 from .rigs.rig_curves import CurveOptions
 from .send import SendOptions, send_to_rig
@@ -57,18 +58,24 @@ def retarget_file(request: RetargetRequest) -> dict[str, Any]:
 
 
 def open_file(path: Path) -> None:
-    """Open a .blend file.
+    """Open a .blend file, in object mode, or import a character of another program into an empty one.
 
     Raises
     ------
     ShotError
         Blender cannot read it.
     """
+    if path.suffix.lower() in IMPORTERS:
+        with quiet():
+            import_alone(path)
+        return
     try:
         with quiet():
             bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False)
     except RuntimeError as error:
         raise ShotError(f"Blender cannot open it: {last_line(error)}", where=str(path)) from error
+    if bpy.context.mode != "OBJECT":
+        bpy.ops.object.mode_set(mode="OBJECT")
 
 
 @contextmanager

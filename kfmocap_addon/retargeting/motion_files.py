@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stderr
 from pathlib import Path
 
 import bpy
@@ -15,6 +12,7 @@ from ...core.errors import BodyError, ShotError
 from ...core.formats.bvh import read_bvh
 from ...core.retargeting.roles import BoneMap
 from ..scene_io.body import body_armature
+from .imported_files import import_alone
 from .source_motion import motion_of_armature
 from .target_armatures import target_bones
 
@@ -43,12 +41,7 @@ def read_motion(path: Path, bones: BoneMap | None = None) -> tuple[SkeletonMotio
         return read_bvh(path), bones
     if kind != ".fbx":
         raise ShotError("it is no motion file", where=str(path), todo="give a .bvh or an .fbx file")
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    try:
-        with _lights_as_imported(), redirect_stderr(io.StringIO()):  # the importer prints a traceback
-            bpy.ops.import_scene.fbx(filepath=str(path.resolve()), anim_offset=0.0)
-    except RuntimeError as error:
-        raise ShotError(f"Blender cannot read it: {last_line(error)}", where=str(path)) from error
+    import_alone(path)
     armature = _moving_human(path, bones)
     with body_armature.edit_bones(armature) as edited:
         for bone in edited:
@@ -57,27 +50,6 @@ def read_motion(path: Path, bones: BoneMap | None = None) -> tuple[SkeletonMotio
     frames = math.ceil(span[0] - 1e-3), math.floor(span[1] + 1e-3)
     motion, found = motion_of_armature(bpy.context.scene, armature, frames, bones)
     return motion, found
-
-
-def last_line(error: Exception) -> str:
-    """Return what an error of Blender says: the last line, as a traceback of an importer may come before it."""
-    return next((line.strip() for line in reversed(str(error).splitlines()) if line.strip()), "no reason is given")
-
-
-@contextmanager
-def _lights_as_imported() -> Iterator[None]:
-    """Add the property to lights that Blender 5.0 removed, but which its FBX importer still sets."""
-    light = bpy.data.lights.new("light", "POINT")
-    settings = type(light.cycles) if hasattr(light, "cycles") else None
-    bpy.data.lights.remove(light)
-    if settings is None or hasattr(settings, "cast_shadow"):
-        yield
-        return
-    settings.cast_shadow = bpy.props.BoolProperty()
-    try:
-        yield
-    finally:
-        del settings.cast_shadow
 
 
 def _moving_human(path: Path, bones: BoneMap | None) -> bpy.types.Object:

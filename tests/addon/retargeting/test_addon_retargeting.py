@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
-
+import bmesh  # noqa: E402
 from addon_shots import metarig, shot  # noqa: E402
 from kfmocap.__main__ import main  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
@@ -34,6 +34,7 @@ from kfmocap.kfmocap_addon.scene_io.body.body_armature import edit_bones  # noqa
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
 from made_rigs import made_rig, moved_body, wild_motion  # noqa: E402
 from mathutils import Matrix, Vector  # noqa: E402
+from odd_characters import bind  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
 
@@ -141,8 +142,30 @@ def test_fewer_keys_stay_within_the_tolerance(blender):
     assert joint_errors(armature, few, given) < 0.01
 
 
-@pytest.mark.parametrize("kind", ["bvh", "fbx"])
-def test_the_command_line_moves_a_character(blender, tmp_path, capsys, kind):
+def save_character(path) -> None:
+    """Save the open scene's character, or export it with a skin."""
+    if path.suffix == ".blend":
+        bpy.context.view_layer.objects.active = bpy.data.objects["hero"]
+        bpy.ops.object.mode_set(mode="EDIT")
+        bpy.ops.wm.save_as_mainfile(filepath=str(path))
+        return
+    armature = bpy.data.objects["hero"]
+    corner = 0.1 * np.eye(3)
+    skin = bind(armature, "skin", [(bone.name, np.array(bone.head_local) + corner) for bone in armature.data.bones])
+    skin.parent, mesh = armature, bmesh.new()
+    mesh.from_mesh(skin.data)
+    corners = list(mesh.verts)
+    for triangle in zip(corners[::3], corners[1::3], corners[2::3], strict=True):
+        mesh.faces.new(triangle)
+    mesh.to_mesh(skin.data)
+    mesh.free()
+    export = bpy.ops.export_scene.fbx if path.suffix == ".fbx" else bpy.ops.export_scene.gltf
+    export(filepath=str(path))
+
+
+@pytest.mark.parametrize(("kind", "file"), [("bvh", "blend"), ("fbx", "fbx"), ("bvh", "glb")])
+def test_the_command_line_moves_a_character(blender, tmp_path, capsys, kind, file):
+    """One of a .blend file, even if it was saved in edit mode, or of another program's file."""
     motion = wild_motion(FRAMES)
     performer = body_armature.build_armature(BODY, "man", bpy.context.scene.collection)
     motion_curves.write_motion(performer, motion, 1)
@@ -151,9 +174,9 @@ def test_the_command_line_moves_a_character(blender, tmp_path, capsys, kind):
     write(take, performer, bpy.context.scene, ExportOptions(frames=(1, FRAMES)))
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     built("mixamo", np.radians(45))
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "hero.blend"))
+    save_character(tmp_path / f"hero.{file}")
     out = tmp_path / "moved.blend"
-    assert main(["retarget", str(take), "--to", str(tmp_path / "hero.blend"), "--out", str(out)]) == 0
+    assert main(["retarget", str(take), "--to", str(tmp_path / f"hero.{file}"), "--out", str(out)]) == 0
     assert capsys.readouterr().out.split()[-2:] == [str(out), str(out.with_suffix(".report.json"))]
     report = json.loads(out.with_suffix(".report.json").read_text())
     bpy.ops.wm.open_mainfile(filepath=str(out))
