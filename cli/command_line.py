@@ -18,6 +18,7 @@ from ..core.runtime.decoder_log import DecoderLog
 from ..core.runtime.interrupts import Interruptions, interrupted_text, results_seen
 from ..core.runtime.loading import without_garbage_collection
 from ..core.runtime.worker_memory import WorkerMemory
+from ..core.runtime.worker_process import can_be_copied
 from .arguments import parser
 from .services import Services
 
@@ -88,11 +89,11 @@ def _blender_ahead(args: argparse.Namespace, services: Services) -> Iterator[Ser
 def _workers_ahead(args: argparse.Namespace, services: Services) -> Iterator[Services]:
     """Start a worker while the command's own libraries are loaded, if it may need one.
 
-    Only the shot file tells how many are needed, and reading it takes these libraries. If they are loaded already,
-    there is nothing to gain.
+    Only the shot file tells how many are needed, and reading it takes these libraries. If they are loaded already, or
+    workers begin as copies of this process, there is nothing to gain.
     """
-    loaded = "numpy" in sys.modules
-    if args.command != "track" or args.shot is None or args.threads == 1 or (os.cpu_count() or 1) == 1 or loaded:
+    gains = "numpy" not in sys.modules and not can_be_copied()
+    if args.command != "track" or args.shot is None or args.threads == 1 or (os.cpu_count() or 1) == 1 or not gains:
         yield services
         return
     with closing(WorkerMemory(limit=0)) as workers:

@@ -22,6 +22,7 @@ from ..core.runtime.progress import share
 from ..core.runtime.threads import worker_count
 from ..core.runtime.timing import Seconds
 from ..core.runtime.worker_memory import WorkerMemory
+from ..core.runtime.worker_process import can_be_copied
 from ..core.shot.settings import check_threads
 from ..core.shot.shot import Shot
 from ..core.shot.shot_spec import ShotSpec
@@ -50,8 +51,9 @@ def run(args: argparse.Namespace, services: Services) -> int:
             check_shot_kept(spec, args.out)
             if worker_count(spec.settings.threads if args.threads is None else args.threads) == 1:
                 memory.close()
-            # Other processes load their modules while this one fits the key poses.
-            memory.start_workers(workers_for(spec, args.threads), (*WORKER_MODULES, camera_fits.__module__))
+            # Other processes load their modules while this one fits the key poses, unless they are copies of this one.
+            modules = *WORKER_MODULES, camera_fits.__module__
+            memory.start_workers(workers_for(spec, args.threads), modules, copied=can_be_copied())
         with nullcontext() if args.no_blender else services.blender_beside() as blender:
             return _run(args, services, memory, blender)
 

@@ -79,6 +79,11 @@ class Part(_Caching):
         """Outward unit normal n and offset d of each face in the part's frame, n.x + d <= 0 inside, shape (N, 4)."""
         return np.asarray(ConvexHull(self.vertices).equations)
 
+    @cached_property
+    def distinct_planes(self) -> Array:
+        """The same, with faces in one plane listed once."""
+        return np.unique(self.planes.round(9), axis=0)
+
 
 @dataclass(frozen=True, eq=False)
 class Body(_Caching):

@@ -63,6 +63,8 @@ _LIMITS: dict[str, Array] = {
     "foot": _limits((-50, 50), (-30, 30), (-30, 30)),
 }
 _FREE = _limits((-180, 180), (-180, 180), (-180, 180))
+_LIMITS_RIGHT = {kind: np.stack([x, -y[::-1], -z[::-1]]) for kind, (x, y, z) in _LIMITS.items()}
+"""Those of parts on the right, mirrored across x = 0: turns about y and z change sign."""
 _REST_SIGMAS = {"spine": 0.7, "chest": 0.7, "shoulder": 0.5}
 """Standard deviations of stiff parts from rest, radians. If landmarks do not show which parts bend, spine and chest
 share the bend equally, and the arms turn rather than the collar bones."""
@@ -155,13 +157,12 @@ class _Assembly:
     def add(self, name: str, parent: str | None, head: Array, tail: Array, z_hint: Array = _FORWARD) -> int:
         """Add a part, with a solid made of rings along its bone if it has any, and return its index."""
         kind = name.split(".", maxsplit=1)[0]
-        limits = _LIMITS.get(kind, _FREE)
-        if name.endswith(".R"):  # mirrored across x = 0: turns about y and z change sign
-            limits = np.stack([limits[0], -limits[1, ::-1], -limits[2, ::-1]])
+        limits = (_LIMITS_RIGHT if name.endswith(".R") else _LIMITS).get(kind, _FREE)
         index = next((i for i, part in enumerate(self.parts) if part.name == parent), -1)
-        axes, length = bone_axes(tail - head, z_hint), float(np.linalg.norm(tail - head))
+        axes = bone_axes(tail - head, z_hint)
         vertices = np.empty((0, 3))
         if self._solid and kind in _RINGS:
+            length = float(np.linalg.norm(tail - head))
             rings = [(y * length, *(self._girth * r for r in ring)) for y, *ring in _RINGS[kind]]
             vertices = tapered(rings, _SIDES)
         departure = _REST_SIGMAS.get(kind, REST_SIGMA)

@@ -12,6 +12,7 @@ from functools import cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.kinematics import Poses
 from ..errors import FootageError
 from ..evidence.background_shift import BackgroundShift, background_shift
 from ..evidence.movement_match import COARSE_SIDE, key_poses_of, movement_match
@@ -48,13 +49,24 @@ def footage_matches(shot: Shot, views: Sequence[KeyFrameView], frames: NDArray[n
 
 
 def shifted_background(
-    shot: Shot, view: View, pictured: KeyFrameView, frames: NDArray[np.int64]
+    view: View, pictured: KeyFrameView, geometry: Geometry, poses: Poses, frames: NDArray[np.int64]
 ) -> BackgroundShift | None:
-    """Return how far the background of a camera that should stand still moves between K key frames, if it does."""
+    """Return how far the background of a camera that should stand still moves between K key frames, if it does.
+
+    Parameters
+    ----------
+    view : View
+    pictured : KeyFrameView
+        Its pictures of these frames.
+    geometry : Geometry
+        Of all performers.
+    poses
+        World poses of their parts on these frames.
+    frames : ndarray of int, shape (K,)
+    """
     if not view.camera.stands_still:
         return None
-    camera, geometry = pictured.camera(view.camera), Geometry.of([performer.body for performer in shot.performers])
-    body = render_labels(geometry, camera, 0, *key_poses_of(shot, frames)).part >= 0
+    body = render_labels(geometry, pictured.camera(view.camera), 0, *poses).part >= 0
     return background_shift(list(pictured.rectified(view.camera)), list(body), frames.tolist(), pictured.factor)
 
 

@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..evidence.movement_match import key_poses_of
+from ..evidence.rendering.part_geometry import Geometry
 from ..shot.shot import Shot
 from .footage_match import better_shift, shifted_background
 from .key_frame_views import KeyFrameView
@@ -38,9 +40,10 @@ def moved_cameras(
     dict of str to MovedCamera
         By the cameras' names; their frames are counted as in the shot file.
     """
-    found = {}
+    found, poses = {}, key_poses_of(shot, frames)
+    geometry = Geometry.of([performer.body for performer in shot.performers])
     for view, pictured in zip(shot.views, views, strict=True):
-        shift = shifted_background(shot, view, pictured, frames)
+        shift = shifted_background(view, pictured, geometry, poses, frames)
         if shift is not None:
             first, name = shot.frames[0], view.camera.name
             there = replace(shift, frames=(first + shift.frames[0], first + shift.frames[1]))

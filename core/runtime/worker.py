@@ -54,7 +54,8 @@ def main() -> None:
         if yields and hasattr(os, "nice"):
             os.nice(NICENESS)
         sys.path[:] = search
-        load(package, Path(folder))
+        if package not in sys.modules:
+            load(package, Path(folder))
         with importlib.import_module(f"{package}.core.runtime.loading").without_garbage_collection():
             for module in imports:
                 importlib.import_module(module)

@@ -83,8 +83,8 @@ class WorkerMemory:
             self._values.move_to_end(key)
 
     @contextmanager
-    def pool(self, workers: int, imports: Sequence[str] = ()) -> Iterator[WorkerPool]:
-        """Provide a pool of at least `workers` workers, kept unless the block raises; `imports` as in
+    def pool(self, workers: int, imports: Sequence[str] = (), *, copied: bool = False) -> Iterator[WorkerPool]:
+        """Provide a pool of at least `workers` workers, kept unless the block raises; the rest as in
         `WorkerProcess`.
         """
         if workers == 1:
@@ -92,9 +92,9 @@ class WorkerMemory:
             return
         pool, self._pool = self._pool, None
         if pool is None:
-            pool = WorkerPool(workers, imports)
+            pool = WorkerPool(workers, imports, copied=copied)
         elif pool.workers < workers:
-            pool.grow(workers, imports)
+            pool.grow(workers, imports, copied=copied)
         try:
             yield pool
         except BaseException as error:
@@ -102,9 +102,9 @@ class WorkerMemory:
             raise
         self._pool = pool
 
-    def start_workers(self, workers: int, imports: Sequence[str] = ()) -> None:
+    def start_workers(self, workers: int, imports: Sequence[str] = (), *, copied: bool = False) -> None:
         """Start the processes of a pool in advance, so that they are ready when it is needed."""
-        with self.pool(workers, imports):
+        with self.pool(workers, imports, copied=copied):
             pass
 
     @property

@@ -27,20 +27,21 @@ class WorkerPool:
         Number of tasks done in parallel: one in this process, and each of the others in a process that ends with the
         pool.
     imports : sequence of str
+    copied : bool
         See `WorkerProcess`.
     """
 
-    def __init__(self, workers: int, imports: Sequence[str] = ()) -> None:
+    def __init__(self, workers: int, imports: Sequence[str] = (), *, copied: bool = False) -> None:
         self._ended = Event()
         self._failure: WorkerEndedError | None = None
         self._processes: list[WorkerProcess] = []
         self._threads: ThreadPoolExecutor | None = None
-        self.grow(workers, imports)
+        self.grow(workers, imports, copied=copied)
 
-    def grow(self, workers: int, imports: Sequence[str] = ()) -> None:
-        """Start processes until there are `workers` workers; only while no task is running. `imports` as above."""
+    def grow(self, workers: int, imports: Sequence[str] = (), *, copied: bool = False) -> None:
+        """Start processes until there are `workers` workers; only while no task is running. The rest as above."""
         for _ in range(workers - 1 - len(self._processes)):
-            self._processes.append(WorkerProcess(yields=False, tidies=False, imports=imports))
+            self._processes.append(WorkerProcess(yields=False, tidies=False, imports=imports, copied=copied))
         self.workers = 1 + len(self._processes)
         # This process is used last: it also decodes footage and draws meanwhile, under the same interpreter lock.
         self._idle: queue.PriorityQueue[int] = queue.PriorityQueue()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import pickle
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import KFMocapError, WorkerEndedError
+from . import worker
 from .worker import LENGTH_BYTES
 
 if TYPE_CHECKING:
@@ -33,6 +35,8 @@ class WorkerProcess:
         Whether its tasks create files, and are given a moment to remove them when the program has ended.
     imports : sequence of str
         Full names of modules that the process imports at once, in advance of its first task.
+    copied : bool
+        Whether the process begins as a copy of this one, with all that it has imported; see `can_be_copied`.
 
     Raises
     ------
@@ -40,15 +44,21 @@ class WorkerProcess:
         Python cannot be started.
     """
 
-    def __init__(self, *, yields: bool = True, tidies: bool = True, imports: Sequence[str] = ()) -> None:
+    def __init__(
+        self, *, yields: bool = True, tidies: bool = True, imports: Sequence[str] = (), copied: bool = False
+    ) -> None:
         lower = getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0) if yields else 0
         flags = lower | getattr(subprocess, "CREATE_NO_WINDOW", 0)
         try:
-            self._process = subprocess.Popen(
-                [sys.executable, str(Path(__file__).with_name("worker.py"))],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                creationflags=flags,
+            self._process = (
+                _CopiedProcess()
+                if copied
+                else subprocess.Popen(
+                    [sys.executable, str(Path(__file__).with_name("worker.py"))],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    creationflags=flags,
+                )
             )
         except OSError as error:
             what = f"Python cannot be started: {error.strerror}"
@@ -140,6 +150,57 @@ class WorkerProcess:
             with contextlib.suppress(OSError):
                 pipe.close()
         self._process.wait()
+
+
+def can_be_copied() -> bool:
+    """Whether workers may begin as copies of this process, which need not import anything again.
+
+    Elsewhere than on Linux system libraries do not allow it, and neither does Blender, wherever it runs.
+    """
+    return sys.platform == "linux" and "bpy" not in sys.modules
+
+
+class _CopiedProcess:
+    """A worker that begins as a copy of this process, used as a `subprocess.Popen` with pipes.
+
+    Of the other threads of this process the copy has none. None of them may therefore hold a lock that it needs: they
+    may wait for other processes, but do nothing else.
+    """
+
+    def __init__(self) -> None:
+        from multiprocessing import get_context
+
+        (tasks, send), (receive, results) = os.pipe(), os.pipe()
+        self._process = get_context("fork").Process(target=_work_as_copy, args=(tasks, results), daemon=True)
+        self._process.start()
+        os.close(tasks)
+        os.close(results)
+        self.stdin, self.stdout = os.fdopen(send, "wb"), os.fdopen(receive, "rb")
+        self.pid = int(self._process.pid or 0)
+
+    def poll(self) -> int | None:
+        return self._process.exitcode
+
+    def wait(self, timeout: float | None = None) -> int:
+        self._process.join(timeout)
+        if (code := self._process.exitcode) is None:
+            raise subprocess.TimeoutExpired("a copy of this process", timeout or 0.0)
+        return code
+
+    def kill(self) -> None:
+        self._process.kill()
+
+    def terminate(self) -> None:
+        self._process.terminate()
+
+
+def _work_as_copy(tasks: int, results: int) -> None:
+    """Become a worker that reads tasks from one pipe and writes results to another."""
+    os.dup2(tasks, 0)
+    os.dup2(results, 1)
+    os.closerange(3, os.sysconf("SC_OPEN_MAX"))  # other workers end when their pipes are closed everywhere
+    worker.main()
+    os._exit(0)
 
 
 def _search_path() -> list[str]:

@@ -86,7 +86,7 @@ from kfmocap.core.runtime.worker_memory import WorkerMemory
 started, closed = [], []
 WorkerMemory.start_workers = lambda memory, workers, imports: started.append((workers, imports, "numpy" in sys.modules))
 WorkerMemory.close = lambda memory: closed.append(True)
-command_line.os.cpu_count = lambda: 2
+command_line.os.cpu_count, command_line.can_be_copied = lambda: 2, lambda: False
 assert command_line.main(["track", "none.toml", "--out", sys.argv[1], "--threads", sys.argv[2]]) == 1
 if sys.argv[2] == "1":
     assert not started

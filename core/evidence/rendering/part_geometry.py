@@ -29,7 +29,7 @@ class Geometry:
     spans : tuple of slice
         The vertices of each part.
     planes : ndarray, shape (N, 4)
-        The parts' face planes, see `Part.planes`; faces in one plane are listed once.
+        The parts' face planes, see `Part.distinct_planes`.
     face_owner : ndarray of int, shape (N,)
         The part that each plane belongs to.
     meeting : sparse array of int, shape (V, N)
@@ -55,7 +55,7 @@ class Geometry:
     def of(cls, bodies: Sequence[Body]) -> Geometry:
         """Return the geometry of some bodies."""
         parts = [part for body in bodies for part in body.parts]
-        planes = [np.unique(part.planes.round(9), axis=0) for part in parts]
+        planes = [part.distinct_planes for part in parts]
         performer = np.repeat(np.arange(len(bodies)), [len(body) for body in bodies])
         return cls.joined([part.vertices for part in parts], planes, performer)
 
@@ -63,14 +63,19 @@ class Geometry:
     def joined(cls, vertices: Sequence[Array], planes: Sequence[Array], performer: Ints | None = None) -> Geometry:
         """Join vertices and planes of parts; by default all parts belong to one performer."""
         count = np.arange(len(vertices))
-        touching = [v @ p[:, :3].T + p[:, 3] > -PLANE_TOLERANCE for v, p in zip(vertices, planes, strict=True)]
+        ends = np.cumsum([(0, 0), *((len(v), len(p)) for v, p in zip(vertices, planes, strict=True))], axis=0)
+        touching = [
+            np.argwhere(v @ p[:, :3].T + p[:, 3] > -PLANE_TOLERANCE) + first
+            for v, p, first in zip(vertices, planes, ends, strict=False)
+        ]
+        places = np.concatenate(touching).T
         return cls(
             vertices=np.concatenate(vertices),
             owner=np.repeat(count, [len(v) for v in vertices]),
             spans=tuple(slices_of(len(v) for v in vertices)),
             planes=np.concatenate(planes),
             face_owner=np.repeat(count, [len(p) for p in planes]),
-            meeting=sparse.csr_array(sparse.block_diag([touch.astype(np.int64) for touch in touching])),
+            meeting=sparse.csr_array((np.ones(places.shape[1], np.int64), tuple(places)), tuple(ends[-1])),
             performer=np.zeros(len(vertices), np.int64) if performer is None else performer,
         )
 

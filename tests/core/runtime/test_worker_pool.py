@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import time
 from functools import partial
+from pathlib import Path
 
 import job_functions
 import pytest
@@ -79,6 +82,37 @@ def test_a_process_has_what_it_was_to_import_before_its_first_work() -> None:
         finally:
             process.close()
         assert found == bool(imports)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes cannot be copied")
+def test_copies_of_a_process_have_what_it_has_imported_and_end_as_other_workers_do() -> None:
+    code = """
+import os
+from functools import partial
+
+import job_functions
+from kfmocap.core.errors import WorkerEndedError
+from kfmocap.core.runtime import exchange
+from kfmocap.core.runtime.worker_process import WorkerProcess, can_be_copied
+
+assert can_be_copied()
+first, second = (WorkerProcess(tidies=False, copied=True) for _ in range(2))
+for process in (first, second):
+    assert process.call(job_functions.process_id) == process.id != os.getpid()
+    assert process.call(partial(job_functions.has_imported, exchange.__name__))
+first.close()  # it ends although the second one, which began later, is still there
+assert not first.alive and second.alive
+second.kill()
+try:
+    second.call(job_functions.process_id)
+except WorkerEndedError as error:
+    assert "signal 9" in str(error)
+else:
+    raise AssertionError
+"""
+    folders = [str(Path(job_functions.__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(folders)}
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60, env=environment)
 
 
 @pytest.mark.skipif(not hasattr(os, "nice"), reason="there is no niceness")
