@@ -52,7 +52,7 @@ def run(args: argparse.Namespace, services: Services) -> int:
             if worker_count(spec.settings.threads if args.threads is None else args.threads) == 1:
                 memory.close()
             # Other processes load their modules while this one fits the key poses, unless they are copies of this one.
-            modules = *WORKER_MODULES, camera_fits.__module__
+            modules = *WORKER_MODULES, camera_fits.__module__, "scipy.interpolate"  # of SciPy's splines of rotations
             memory.start_workers(workers_for(spec, args.threads), modules, copied=can_be_copied())
         with nullcontext() if args.no_blender else services.blender_beside() as blender:
             return _run(args, services, memory, blender)

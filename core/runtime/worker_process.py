@@ -8,6 +8,7 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +37,7 @@ class WorkerProcess:
     imports : sequence of str
         Full names of modules that the process imports at once, in advance of its first task.
     copied : bool
-        Whether the process begins as a copy of this one, with all that it has imported; see `can_be_copied`.
+        Whether the process begins as a copy of this one, which imports `imports` first; see `can_be_copied`.
 
     Raises
     ------
@@ -49,6 +50,8 @@ class WorkerProcess:
     ) -> None:
         lower = getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0) if yields else 0
         flags = lower | getattr(subprocess, "CREATE_NO_WINDOW", 0)
+        for module in imports if copied else ():
+            import_module(module)
         try:
             self._process = (
                 _CopiedProcess()
