@@ -18,12 +18,15 @@ from mathutils import Matrix, Vector
 
 from ...core.errors import OutputError, ShotError
 from ..scene_io import fcurves
+from ..scene_io.body import body_armature
 from . import destinations, vrm_animation
 from .export_formats import EXPORT_FORMATS
 from .export_options import DEFAULTS, ExportOptions
 from .export_stage import stage_in_metres, stage_of
 from .whole_files import writing
 
+_ASIDE = 2e-5
+"""Radians by which two bones are not in line."""
 _SCALED = 0.01
 """Least change of a bone's scale that importers' rounding cannot explain."""
 _Y_UP = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
@@ -125,6 +128,7 @@ def export_fbx(path: Path, armature: bpy.types.Object, scene: bpy.types.Scene, o
         If the file cannot be written.
     """
     with writing(path) as target, stage_of(armature, scene, Matrix.Identity(4), options) as stage:
+        _turn_aside(stage.objects[0])
         _rest_before(stage)
         bpy.ops.export_scene.fbx(
             filepath=str(target),
@@ -138,6 +142,32 @@ def export_fbx(path: Path, armature: bpy.types.Object, scene: bpy.types.Scene, o
             axis_up="Y",
             axis_forward="-Z",
         )
+
+
+def _turn_aside(armature: bpy.types.Object) -> None:
+    """Turn bones a little aside, so little that it does not count, whose tails Blender's FBX importer would put exactly
+    where a bone begins that moves: it would connect that bone, as lone hips to a root, which then could not move.
+    """
+    bag = fcurves.find_channelbag(armature)
+    moved = {curve.data_path for curve in (bag.fcurves if bag is not None else ()) if _changes(curve)}
+    aside = set()
+    for bone in armature.data.bones:
+        above = bone.parent
+        if above is None or f"pose.bones{fcurves.property_key(bone.name)}.location" not in moved:
+            continue
+        reach = float(np.mean([(child.head_local - above.head_local).length for child in above.children]))
+        tail = above.head_local + reach * (above.tail_local - above.head_local).normalized()
+        if (tail - bone.head_local).length < _ASIDE * reach:
+            aside.add(above.name)
+    if aside:
+        with body_armature.edit_bones(armature) as bones:
+            for name in aside:
+                bones[name].matrix = bones[name].matrix @ Matrix.Rotation(2 * _ASIDE, 4, "X")
+
+
+def _changes(curve: bpy.types.FCurve) -> bool:
+    values = fcurves.get_keys(curve)["co"][:, 1]
+    return bool((values != values[:1]).any())
 
 
 def _rest_before(stage: bpy.types.Scene) -> None:

@@ -122,6 +122,21 @@ def test_characters_of_all_kinds_are_exported_where_blender_shows_them(blender, 
     assert np.abs(read_joints(imported(fbx), list(body.names), list(range(1, 5))) - shown).max() < 1e-4
 
 
+def test_hips_travel_in_blender_though_they_begin_where_a_root_ends(blender, tmp_path):
+    """Blender's FBX importer would connect them to it."""
+    body = human(1.7)
+    hero = skinned_human(body=body)
+    add_bones(hero, [("root", "", (0, 0, 0), hero.data.bones[body.names[0]].head_local)])
+    with body_armature.edit_bones(hero) as edited:
+        edited[body.names[0]].parent = edited["root"]
+    send_to_rig(bpy.context.scene, motion_of_body(body, motion(4), "man", 60.0), hero, 1)
+    shown = read_joints(hero, list(body.names), list(range(1, 5)))
+    options = ExportOptions(formats=("fbx",), frames=(1, 4))
+    [fbx] = exporters.export_armatures(bpy.context.scene, [("hero", hero)], tmp_path, options, "hero")
+    assert np.ptp(shown[:, 0, 0]) > 0.01
+    assert np.abs(read_joints(imported(fbx), list(body.names), list(range(1, 5))) - shown).max() < 1e-4
+
+
 def test_the_export_goes_beside_the_footage_and_then_where_it_went_last(blender, tmp_path):
     built = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
     assert destinations.proposed(built) == tmp_path / "walk"
