@@ -8,7 +8,8 @@ pixel is the minimum of a few linear functions. This is exact, and no triangles 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, Protocol
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...cameras.camera import Camera
-from ...numerics.arrays import Array, Ints
+from ...numerics.arrays import Array, Bools, Ints
 from .part_geometry import PLANE_TOLERANCE, Geometry
 from .part_outlines import FRACTION_BITS, Outlines
 
@@ -196,6 +197,23 @@ class LabelImages:
         images[self.index] = 1 / self.inverse_depth
         return images.reshape(self.part.shape)
 
+    def without(self, parts: Sequence[int]) -> tuple[NDArray[np.int16], NDArray[np.uint16]]:
+        """Return label and depth images, in units of `DEPTH_STEP`, as they would be without some parts, (n, h, w) each;
+        only of parts that were all drawn together.
+        """
+        assert self.still is None
+        n, P = self.share.shape
+        gone = np.isin(np.arange(P), parts)
+        label = _painted(self.outlines, self.distance, self.part.shape[:0:-1], left_out=gone)
+        index = self.index[np.repeat(np.tile(gone, n), np.diff(self.ends))]
+        behind = np.full(label.shape, -1, np.int16)
+        behind.ravel()[index] = label.ravel()[index]
+        there, ends = _pixels_by_part(behind, P)
+        depth = self.depth_steps()
+        depth.ravel()[index] = EMPTY_DEPTH
+        depth.ravel()[there] = in_depth_steps(1 / replace(self, part=label, index=there, ends=ends).inverse_depth)
+        return label, depth
+
     def depth_steps(self) -> NDArray[np.uint16]:
         """Depth in units of `DEPTH_STEP`, `EMPTY_DEPTH` where there is no part, shape (n, h, w)."""
         images = (
@@ -295,14 +313,19 @@ def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: A
     )
 
 
-def _painted(outlines: Outlines, distance: Array, size: tuple[int, int]) -> NDArray[np.int16]:
-    """Draw the outlines of P parts in n frames from the farthest to the nearest, given their distances (n, P); see
-    `LabelImages.part`.
+def _painted(
+    outlines: Outlines, distance: Array, size: tuple[int, ...], *, left_out: Bools | None = None
+) -> NDArray[np.int16]:
+    """Draw the outlines of P parts in n frames from the farthest to the nearest, given their distances (n, P), but for
+    those that are left out, (P,); see `LabelImages.part`.
     """
     (n, P), (width, height) = distance.shape, size
     label = np.full((n, height, width), -1, dtype=np.int16)
     corners, bounds = outlines.fixed_point, outlines.ends.tolist()
-    for j, order in enumerate(np.argsort(-distance, axis=1).tolist()):
+    nearer = np.argsort(-distance, axis=1)
+    if left_out is not None:
+        nearer = nearer[~left_out[nearer]].reshape(n, -1)
+    for j, order in enumerate(nearer.tolist()):
         image = label[j]
         for i in order:
             a, b = bounds[j * P + i], bounds[j * P + i + 1]

@@ -270,6 +270,17 @@ def test_some_parts_alone_are_seen_as_if_the_others_were_away() -> None:
     np.testing.assert_allclose(alone.depth_images(), whole.depth_images(), rtol=1e-5)
 
 
+def test_label_images_without_some_parts_are_those_of_the_others() -> None:
+    body = human()
+    geometry, poses = Geometry.of([body]), poses_of([body], [swing(body, 3, seed=3)])
+    left_out = [body.index("upper_arm.L"), body.index("forearm.L"), body.index("chest")]
+    label, depth = render_labels(geometry, NEARBY, 0, *poses).without(left_out)
+    kept = np.setdiff1d(np.arange(len(body)), left_out)
+    others = render_labels(geometry.subset(kept.tolist()), NEARBY, 0, *(each[:, kept] for each in poses))
+    np.testing.assert_array_equal(label, np.array([*kept, -1])[others.part])
+    np.testing.assert_array_equal(depth, others.depth_steps())
+
+
 @pytest.mark.parametrize("moving", [0, 1, 2])
 def test_parts_that_are_drawn_once_are_seen_among_others_as_if_all_were_drawn_together(moving: int) -> None:
     bodies = [human(1.7), human(1.8), human(1.6)]

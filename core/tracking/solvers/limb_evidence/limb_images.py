@@ -95,12 +95,10 @@ class ViewRatios:
         slopes = None if coloured is None else _slopes_around(view, problem, foreground, stride)
         return cls(camera, problem.first, foreground, coloured, still, slopes, stride)
 
-    def labels(self, geometry: Geometry, poses: tuple[Array, Array], without: Sequence[int] = ()) -> LabelImages:
-        """Render label images of all parts without some; indices are those of all parts. Those of all parts are kept
-        for the next time that they have the same poses, as when limb after limb is found where it was.
+    def labels(self, geometry: Geometry, poses: tuple[Array, Array]) -> LabelImages:
+        """Render label images of all parts. They are kept for the next time that these have the same poses, as when
+        limb after limb is found where it was.
         """
-        if len(without):
-            return self._rendered(geometry, poses, without)
         if not self._last or any(not np.array_equal(a, b) for a, b in zip(self._last[0][0], poses, strict=True)):
             self._last[:] = [(poses, self._rendered(geometry, poses))]
         return self._last[0][1]
@@ -119,10 +117,14 @@ class ViewRatios:
 
     def uncovered(self, geometry: Geometry, poses: tuple[Array, Array], parts: Sequence[int]) -> UncoveredImages:
         """Compute the log likelihood ratios of a limb's parts at all pixels that the limb can reach."""
-        labels = self.labels(geometry, poses, parts)
+        if self.still is None:
+            labels, depth = self.labels(geometry, poses).without(parts)
+        else:
+            drawn = self._rendered(geometry, poses, parts)
+            labels, depth = drawn.part, drawn.depth_steps()
         rows, columns = self._within_reach(geometry, poses[1][:, list(parts)], parts)
         window, corner = (slice(None), rows, columns), (columns.start, rows.start)
-        shown, foreground = labels.part[window], self.foreground[window]
+        shown, foreground = labels[window], self.foreground[window]
         nobody, beside = shown < 0, log_ratio(np.arange(256, dtype=np.uint8))
         if self.coloured is None:
             image = np.where(nobody, _as_steps(beside)[foreground], np.uint8(EVEN_LEVEL))
@@ -131,8 +133,6 @@ class ViewRatios:
             )
         colours, palette = self.coloured.colours, self.coloured.palette[window]
         others = np.arange(len(geometry.spans))
-        if self.still is None:
-            others = np.setdiff1d(others, parts)
         # The ratio at a pixel depends on its colour and on what is there now: another part, or a foreground value.
         row = np.where(nobody, foreground.astype(np.int32) + np.int32(len(others)), shown)
         place = row * np.int32(colours.ratio.shape[1]) + palette
@@ -141,9 +141,8 @@ class ViewRatios:
             own = colours.ratio[part]
             before = np.where(colours.distinct[part][others, None], own - colours.ratio[others], np.float32(0))
             images.append(_as_steps(np.concatenate([before, beside[:, None] + own])).take(place))
-        depth = labels.depth_steps()[window]
         return UncoveredImages(
-            self.camera, self.first, tuple(images), depth, self.slopes, origin=corner, stride=self.stride
+            self.camera, self.first, tuple(images), depth[window], self.slopes, origin=corner, stride=self.stride
         )
 
     def _within_reach(self, geometry: Geometry, joints: Array, parts: Sequence[int]) -> tuple[slice, slice]:
