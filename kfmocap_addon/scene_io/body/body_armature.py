@@ -161,16 +161,28 @@ def world_frame(armature: bpy.types.Object) -> tuple[Array, float]:
     BodyError
         It is scaled by different amounts along its axes, mirrored, or of no size.
     """
-    matrix = np.array(armature.matrix_world)
+    matrix, scale = _evenly_scaled(armature)
+    if scale > 0:
+        return matrix, scale
+    chain = [armature]
+    while chain[-1].parent is not None:
+        chain.append(chain[-1].parent)
+    owner = next(each for each in reversed(chain) if not _evenly_scaled(each)[1])  # what it hangs on, or itself
+    mirrored = np.linalg.det(np.array(owner.matrix_world)[:3, :3]) < 0
+    raise BodyError(
+        f"the {'armature' if owner == armature else owner.name} object is "
+        f"{'mirrored' if mirrored else 'scaled by different amounts along its axes'}",
+        where=f"armature {armature.name}",
+        todo=f"apply its scale (Ctrl A){'' if owner == armature else ', or clear the parent (Alt P)'}",
+    )
+
+
+def _evenly_scaled(owner: bpy.types.Object) -> tuple[Array, float]:
+    """Return an object's matrix (4, 4) in the world, and its scale; 0 where this differs along its axes."""
+    matrix = np.array(owner.matrix_world)
     scale = float(np.cbrt(max(np.linalg.det(matrix[:3, :3]), 0.0)))
     turned = matrix[:3, :3] / max(scale, 1e-12)
-    if not np.allclose(turned.T @ turned, np.eye(3), atol=1e-3):
-        raise BodyError(
-            "the armature object is scaled by different amounts along its axes, or mirrored",
-            where=f"armature {armature.name}",
-            todo="apply its scale (Ctrl A)",
-        )
-    return matrix, scale
+    return matrix, scale if np.allclose(turned.T @ turned, np.eye(3), atol=1e-3) else 0.0
 
 
 def object_pose(armature: bpy.types.Object) -> tuple[Array, Array, float]:

@@ -8,7 +8,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 from addon_shots import joint_error  # noqa: E402
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
-from kfmocap.core.errors import OutputError  # noqa: E402
+from kfmocap.core.errors import BodyError, OutputError  # noqa: E402
 from kfmocap.core.formats.bvh import read_bvh  # noqa: E402
 from kfmocap.core.retargeting.transfer import RetargetOptions  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
@@ -173,3 +173,21 @@ def test_a_bone_that_is_scaled_unevenly_is_named():
         "warnings"
     ]
     assert said.startswith("bone upper_arm.L: it is scaled by different amounts along its axes")
+
+
+@pytest.mark.parametrize(
+    ("scales", "said"),
+    [
+        (((1, 1, 1), (1, 2, 1)), "the armature object is scaled by different amounts along its axes"),
+        (((1, 2, 1), (1, 1, 1)), "the mount object is scaled by different amounts along its axes"),
+        (((-1, -1, -1), (1, 1, 1)), "the mount object is mirrored"),
+    ],
+)
+def test_an_object_that_is_scaled_unevenly_is_named_though_it_is_a_parent(scales, said):
+    armature, mount = skinned_human(), bpy.data.objects.new("mount", None)
+    bpy.context.scene.collection.objects.link(mount)
+    armature.parent = mount
+    mount.scale, armature.scale = scales
+    bpy.context.view_layer.update()
+    with pytest.raises(BodyError, match=said):
+        send_to_rig(bpy.context.scene, motion_of_body(BODY, swing(BODY, 2), "man", 30.0), armature, 1)
