@@ -29,6 +29,7 @@ from ..core.review.track_report import report
 from ..core.runtime.files import check_inputs_kept, staged, write_json
 from ..core.runtime.interrupts import REPORT_FILE
 from ..core.runtime.progress import Progress, share
+from ..core.runtime.threads import one_library_thread
 from ..core.runtime.timing import Seconds
 from ..core.runtime.worker_memory import WorkerMemory
 from ..core.runtime.worker_pool import WorkerPool
@@ -198,6 +199,7 @@ class _CameraCheck:
         return self._job.result()
 
 
+@one_library_thread()
 def _draw_overlay(shot: Shot, result: TrackResult, file: Path, progress: Progress | None, times: Seconds) -> None:
     with times.measure("overlay"):
         in_step = shot.with_footage_offset(result.footage_offset)

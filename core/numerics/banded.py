@@ -42,49 +42,44 @@ class BandedFactor:
 
     def covariance(self, frame: int) -> Array:
         """Diagonal block of the inverse at one frame, shape (D, D): the covariance of that pose."""
-        return self.column(frame)[frame]
-
-    def column(self, frame: int) -> Array:
-        """Blocks of the inverse between every frame and one, (F, D, D): the covariance of each pose with that one."""
-        F, D = self.free.shape
-        unit = np.zeros((F, D, D))
-        unit[frame] = np.eye(D)
-        return self.solve(unit)
+        return self.covariance_band(frame)[0][0]
 
     def covariances(self) -> Array:
         """Diagonal blocks of the inverse at all frames, shape (F, D, D); see `covariance_band`."""
         return self.covariance_band()[0]
 
-    def covariance_band(self) -> tuple[Array, Array, Array]:
-        """Blocks of the inverse within the band, in time linear in F; zero where unknowns are fixed.
+    def covariance_band(self, begin: int = 0) -> tuple[Array, Array, Array]:
+        """Blocks of the inverse within the band, of the N frames from `begin` on, in time linear in N; zero where
+        unknowns are fixed.
 
         Takahashi's recurrence computes them from the last frame to the first, without the blocks outside the band (K.
         Takahashi, J. Fagan, M. Chen, Formation of a sparse bus impedance matrix, 1973).
 
         Returns
         -------
-        diagonal : ndarray, shape (F, D, D)
-        first : ndarray, shape (F - 1, D, D)
+        diagonal : ndarray, shape (N, D, D)
+        first : ndarray, shape (N - 1, D, D)
             Blocks of frame j + 1 (rows) against frame j (columns).
-        second : ndarray, shape (max(F - 2, 0), D, D)
+        second : ndarray, shape (max(N - 2, 0), D, D)
             Blocks of frame j + 2 against frame j.
         """
-        F, D = self.free.shape
-        columns = _column_blocks(self._factor, D)
+        free = self.free[begin:]
+        N, D = free.shape
+        columns = _column_blocks(self._factor, D)[begin:]
         inverse = np.stack([dtrtri(block, lower=True)[0] for block in np.tril(columns[:, :D])])
         own, below = np.swapaxes(inverse, 1, 2) @ inverse, columns[:, D:] @ inverse
-        found, first, second = np.zeros((3, F, D, D))
+        found, first, second = np.zeros((3, N, D, D))
         ahead = np.zeros((2 * D, 2 * D))  # the inverse on the next two frames
-        for j in range(F - 1, -1, -1):
+        for j in range(N - 1, -1, -1):
             beside = -ahead @ below[j]
             block = own[j] - below[j].T @ beside
             found[j] = (block + block.T) / 2  # asymmetry by rounding would grow from frame to frame
             first[j], second[j] = beside[:D], beside[D:]
             ahead[D:, D:] = ahead[:D, :D]
             ahead[:D, :D], ahead[:D, D:], ahead[D:, :D] = found[j], first[j].T, first[j]
-        found_blocks = found, first[:-1], second[: max(F - 2, 0)]
+        found_blocks = found, first[:-1], second[: max(N - 2, 0)]
         for distance, band in enumerate(found_blocks):
-            _without_fixed(band, ~self.free, distance)
+            _without_fixed(band, ~free, distance)
         return found_blocks
 
 
