@@ -85,6 +85,11 @@ def _roles(
         limb |= {"toe": parts[side]["toe"]} if "toe" in parts[side] else {}
         limbs = _leg(limb, tree) | _arm(limb, tree) | _fingers(parts[side], names, tree)
         found |= {f"{role}.{side}": bones for role, bones in limbs.items()}
+    tops = [
+        found[role][0] for role in (f"{limb}.{s}" for limb in ("thigh", "upper_arm") for s in SIDES) if role in found
+    ]
+    if carrying := [j for j in parts[""].get("hips", []) if all(tree.is_above(j, top) for top in tops)]:
+        found["hips"] = carrying[-1:]  # the nearest to them: a centre of gravity may be above hips
     if tree.says_nothing(found):
         for role in ("spine", "neck"):
             upward = sorted(parts[""].get(role, []), key=lambda j: float(rest.heads[j, 2]))

@@ -13,7 +13,7 @@ from .roles import FINGERS
 
 NAMESPACE = re.compile(r"^.*[:|]")
 """What comes before a bone's name in files of other programs, as in mixamorig:Hips."""
-_REMARK = re.compile(r"\[.*?\]|\(.*?\)")
+_REMARK = re.compile(r"\[(?!(l|r|left|right)\]).*?\]|\((?!(l|r|left|right)\)).*?\)", re.IGNORECASE)
 _TOKEN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[А-ЯЁ]?[а-яё]+|[^\W\d_a-zA-Zа-яё]+")
 _ACCENTED = re.compile(r"([a-zA-Z])[\u0300-\u036f]+")
 _MADE = re.compile(

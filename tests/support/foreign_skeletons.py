@@ -721,6 +721,23 @@ SKELETONS = {
         LowerLeg.{S} | UpperLeg.{S} | knee | shin
         Foot.{S} | LowerLeg.{S} | ankle | foot
         """,
+    "a torso below the centre of gravity that carries hips and spine": """
+        root | | ground | root
+        COG | root | hips
+        torso | COG | hips
+        hips | torso | hips | hips
+        spine | hips | spine1 | spine
+        chest | spine | spine3 | spine
+        shoulder.{S} | chest | collar | shoulder
+        upper_arm.{S} | shoulder.{S} | shoulder | upper_arm
+        forearm.{S} | upper_arm.{S} | elbow | forearm
+        hand.{S} | forearm.{S} | wrist | hand
+        neck | chest | neck | neck
+        head | neck | head | head
+        thigh.{S} | hips | thigh | thigh
+        shin.{S} | thigh.{S} | knee | shin
+        foot.{S} | shin.{S} | ankle | foot
+        """,
     "fallout 4": """
         Root | | ground | root
         COM | Root | hips | hips

@@ -87,6 +87,7 @@ NAMED = {
     "biped": ("Bip01 Pelvis", "Bip01 {S} Thigh", "Bip01 {S} Calf", "Bip01 {S} UpperArm", "Bip01 {S} Forearm"),
     "words": ("COG", "{side}_upper_leg", "{side}_lower_leg", "{side}_upper_arm", "{side}_lower_arm"),
     "suffixes": ("hip", "thigh.{s}", "calf.{s}", "arm.{s}", "elbow.{s}"),
+    "brackets": ("Hips", "Thigh ({S})", "Calf [{side}]", "UpperArm({s})", "Forearm[{S}]"),
     "camel": ("Pelvis", "{s}Thigh", "{s}Shin", "{s}UpperArm", "{s}LowerArm"),
 }
 
