@@ -21,6 +21,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ...body.motion import Motion
+from ...numerics.frame_ranges import FrameRange
 from ...runtime.timing import Seconds
 from . import gauss_newton
 from .descent_stages import OUTLINE_REACH, POLISH, POLISHED_AT_ONCE, REFINEMENT, RESUMED, SETTLED, DescentStage
@@ -28,11 +29,12 @@ from .equations.measurement import Workspace
 from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .gauss_newton import continued, descend, farthest_joint
 from .judgement.settled_solutions import SettledSolution
-from .judgement.solution_doubts import doubted_performers, misfit_at, performers_uncovered
+from .judgement.solution_doubts import doubted_performers, frames_in_doubt, misfit_at, performers_uncovered
 from .judgement.solution_ranking import clearly_likelier
 from .limb_corrections.leaping_limbs import with_leaps_bridged
 from .limb_corrections.limb_exchange import with_crossed_limbs_exchanged
 from .limb_corrections.limb_search import pictures_find_limbs
+from .limb_corrections.local_trials import HELD_FRAMES, held_excerpt, is_long, stretches_around
 from .limb_corrections.regained_limbs import with_limbs_regained
 from .multi_start import best_of_starts, first_solution
 from .thinned_frames import ThinnedProblem
@@ -44,19 +46,76 @@ def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspac
     Where frames follow each other closely, all of this is done on some of them, and the motion of the others is
     interpolated (`thinned_frames`); the solution then carries no evidence. If the images contradict the first solution
     on these, all frames are tried once, as a fast limb may be lost for the lack of frames only, and other motions are
-    searched for around what these lead to. Parameters as in `gauss_newton.descend`.
+    searched for around what these lead to. In a long segment, both is done around the frames in doubt alone
+    (`_with_doubts_pursued`). Parameters as in `gauss_newton.descend`.
     """
     thinned = ThinnedProblem.of(problem, start)
     if thinned is None:
         return _solved(problem, start, workspace)
     few, begin, inner = thinned.problem, thinned.of_motions(start), thinned.workspace(workspace.part(0.2, 1.0))
     first = first_solution(few, begin, thinned.workspace(workspace.part(0.0, 0.1)))
-    if problem.settings.limb_search and doubted_performers(few, begin, first):
-        whole = _after(first, first_solution(problem, start, workspace.part(0.1, 0.2)))
-        if not doubted_performers(problem, start, whole):
-            return _solved(problem, start, workspace.part(0.2, 1.0), first=whole)
-        first = _after(whole, descend(few, thinned.of_motions(whole.motions), inner.silent(), SETTLED))
-    return thinned.on_all_frames(_solved(few, begin, inner, first=first))
+    if not (problem.settings.limb_search and doubted_performers(few, begin, first)):
+        return thinned.on_all_frames(_solved(few, begin, inner, first=first))
+    if ranges := doubted_ranges(few, first):
+        return _with_doubts_pursued(thinned, first, ranges, workspace.part(0.1, 1.0))
+    return _pursued(thinned, start, workspace.part(0.1, 1.0), first)
+
+
+def _pursued(
+    thinned: ThinnedProblem, start: Sequence[Motion], workspace: Workspace, before: SegmentSolution | None = None
+) -> SegmentSolution:
+    """Solve on all frames what the images contradict on some of them and, if they still do, search on these.
+
+    `start` has F poses per performer; `before` is a solution whose iterations and time count as well.
+    """
+    problem, few, inner = thinned.whole, thinned.problem, thinned.workspace(workspace.part(0.1, 1.0))
+    whole = first_solution(problem, start, workspace.part(0.0, 0.1))
+    whole = whole if before is None else _after(before, whole)
+    if not doubted_performers(problem, start, whole):
+        return _solved(problem, start, workspace.part(0.1, 1.0), first=whole)
+    first = _after(whole, descend(few, thinned.of_motions(whole.motions), inner.silent(), SETTLED))
+    return thinned.on_all_frames(_solved(few, thinned.of_motions(start), inner, first=first))
+
+
+def doubted_ranges(problem: SegmentProblem, first: SegmentSolution) -> list[FrameRange]:
+    """Return the ranges of frames around those in doubt of a segment that is much longer, with a single performer in
+    several views; none otherwise.
+    """
+    if problem.among_others or problem.keypoints or not (problem.shows_depth and is_long(problem)):
+        return []
+    return stretches_around(problem, frames_in_doubt(problem, first))
+
+
+def _with_doubts_pursued(
+    thinned: ThinnedProblem, first: SegmentSolution, ranges: Sequence[FrameRange], workspace: Workspace
+) -> SegmentSolution:
+    """Solve and search where the images contradict a solution on some of the frames, while the motion beside these
+    frames stays as if it were known; then correct limbs as in any solution.
+
+    The solution counts as doubted no more: limbs that are still lost are found by the signs that they show.
+    """
+    few = thinned.problem.with_smoothness(first.variances)
+    whole = thinned.whole.with_smoothness(thinned.variances(first))
+    thinned, motions = replace(thinned, whole=whole, problem=few), tuple(thinned.interpolated(first.motions))
+    for k, (a, b) in enumerate(ranges):
+        part, own = _held_part(thinned, a, b), slice(thinned.frames[a], thinned.frames[b] + 1)
+        there = workspace.part(0.9 * k / len(ranges), 0.9 * (k + 1) / len(ranges)).silent()
+        found = _pursued(part, [motion[own] for motion in motions], there)
+        motions = tuple(m.replaced(own.start, new) for m, new in zip(motions, found.motions, strict=True))
+        first = _after(found, first)
+    begin = descend(few, thinned.of_motions(motions), workspace.silent(), SETTLED)
+    solution = _with_limbs_put_right(few, begin, thinned.workspace(workspace.part(0.9, 1.0)))
+    if solution.motions is begin.motions:
+        return replace(thinned.on_all_frames(_after(first, begin)), motions=motions)
+    return thinned.on_all_frames(_after(first, solution))
+
+
+def _held_part(thinned: ThinnedProblem, first: int, last: int) -> ThinnedProblem:
+    """Return the problem between two of the kept frames, with those at its ends held (`held_excerpt`)."""
+    frames = thinned.frames[first : last + 1] - thinned.frames[first]
+    begin, held = int(thinned.frames[first]), int(frames[HELD_FRAMES - 1]) + 1
+    whole = held_excerpt(thinned.whole, begin, begin + int(frames[-1]) + 1, held)
+    return replace(thinned, whole=whole, frames=frames, problem=held_excerpt(thinned.problem, first, last + 1))
 
 
 def _solved(
@@ -88,12 +147,17 @@ def _with_corrections(
 ) -> SegmentSolution:
     """Solve from several starts, exchange limbs that reach across each other, and bridge leaps."""
     solution = best_of_starts(problem, start, workspace.part(0.0, 0.8), first)
+    return _with_limbs_put_right(problem, solution, workspace.part(0.8, 1.0))
+
+
+def _with_limbs_put_right(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentSolution:
+    """Exchange limbs that reach across each other, and bridge leaps."""
     if not pictures_find_limbs(problem):
         return solution
-    solution = with_crossed_limbs_exchanged(problem, solution, workspace.part(0.8, 0.9))
+    solution = with_crossed_limbs_exchanged(problem, solution, workspace.part(0.0, 0.5))
     if problem.among_others:  # leaps are few once all pixels count, in the refinement
         return solution
-    return with_leaps_bridged(problem, solution, workspace.part(0.9, 1.0))
+    return with_leaps_bridged(problem, solution, workspace.part(0.5, 1.0))
 
 
 def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:

@@ -26,7 +26,7 @@ from ....body.limbs import limbs
 from ....body.motion import Motion, stacked
 from ....body.smoothness import second_differences
 from ....evidence.occlusion import LONG_GAP
-from ....numerics.arrays import Array, Ints
+from ....numerics.arrays import Array, Bools, Ints
 from ....numerics.frame_ranges import runs
 from ..equations.problem import SegmentProblem
 from ..limb_evidence.limb_likelihood import MIN_GAIN, LimbOfPerformer, SupportOfLimb, least_supported
@@ -153,10 +153,26 @@ def _weakest_support(support: Array, keys: Ints, long: int) -> float:
     """Least mean of a limb's support (F,) over `long` frames, relative to that on the key poses, interpolated between
     them; 1 without key poses, or with fewer frames.
     """
+    return float(_relative_support(support, keys, long).min(initial=1.0))
+
+
+def frames_weakly_shown(problem: SegmentProblem, performer: int, support: Array) -> Bools:
+    """Return on which frames the images show a limb of a performer weakly (`weakly_shown_limbs`), by its support (F,),
+    shape (F,).
+    """
+    long = _least_duration(problem)
+    weak = _relative_support(support, problem.whole_keys(performer), long) < WEAK_RATIO
+    return np.convolve(weak, np.ones(long)) > 0 if len(weak) else np.zeros(len(support), dtype=bool)
+
+
+def _relative_support(support: Array, keys: Ints, long: int) -> Array:
+    """Means of a limb's support (F,) over every `long` frames in a row, relative to that on the key poses; none without
+    key poses, or with fewer frames.
+    """
     if not len(keys) or len(support) < long:
-        return 1.0
+        return np.zeros(0)
     usual = np.maximum(np.interp(np.arange(len(support)), keys, support[keys]), 1e-9)
-    return float(np.convolve(support / usual, np.full(long, 1 / long), "valid").min())
+    return np.convolve(support / usual, np.full(long, 1 / long), "valid")
 
 
 def _least_duration(problem: SegmentProblem) -> int:

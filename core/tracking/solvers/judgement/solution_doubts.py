@@ -67,6 +67,17 @@ def doubted_performers(
     return [i for i, alone in each.items() if i in missed or limb_hidden_for_long(alone, solution)]
 
 
+def frames_in_doubt(problem: SegmentProblem, solution: SegmentSolution) -> Bools:
+    """Return on which frames the images contradict a solution for a single performer without keypoints, shape (F,)."""
+    [performer] = problem.sought
+    found = _frames_on_background(problem, solution) | _frames_hidden(problem, solution)
+    found[_unexplained(problem, solution, performer)] = True
+    if views_with_foreground(problem.views):
+        areas = _areas_beside(problem, solution.misfit or misfit_at(problem, solution.motions))
+        found |= _frames_beside_limb(problem, performer, areas[:, performer])
+    return found
+
+
 def worst_first(problem: SegmentProblem, solution: SegmentSolution, performers: Sequence[int]) -> list[int]:
     """Sort performers by how well a solution explains them on their worst frame, the worst first.
 
@@ -87,7 +98,7 @@ def is_doubtful(problem: SegmentProblem, solution: SegmentSolution) -> bool:
 
     Somebody who bends towards the camera shows less than on the key poses: no search would find more.
     """
-    return any(_unexplained(problem, solution, i) for i in problem.sought)
+    return any(len(_unexplained(problem, solution, i)) > 0 for i in problem.sought)
 
 
 def explains_little(problem: SegmentProblem, solution: SegmentSolution) -> bool:
@@ -106,13 +117,13 @@ def _frames_explained_little(problem: SegmentProblem, solution: SegmentSolution,
     return np.flatnonzero(explained_share(problem, solution, performer) < MIN_EXPLAINED_RATIO)
 
 
-def _unexplained(problem: SegmentProblem, solution: SegmentSolution, performer: int) -> bool:
-    """Whether a performer explains too little of what there is to be explained on some frame (`most_explained`)."""
+def _unexplained(problem: SegmentProblem, solution: SegmentSolution, performer: int) -> Ints:
+    """Return the frames on which a performer explains too little of what there is to explain (`most_explained`)."""
     keys, low = problem.whole_keys(performer), _frames_explained_little(problem, solution, performer)
     views = views_with_foreground(problem.views)
     # The foreground of others may look like a performer's.
     if not len(low) or len(keys) < 2 or not views or problem.among_others:
-        return len(low) > 0
+        return low
     explained, frames = solution.explained[performer], [*keys.tolist(), *low.tolist()]
     poses, geometry = poses_by_delay(problem, view_instants(problem, solution.motions)), problem.geometry()
     each = [
@@ -121,7 +132,7 @@ def _unexplained(problem: SegmentProblem, solution: SegmentSolution, performer: 
     ]
     most = np.sum(each, axis=0)
     usual = (explained[keys] / np.maximum(most[: len(keys)], 1.0)).max()
-    return bool((explained[low] < MIN_EXPLAINED_RATIO * usual * most[len(keys) :]).any())
+    return low[explained[low] < MIN_EXPLAINED_RATIO * usual * most[len(keys) :]]
 
 
 def explained_share(problem: SegmentProblem, solution: SegmentSolution, performer: int) -> Array:
@@ -150,9 +161,15 @@ def limb_on_background(problem: SegmentProblem, solution: SegmentSolution) -> bo
     This detects limbs that follow the images of one view but not those of another; they are too small to show in the
     cover of the whole body. What is on the background on key frames as well, such as behind furniture, does not count.
     """
+    return bool(_frames_on_background(problem, solution).any())
+
+
+def _frames_on_background(problem: SegmentProblem, solution: SegmentSolution) -> Bools:
+    """Return on which frames that is so, shape (F,)."""
     assert solution.evidence is not None
+    found = np.zeros(problem.length, dtype=bool)
     if not views_with_foreground(problem.views):
-        return False
+        return found
     unlike = solution.evidence.share * (1 - solution.evidence.agreeing)
     geometry, spans = problem.geometry(), problem.spans()
     long = max(2, round(MIN_DURATION * problem.fps))
@@ -164,9 +181,8 @@ def limb_on_background(problem: SegmentProblem, solution: SegmentSolution) -> bo
             parts = [spans[i].start + part for part in chain]
             size = shown_areas(geometry, parts)
             astray = beyond_known(unlike[..., parts] @ (size / size.sum()), [keys] * len(unlike)) > MISPLACED_SHARE
-            if any(last + 1 - first >= long for first, last in runs(astray.any(axis=0))):
-                return True
-    return False
+            found |= _lasting(astray.any(axis=0), long)
+    return found
 
 
 def performers_uncovered(
@@ -186,11 +202,11 @@ def performers_uncovered(
     if not (held and views_with_foreground(problem.views)):
         return []
     areas = _areas_beside(problem, misfit or misfit_at(problem, motions))
-    found = [i for i in held if _limb_for_long(problem, i, areas[:, i])]
+    found = [i for i in held if _frames_beside_limb(problem, i, areas[:, i]).any()]
     if not found or searched is None:
         return found
     areas -= _areas_beside(problem, misfit_at(problem, searched))
-    return [i for i in found if _limb_for_long(problem, i, areas[:, i])]
+    return [i for i in found if _frames_beside_limb(problem, i, areas[:, i]).any()]
 
 
 def misfit_at(problem: SegmentProblem, motions: Sequence[Motion], threads: int = 1) -> Misfit:
@@ -206,14 +222,22 @@ def _areas_beside(problem: SegmentProblem, misfit: Misfit) -> Array:
     return misfit.areas_beside([problem.whole_keys(i) for i in range(len(problem.bodies))])
 
 
-def _limb_for_long(problem: SegmentProblem, performer: int, areas: Array) -> bool:
-    """Whether areas (V, F) beside a performer could be one of its limbs in some view, for `LONG_GAP`
-    frames.
+def _frames_beside_limb(problem: SegmentProblem, performer: int, areas: Array) -> Bools:
+    """Return on which frames areas (V, F) beside a performer could be one of its limbs in some view, for `LONG_GAP`
+    frames, shape (F,).
     """
     geometry, begin = problem.geometry(), problem.spans()[performer].start
     chains = [[begin + part for part in chain] for chain in limbs(problem.bodies[performer])]
     smallest = min((shown_areas(geometry, parts).sum() for parts in chains), default=np.inf)
-    return any(last + 1 - first >= LONG_GAP for row in areas > LIMB_SHARE * smallest for first, last in runs(row))
+    return np.any([_lasting(row, LONG_GAP) for row in areas > LIMB_SHARE * smallest], axis=0)
+
+
+def _lasting(flags: Bools, least: int) -> Bools:
+    """Return the flags (F,) that are part of `least` or more in a row."""
+    lasting = flags.copy()
+    for first, last in runs(flags):
+        lasting[first : last + 1] = last + 1 - first >= least
+    return lasting
 
 
 def limb_hidden_for_long(problem: SegmentProblem, solution: SegmentSolution) -> bool:
@@ -225,19 +249,29 @@ def limb_hidden_for_long(problem: SegmentProblem, solution: SegmentSolution) -> 
     after, where the solution has it. The last part of a limb of three or more does not count: the hand is where the
     forearm ends, and the search does not turn it.
     """
+    return bool(_frames_hidden(problem, solution).any())
+
+
+def _frames_hidden(problem: SegmentProblem, solution: SegmentSolution) -> Bools:
+    """Return on which frames that is so, shape (F,)."""
+    found = np.zeros(problem.length, dtype=bool)
     if not views_with_foreground(problem.views) or problem.keypoints:
-        return False
+        return found
     hidden = hidden_parts(problem, solution.share)
     gaps = {
-        (i, tuple(chain)): found
+        (i, tuple(chain)): own
         for i in problem.sought
         if len(problem.whole_keys(i)) > 1
         for chain in limbs(problem.bodies[i])
-        if (found := [gap for part in without_end(chain) for gap in _long_gaps(hidden[i][:, part])])
+        if (own := [gap for part in without_end(chain) for gap in _long_gaps(hidden[i][:, part])])
     }
     support = support_of_limbs(problem, solution.motions) if gaps else ()
     shown = {(i, tuple(chain)): of_limb for i, chain, _, of_limb in support if (i, tuple(chain)) in gaps}
-    return any(limb not in shown or not _seen_beside(found, shown[limb]()) for limb, found in gaps.items())
+    for limb, own in gaps.items():
+        if limb not in shown or not _seen_beside(own, shown[limb]()):
+            for first, last in own:
+                found[first : last + 1] = True
+    return found
 
 
 def _long_gaps(hidden: Bools) -> list[FrameRange]:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ....body.motion import Motion
+from ....numerics.arrays import Bools
+from ....numerics.frame_ranges import FrameRange, adjacent_joined, runs
 from ..equations.problem import SegmentProblem
 from ..equations.segment_equations import SegmentNoise
 from ..starts.sequential_start import excerpt
@@ -16,6 +18,8 @@ ADAPTATION_TIME = 0.3
 """Time before and after changed frames within which the motion may adapt to the change, seconds."""
 MAX_SHARE = 0.75
 """Share of a segment's frames up to which it saves time to try a change on these frames alone."""
+LONG_RATIO = 4
+"""How many times as long as the frames beside a moment a long segment is at least: 2.4 s and more."""
 HELD_FRAMES = 2
 """Frames at an end that hold the position and the velocity of the motion beside it."""
 
@@ -54,17 +58,13 @@ class LocalTrial:
         differ = np.flatnonzero(
             np.any([a.difference(b).any(axis=1) for a, b in zip(before, after, strict=True)], axis=0)
         )
-        F, beside = problem.length, HELD_FRAMES + round(ADAPTATION_TIME * problem.fps)
+        F, beside = problem.length, _frames_beside(problem)
         if not len(differ):
             return None
         first, stop = max(int(differ[0]) - beside, 0), min(int(differ[-1]) + 1 + beside, F)
         if stop - first > MAX_SHARE * F:
             return None
-        own = excerpt(problem, first, stop)
-        held = np.zeros(stop - first, dtype=bool)
-        held[:HELD_FRAMES] = first > 0
-        held[stop - first - HELD_FRAMES :] |= stop < F
-        own = replace(own, fixed=tuple(fixed | held[:, None] for fixed in own.fixed))
+        own = held_excerpt(problem, first, stop)
         pairs = slice(first, stop - 1)
         local = SegmentNoise(noise.sigma[:, pairs], noise.weight[:, pairs], noise.share)
         return cls(first, stop, own, local)
@@ -76,3 +76,32 @@ class LocalTrial:
     def within(self, motions: Sequence[Motion], own: Sequence[Motion]) -> tuple[Motion, ...]:
         """Return motions of the whole segment with others on these frames."""
         return tuple(motion.replaced(self.first, new) for motion, new in zip(motions, own, strict=True))
+
+
+def held_excerpt(problem: SegmentProblem, first: int, stop: int, held: int = HELD_FRAMES) -> SegmentProblem:
+    """Return frames first to stop - 1 of a segment as a problem of their own; so many of them at each end that is not
+    the segment's are fixed.
+    """
+    own, still = excerpt(problem, first, stop), np.zeros(stop - first, dtype=bool)
+    still[:held] = first > 0
+    still[stop - first - held :] |= stop < problem.length
+    return replace(own, fixed=tuple(fixed | still[:, None] for fixed in own.fixed))
+
+
+def stretches_around(problem: SegmentProblem, flags: Bools) -> list[FrameRange]:
+    """Return the ranges of frames around flagged ones (F,), with those beside them that may adapt to a change; none if
+    these are most of the segment.
+    """
+    F, beside = problem.length, _frames_beside(problem)
+    found = adjacent_joined((max(first - beside, 0), min(last + beside, F - 1)) for first, last in runs(flags))
+    return found if sum(last + 1 - first for first, last in found) <= MAX_SHARE * F else []
+
+
+def is_long(problem: SegmentProblem) -> bool:
+    """Whether a segment is so long that a moment of it, with the frames beside it, is a small part of it."""
+    return LONG_RATIO * 2 * _frames_beside(problem) <= problem.length
+
+
+def _frames_beside(problem: SegmentProblem) -> int:
+    """Number of frames before and after changed ones that take part in a trial."""
+    return HELD_FRAMES + round(ADAPTATION_TIME * problem.fps)

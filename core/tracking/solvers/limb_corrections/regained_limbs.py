@@ -7,32 +7,37 @@ minimum once, and all limbs and pairs are searched for.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+
+import numpy as np
 
 from ....body.limbs import limb_pairs, limbs
 from ....body.motion import Motion
 from ....numerics.arrays import Array
+from ....numerics.frame_ranges import FrameRange
 from ....runtime.timing import Seconds
 from ..descent_stages import COARSE_RESTART, SETTLED, UNCONVERGED_MOVE
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import continued, descend, farthest_joint
-from ..judgement.limb_signs import bent_limbs, faded_limbs, refuted_limbs, weakly_shown_limbs
+from ..judgement.limb_signs import bent_limbs, faded_limbs, frames_weakly_shown, refuted_limbs, weakly_shown_limbs
 from ..judgement.settled_solutions import SettledSolutions
 from ..judgement.solution_doubts import MIN_FOLLOWED_SHARE
 from ..judgement.solution_ranking import likelihood, likelihood_decides, settled_further
 from ..limb_evidence.limb_likelihood import SupportOfLimb, evaluated, support_of_limbs
 from ..thinned_frames import ThinnedProblem
 from .limb_groups import LimbGroup, contradicted, least_gain, solved_from, with_limbs_found
+from .local_trials import held_excerpt, is_long, stretches_around
 
 
 def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentSolution:
     """Search again for limbs of a refined solution that may be lost.
 
     Where frames follow each other closely, limbs are searched for on some of them (`thinned_frames`), and what is found
-    there is solved for, and judged, on all.
+    there is solved for, and judged, on all. In a long segment, limbs that the images show weakly for a moment are
+    searched for around it, while the motion beside it stays.
 
     Parameters
     ----------
@@ -42,47 +47,128 @@ def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, work
     """
     seconds = Seconds(solution.seconds)
     with seconds.measure("initial solution"):
-        groups, known = suspected_groups(problem, solution), SettledSolutions()
+        support = _support_of(problem, solution)
+        groups, known = suspected_groups(problem, solution, support), SettledSolutions()
         single = not problem.among_others
         thinned = ThinnedProblem.of(problem, solution.motions) if groups and single else None
-        if thinned is None:
+        shown = support if isinstance(support, list) else []
+        ranges = [_weak_stretches(problem, group, shown) for group in groups]
+        if any(ranges):
+            motions = _found_in_stretches(
+                problem, solution.motions, zip(groups, ranges, strict=True), thinned, workspace
+            )
+            solution = _if_likelier(problem, solution, motions, known, workspace)
+        elif thinned is None:
             solution = _searched(problem, solution, groups, known, workspace)
         else:
             inner = thinned.workspace(workspace)
             few = descend(thinned.problem, thinned.of_motions(solution.motions), inner, SETTLED)
             found = _searched(thinned.problem, few, groups, SettledSolutions(), inner)
             if found.motions is not few.motions:
-                first = known.after(problem, solution, workspace)
-                there = solved_from(problem, thinned.interpolated(found.motions), first.noise, workspace)
-                gain = likelihood(problem, first.noise, there) - likelihood(problem, first.noise, first.solution)
-                solution = continued(solution, there) if gain > least_gain(problem) else solution
+                solution = _if_likelier(problem, solution, thinned.interpolated(found.motions), known, workspace)
     return replace(solution, seconds=dict(seconds))
 
 
-def suspected_groups(problem: SegmentProblem, solution: SegmentSolution) -> list[LimbGroup]:
+def _if_likelier(
+    problem: SegmentProblem,
+    solution: SegmentSolution,
+    motions: Sequence[Motion],
+    known: SettledSolutions,
+    workspace: Workspace,
+) -> SegmentSolution:
+    """Solve from motions, and return that if it is likelier than a solution, otherwise the solution."""
+    if motions is solution.motions:
+        return solution
+    first = known.after(problem, solution, workspace)
+    there = solved_from(problem, motions, first.noise, workspace)
+    gain = likelihood(problem, first.noise, there) - likelihood(problem, first.noise, first.solution)
+    return continued(solution, there) if gain > least_gain(problem) else solution
+
+
+def _weak_stretches(problem: SegmentProblem, group: LimbGroup, support: Sequence[SupportOfLimb]) -> list[FrameRange]:
+    """Return the ranges of frames around those on which a limb of a group is weakly shown; none if they are most of the
+    segment, or if another sign calls for one of these limbs.
+    """
+    if not support or contradicted(problem) or problem.among_others or not is_long(problem):
+        return []
+    shown = {tuple(chain): of_limb for _, chain, _, of_limb in support}
+    weak = [frames_weakly_shown(problem, group.performer, shown[tuple(chain)]()) for chain in group.chains]
+    return stretches_around(problem, np.any(weak, axis=0)) if all(own.any() for own in weak) else []
+
+
+def _found_in_stretches(
+    problem: SegmentProblem,
+    motions: tuple[Motion, ...],
+    stretches: Iterable[tuple[LimbGroup, Sequence[FrameRange]]],
+    thinned: ThinnedProblem | None,
+    workspace: Workspace,
+) -> tuple[Motion, ...]:
+    """Search for groups of limbs on ranges of frames, of which only the kept ones are used, or on all frames for a
+    group without any; return the motions, the same ones if nothing is found.
+    """
+    some, inner, found, moved = problem, workspace.silent(), motions, False
+    if thinned is not None:
+        some, found = thinned.problem, tuple(thinned.of_motions(motions))
+    for group, ranges in stretches:
+        for first, last in ranges or [(0, problem.length - 1)]:
+            if thinned is not None:
+                first, last = (int(np.searchsorted(thinned.frames, frame)) for frame in (first, last))
+            own = held_excerpt(some, first, last + 1)
+            here = descend(own, [motion[first : last + 1] for motion in found], inner, SETTLED)
+            there = with_limbs_found(own, here, group, SettledSolutions(), inner)
+            if there.motions is not here.motions:
+                found, moved = tuple(m.replaced(first, n) for m, n in zip(found, there.motions, strict=True)), True
+    if not moved:
+        return motions
+    return found if thinned is None else tuple(thinned.interpolated(found))
+
+
+def suspected_groups(
+    problem: SegmentProblem, solution: SegmentSolution, support: Iterable[SupportOfLimb]
+) -> list[LimbGroup]:
     """Return the limbs that are worth a search, and the pairs of such limbs.
 
     These are all limbs of a single performer whom the images contradicted, where likelihood singles out the true
     motion. Otherwise they show a sign: that they have faded counts where performers hide one another, and that they are
     weakly shown counts for a single performer in several views.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    solution : SegmentSolution
+    support : iterable of SupportOfLimb
+        See `_support_of`.
     """
     single = not problem.among_others
     if contradicted(problem) and likelihood_decides(problem):
         places = [(0, chain) for chain in limbs(problem.bodies[0])]
     else:
-        motions, hidden = solution.motions, solution.unhidden.min() <= MIN_FOLLOWED_SHARE
-        weakly = single and problem.shows_depth
-        measured = _support_on_some_frames(problem, motions)
-        support = evaluated(measured) if hidden or weakly else measured
+        motions = solution.motions
         places = [(i, chain) for i in problem.sought for chain in bent_limbs(problem, i, motions[i])]
         places += refuted_limbs(problem, support)
-        places += faded_limbs(problem, support) if hidden else []
-        places += weakly_shown_limbs(problem, support) if weakly else []
+        places += faded_limbs(problem, support) if _hides_limbs(solution) else []
+        places += weakly_shown_limbs(problem, support) if single and problem.shows_depth else []
     groups = [LimbGroup(i, (chain,)) for k, (i, chain) in enumerate(places) if (i, chain) not in places[:k]]
     if single and problem.shows_depth:
         pairs = [pair for pair in limb_pairs(problem.bodies[0]) if all((0, chain) in places for chain in pair)]
         groups += [LimbGroup(0, pair) for pair in pairs]
     return groups
+
+
+def _hides_limbs(solution: SegmentSolution) -> bool:
+    """Whether performers hide so much of one another that limbs may be led astray."""
+    return bool(solution.unhidden.min() <= MIN_FOLLOWED_SHARE)
+
+
+def _support_of(problem: SegmentProblem, solution: SegmentSolution) -> Iterable[SupportOfLimb]:
+    """Measure what the images say for limbs: all of it, as a list, if `suspected_groups` asks for it several times;
+    nothing if it does not ask.
+    """
+    if contradicted(problem) and likelihood_decides(problem):
+        return []
+    measured = _support_on_some_frames(problem, solution.motions)
+    several = _hides_limbs(solution) or (problem.shows_depth and not problem.among_others)
+    return evaluated(measured) if several else measured
 
 
 def _searched(

@@ -1,0 +1,182 @@
+"""In a long segment, what is in doubt for a moment is solved again around it, while the motion beside it stays."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from kfmocap.core.body import human
+from kfmocap.core.body.limbs import limb_pairs, limbs
+from kfmocap.core.body.motion import Motion
+from kfmocap.core.evidence.occlusion import LONG_GAP
+from kfmocap.core.evidence.sampling import Sampling
+from kfmocap.core.numerics import rotations
+from kfmocap.core.tracking.solvers import gauss_newton_solver
+from kfmocap.core.tracking.solvers.equations.measurement import Workspace
+from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.solvers.judgement.limb_signs import frames_weakly_shown
+from kfmocap.core.tracking.solvers.judgement.solution_doubts import frames_in_doubt
+from kfmocap.core.tracking.solvers.limb_corrections import regained_limbs
+from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import LimbGroup
+from kfmocap.core.tracking.solvers.limb_corrections.local_trials import (
+    ADAPTATION_TIME,
+    HELD_FRAMES,
+    is_long,
+    stretches_around,
+)
+from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import SupportOfLimb
+from kfmocap.core.tracking.solvers.thinned_frames import ThinnedProblem
+from made_evidence import Landscape
+from synthetic import CAMERAS, at_rest, coloured, dark, ends_held
+
+BODY, FPS, LONG = human(), 30.0, 300
+LIMBS, PAIR = limbs(BODY), limb_pairs(BODY)[0]
+BESIDE = HELD_FRAMES + round(ADAPTATION_TIME * FPS)
+SAMPLING = Sampling(1.0, 1.0, 2, 0.07)
+
+
+def seen(frames: int, every: int = 1) -> SegmentProblem:
+    views = tuple(view for camera in CAMERAS[:2] for view in dark(camera, frames))
+    return SegmentProblem(views, (BODY,), 0, every * FPS, (ends_held(BODY, frames),))
+
+
+def some_frames(length: int, *ranges: tuple[int, int]) -> np.ndarray:
+    flags = np.zeros(length, dtype=bool)
+    for first, last in ranges:
+        flags[first : last + 1] = True
+    return flags
+
+
+def test_a_moment_is_tried_with_the_frames_that_may_adapt_to_it_unless_these_are_most_of_the_segment() -> None:
+    near, far = (100, 104), (200, 200)
+    found = stretches_around(seen(LONG), some_frames(LONG, near, far))
+    assert found == [(near[0] - BESIDE, near[1] + BESIDE), (far[0] - BESIDE, far[1] + BESIDE)]
+    assert stretches_around(seen(LONG), some_frames(LONG, (0, 2), (4, 5))) == [(0, 5 + BESIDE)]
+    assert stretches_around(seen(LONG), some_frames(LONG, (20, 280))) == []
+    assert is_long(seen(LONG)) and not is_long(seen(6 * BESIDE))
+
+
+def test_frames_in_doubt_are_those_on_which_a_view_shows_a_limb_where_the_solution_has_none() -> None:
+    frames, lost = 3 * LONG_GAP, slice(LONG_GAP, 2 * LONG_GAP + 2)
+    truth = at_rest(BODY, frames)
+    truth.rotations[:, BODY.index("upper_arm.L")] = rotations.exp(np.array([0.0, 0.0, 1.2]))
+    lowered = truth.rotations.copy()
+    lowered[lost] = at_rest(BODY, 1).rotations
+    problem = SegmentProblem(coloured(BODY, truth, CAMERAS), (BODY,), 0, FPS, (ends_held(BODY, frames),))
+    found, right = (
+        SegmentSolution.of(
+            [motion],
+            Workspace().measure(problem, [motion], SAMPLING).evidence,
+            iterations=1,
+            energy=[0.0],
+        )
+        for motion in (Motion(truth.translations, lowered), truth)
+    )
+    assert np.array_equal(np.flatnonzero(frames_in_doubt(problem, found)), np.arange(frames)[lost])
+    assert not frames_in_doubt(problem, right).any()
+
+
+@pytest.mark.parametrize("helped", [True, False])
+def test_around_frames_in_doubt_a_long_segment_is_solved_again_and_counts_as_doubted_no_more(
+    monkeypatch: pytest.MonkeyPatch, helped: bool
+) -> None:
+    problem, rest = seen(LONG, 3), at_rest(BODY, LONG)
+    tried: list[tuple[int, int]] = []
+
+    def result(motions: Sequence[Motion]) -> Any:
+        return SimpleNamespace(motions=tuple(motions), seconds={}, variances=(), doubted=())
+
+    def pursued(thinned: ThinnedProblem, start: Sequence[Motion], *_: object) -> Any:
+        fixed, few = thinned.whole.fixed[0].all(axis=1), thinned.problem.fixed[0].all(axis=1)
+        assert len(fixed) == len(start[0]) == thinned.frames[-1] + 1
+        assert few[:HELD_FRAMES].all() and few[-HELD_FRAMES:].all() and not few[HELD_FRAMES:-HELD_FRAMES].any()
+        assert fixed[: thinned.frames[1] + 1].all() and not fixed[thinned.frames[1] + 1 : -thinned.every - 1].any()
+        tried.append((thinned.whole.first, len(fixed)))
+        return result([start[0].moved(np.where(fixed[:, None], 0.0, 0.1) * np.ones(BODY.dof))] if helped else start)
+
+    for solving in ("first_solution", "descend"):
+        monkeypatch.setattr(gauss_newton_solver, solving, lambda _problem, start, *_: result(start))
+    monkeypatch.setattr(gauss_newton_solver, "doubted_performers", lambda *_: [0])
+    monkeypatch.setattr(gauss_newton_solver, "frames_in_doubt", lambda few, _: some_frames(few.length, (40, 44)))
+    monkeypatch.setattr(gauss_newton_solver, "pictures_find_limbs", lambda _: False)
+    monkeypatch.setattr(gauss_newton_solver, "_pursued", pursued)
+    monkeypatch.setattr(gauss_newton_solver, "continued", lambda _, after: after)
+    monkeypatch.setattr(
+        gauss_newton_solver,
+        "replace",
+        lambda one, **new: (
+            SimpleNamespace(**{**vars(one), **new})
+            if isinstance(one, SimpleNamespace)
+            else dataclasses.replace(one, **new)
+        ),
+    )
+    monkeypatch.setattr(ThinnedProblem, "variances", lambda *_: ())
+    monkeypatch.setattr(ThinnedProblem, "on_all_frames", lambda _self, few: few)
+    every = (thinned := ThinnedProblem.of(problem, [rest])) is not None and thinned.every
+    found = gauss_newton_solver.solved(problem, [rest], Workspace())
+    [(first, length)] = tried
+    assert every > 1 and 40 - BESIDE <= first / every < 40 and 5 < length / every < LONG / every
+    moved = np.abs(found.motions[0].difference(rest)).max(axis=1) > 0.01
+    assert moved.any() == helped and not moved[:first].any() and not moved[first + length :].any()
+    assert not found.doubted
+
+
+def supports(*weak: tuple[int, int, int]) -> list[SupportOfLimb]:
+    """The support of all limbs, low for a limb from one frame to another."""
+    each: list[SupportOfLimb] = []
+    for k, chain in enumerate(LIMBS):
+        shown = np.ones(LONG)
+        for limb, first, last in weak:
+            shown[first : last + 1] *= 0.3 if limb == k else 1.0
+        each.append((0, chain, np.zeros(LONG), lambda shown=shown: shown))
+    return each
+
+
+def test_a_limb_is_weakly_shown_on_frames_with_little_support_in_the_mean_over_a_moment() -> None:
+    [(_, _, _, shown)] = supports((0, 100, 109))[:1]
+    weak = np.flatnonzero(frames_weakly_shown(seen(LONG), 0, shown()))
+    assert np.array_equal(weak, np.arange(weak[0], weak[-1] + 1))
+    assert 97 <= weak[0] <= 100 and 109 <= weak[-1] <= 112
+
+
+@pytest.mark.parametrize("found", [True, False])
+@pytest.mark.parametrize("every", [1, 2])
+def test_in_a_long_segment_a_weakly_shown_limb_is_searched_for_around_that_moment(
+    monkeypatch: pytest.MonkeyPatch, found: bool, every: int
+) -> None:
+    problem, rest = seen(LONG), at_rest(BODY, LONG)
+    begin = replace(Landscape(truth=rest).solution(seen(LONG), rest), motions=(rest,))
+    asked: list[LimbGroup] = []
+
+    def searched(own: SegmentProblem, solution: SegmentSolution, group: LimbGroup, *_: object) -> SegmentSolution:
+        asked.append(group)
+        fixed = own.fixed[0].all(axis=1)
+        assert own.length == len(solution.motions[0]) < LONG / every / 2
+        assert fixed[:HELD_FRAMES].all() and fixed[-HELD_FRAMES:].all() and not fixed[HELD_FRAMES:-HELD_FRAMES].any()
+        turned = solution.motions[0].moved(np.where(fixed[:, None], 0.0, 0.1) * np.ones((1, BODY.dof)))
+        return replace(solution, motions=(turned,)) if found else solution
+
+    def solved(_: SegmentProblem, motions: Sequence[Motion], *__: object) -> SegmentSolution:
+        return replace(begin, motions=tuple(motions))
+
+    kept = np.arange(0, LONG + every - 1, every).clip(max=LONG - 1)
+    thinned = None if every == 1 else ThinnedProblem.at(problem, kept, every)
+    monkeypatch.setattr(ThinnedProblem, "of", lambda *_: thinned)
+    monkeypatch.setattr(regained_limbs, "_support_of", lambda *_: supports((LIMBS.index(PAIR[0]), 100, 109)))
+    monkeypatch.setattr(regained_limbs, "bent_limbs", lambda *_: [])
+    monkeypatch.setattr(regained_limbs, "refuted_limbs", lambda *_: [])
+    monkeypatch.setattr(regained_limbs, "descend", solved)
+    monkeypatch.setattr(regained_limbs, "with_limbs_found", searched)
+    monkeypatch.setattr(
+        regained_limbs, "_if_likelier", lambda _problem, one, motions, *_: replace(one, motions=tuple(motions))
+    )
+    end = regained_limbs.with_limbs_regained(problem, begin, Workspace())
+    assert asked == [LimbGroup(0, (PAIR[0],))]
+    moved = np.abs(end.motions[0].difference(rest)).max(axis=1) > 0.01
+    assert moved[95:115].all() == found
+    assert not moved[: 100 - BESIDE - 10].any() and not moved[110 + BESIDE + 10 :].any()
