@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +67,19 @@ class ViewFrames:
         start = first - self.first
         frames, pairs = ~(single_frames(torn) | bad), ~(torn | bad[:-1] | bad[1:])
         return frames[start : start + count], pairs[start : start + count - 1]
+
+    def between(self, first: int, last: int) -> ViewFrames:
+        """Return shot frames `first` to `last` alone; which of them are evidence stays the same."""
+        rows, (sound, _) = slice(first - self.first, last + 1 - self.first), self.sound(self.first, len(self.grey))
+        return replace(
+            self,
+            grey=self.grey[rows],
+            first=first,
+            foreground=None if self.foreground is None else self.foreground[:, rows],
+            torn=None if self.torn is None else self.torn[rows.start : rows.stop - 1],
+            damaged=~sound[rows],
+            palette=None if self.palette is None else self.palette[rows],
+        )
 
     def part_colours(self, first: int, count: int, stride: int = 1) -> ColouredFrames | None:
         """Return the palette colours of consecutive shot frames, at every stride-th pixel; None without any."""

@@ -19,6 +19,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
+
+import numpy as np
 
 from ...body.motion import Motion
 from ...numerics.frame_ranges import FrameRange
@@ -34,7 +37,7 @@ from .judgement.solution_ranking import clearly_likelier
 from .limb_corrections.leaping_limbs import with_leaps_bridged
 from .limb_corrections.limb_exchange import with_crossed_limbs_exchanged
 from .limb_corrections.limb_search import pictures_find_limbs
-from .limb_corrections.local_trials import HELD_FRAMES, held_excerpt, is_long, stretches_around
+from .limb_corrections.local_trials import HELD_FRAMES, is_long, stretch_of, stretches_around
 from .limb_corrections.regained_limbs import with_limbs_regained
 from .multi_start import best_of_starts, first_solution
 from .thinned_frames import ThinnedProblem
@@ -51,12 +54,14 @@ def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspac
     """
     thinned = ThinnedProblem.of(problem, start)
     if thinned is None:
-        return _solved(problem, start, workspace)
+        if not _can_be_parted(problem):
+            return _solved(problem, start, workspace)
+        thinned = ThinnedProblem(problem, np.arange(problem.length), 1, problem)
     few, begin, inner = thinned.problem, thinned.of_motions(start), thinned.workspace(workspace.part(0.2, 1.0))
     first = first_solution(few, begin, thinned.workspace(workspace.part(0.0, 0.1)))
     if not (problem.settings.limb_search and doubted_performers(few, begin, first)):
         return thinned.on_all_frames(_solved(few, begin, inner, first=first))
-    if ranges := doubted_ranges(few, first):
+    if _can_be_parted(few) and (ranges := stretches_around(few, frames_in_doubt(few, first))):
         return _with_doubts_pursued(thinned, first, ranges, workspace.part(0.1, 1.0))
     return _pursued(thinned, start, workspace.part(0.1, 1.0), first)
 
@@ -69,6 +74,8 @@ def _pursued(
     `start` has F poses per performer; `before` is a solution whose iterations and time count as well.
     """
     problem, few, inner = thinned.whole, thinned.problem, thinned.workspace(workspace.part(0.1, 1.0))
+    if few is problem:
+        return _solved(problem, start, workspace, first=before)
     whole = first_solution(problem, start, workspace.part(0.0, 0.1))
     whole = whole if before is None else _after(before, whole)
     if not doubted_performers(problem, start, whole):
@@ -77,13 +84,11 @@ def _pursued(
     return thinned.on_all_frames(_solved(few, thinned.of_motions(start), inner, first=first))
 
 
-def doubted_ranges(problem: SegmentProblem, first: SegmentSolution) -> list[FrameRange]:
-    """Return the ranges of frames around those in doubt of a segment that is much longer, with a single performer in
-    several views; none otherwise.
+def _can_be_parted(problem: SegmentProblem) -> bool:
+    """Whether moments of a segment can be solved apart from the rest: it is long, and of a single performer whom
+    several views show.
     """
-    if problem.among_others or problem.keypoints or not (problem.shows_depth and is_long(problem)):
-        return []
-    return stretches_around(problem, frames_in_doubt(problem, first))
+    return is_long(problem) and problem.shows_depth and not (problem.among_others or problem.keypoints)
 
 
 def _with_doubts_pursued(
@@ -95,12 +100,13 @@ def _with_doubts_pursued(
     The solution counts as doubted no more: limbs that are still lost are found by the signs that they show.
     """
     few = thinned.problem.with_smoothness(first.variances)
-    whole = thinned.whole.with_smoothness(thinned.variances(first))
+    same = thinned.problem is thinned.whole
+    whole = few if same else thinned.whole.with_smoothness(thinned.variances(first))
     thinned, motions = replace(thinned, whole=whole, problem=few), tuple(thinned.interpolated(first.motions))
     for k, (a, b) in enumerate(ranges):
         part, own = _held_part(thinned, a, b), slice(thinned.frames[a], thinned.frames[b] + 1)
-        there = workspace.part(0.9 * k / len(ranges), 0.9 * (k + 1) / len(ranges)).silent()
-        found = _pursued(part, [motion[own] for motion in motions], there)
+        report = partial(_report_all, workspace.part(0.9 * k / len(ranges), 0.9 * (k + 1) / len(ranges)), motions)
+        found = _pursued(part, [motion[own] for motion in motions], Workspace(workspace.threads, on_step=report))
         motions = tuple(m.replaced(own.start, new) for m, new in zip(motions, found.motions, strict=True))
         first = _after(found, first)
     begin = descend(few, thinned.of_motions(motions), workspace.silent(), SETTLED)
@@ -110,12 +116,20 @@ def _with_doubts_pursued(
     return thinned.on_all_frames(_after(first, solution))
 
 
+def _report_all(workspace: Workspace, motions: Sequence[Motion], done: float, _: Sequence[Motion]) -> None:
+    """Report motions of a whole segment in place of those of a part that is being solved."""
+    workspace.report(done, motions)
+
+
 def _held_part(thinned: ThinnedProblem, first: int, last: int) -> ThinnedProblem:
-    """Return the problem between two of the kept frames, with those at its ends held (`held_excerpt`)."""
+    """Return the problem between two of the kept frames, with those at its ends held (`stretch_of`)."""
     frames = thinned.frames[first : last + 1] - thinned.frames[first]
     begin, held = int(thinned.frames[first]), int(frames[HELD_FRAMES - 1]) + 1
-    whole = held_excerpt(thinned.whole, begin, begin + int(frames[-1]) + 1, held)
-    return replace(thinned, whole=whole, frames=frames, problem=held_excerpt(thinned.problem, first, last + 1))
+    few = stretch_of(thinned.problem, first, last + 1)
+    if thinned.problem is thinned.whole:
+        return replace(thinned, whole=few, frames=frames, problem=few)
+    whole = stretch_of(thinned.whole, begin, begin + int(frames[-1]) + 1, held)
+    return replace(thinned, whole=whole, frames=frames, problem=few)
 
 
 def _solved(

@@ -64,3 +64,17 @@ def test_gradient_images_are_derivatives_of_the_smoothed_picture() -> None:
     np.testing.assert_allclose(b, ramp[:, 8:-8, 8:-8] / 255, atol=1e-5)
     np.testing.assert_allclose(du, np.full(b.shape, 1) * np.array([2, 4])[:, None, None] / 255, atol=1e-5)
     np.testing.assert_allclose(dv, np.full(b.shape, 1) * np.array([3, 0])[:, None, None] / 255, atol=1e-5)
+
+
+def test_a_part_of_a_view_shows_what_the_whole_view_does_there_and_is_evidence_where_it_is() -> None:
+    grey = np.arange(12, dtype=np.uint8)[:, None, None] * np.ones((1, 6, 8), np.uint8)
+    torn = np.isin(np.arange(11), (3, 6, 7))
+    damaged = np.isin(np.arange(12), 9)
+    view = ViewFrames(CAMERA, grey, 10, grey[None], torn=torn, damaged=damaged, palette=grey)
+    part = view.between(13, 19)
+    assert np.array_equal(part.grey[:, 0, 0], np.arange(3, 10)) and part.first == 13
+    assert np.array_equal(part.foreground_at(15, 3), view.foreground_at(15, 3))
+    assert part.palette is not None and np.array_equal(part.palette, part.grey)
+    for own, whole in zip(part.sound(13, 7), view.sound(13, 7), strict=True):
+        assert np.array_equal(own, whole)
+    assert not part.sound(13, 7)[0].all() and part.sound(13, 7)[0].any()

@@ -88,6 +88,12 @@ def held_excerpt(problem: SegmentProblem, first: int, stop: int, held: int = HEL
     return replace(own, fixed=tuple(fixed | still[:, None] for fixed in own.fixed))
 
 
+def stretch_of(problem: SegmentProblem, first: int, stop: int, held: int = HELD_FRAMES) -> SegmentProblem:
+    """Return a held excerpt with views of its frames alone: caches keep the first frames of a view."""
+    own = held_excerpt(problem, first, stop, held)
+    return replace(own, views=tuple(view.between(own.first, own.first + own.length - 1) for view in own.views))
+
+
 def stretches_around(problem: SegmentProblem, flags: Bools) -> list[FrameRange]:
     """Return the ranges of frames around flagged ones (F,), with those beside them that may adapt to a change; none if
     these are most of the segment.

@@ -21,7 +21,7 @@ from ....runtime.timing import Seconds
 from ..descent_stages import COARSE_RESTART, SETTLED, UNCONVERGED_MOVE
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
-from ..gauss_newton import continued, descend, farthest_joint
+from ..gauss_newton import continued, descend, farthest_joint, views_in_sight
 from ..judgement.limb_signs import bent_limbs, faded_limbs, frames_weakly_shown, refuted_limbs, weakly_shown_limbs
 from ..judgement.settled_solutions import SettledSolutions
 from ..judgement.solution_doubts import MIN_FOLLOWED_SHARE
@@ -29,7 +29,7 @@ from ..judgement.solution_ranking import likelihood, likelihood_decides, settled
 from ..limb_evidence.limb_likelihood import SupportOfLimb, evaluated, support_of_limbs
 from ..thinned_frames import ThinnedProblem
 from .limb_groups import LimbGroup, contradicted, least_gain, solved_from, with_limbs_found
-from .local_trials import held_excerpt, is_long, stretches_around
+from .local_trials import is_long, stretch_of, stretches_around
 
 
 def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentSolution:
@@ -51,12 +51,8 @@ def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, work
         groups, known = suspected_groups(problem, solution, support), SettledSolutions()
         single = not problem.among_others
         thinned = ThinnedProblem.of(problem, solution.motions) if groups and single else None
-        shown = support if isinstance(support, list) else []
-        ranges = [_weak_stretches(problem, group, shown) for group in groups]
-        if any(ranges):
-            motions = _found_in_stretches(
-                problem, solution.motions, zip(groups, ranges, strict=True), thinned, workspace
-            )
+        if stretches := _weak_stretches(problem, groups, support):
+            motions = _found_in_stretches(problem, solution.motions, stretches, thinned, workspace)
             solution = _if_likelier(problem, solution, motions, known, workspace)
         elif thinned is None:
             solution = _searched(problem, solution, groups, known, workspace)
@@ -85,42 +81,59 @@ def _if_likelier(
     return continued(solution, there) if gain > least_gain(problem) else solution
 
 
-def _weak_stretches(problem: SegmentProblem, group: LimbGroup, support: Sequence[SupportOfLimb]) -> list[FrameRange]:
-    """Return the ranges of frames around those on which a limb of a group is weakly shown; none if they are most of the
-    segment, or if another sign calls for one of these limbs.
+def _weak_stretches(
+    problem: SegmentProblem, groups: Sequence[LimbGroup], support: Iterable[SupportOfLimb]
+) -> list[tuple[LimbGroup, list[FrameRange]]]:
+    """Return groups of limbs with the ranges of frames around those on which all of a group are weakly shown, in a long
+    segment; nothing if another sign calls for one of them, or if some ranges are most of the segment.
     """
-    if not support or contradicted(problem) or problem.among_others or not is_long(problem):
+    if contradicted(problem) or problem.among_others or not (problem.shows_depth and is_long(problem)):
         return []
-    shown = {tuple(chain): of_limb for _, chain, _, of_limb in support}
-    weak = [frames_weakly_shown(problem, group.performer, shown[tuple(chain)]()) for chain in group.chains]
-    return stretches_around(problem, np.any(weak, axis=0)) if all(own.any() for own in weak) else []
+    weak = {tuple(chain): frames_weakly_shown(problem, i, shown()) for i, chain, _, shown in support}
+    found = []
+    for group in groups:
+        each = [weak[tuple(chain)] for chain in group.chains]
+        together = np.all(each, axis=0)
+        ranges = stretches_around(problem, together)
+        if not all(own.any() for own in each) or (together.any() and not ranges):
+            return []
+        found.append((group, ranges))
+    return found
 
 
 def _found_in_stretches(
     problem: SegmentProblem,
     motions: tuple[Motion, ...],
-    stretches: Iterable[tuple[LimbGroup, Sequence[FrameRange]]],
+    stretches: Sequence[tuple[LimbGroup, Sequence[FrameRange]]],
     thinned: ThinnedProblem | None,
     workspace: Workspace,
 ) -> tuple[Motion, ...]:
-    """Search for groups of limbs on ranges of frames, of which only the kept ones are used, or on all frames for a
-    group without any; return the motions, the same ones if nothing is found.
+    """Search for groups of limbs on ranges of frames, of which only the kept ones are used; return the motions, the
+    same ones if nothing is found.
     """
-    some, inner, found, moved = problem, workspace.silent(), motions, False
+    some, found, moved = problem, motions, False
     if thinned is not None:
         some, found = thinned.problem, tuple(thinned.of_motions(motions))
-    for group, ranges in stretches:
-        for first, last in ranges or [(0, problem.length - 1)]:
+    for k, (group, ranges) in enumerate(stretches):
+        workspace.report(k / len(stretches), motions)
+        for first, last in ranges:
             if thinned is not None:
                 first, last = (int(np.searchsorted(thinned.frames, frame)) for frame in (first, last))
-            own = held_excerpt(some, first, last + 1)
-            here = descend(own, [motion[first : last + 1] for motion in found], inner, SETTLED)
+            own, inner = stretch_of(some, first, last + 1), Workspace(workspace.threads)
+            here = _measured(own, [motion[first : last + 1] for motion in found], inner)
             there = with_limbs_found(own, here, group, SettledSolutions(), inner)
             if there.motions is not here.motions:
                 found, moved = tuple(m.replaced(first, n) for m, n in zip(found, there.motions, strict=True)), True
     if not moved:
         return motions
     return found if thinned is None else tuple(thinned.interpolated(found))
+
+
+def _measured(problem: SegmentProblem, motions: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
+    """Return motions as a solution that is still to be settled."""
+    sampling = SETTLED[-1].sampling_of(views_in_sight(problem, motions))
+    evidence = workspace.measure(problem, motions, sampling).evidence
+    return SegmentSolution.of(motions, evidence, iterations=0, energy=())
 
 
 def suspected_groups(

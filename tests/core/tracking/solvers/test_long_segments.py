@@ -170,7 +170,7 @@ def test_in_a_long_segment_a_weakly_shown_limb_is_searched_for_around_that_momen
     monkeypatch.setattr(regained_limbs, "_support_of", lambda *_: supports((LIMBS.index(PAIR[0]), 100, 109)))
     monkeypatch.setattr(regained_limbs, "bent_limbs", lambda *_: [])
     monkeypatch.setattr(regained_limbs, "refuted_limbs", lambda *_: [])
-    monkeypatch.setattr(regained_limbs, "descend", solved)
+    monkeypatch.setattr(regained_limbs, "_measured", solved)
     monkeypatch.setattr(regained_limbs, "with_limbs_found", searched)
     monkeypatch.setattr(
         regained_limbs, "_if_likelier", lambda _problem, one, motions, *_: replace(one, motions=tuple(motions))
