@@ -25,6 +25,7 @@ import numpy as np
 
 from ...body.motion import Motion
 from ...numerics.frame_ranges import FrameRange
+from ...runtime.freed_memory import return_freed_memory
 from ...runtime.timing import Seconds
 from . import gauss_newton
 from .descent_stages import OUTLINE_REACH, POLISH, POLISHED_AT_ONCE, REFINEMENT, RESUMED, SETTLED, DescentStage
@@ -105,6 +106,7 @@ def _with_doubts_pursued(
     thinned, motions = replace(thinned, whole=whole, problem=few), tuple(thinned.interpolated(first.motions))
     for k, (a, b) in enumerate(ranges):
         part, own = _held_part(thinned, a, b), slice(thinned.frames[a], thinned.frames[b] + 1)
+        return_freed_memory()
         report = partial(_report_all, workspace.part(0.9 * k / len(ranges), 0.9 * (k + 1) / len(ranges)), motions)
         found = _pursued(part, [motion[own] for motion in motions], Workspace(workspace.threads, on_step=report))
         motions = tuple(m.replaced(own.start, new) for m, new in zip(motions, found.motions, strict=True))

@@ -17,6 +17,7 @@ from ....body.limbs import limb_pairs, limbs
 from ....body.motion import Motion
 from ....numerics.arrays import Array
 from ....numerics.frame_ranges import FrameRange
+from ....runtime.freed_memory import return_freed_memory
 from ....runtime.timing import Seconds
 from ..descent_stages import COARSE_RESTART, SETTLED, UNCONVERGED_MOVE
 from ..equations.measurement import Workspace
@@ -120,6 +121,7 @@ def _found_in_stretches(
             if thinned is not None:
                 first, last = (int(np.searchsorted(thinned.frames, frame)) for frame in (first, last))
             own, inner = stretch_of(some, first, last + 1), Workspace(workspace.threads)
+            return_freed_memory()
             here = _measured(own, [motion[first : last + 1] for motion in found], inner)
             there = with_limbs_found(own, here, group, SettledSolutions(), inner)
             if there.motions is not here.motions:

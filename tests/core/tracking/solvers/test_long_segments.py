@@ -144,6 +144,22 @@ def test_a_limb_is_weakly_shown_on_frames_with_little_support_in_the_mean_over_a
     assert 97 <= weak[0] <= 100 and 109 <= weak[-1] <= 112
 
 
+def test_both_limbs_of_a_pair_are_searched_for_where_both_are_weakly_shown() -> None:
+    one, other = (LIMBS.index(chain) for chain in PAIR)
+    groups = [*(LimbGroup(0, (chain,)) for chain in PAIR), LimbGroup(0, PAIR)]
+    ranges = weak_stretches(groups, (one, 100, 119), (other, 110, 125), (other, 200, 209))
+    assert [len(own) for own in ranges] == [1, 2, 1]
+    [(first, last)] = ranges[2]
+    assert 107 - BESIDE <= first <= 110 - BESIDE and 119 + BESIDE <= last <= 122 + BESIDE
+    assert weak_stretches(groups, (one, 100, 109), (other, 200, 209))[2] == []
+    assert not weak_stretches(groups, (one, 100, 109)), "another sign called for the other limb"
+    assert not weak_stretches(groups[:1], (one, 20, 280)), "most of the segment is no moment"
+
+
+def weak_stretches(groups: Sequence[LimbGroup], *weak: tuple[int, int, int]) -> list[list[tuple[int, int]]]:
+    return [ranges for _, ranges in regained_limbs._weak_stretches(seen(LONG), groups, supports(*weak))]
+
+
 @pytest.mark.parametrize("found", [True, False])
 @pytest.mark.parametrize("every", [1, 2])
 def test_in_a_long_segment_a_weakly_shown_limb_is_searched_for_around_that_moment(
