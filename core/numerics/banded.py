@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
@@ -35,6 +37,14 @@ class BandedFactor:
         free = self.free.reshape(self.free.shape + (1,) * (right.ndim - 2))
         masked = np.where(free, right, 0.0).reshape(self.free.size, *right.shape[2:])
         return cho_solve_banded((self._factor, True), masked, check_finite=False).reshape(right.shape)
+
+    def between(self, first: int, stop: int) -> BandedFactor:
+        """Return the factor for frames first to stop - 1 alone: what is known of those before counts, and those after
+        are held.
+        """
+        part, D = copy(self), self.free.shape[1]
+        part.free, part._factor = self.free[first:stop], self._factor[:, first * D : stop * D]
+        return part
 
     def log_determinant(self) -> float:
         """Logarithm of the determinant of the matrix of the free unknowns."""

@@ -77,6 +77,15 @@ def test_covariance_is_the_block_of_the_dense_inverse(frame: int) -> None:
     np.testing.assert_allclose(BandedFactor(blocks, fixed).covariance(frame), expected, rtol=1e-9, atol=1e-14)
 
 
+def test_between_two_frames_what_is_known_of_those_before_counts_and_those_after_are_held() -> None:
+    F, D, first, stop = 12, 3, 4, 9
+    blocks, A = system(F, D)
+    part = BandedFactor(blocks, np.zeros((F, D), bool)).between(first, stop)
+    expected = np.linalg.inv(with_ridge(A)[: stop * D, : stop * D])[first * D :, first * D :]
+    unit = np.eye((stop - first) * D).reshape(stop - first, D, -1)
+    np.testing.assert_allclose(part.solve(unit).reshape(len(expected), -1), expected, atol=1e-12)
+
+
 def test_damping_adds_its_share_of_the_diagonal() -> None:
     blocks, A = system(4, 3)
     x = BandedFactor(blocks, np.zeros((4, 3), bool), damping=0.5).solve(blocks.gradient)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from kfmocap.core.numerics.banded import BandedFactor
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.tracking.solvers import place_covariance
@@ -43,3 +44,18 @@ def test_steps_of_a_point_have_the_covariance_of_the_normal_equations() -> None:
         expected = np.diff(np.diff(full[some, :, some], axis=0), axis=2)
         assert np.allclose(steps, np.diff(places[some], axis=0).ravel())
         assert np.allclose(covariance, expected.reshape(len(steps), -1), atol=1e-12)
+
+
+def test_in_a_long_segment_only_frames_nearby_are_solved_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    factor = BandedFactor(*system(rng))
+    jacobian, places = rng.normal(size=(FRAMES, 3, OWN.stop - OWN.start)), rng.normal(size=(FRAMES, 3))
+    exact = PlaceCovariance(factor, OWN, jacobian, places)
+    monkeypatch.setattr(place_covariance, "LONG", FRAMES - 1)
+    monkeypatch.setattr(place_covariance, "REACH", 8)
+    found = PlaceCovariance(factor, OWN, jacobian, places)
+    for first, last in ((24, 26), (2, 36)):
+        (steps, covariance), (true_steps, true) = (one.steps(first, last) for one in (found, exact))
+        assert np.array_equal(steps, true_steps)
+        assert np.allclose(covariance, true, atol=1e-3 * np.diag(true).max())
+    assert all(len(column) <= place_covariance.FRAMES_AT_ONCE + 2 * 8 for _, column in found.columns.values())
