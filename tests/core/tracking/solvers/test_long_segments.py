@@ -19,6 +19,7 @@ from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.solvers import gauss_newton_solver
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.solvers.judgement import solution_doubts
 from kfmocap.core.tracking.solvers.judgement.limb_signs import frames_weakly_shown
 from kfmocap.core.tracking.solvers.judgement.solution_doubts import frames_in_doubt
 from kfmocap.core.tracking.solvers.limb_corrections import regained_limbs
@@ -61,7 +62,12 @@ def test_a_moment_is_tried_with_the_frames_that_may_adapt_to_it_unless_these_are
     assert is_long(seen(LONG)) and not is_long(seen(6 * BESIDE))
 
 
-def test_frames_in_doubt_are_those_on_which_a_view_shows_a_limb_where_the_solution_has_none() -> None:
+@pytest.mark.parametrize("silent", ["_frames_on_background", "_frames_beside_limb"])
+def test_frames_in_doubt_are_those_on_which_a_view_shows_a_limb_where_the_solution_has_none(
+    monkeypatch: pytest.MonkeyPatch, silent: str
+) -> None:
+    """The limb covers background, and leaves foreground uncovered: either is enough."""
+    monkeypatch.setattr(solution_doubts, silent, lambda problem, *_: np.zeros(problem.length, bool))
     frames, lost = 3 * LONG_GAP, slice(LONG_GAP, 2 * LONG_GAP + 2)
     truth = at_rest(BODY, frames)
     truth.rotations[:, BODY.index("upper_arm.L")] = rotations.exp(np.array([0.0, 0.0, 1.2]))
