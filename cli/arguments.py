@@ -64,6 +64,11 @@ def _add_track(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--offset", action="append", metavar="CAM=N", help="use this offset of a camera's footage; may be repeated"
     )
+    command.add_argument(
+        "--stabilise",
+        action=argparse.BooleanOptionalAction,
+        help="measure how cameras turn that the calibration holds still (default: where the background shifts)",
+    )
     command.add_argument("--refine", action="store_true", help="refine the cameras first, and write them as well")
     command.add_argument("--threads", type=int, metavar="N", help="use N cores (default: all)")
     command.add_argument(

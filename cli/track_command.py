@@ -113,9 +113,8 @@ def _shot(args: argparse.Namespace, services: Services, cameras: Mapping[str, Ca
         )
     else:
         raise ShotError("no shot file is named", where="kfmocap track", todo="kfmocap track SHOT.toml --out DIR")
-    if args.threads is None:
-        return shot
-    return replace(shot, settings=replace(shot.settings, threads=args.threads))
+    given = {name: value for name in ("threads", "stabilise") if (value := getattr(args, name)) is not None}
+    return replace(shot, settings=replace(shot.settings, **given))
 
 
 def _spec(args: argparse.Namespace) -> ShotSpec:

@@ -39,6 +39,7 @@ from ..core.tracking.journal import Journal
 from ..core.tracking.run_context import FirstPictures, RunContext, SolvedShot
 from ..core.tracking.track_result import TrackResult
 from ..core.tracking.tracker import track
+from ..core.tracking.turned_cameras import with_turns
 from .progress_bar import print_beside_bar
 from .services import BlenderWriter, OutputRequest
 
@@ -153,6 +154,7 @@ def run_track(
         # Blender keeps one core busy, in this thread; meanwhile the others draw, and check the cameras if still needed.
         with memory.pool(memory.workers) as pool, ThreadPoolExecutor(1) as beside:
             check.begin(pool, result)
+            shot = with_turns(shot, result.turns)
             drawing = beside.submit(_draw_overlay, shot, result, stage / OVERLAY, share(progress, 0.95, 1.0), times)
             landmarks = [stage / f"{name}.trc" for name in motions]
             _write_landmarks(shot, result, landmarks, leave_out_unknown=files.leave_out_unknown)

@@ -17,6 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import CalibrationError
 from ..numerics.arrays import Array, Bools
 
+_SAME_PLACE = 1e-4
+"""Distance between the places of a camera that only turns, metres."""
+MAX_TURN_SHARE = 0.1
+"""How far pictures of a camera that only turns may be displaced to be turned to those of one that stands still, in
+terms of their longer side: they lose as much at their edges."""
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:
@@ -110,6 +116,39 @@ class Camera:
         """Whether all its poses, one or one per frame, are the same."""
         return not (np.ptp(self.R_cam_world, axis=0).any() or np.ptp(self.t_cam_world, axis=0).any())
 
+    def standing(self) -> Camera | None:
+        """Return the camera with the one of its poses to which all its pictures can be turned; None if it stands still,
+        or moves from its place, or turns farther than `MAX_TURN_SHARE`.
+        """
+        if self.stands_still or np.ptp(self.centres_world(0, len(self.R_cam_world)), axis=0).max() > _SAME_PLACE:
+            return None
+        axes = self.R_cam_world[:, 2]
+        middle = int(np.argmax(axes @ axes.mean(axis=0)))
+        stood = replace(self, R_cam_world=self.R_cam_world[[middle]], t_cam_world=self.t_cam_world[[middle]])
+        way = self.displacements(self.turns_to(stood)).max()
+        return stood if way <= MAX_TURN_SHARE * max(self.size) else None
+
+    def displacements(self, turns: Array) -> Array:
+        """Return how far rotations of its axes (N, 3, 3) displace its picture, without distortion: on average over the
+        corners, the middles of the edges and the centre, pixels, shape (N,); infinite where one comes to lie behind it.
+        """
+        width, height = self.size
+        places = np.array([[x * width, y * height, 1] for x in (0, 0.5, 1) for y in (0, 0.5, 1)])
+        turned = np.einsum("nab,cb->nca", turns, places @ np.linalg.inv(self.matrix).T) @ self.matrix.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            way = np.linalg.norm(turned[..., :2] / turned[..., 2:] - places[:, :2], axis=-1).mean(axis=1)
+        return np.where((turned[..., 2] > 0).all(axis=1), way, np.inf)
+
+    def turns_to(self, other: Camera) -> Array:
+        """Return the rotations, shape (N, 3, 3), from its axes at each of its poses to those of a camera that stands
+        still.
+        """
+        return np.asarray(other.R_cam_world[0] @ np.swapaxes(self.R_cam_world, 1, 2))
+
+    def turned(self, turns: Array) -> Camera:
+        """Return this camera, which stands still, turned about its place by rotations of its axes (F, 3, 3)."""
+        return replace(self, R_cam_world=turns @ self.R_cam_world[0], t_cam_world=turns @ self.t_cam_world[0])
+
     def pose(self, frame: int) -> tuple[Array, Array]:
         """Return the world to camera rotation (3, 3) and translation (3,), metres, at a shot frame."""
         i = min(max(frame, 0), len(self.R_cam_world) - 1) if self.moving else 0
@@ -202,15 +241,16 @@ class Camera:
         size = self.size[0], len(range(parity, self.size[1], 2))
         return replace(self, size=size, matrix=field_of_frame(parity) @ self.matrix)
 
-    def rectify_maps(self) -> tuple[NDArray[Any], NDArray[Any]] | None:
+    def rectify_maps(self, turn: Array | None = None) -> tuple[NDArray[Any], NDArray[Any]] | None:
         """Return maps for `cv2.remap` from an image of this camera to `rectified()`, in its fixed-point form (h, w, 2)
-        and (h, w); None without distortion.
+        and (h, w), with axes that are turned by a rotation (3, 3), if given; None without distortion and turn.
         """
         # OpenCV's fisheye model is not a pinhole even with zero coefficients.
-        if not self.fisheye and not self.distortions.any():
+        if turn is None and not self.fisheye and not self.distortions.any():
             return None
         init = cv2.fisheye.initUndistortRectifyMap if self.fisheye else cv2.initUndistortRectifyMap
-        map1, map2 = init(self.matrix, self.distortions, np.eye(3), self.matrix, self.size, cv2.CV_16SC2)
+        rotation = np.eye(3) if turn is None else turn
+        map1, map2 = init(self.matrix, self.distortions, rotation, self.matrix, self.size, cv2.CV_16SC2)
         return map1, map2
 
 

@@ -16,17 +16,17 @@ from numpy.typing import NDArray
 
 from ..numerics.arrays import Array, Bools
 
-_MAX_CORNERS, _MIN_CORNERS = 200, 20
+_MAX_CORNERS, MIN_CORNERS = 200, 20
 """How many corners are followed at most, and how many tell something at least."""
 _MIN_DISTANCE, _WINDOW, _LEVELS = 8, (21, 21), 4
 """Distance between corners and size of the window around each, pixels, and levels of the pyramid."""
 _MARGIN = np.ones((15, 15), np.uint8)
 """Pixels around the performers that are left out: key poses are inexact, and corners have a neighbourhood."""
-_STILL, _MAX_ERROR = 1.0, 1.5
+_STILL, MAX_ERROR = 1.0, 1.5
 """Distances up to which a corner stays, and returns to its place or agrees with a similarity, pixels."""
-_MIN_SHIFT = 2.0
+MIN_SHIFT = 2.0
 """Least median displacement of a camera that has moved, pixels of the reduced pictures."""
-_MIN_SHARE, _MIN_EXTENT = 0.5, 0.25
+MIN_SHARE, _MIN_EXTENT = 0.5, 0.25
 """Share of the corners that a similarity must explain for the camera to have moved, and of the picture that these must
 enclose: before a plain wall, most corners are those of somebody who is not where the key poses are."""
 
@@ -64,10 +64,10 @@ def background_shift(
         Factor by which the pictures are reduced.
     """
     grey = [cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) for picture in pictures]
-    free = [cv2.dilate(mask.astype(np.uint8), _MARGIN) == 0 for mask in performers]
+    free = [beside(mask) for mask in performers]
     shifts = [_shift(grey[0], grey[k], free[0] & free[k]) for k in range(1, len(grey))]
     found = [(shift, frame) for shift, frame in zip(shifts, frames[1:], strict=True) if shift is not None]
-    if not found or max(found)[0] < _MIN_SHIFT:
+    if not found or max(found)[0] < MIN_SHIFT:
         return None
     shift, frame = max(found)
     return BackgroundShift(factor * shift, (frames[0], frame))
@@ -77,26 +77,50 @@ def _shift(one: NDArray[np.uint8], other: NDArray[np.uint8], free: Bools) -> flo
     """Return the median displacement of the background between two pictures, pixels; 0 where most of it stays, None
     where too few corners or no common motion show it.
     """
-    corners = cv2.goodFeaturesToTrack(one, _MAX_CORNERS, 0.01, _MIN_DISTANCE, mask=free.astype(np.uint8))
-    if corners is None or len(corners) < _MIN_CORNERS:
+    corners = background_corners(one, free)
+    if corners is None:
         return None
-    there, found, _ = cv2.calcOpticalFlowPyrLK(one, other, corners, None, winSize=_WINDOW, maxLevel=_LEVELS)
-    back, returned, _ = cv2.calcOpticalFlowPyrLK(other, one, there, None, winSize=_WINDOW, maxLevel=_LEVELS)
-    start, end = corners[:, 0], there[:, 0]
-    kept = (found[:, 0] > 0) & (returned[:, 0] > 0) & (_lengths(back[:, 0] - start) < _MAX_ERROR)
-    if kept.sum() < max(_MIN_CORNERS, _MIN_SHARE * len(corners)):
+    there, kept = followed(one, other, corners)
+    if kept.sum() < max(MIN_CORNERS, MIN_SHARE * len(corners)):
         return None
-    start, end = start[kept], end[kept]
+    start, end = corners[kept, 0], there[kept]
     moved = _lengths(end - start)
     if np.median(moved) < _STILL:
         return 0.0
-    similarity, agreeing = cv2.estimateAffinePartial2D(start, end, ransacReprojThreshold=_MAX_ERROR)
-    if similarity is None or agreeing.mean() < _MIN_SHARE:
+    similarity, agreeing = cv2.estimateAffinePartial2D(start, end, ransacReprojThreshold=MAX_ERROR)
+    if similarity is None or agreeing.mean() < MIN_SHARE:
         return None
     together = agreeing[:, 0] > 0
     if cv2.contourArea(cv2.convexHull(start[together])) < _MIN_EXTENT * one.size:
         return None
     return float(np.median(moved[together]))
+
+
+def beside(performers: Bools) -> Bools:
+    """Return where a picture shows background, from where it shows performers."""
+    return np.asarray(cv2.dilate(performers.astype(np.uint8), _MARGIN) == 0)
+
+
+def background_corners(picture: NDArray[np.uint8], free: Bools) -> NDArray[np.float32] | None:
+    """Return the pixels of corners of a grey picture's background, shape (n, 1, 2); None if there are too few."""
+    corners = cv2.goodFeaturesToTrack(picture, _MAX_CORNERS, 0.01, _MIN_DISTANCE, mask=free.astype(np.uint8))
+    return None if corners is None or len(corners) < MIN_CORNERS else np.asarray(corners, np.float32)
+
+
+def followed(
+    one: NDArray[np.uint8], other: NDArray[np.uint8], corners: NDArray[np.float32], guess: Array | None = None
+) -> tuple[NDArray[np.float32], Bools]:
+    """Return where corners (n, 1, 2) of one grey picture lie in another, (n, 2), and which are found there and back.
+
+    `guess` (n, 2) is where they are expected.
+    """
+    given = None if guess is None else np.ascontiguousarray(guess[:, None], np.float32)
+    flags = 0 if guess is None else cv2.OPTFLOW_USE_INITIAL_FLOW
+    there, found, _ = cv2.calcOpticalFlowPyrLK(one, other, corners, given, None, None, _WINDOW, _LEVELS, flags=flags)
+    home = None if guess is None else corners.copy()
+    back, returned, _ = cv2.calcOpticalFlowPyrLK(other, one, there, home, None, None, _WINDOW, _LEVELS, flags=flags)
+    kept = (found[:, 0] > 0) & (returned[:, 0] > 0) & (_lengths((back - corners)[:, 0]) < MAX_ERROR)
+    return there[:, 0], kept
 
 
 def _lengths(vectors: Array) -> Array:

@@ -60,4 +60,5 @@ def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]
     matches = footage_matches(rectified, views, frames)
     off = [match for match in matches if match.off and match.camera not in moved]
     unlike = [own for own in attributed_findings(shot, frames, off, ()) if isinstance(own, FootageMatch)]
-    return [*flickering, *moved.values(), *unlike]
+    told = moved.values() if shot.settings.stabilise is False else ()  # else it is measured how they move
+    return [*flickering, *told, *unlike]

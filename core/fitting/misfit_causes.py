@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from ..evidence.movement_match import key_poses_of
 from ..evidence.rendering.part_geometry import Geometry
+from ..evidence.background_shift import BackgroundShift
+from ..numerics.arrays import Array
 from ..shot.shot import Shot
 from .footage_match import better_shift, shifted_background
 from .key_frame_views import KeyFrameView
-from .view_findings import CameraFit, FootageMatch, MovedCamera, ViewFinding
+from .view_findings import CameraFit, FootageMatch, MovedCamera, TurningCamera, ViewFinding
 
 MAX_SHIFT_SPREAD = 4.0
 """Largest difference between shifts of all views that mean one thing, key poses that lag, frames of the shot: each is
@@ -49,6 +51,17 @@ def moved_cameras(
             there = replace(shift, frames=(first + shift.frames[0], first + shift.frames[1]))
             found[name] = MovedCamera(name, there)
     return found
+
+
+def turning_cameras(shot: Shot, turns: Sequence[Array | None]) -> tuple[TurningCamera, ...]:
+    """Return the cameras of a shot that were found to turn; frames are counted as in the shot file."""
+    found = []
+    for view, own in zip(shot.views, turns, strict=False):
+        if own is not None:
+            ways, first = view.camera.displacements(own), shot.frames[0]
+            frames = first + int(np.argmin(ways)), first + int(np.argmax(ways))
+            found.append(TurningCamera(view.camera.name, BackgroundShift(float(ways.max()), frames)))
+    return tuple(found)
 
 
 def attributed_findings(

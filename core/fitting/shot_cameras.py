@@ -32,12 +32,13 @@ from ..tracking.retracking import Excerpt, preview_segment, track_excerpts
 from ..tracking.run_context import FirstPictures, RunContext, SolvedShot
 from ..tracking.segments import whole_keys
 from ..tracking.track_result import TrackResult
+from ..tracking.turned_cameras import with_turns
 from .camera_refinement import RefinedCamera, Refinement, refine_cameras
 from .early_check import EARLY_MISFITS, early_frames, early_misfits
 from .footage_match import footage_matches
 from .key_frame_views import pictured_key_frames, read_key_frames
 from .keypoint_cameras import PictureShift, contradictions
-from .misfit_causes import attributed_findings, moved_cameras
+from .misfit_causes import attributed_findings, moved_cameras, turning_cameras
 from .outline_fit import RefinementStage
 from .shared_keypoints import CameraEstimate, SharedKeypoints
 from .view_findings import CameraFit, ViewFinding
@@ -132,19 +133,20 @@ def camera_fits(shot: Shot, result: SolvedShot, progress: Progress | None = None
         If it has the pictures of `checked_frames`, they are not read again.
     progress : callable, optional
     """
-    shot = with_found_gaps(shot, result.gaps)
+    turning = turning_cameras(shot, result.turns)
+    shot = with_turns(with_found_gaps(shot, result.gaps), result.turns)
     keypoints = [own.factor.keypoints for own in result.observed.performers]
     shared = fit_by_keypoints(shot, keypoints) if keypoints else ()
     in_step, frames = shot.with_footage_offset(result.footage_offset), set(checked_frames(shot))
     kept = bool(result.pictures) and all(frames <= images.keys() for images in result.pictures)
-    return (*shared, *fit_by_key_poses(in_step, result.pictures if kept else None, progress))
+    return (*turning, *shared, *fit_by_key_poses(in_step, result.pictures if kept else None, progress))
 
 
 def for_camera_fits(shot: Shot, result: TrackResult | SolvedShot) -> SolvedShot:
     """Return what `camera_fits` needs of a result, which is small enough to be sent to another process."""
     frames = set(checked_frames(shot))
     pictures = tuple({f: image for f, image in kept.items() if f in frames} for kept in result.pictures)
-    return SolvedShot(pictures, result.observed, result.footage_offset, result.gaps)
+    return SolvedShot(pictures, result.observed, result.footage_offset, result.gaps, result.turns)
 
 
 @dataclass(frozen=True, eq=False)

@@ -126,6 +126,41 @@ class MovedCamera:
 
 
 @dataclass(frozen=True)
+class TurningCamera:
+    """A camera that was held in the hand, or moved during the shot, and how it turned was measured.
+
+    Attributes
+    ----------
+    camera : str
+    background : BackgroundShift
+        How far the background lies elsewhere on the frame on which it is farthest than on that to which the calibration
+        refers.
+    by, off
+        As of other findings.
+    """
+
+    camera: str
+    background: BackgroundShift
+    by: Literal["background"] = "background"
+    off: Literal[True] = True
+
+    @property
+    def brief(self) -> str:
+        """A few words on how far it moved."""
+        return f"its camera moved: the background shifts by {self.background.pixels:.0f} px (measured and followed)"
+
+    @property
+    def summary(self) -> str:
+        """One line on how far it moved and what was done."""
+        before, after = self.background.frames
+        return (
+            f"{self.camera}: its camera moved: the background lies {self.background.pixels:.0f} px elsewhere on frame "
+            f"{after} than on frame {before}, but the calibration has one pose; how it turned was measured in the "
+            f"pictures and is allowed for, with the calibration's pose on frame {before}"
+        )
+
+
+@dataclass(frozen=True)
 class FlickeringLight:
     """Light that flickers from frame to frame.
 
@@ -159,4 +194,4 @@ class FlickeringLight:
         return f"{self.camera}: {self.brief} from frame to frame: {_DEFLICKER}"
 
 
-ViewFinding: TypeAlias = CameraFit | FootageMatch | MovedCamera | FlickeringLight
+ViewFinding: TypeAlias = CameraFit | FootageMatch | MovedCamera | TurningCamera | FlickeringLight

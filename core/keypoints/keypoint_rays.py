@@ -57,6 +57,13 @@ class Keypoints:
         names = tuple(self.names[i] for i in columns)
         return replace(self, names=names, rays=self.rays[:, :, columns], confidence=self.confidence[:, :, columns])
 
+    def rays_to(self, view: int, R_cam_world: Array) -> Array:
+        """Return the rays of one view, shape (F, L, 2), in the axes of a camera at the same place that stands still."""
+        turns = R_cam_world @ np.swapaxes(self.R_cam_world[view], 1, 2)
+        directions = np.concatenate([self.rays[view], np.ones((*self.rays.shape[1:3], 1))], axis=-1)
+        turned = np.einsum("fab,flb->fla", turns, directions)
+        return np.asarray(turned[..., :2] / turned[..., 2:])
+
     def residuals(self, points_world: Array) -> Array:
         """Distances of points (F, L, 3) from the rays along both image axes, metres, (V, F, L, 2); NaN if not found."""
         x = np.einsum("vfab,flb->vfla", self.R_cam_world, points_world) + self.t_cam_world[:, :, None]

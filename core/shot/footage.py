@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..cameras.camera import field_of_frame
 from ..errors import FootageError
+from ..numerics.arrays import Array
 from .frame_numbers import FIRST_PARITY, footage_index, frames_per_file_frame
 from .image_sequences import check_size, image_files, read_image
 from .shot import View
@@ -104,6 +105,7 @@ def frames_at(
     grey: bool = True,
     album: Album | None = None,
     threads: int = 0,
+    turns: Sequence[Array] | None = None,
 ) -> Iterator[Image]:
     """Stream frames of a view that was checked: decoded once, in order, reduced and rectified.
 
@@ -121,6 +123,8 @@ def frames_at(
         Collects pictures on the way.
     threads : int
         Number of decoding threads; 0 for one per core.
+    turns : sequence of ndarray, shape (3, 3), optional
+        For each frame, a rotation of the camera's axes to those of the picture (`Camera.turns_to`); not for the album.
 
     Yields
     ------
@@ -137,10 +141,10 @@ def frames_at(
     near = None if album is None else view.camera.reduced(album.factor)
     near_maps = None if near is None else near.rectify_maps()
     indices = [footage_index(view, f) for f in frames]
-    for frame, decoded in zip(frames, _decoded(view, indices, threads), strict=True):
+    for k, (frame, decoded) in enumerate(zip(frames, _decoded(view, indices, threads), strict=True)):
         if album is not None and near is not None and frame in album.frames:
             album.pictures[frame] = _prepared(decoded, near.size, near_maps, grey=False)
-        yield _prepared(decoded, camera.size, maps, grey)
+        yield _prepared(decoded, camera.size, maps if turns is None else camera.rectify_maps(turns[k]), grey)
 
 
 @dataclass(frozen=True, eq=False)

@@ -65,6 +65,9 @@ class Settings:
     correct_gaps : bool
         Whether views that turn out to be early or late from some frame on are tracked again with that corrected, see
         `core.tracking.footage_gaps`.
+    stabilise : bool, optional
+        Whether cameras that stand still by their calibration turn as the background of their pictures shows, see
+        `core.tracking.turned_cameras`. None: those in whose pictures it clearly shifts.
     search_seed : int
         Random seed of the poses sampled in the search for limbs.
     keypoint_correlation : float
@@ -91,6 +94,7 @@ class Settings:
     contact: bool = True
     limb_search: bool = True
     correct_gaps: bool = True
+    stabilise: bool | None = None
     search_seed: int = 0
     keypoint_correlation: float = _positive(0.3)
     broken_keypoints: str = "refuse"

@@ -1,9 +1,13 @@
-"""Reading footage segment by segment: frames are decoded once and in order, reduced in size, and rectified."""
+"""Reading footage segment by segment: frames are decoded once and in order, reduced in size, and rectified.
+
+Pictures of a camera that only turns, as one that is held in the hand, are turned to one of its poses: its background
+stands still then.
+"""
 
 from __future__ import annotations
 
 import pickle
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import repeat
@@ -43,7 +47,7 @@ class ColourFrames:
     Attributes
     ----------
     camera : Camera
-        The camera for the reduced frames, without lens distortion.
+        The camera for the reduced frames, without lens distortion; it stands still if the view's only turns a little.
     colour : ndarray of uint8, shape (N, h, w, 3)
         Blue, green, red.
     first : int
@@ -86,12 +90,14 @@ class SegmentReader:
         self, shot: Shot, view: View, album: Album, stopped: Event, *, memory: WorkerMemory | None = None
     ) -> None:
         factor = working_factor(view, shot.settings.working_size)
-        self._camera = view.camera.reduced(factor).rectified()
+        standing = view.camera.standing()
+        self._camera = (standing or view.camera).reduced(factor).rectified()
         self._delay = footage_delay(view)
         threads = max(1, worker_count(shot.settings.threads) // len(shot.views))  # the views are read side by side
         frames = range(shot.frames[0], shot.frames[1] + 1)
         self._damaged = frames_damaged(view, frames)
-        decoded = _frames(view, frames, factor, album, memory=memory, threads=threads)
+        turns = None if standing is None else dict(zip(frames, view.camera.turns_to(standing), strict=True))
+        decoded = _frames(view, frames, factor, album, memory=memory, threads=threads, turns=turns)
         self._stream = sound_pictures(decoded, self._damaged)
         self._stopped = stopped
         self._length = shot.length
@@ -194,17 +200,29 @@ class SegmentReader:
 
 
 def _frames(
-    view: View, frames: range, factor: float, album: Album, *, memory: WorkerMemory | None, threads: int
+    view: View,
+    frames: range,
+    factor: float,
+    album: Album,
+    *,
+    memory: WorkerMemory | None,
+    threads: int,
+    turns: Mapping[int, Array] | None,
 ) -> Iterator[Image]:
     """Generate the frames of a view in colour, decoding those that are not in memory."""
+
+    def decoding(some: Sequence[int]) -> Iterator[Image]:
+        there = None if turns is None else [turns[f] for f in some]
+        return frames_at(view, some, factor, grey=False, album=album, threads=threads, turns=there)
+
     if memory is None:
-        yield from frames_at(view, frames, factor, grey=False, album=album, threads=threads)
+        yield from decoding(frames)
         return
     of = made_of(view, factor)
     # Reserved from the beginning: frames that others add meanwhile must not displace one that is relied upon.
     kept = {f: image for f in frames if f not in album.frames and (image := memory.picture((of, f))) is not None}
     missing = [f for f in frames if f not in kept]
-    decoded = frames_at(view, missing, factor, grey=False, album=album, threads=threads)
+    decoded = decoding(missing)
     for f in frames:
         image = kept.pop(f, None)
         if image is None:
@@ -255,5 +273,6 @@ def made_of(view: View, factor: float) -> bytes:
     files = sorted((image_files(view.footage) or {0: view.footage}).values())
     states = [(str(file), file.stat().st_mtime_ns, file.stat().st_size) for file in files]
     camera = view.camera
-    lens = camera.size, camera.matrix, camera.distortions, camera.fisheye
+    turning = camera.R_cam_world if camera.standing() else None
+    lens = camera.size, camera.matrix, camera.distortions, camera.fisheye, turning
     return pickle.dumps((states, lens, view.offset, view.fields, view.gaps, view.every, factor))

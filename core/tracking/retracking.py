@@ -100,7 +100,7 @@ def track_excerpts(
     ends = ends / max(1, ends[-1])
     results = []
     for part, (begin, end) in zip(excerpts, pairwise(ends), strict=True):
-        asked = shot.between(part.first, part.last).with_footage_offset(part.footage_offset)
+        asked = _between(shot, part.first, part.last).with_footage_offset(part.footage_offset)
         shown = None if run.show is None else partial(_show_in_shot, run.show, part.first)
         results.append(
             track(
@@ -155,9 +155,19 @@ def preview_segment(
         report_progress(progress, "looking ahead", 0.0)
         return len(seen) < PREVIEW_ITERATIONS
 
-    asked = ShotScale.of(shot).completed(shot).between(first, last).with_footage_offset(part.footage_offset)
+    asked = _between(ShotScale.of(shot).completed(shot), first, last).with_footage_offset(part.footage_offset)
     with contextlib.suppress(KFMocapError):  # cancelled, or an error that the tracking that follows reports
         track(asked, looked, observed, run=RunContext(memory=memory))
+
+
+def _between(shot: Shot, first: int, last: int) -> Shot:
+    """Return an excerpt of a shot; how cameras turn is only measured on whole shots, whose first key pose they refer
+    to.
+    """
+    if (first, last) == (0, shot.length - 1):
+        return shot
+    excerpt = shot.between(first, last)
+    return replace(excerpt, settings=replace(excerpt.settings, stabilise=False))
 
 
 def _show_in_shot(show: SegmentShown, start: int, segment: Segment, motions: tuple[Motion, ...]) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..keypoints.observations import ShotKeypoints
+from ..numerics.arrays import Array
 from ..runtime.worker_memory import WorkerMemory
 from ..runtime.worker_pool import WorkerPool
 from ..shot.shot import Gap
@@ -20,7 +21,7 @@ class SolvedShot:
 
     Attributes
     ----------
-    pictures, observed, footage_offset, gaps
+    pictures, observed, footage_offset, gaps, turns
         See `core.tracking.track_result.TrackResult`.
     """
 
@@ -28,6 +29,7 @@ class SolvedShot:
     observed: ShotKeypoints
     footage_offset: float
     gaps: tuple[tuple[Gap, ...], ...]
+    turns: tuple[Array | None, ...]
 
     def of_views(self, views: Sequence[int]) -> SolvedShot:
         """Return the same of some views, in that order."""
@@ -36,6 +38,7 @@ class SolvedShot:
             pictures=tuple(self.pictures[v] for v in views),
             observed=self.observed.of_views(views),
             gaps=tuple(self.gaps[v] for v in views),
+            turns=tuple(self.turns[v] for v in views),
         )
 
 

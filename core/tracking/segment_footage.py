@@ -27,6 +27,7 @@ from .picture_store import COLOUR, PictureStore, StoredView
 from .reader import SegmentReader
 from .segments import Segment, posed_frames, segments
 from .solvers.protocol import Solver
+from .turned_cameras import BackgroundWatch
 
 
 class SegmentFootage:
@@ -49,6 +50,8 @@ class SegmentFootage:
     ----------
     torn : tuple of list of int
         Per view: frames read so far that do not continue the frame before, counted from the shot's first.
+    moved : set of int
+        Views of cameras that stand still by their calibration, but in whose pictures read so far the background shifts.
     movements : tuple of list of KeypointMovements
         Per view, and in it per performer: how the movements of keypoints agree with the pictures read so far.
     """
@@ -68,6 +71,8 @@ class SegmentFootage:
         self._shot, self._solver, self._folder, self._memory = shot, solver, folder, memory
         self._keypoints = keypoints
         self.torn: tuple[list[int], ...] = tuple([] for _ in shot.views)
+        self.moved: set[int] = set()
+        self._watches: dict[int, BackgroundWatch] = {}
         self.movements: tuple[list[KeypointMovements], ...] = tuple([] for _ in shot.views)
 
     @property
@@ -103,6 +108,9 @@ class SegmentFootage:
             for view, album in zip(shot.views, self._albums, strict=True)
         ]
         chosen = segments(shot)
+        if shot.settings.stabilise is None:
+            still = [v for v, view in enumerate(shot.views) if view.camera.stands_still]
+            self._watches = {v: BackgroundWatch(shot, start) for v in still}
         with ThreadPoolExecutor(worker_count(shot.settings.threads)) as pool:
 
             def submitted(segment: Segment) -> list[Future[tuple[ViewFrames | StoredView, PairChanges]]]:
@@ -133,6 +141,9 @@ class SegmentFootage:
         """
         shot, store = self._shot, PictureStore(self._folder, f"{segment[0]}_{number}")
         frames = reader.read(segment, store)
+        watch = self._watches.get(number)
+        if watch is not None and number not in self.moved and watch.shifts(frames, segment):
+            self.moved.add(number)
         if start is None:
             view = grey_frames(frames, store)
         else:
@@ -156,8 +167,10 @@ class SegmentFootage:
         if self._shot.views[number].keypoints is None or sum(m.counts.sum() for m in before) > ENOUGH_MOVEMENTS:
             return
         K, found = view.camera.matrix, list[KeypointMovements]()
+        turned = self._shot.views[number].camera.moving and not view.camera.moving
         for keypoints in self._keypoints:
-            rays = keypoints.rays[number, segment[0] : segment[1] + 1]
+            shown = keypoints[segment[0] : segment[1] + 1]
+            rays = shown.rays_to(number, view.camera.R_cam_world[0]) if turned else shown.rays[number]
             found.append(keypoint_movements(view.grey, rays @ K[:2, :2].T + K[:2, 2]))
         before[:] = [m.joined(then) for m, then in zip(found, before, strict=True)] if before else found
 

@@ -78,6 +78,8 @@ class TrackResult:
         `core.shot.footage_faults.continuity`.
     gaps : tuple of tuple of Gap
         Per view: where its footage lacks frames or has them once too often, as its frames were counted.
+    turns : tuple of (ndarray, shape (F, 3, 3), or None)
+        Per view: how its camera was found to turn, see `core.tracking.turned_cameras`; None if it is as calibrated.
     late : tuple of LateView or None
         Per view: from which frame on it is early or late with these gaps, if it is.
     rates : tuple of FootageRate or None
@@ -100,6 +102,7 @@ class TrackResult:
     footage_offset: float = 0.0
     torn: tuple[tuple[int, ...], ...] = ()
     gaps: tuple[tuple[Gap, ...], ...] = ()
+    turns: tuple[Array | None, ...] = ()
     late: tuple[LateView | None, ...] = ()
     rates: tuple[FootageRate | None, ...] = ()
     damage: tuple[FootageDamage | None, ...] = ()
@@ -114,6 +117,7 @@ class TrackResult:
             observed=self.observed.of_views(order),
             torn=tuple(self.torn[v] for v in order),
             gaps=tuple(self.gaps[v] for v in order) if self.gaps else (),
+            turns=tuple(self.turns[v] for v in order) if self.turns else (),
             late=tuple(self.late[v] for v in order) if self.late else (),
             rates=tuple(self.rates[v] for v in order),
             damage=tuple(self.damage[v] for v in order) if self.damage else (),

@@ -59,6 +59,7 @@ from .shot_scale import ShotScale
 from .solvers.protocol import Solver
 from .solvers.registry import solver_named
 from .track_result import TrackResult
+from .turned_cameras import Turns, turns_since, with_measured_turns
 
 MIN_PARALLEL_WORK = 80
 """Frames x views x performers from which segments are solved in several processes: about a second of work, which is
@@ -173,15 +174,49 @@ class _TrackOptions:
     views_as_given: Sequence[int]
 
 
+class _TurningCamerasError(Exception):
+    """Footage shows, while a shot is tracked, that cameras turn: `shot` is the shot in which they do."""
+
+    def __init__(self, shot: Shot, options: _TrackOptions, seconds: Seconds) -> None:
+        self.shot, self.options, self.seconds = shot, options, seconds
+
+
 def _tracked(
     shot: Shot, options: _TrackOptions, known: Sequence[FinishedSegment] = ()
 ) -> tuple[TrackResult, list[FinishedSegment]]:
-    """Track a shot whose views are in order; returns its segments, too. Some may be known."""
+    """Track a shot whose views are in order, from the beginning once its cameras turn out to; returns its segments,
+    too. Some may be known.
+    """
+    given, seconds = shot, Seconds()
+    while True:
+        try:
+            result, done = _tracked_once(shot, options, known, given)
+        except _TurningCamerasError as found:
+            shot, options = found.shot, found.options
+            seconds.add(found.seconds)
+        else:
+            seconds.add(result.seconds)
+            return replace(result, seconds=seconds), done
+
+
+def _tracked_once(
+    shot: Shot, options: _TrackOptions, known: Sequence[FinishedSegment], given: Shot
+) -> tuple[TrackResult, list[FinishedSegment]]:
+    """Track a shot, some of whose cameras have been found to turn since it was given.
+
+    Raises
+    ------
+    _TurningCamerasError
+        Others do.
+    """
     run, progress = options.run, options.progress
     solver, seconds = solver_named(shot.settings.solver), Seconds()
     with _footage_checked(shot, run) as rates:  # loading SciPy's splines takes as long
         curves = tuple(spline(p.key_poses, shot.length) for p in shot.performers)
     shot = with_timed_gaps(shot, [rate.result() for rate in rates])
+    if shot.settings.stabilise:
+        with seconds.measure("camera motion"):
+            shot = with_measured_turns(shot, range(len(shot.views)))
     observed = _first_pass(shot, solver, seconds, progress)
     begin = TrackState(tuple(own.motion for own in observed.performers) or curves, options.around)
     finished = KeptSegments.of(run.journal, shot, options.around).joined(known)
@@ -203,13 +238,28 @@ def _tracked(
         keypoints = [own.factor.keypoints for own in observed.performers]
         footage = SegmentFootage(shot, solver, wanted, folder=folder, memory=run.memory, keypoints=keypoints)
         started = time.perf_counter()
+        checked: set[int] = set()
         for views in footage.by_segment(begin.motions, finished.known, seconds):
             if first is not None and all(first.frames <= own.keys() for own in footage.pictures):
                 first.seen([footage.pictures[v] for v in options.views_as_given])
                 first = None
+            if moved := footage.moved - checked:
+                with seconds.measure("camera motion"):
+                    turned = with_measured_turns(shot, moved)
+                if turned is not shot:
+                    left = replace(run, first_pictures=first, footage_checked=True)
+                    raise _TurningCamerasError(turned, replace(options, run=left), seconds)
+                checked |= moved
             schedule.add(views)
+        turns = turns_since(shot, given)
         solved = partial(
-            _hand_out_solved, shot=shot, options=options, pool=pool, pictures=footage.pictures, observed=observed
+            _hand_out_solved,
+            shot=shot,
+            options=options,
+            pool=pool,
+            pictures=footage.pictures,
+            observed=observed,
+            turns=turns,
         )
         state, done = schedule.finish(solved)
         passed = time.perf_counter() - started - seconds["footage"]
@@ -221,6 +271,7 @@ def _tracked(
         seconds=seconds,
         pictures=tuple({f: own[f] for f in options.pictures if f in own} for own in footage.pictures),
         gaps=tuple(view.gaps for view in shot.views),
+        turns=turns,
         rates=tuple(rate.result() for rate in rates),
     )
     return result, done
@@ -234,10 +285,12 @@ def _hand_out_solved(
     pool: WorkerPool,
     pictures: tuple[dict[int, Any], ...],
     observed: ShotKeypoints,
+    turns: Turns,
 ) -> None:
     """Hand out what is final once all segments are solved; see `RunContext.solved`."""
     if options.run.solved is not None and pool.workers > 1:
-        found = SolvedShot(pictures, observed, state.footage_offset(shot), tuple(view.gaps for view in shot.views))
+        gaps = tuple(view.gaps for view in shot.views)
+        found = SolvedShot(pictures, observed, state.footage_offset(shot), gaps, turns)
         options.run.solved(pool, found.of_views(options.views_as_given))
 
 

@@ -15,8 +15,10 @@ import bpy
 
 from ...core.errors import OutputError
 from ...core.shot.shot import Shot
+from ...core.tracking.turned_cameras import with_turns
 from ..scene_io import scene as scenes
 from ..scene_io import tracked_segments
+from ..scene_io.cameras import view_cameras
 from ..scene_io.review import review_data
 from .export_options import ExportOptions
 from .exporters import export_performers
@@ -92,10 +94,11 @@ def write_blender_outputs(
     OutputError
         If a file cannot be written, or a new scene is asked for in an application with a user.
     """
-    folder = Path(request.folder).resolve()
+    folder, shot = Path(request.folder).resolve(), with_turns(shot, result.turns)
     if request.open_scene or request.shown:
         scene = bpy.context.scene
         scenes.write_motions(scene, result.motions, shot)
+        view_cameras.show_turns(scene, shot, result.turns)
     else:
         scene = _fresh_scene()
         scenes.build_scene(shot, result.motions, scene)

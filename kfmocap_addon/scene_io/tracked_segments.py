@@ -17,8 +17,10 @@ from ...core.tracking.footage_gaps import with_found_gaps
 from ...core.tracking.retracking import Excerpt, digests
 from ...core.tracking.segments import Segment, segments
 from ...core.tracking.track_result import TrackResult
+from ...core.tracking.turned_cameras import with_turns
 from . import lossless, prop_holds
 from . import scene as scenes
+from .cameras import view_cameras
 from .cameras.view_gaps import remember_gaps
 from .keys import motion_curves
 from .review import bone_confidence, plant_lists, review_data
@@ -145,6 +147,9 @@ def write(
     for part, result in zip(parts, results, strict=True):
         scenes.write_motions(scene, [result.motions[i] for i in asked.slots], first=part.first, slots=slots)
         remember_footage(scene, result, offset=part.footage_offset is None)
+        if view_cameras.show_turns(scene, with_turns(shot, result.turns), result.turns):
+            # Segments are out of date once the scene differs from what it is now.
+            shot = replace(shot, views=scenes.shot_from_scene(scene).views)
     tracked = [(shot.between(p.first, p.last), result, p.first) for p, result in zip(parts, results, strict=True)]
     review_data.write_review(scene, tracked, slots=asked.slots, whole=whole)
     if len(slots) == len(asked.whole.performers):

@@ -136,6 +136,11 @@ def _cv_poses(matrices: Array) -> tuple[Array, Array]:
     return R, -np.einsum("nij,nj->ni", R, matrices[:, :3, 3])
 
 
+def is_held(camera: bpy.types.Object) -> bool:
+    """Whether a camera is moved by something else than its own properties."""
+    return camera.parent is not None or bool(camera.constraints)
+
+
 def check_can_be_placed(slots: Iterable[bpy.types.PropertyGroup]) -> None:
     """Check that nothing but their own properties moves the views' cameras.
 
@@ -145,7 +150,7 @@ def check_can_be_placed(slots: Iterable[bpy.types.PropertyGroup]) -> None:
         A camera is moved by something else.
     """
     for slot in slots:
-        if slot.camera.parent is not None or slot.camera.constraints:
+        if is_held(slot.camera):
             raise CalibrationError(
                 "a parent or a constraint moves it",
                 where=f"camera {slot.camera.name}",

@@ -15,7 +15,7 @@ from ....core.cameras.camera import Camera
 from ....core.errors import CalibrationError
 from ....core.numerics.arrays import Array
 from ....core.shot.image_sequences import image_files
-from ....core.shot.shot import View
+from ....core.shot.shot import Shot, View
 from ....core.shot.shot_spec import ViewSpec
 from . import camera_poses, distortion, footage_background, scene_cameras
 from .view_gaps import packed_gaps
@@ -66,6 +66,24 @@ def show_camera(slot: bpy.types.PropertyGroup, camera: Camera, frame_start: int)
         if distortion.fits_brown_model(camera.distortions, camera.fisheye)
         else scene_cameras.packed_distortions(camera)
     )
+
+
+def show_turns(scene: bpy.types.Scene, shot: Shot, turns: Sequence[Array | None]) -> bool:
+    """Give the cameras of a scene's views that were found to turn their poses on every frame; returns whether there
+    were any. What a parent or a constraint moves is left alone.
+
+    Parameters
+    ----------
+    shot : Shot
+        Its cameras have these poses.
+    turns : sequence of (ndarray or None)
+        Per view, see `core.tracking.track_result.TrackResult`.
+    """
+    found = {view.camera.name: view.camera for view, own in zip(shot.views, turns, strict=False) if own is not None}
+    placed = [slot for slot in scene.kfmocap.views if slot.name in found and not camera_poses.is_held(slot.camera)]
+    for slot in placed:
+        show_camera(slot, found[slot.name], scene.kfmocap.frame_start)
+    return bool(placed)
 
 
 def show_fits(slots: Iterable[bpy.types.PropertyGroup], fits: Sequence[ViewFinding]) -> list[str]:

@@ -1,0 +1,132 @@
+"""Cameras that are held in the hand, or whose tripod was kicked, though their calibration has one pose.
+
+How they turn is measured in their pictures (`core.evidence.background_turn`), and they get a pose for every frame. All
+that is seen through a camera then uses that pose, and the pictures are read as if it had stood still
+(`core.tracking.reader`). The calibrated pose is taken to be that on the first frame with a key pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from ..body.kinematics import scene_poses
+from ..body.motion import Motion
+from ..evidence.background_shift import MIN_SHIFT, background_shift
+from ..evidence.background_turn import background_turns
+from ..evidence.rendering.label_images import render_labels
+from ..evidence.rendering.part_geometry import Geometry
+from ..numerics.arrays import Array, Bools
+from ..shot.footage import frames_at, working_factor
+from ..shot.keypose_spline import spline
+from ..shot.shot import Shot, View
+from .reader import ColourFrames, Image
+from .segments import Segment, posed_frames
+
+_LOOK_EVERY = 40
+"""Distance in frames at which backgrounds are compared at least; else only on frames with key poses, as it takes as
+long as decoding some frames."""
+_MIN_TOLD = 0.8
+"""Share of the frames on which the background must tell how a camera turned; it is interpolated on the others."""
+
+Turns = tuple[Array | None, ...]
+"""Per view: rotations (F, 3, 3) from its calibrated axes to those on every frame; None if it is as calibrated."""
+
+
+class BackgroundWatch:
+    """Looks, while footage is read, whether the background of a view's pictures stands still.
+
+    Parameters
+    ----------
+    shot : Shot
+    start : sequence of Motion
+        The performers' motions before tracking: where they are, roughly.
+    """
+
+    def __init__(self, shot: Shot, start: Sequence[Motion]) -> None:
+        self._bodies = [performer.body for performer in shot.performers]
+        self._geometry, self._start = Geometry.of(self._bodies), start
+        self._posed = set(posed_frames(shot, 0, shot.length - 1).frames.tolist())
+        self._first: tuple[int, Image, Bools] | None = None
+
+    def shifts(self, frames: ColourFrames, segment: Segment) -> bool:
+        """Whether it lies elsewhere on some of a segment's frames than on the first with a key pose."""
+        first, last = segment
+        between = range(first + _LOOK_EVERY, last, _LOOK_EVERY)
+        chosen = [f for f in range(first, last + 1) if f in self._posed or f in between]
+        if self._first is not None and first in self._posed:
+            chosen.remove(first)  # it was the last frame of the segment before
+        if not chosen:
+            return False
+        bodies = scene_poses(self._bodies, [motion[chosen] for motion in self._start])
+        masks = render_labels(self._geometry, frames.camera, 0, *bodies).part >= 0
+        looked = [(f, frames.colour[f - frames.first], mask) for f, mask in zip(chosen, masks, strict=True)]
+        if self._first is None:
+            number, picture, mask = next((one for one in looked if one[0] in self._posed), looked[0])
+            self._first = number, picture.copy(), mask
+        every = [self._first, *(one for one in looked if one[0] != self._first[0])]
+        numbers, pictures, masked = zip(*every, strict=True)
+        return background_shift(pictures, masked, numbers, 1.0) is not None
+
+
+def with_measured_turns(shot: Shot, views: Collection[int]) -> Shot:
+    """Return a shot in which those of some views whose pictures show how their camera turns have a pose for every
+    frame.
+
+    Raises
+    ------
+    FootageError
+        The footage ends or breaks early.
+    """
+    turns = [_measured(shot, view) if v in views else None for v, view in enumerate(shot.views)]
+    return with_turns(shot, turns)
+
+
+def with_turns(shot: Shot, turns: Sequence[Array | None]) -> Shot:
+    """Return a shot whose cameras turn as was found."""
+    if not any(own is not None for own in turns):
+        return shot
+    views = [
+        view if own is None else replace(view, camera=view.camera.turned(own))
+        for view, own in zip(shot.views, turns, strict=True)
+    ]
+    return replace(shot, views=tuple(views))
+
+
+def turns_since(shot: Shot, given: Shot) -> Turns:
+    """Return how the cameras of a shot turn that stand still in the given one."""
+    return tuple(
+        None if own.camera is before.camera else own.camera.R_cam_world @ before.camera.R_cam_world[0].T
+        for own, before in zip(shot.views, given.views, strict=True)
+    )
+
+
+def _measured(shot: Shot, view: View) -> Array | None:
+    """Return how a view's camera turns, shape (F, 3, 3), if it clearly does and most frames tell."""
+    if not view.camera.stands_still:
+        return None
+    factor = working_factor(view, shot.settings.working_size)
+    camera, bodies = view.camera.reduced(factor).rectified(), [performer.body for performer in shot.performers]
+    curves = [spline(performer.key_poses, shot.length) for performer in shot.performers]
+    geometry = Geometry.of(bodies)
+
+    def performers(frame: int) -> Bools:
+        poses = scene_poses(bodies, [curve[[frame]] for curve in curves])
+        return np.asarray(render_labels(geometry, camera, 0, *poses).part[0] >= 0)
+
+    pictures = frames_at(view, range(shot.frames[0], shot.frames[1] + 1), factor)
+    found = background_turns(pictures, camera, performers)
+    if found is None:
+        return None
+    told = np.flatnonzero(np.isfinite(found[:, 0, 0]))
+    if len(told) < _MIN_TOLD * shot.length:
+        return None
+    frames = np.clip(np.arange(shot.length), told[0], told[-1])
+    turns = Slerp(told, Rotation.from_matrix(found[told]))(frames)
+    posed = posed_frames(shot, 0, shot.length - 1).frames
+    turns = (turns * turns[int(posed[0]) if len(posed) else 0].inv()).as_matrix()
+    clear = shot.settings.stabilise or camera.displacements(turns).max() > MIN_SHIFT
+    return turns if clear else None

@@ -1,0 +1,94 @@
+"""How a camera turned is found in its pictures to within 0.3 pixels, whatever else moves in them."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from kfmocap.core.cameras.camera import Camera
+from kfmocap.core.evidence.background_turn import background_turns
+from scipy.spatial.transform import Rotation
+from synthetic import look_at
+from test_background_shift import wall
+
+CAMERA = look_at("front", (0.5, -2.8, 1.5), size=(320, 240), focal=380)
+DEGREES = [[0, 0, 0], [0.2, -0.5, 0.3], [-0.6, 1.4, -1.0], [1.0, 1.1, 0.8]]
+TURNS = Rotation.from_rotvec(np.radians(DEGREES)).as_matrix()
+
+
+def turned(picture: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """The picture of the camera once its axes have turned."""
+    K = CAMERA.matrix
+    there = K @ turn @ np.linalg.inv(K)
+    return cv2.warpPerspective(picture, there, CAMERA.size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+
+
+def filmed(turns: np.ndarray, noise: float = 3.0) -> list[np.ndarray]:
+    still, rng = cv2.cvtColor(wall(CAMERA.size), cv2.COLOR_BGR2GRAY), np.random.default_rng(5)
+    shown = (turned(still, turn) + rng.normal(0, noise, still.shape) for turn in turns)
+    return [np.clip(picture, 0, 255).astype(np.uint8) for picture in shown]
+
+
+def nobody(_number: int) -> np.ndarray:
+    return np.zeros(CAMERA.size[::-1], bool)
+
+
+def walker(number: int) -> np.ndarray:
+    """Where somebody is who fills half of every picture."""
+    there, width = nobody(number), CAMERA.size[0]
+    there[:, number * width // 16 : (number + 8) * width // 16] = True
+    return there
+
+
+def passed_by(pictures: list[np.ndarray]) -> list[np.ndarray]:
+    """Somebody in checked clothes walks through the pictures."""
+    width, height = CAMERA.size
+    clothes = cv2.resize(np.random.default_rng(8).uniform(0, 255, (height // 8, width // 16)), (width // 2, height))
+    for number, picture in enumerate(pictures):
+        picture[walker(number)] = clothes.astype(np.uint8).ravel()
+    return pictures
+
+
+def off(found: np.ndarray, true: np.ndarray) -> np.ndarray:
+    """By how many pixels turns differ in the picture."""
+    return CAMERA.displacements(found @ np.swapaxes(true, 1, 2))
+
+
+def test_the_turn_is_found_to_within_a_third_of_a_pixel() -> None:
+    found = background_turns(iter(filmed(TURNS)), CAMERA, nobody)
+    assert CAMERA.displacements(TURNS).max() > 5
+    assert found is not None and off(found, TURNS).max() < 0.3
+
+
+def test_somebody_who_fills_half_the_picture_does_not_pull_it() -> None:
+    found = background_turns(iter(passed_by(filmed(TURNS))), CAMERA, walker)
+    assert found is not None and off(found, TURNS).max() < 0.3
+
+
+def test_a_camera_that_stands_still_does_not_turn() -> None:
+    still = np.stack([np.eye(3)] * len(TURNS))
+    found = background_turns(iter(passed_by(filmed(still))), CAMERA, walker)
+    assert found is not None and off(found, still).max() < 0.1
+
+
+def test_a_plain_wall_tells_nothing_and_a_covered_lens_nothing_on_its_frames() -> None:
+    plain = np.full(CAMERA.size[::-1], 120, np.uint8)
+    assert background_turns(iter([plain, plain]), CAMERA, nobody) is None
+    pictures = filmed(TURNS)
+    pictures[2] = plain
+    found = background_turns(iter(pictures), CAMERA, nobody)
+    assert found is not None and np.flatnonzero(np.isnan(found[:, 0, 0])).tolist() == [2]
+    assert off(found, TURNS)[[1, 3]].max() < 0.3
+
+
+@pytest.mark.parametrize("distortions", [(0.0,) * 4, (-0.15, 0.05, 0.001, -0.001)])
+def test_pictures_that_are_turned_back_show_each_ray_where_it_was_before(distortions: tuple[float, ...]) -> None:
+    """The maps lead from a pixel before to where the lens shows the same ray after the turn."""
+    width, height = CAMERA.size
+    u, v = np.meshgrid(np.arange(20, width - 20, 30), np.arange(20, height - 20, 30))
+    before = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(CAMERA.matrix).T
+    lens = Camera.create("lens", CAMERA.size, CAMERA.matrix, np.eye(3), np.zeros(3), distortions=distortions)
+    maps = lens.rectify_maps(TURNS[3].T)
+    assert maps is not None
+    led = maps[0][v, u] + np.stack([maps[1][v, u] % 32, maps[1][v, u] // 32], axis=-1) / 32
+    assert np.abs(led - lens.project(before @ TURNS[3].T)).max() < 0.1
