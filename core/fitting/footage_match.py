@@ -29,9 +29,9 @@ _MAX_SHIFT, _MIN_SHIFT = 30, 2
 """Greatest and least change of the offset that is tried, frames of the shot."""
 _MAX_SHIFTED_KEYS, _MAX_READ = 5, 300
 """Greatest number of key frames that are used for that, and of frames from the first of them to the last."""
-_MIN_SHIFTED_MATCH, _MIN_GAIN, _MIN_LACK = 0.97, 3.0, 0.01
-"""Another offset is better if it matches at least this well, and if the present one lacks more of a match (1 - match):
-this many times what the other lacks, and this much more."""
+_MIN_OTHER_MATCH, _MIN_GAIN, _MIN_LACK = 0.97, 3.0, 0.01
+"""Footage with another offset, or mirrored, is better if it matches at least this well, and if it lacks, as it
+is, more of a match (1 - match): this many times what the other lacks, and this much more."""
 
 
 def footage_matches(shot: Shot, views: Sequence[KeyFrameView], frames: NDArray[np.int64]) -> list[FootageMatch]:
@@ -42,10 +42,21 @@ def footage_matches(shot: Shot, views: Sequence[KeyFrameView], frames: NDArray[n
     geometry, found = Geometry.of([performer.body for performer in shot.performers]), []
     for view, pictured in zip(shot.views, views, strict=True):
         if view.camera.stands_still:
-            own = movement_match(pictured.rectified(view.camera), pictured.camera(view.camera), geometry, poses)
-            if own is not None:
-                found.append(FootageMatch(view.camera.name, own))
+            pictures, camera = pictured.rectified(view.camera), pictured.camera(view.camera)
+            own = movement_match(pictures, camera, geometry, poses)
+            if own is None:
+                continue
+            other = None
+            if 1 - own > _MIN_LACK:
+                other = movement_match(np.ascontiguousarray(pictures[:, :, ::-1]), camera, geometry, poses)
+            mirrored = other is not None and _is_better(1 - other, 1 - own)
+            found.append(FootageMatch(view.camera.name, own, mirrored=other if mirrored else None))
     return found
+
+
+def _is_better(other: float, own: float) -> bool:
+    """Whether footage that is shown in another way lacks so much less of a match that this is how it was taken."""
+    return other < 1 - _MIN_OTHER_MATCH and own > _MIN_GAIN * other + _MIN_LACK
 
 
 def shifted_background(
@@ -103,12 +114,12 @@ def _best_shift(
         return None if match is None else 1 - match
 
     present = cache(partial(lack, shift=0))
-    best, least = None, 1 - _MIN_SHIFTED_MATCH
+    best, least = None, 1.0
     for shift in range(-_MAX_SHIFT, _MAX_SHIFT + 1):
         kept = tuple(k for k, f in enumerate(frames) if {int(f), int(f) + shift} <= pictures.keys())
         if abs(shift) < _MIN_SHIFT or len(kept) < max(2, len(frames) / 2):
             continue
         own, other = present(kept), lack(kept, shift)
-        if own is not None and other is not None and other < least and own > _MIN_GAIN * other + _MIN_LACK:
+        if own is not None and other is not None and other < least and _is_better(other, own):
             best, least = shift, other
     return best

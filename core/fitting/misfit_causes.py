@@ -15,7 +15,7 @@ from ..numerics.arrays import Array
 from ..shot.shot import Shot
 from .footage_match import better_shift, shifted_background
 from .key_frame_views import KeyFrameView
-from .view_findings import CameraFit, FootageMatch, MovedCamera, TurningCamera, ViewFinding
+from .view_findings import CameraFit, FootageMatch, MovedCamera, ViewFinding
 
 MAX_SHIFT_SPREAD = 4.0
 """Largest difference between shifts of all views that mean one thing, key poses that lag, frames of the shot: each is
@@ -53,14 +53,14 @@ def moved_cameras(
     return found
 
 
-def turning_cameras(shot: Shot, turns: Sequence[Array | None]) -> tuple[TurningCamera, ...]:
-    """Return the cameras of a shot that were found to turn; frames are counted as in the shot file."""
+def followed_cameras(shot: Shot, turns: Sequence[Array | None]) -> tuple[MovedCamera, ...]:
+    """Return the cameras of a shot whose turns were measured; frames are counted as in the shot file."""
     found = []
     for view, own in zip(shot.views, turns, strict=False):
         if own is not None:
             ways, first = view.camera.displacements(own), shot.frames[0]
             frames = first + int(np.argmin(ways)), first + int(np.argmax(ways))
-            found.append(TurningCamera(view.camera.name, BackgroundShift(float(ways.max()), frames)))
+            found.append(MovedCamera(view.camera.name, BackgroundShift(float(ways.max()), frames), followed=True))
     return tuple(found)
 
 
@@ -81,12 +81,13 @@ def attributed_findings(
         How well the views' footage and cameras fit the key poses.
     """
     correctable = {fit.camera for fit in fits if fit.off}
-    unlike = {match.camera: match for match in matches if match.off and match.camera not in correctable}
+    mirrored = {match.camera: match for match in matches if match.mirrored is not None}
+    unlike = {match.camera: match for match in matches if match.off and match.camera not in correctable} | mirrored
     views = {view.camera.name: view for view in shot.views}
     shifts: dict[str, int] = {}
     for match in matches:
         view = views[match.camera]
-        if match.camera in correctable or match.camera in unlike:
+        if match.mirrored is None and (match.camera in correctable or match.camera in unlike):
             shift = better_shift(shot, view, frames)
             if shift is not None:
                 shifts[match.camera] = shift
@@ -94,7 +95,8 @@ def attributed_findings(
     if len(matches) > 1 and len(unlike) == len(matches) and common_shift(list(shifts.values()), len(matches)) is None:
         # The key poses are elsewhere, or of another movement: some offset always fits a little better.
         unlike = {name: without for name, own in unlike.items() if (without := replace(own, offset=None)).off}
-    return (*unlike.values(), *(fit for fit in fits if fit.off or fit.camera not in unlike))
+    rest = [fit for fit in fits if fit.camera not in (mirrored if fit.off else unlike)]
+    return (*unlike.values(), *rest)
 
 
 def common_shift(shifts: Sequence[float], views: int) -> float | None:

@@ -38,7 +38,7 @@ from .early_check import EARLY_MISFITS, early_frames, early_misfits
 from .footage_match import footage_matches
 from .key_frame_views import pictured_key_frames, read_key_frames
 from .keypoint_cameras import PictureShift, contradictions
-from .misfit_causes import attributed_findings, moved_cameras, turning_cameras
+from .misfit_causes import attributed_findings, followed_cameras, moved_cameras
 from .outline_fit import RefinementStage
 from .shared_keypoints import CameraEstimate, SharedKeypoints
 from .view_findings import CameraFit, ViewFinding
@@ -133,13 +133,13 @@ def camera_fits(shot: Shot, result: SolvedShot, progress: Progress | None = None
         If it has the pictures of `checked_frames`, they are not read again.
     progress : callable, optional
     """
-    turning = turning_cameras(shot, result.turns)
+    followed = followed_cameras(shot, result.turns)
     shot = with_turns(with_found_gaps(shot, result.gaps), result.turns)
     keypoints = [own.factor.keypoints for own in result.observed.performers]
     shared = fit_by_keypoints(shot, keypoints) if keypoints else ()
     in_step, frames = shot.with_footage_offset(result.footage_offset), set(checked_frames(shot))
     kept = bool(result.pictures) and all(frames <= images.keys() for images in result.pictures)
-    return (*turning, *shared, *fit_by_key_poses(in_step, result.pictures if kept else None, progress))
+    return (*followed, *shared, *fit_by_key_poses(in_step, result.pictures if kept else None, progress))
 
 
 def for_camera_fits(shot: Shot, result: TrackResult | SolvedShot) -> SolvedShot:

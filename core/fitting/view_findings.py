@@ -18,6 +18,7 @@ _EXPOSE = (
     "film with an exposure of 1/50 or 1/100 s (1/60 or 1/120 s where the mains have 60 Hz), or in other light; this "
     "footage can be tracked, less exactly"
 )
+_MIRROR = "mirror its footage back, as with: ffmpeg -i FOOTAGE -vf hflip -crf 14 CONVERTED.mp4"
 _STABILISE = (
     "stabilise its footage, as with: ffmpeg -i FOOTAGE -vf vidstabdetect=tripod=1 -f null - && ffmpeg -i FOOTAGE -vf "
     "vidstabtransform=tripod=1:optzoom=0 -crf 14 CONVERTED.mp4; or solve the camera's motion, as in Blender"
@@ -60,22 +61,27 @@ class FootageMatch:
         Probability that a pixel of the performers differs more between two key frames than one beside them.
     offset : float, optional
         An offset of the view (see `View`) with which it matches much better.
+    mirrored : float, optional
+        The match of the footage if it is mirrored, left for right, where that is much better.
     by : str
     """
 
     camera: str
     match: float
     offset: float | None = None
+    mirrored: float | None = None
     by: Literal["movement"] = "movement"
 
     @property
     def off(self) -> bool:
         """Whether this is hardly the footage in which the poses were set."""
-        return self.match < MIN_MATCH or self.offset is not None
+        return self.match < MIN_MATCH or self.offset is not None or self.mirrored is not None
 
     @property
     def brief(self) -> str:
         """A few words on what is wrong."""
+        if self.mirrored is not None:
+            return "its pictures seem to be mirrored"
         if self.offset is not None:
             return f"an offset of {self.offset:g} fits the key poses better"
         return "footage and key poses do not belong together"
@@ -83,6 +89,11 @@ class FootageMatch:
     @property
     def summary(self) -> str:
         """One line on what is wrong and what to look for."""
+        if self.mirrored is not None:
+            return (
+                f"{self.camera}: its pictures seem to be mirrored, left for right: mirrored back, they change where "
+                f"the key poses move (agreement {self.mirrored:.3f} instead of {self.match:.3f}); {_MIRROR}"
+            )
         if self.offset is not None:
             return f"{self.camera}: its pictures fit the key poses better with an offset of about {self.offset:g}"
         return (
@@ -94,69 +105,42 @@ class FootageMatch:
 
 @dataclass(frozen=True)
 class MovedCamera:
-    """A camera that was moved during the shot, though its calibration has one pose.
+    """A camera that was moved during the shot, or held in the hand, though its calibration has one pose.
 
     Attributes
     ----------
     camera : str
     background : BackgroundShift
         How far the background lies elsewhere on one frame of the shot than on another.
+    followed : bool
+        Whether how it turned was measured and is allowed for, with the calibrated pose on the first of these frames.
     by, off
         As of other findings.
     """
 
     camera: str
     background: BackgroundShift
+    followed: bool = False
     by: Literal["background"] = "background"
     off: Literal[True] = True
 
     @property
     def brief(self) -> str:
         """A few words on how far it moved."""
-        return f"its camera moved: the background shifts by {self.background.pixels:.0f} px"
+        what = f"its camera moved: the background shifts by {self.background.pixels:.0f} px"
+        return f"{what} (measured and allowed for)" if self.followed else what
 
     @property
     def summary(self) -> str:
-        """One line on how far it moved and what to do."""
+        """One line on how far it moved and what was done, or what to do."""
         before, after = self.background.frames
-        return (
-            f"{self.camera}: its camera moved: the background lies {self.background.pixels:.0f} px elsewhere on frame "
-            f"{after} than on frame {before}, but the calibration has one pose; {_STABILISE}"
+        done = (
+            "how it turned was measured in the pictures and is allowed for; key poses that were set over this footage "
+            f"by eye may be off on other frames than {before}"
         )
-
-
-@dataclass(frozen=True)
-class TurningCamera:
-    """A camera that was held in the hand, or moved during the shot, and how it turned was measured.
-
-    Attributes
-    ----------
-    camera : str
-    background : BackgroundShift
-        How far the background lies elsewhere on the frame on which it is farthest than on that to which the calibration
-        refers.
-    by, off
-        As of other findings.
-    """
-
-    camera: str
-    background: BackgroundShift
-    by: Literal["background"] = "background"
-    off: Literal[True] = True
-
-    @property
-    def brief(self) -> str:
-        """A few words on how far it moved."""
-        return f"its camera moved: the background shifts by {self.background.pixels:.0f} px (measured and followed)"
-
-    @property
-    def summary(self) -> str:
-        """One line on how far it moved and what was done."""
-        before, after = self.background.frames
         return (
             f"{self.camera}: its camera moved: the background lies {self.background.pixels:.0f} px elsewhere on frame "
-            f"{after} than on frame {before}, but the calibration has one pose; how it turned was measured in the "
-            f"pictures and is allowed for, with the calibration's pose on frame {before}"
+            f"{after} than on frame {before}, but the calibration has one pose; {done if self.followed else _STABILISE}"
         )
 
 
@@ -194,4 +178,4 @@ class FlickeringLight:
         return f"{self.camera}: {self.brief} from frame to frame: {_DEFLICKER}"
 
 
-ViewFinding: TypeAlias = CameraFit | FootageMatch | MovedCamera | TurningCamera | FlickeringLight
+ViewFinding: TypeAlias = CameraFit | FootageMatch | MovedCamera | FlickeringLight

@@ -261,9 +261,12 @@ def _measured(found: ViewFinding) -> dict[str, Any]:
     match found.by:
         case "movement":
             match = {"match": round(found.match, 2)}
+            if found.mirrored is not None:
+                return {**match, "mirrored": round(found.mirrored, 3)}
             return match if found.offset is None else {**match, "offset": found.offset}
         case "background":
-            return {"shift": round(found.background.pixels, 1), "frames": list(found.background.frames)}
+            shift, frames = round(found.background.pixels, 1), list(found.background.frames)
+            return {"shift": shift, "frames": frames, "followed": found.followed}
         case "light":
             return {"flicker": round(found.amplitude, 3)}
         case _:

@@ -59,6 +59,19 @@ def test_the_footage_of_another_camera_is_named_and_the_camera_is_not_blamed(sho
     assert f"check that this is the footage of {off[0].camera}, that its offset is right" in off[0].summary
 
 
+def test_footage_that_is_mirrored_is_named_and_its_camera_is_not_blamed(
+    shot: Shot, pictured: list[KeyFrameView]
+) -> None:
+    front, side = pictured
+    flipped = replace(side, pictures=np.ascontiguousarray(side.pictures[:, :, ::-1]))
+    matches = footage_matches(shot, [front, flipped], FRAMES)
+    assert [own.mirrored is not None for own in matches] == [False, True]
+    off = CameraFit(9.0, 1.0, 5.0, "side", "key poses")
+    [said] = attributed_findings(shot, FRAMES, matches, [off])
+    assert said.camera == "side" and said.off and "mirrored" in said.brief
+    assert "side: its pictures seem to be mirrored" in said.summary and "hflip" in said.summary
+
+
 @pytest.mark.parametrize("every", [1, 2])
 def test_an_offset_that_is_wrong_by_some_frames_is_found(tmp_path: Path, every: int) -> None:
     truth, keys = swing(BODY, 40, size=0.9), np.array([6, 12, 18, 24])

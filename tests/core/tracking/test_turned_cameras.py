@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from kfmocap.core.body.kinematics import part_poses, tip_positions
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.fitting.misfit_causes import turning_cameras
+from kfmocap.core.fitting.misfit_causes import followed_cameras
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import Shot, View
@@ -83,7 +83,7 @@ def test_how_it_turned_is_found_to_within_a_third_of_a_pixel_and_told(
     front, side = tracked["held"].turns
     assert side is None and front is not None
     assert CAMERAS["front"].displacements(front @ np.swapaxes(TURNS, 1, 2)).max() < 0.3
-    [said] = turning_cameras(shots["held"], tracked["held"].turns)
+    [said] = followed_cameras(shots["held"], tracked["held"].turns)
     assert said.camera == "front" and said.off and said.background.frames[0] == 0
     assert "front: its camera moved" in said.summary and "than on frame 0" in said.summary
 
