@@ -15,6 +15,7 @@ from addon_shots import PARTS, keys_of, motion, shot, track_result  # noqa: E402
 from kfmocap.core.errors import CancelledError, ShotError  # noqa: E402
 from kfmocap.core.fitting.early_check import EARLY_MISFITS  # noqa: E402
 from kfmocap.core.fitting.view_findings import FootageMatch  # noqa: E402
+from kfmocap.core.numerics import rotations  # noqa: E402
 from kfmocap.core.runtime.job import Job  # noqa: E402
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate  # noqa: E402
 from kfmocap.core.shot.settings import Settings  # noqa: E402
@@ -460,6 +461,17 @@ def test_a_gap_that_tracking_finds_stays_with_the_view(built, tracker, monkeypat
     assert tracker.shots[-1].views[1].gaps == tracker.gaps[1]
     view.found_gaps = ""
     assert tracked_segments.out_of_date(built, scene.shot_from_scene(built)) == [(5, 11)]
+
+
+def test_a_camera_that_tracking_finds_to_turn_gets_keys_and_nothing_is_out_of_date(built, tracker):
+    before = scene.shot_from_scene(built).views[0].camera
+    turns = rotations.exp(np.linspace(0, 0.02, 12)[:, None] * [1.0, -2.0, 0.5])
+    tracker.turns = (turns, None)
+    bpy.ops.kfmocap.track()
+    now = scene.shot_from_scene(built)
+    assert now.views[0].camera.moving and not now.views[0].camera.stands_still
+    assert before.displacements(now.views[0].camera.turns_to(before.turned(turns[:1])) @ turns).max() < 0.01
+    assert not tracked_segments.out_of_date(built, now)
 
 
 def test_segments_behind_a_gap_that_were_not_tracked_with_it_are_out_of_date(built, tracker):

@@ -35,7 +35,7 @@ def tracker(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     Its cameras fit: they are not compared with footage that shows nothing.
     """
     stand_in = SimpleNamespace(
-        shots=[], error=None, footage_offset=0.0, frames=FRAMES, torn=(), late=(), gaps=(), rates=()
+        shots=[], error=None, footage_offset=0.0, frames=FRAMES, torn=(), late=(), gaps=(), rates=(), turns=()
     )
 
     def track(
@@ -51,6 +51,7 @@ def tracker(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
         motions = tuple(motion(length, seed)[here] for seed in range(len(given.performers)))
         result = track_result(given, motions, footage_offset=stand_in.footage_offset)
         result.torn, result.late, result.gaps = stand_in.torn, stand_in.late, stand_in.gaps
+        result.turns = stand_in.turns
         result.rates = stand_in.rates
         return result
 

@@ -108,6 +108,7 @@ def track_result(
         observed=ShotKeypoints(),
         torn=(),
         gaps=(),
+        turns=(),
         late=(),
         planted=(),
         rates=(),
