@@ -32,6 +32,9 @@ long as decoding some frames."""
 _MIN_TOLD = 0.8
 """Share of the frames on which the background must tell how a camera turned; it is interpolated on the others."""
 
+_MIN_SHIFTED = 3
+"""On how many frames the background must lie elsewhere for its camera to turn."""
+
 Turns = tuple[Array | None, ...]
 """Per view: rotations (F, 3, 3) from its calibrated axes to those on every frame; None if it is as calibrated."""
 
@@ -128,5 +131,5 @@ def _measured(shot: Shot, view: View) -> Array | None:
     turns = Slerp(told, Rotation.from_matrix(found[told]))(frames)
     posed = posed_frames(shot, 0, shot.length - 1).frames
     turns = (turns * turns[int(posed[0]) if len(posed) else 0].inv()).as_matrix()
-    clear = shot.settings.stabilise or camera.displacements(turns).max() > MIN_SHIFT
-    return turns if clear else None
+    shifted = np.count_nonzero(camera.displacements(turns) > MIN_SHIFT)
+    return turns if shot.settings.stabilise or shifted >= _MIN_SHIFTED else None
