@@ -113,7 +113,7 @@ class MovedCamera:
     background : BackgroundShift
         How far the background lies elsewhere on one frame of the shot than on another.
     followed : bool
-        Whether how it turned was measured and is allowed for, with the calibrated pose on the first of these frames.
+        Whether how it turned was measured and is allowed for.
     by, off
         As of other findings.
     """
@@ -134,10 +134,7 @@ class MovedCamera:
     def summary(self) -> str:
         """One line on how far it moved and what was done, or what to do."""
         before, after = self.background.frames
-        done = (
-            "how it turned was measured in the pictures and is allowed for; key poses that were set over this footage "
-            f"by eye may be off on other frames than {before}"
-        )
+        done = "how it turned was measured in the pictures and is allowed for"
         return (
             f"{self.camera}: its camera moved: the background lies {self.background.pixels:.0f} px elsewhere on frame "
             f"{after} than on frame {before}, but the calibration has one pose; {done if self.followed else _STABILISE}"

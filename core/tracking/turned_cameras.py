@@ -2,7 +2,8 @@
 
 How they turn is measured in their pictures (`core.evidence.background_turn`), and they get a pose for every frame. All
 that is seen through a camera then uses that pose, and the pictures are read as if it had stood still
-(`core.tracking.reader`). The calibrated pose is taken to be that on the first frame with a key pose.
+(`core.tracking.reader`). The calibrated pose is taken to be that on the first frame with a key pose; or, where key
+poses were set by eye as if the camera had stood still, that on every such frame.
 """
 
 from __future__ import annotations
@@ -17,21 +18,23 @@ from ..body.kinematics import scene_poses
 from ..body.motion import Motion
 from ..evidence.background_shift import MIN_SHIFT, background_shift
 from ..evidence.background_turn import background_turns
+from ..evidence.movement_match import key_poses_of, movement_match
 from ..evidence.rendering.label_images import render_labels
 from ..evidence.rendering.part_geometry import Geometry
-from ..numerics.arrays import Array, Bools
+from ..numerics.arrays import Array, Bools, evenly_spaced
 from ..shot.footage import frames_at, working_factor
 from ..shot.keypose_spline import spline
 from ..shot.shot import Shot, View
 from .reader import ColourFrames, Image
-from .segments import Segment, posed_frames
+from .segments import Segment, posed_frames, whole_keys
 
 _LOOK_EVERY = 40
 """Distance in frames at which backgrounds are compared at least; else only on frames with key poses, as it takes as
 long as decoding some frames."""
 _MIN_TOLD = 0.8
 """Share of the frames on which the background must tell how a camera turned; it is interpolated on the others."""
-
+_MAX_COMPARED_KEYS = 5
+"""Greatest number of key frames that show whether key poses were set by eye."""
 _MIN_SHIFTED = 3
 """On how many frames the background must lie elsewhere for its camera to turn."""
 
@@ -85,6 +88,8 @@ def with_measured_turns(shot: Shot, views: Collection[int]) -> Shot:
         The footage ends or breaks early.
     """
     turns = [_measured(shot, view) if v in views else None for v, view in enumerate(shot.views)]
+    if _set_by_eye(shot, turns):
+        turns = [None if own is None else own @ np.swapaxes(_between_keys(shot, own), 1, 2) for own in turns]
     return with_turns(shot, turns)
 
 
@@ -129,7 +134,34 @@ def _measured(shot: Shot, view: View) -> Array | None:
         return None
     frames = np.clip(np.arange(shot.length), told[0], told[-1])
     turns = Slerp(told, Rotation.from_matrix(found[told]))(frames)
-    posed = posed_frames(shot, 0, shot.length - 1).frames
-    turns = (turns * turns[int(posed[0]) if len(posed) else 0].inv()).as_matrix()
+    posed = posed_frames(shot, 0, shot.length - 1).frames.tolist()
+    turns = (turns * turns[posed[0] if posed else 0].inv()).as_matrix()
     shifted = np.count_nonzero(camera.displacements(turns) > MIN_SHIFT)
     return turns if shot.settings.stabilise or shifted >= _MIN_SHIFTED else None
+
+
+def _set_by_eye(shot: Shot, turns: Sequence[Array | None]) -> bool:
+    """Whether the key poses lie on the performers as pictures of cameras show them that turn, without allowing for it:
+    as if these had stood still. Which of the two matches their movement better, in steady pictures, tells.
+    """
+    keys = whole_keys(shot, 0, shot.length - 1)
+    frames = keys[evenly_spaced(len(keys), _MAX_COMPARED_KEYS)]
+    if len(frames) < 2:
+        return False
+    geometry, poses, lacks = Geometry.of([p.body for p in shot.performers]), key_poses_of(shot, frames), np.zeros(2)
+    for view, own in zip(shot.views, turns, strict=True):
+        if own is None:
+            continue
+        factor, back = working_factor(view, shot.settings.working_size), np.swapaxes(own[frames], 1, 2)
+        read = frames_at(view, (shot.frames[0] + frames).tolist(), factor, grey=False, turns=[*back])
+        pictures, camera = np.stack([*read]), view.camera.reduced(factor).rectified()
+        matches = [movement_match(pictures, one, geometry, poses) for one in (camera, camera.turned(back))]
+        lacks += [0.0 if match is None else 1 - match for match in matches]
+    return bool(lacks[1] < lacks[0])
+
+
+def _between_keys(shot: Shot, turns: Array) -> Array:
+    """Return the turns (F, 3, 3) on the frames with key poses, interpolated on the others."""
+    keys = whole_keys(shot, 0, shot.length - 1)
+    frames = np.clip(np.arange(shot.length), keys[0], keys[-1])
+    return Slerp(keys, Rotation.from_matrix(turns[keys]))(frames).as_matrix()

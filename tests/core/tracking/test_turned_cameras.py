@@ -17,10 +17,10 @@ from kfmocap.core.shot.shot import Shot, View
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
 from kfmocap.core.tracking.track_result import TrackResult
 from kfmocap.core.tracking.tracker import track
-from kfmocap.core.tracking.turned_cameras import with_turns
+from kfmocap.core.tracking.turned_cameras import turns_since, with_measured_turns, with_turns
 from late_footage import BODY, CAMERAS, FRAMES, TRUTH, pictures
 from scipy.spatial.transform import Rotation
-from synthetic import shot_of
+from synthetic import rigidly_moved, shot_of
 
 KEYS = (0, 9, 18)
 SETTINGS = Settings(limb_search=False)
@@ -101,6 +101,20 @@ def test_a_camera_whose_turns_are_known_is_tracked_like_one_that_was_found_to_tu
     again = track(unmeasured(with_turns(shots["held"], result.turns)))
     assert again.turns == (None, None)
     assert np.array_equal(result.motions[0].rotations, again.motions[0].rotations)
+
+
+def test_of_key_poses_set_by_eye_over_the_shaking_pictures_all_are_as_they_were_seen(shots: dict[str, Shot]) -> None:
+    camera, keys = CAMERAS["front"], list(KEYS)
+    seen = TRUTH[FRAMES]
+    for f in keys:
+        G = camera.R_cam_world[0].T @ TURNS[f] @ camera.R_cam_world[0]
+        moved = rigidly_moved(BODY, TRUTH[[f]], G, camera.centre_world() - G @ camera.centre_world())
+        seen.translations[f], seen.rotations[f] = moved.translations[0], moved.rotations[0]
+    by_eye = shot_of(shots["held"].views[:1], [BODY], [seen], KEYS, SETTINGS)
+    found, true = ((turns_since(with_measured_turns(one, [0]), one))[0] for one in (by_eye, shots["held"]))
+    assert found is not None and true is not None
+    assert camera.displacements(true[keys]).max() > 2 and camera.displacements(found[keys]).max() < 1e-6
+    assert camera.displacements(found).max() > 2
 
 
 def test_how_it_turns_is_not_measured_on_a_part_of_a_shot(shots: dict[str, Shot]) -> None:
