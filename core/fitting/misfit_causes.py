@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..evidence.background_shift import BackgroundShift
 from ..evidence.movement_match import key_poses_of
 from ..evidence.rendering.part_geometry import Geometry
-from ..evidence.background_shift import BackgroundShift
 from ..numerics.arrays import Array
 from ..shot.shot import Shot
 from .footage_match import better_shift, shifted_background
