@@ -29,7 +29,7 @@ from ..judgement.settled_solutions import SettledSolutions
 from ..judgement.solution_doubts import MIN_DURATION
 from ..judgement.solution_ranking import RESTING_GAIN, likelihood, settled_further
 from ..limb_evidence.limb_images import ViewRatios
-from ..limb_evidence.limb_likelihood import POINTS_PER_PART
+from ..limb_evidence.limb_likelihood import FINE_POINTS, POINTS_PER_PART
 from .bridges import evenly_led
 from .limb_search import MIN_GAIN_ELSEWHERE, frames_elsewhere, freed_limb, views_of
 from .local_trials import LocalTrial
@@ -38,8 +38,6 @@ from .search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
 LEAST_GAIN = 100.0
 """Smallest gain in log likelihood, in natural units, for which limbs are moved that the images do not contradict, or
 those of one of several performers: solving a limb that is right once more from elsewhere gains up to 60 by chance."""
-PAIR_POINTS = 3
-"""How many times as many points of each part as for a single limb are looked at for a pair."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +136,7 @@ def _proposed(
     around = before
     for chain in group.chains if turn == 0 and alone.shows_depth else ():
         around = evenly_led(alone, i, around, chain)
-    found, points = around, POINTS_PER_PART * (1 if len(group.chains) == 1 else PAIR_POINTS)
+    found, points = around, POINTS_PER_PART if len(group.chains) == 1 else FINE_POINTS
     least = MIN_GAIN_ELSEWHERE if alone.among_others else -np.inf
     for chain in group.chains:
         found = freed_limb(

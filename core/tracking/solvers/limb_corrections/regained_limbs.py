@@ -145,7 +145,7 @@ def suspected_groups(
 
     These are all limbs of a single performer whom the images contradicted, where likelihood singles out the true
     motion. Otherwise they show a sign: that they have faded counts where performers hide one another, and that they are
-    weakly shown counts for a single performer in several views.
+    weakly shown there, too, and for a single performer, in several views.
 
     Parameters
     ----------
@@ -158,11 +158,11 @@ def suspected_groups(
     if contradicted(problem) and likelihood_decides(problem):
         places = [(0, chain) for chain in limbs(problem.bodies[0])]
     else:
-        motions = solution.motions
+        motions, hidden = solution.motions, _hides_limbs(solution)
         places = [(i, chain) for i in problem.sought for chain in bent_limbs(problem, i, motions[i])]
         places += refuted_limbs(problem, support)
-        places += faded_limbs(problem, support) if _hides_limbs(solution) else []
-        places += weakly_shown_limbs(problem, support) if single and problem.shows_depth else []
+        places += faded_limbs(problem, support) if hidden else []
+        places += weakly_shown_limbs(problem, support) if problem.shows_depth and (single or hidden) else []
     groups = [LimbGroup(i, (chain,)) for k, (i, chain) in enumerate(places) if (i, chain) not in places[:k]]
     if single and problem.shows_depth:
         pairs = [pair for pair in limb_pairs(problem.bodies[0]) if all((0, chain) in places for chain in pair)]

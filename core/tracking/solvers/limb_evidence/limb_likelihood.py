@@ -49,6 +49,9 @@ RANDOM_POSES = 60
 """Poses drawn around each key pose, to learn how brightness changes where no limb has its side."""
 POINTS_PER_PART = 16
 """Points of each part whose pixels are looked at."""
+FINE_POINTS = 48
+"""Points of each part where both limbs of a pair are searched for, and to tell how clearly limbs of several performers
+are shown: which of their pixels are looked at must not decide whether they are searched for."""
 _POSE_BATCH, _MIN_FRAME_BATCH = 256, 16  # poses, but at least so many frames
 _MIN_RANGE = 0.05
 
@@ -179,6 +182,7 @@ def _support_by_part(problem: SegmentProblem, motions: Sequence[Motion]) -> Iter
     The limbs of a performer change nothing in the images of the others, which are drawn once for all of them.
     """
     rng = np.random.default_rng(problem.settings.search_seed)
+    points = FINE_POINTS if problem.among_others else POINTS_PER_PART
     views = [view for view in views_with_foreground(problem.views) if view.colours is not None]
     geometry, poses = problem.geometry(), scene_poses(problem.bodies, motions)
     for i in problem.sought if views else ():
@@ -189,7 +193,7 @@ def _support_by_part(problem: SegmentProblem, motions: Sequence[Motion]) -> Iter
         depths = [each.depth_steps() for each in labels]
         for chain in limbs(problem.bodies[i]):
             # How clearly a limb is shown should not depend on whether it points at a camera.
-            limb, parts = limb_of(problem, motions, (i, chain), rng, evenly=True)
+            limb, parts = limb_of(problem, motions, (i, chain), rng, points, evenly=True)
             own = np.isin(np.arange(len(geometry.spans) + 1), parts)  # the last is nobody
             beside = [
                 UncoveredImages(

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -192,3 +194,15 @@ def test_where_frames_follow_each_other_closely_what_shows_limbs_is_measured_on_
     [(sides, shown)] = known
     np.testing.assert_allclose(sides, np.arange(FRAMES) / FPS)
     np.testing.assert_allclose(shown, 2 * sides)
+
+
+@pytest.mark.parametrize(("unhidden", "expected"), [(1.0, []), (0.5, [LimbGroup(1, (ARM,))])])
+def test_a_weakly_shown_limb_of_one_of_several_is_searched_for_where_they_hide_one_another(
+    problem: SegmentProblem, unhidden: float, expected: list[LimbGroup]
+) -> None:
+    """It was lost for most of the segment, so that it has not faded; on single frames it is shown well by chance."""
+    two = replace(problem, bodies=(BODY, BODY), fixed=problem.fixed * 2, before=None, after=None)
+    shown = np.where(np.isin(np.arange(FRAMES), [0, 4, 8, FRAMES - 1]), 60.0, 20.0)
+    support = [(1, ARM, np.zeros(FRAMES), lambda: shown)]
+    solution = SimpleNamespace(motions=(TRUTH, TRUTH), unhidden=np.full((2, FRAMES), unhidden))
+    assert regained_limbs.suspected_groups(two, cast(SegmentSolution, solution), support) == expected
