@@ -178,6 +178,8 @@ def interpolated(motion: Motion, frames: Ints, length: int) -> Motion:
     Every joint turns from a pose to the next at a constant rate, and departs from that by what a cubic spline through
     all of its turns departs from straight lines.
     """
+    if len(frames) == length:
+        return motion
     K, every = len(frames), np.arange(length)
     last, share = places_between(frames, every)
     Q, T = motion.rotations, motion.translations

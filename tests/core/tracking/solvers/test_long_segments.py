@@ -88,10 +88,12 @@ def test_frames_in_doubt_are_those_on_which_a_view_shows_a_limb_where_the_soluti
 
 
 @pytest.mark.parametrize("helped", [True, False])
+@pytest.mark.parametrize("rate", [1, 3])
 def test_around_frames_in_doubt_a_long_segment_is_solved_again_and_counts_as_doubted_no_more(
-    monkeypatch: pytest.MonkeyPatch, helped: bool
+    monkeypatch: pytest.MonkeyPatch, helped: bool, rate: int
 ) -> None:
-    problem, rest = seen(LONG, 3), at_rest(BODY, LONG)
+    """Whether frames follow each other closely or not."""
+    problem, rest = seen(LONG, rate), at_rest(BODY, LONG)
     tried: list[tuple[int, int]] = []
 
     def result(motions: Sequence[Motion]) -> Any:
@@ -101,6 +103,7 @@ def test_around_frames_in_doubt_a_long_segment_is_solved_again_and_counts_as_dou
         fixed, few = thinned.whole.fixed[0].all(axis=1), thinned.problem.fixed[0].all(axis=1)
         assert len(fixed) == len(start[0]) == thinned.frames[-1] + 1
         assert few[:HELD_FRAMES].all() and few[-HELD_FRAMES:].all() and not few[HELD_FRAMES:-HELD_FRAMES].any()
+        assert (thinned.problem is thinned.whole) == (rate == 1)
         assert fixed[: thinned.frames[1] + 1].all() and not fixed[thinned.frames[1] + 1 : -thinned.every - 1].any()
         tried.append((thinned.whole.first, len(fixed)))
         return result([start[0].moved(np.where(fixed[:, None], 0.0, 0.1) * np.ones(BODY.dof))] if helped else start)
@@ -123,10 +126,11 @@ def test_around_frames_in_doubt_a_long_segment_is_solved_again_and_counts_as_dou
     )
     monkeypatch.setattr(ThinnedProblem, "variances", lambda *_: ())
     monkeypatch.setattr(ThinnedProblem, "on_all_frames", lambda _self, few: few)
-    every = (thinned := ThinnedProblem.of(problem, [rest])) is not None and thinned.every
+    thinned = ThinnedProblem.of(problem, [rest])
+    every = 1 if thinned is None else thinned.every
     found = gauss_newton_solver.solved(problem, [rest], Workspace())
     [(first, length)] = tried
-    assert every > 1 and 40 - BESIDE <= first / every < 40 and 5 < length / every < LONG / every
+    assert (every > 1) == (rate > 1) and 40 - BESIDE <= first / every < 40 and 5 < length / every < LONG / every
     moved = np.abs(found.motions[0].difference(rest)).max(axis=1) > 0.01
     assert moved.any() == helped and not moved[:first].any() and not moved[first + length :].any()
     assert not found.doubted
