@@ -32,6 +32,8 @@ _MAX_SHIFTED_KEYS, _MAX_READ = 5, 300
 _MIN_OTHER_MATCH, _MIN_GAIN, _MIN_LACK = 0.97, 3.0, 0.01
 """Footage with another offset, or mirrored, is better if it matches at least this well, and if it lacks, as it
 is, more of a match (1 - match): this many times what the other lacks, and this much more."""
+_MIN_MIRRORED_MATCH = 0.99
+"""How well mirrored footage must match to be named: that of a camera opposite looks mirrored, too."""
 
 
 def footage_matches(shot: Shot, views: Sequence[KeyFrameView], frames: NDArray[np.int64]) -> list[FootageMatch]:
@@ -49,7 +51,7 @@ def footage_matches(shot: Shot, views: Sequence[KeyFrameView], frames: NDArray[n
             other = None
             if 1 - own > _MIN_LACK:
                 other = movement_match(np.ascontiguousarray(pictures[:, :, ::-1]), camera, geometry, poses)
-            mirrored = other is not None and _is_better(1 - other, 1 - own)
+            mirrored = other is not None and other > _MIN_MIRRORED_MATCH and _is_better(1 - other, 1 - own)
             found.append(FootageMatch(view.camera.name, own, mirrored=other if mirrored else None))
     return found
 
