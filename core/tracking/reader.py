@@ -90,13 +90,14 @@ class SegmentReader:
         self, shot: Shot, view: View, album: Album, stopped: Event, *, memory: WorkerMemory | None = None
     ) -> None:
         factor = working_factor(view, shot.settings.working_size)
-        standing = view.camera.standing()
-        self._camera = (standing or view.camera).reduced(factor).rectified()
+        camera = view.camera.at(range(shot.length))  # it may have poses for other frames, too
+        standing = camera.standing()
+        self._camera = (standing or camera).reduced(factor).rectified()
         self._delay = footage_delay(view)
         threads = max(1, worker_count(shot.settings.threads) // len(shot.views))  # the views are read side by side
         frames = range(shot.frames[0], shot.frames[1] + 1)
         self._damaged = frames_damaged(view, frames)
-        turns = None if standing is None else dict(zip(frames, view.camera.turns_to(standing), strict=True))
+        turns = None if standing is None else dict(zip(frames, camera.turns_to(standing), strict=True))
         decoded = _frames(view, frames, factor, album, memory=memory, threads=threads, turns=turns)
         self._stream = sound_pictures(decoded, self._damaged)
         self._stopped = stopped

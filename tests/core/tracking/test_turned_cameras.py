@@ -98,7 +98,10 @@ def test_a_camera_whose_turns_are_known_is_tracked_like_one_that_was_found_to_tu
     shots: dict[str, Shot], tracked: dict[str, TrackResult]
 ) -> None:
     result = tracked["held"]
-    again = track(unmeasured(with_turns(shots["held"], result.turns)))
+    known = unmeasured(with_turns(shots["held"], result.turns))
+    front, side = known.views
+    longer = front.camera.at(range(len(FRAMES) + 3))  # with poses of later frames, too
+    again = track(replace(known, views=(replace(front, camera=longer), side)))
     assert again.turns == (None, None)
     assert np.array_equal(result.motions[0].rotations, again.motions[0].rotations)
 
