@@ -262,13 +262,19 @@ def test_an_animal_on_four_legs_is_no_human_where_places_decide():
     assert roles_by_place(RestSkeleton(names, tuple(parents), np.array(heads), tails)) == {}
 
 
-def test_a_weapon_in_one_hand_and_a_step_forward_leave_a_skeleton_symmetrical():
-    rest, roles = nameless()
+def stepping(rest, roles, turns):
+    """Heads and tails of a skeleton whose left and right legs are turned forward by angles, radians."""
     heads, tails = rest.heads.copy(), rest.tails.copy()
-    for side, turn in (("L", -0.2), ("R", 0.15)):
+    for side, turn in zip("LR", turns, strict=True):
         bones = [rest.names.index(roles[f"{role}.{side}"][0]) for role in ("thigh", "shin", "foot")]
         R, hip = rotations.exp(np.array([turn, 0.0, 0.0])), heads[bones[0]].copy()
         heads[bones], tails[bones] = hip + (heads[bones] - hip) @ R.T, hip + (tails[bones] - hip) @ R.T
+    return heads, tails
+
+
+def test_a_weapon_in_one_hand_and_a_step_forward_leave_a_skeleton_symmetrical():
+    rest, roles = nameless()
+    heads, tails = stepping(rest, roles, (-0.2, 0.15))
     hand = rest.names.index(roles["hand.R"][0])
     blade = heads[hand] + np.array([[-0.1, -0.2, 0.0], [-0.3, -1.0, 0.0]])
     armed = RestSkeleton(
@@ -284,11 +290,7 @@ def test_a_weapon_in_one_hand_and_a_step_forward_leave_a_skeleton_symmetrical():
 def test_a_wide_step_does_not_turn_a_skeleton_around_where_places_decide():
     """The foot behind stands on its toes: it does not show that the skeleton faces backward."""
     rest, roles = nameless()
-    heads, tails = rest.heads.copy(), rest.tails.copy()
-    for side, turn in (("L", -0.5), ("R", 0.45)):
-        bones = [rest.names.index(roles[f"{role}.{side}"][0]) for role in ("thigh", "shin", "foot")]
-        R, hip = rotations.exp(np.array([turn, 0.0, 0.0])), heads[bones[0]].copy()
-        heads[bones], tails[bones] = hip + (heads[bones] - hip) @ R.T, hip + (tails[bones] - hip) @ R.T
+    heads, tails = stepping(rest, roles, (-0.5, 0.45))
     found = roles_by_place(replace(rest, heads=heads, tails=tails))
     assert {role: found[role] for role in roles} == roles
 
