@@ -40,7 +40,7 @@ from .limb_corrections.limb_exchange import with_crossed_limbs_exchanged
 from .limb_corrections.limb_search import pictures_find_limbs
 from .limb_corrections.local_trials import HELD_FRAMES, is_long, stretch_of, stretches_around
 from .limb_corrections.regained_limbs import with_limbs_regained
-from .multi_start import best_of_starts, first_solution
+from .multi_start import best_of_starts, first_solution, with_sides_exchanged
 from .thinned_frames import ThinnedProblem
 
 
@@ -70,7 +70,9 @@ def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspac
 def _pursued(
     thinned: ThinnedProblem, start: Sequence[Motion], workspace: Workspace, before: SegmentSolution | None = None
 ) -> SegmentSolution:
-    """Solve on all frames what the images contradict on some of them and, if they still do, search on these.
+    """Solve on all frames what the images contradict on some of them and, if they still do, search on these. If they do
+    not, left and right limbs of a single performer are exchanged in several views where that is better: each may have
+    taken the other's pictures for its own.
 
     `start` has F poses per performer; `before` is a solution whose iterations and time count as well.
     """
@@ -80,7 +82,9 @@ def _pursued(
     whole = first_solution(problem, start, workspace.part(0.0, 0.1))
     whole = whole if before is None else _after(before, whole)
     if not doubted_performers(problem, start, whole):
-        return _solved(problem, start, workspace.part(0.1, 1.0), first=whole)
+        if problem.shows_depth and not problem.among_others:
+            whole = with_sides_exchanged(problem, whole, workspace.part(0.1, 0.2))
+        return _solved(problem, start, workspace.part(0.2, 1.0), first=whole)
     first = _after(whole, descend(few, thinned.of_motions(whole.motions), inner.silent(), SETTLED))
     return thinned.on_all_frames(_solved(few, thinned.of_motions(start), inner, first=first))
 

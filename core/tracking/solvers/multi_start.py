@@ -131,12 +131,19 @@ def _best_alone(
     that is better. Parameters and result as in `best_of_own_starts`.
     """
     best = best_of_own_starts(problem, start, first, workspace.part(0.0, 0.9))
-    if not best.doubted or problem.keypoints:  # keypoints show the limbs
+    return with_sides_exchanged(problem, best, workspace.part(0.9, 1.0)) if best.doubted else best
+
+
+def with_sides_exchanged(problem: SegmentProblem, best: SegmentSolution, workspace: Workspace) -> SegmentSolution:
+    """Exchange left and right limbs of a single performer where that is better, unless keypoints show them; the time
+    that it takes is that of the initial solution.
+    """
+    if problem.keypoints:
         return best
-    seconds, doubted = Seconds(best.seconds), best.doubted
+    seconds = Seconds(best.seconds)
     with seconds.measure("initial solution"):
-        best = with_limbs_exchanged(problem, best, workspace.part(0.9, 1.0))
-    return replace(best, seconds=seconds, doubted=doubted)
+        found = with_limbs_exchanged(problem, best, workspace)
+    return replace(found, seconds=seconds, doubted=best.doubted)
 
 
 def best_of_own_starts(

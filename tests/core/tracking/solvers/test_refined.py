@@ -142,13 +142,18 @@ def test_all_frames_are_tried_where_the_images_contradict_what_few_of_them_lead_
         "doubted_performers",
         lambda problem, *_: [0] if (doubted_on_all if problem.length == LONG else doubted_on_few) else [],
     )
+    exchanged: list[Any] = []
     monkeypatch.setattr(gauss_newton_solver, "best_of_starts", continued_from)
     monkeypatch.setattr(gauss_newton_solver, "continued", lambda _, after: after)
     monkeypatch.setattr(gauss_newton_solver, "replace", lambda found, **_: found)
+    monkeypatch.setattr(
+        gauss_newton_solver, "with_sides_exchanged", lambda _problem, found, _: exchanged.append(found) or found
+    )
     monkeypatch.setattr(ThinnedProblem, "on_all_frames", lambda _self, few: few)
     gauss_newton_solver.solved(long_problem(), [at_rest(BODY, LONG)], Workspace())
     assert made == descents
     assert begun == [(solved_on_all, len(descents))]
+    assert bool(exchanged) == solved_on_all  # nothing contradicts limbs that have each other's pictures
 
 
 @pytest.mark.parametrize(
