@@ -23,6 +23,8 @@ Work = Callable[["Progress"], Any]
 """A function of a module, or a `functools.partial` of one; it and its result are pickled between the processes."""
 Show = Callable[[Any, Any], None]
 """show(key, value) hands out an interim result, which replaces an earlier one with the same key."""
+_OPEN_FILES = Path("/proc/self/fd")
+"""On Linux, a folder with an entry for every open file of this process, named by its number."""
 
 
 class WorkerProcess:
@@ -160,7 +162,7 @@ def can_be_copied() -> bool:
 
     Elsewhere than on Linux system libraries do not allow it, and neither does Blender, wherever it runs.
     """
-    return sys.platform == "linux" and "bpy" not in sys.modules
+    return sys.platform == "linux" and "bpy" not in sys.modules and _OPEN_FILES.is_dir()
 
 
 class _CopiedProcess:
@@ -201,7 +203,8 @@ def _work_as_copy(tasks: int, results: int) -> None:
     """Become a worker that reads tasks from one pipe and writes results to another."""
     os.dup2(tasks, 0)
     os.dup2(results, 1)
-    os.closerange(3, os.sysconf("SC_OPEN_MAX"))  # other workers end when their pipes are closed everywhere
+    last = max(int(file.name) for file in _OPEN_FILES.iterdir())
+    os.closerange(3, last + 1)  # other workers end when their pipes are closed everywhere
     worker.main()
     os._exit(0)
 
