@@ -20,8 +20,9 @@ _EXPOSE = (
 )
 _MIRROR = "mirror its footage back, as with: ffmpeg -i FOOTAGE -vf hflip -crf 14 CONVERTED.mp4"
 _STABILISE = (
-    "stabilise its footage, as with: ffmpeg -i FOOTAGE -vf vidstabdetect=tripod=1 -f null - && ffmpeg -i FOOTAGE -vf "
-    "vidstabtransform=tripod=1:optzoom=0 -crf 14 CONVERTED.mp4; or solve the camera's motion, as in Blender"
+    "its pictures do not tell how it turned, or stabilise = false; stabilise its footage, as with: ffmpeg -i FOOTAGE "
+    "-vf vidstabdetect=tripod=1 -f null - && ffmpeg -i FOOTAGE -vf vidstabtransform=tripod=1:optzoom=0 -crf 14 "
+    "CONVERTED.mp4; or solve the camera's motion, as in Blender"
 )
 
 
