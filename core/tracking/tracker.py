@@ -9,7 +9,7 @@ The next segment is read while others are solved, and a segment is refined once 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -20,6 +20,7 @@ from typing import Any
 from ..body.motion import Motion
 from ..body.unknown_parts import without_hidden_solids
 from ..errors import ShotError
+from ..evidence.view_frames import ViewFrames
 from ..formats.keypoint_files import read_shot_keypoints
 from ..keypoints.keypoint_delay import frames_off_by_view
 from ..keypoints.observations import ShotKeypoints, fit_keypoints
@@ -46,14 +47,14 @@ from .footage_gaps import (
     without_false_delays,
 )
 from .journal import FinishedSegment, KeptSegments
-from .picture_store import fits_in_memory, picture_folder
+from .picture_store import StoredView, fits_in_memory, picture_folder
 from .reader import is_kept, kept_rate
 from .run_context import PLAIN_RUN, RunContext, SolvedShot
 from .schedule import Observer, ScheduleCallbacks, SegmentSchedule
 from .segment_footage import SegmentFootage
 from .segment_stages import Around, EarlierTrack, TrackState
 from .segment_tasks import solve_task
-from .segments import segments
+from .segments import Segment, segments
 from .shot_result import result_of_segments
 from .shot_scale import ShotScale
 from .solvers.protocol import Solver
@@ -233,23 +234,12 @@ def _tracked_once(
             callbacks=ScheduleCallbacks(progress, options.observe, run.show),
             earlier=_carried(begin, shot, options.earlier),
         )
-        first = run.first_pictures
-        wanted = {*options.pictures, *(() if first is None else first.frames)}
+        first_frames = () if run.first_pictures is None else run.first_pictures.frames
+        wanted = {*options.pictures, *first_frames}
         keypoints = [own.factor.keypoints for own in observed.performers]
         footage = SegmentFootage(shot, solver, wanted, folder=folder, memory=run.memory, keypoints=keypoints)
         started = time.perf_counter()
-        checked: set[int] = set()
-        for views in footage.by_segment(begin.motions, finished.known, seconds):
-            if first is not None and all(first.frames <= own.keys() for own in footage.pictures):
-                first.seen([footage.pictures[v] for v in options.views_as_given])
-                first = None
-            if moved := footage.moved - checked:
-                with seconds.measure("camera motion"):
-                    turned = with_measured_turns(shot, moved)
-                if turned is not shot:
-                    left = replace(run, first_pictures=first, footage_checked=True)
-                    raise _TurningCamerasError(turned, replace(options, run=left), seconds)
-                checked |= moved
+        for views in _watched(shot, footage, begin.motions, finished.known, options=options, seconds=seconds):
             schedule.add(views)
         turns = turns_since(shot, given)
         solved = partial(
@@ -275,6 +265,37 @@ def _tracked_once(
         rates=tuple(rate.result() for rate in rates),
     )
     return result, done
+
+
+def _watched(
+    shot: Shot,
+    footage: SegmentFootage,
+    start: Sequence[Motion],
+    known: Container[Segment],
+    *,
+    options: _TrackOptions,
+    seconds: Seconds,
+) -> Iterator[tuple[ViewFrames | StoredView, ...]]:
+    """Generate the views of every segment as they are read; hand out the first pictures, and see whether cameras turn.
+
+    Raises
+    ------
+    _TurningCamerasError
+        They do.
+    """
+    first, checked = options.run.first_pictures, set[int]()
+    for views in footage.by_segment(start, known, seconds):
+        if first is not None and all(first.frames <= own.keys() for own in footage.pictures):
+            first.seen([footage.pictures[v] for v in options.views_as_given])
+            first = None
+        if moved := footage.moved - checked:
+            with seconds.measure("camera motion"):
+                turned = with_measured_turns(shot, moved)
+            if turned is not shot:
+                left = replace(options.run, first_pictures=first, footage_checked=True)
+                raise _TurningCamerasError(turned, replace(options, run=left), seconds)
+            checked |= moved
+        yield views
 
 
 def _hand_out_solved(
