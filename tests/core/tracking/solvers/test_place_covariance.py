@@ -46,16 +46,30 @@ def test_steps_of_a_point_have_the_covariance_of_the_normal_equations() -> None:
         assert np.allclose(covariance, expected.reshape(len(steps), -1), atol=1e-12)
 
 
-def test_in_a_long_segment_only_frames_nearby_are_solved_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_in_a_long_segment_frames_far_ahead_count_as_known(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(3)
     factor = BandedFactor(*system(rng))
     jacobian, places = rng.normal(size=(FRAMES, 3, OWN.stop - OWN.start)), rng.normal(size=(FRAMES, 3))
     exact = PlaceCovariance(factor, OWN, jacobian, places)
-    monkeypatch.setattr(place_covariance, "LONG", FRAMES - 1)
+    monkeypatch.setattr(place_covariance, "LONG", 10)
     monkeypatch.setattr(place_covariance, "REACH", 8)
     found = PlaceCovariance(factor, OWN, jacobian, places)
-    for first, last in ((24, 26), (2, 36)):
+    for first, last in ((4, 8), (24, 26), (2, 36)):
         (steps, covariance), (true_steps, true) = (one.steps(first, last) for one in (found, exact))
         assert np.array_equal(steps, true_steps)
         assert np.allclose(covariance, true, atol=1e-3 * np.diag(true).max())
-    assert all(len(column) <= place_covariance.FRAMES_AT_ONCE + 2 * 8 for _, column in found.columns.values())
+    ends = {known: begin + len(column) for (known, _), (begin, column) in found.columns.items()}
+    assert ends == {20: 20, 40: 40}
+
+
+def test_a_point_may_stand_for_longer_than_frames_are_looked_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Places far apart are hardly less alike than neighbours where they walk at random: all must be of one system."""
+    monkeypatch.setattr(place_covariance, "LONG", 10)
+    monkeypatch.setattr(place_covariance, "REACH", 4)
+    blocks = BandedBlocks.zeros(FRAMES, 3)
+    blocks.diagonal[:], blocks.first[:] = 2.001 * np.eye(3), -np.eye(3)
+    factor = BandedFactor(blocks, np.zeros((FRAMES, 3), bool))
+    jacobian = np.tile(np.eye(3), (FRAMES, 1, 1))
+    _, covariance = PlaceCovariance(factor, slice(0, 3), jacobian, np.zeros((FRAMES, 3))).steps(3, 30)
+    assert np.allclose(covariance, covariance.T, atol=1e-12)
+    assert np.linalg.eigvalsh(covariance).min() > 0.1
