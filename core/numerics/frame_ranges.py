@@ -23,6 +23,14 @@ def runs(flags: Bools) -> list[FrameRange]:
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
+def lasting(flags: Bools, least: int) -> Bools:
+    """Return the flags (F,) that are true on `least` or more frames in a row."""
+    found = flags.copy()
+    for first, last in runs(flags):
+        found[first : last + 1] = last + 1 - first >= least
+    return found
+
+
 def adjacent_joined(ranges: Iterable[FrameRange]) -> list[FrameRange]:
     """Sort ranges of frames, and join those between which no frame is left."""
     return _joined(ranges, 1)

@@ -1,7 +1,7 @@
 """Runs of flags, and ranges of frames that are joined where they meet."""
 
 import numpy as np
-from kfmocap.core.numerics.frame_ranges import adjacent_joined, runs, segments_joined
+from kfmocap.core.numerics.frame_ranges import adjacent_joined, lasting, runs, segments_joined
 
 
 def test_runs_are_first_and_last_frames():
@@ -11,6 +11,13 @@ def test_runs_are_first_and_last_frames():
 def test_runs_may_touch_both_ends_or_be_none():
     assert runs(np.ones(3, bool)) == [(0, 2)]
     assert runs(np.zeros(3, bool)) == runs(np.zeros(0, bool)) == []
+
+
+def test_flags_that_last_are_kept_and_shorter_runs_are_not():
+    flags = np.array([1, 1, 0, 1, 0, 1, 1, 1], dtype=bool)
+    assert lasting(flags, 2).tolist() == [True, True, False, False, False, True, True, True]
+    assert lasting(flags, 3).tolist() == [False] * 5 + [True] * 3
+    assert not lasting(flags, 4).any()
 
 
 def test_adjacent_ranges_are_joined_if_no_frame_is_left_between_them():

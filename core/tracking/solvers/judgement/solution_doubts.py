@@ -12,7 +12,7 @@ from ....evidence.misfit import Misfit, beyond_known, measured_misfit, most_expl
 from ....evidence.occlusion import LONG_GAP
 from ....evidence.view_frames import views_with_foreground
 from ....numerics.arrays import Array, Bools, Ints
-from ....numerics.frame_ranges import FrameRange, runs
+from ....numerics.frame_ranges import FrameRange, lasting, runs
 from ..equations.measurement import hidden_parts, keypoint_agreement, poses_by_delay, view_instants
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..limb_evidence.limb_images import shown_areas
@@ -181,7 +181,7 @@ def _frames_on_background(problem: SegmentProblem, solution: SegmentSolution) ->
             parts = [spans[i].start + part for part in chain]
             size = shown_areas(geometry, parts)
             astray = beyond_known(unlike[..., parts] @ (size / size.sum()), [keys] * len(unlike)) > MISPLACED_SHARE
-            found |= _lasting(astray.any(axis=0), long)
+            found |= lasting(astray.any(axis=0), long)
     return found
 
 
@@ -229,15 +229,7 @@ def _frames_beside_limb(problem: SegmentProblem, performer: int, areas: Array) -
     geometry, begin = problem.geometry(), problem.spans()[performer].start
     chains = [[begin + part for part in chain] for chain in limbs(problem.bodies[performer])]
     smallest = min((shown_areas(geometry, parts).sum() for parts in chains), default=np.inf)
-    return np.any([_lasting(row, LONG_GAP) for row in areas > LIMB_SHARE * smallest], axis=0)
-
-
-def _lasting(flags: Bools, least: int) -> Bools:
-    """Return the flags (F,) that are part of `least` or more in a row."""
-    lasting = flags.copy()
-    for first, last in runs(flags):
-        lasting[first : last + 1] = last + 1 - first >= least
-    return lasting
+    return np.any([lasting(row, LONG_GAP) for row in areas > LIMB_SHARE * smallest], axis=0)
 
 
 def limb_hidden_for_long(problem: SegmentProblem, solution: SegmentSolution) -> bool:

@@ -26,7 +26,7 @@ from ....evidence.rendering.part_geometry import Geometry
 from ....evidence.view_frames import views_with_foreground
 from ....numerics import rotations
 from ....numerics.arrays import Array, Bools
-from ....numerics.frame_ranges import runs
+from ....numerics.frame_ranges import lasting
 from ....numerics.likeliest_path import likeliest_path, place_probabilities
 from ....numerics.repeatable import on_grid
 from ..descent_stages import OUTLINE_REACH
@@ -173,9 +173,7 @@ def frames_elsewhere(body: Body, chain: Sequence[int], before: Motion, after: Mo
     joints = [part_poses(body, motion)[1][:, chain] for motion in (before, after)]
     a, b = (each - each[:, :1] for each in joints)
     away = np.linalg.norm(b - a, axis=-1).max(axis=1) > OUTLINE_REACH
-    for first, last in runs(away):
-        away[first : last + 1] = last + 1 - first >= frames
-    return np.asarray(away)
+    return lasting(away, frames)
 
 
 def _gain_elsewhere(
@@ -259,7 +257,7 @@ def _with_limb_found(
 def _is_hardly_seen(limb: LimbModel) -> bool:
     """Whether a limb is hardly seen where it is (`MIN_SEEN_SHARE`) on two or more frames in a row."""
     unsure = limb.held[:, : len(limb.sides)].mean(axis=1) < MIN_SEEN_SHARE
-    return any(last > first for first, last in runs(unsure))
+    return bool(lasting(unsure, 2).any())
 
 
 def _seen_shares(

@@ -15,7 +15,7 @@ from ....body import part_poses
 from ....body.kinematics import tip_positions
 from ....body.limbs import limbs, without_end
 from ....body.motion import Motion, with_motion
-from ....numerics.frame_ranges import runs
+from ....numerics.frame_ranges import lasting
 from ..descent_stages import SETTLED
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
@@ -51,7 +51,7 @@ def strayed_limbs(problem: SegmentProblem, performer: int, first_pass: Motion, f
     strayed = []
     for chain, joints in chains:
         far = away[:, joints].max(axis=1) > max(STRAYED_RATIO * usual, MIN_DISTANCE)
-        if any(last + 1 - first >= long for first, last in runs(far)):
+        if lasting(far, long).any():
             strayed.append(chain)
     return strayed
 
