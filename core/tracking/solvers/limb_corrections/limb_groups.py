@@ -70,8 +70,9 @@ def with_limbs_found(
     """Search for a group of limbs round after round, and return the likeliest solution, which may be the given one.
 
     Only that of one performer changes. The search ends with a round that finds the limbs where they were, even around
-    an even path far from there, or after `MAX_VAIN_ROUNDS` in a row that find nothing likelier. Limbs that end where
-    they were stay there, however much likelier the rest has become, unless the images contradict it: that is chance.
+    an even path far from there, or after `MAX_VAIN_ROUNDS` in a row that find nothing likelier; of one of several
+    performers, after one. Limbs that end where they were stay there, however much likelier the rest has become, unless
+    the images contradict it: that is chance.
 
     Parameters
     ----------
@@ -94,7 +95,7 @@ def with_limbs_found(
             best = settled.solution
         there = _likelier(alone, settled.noise, best, group, found, workspace=workspace.silent())
         best, vain = (best, vain + 1) if there is None else (there, 0)
-        if vain == MAX_VAIN_ROUNDS:
+        if vain == (1 if problem.among_others else MAX_VAIN_ROUNDS):
             break
     if settled is None or best is settled.solution:
         return solution

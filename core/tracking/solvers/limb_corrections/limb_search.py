@@ -32,6 +32,7 @@ from ....numerics.repeatable import on_grid
 from ..descent_stages import OUTLINE_REACH
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem
+from ..judgement.solution_doubts import MIN_DURATION
 from ..limb_evidence.limb_images import EVEN_LEVEL, UncoveredImages, ViewRatios
 from ..limb_evidence.limb_likelihood import (
     MIN_GAIN,
@@ -140,7 +141,8 @@ def freed_limb(
     ratios : sequence of ViewRatios, optional
         What the views show of the performer, if it is known (`views_of`).
     least_gain : float
-        The limb stays where it is if the images gain less (`_gain_elsewhere`), natural units.
+        The limb stays where it is if the images gain less (`_gain_elsewhere`), natural units, or if other random poses
+        lead elsewhere (`_agree`). By default neither is asked.
     before : Motion, optional
         F poses of the performer in relation to which they gain, if the search is around others.
 
@@ -240,18 +242,37 @@ def _with_limb_found(
     path, gain = _likeliest(limb, uncovered, problem.fps, rng)
     if gain < MIN_GAIN:
         return motion
-    Q = motion.rotations.copy()
-    Q[:, chain] = np.where(limb.fixed.all(axis=-1)[..., None, None], Q[:, chain], rotations.exp(path))
-    found = Motion(motion.translations, Q)
+    found = _with_path(limb, motion, path)
     if least_gain > -np.inf:
         before = motion if before is None else before
         there = scene_poses(problem.bodies, with_motion(motions, i, before))
         seen = np.sum([view.labels(geometry, there).share[:, parts].sum(axis=1) for view in ratios], axis=0)
         if _gain_elsewhere(limb, uncovered, seen, before, found) < least_gain:
             return motion
+        again = _with_path(limb, motion, _likeliest(limb, uncovered, problem.fps, rng)[0])
+        if _gain_elsewhere(limb, uncovered, seen, before, again) < least_gain:
+            return motion
+        if not _agree(limb, before, found, again, problem.fps):
+            return motion
     if limb.shoulder is None:
         return found
     return limb.shoulder.raising(limb.body.R_parent_rest[chain[0]], limb.parent[0], found)
+
+
+def _with_path(limb: LimbModel, motion: Motion, path: Array) -> Motion:
+    """Return a motion of F poses with the limb's rotation vectors (F, n, 3), but for parts that are held."""
+    Q = motion.rotations.copy()
+    Q[:, limb.chain] = np.where(limb.fixed.all(axis=-1)[..., None, None], Q[:, limb.chain], rotations.exp(path))
+    return Motion(motion.translations, Q)
+
+
+def _agree(limb: LimbModel, before: Motion, found: Motion, again: Motion, fps: float) -> bool:
+    """Whether two searches found a limb elsewhere than before, and in the same place, as near as a descent reaches, for
+    `MIN_DURATION`.
+    """
+    pairs = ((before, found), (before, again), (found, again))
+    away, away_again, apart = (frames_elsewhere(limb.body, limb.chain, *pair) for pair in pairs)
+    return bool(lasting(away & away_again & ~apart, max(2, round(MIN_DURATION * fps))).any())
 
 
 def _is_hardly_seen(limb: LimbModel) -> bool:

@@ -114,14 +114,16 @@ def test_a_limb_is_searched_for_around_where_it_was_found_until_that_is_in_vain(
     assert world.tried == [(9, 0), (18, 0), *[(27, 0)] * MAX_VAIN_ROUNDS]
 
 
-@pytest.mark.parametrize("performers", [1, 2])
+@pytest.mark.parametrize(("performers", "rounds"), [(1, MAX_VAIN_ROUNDS), (2, 1)])
 @pytest.mark.parametrize("found", [True, False])
-def test_the_search_ends_after_rounds_in_vain(monkeypatch: pytest.MonkeyPatch, performers: int, found: bool) -> None:
-    """Limbs that are found where they were cost no solving."""
+def test_the_search_ends_after_rounds_in_vain(
+    monkeypatch: pytest.MonkeyPatch, performers: int, rounds: int, found: bool
+) -> None:
+    """Limbs that are found where they were cost no solving; of one of several performers, one round is enough."""
     world = World({(0, 0): 0.0, (9, 0): -MUCH}, PAIR[:1] if found else ())
     solution = world.after(monkeypatch, seen_by(2, performers=performers), ONE)
     assert angles(solution.motions[0]) == (0, 0)
-    assert world.tried == [(9, 0)] * MAX_VAIN_ROUNDS * found and world.settled == found
+    assert world.tried == [(9, 0)] * rounds * found and world.settled == found
 
 
 def test_the_search_ends_after_some_rounds_though_each_gains(monkeypatch: pytest.MonkeyPatch) -> None:

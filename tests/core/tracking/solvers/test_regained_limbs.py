@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,6 +15,7 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
+from kfmocap.core.numerics.arrays import Array
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.tracking.solvers import gauss_newton
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
@@ -23,10 +24,10 @@ from kfmocap.core.tracking.solvers.gauss_newton_solver import refined
 from kfmocap.core.tracking.solvers.judgement.limb_signs import bend_of
 from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSolutions
 from kfmocap.core.tracking.solvers.judgement.solution_ranking import RESTING_GAIN
-from kfmocap.core.tracking.solvers.limb_corrections import limb_groups, regained_limbs
+from kfmocap.core.tracking.solvers.limb_corrections import limb_groups, limb_search, regained_limbs
 from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import LimbGroup, with_limbs_found
 from kfmocap.core.tracking.solvers.limb_corrections.limb_search import MIN_GAIN_ELSEWHERE, freed_limb
-from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import SupportOfLimb
+from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import LimbModel, SupportOfLimb
 from kfmocap.core.tracking.solvers.thinned_frames import ThinnedProblem
 from swinging_arm import ARM, BODY, FPS, FRAMES, TRUTH, WHOLE, astray
 from synthetic import ends_held, look_at, poses_of, silhouette
@@ -137,6 +138,27 @@ def test_a_limb_is_moved_only_if_pictures_gain_by_it_on_frames_on_which_it_was_e
     assert error_mm(freed_limb(problem, [lost], (0, ARM), 0, least_gain=MIN_GAIN_ELSEWHERE)) < 0.5 * error_mm(lost)
     assert freed_limb(problem, [lost], (0, ARM), 0, least_gain=np.inf) is lost
     assert freed_limb(problem, [TRUTH], (0, ARM), 0, least_gain=MIN_GAIN_ELSEWHERE) is TRUTH
+
+
+def test_a_limb_of_one_of_several_is_moved_only_if_other_random_poses_lead_to_the_same_place(
+    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where little shows a limb, each search finds it elsewhere."""
+    right, draws = limb_search._likeliest, []
+
+    def by_turns(limb: LimbModel, *given: Any) -> tuple[Array, float]:
+        path, gain = right(limb, *given)
+        draws.append(gain)
+        return (path if len(draws) % 2 else path + aside[:, None]), gain
+
+    lost, aside = astray(), np.zeros((FRAMES, 3))
+    monkeypatch.setattr(limb_search, "_likeliest", by_turns)
+    assert error_mm(freed_limb(problem, [lost], (0, ARM), 0, least_gain=MIN_GAIN_ELSEWHERE)) < 0.5 * error_mm(lost)
+    aside[1:-1, 2] = 0.8
+    assert freed_limb(problem, [lost], (0, ARM), 0, least_gain=MIN_GAIN_ELSEWHERE) is lost
+    assert len(draws) == 4
+    assert error_mm(freed_limb(problem, [lost], (0, ARM), 0)) < 0.5 * error_mm(lost)  # of a single performer
+    assert len(draws) == 5
 
 
 @pytest.mark.parametrize("views", [1, 2])
