@@ -23,9 +23,11 @@ from ..core.runtime.threads import worker_count
 from ..core.runtime.timing import Seconds
 from ..core.runtime.worker_memory import WorkerMemory
 from ..core.runtime.worker_process import can_be_copied
-from ..core.shot.settings import check_threads
+from ..core.shot.settings import Settings, check_threads
 from ..core.shot.shot import Shot
 from ..core.shot.shot_spec import ShotSpec
+from ..core.tracking.damaged_footage import decoder_messages
+from ..core.tracking.frames_ahead import remember_ahead
 from ..core.tracking.journal import journal_beside
 from ..core.tracking.prepare import prepare_shot
 from ..core.tracking.reader import kept_rate
@@ -34,7 +36,7 @@ from ..core.tracking.tracker import WORKER_MODULES, workers_for
 from .printed import print_outcome
 from .progress_bar import progress_bar
 from .services import BlenderWriter, Services
-from .tracked_files import ResultFiles, check_shot_kept, run_track
+from .tracked_files import ResultFiles, check_shot_kept, frames_ahead, run_track
 
 REFINING = 0.2
 """Fraction of the work that refining the cameras takes, if it is requested."""
@@ -49,11 +51,11 @@ def run(args: argparse.Namespace, services: Services) -> int:
         if args.shot is not None:
             spec = _spec(args)
             check_shot_kept(spec, args.out)
-            if worker_count(spec.settings.threads if args.threads is None else args.threads) == 1:
+            if worker_count(spec.settings.threads) == 1:
                 memory.close()
             # Other processes load their modules while this one fits the key poses, unless they are copies of this one.
             modules = *WORKER_MODULES, camera_fits.__module__, "scipy.interpolate"  # of SciPy's splines of rotations
-            memory.start_workers(workers_for(spec, args.threads), modules, copied=can_be_copied())
+            memory.start_workers(workers_for(spec), modules, copied=can_be_copied())
         with nullcontext() if args.no_blender else services.blender_beside() as blender:
             return _run(args, services, memory, blender)
 
@@ -67,7 +69,7 @@ def _run(
     """Run the command, with processes in `memory` and with or without Blender."""
     seconds = Seconds()
     with seconds.measure("shot"):
-        shot = _shot(args, services)
+        shot = _shot(args, services, memory=None if args.refine else memory)
     if blender is not None:
         blender.check()
     for view in shot.views:
@@ -99,29 +101,48 @@ def _run(
     return 0
 
 
-def _shot(args: argparse.Namespace, services: Services, cameras: Mapping[str, Camera] | None = None) -> Shot:
-    """Read the shot of the file or, inside Blender, of the open scene; `cameras` are used instead of the file's."""
+def _shot(
+    args: argparse.Namespace,
+    services: Services,
+    cameras: Mapping[str, Camera] | None = None,
+    *,
+    memory: WorkerMemory | None = None,
+) -> Shot:
+    """Read the shot of the file or, inside Blender, of the open scene; `cameras` are used instead of the file's. The
+    tracker finds the first frames decoded in `memory`.
+    """
     if args.shot is not None:
-        shot = prepare_shot(_spec(args), cameras)
-    elif services.in_blender:
-        shot = selected(
-            services.blender().read_shot(),
-            _views(args),
-            _keyframes(args.keyframes),
-            args.solver,
-            offsets=_offsets(args.offset),
-        )
-    else:
+        spec = _spec(args)
+        return prepare_shot(spec, cameras) if memory is None else _shot_with_frames(spec, memory)
+    if not services.in_blender:
         raise ShotError("no shot file is named", where="kfmocap track", todo="kfmocap track SHOT.toml --out DIR")
-    given = {name: value for name in ("threads", "stabilise") if (value := getattr(args, name)) is not None}
-    return replace(shot, settings=replace(shot.settings, **given))
+    offsets = _offsets(args.offset)
+    shot = selected(
+        services.blender().read_shot(), _views(args), _keyframes(args.keyframes), args.solver, offsets=offsets
+    )
+    return replace(shot, settings=_with_choices(shot.settings, args))
+
+
+def _shot_with_frames(spec: ShotSpec, memory: WorkerMemory) -> Shot:
+    """Prepare a shot, and decode its first frames meanwhile."""
+    if (ahead := frames_ahead(spec)) is None:
+        return prepare_shot(spec)
+    remember_ahead(memory, ahead)
+    with decoder_messages(memory):
+        return prepare_shot(spec, ahead=ahead)
 
 
 def _spec(args: argparse.Namespace) -> ShotSpec:
     """Read the shot file, and apply the choices of the command line."""
-    return read_shot_spec(args.shot).selected(
+    spec = read_shot_spec(args.shot).selected(
         views=_views(args), keyframes=_keyframes(args.keyframes), solver=args.solver, offsets=_offsets(args.offset)
     )
+    return replace(spec, settings=_with_choices(spec.settings, args))
+
+
+def _with_choices(settings: Settings, args: argparse.Namespace) -> Settings:
+    given = {name: value for name in ("threads", "stabilise") if (value := getattr(args, name)) is not None}
+    return replace(settings, **given)
 
 
 def _views(args: argparse.Namespace) -> list[str] | None:

@@ -16,6 +16,7 @@ from ..core.body.unknown_parts import known_landmarks
 from ..core.errors import InputError
 from ..core.fitting.camera_refinement import Refinement
 from ..core.fitting.early_check import early_frames, early_misfits
+from ..core.fitting.flicker import FLICKER_FRAMES
 from ..core.fitting.shot_cameras import camera_fits, checked_frames, for_camera_fits
 from ..core.fitting.view_findings import ViewFinding
 from ..core.formats.calibrations.toml_cameras import save_cameras
@@ -23,18 +24,19 @@ from ..core.formats.keypoint_files import read_shot_keypoints
 from ..core.formats.trc import write_trc
 from ..core.keypoints.hand_points import tracked_hands
 from ..core.numerics.arrays import Array
-from ..core.review.overlay import contact_sheet, sheet_frames, write_contact_sheet
+from ..core.review.overlay import contact_sheet, keys_and_middles, sheet_frames, write_contact_sheet
 from ..core.review.report_text import offset_text
 from ..core.review.track_report import report
 from ..core.runtime.files import check_inputs_kept, staged, write_json
 from ..core.runtime.interrupts import REPORT_FILE
 from ..core.runtime.progress import Progress, share
-from ..core.runtime.threads import one_library_thread
+from ..core.runtime.threads import one_library_thread, worker_count
 from ..core.runtime.timing import Seconds
 from ..core.runtime.worker_memory import WorkerMemory
 from ..core.runtime.worker_pool import WorkerPool
 from ..core.shot.shot import Gap, Shot
 from ..core.shot.shot_spec import ShotSpec, result_names
+from ..core.tracking.frames_ahead import FramesAhead
 from ..core.tracking.journal import Journal
 from ..core.tracking.run_context import FirstPictures, RunContext, SolvedShot
 from ..core.tracking.track_result import TrackResult
@@ -88,6 +90,19 @@ def _file_names(motions: Sequence[str], *, blender: bool, refined: bool) -> list
     endings = (".trc", ".bvh", ".fbx") if blender else (".trc",)
     scene, cameras = (SCENE,) if blender else (), (REFINED,) if refined else ()
     return [*(f"{name}{ending}" for name in motions for ending in endings), *scene, *cameras, OVERLAY, REPORT_FILE]
+
+
+def frames_ahead(spec: ShotSpec) -> FramesAhead | None:
+    """Return what decodes the first frames of a shot before `run_track` does, with the pictures that it may ask for.
+
+    None with a single thread, or if the shot file does not name the key frames.
+    """
+    keys = [p.keyframes for p in spec.performers if isinstance(p.keyframes, tuple)]
+    if worker_count(spec.settings.threads) == 1 or len(keys) < len(spec.performers):
+        return None
+    (first, last), length = spec.frames, spec.frames[1] - spec.frames[0] + 1
+    pictures = keys_and_middles((frame - first for own in keys for frame in own), length)
+    return FramesAhead((first, last), {*pictures, *range(min(FLICKER_FRAMES, length))}, spec.settings)
 
 
 def run_track(

@@ -47,12 +47,14 @@ _POINT_SPACING = 1.5  # pixels
 
 def sheet_frames(shot: Shot) -> list[int]:
     """Return up to `COLUMNS` of the key frames and the frames midway between them, counted from the shot's first."""
-    keys = sorted({int(f) for performer in shot.performers for f in performer.key_poses.frames})
-    ends = sorted({0, *keys, shot.length - 1})
-    middles = [(a + b) // 2 for a, b in pairwise(ends)]
-    frames = sorted({*ends, *middles})
-    picked = evenly_spaced(len(frames), COLUMNS)
-    return [frames[i] for i in picked]
+    frames = keys_and_middles((int(f) for p in shot.performers for f in p.key_poses.frames), shot.length)
+    return [frames[i] for i in evenly_spaced(len(frames), COLUMNS)]
+
+
+def keys_and_middles(keys: Iterable[int], length: int) -> list[int]:
+    """Return the first frame, the last one and the key frames, with the frames midway between them."""
+    ends = sorted({0, *keys, length - 1})
+    return sorted({*ends, *((a + b) // 2 for a, b in pairwise(ends))})
 
 
 def contact_sheet(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import pickle
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from itertools import chain
@@ -14,6 +15,7 @@ import numpy as np
 
 from ..body import Body
 from .image_sequences import image_files
+from .shot import View
 
 _PIECE = 65536
 _SAMPLES = 64
@@ -116,3 +118,13 @@ def _content(file: Path) -> bytes:
         return b"".join(pieces) + str(size).encode()
     except OSError:
         return b""
+
+
+def made_of(view: View, factor: float) -> bytes:
+    """Hash of everything that a view's reduced frames depend on: its files as they are now, and how they are read."""
+    files = sorted((image_files(view.footage) or {0: view.footage}).values())
+    states = [(str(file), file.stat().st_mtime_ns, file.stat().st_size) for file in files]
+    camera = view.camera
+    turning = camera.R_cam_world if camera.standing() else None
+    lens = camera.size, camera.matrix, camera.distortions, camera.fisheye, turning
+    return pickle.dumps((states, lens, view.offset, view.fields, view.gaps, view.every, factor))

@@ -14,12 +14,12 @@ from itertools import zip_longest
 from ..errors import FootageError
 from ..runtime.decoder_log import DecoderLog
 from ..runtime.worker_memory import WorkerMemory
+from ..shot.fingerprint import made_of
 from ..shot.footage import working_factor
 from ..shot.footage_faults.footage_damage import FootageDamage, shot_damage
 from ..shot.frame_numbers import file_index
 from ..shot.shot import Shot, View
 from .footage_gaps import with_found_gaps
-from .reader import made_of
 from .track_result import TrackResult
 
 Damage = tuple[FootageDamage | None, ...]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -38,6 +39,7 @@ from ..shot.image_sequences import named_footage
 from ..shot.performer_request import PerformerRequest
 from ..shot.shot import KeyPoses, Performer, Shot, View
 from ..shot.shot_spec import PerformerSpec, ShotSpec, ViewSpec
+from .frames_ahead import FramesAhead
 from .shot_scale import ShotScale
 from .solvers.registry import REGISTRY, solver_named
 
@@ -79,7 +81,7 @@ def load_shot(
 
 
 @one_library_thread()
-def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None) -> Shot:
+def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None, ahead: FramesAhead | None = None) -> Shot:
     """Read everything that a shot file names except the pictures of the footage, and fit bodies and key poses.
 
     Parameters
@@ -87,6 +89,8 @@ def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None) ->
     spec : ShotSpec
     cameras : mapping of str to Camera, optional
         Cameras that replace those of the same name in the calibration.
+    ahead : FramesAhead, optional
+        Decodes the first frames meanwhile.
 
     Returns
     -------
@@ -105,7 +109,8 @@ def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None) ->
     with ThreadPoolExecutor(worker_count(spec.settings.threads)) as pool:
         checked = [pool.submit(check_view, view, spec.frames[0], length, spec.fps) for view in views]
         try:
-            prepared = [_performer(performer, spec.frames[0]) for performer in spec.performers]
+            with nullcontext() if ahead is None else ahead.decoding(views):
+                prepared = [_performer(performer, spec.frames[0]) for performer in spec.performers]
         finally:
             footages = []
             for view, check in zip(views, checked, strict=True):

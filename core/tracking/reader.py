@@ -6,7 +6,6 @@ stands still then.
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -21,14 +20,14 @@ from ..errors import CancelledError, FootageError
 from ..numerics.arrays import Array, Bools
 from ..runtime.threads import worker_count
 from ..runtime.worker_memory import WorkerMemory
-from ..shot.fingerprint import checksum, value_bytes
+from ..shot.fingerprint import checksum, made_of, value_bytes
 from ..shot.footage import Album, frames_at, working_factor
 from ..shot.footage_faults.continuity import COMPARED_PAIRS, block_change, block_means, most_changed, torn_pairs
 from ..shot.footage_faults.footage_times import FootageRate, footage_rate, frames_missing
 from ..shot.footage_faults.skipped_frames import PairChanges, PointsFollowed
 from ..shot.frame_numbers import across_gaps, footage_delay, frames_damaged
-from ..shot.image_sequences import image_files
 from ..shot.shot import Shot, View
+from .frames_ahead import taken_ahead
 from .picture_store import COLOUR, PictureStore
 from .segments import Segment
 
@@ -223,7 +222,8 @@ def _frames(
     # Reserved from the beginning: frames that others add meanwhile must not displace one that is relied upon.
     kept = {f: image for f in frames if f not in album.frames and (image := memory.picture((of, f))) is not None}
     missing = [f for f in frames if f not in kept]
-    decoded = decoding(missing)
+    begun = taken_ahead(memory, of, frames, album) if turns is None and len(missing) == len(frames) else None
+    decoded = decoding(missing) if begun is None else begun
     for f in frames:
         image = kept.pop(f, None)
         if image is None:
@@ -267,13 +267,3 @@ def kept_rate(shot: Shot, view: View, memory: WorkerMemory | None) -> FootageRat
     of = made_of(view, working_factor(view, shot.settings.working_size)), shot.frames
     rate: FootageRate | None = memory.value(("rate", *of), partial(footage_rate, shot, view))
     return rate
-
-
-def made_of(view: View, factor: float) -> bytes:
-    """Hash of everything that a view's reduced frames depend on: its files as they are now, and how they are read."""
-    files = sorted((image_files(view.footage) or {0: view.footage}).values())
-    states = [(str(file), file.stat().st_mtime_ns, file.stat().st_size) for file in files]
-    camera = view.camera
-    turning = camera.R_cam_world if camera.standing() else None
-    lens = camera.size, camera.matrix, camera.distortions, camera.fisheye, turning
-    return pickle.dumps((states, lens, view.offset, view.fields, view.gaps, view.every, factor))

@@ -46,6 +46,7 @@ from .footage_gaps import (
     with_timed_gaps,
     without_false_delays,
 )
+from .frames_ahead import decoding_ahead
 from .journal import FinishedSegment, KeptSegments
 from .picture_store import StoredView, fits_in_memory, picture_folder
 from .reader import is_kept, kept_rate
@@ -212,7 +213,8 @@ def _tracked_once(
     """
     run, progress = options.run, options.progress
     solver, seconds = solver_named(shot.settings.solver), Seconds()
-    with _footage_checked(shot, run) as rates:  # loading SciPy's splines takes as long
+    # Loading SciPy's splines takes as long.
+    with _footage_checked(shot, run) as rates, decoding_ahead(run.memory):
         curves = tuple(spline(p.key_poses, shot.length) for p in shot.performers)
     shot = with_timed_gaps(shot, [rate.result() for rate in rates])
     if shot.settings.stabilise:
@@ -402,21 +404,14 @@ def _workers(shot: Shot, threads: int) -> int:
     return min(threads, len(segments(shot))) if _enough_work(shot.length, shot.views, shot.performers) else 1
 
 
-def workers_for(spec: ShotSpec, threads: int | None = None) -> int:
-    """Return how many workers the shot of a shot file will have; 1 if the shot file alone does not determine it.
-
-    Parameters
-    ----------
-    spec : ShotSpec
-    threads : int, optional
-        Number of threads to use instead of the file's setting.
-    """
+def workers_for(spec: ShotSpec) -> int:
+    """Return how many workers the shot of a shot file will have; 1 if the shot file alone does not determine it."""
     first, last = spec.frames
     keyed = [set(p.keyframes) for p in spec.performers if isinstance(p.keyframes, tuple)]
     if len(keyed) < max(len(spec.performers), 1) or not _enough_work(last + 1 - first, spec.views, spec.performers):
         return 1
     cuts = {first, last}.union(set.intersection(*keyed))
-    return min(worker_count(spec.settings.threads if threads is None else threads), len(cuts) - 1)
+    return min(worker_count(spec.settings.threads), len(cuts) - 1)
 
 
 def _enough_work(frames: int, views: Sequence[object], performers: Sequence[object]) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
@@ -16,6 +17,8 @@ from kfmocap.core.shot.footage_faults.footage_times import whole_pictures
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import Shot, View
 from kfmocap.core.tracking import tracker
+from kfmocap.core.tracking.damaged_footage import decoder_messages
+from kfmocap.core.tracking.frames_ahead import FramesAhead, remember_ahead
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
 from kfmocap.core.tracking.run_context import RunContext
 from kfmocap.core.tracking.track_result import TrackResult
@@ -172,6 +175,16 @@ def test_what_decoders_say_in_a_run_that_is_ended_counts_for_the_next(told: Shot
     memory = WorkerMemory()
     with pytest.raises(InterruptedError):
         track(told, observe=_interrupted, run=RunContext(memory=memory))
+    assert stretches(track(told, run=RunContext(memory=memory))) == ((FIRST, WHOLE - 1),)
+    memory.close()
+
+
+def test_what_decoders_say_while_frames_are_decoded_ahead_counts(told: Shot) -> None:
+    memory, ahead = WorkerMemory(limit=0), FramesAhead(told.frames, (), SETTINGS)
+    with decoder_messages(memory), ahead.decoding(told.views):
+        while not ahead.done:
+            time.sleep(0.01)
+    remember_ahead(memory, ahead)
     assert stretches(track(told, run=RunContext(memory=memory))) == ((FIRST, WHOLE - 1),)
     memory.close()
 

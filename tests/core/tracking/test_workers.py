@@ -18,6 +18,7 @@ from kfmocap.core.errors import WorkerEndedError
 from kfmocap.core.formats.shot_toml import read_shot_spec
 from kfmocap.core.runtime.worker_memory import WorkerMemory
 from kfmocap.core.runtime.worker_pool import WorkerPool
+from kfmocap.core.shot.fingerprint import made_of
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate
 from kfmocap.core.shot.image_sequences import image_files
 from kfmocap.core.shot.shot import Shot, View
@@ -144,9 +145,9 @@ def test_the_number_of_workers_follows_from_the_shot_file(
     spec = read_shot_spec(Path(__file__).parents[3] / "examples/walk/shot.toml")
     for least in (1, 100_000):
         monkeypatch.setattr(tracker, "MIN_PARALLEL_WORK", least)
-        posed = spec.selected(keyframes=keys)
+        posed = replace(spec.selected(keyframes=keys), settings=replace(spec.settings, threads=threads))
         shot = prepare_shot(posed)
-        assert tracker.workers_for(posed, threads) == tracker._workers(shot, threads or 8)
+        assert tracker.workers_for(posed) == tracker._workers(shot, threads or 8)
     assert tracker.workers_for(spec.selected(keyframes="auto")) == 1
 
 
@@ -177,10 +178,10 @@ def test_frames_of_footage_that_has_changed_are_decoded_again(filmed: Shot, tmp_
     file = tmp_path / filmed.views[0].footage.name
     shutil.copytree(filmed.views[0].footage.parent, tmp_path, dirs_exist_ok=True)
     view = replace(filmed.views[0], footage=file)
-    before = reader.made_of(view, 1.0)
-    assert before == reader.made_of(view, 1.0)
+    before = made_of(view, 1.0)
+    assert before == made_of(view, 1.0)
     os.utime(next(iter((image_files(file) or {0: file}).values())), (1, 1))
-    assert before != reader.made_of(view, 1.0)
+    assert before != made_of(view, 1.0)
 
 
 def corrected(shot: Shot, key: int, metres: float) -> Shot:
