@@ -7,7 +7,8 @@ from typing import Any
 
 import bpy
 
-from ..scene_io import active_performer
+from ...core.errors import ShotError
+from ..scene_io import active_performer, playback
 from .mixin import ReportingOperator
 
 Condition = Callable[[bpy.types.Context], str]
@@ -31,7 +32,8 @@ class Conditional(ReportingOperator):
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str:
         """Return what is missing, as a sentence for the user; empty if the operator can be used."""
-        conditions = cls.conditions if cls.while_placing else (_no_joints_being_placed, *cls.conditions)
+        always = (_scene_can_be_changed,) if cls.while_placing else (_scene_can_be_changed, _no_joints_being_placed)
+        conditions = (*always, *cls.conditions)
         return next(filter(None, (condition(context) for condition in conditions)), "")
 
     @classmethod
@@ -47,6 +49,11 @@ def is_placing(context: bpy.types.Context) -> bool:
     """Whether joints are being placed in the window: its frame has marks that are neither keyed nor discarded yet."""
     running = context.window.modal_operators if context.window is not None else ()
     return any(tool.bl_idname == "KFMOCAP_OT_place_joints" for tool in running)
+
+
+def _scene_can_be_changed(context: bpy.types.Context) -> str:
+    library = context.scene.library
+    return f"This scene is linked from {bpy.path.basename(library.filepath)}: open that file instead" if library else ""
 
 
 def _no_joints_being_placed(context: bpy.types.Context) -> str:
@@ -69,7 +76,17 @@ def has_shot(context: bpy.types.Context) -> str:
     if not shot.performers:
         return "There is nobody to track yet: use Add Body"
     gone = next((slot for slot in shot.performers if not active_performer.is_present(context.scene, slot)), None)
-    return "" if gone is None else _is_gone(gone)
+    return _not_played(context.scene) if gone is None else _is_gone(gone)
+
+
+def _not_played(scene: bpy.types.Scene) -> str:
+    """Return why keys are not played on their frames, with a capital letter."""
+    try:
+        playback.check_playback(scene)
+    except ShotError as error:
+        text = str(error)
+        return text[0].upper() + text[1:]
+    return ""
 
 
 def _is_gone(slot: bpy.types.PropertyGroup) -> str:
@@ -106,7 +123,7 @@ def has_performer(context: bpy.types.Context) -> str:
         return no_performer(context)
     if slot.armature.mode == "EDIT":
         return "The body is being edited: leave edit mode first"
-    return ""
+    return _not_played(context.scene)
 
 
 def no_performer(context: bpy.types.Context) -> str:

@@ -19,7 +19,7 @@ from ...core.errors import ShotError
 from ...core.shot.keypose_spline import spline
 from ...core.shot.settings import Settings
 from ...core.shot.shot import Performer, Shot
-from . import active_performer, lossless, prop_holds
+from . import active_performer, lossless, playback, prop_holds
 from .body import body_armature, shown_model
 from .body.sides import PERFORMERS
 from .cameras import footage_background, view_cameras
@@ -134,6 +134,7 @@ def shot_from_scene(scene: bpy.types.Scene, footage: bool = True) -> Shot:
             f"the last frame ({properties.last}) is before the first ({properties.first})",
             where=f"scene {scene.name}",
         )
+    playback.check_playback(scene)
     return Shot(
         name=properties.shot,
         fps=frame_rate(scene),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ....core.runtime.worker_process import Work
-from ...scene_io import active_performer, unfinished_tracking
+from ...scene_io import active_performer, playback, unfinished_tracking
 from ...viewports.changed_segments import known_changes
 from ..conditions import (
     Condition,
@@ -39,11 +39,13 @@ def _has_key_poses(context: bpy.types.Context) -> str:
         missing = slot is None or not _is_animated(slot.armature)
         name = slot.name if slot else "Nobody"
         return f"{name} has no key pose yet: pose it on a frame, or choose another performer" if missing else ""
-    unkeyed = next((slot.name for slot in slots if not _is_animated(slot.armature)), None)
+    unkeyed = next((slot for slot in slots if not _is_animated(slot.armature)), None)
     if unkeyed is None:
         return ""
+    if playback.unreachable_keys(unkeyed.armature):
+        return f"The action of {unkeyed.name} was pushed down into the NLA: choose it again in the Action Editor"
     others = ", or track the others by Chosen Only" if len(slots) > 1 else ""
-    return f"{unkeyed} has no key pose yet: pose it on a frame with Place Joints, or use Set Key Pose{others}"
+    return f"{unkeyed.name} has no key pose yet: pose it on a frame with Place Joints, or use Set Key Pose{others}"
 
 
 def _tracks_one(context: bpy.types.Context) -> bool:
@@ -84,6 +86,7 @@ class Tracking(Conditional, JobOperator):
 
         one = active_performer.chosen(context) if _tracks_one(context) else None
         asked = tracked_segments.asked_tracking(context.scene, scenes.shot_from_scene(context.scene), one)
+        self._disturbances = _disturbances_of(context.scene, asked)
         chosen = self.segments(context.scene, asked)
         if not chosen:
             raise ShotError("there is nothing to track", where=self.bl_label)
@@ -132,6 +135,8 @@ class Tracking(Conditional, JobOperator):
         scene: bpy.types.Scene | None = bpy.data.scenes.get(name)
         if scene is None:
             raise ShotError("the scene is gone", where=f"scene {name}")
+        for text in self._disturbances:
+            self.report({"WARNING"}, text)
         results = tracked.results
         whole = tracked_segments.write(scene, asked, parts, results, unwatched=not self.blocks)
         sole_plants.refresh(scene, [performer.body for performer in whole.performers])
@@ -259,6 +264,23 @@ class ClearBetween(Conditional, bpy.types.Operator):
         if not cleared:
             raise ShotError("there are no tracked keys to remove", where=self.bl_label)
         self.report({"INFO"}, f"Removed tracked keys of {cleared} frames")
+
+
+def _disturbances_of(scene: bpy.types.Scene, asked: AskedTracking) -> list[str]:
+    """Return what to report of performers that are shown otherwise than their keys say.
+
+    Raises
+    ------
+    BodyError
+        The armature of one is moved as a whole.
+    """
+    from ...retargeting.tracked_bodies.tracked_bones import refuse_moving_object
+    from ...scene_io.body.disturbances import disturbances
+
+    for slot in asked.slots.values():
+        refuse_moving_object(scene, slot.armature)
+    bodies = [(slot.armature, asked.shot.performers[number].body) for number, slot in asked.slots.items()]
+    return [text for armature, body in bodies for text in disturbances(armature, body)]
 
 
 def _is_animated(armature: bpy.types.Object | None) -> bool:

@@ -7,10 +7,13 @@ from typing import Any
 import bpy
 import numpy as np
 
+from .. import fcurves
 from ..cameras.camera_poses import coming_back
 
 _STILL_TOLERANCE = 1e-4
 """Largest change of the object's matrix, metres or radians, of one that stays."""
+_MOVING = ("location", "rotation", "scale", "delta_")
+"""How the data paths of what moves an object begin."""
 _SAMPLE = 7
 """Frames on which it is looked for."""
 
@@ -18,7 +21,7 @@ _SAMPLE = 7
 def what_moves(scene: bpy.types.Scene, armature: bpy.types.Object, frames: tuple[int, int]) -> str | None:
     """Return what moves an armature object between two scene frames, None where nothing does."""
     holds = [held for held in list[Any](armature.constraints) if not held.mute and held.influence > 0]
-    if armature.parent is None and not holds and armature.animation_data is None:
+    if armature.parent is None and not holds and not _is_keyed(armature):
         return None
     layer, places = scene.view_layers[0], []
     with coming_back(scene):
@@ -30,3 +33,10 @@ def what_moves(scene: bpy.types.Scene, armature: bpy.types.Object, frames: tuple
     if armature.parent is not None:
         return f"its parent {armature.parent.name}"
     return f"its constraint '{holds[0].name}'" if holds else "its own keys"
+
+
+def _is_keyed(armature: bpy.types.Object) -> bool:
+    """Whether curves or drivers move the armature object, and not only its bones."""
+    data = armature.animation_data
+    paths = fcurves.animated_paths(armature) | {driver.data_path for driver in data.drivers} if data else set()
+    return any(path.startswith(_MOVING) for path in paths)
