@@ -130,13 +130,13 @@ def floor_by_performer(height: float, degrees: float, *, scaled: bool) -> Findin
 
 def lframe_mirrored() -> Finding:
     """The L-frame's measures are mirrored."""
-    todo = "turn the short arm's measure about (y to -y), or see that the balls come in the file's order"
+    todo = "turn the short arm's measure about (y to -y), or see that the balls are in their order"
     return Finding("lframe-mirrored", "by the L-frame all cameras stand below its floor", todo)
 
 
 def contradicting(what: str) -> Finding:
     """The L-frame's measures contradict what the cameras see."""
-    todo = "measure the L-frame's balls again, from centre to centre, and see that they come in the file's order"
+    todo = "measure the L-frame's balls again, from centre to centre, and see that they are in their order"
     return Finding("lframe-lengths-contradict", what, todo)
 
 

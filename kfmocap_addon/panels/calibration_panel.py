@@ -43,17 +43,21 @@ class CalibrationPanel(Section, bpy.types.Panel):
     bl_label = "Calibration"
 
     def draw_content(self, context: bpy.types.Context) -> None:
-        missing = captures.missing(context.scene.kfmocap_capture)
-        if missing:
+        capture = context.scene.kfmocap_capture
+        if missing := captures.missing(capture):
             draw_text(self.layout, context, missing, "INFO")
         column = self.layout.column(align=True)
-        if len(context.scene.kfmocap_capture.views) < captures.LEAST_VIEWS:
+        if len(capture.views) < captures.LEAST_VIEWS:
             column.operator(AddVideos.bl_idname, icon="FILE_MOVIE")
+        elif slot := captures.slot_to_pick(capture):
+            column.operator(PickColour.bl_idname, icon="EYEDROPPER").slot = slot
         column.operator(Calibrate.bl_idname, icon="CON_CAMERASOLVER")
         column.operator(ShowReport.bl_idname, icon="IMAGE_DATA")
         row = self.layout.row(align=True)
         row.operator(ImportCameras.bl_idname, text="Import", icon="IMPORT")
         row.operator(ExportCameras.bl_idname, text="Export", icon="EXPORT")
+        for line in capture.summary.splitlines():
+            draw_text(self.layout, context, line)
 
 
 class CapturePanel(SectionPart, bpy.types.Panel):

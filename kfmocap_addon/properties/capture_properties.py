@@ -119,6 +119,10 @@ class KFMocapCapture(bpy.types.PropertyGroup):
         description="Folder for the report's files; empty: the report is only shown in Blender",
     )
 
+    summary: bpy.props.StringProperty(
+        name="Result", description="Report on the cameras that were last found with a wand, one remark to a line"
+    )
+
     performer_height: height_field(
         "Height of the performer, with shoes, metres: it gives the cameras their scale", default=USUAL_HEIGHT
     )

@@ -40,8 +40,13 @@ def missing(capture: bpy.types.PropertyGroup) -> str:
     """Return what there is to do before cameras can be solved from a capture; empty when there is nothing."""
     if len(capture.views) < LEAST_VIEWS:
         return "With a wand: add its videos of at least two cameras. If you have none, open Without a Wand"
-    open_slots = [_LABELS[slot] for slot in wanted_slots(capture) if not is_picked(capture.colour(slot))]
-    return f"Pick the colour: {open_slots[0]}" if open_slots else ""
+    slot = slot_to_pick(capture)
+    return f"Pick the colour: {_LABELS[slot]}" if slot else ""
+
+
+def slot_to_pick(capture: bpy.types.PropertyGroup) -> str:
+    """Return the first kind of ball whose colour is not picked yet; empty where there is none."""
+    return next((slot for slot in wanted_slots(capture) if not is_picked(capture.colour(slot))), "")
 
 
 def read_capture(capture: bpy.types.PropertyGroup) -> CaptureVideos:

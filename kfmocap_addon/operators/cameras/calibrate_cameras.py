@@ -16,6 +16,7 @@ from ..job_operator import JobOperator
 
 if TYPE_CHECKING:
     from ....core.calibration.calibration_result import CalibrationResult
+    from ....core.numerics.arrays import Array
 
 REPORT = "Calibration Report"
 
@@ -52,9 +53,16 @@ class Calibrate(Conditional, JobOperator, bpy.types.Operator):
         solved_cameras.show_picture(REPORT, sheet(result))
         if capture.report:
             write_report(Path(bpy.path.abspath(capture.report)), result)
+        found = f"{len(result.cameras)} cameras, balls {_typical_distance(result.residual):.2f} pixels beside them"
+        capture.summary = "\n".join([found, *map(str, result.findings)])
         for finding in result.findings:
             self.report({"WARNING"}, str(finding))
-        self.report({"INFO"}, f"Solved {len(result.cameras)} cameras")
+        self.report({"INFO"}, f"Calibrated {found}")
+
+
+def _typical_distance(residual: Array) -> float:
+    """Return the root mean square length of residuals (n, 2)."""
+    return float((residual**2).sum(axis=1).mean() ** 0.5)
 
 
 def _has_report(context: bpy.types.Context) -> str:
@@ -62,7 +70,7 @@ def _has_report(context: bpy.types.Context) -> str:
 
 
 class ShowReport(Conditional, bpy.types.Operator):
-    """Show the report of the last calibration in an image editor"""
+    """Show the report of the last calibration, in an image editor or a window of its own"""
 
     bl_idname = "kfmocap.show_calibration_report"
     bl_label = "Show Report"
@@ -70,24 +78,32 @@ class ShowReport(Conditional, bpy.types.Operator):
     conditions = (_has_report,)
 
     def act(self, context: bpy.types.Context) -> None:
-        area = image_area(context)
-        if area is None:
-            raise OutputError("There is no window to show it in")
+        window, area = _image_editor(context)
         area.spaces.active.image = bpy.data.images[REPORT]
+        region = next(region for region in area.regions if region.type == "WINDOW")
+        with context.temp_override(window=window, screen=window.screen, area=area, region=region):
+            bpy.ops.image.view_all(fit_view=True)
 
 
-def image_area(context: bpy.types.Context) -> bpy.types.Area | None:
-    """Return an open image editor, or else turn the largest area that is not a 3D view into one."""
-    areas = list(context.screen.areas) if context.screen is not None else []
-    for area in areas:
-        if area.type == "IMAGE_EDITOR":
-            return area
-    others = [area for area in areas if area.type != "VIEW_3D"]
-    if not others:
-        return None
-    area = max(others, key=lambda area: area.width * area.height)
+def _image_editor(context: bpy.types.Context) -> tuple[bpy.types.Window, bpy.types.Area]:
+    """Return an image editor that is open in some window, or else one in a new window.
+
+    Raises
+    ------
+    OutputError
+        Blender has no windows.
+    """
+    windows = context.window_manager.windows
+    for window in windows:
+        for area in window.screen.areas:
+            if area.type == "IMAGE_EDITOR":
+                return window, area
+    if not bpy.ops.wm.window_new.poll():
+        raise OutputError("There is no window to show it in")
+    bpy.ops.wm.window_new()
+    area = windows[-1].screen.areas[0]
     area.type = "IMAGE_EDITOR"
-    return area
+    return windows[-1], area
 
 
 CLASSES = (Calibrate, ShowReport)
