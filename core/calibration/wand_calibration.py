@@ -8,14 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..capture.capture import Capture, CaptureView
+from ..errors import CaptureError
 from ..numerics.arrays import Array, Bools
 from ..runtime.progress import Progress, report_progress
 from . import diagnosis
 from .calibration_result import CalibrationResult
 from .findings import Finding
 from .floor import with_wand_on_floor
-from .lframe.lframe_matching import lframe_by_all_views
-from .lframe.lframe_pose import LFramePose, check_lframe, moved_since, place_lframe, resting
+from .lframe.lframe_matching import lframe_by_all_views, of_another_size
+from .lframe.lframe_pose import LFramePose, check_lframe, check_size, moved_since, place_lframe, resting
 from .performer.performer_floor import on_performers_floor
 from .quality import measured_lengths
 from .solving import lens_selection
@@ -227,10 +228,26 @@ class _World:
         still = resting([view.lframe for view in capture.views])
         moved = {} if capture.performer is not None else moved_since(draft.scene.rig, still, draft.noise)
         still = still.take(~np.isin(still.camera, list(moved)))
-        placement = place_lframe(draft.scene.rig, still, capture.lframe_points, draft.noise)
-        scene = draft.scene.in_world(placement.R, placement.t)
-        check_lframe(placement, scene.rig, capture.lframe_points, capture.wand_length)
+        try:
+            placement = place_lframe(draft.scene.rig, still, capture.lframe_points, draft.noise)
+            scene = draft.scene.in_world(placement.R, placement.t)
+            check_lframe(placement, scene.rig, capture.lframe_points, capture.wand_length)
+        except CaptureError:
+            _refuse_other_size(floor)
+            raise
         return cls(replace(scene, lframe_world=capture.lframe_points.copy()), still, placement, moved)
+
+
+def _refuse_other_size(floor: _FloorCapture) -> None:
+    """Raise a CaptureError where the views show the L-frame in another size than its measures and the wand's length
+    say: where they are far apart, something else was taken for it.
+    """
+    sized = of_another_size(floor.given, floor.draft.scene.rig) if floor.given.has_lframe else None
+    if sized is None:
+        return
+    still = resting([view.lframe for view in sized.views])
+    placement = place_lframe(floor.draft.scene.rig, still, sized.lframe_points, floor.draft.noise)
+    check_size(placement, sized.lframe_points, sized.wand_length)
 
 
 def _finished(

@@ -28,6 +28,8 @@ _SAME_PLACE = 0.012  # metres within which two positions count as one
 _MAX_PLACES, _MAX_POSES = 120, 4000  # numbers that are tried, which limit the time if the whole room has the colour
 _MIN_BALLS = 8
 """Least number of an L-frame's balls over all views: fewer may match by chance."""
+_SIZES = tuple(1.06**k for k in range(-14, 15))
+"""Sizes of an L-frame, relative to its measures, that are tried where these contradict the wand: 0.44 to 2.3."""
 _ROUNDS = 3  # of assigning the nearest balls and aligning the L-frame with them
 
 
@@ -57,6 +59,27 @@ def lframe_by_all_views(capture: Capture, rig: Rig) -> Capture:
         else:
             views.append(replace(view, lframe=_chosen(view.lframe_candidates, own)))
     return replace(capture, views=tuple(views))
+
+
+def of_another_size(capture: Capture, rig: Rig) -> Capture | None:
+    """Return the capture with the L-frame's balls of each view as `lframe_by_all_views` identifies them for an L-frame
+    whose measures are all too long or too short by one factor, by the wand; None if there is none.
+    """
+    seen = [_candidates(view) for view in capture.views]
+    if sum(len(own) > 0 for own in seen) < 2:
+        return None
+    found = [identified_together(rig, seen, size * capture.lframe_points) for size in _SIZES]
+    balls = max((own for own in found if own is not None), key=lambda own: int((own >= 0).sum()), default=None)
+    if balls is None:
+        return None
+    views = zip(capture.views, balls, strict=True)
+    return replace(
+        capture,
+        views=tuple(
+            view if view.lframe_candidates is None else replace(view, lframe=_chosen(view.lframe_candidates, own))
+            for view, own in views
+        ),
+    )
 
 
 def _candidates(view: CaptureView) -> Array:

@@ -177,15 +177,32 @@ def check_lframe(placement: LFramePose, rig: Rig, measures: Array, length: float
     CaptureError
         Its lengths contradict one another, or the wand's; or it is mirrored.
     """
-    sigma = np.hypot(LFRAME_SIGMA, placement.sigma)
-    miss = np.linalg.norm(placement.misfit, axis=1)
-    if np.nanmax(miss) > max(_MAX_SHAPE_DIFFERENCE, _SIGNIFICANT_SIGMAS * sigma):
-        ball = int(np.nanargmax(miss))
-        worst = 1000 * float(np.nanmax(miss))
-        what = f"ball {ball + 1} of the L-frame lies {worst:.0f} mm from where the other balls and its measures say"
+    worst, limit = _worst_ball(placement)
+    if worst > limit:
+        ball = int(np.nanargmax(np.linalg.norm(placement.misfit, axis=1))) + 1
+        what = f"ball {ball} of the L-frame lies {1000 * worst:.0f} mm from where the other balls and its measures say"
         raise findings.contradicting(what).error()
-    size = np.sqrt(((measures - measures.mean(axis=0)) ** 2).sum())
-    if abs(placement.scale - 1) > max(_MAX_SCALE_DIFFERENCE, _SIGNIFICANT_SIGMAS * sigma / size):
-        raise findings.wrong_length(placement.scale, length).error()
+    check_size(placement, measures, length)
     if (rig.centres_world[:, 2] < 0).all():
         raise findings.lframe_mirrored().error()
+
+
+def check_size(placement: LFramePose, measures: Array, length: float) -> None:
+    """Check that an L-frame whose balls fit its measures (4, 3) has their size, too; `length` is the wand's.
+
+    Raises
+    ------
+    CaptureError
+        By the wand, it has another size.
+    """
+    worst, limit = _worst_ball(placement)
+    size = np.sqrt(((measures - measures.mean(axis=0)) ** 2).sum())
+    sigma = np.hypot(LFRAME_SIGMA, placement.sigma)
+    if worst <= limit and abs(placement.scale - 1) > max(_MAX_SCALE_DIFFERENCE, _SIGNIFICANT_SIGMAS * sigma / size):
+        raise findings.wrong_length(placement.scale, length).error()
+
+
+def _worst_ball(placement: LFramePose) -> tuple[float, float]:
+    """Return how far the worst ball is from its place, and how far it may be, metres."""
+    limit = max(_MAX_SHAPE_DIFFERENCE, _SIGNIFICANT_SIGMAS * float(np.hypot(LFRAME_SIGMA, placement.sigma)))
+    return float(np.nanmax(np.linalg.norm(placement.misfit, axis=1))), limit

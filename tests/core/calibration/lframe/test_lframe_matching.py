@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kfmocap.core.calibration.lframe.lframe_matching import identified_together, lframe_by_all_views
+from kfmocap.core.calibration.lframe.lframe_matching import identified_together, lframe_by_all_views, of_another_size
+from kfmocap.core.calibration.lframe.lframe_pose import check_size, place_lframe, resting
 from kfmocap.core.calibration.solving.camera_rig import rig_of
 from kfmocap.core.capture.capture import Capture, CaptureView, Markers
+from kfmocap.core.errors import CaptureError
 from kfmocap.core.numerics import rotations
 from render.drawn_takes import VGA_CAMERAS
 
@@ -110,3 +112,23 @@ def test_captures_without_candidates_stay_as_they_are():
     capture = capture_of(views, {})
     capture = replace(capture, views=tuple(replace(view, lframe_candidates=None) for view in capture.views))
     assert lframe_by_all_views(capture, ELSEWHERE) is capture
+
+
+@pytest.mark.parametrize("size", [0.55, 0.8, 1.25, 2.0])
+def test_an_lframe_is_found_in_another_size_than_the_wands_length_makes_it(size):
+    """By a wand that is said to be longer than it is, the cameras stand farther apart, and all they see is larger."""
+    views, places = seen_by_all(2)
+    rig = rig_of([replace(c, t_cam_world=size * c.t_cam_world) for c in VGA_CAMERAS])
+    found = of_another_size(capture_of(views, {}), rig.in_world(TURN, SHIFT))
+    for view, told, true in zip(views, found.views, places, strict=True):
+        np.testing.assert_allclose(told.lframe.points[0], view[true], atol=4)
+
+
+def test_a_wand_whose_length_is_far_off_is_named_though_something_else_was_taken_for_the_lframe():
+    views, _ = seen_by_all(2)
+    rig = rig_of([replace(c, t_cam_world=1.25 * c.t_cam_world) for c in VGA_CAMERAS])
+    sized = of_another_size(capture_of(views, {}), rig)
+    seen = resting([view.lframe for view in sized.views])
+    with pytest.raises(CaptureError, match=r"the wand is 0\.4\d* m long, not 0\.5000 m") as refused:
+        check_size(place_lframe(rig, seen, MEASURES, 1.0), MEASURES, 0.5)
+    assert refused.value.name == "wand-length-wrong"
