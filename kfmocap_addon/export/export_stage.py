@@ -111,7 +111,10 @@ def _leave_out_unknown(copy: bpy.types.Object) -> None:
 
 
 def _set_time(stage: bpy.types.Scene, scene: bpy.types.Scene, options: ExportOptions) -> tuple[int, Array]:
-    """Set the stage's frames and rate; returns its first frame, and the scene frame that each of its frames shows."""
+    """Set the stage's frames and rate; returns its first frame, and the scene frame that each of its frames shows.
+
+    A shot that begins before frame 0 is exported from there on, as no scene of Blender's has a range that does.
+    """
     properties = scene.kfmocap
     first, last = options.frames or (properties.frame_start, properties.frame_start + properties.length - 1)
     if last < first:
@@ -120,8 +123,9 @@ def _set_time(stage: bpy.types.Scene, scene: bpy.types.Scene, options: ExportOpt
     wanted = options.fps or rate
     times = sample_times(first, last, rate, wanted)
     set_rate(stage, wanted)
-    stage.frame_start, stage.frame_end = first, first + len(times) - 1
-    return first, times
+    begin = max(first, 0)
+    stage.frame_start, stage.frame_end = begin, begin + len(times) - 1
+    return begin, times
 
 
 def _sample(

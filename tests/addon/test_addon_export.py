@@ -29,6 +29,7 @@ from kfmocap.kfmocap_addon.panels import export_panel  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves  # noqa: E402
 from mathutils import Matrix  # noqa: E402
 from odd_characters import add_bones, skinned_human  # noqa: E402
 
@@ -212,6 +213,22 @@ def test_a_frame_range_alone_is_written(blender, tmp_path, suffix):
     found = read_joints(armature, human(1.7).names, list(range(first, first + 6)))
     assert 1000 * np.linalg.norm(found - part_poses(human(1.7), motion(12)[3:9])[1], axis=-1).max() < TOLERANCE
     assert round(np.ptp(armature.animation_data.action.frame_range)) == 5
+
+
+@pytest.mark.parametrize("suffix", [".bvh", ".fbx"])
+def test_a_shot_that_begins_before_frame_0_is_written_whole(blender, tmp_path, suffix):
+    original = shot(tmp_path)
+    built = scene.build_scene(original, scene=bpy.context.scene)
+    armature = built.kfmocap.performers[0].armature
+    for frame in (1, 6, 12):
+        key_pose_curves.remove_key_pose(armature, frame)
+    built.kfmocap.zero -= 8
+    scene.write_motions(built, result_of(original).motions)
+    assert built.kfmocap.frame_start == -7
+    armature = exported(tmp_path / "out", suffix)
+    first = round(armature.animation_data.action.frame_range[0])
+    found = read_joints(armature, human(1.7).names, list(range(first, first + 12)))
+    assert 1000 * np.linalg.norm(found - part_poses(human(1.7), motion(12))[1], axis=-1).max() < TOLERANCE
 
 
 @pytest.mark.parametrize("suffix", [".bvh", ".fbx"])
