@@ -35,7 +35,7 @@ def build_scene(
     shot: Shot,
     motions: Sequence[Motion] | None = None,
     scene: bpy.types.Scene | None = None,
-    stored: Callable[[str], str] = str,
+    stored: Callable[[str], str] = footage_background.as_blender_stores,
 ) -> bpy.types.Scene:
     """Show a shot in a scene: cameras with footage, armatures, key poses and, if given, tracked motions.
 
@@ -161,7 +161,9 @@ def _read_performer(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> Pe
     )
 
 
-def load_clips(footage: Sequence[Path], stored: Callable[[str], str] = str) -> list[bpy.types.MovieClip]:
+def load_clips(
+    footage: Sequence[Path], stored: Callable[[str], str] = footage_background.as_blender_stores
+) -> list[bpy.types.MovieClip]:
     """Load footage as movie clips, all or none; `stored` as in `footage_background.load_clip`.
 
     Raises

@@ -35,6 +35,28 @@ def moved(blender, tmp_path):
     return now
 
 
+def reopened(folder):
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.open_mainfile(filepath=str(folder / "scene.blend"))
+
+
+def test_a_saved_scene_and_its_footage_can_be_moved_together(blender, tmp_path):
+    """Also footage that was added, or found again, after the scene was saved."""
+    folder = tmp_path / "job"
+    (folder / "takes").mkdir(parents=True)
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "scene.blend"))
+    scenes.build_scene(shot(folder / "takes"), scene=bpy.context.scene)
+    (folder / "takes" / "cam02.mp4").rename(folder / "cam02.mp4")
+    reopened(folder)
+    bpy.ops.kfmocap.relink_footage(filepath=f"{folder}/")
+    bpy.ops.wm.save_mainfile()
+    folder.rename(tmp_path / "moved")
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "moved" / "scene.blend"))
+    views = bpy.context.scene.kfmocap.views
+    assert [view.missing for view in views] == [False, False]
+    assert footage_background.footage_path(views[0]) == tmp_path / "moved" / "takes" / "cam01.mp4"
+
+
 def enabled(tools):
     return [name for name in tools if getattr(bpy.ops.kfmocap, name).poll()]
 

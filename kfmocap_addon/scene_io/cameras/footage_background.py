@@ -22,7 +22,19 @@ _LONGEST = 220
 """Number of characters that Blender stores of a driver's expression, 255, without those around."""
 
 
-def load_clip(path: Path, stored: Callable[[str], str] = str) -> bpy.types.MovieClip:
+def as_blender_stores(path: str) -> str:
+    """Return an absolute path as Blender's file browser stores it: relative to the open file, if there is one and the
+    preferences do not say otherwise.
+    """
+    if not bpy.data.filepath or not bpy.context.preferences.filepaths.use_relative_paths:
+        return path
+    try:
+        return bpy.path.relpath(path)
+    except ValueError:  # on another drive
+        return path
+
+
+def load_clip(path: Path, stored: Callable[[str], str] = as_blender_stores) -> bpy.types.MovieClip:
     """Load footage as a movie clip.
 
     Parameters
@@ -30,7 +42,7 @@ def load_clip(path: Path, stored: Callable[[str], str] = str) -> bpy.types.Movie
     path : Path
     stored : callable, optional
         Returns the path that Blender is to store for an absolute one; it must lead there from the open file or, without
-        one, from the working directory.
+        one, from the working directory. By default as other tools of Blender's do.
 
     Raises
     ------

@@ -52,7 +52,8 @@ def relink(scene: bpy.types.Scene, chosen: Path) -> tuple[list[str], list[str]]:
         if not named and len(lost) == 1 and chosen.is_file():
             named = [chosen]
         if named:
-            clip.filepath = str(max(named, key=lambda path: _alike(path, was)).resolve())
+            nearest = max(named, key=lambda path: _alike(path, was)).resolve()
+            clip.filepath = footage_background.as_blender_stores(str(nearest))
             found.append(slot.name)
     if lost and not found:
         names = ", ".join(Path(footage_background.clip_behind(slot.camera).filepath).name for slot in lost)
