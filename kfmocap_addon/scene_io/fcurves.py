@@ -122,6 +122,16 @@ def own_animation(owner: bpy.types.Object) -> bpy.types.AnimData:
     return data
 
 
+def unlink_action(owner: bpy.types.Object) -> None:
+    """Give an object a copy of its action where that is linked from another file: no key of a linked one is saved."""
+    data = owner.animation_data
+    if data is not None and data.action is not None and data.action.library is not None:
+        slot = data.action_slot
+        data.action = data.action.copy()
+        if slot is not None:
+            data.action_slot = next(each for each in data.action.slots if each.handle == slot.handle)
+
+
 def ensure_action(owner: bpy.types.Object, name: str) -> bpy.types.Action:
     """Return the object's action with a slot for the object, made where it is missing."""
     data = own_animation(owner)

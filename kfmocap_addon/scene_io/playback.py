@@ -13,7 +13,8 @@ def check_playback(scene: bpy.types.Scene) -> None:
     Raises
     ------
     ShotError
-        Time is stretched, a strip of a performer's NLA is being edited, or two performers share their keys.
+        Time is stretched, a strip of a performer's NLA is being edited, its action is linked, or two performers share
+        their keys.
     """
     render = scene.render
     if render.frame_map_old != render.frame_map_new:
@@ -34,6 +35,12 @@ def check_playback(scene: bpy.types.Scene) -> None:
             )
         if data is None or data.action is None or data.action_slot is None:
             continue
+        if (library := data.action.library) is not None:
+            raise ShotError(
+                f"its action is linked from {bpy.path.basename(library.filepath)}, where no keys can be set from here",
+                where=f"performer {slot.name}",
+                todo="make it local: the chain beside its name in the Action Editor",
+            )
         keys = data.action.name_full, data.action_slot.handle
         other = keyed_by.setdefault(keys, slot.name)
         if other != slot.name:

@@ -6,7 +6,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import shot  # noqa: E402
+from addon_shots import keys_of, shot  # noqa: E402
 from kfmocap.core.errors import ShotError  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import fcurves, scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body.disturbances import disturbances  # noqa: E402
@@ -71,6 +71,47 @@ def test_performers_with_one_action_are_refused(blender, tmp_path, tracker):
     scene.shot_from_scene(built)  # slots of their own are fine
     woman.action_slot = man.action_slot
     assert "woman: it has the same action as man" in why_disabled("track")
+
+
+def saved_with_its_action(built, folder):
+    """A file with the scene, as a library."""
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "library.blend"))
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    return str(folder / "library.blend")
+
+
+def test_a_linked_action_is_refused_as_no_key_of_it_would_be_saved(built, tmp_path):
+    library = saved_with_its_action(built, tmp_path)
+    with bpy.data.libraries.load(library, link=True) as (_, here):
+        here.actions = ["man"]
+    again = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    data = armature_of(again).animation_data
+    data.action = next(action for action in bpy.data.actions if action.library)
+    data.action_slot = data.action.slots[0]
+    for tool in ("track", "set_key_pose"):
+        assert "its action is linked from library.blend" in why_disabled(tool)
+
+
+def test_a_performer_that_is_overridden_gets_an_action_of_its_own(built, tmp_path):
+    """With the keys of the linked one, and the tracked ones are saved."""
+    library = saved_with_its_action(built, tmp_path)
+    with bpy.data.libraries.load(library, link=True) as (_, here):
+        here.collections = ["Performers"]
+    current, linked = bpy.context.scene, bpy.data.collections["Performers"]
+    current.collection.children.link(linked)
+    made = linked.override_hierarchy_create(current, bpy.context.view_layer, do_fully_editable=True)
+    bpy.context.view_layer.objects.active = next(o for o in made.all_objects if o.type == "ARMATURE")
+    bpy.ops.kfmocap.add_footage(directory=f"{tmp_path}/", files=[{"name": "cam01.mp4"}, {"name": "cam02.mp4"}])
+    for view in current.kfmocap.views:
+        view.calibrated = True
+    current.kfmocap.last = 11
+    assert bpy.ops.kfmocap.use_armature() == {"FINISHED"}
+    assert armature_of(current).override_library and armature_of(current).animation_data.action.library is None
+    assert bpy.ops.kfmocap.track() == {"FINISHED"}
+    tracked = keys_of(armature_of(current))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
+    assert keys_of(armature_of(bpy.context.scene)) == tracked
 
 
 def test_an_action_that_was_pushed_down_is_said_to_be_there(built):

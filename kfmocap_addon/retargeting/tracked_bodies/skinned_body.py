@@ -51,6 +51,7 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
     """
     armature = editable(armature, current)
     refuse_moving_object(current, armature)
+    fcurves.unlink_action(armature)
     with without_goals(armature) as goals:
         taken, remarks = _taken(current, armature)
         remarks = (*remarks, *freed_remarks(goals))
