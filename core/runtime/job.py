@@ -85,7 +85,8 @@ class Job:
     def status_text(self) -> str:
         """Return a message with the stage of the work, the fraction done, and the remaining time."""
         what, fraction = self.state
-        text = f"{what.capitalize() or 'Starting'} {fraction:.0%}"
+        text = f"{what[:1].upper()}{what[1:]}" if what else "Starting"
+        text = f"{text} {fraction:.0%}"
         if fraction < _ESTIMATE_FROM:
             return text
         return f"{text}, {duration((time.monotonic() - self._begun) * (1 / fraction - 1))} left"

@@ -103,6 +103,13 @@ def test_a_job_that_ends_is_finished_once(monkeypatch):
     assert tool.job.state == ("half", 0.5) and re.match(r"Half 50%, \d+ s left", tool.job.status_text())
 
 
+def test_names_in_a_jobs_status_keep_their_capitals(monkeypatch, tmp_path):
+    tool, _ = started(partial(job_functions.halfway, 42), monkeypatch)
+    tool.job._thread.join(10)
+    tool.job.state = ("cam04: L-frame", 0.001)
+    assert tool.job.status_text() == "Cam04: L-frame 0%"
+
+
 def test_what_a_job_shows_is_updated_ten_times_a_second_at_most(monkeypatch):
     tool, context = started(partial(job_functions.halfway, 42), monkeypatch)
     while not tool.job.done:  # its worker, which the next job takes, is not left at work

@@ -98,7 +98,7 @@ def _image_editor(context: bpy.types.Context) -> tuple[bpy.types.Window, bpy.typ
         for area in window.screen.areas:
             if area.type == "IMAGE_EDITOR":
                 return window, area
-    if not bpy.ops.wm.window_new.poll():
+    if bpy.app.background:
         raise OutputError("There is no window to show it in")
     bpy.ops.wm.window_new()
     area = windows[-1].screen.areas[0]

@@ -47,9 +47,9 @@ def _cause(bone: bpy.types.PoseBone, *, moves: bool) -> str:
     for held in list[Any](bone.constraints):
         if not held.mute and held.influence > 0:
             return f"the constraint '{held.name}' of {bone.name}"
-    if not np.allclose(bone.scale, 1.0, atol=1e-4):
+    if not np.allclose(np.array(bone.scale), 1.0, atol=1e-4):
         return f"the scale of {bone.name}"
-    return f"the location of {bone.name}" if not moves and np.abs(bone.location).max() > 1e-4 else ""
+    return f"the location of {bone.name}" if not moves and np.abs(np.array(bone.location)).max() > 1e-4 else ""
 
 
 def _muted_and_modified(armature: bpy.types.Object) -> list[str]:
