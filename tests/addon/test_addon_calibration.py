@@ -184,6 +184,8 @@ def test_calibrate_shows_cameras_wand_lframe_and_report(blender, tmp_path, solve
     starts = [owners[name].data.background_images[0].clip.frame_start for name in ("cam01", "cam02")]
     assert starts == [scene.frame_start, scene.frame_start - 3]
     assert "Calibration Report" in bpy.data.images
+    expected = ["Found 2 cameras, reprojection error 0.42 pixels", "the wand was waved at one depth"]
+    assert scene.kfmocap_capture.summary.splitlines() == expected
     read = scene_cameras.read_cameras(scene, [owners["cam01"], owners["cam02"]], 1, 1)
     for built, original in zip(read, solver.cameras, strict=True):
         assert largest_difference(original, built, 0) < 1e-4

@@ -53,14 +53,14 @@ class Calibrate(Conditional, JobOperator, bpy.types.Operator):
         solved_cameras.show_picture(REPORT, sheet(result))
         if capture.report:
             write_report(Path(bpy.path.abspath(capture.report)), result)
-        found = f"{len(result.cameras)} cameras, balls {_typical_distance(result.residual):.2f} pixels beside them"
-        capture.summary = "\n".join([found, *map(str, result.findings)])
+        found = f"{len(result.cameras)} cameras, reprojection error {_typical_length(result.residual):.2f} pixels"
+        capture.summary = "\n".join([f"Found {found}", *map(str, result.findings)])
         for finding in result.findings:
             self.report({"WARNING"}, str(finding))
-        self.report({"INFO"}, f"Calibrated {found}")
+        self.report({"INFO"}, f"Found {found}")
 
 
-def _typical_distance(residual: Array) -> float:
+def _typical_length(residual: Array) -> float:
     """Return the root mean square length of residuals (n, 2)."""
     return float((residual**2).sum(axis=1).mean() ** 0.5)
 
