@@ -12,6 +12,7 @@ from ..fitting.misfit_causes import common_shift
 from ..shot.footage_faults.footage_checks import SAME_RATE
 from ..shot.footage_faults.footage_damage import FootageDamage
 from ..shot.footage_faults.footage_times import FootageRate
+from ..shot.footage_faults.frame_pattern import FramePattern
 from ..shot.frame_numbers import footage_offset_text
 from ..shot.shot import Shot
 from ..tracking.footage_gaps import FoundGap
@@ -196,9 +197,12 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
             lines.append(f"{view['camera']}: {NO_KEYPOINTS_TEXT}")
         if off := view.get("keypoint_frames_off"):
             lines.append(f"{view['camera']}: {keypoint_numbers_text(off)}")
+        pattern = FramePattern(**(view.get("pattern") or {}))
+        if pattern.text:
+            lines.append(f"{view['camera']}: {pattern.text}")
         if view.get("damage"):
             lines.append(f"{view['camera']}: {FootageDamage(**view['damage']).text}")
-        if view["torn"]:
+        if view["torn"] and not pattern.every:
             lines.append(f"{view['camera']}: {torn_text(view['torn'])}")
         gaps = [FoundGap(**gap) for gap in view.get("gaps", ())]
         lines += [f"{view['camera']}: {gap.text}" for gap in gaps if not gap.timed]

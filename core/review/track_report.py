@@ -22,6 +22,7 @@ from ..runtime.program_version import program_version
 from ..shot.footage import container_rate
 from ..shot.footage_faults.footage_damage import FootageDamage
 from ..shot.footage_faults.footage_times import FootageRate
+from ..shot.footage_faults.frame_pattern import FramePattern
 from ..shot.shot import Performer, Shot
 from ..tracking.expected_errors.uncertainty import expected_errors, joint_parts
 from ..tracking.footage_gaps import found_gaps, torn_frames
@@ -114,6 +115,7 @@ def _view_values(shot: Shot, result: TrackResult, number: int) -> dict[str, Any]
         "torn": [shot.frames[0] + frame for frame in torn_frames(shot, result)[number]] if result.torn else [],
         "gaps": [dataclasses.asdict(gap) for gap in found_gaps(shot, result)[number]],
         "late": _late(shot, result, number),
+        "pattern": _of_view(result.patterns, number),
         "damage": _of_view(result.damage, number),
         "keypoint_frames_off": _of_keypoints(result.observed.frames_off, number),
         "skipped": list(result.observed.skipped[number]) if result.observed.skipped else [],
@@ -146,8 +148,8 @@ def _performer_values(shot: Shot, result: TrackResult, number: int) -> dict[str,
     )
 
 
-def _of_view(found: Sequence[FootageRate | FootageDamage | None], view: int) -> dict[str, Any] | None:
-    """Return a view's rate or damage as plain values; None if there is none, or it was not looked for."""
+def _of_view(found: Sequence[FootageRate | FootageDamage | FramePattern | None], view: int) -> dict[str, Any] | None:
+    """Return a view's rate, damage or pattern as plain values; None if there is none, or it was not looked for."""
     own = found[view] if found else None
     return None if own is None else dataclasses.asdict(own)
 

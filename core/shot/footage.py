@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..cameras.camera import field_of_frame
 from ..errors import FootageError
 from ..numerics.arrays import Array
+from .footage_faults.interlacing import FieldWatch
 from .frame_numbers import FIRST_PARITY, footage_index, frames_per_file_frame
 from .image_sequences import check_size, image_files, read_image
 from .shot import View
@@ -144,6 +145,8 @@ def frames_at(
     for k, (frame, decoded) in enumerate(zip(frames, _decoded(view, indices, threads), strict=True)):
         if album is not None and near is not None and frame in album.frames:
             album.pictures[frame] = _prepared(decoded, near.size, near_maps, grey=False)
+            if decoded.parity is None:
+                album.fields.add(decoded.image)
         yield _prepared(decoded, camera.size, maps if turns is None else camera.rectify_maps(turns[k]), grey)
 
 
@@ -159,11 +162,14 @@ class Album:
         Factor by which the pictures are reduced.
     pictures : dict of int to ndarray of uint8, shape (h, w, 3)
         The pictures collected so far, rectified; blue, green, red.
+    fields : FieldWatch
+        Has seen them as they are stored, if the footage is said to be progressive.
     """
 
     frames: frozenset[int]
     factor: float
     pictures: dict[int, Image] = field(default_factory=dict)
+    fields: FieldWatch = field(default_factory=FieldWatch)
 
 
 @dataclass(frozen=True, eq=False)

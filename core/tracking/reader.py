@@ -24,6 +24,7 @@ from ..shot.fingerprint import checksum, made_of, value_bytes
 from ..shot.footage import Album, frames_at, working_factor
 from ..shot.footage_faults.continuity import COMPARED_PAIRS, block_change, block_means, most_changed, torn_pairs
 from ..shot.footage_faults.footage_times import FootageRate, footage_rate, frames_missing
+from ..shot.footage_faults.frame_pattern import FramePattern, repeated_every
 from ..shot.footage_faults.skipped_frames import PairChanges, PointsFollowed
 from ..shot.frame_numbers import across_gaps, footage_delay, frames_damaged
 from ..shot.shot import Shot, View
@@ -99,7 +100,7 @@ class SegmentReader:
         turns = None if standing is None else dict(zip(frames, camera.turns_to(standing), strict=True))
         decoded = _frames(view, frames, factor, album, memory=memory, threads=threads, turns=turns)
         self._stream = sound_pictures(decoded, self._damaged)
-        self._stopped = stopped
+        self._album, self._stopped = album, stopped
         self._length = shot.length
         self._gaps = frames_missing(kept_rate(shot, view, memory), view, frames) | across_gaps(view, frames)
         self._begins = 0 if self._damaged.all() else int(np.argmin(self._damaged))
@@ -138,6 +139,11 @@ class SegmentReader:
             damaged=damaged,
             changes=changes,
         )
+
+    @property
+    def pattern(self) -> FramePattern:
+        """How the frames that were read were made from others."""
+        return FramePattern(self._album.fields.interlaced, repeated_every(self._changes))
 
     def _one_by_one(self, first: int, last: int) -> Iterator[Image]:
         """Generate the frames of a segment; the last one is also the first of the next segment."""

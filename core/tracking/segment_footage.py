@@ -20,6 +20,7 @@ from ..runtime.threads import worker_count
 from ..runtime.timing import Seconds
 from ..runtime.worker_memory import WorkerMemory
 from ..shot.footage import MAX_PICTURE_SIDE, Album, Image, working_factor
+from ..shot.footage_faults.frame_pattern import FramePattern
 from ..shot.footage_faults.skipped_frames import PairChanges, skipped_pairs
 from ..shot.shot import Shot
 from .appearance import frames_with_foreground, grey_frames
@@ -52,6 +53,8 @@ class SegmentFootage:
         Per view: frames read so far that do not continue the frame before, counted from the shot's first.
     moved : set of int
         Views of cameras that stand still by their calibration, but in whose pictures read so far the background shifts.
+    patterns : tuple of FramePattern
+        Per view, once all is read: how its frames were made from others.
     movements : tuple of list of KeypointMovements
         Per view, and in it per performer: how the movements of keypoints agree with the pictures read so far.
     """
@@ -72,6 +75,7 @@ class SegmentFootage:
         self._keypoints = keypoints
         self.torn: tuple[list[int], ...] = tuple([] for _ in shot.views)
         self.moved: set[int] = set()
+        self.patterns: tuple[FramePattern, ...] = ()
         self._watches: dict[int, BackgroundWatch] = {}
         self.movements: tuple[list[KeypointMovements], ...] = tuple([] for _ in shot.views)
 
@@ -130,6 +134,7 @@ class SegmentFootage:
                     for frames, view in zip(self.torn, views, strict=True):
                         frames += _torn_frames(segment, view)
                     yield views
+                self.patterns = tuple(reader.pattern for reader in readers)
             finally:
                 stopped.set()
 

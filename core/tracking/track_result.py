@@ -13,6 +13,7 @@ from ..keypoints.observations import ShotKeypoints
 from ..numerics.arrays import Array, Bools
 from ..shot.footage_faults.footage_damage import FootageDamage
 from ..shot.footage_faults.footage_times import FootageRate
+from ..shot.footage_faults.frame_pattern import FramePattern
 from ..shot.shot import Gap
 from .expected_errors.uncertainty import JointErrors
 from .late_views import LateView
@@ -84,6 +85,8 @@ class TrackResult:
         Per view: from which frame on it is early or late with these gaps, if it is.
     rates : tuple of FootageRate or None
         Per view: its frame rate; None if the container does not state times.
+    patterns : tuple of FramePattern
+        Per view: how the frames of its footage were made from others.
     damage : tuple of FootageDamage or None
         Per view: damage that its decoder reported; empty if there was none, or it was not recorded.
     """
@@ -105,6 +108,7 @@ class TrackResult:
     turns: tuple[Array | None, ...] = ()
     late: tuple[LateView | None, ...] = ()
     rates: tuple[FootageRate | None, ...] = ()
+    patterns: tuple[FramePattern, ...] = ()
     damage: tuple[FootageDamage | None, ...] = ()
 
     def of_views(self, views: Sequence[int]) -> TrackResult:
@@ -120,6 +124,7 @@ class TrackResult:
             turns=tuple(self.turns[v] for v in order) if self.turns else (),
             late=tuple(self.late[v] for v in order) if self.late else (),
             rates=tuple(self.rates[v] for v in order),
+            patterns=tuple(self.patterns[v] for v in order),
             damage=tuple(self.damage[v] for v in order) if self.damage else (),
         )
 

@@ -265,6 +265,7 @@ def _tracked_once(
         gaps=tuple(view.gaps for view in shot.views),
         turns=turns,
         rates=tuple(rate.result() for rate in rates),
+        patterns=footage.patterns,
     )
     return result, done
 

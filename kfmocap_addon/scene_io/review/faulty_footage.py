@@ -67,10 +67,14 @@ def _faults(
     pairs = list(zip(begins, results, strict=True))
     shots = [shot.between(part.first, part.last) for part in parts]
     each = [torn_frames(own, r)[v] if r.torn else [] for own, r in zip(shots, results, strict=True)]
-    if torn := sorted({begin + frame for begin, found in zip(begins, each, strict=True) for frame in found}):
+    patterns = [own for r in results if r.patterns and (own := r.patterns[v]).text]
+    torn = sorted({begin + frame for begin, found in zip(begins, each, strict=True) for frame in found})
+    if torn and not any(pattern.every for pattern in patterns):
         yield f"pictures at {listed(torn, _SHOWN)} do not continue", torn_text(torn)
     if late := [off.counted_from(begin) for begin, r in pairs if r.late and (off := r.late[v]) is not None]:
         yield late[0].brief, late[0].text
+    if patterns:
+        yield patterns[0].brief, patterns[0].text
     if damage := [own for r in results if r.damage and (own := r.damage[v]) is not None]:
         yield "its file is damaged" if damage[0].reported else "its pictures may be damaged", damage[0].text
     agreements = [performer.agreements()[v] for r in results for performer in r.observed.performers]

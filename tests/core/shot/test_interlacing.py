@@ -1,4 +1,4 @@
-"""Interlaced videos of a wand are told from others."""
+"""Interlaced videos are told from others."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.calibration.balls.ball_detection import background_of
-from kfmocap.core.calibration.interlacing import shows_two_fields
+from kfmocap.core.shot.footage_faults.interlacing import FieldWatch, shows_two_fields
 from render.drawing import Canvas
 from render.drawn_takes import HARDSHIPS, drawn_take
 from render.waving import SensorNoise
@@ -48,3 +48,12 @@ def test_fields_that_are_woven_are_seen_where_something_moves(speed):
 def test_a_room_in_which_nothing_moves_says_nothing():
     images = [SensorNoise(CAMERA.size, seed).record(canvas().drawn([])) for seed in range(5)]
     assert not shows_two_fields(images, background_of(images))
+
+
+@pytest.mark.parametrize(("fields", "interlaced"), [(1, False), (2, True)])
+def test_frames_that_are_given_one_by_one_show_their_fields_though_the_room_has_stripes_as_fine(fields, interlaced):
+    watch, stripes = FieldWatch(), np.zeros((CAMERA.size[1], CAMERA.size[0], 3), np.uint8)
+    stripes[1:200:2] = 60
+    for image in pictures(fields, 1.0):
+        watch.add(cv2.add(image // 2, stripes))
+    assert watch.interlaced == interlaced

@@ -1,0 +1,76 @@
+"""Recognising interlaced video: a frame consists of two fields, and moving things are in two places, line by line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[Any]
+
+_MIN_DIFFERENCE = 72
+"""Difference of neighbouring lines, summed over the colours, that is larger than noise, levels."""
+_MAX_FIELD_DIFFERENCE = 0.5
+"""Largest difference between the lines of one field, relative to that."""
+_MIN_COMBED_PIXELS, _MIN_COMBED_SHARE = 60, 0.05
+"""Number of combed pixels, and their fraction of all such steps, from which a video is interlaced: thin rods cause
+some.
+"""
+_COLUMNS = 480
+"""Number of columns of a frame in which a `FieldWatch` looks, about: all of them take some hundredths of a second."""
+
+
+class FieldWatch:
+    """Looks for two fields in frames of a video that are given one by one, as they are stored.
+
+    What the first of them shows, too, does not count: textures and blinds may have lines as fine as fields.
+    """
+
+    def __init__(self) -> None:
+        self._first: Image | None = None
+        self._combed = self._steps = 0
+
+    def add(self, image: Image) -> None:
+        """Look at a frame, shape (h, w, 3), blue, green, red; it is not kept, unless it is the first."""
+        columns = image[:, :: max(1, image.shape[1] // _COLUMNS)]
+        if self._first is None:
+            self._first = columns.copy()
+            return
+        combed, steps = _combed_pixels(columns, self._first)
+        self._combed, self._steps = self._combed + combed, self._steps + steps
+
+    @property
+    def interlaced(self) -> bool:
+        """Whether moving things are in two places on these frames."""
+        return _is_interlaced(self._combed, self._steps)
+
+
+def shows_two_fields(images: Sequence[Image], background: Image) -> bool:
+    """Return whether a video is interlaced, from moving things on some of its frames.
+
+    Parameters
+    ----------
+    images : sequence of ndarray of uint8, shape (h, w, 3)
+    background : ndarray of uint8, shape (h, w, 3)
+        The same picture without moving things.
+    """
+    found = [_combed_pixels(image, background) for image in images]
+    return _is_interlaced(sum(combed for combed, _ in found), sum(steps for _, steps in found))
+
+
+def _combed_pixels(image: Image, background: Image) -> tuple[int, int]:
+    """Return how many pixels of what is not background differ from both neighbouring lines, but not these from each
+    other, and how many differ from the line before.
+    """
+    added = (image.astype(np.int16) - background).sum(axis=2, dtype=np.int32)
+    a, b, c, d = added[:-3], added[1:-2], added[2:-1], added[3:]
+    step = np.abs(b - a)
+    comb = (step > _MIN_DIFFERENCE) & ((b - a) * (b - c) > 0)
+    comb &= (np.abs(a - c) < _MAX_FIELD_DIFFERENCE * step) & (np.abs(b - d) < _MAX_FIELD_DIFFERENCE * step)
+    return int(comb.sum()), int((step > _MIN_DIFFERENCE).sum())
+
+
+def _is_interlaced(combed: int, steps: int) -> bool:
+    return combed >= _MIN_COMBED_PIXELS and combed > _MIN_COMBED_SHARE * steps
