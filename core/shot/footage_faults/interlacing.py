@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 Image = NDArray[Any]
 
-_MIN_DIFFERENCE = 72
-"""Difference of neighbouring lines, summed over the colours, that is larger than noise, levels."""
+_MIN_DIFFERENCE, _NOISE_QUANTILE, _MIN_NOISE_RATIO = 72, 0.9, 4.0
+"""Difference of neighbouring lines, summed over the colours, that is larger than noise: in levels, and in terms of this
+quantile of the differences, to which noise adds most (six standard deviations): grain combs many of its steps.
+"""
 _MAX_FIELD_DIFFERENCE = 0.5
 """Largest difference between the lines of one field, relative to that."""
 _MIN_COMBED_PIXELS, _MIN_COMBED_SHARE = 60, 0.05
@@ -65,11 +67,13 @@ def _combed_pixels(image: Image, background: Image) -> tuple[int, int]:
     other, and how many differ from the line before.
     """
     added = (image.astype(np.int16) - background).sum(axis=2, dtype=np.int32)
-    a, b, c, d = added[:-3], added[1:-2], added[2:-1], added[3:]
-    step = np.abs(b - a)
-    comb = (step > _MIN_DIFFERENCE) & ((b - a) * (b - c) > 0)
-    comb &= (np.abs(a - c) < _MAX_FIELD_DIFFERENCE * step) & (np.abs(b - d) < _MAX_FIELD_DIFFERENCE * step)
-    return int(comb.sum()), int((step > _MIN_DIFFERENCE).sum())
+    a, b, c, d, e, f = (added[k : len(added) - 5 + k] for k in range(6))
+    step = np.abs(c - b)
+    clear = step > max(_MIN_DIFFERENCE, _MIN_NOISE_RATIO * float(np.quantile(step[::2], _NOISE_QUANTILE)))
+    comb = clear & ((c - b) * (c - d) > 0)
+    for one, next_of_its_field in ((a, c), (b, d), (c, e), (d, f)):
+        comb &= np.abs(next_of_its_field - one) < _MAX_FIELD_DIFFERENCE * step
+    return int(comb.sum()), int(clear.sum())
 
 
 def _is_interlaced(combed: int, steps: int) -> bool:
