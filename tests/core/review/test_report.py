@@ -22,6 +22,7 @@ from kfmocap.core.review.track_report import report
 from kfmocap.core.runtime.files import write_json
 from kfmocap.core.shot.footage_faults.footage_damage import FootageDamage
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate
+from kfmocap.core.shot.footage_faults.frame_pattern import FramePattern
 from kfmocap.core.shot.shot import Gap, KeyPoses, Performer, Shot, View
 from kfmocap.core.tracking.expected_errors.uncertainty import JointErrors
 from kfmocap.core.tracking.late_views import LateView
@@ -68,6 +69,7 @@ def tracked() -> tuple[Shot, type]:
         gaps = ()
         damage = ()
         rates = ()
+        patterns = ()
         segments = (Segment(0, 23, 3, (5.0, 2.0, 1.5)),)
 
     deviation = np.full((F, len(body)), 0.004) * np.sin(np.pi * np.arange(F) / (F - 1))[:, None]
@@ -225,6 +227,15 @@ def test_joint_error_leaves_out_key_frames_and_landmarks_that_are_not_joints() -
 def test_nothing_to_compare_is_an_error() -> None:
     with pytest.raises(LandmarkError, match="share no joint"):
         joint_error(landmarks(["Nose"], np.zeros((3, 1, 3))), landmarks(["Nose"], np.zeros((3, 1, 3))), [])
+
+
+def test_repeated_frames_are_reported_once_and_not_one_by_one(tracked: tuple[Shot, type]) -> None:
+    shot, result = tracked
+    result.torn = ((3, 5, 7), (4,))
+    result.patterns = (FramePattern(every=2), FramePattern(interlaced=True))
+    lines = [line for line in report_lines(report(shot, result())) if line.startswith("cam0")]
+    assert [line.split(":")[0] for line in lines] == ["cam01", "cam02", "cam02"]
+    assert "every second frame" in lines[0] and "interlaced" in lines[1] and "104" in lines[2]
 
 
 def test_problems_of_the_footage_are_reported(
