@@ -41,10 +41,13 @@ class BackgroundShift:
         Median displacement of its corners, pixels of the footage.
     frames : tuple of int
         The two frames, counted from the shot's first.
+    enlarged : float
+        How much larger it is on the second of them.
     """
 
     pixels: float
     frames: tuple[int, int]
+    enlarged: float = 1.0
 
 
 def background_shift(
@@ -63,19 +66,29 @@ def background_shift(
     factor : float
         Factor by which the pictures are reduced.
     """
+    shifts = _shifts(pictures, performers)
+    found = [(shift, frame) for shift, frame in zip(shifts, frames[1:], strict=True) if shift is not None]
+    if not found or max(found)[0][0] < MIN_SHIFT:
+        return None
+    (shift, enlarged), frame = max(found)
+    return BackgroundShift(factor * shift, (frames[0], frame), enlarged)
+
+
+def background_tells(pictures: Sequence[NDArray[np.uint8]], performers: Sequence[Bools]) -> bool:
+    """Whether the background of K pictures shows if their camera stood still; parameters as of `background_shift`."""
+    return any(shift is not None for shift in _shifts(pictures, performers))
+
+
+def _shifts(pictures: Sequence[NDArray[np.uint8]], performers: Sequence[Bools]) -> list[tuple[float, float] | None]:
+    """Return `_shift` between the first of K pictures and each of the others."""
     grey = [cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) for picture in pictures]
     free = [beside(mask) for mask in performers]
-    shifts = [_shift(grey[0], grey[k], free[0] & free[k]) for k in range(1, len(grey))]
-    found = [(shift, frame) for shift, frame in zip(shifts, frames[1:], strict=True) if shift is not None]
-    if not found or max(found)[0] < MIN_SHIFT:
-        return None
-    shift, frame = max(found)
-    return BackgroundShift(factor * shift, (frames[0], frame))
+    return [_shift(grey[0], grey[k], free[0] & free[k]) for k in range(1, len(grey))]
 
 
-def _shift(one: NDArray[np.uint8], other: NDArray[np.uint8], free: Bools) -> float | None:
-    """Return the median displacement of the background between two pictures, pixels; 0 where most of it stays, None
-    where too few corners or no common motion show it.
+def _shift(one: NDArray[np.uint8], other: NDArray[np.uint8], free: Bools) -> tuple[float, float] | None:
+    """Return the median displacement of the background between two pictures, pixels, and how much larger it is on the
+    second; 0 and 1 where most of it stays, None where too few corners or no common motion show it.
     """
     corners = background_corners(one, free)
     if corners is None:
@@ -86,14 +99,14 @@ def _shift(one: NDArray[np.uint8], other: NDArray[np.uint8], free: Bools) -> flo
     start, end = corners[kept, 0], there[kept]
     moved = _lengths(end - start)
     if np.median(moved) < _STILL:
-        return 0.0
+        return 0.0, 1.0
     similarity, agreeing = cv2.estimateAffinePartial2D(start, end, ransacReprojThreshold=MAX_ERROR)
     if similarity is None or agreeing.mean() < MIN_SHARE:
         return None
     together = agreeing[:, 0] > 0
     if cv2.contourArea(cv2.convexHull(start[together])) < _MIN_EXTENT * one.size:
         return None
-    return float(np.median(moved[together]))
+    return float(np.median(moved[together])), float(np.linalg.norm(similarity[:, 0]))
 
 
 def beside(performers: Bools) -> Bools:

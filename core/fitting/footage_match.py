@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
 from ..errors import FootageError
-from ..evidence.background_shift import BackgroundShift, background_shift
+from ..evidence.background_shift import BackgroundShift, background_shift, background_tells
 from ..evidence.movement_match import COARSE_SIDE, key_poses_of, movement_match
 from ..evidence.rendering.label_images import render_labels
 from ..evidence.rendering.part_geometry import Geometry
@@ -81,6 +81,16 @@ def shifted_background(
         return None
     body = render_labels(geometry, pictured.camera(view.camera), 0, *poses).part >= 0
     return background_shift(list(pictured.rectified(view.camera)), list(body), frames.tolist(), pictured.factor)
+
+
+def background_is_plain(view: View, pictured: KeyFrameView, geometry: Geometry, poses: Poses) -> bool:
+    """Whether the background of a camera that should stand still does not show if it does; parameters as of
+    `shifted_background`.
+    """
+    if not view.camera.stands_still:
+        return False
+    body = render_labels(geometry, pictured.camera(view.camera), 0, *poses).part >= 0
+    return not background_tells(list(pictured.rectified(view.camera)), list(body))
 
 
 def better_shift(shot: Shot, view: View, frames: NDArray[np.int64]) -> int | None:

@@ -13,9 +13,9 @@ from ..evidence.movement_match import key_poses_of
 from ..evidence.rendering.part_geometry import Geometry
 from ..numerics.arrays import Array
 from ..shot.shot import Shot
-from .footage_match import better_shift, shifted_background
+from .footage_match import background_is_plain, better_shift, shifted_background
 from .key_frame_views import KeyFrameView
-from .view_findings import CameraFit, FootageMatch, MovedCamera, ViewFinding
+from .view_findings import CameraFit, FootageMatch, MovedCamera, PlainBackground, ViewFinding
 
 MAX_SHIFT_SPREAD = 4.0
 """Largest difference between shifts of all views that mean one thing, key poses that lag, frames of the shot: each is
@@ -51,6 +51,22 @@ def moved_cameras(
             there = replace(shift, frames=(first + shift.frames[0], first + shift.frames[1]))
             found[name] = MovedCamera(name, there)
     return found
+
+
+def plain_backgrounds(
+    shot: Shot, views: Sequence[KeyFrameView], frames: NDArray[np.int64]
+) -> tuple[PlainBackground, ...]:
+    """Return the cameras of which the background does not show whether they moved, though others of the shot did;
+    parameters as of `moved_cameras`.
+    """
+    if len(frames) < 2:
+        return ()
+    poses, geometry = key_poses_of(shot, frames), Geometry.of([performer.body for performer in shot.performers])
+    return tuple(
+        PlainBackground(view.camera.name)
+        for view, pictured in zip(shot.views, views, strict=True)
+        if background_is_plain(view, pictured, geometry, poses)
+    )
 
 
 def followed_cameras(shot: Shot, turns: Sequence[Array | None]) -> tuple[MovedCamera, ...]:

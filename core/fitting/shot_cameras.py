@@ -38,7 +38,7 @@ from .early_check import EARLY_MISFITS, early_frames, early_misfits
 from .footage_match import footage_matches
 from .key_frame_views import pictured_key_frames, read_key_frames
 from .keypoint_cameras import PictureShift, contradictions
-from .misfit_causes import attributed_findings, followed_cameras, moved_cameras
+from .misfit_causes import attributed_findings, followed_cameras, moved_cameras, plain_backgrounds
 from .outline_fit import RefinementStage
 from .shared_keypoints import CameraEstimate, SharedKeypoints
 from .view_findings import CameraFit, ViewFinding
@@ -75,6 +75,8 @@ def fit_by_key_poses(
     shot: Shot,
     pictures: Sequence[Mapping[int, NDArray[np.uint8]]] | None = None,
     progress: Progress | None = None,
+    *,
+    turning: bool = False,
 ) -> tuple[ViewFinding, ...]:
     """Compare the cameras with the key poses of the whole body, by the performers' outlines.
 
@@ -85,6 +87,8 @@ def fit_by_key_poses(
         Per view: rectified pictures by shot frame, including those of `checked_frames`; read from the footage by
         default.
     progress : callable, optional
+    turning : bool
+        Whether other cameras were found to turn, so that of each of the rest it is to be told.
 
     Returns
     -------
@@ -117,8 +121,10 @@ def fit_by_key_poses(
     matches = footage_matches(shot, views, frames)
     moved = moved_cameras(shot, views, frames)
     rest = [fit for fit in fits if fit.camera not in moved]
+    plain = plain_backgrounds(shot, views, frames) if turning else ()
     return (
         *moved.values(),
+        *plain,
         *attributed_findings(given, frames, [own for own in matches if own.camera not in moved], rest),
     )
 
@@ -138,8 +144,8 @@ def camera_fits(shot: Shot, result: SolvedShot, progress: Progress | None = None
     keypoints = [own.factor.keypoints for own in result.observed.performers]
     shared = fit_by_keypoints(shot, keypoints) if keypoints else ()
     in_step, frames = shot.with_footage_offset(result.footage_offset), set(checked_frames(shot))
-    kept = bool(result.pictures) and all(frames <= images.keys() for images in result.pictures)
-    return (*followed, *shared, *fit_by_key_poses(in_step, result.pictures if kept else None, progress))
+    pictures = result.pictures if result.pictures and all(frames <= own.keys() for own in result.pictures) else None
+    return (*followed, *shared, *fit_by_key_poses(in_step, pictures, progress, turning=bool(followed)))
 
 
 def for_camera_fits(shot: Shot, result: TrackResult | SolvedShot) -> SolvedShot:

@@ -6,6 +6,7 @@ Every finding has a `camera`, says in `by` what the view was compared by, whethe
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -19,6 +20,12 @@ _EXPOSE = (
     "footage can be tracked, less exactly"
 )
 _MIRROR = "mirror its footage back, as with: ffmpeg -i FOOTAGE -vf hflip -crf 14 CONVERTED.mp4"
+_MIN_ZOOM = 0.02
+"""Logarithm of how much larger the background gets from which the lens zooms, or the camera comes closer."""
+_ZOOM = (
+    "a calibration holds for one focal length and place: film with a fixed zoom, leave the view out with --views, or "
+    "solve the camera's motion, as in Blender"
+)
 _STABILISE = (
     "its pictures do not tell how it turned, or stabilise = false; stabilise its footage, as with: ffmpeg -i FOOTAGE "
     "-vf vidstabdetect=tripod=1 -f null - && ffmpeg -i FOOTAGE -vf vidstabtransform=tripod=1:optzoom=0 -crf 14 "
@@ -100,7 +107,8 @@ class FootageMatch:
         return (
             f"{self.camera}: its pictures do not change where the key poses move (agreement {self.match:.2f}, of at "
             f"most 1; chance gives 0.5): check that this is the footage of {self.camera}, that its offset is right, "
-            "and that the key poses and the calibration belong to this shot"
+            "and that the key poses and the calibration belong to this shot; large things that move beside the "
+            "performers, such as shadows, cause it, too"
         )
 
 
@@ -128,17 +136,58 @@ class MovedCamera:
     @property
     def brief(self) -> str:
         """A few words on how far it moved."""
+        if self._zooms:
+            return f"its camera zooms, or moves: the background gets {self.background.enlarged:.0%} of its size"
         what = f"its camera moved: the background shifts by {self.background.pixels:.0f} px"
         return f"{what} (measured and allowed for)" if self.followed else what
+
+    @property
+    def _zooms(self) -> bool:
+        """Whether turns do not explain how the background lies."""
+        return not self.followed and abs(math.log(self.background.enlarged)) > _MIN_ZOOM
 
     @property
     def summary(self) -> str:
         """One line on how far it moved and what was done, or what to do."""
         before, after = self.background.frames
+        if self._zooms:
+            return (
+                f"{self.camera}: the background has {self.background.enlarged:.0%} of its size on frame {before} on "
+                f"frame {after}: its lens zooms, or the camera comes closer or goes away; {_ZOOM}"
+            )
         done = "how it turned was measured in the pictures and is allowed for"
         return (
             f"{self.camera}: its camera moved: the background lies {self.background.pixels:.0f} px elsewhere on frame "
             f"{after} than on frame {before}, but the calibration has one pose; {done if self.followed else _STABILISE}"
+        )
+
+
+@dataclass(frozen=True)
+class PlainBackground:
+    """A camera of which it cannot be seen whether it moved, as others of the shot did.
+
+    Attributes
+    ----------
+    camera : str
+    by, off
+        As of other findings.
+    """
+
+    camera: str
+    by: Literal["plain background"] = "plain background"
+    off: Literal[True] = True
+
+    @property
+    def brief(self) -> str:
+        """A few words on it."""
+        return "its background is too plain to tell whether its camera moved"
+
+    @property
+    def summary(self) -> str:
+        """One line on it and what to do."""
+        return (
+            f"{self.camera}: {self.brief}, as others of this shot did: if it was held in the hand, stabilise its "
+            "footage, give the camera's motion, or leave the view out with --views; next time, put marks on the wall"
         )
 
 
@@ -176,4 +225,4 @@ class FlickeringLight:
         return f"{self.camera}: {self.brief} from frame to frame: {_DEFLICKER}"
 
 
-ViewFinding: TypeAlias = CameraFit | FootageMatch | MovedCamera | FlickeringLight
+ViewFinding: TypeAlias = CameraFit | FootageMatch | MovedCamera | PlainBackground | FlickeringLight

@@ -268,7 +268,10 @@ def _measured(found: ViewFinding) -> dict[str, Any]:
             return match if found.offset is None else {**match, "offset": found.offset}
         case "background":
             shift, frames = round(found.background.pixels, 1), list(found.background.frames)
-            return {"shift": shift, "frames": frames, "followed": found.followed}
+            enlarged = round(found.background.enlarged, 3)
+            return {"shift": shift, "frames": frames, "enlarged": enlarged, "followed": found.followed}
+        case "plain background":
+            return {}
         case "light":
             return {"flicker": round(found.amplitude, 3)}
         case _:

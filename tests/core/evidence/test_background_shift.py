@@ -10,7 +10,7 @@ import pytest
 from kfmocap.core.evidence.background_shift import background_shift
 from kfmocap.core.fitting.early_check import early_misfits
 from kfmocap.core.fitting.shot_cameras import fit_by_key_poses
-from kfmocap.core.fitting.view_findings import MovedCamera
+from kfmocap.core.fitting.view_findings import MovedCamera, PlainBackground
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import View
 from synthetic import figure, look_at, shot_of, swing
@@ -26,9 +26,9 @@ def wall(size: tuple[int, int] = SIZE) -> np.ndarray:
     return cv2.normalize(cv2.GaussianBlur(rough, (0, 0), 2.0), None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
 
 
-def moved(picture: np.ndarray, x: float, y: float, degrees: float = 0.0) -> np.ndarray:
+def moved(picture: np.ndarray, x: float, y: float, degrees: float = 0.0, larger: float = 1.0) -> np.ndarray:
     h, w = picture.shape[:2]
-    turn = cv2.getRotationMatrix2D((w / 2, h / 2), degrees, 1.0)
+    turn = cv2.getRotationMatrix2D((w / 2, h / 2), degrees, larger)
     turn[:, 2] += x, y
     return cv2.warpAffine(picture, turn, (w, h), borderMode=cv2.BORDER_REFLECT)
 
@@ -82,3 +82,26 @@ def test_a_camera_that_was_moved_is_said_to_have_moved_also_before_tracking() ->
         said.summary
     )
     assert "vidstabtransform=tripod=1" in said.summary and "the background shifts by 12 px" in said.brief
+
+
+@pytest.mark.parametrize("larger", [1.2, 0.9])
+def test_a_camera_that_zooms_is_said_to_zoom_and_not_to_be_stabilised(larger: float) -> None:
+    shot = shot_of([View(FRONT, "front.mp4")], [BODY], [TRUTH], range(len(TRUTH)))
+    still, count = wall(FRONT.size), len(TRUTH)
+    pictures = [{k: moved(still, 0, 0, larger=larger ** (k / (count - 1))) for k in range(count)}]
+    [said] = fit_by_key_poses(shot, pictures)
+    assert isinstance(said, MovedCamera) and said.background.enlarged == pytest.approx(larger, abs=0.01)
+    assert f"{said.background.enlarged:.0%} of its size" in said.summary and "zoom" in said.summary and "zooms" in said.brief
+    assert "stabilise" not in said.summary
+
+
+def test_a_plain_background_is_named_only_if_other_cameras_move() -> None:
+    """Nobody can tell whether its camera moved; if the others stand on tripods, it does so, too."""
+    side = look_at("side", (2.8, -0.5, 1.5))
+    shot = shot_of([View(FRONT, "front.mp4"), View(side, "side.mp4")], [BODY], [TRUTH], range(len(TRUTH)))
+    plain = np.full((FRONT.size[1], FRONT.size[0], 3), 120, np.uint8)
+    pictures = [{k: plain for k in range(len(TRUTH))}, {k: wall(FRONT.size) for k in range(len(TRUTH))}]
+    assert not any(isinstance(own, PlainBackground) for own in fit_by_key_poses(shot, pictures))
+    said = [own for own in fit_by_key_poses(shot, pictures, turning=True) if isinstance(own, PlainBackground)]
+    assert [own.camera for own in said] == ["front"]
+    assert "too plain" in said[0].brief and "--views" in said[0].summary
