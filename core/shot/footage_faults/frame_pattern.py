@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +76,7 @@ _INTERLACED = (
 )
 
 
-def repeated_every(changes: Sequence[Array]) -> int:
+def repeated_every(changes: Sequence[NDArray[np.floating[Any]]]) -> int:
     """Return every how many frames one repeats the frame before, from the `block_change` of consecutive pairs of them;
     0 if none do, or too little moves to tell.
     """

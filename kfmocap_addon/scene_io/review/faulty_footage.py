@@ -67,7 +67,7 @@ def _faults(
     pairs = list(zip(begins, results, strict=True))
     shots = [shot.between(part.first, part.last) for part in parts]
     each = [torn_frames(own, r)[v] if r.torn else [] for own, r in zip(shots, results, strict=True)]
-    patterns = [own for r in results if r.patterns and (own := r.patterns[v]).text]
+    patterns = [r.patterns[v] for r in results if r.patterns and r.patterns[v].text]
     torn = sorted({begin + frame for begin, found in zip(begins, each, strict=True) for frame in found})
     if torn and not any(pattern.every for pattern in patterns):
         yield f"pictures at {listed(torn, _SHOWN)} do not continue", torn_text(torn)
