@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..capture.colours import Colour
 from ..numerics.arrays import Array
-from ..shot.footage_faults.interlacing import shows_two_fields
+from ..shot.interlacing import shows_two_fields
 from .balls.ball_detection import Picture, background_of, find_balls, without_rods
 from .balls.found_balls import Balls
 from .balls.passing_balls import Backdrop, BallSample, PassingBalls, PassingFrame

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from ..cameras.camera import field_of_frame
 from ..errors import FootageError
 from ..numerics.arrays import Array
-from .footage_faults.interlacing import FieldWatch
 from .frame_numbers import FIRST_PARITY, footage_index, frames_per_file_frame
 from .image_sequences import check_size, image_files, read_image
+from .interlacing import FieldWatch
 from .shot import View
 from .video_edits import shown_share
 from .video_file import check_video_file

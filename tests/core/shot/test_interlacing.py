@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.calibration.balls.ball_detection import background_of
-from kfmocap.core.shot.footage_faults.interlacing import FieldWatch, shows_two_fields
+from kfmocap.core.shot.interlacing import FieldWatch, shows_two_fields
 from render.drawing import Canvas
 from render.drawn_takes import HARDSHIPS, drawn_take
 from render.waving import SensorNoise
