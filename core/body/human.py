@@ -94,7 +94,7 @@ def default_measures(height: float) -> dict[str, float]:
     """Measures in metres of a person of that height; limbs are named per side (`thigh.L`)."""
     if not np.isfinite(height) or not 0.3 <= height <= 3.0:
         todo = "give it in metres, 0.3 to 3.0; if it follows from landmarks or keypoints, check their units"
-        raise BodyError(f"a height of {height:.3g} m is not a person's", todo=todo)
+        raise BodyError(f"a height of {height:.4g} m is not a person's", todo=todo)
     measures: dict[str, float] = {}
     for name, fraction in FRACTIONS.items():
         for key in measure_names(name):

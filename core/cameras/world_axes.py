@@ -70,10 +70,25 @@ class FileWorld:
         ------
         CalibrationError
         """
-        apart = [float(np.linalg.norm(a.centre_world() - b.centre_world())) for a, b in combinations(cameras, 2)]
-        if self.unit is None and max(apart, default=0.0) > _MAX_APART:
-            what = f"its cameras are up to {max(apart):.0f} m apart, as if it were not in metres"
-            raise CalibrationError(what, todo=todo)
+        farthest = _farthest_apart(cameras)
+        if self.unit is not None or farthest <= _MAX_APART:
+            return
+        for k, camera in enumerate(cameras):
+            rest = _farthest_apart([*cameras[:k], *cameras[k + 1 :]])
+            if 0 < rest <= _MAX_APART:
+                what = (
+                    f"'{camera.name}' is {farthest:.0f} m from the others, which are at most {rest:.1f} m apart: "
+                    "its translation seems to be in another unit than theirs"
+                )
+                raise CalibrationError(what, todo=f"correct it in the file; if all of it is in another unit, {todo}")
+        what = f"its cameras are up to {farthest:.0f} m apart, as if it were not in metres"
+        raise CalibrationError(what, todo=todo)
+
+
+def _farthest_apart(cameras: Sequence[Camera]) -> float:
+    """Return the largest distance between two cameras, metres; 0 for one."""
+    apart = [float(np.linalg.norm(a.centre_world() - b.centre_world())) for a, b in combinations(cameras, 2)]
+    return max(apart, default=0.0)
 
 
 def upward_axis(cameras: Sequence[Camera]) -> str:

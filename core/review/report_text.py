@@ -205,7 +205,7 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
         if view["torn"] and not pattern.every:
             lines.append(f"{view['camera']}: {torn_text(view['torn'])}")
         gaps = [FoundGap(**gap) for gap in view.get("gaps", ())]
-        lines += [f"{view['camera']}: {gap.text}" for gap in gaps if not gap.timed]
+        lines += [f"{view['camera']}: {gap.text}" for gap in gaps if not (gap.timed or gap.given)]
         if view.get("late"):
             lines.append(f"{view['camera']}: {LateView(**view['late']).text}")
     return lines + _drift_lines(values)

@@ -216,7 +216,10 @@ def check_images(path: Path, files: Mapping[int, Path], frames: range, size: tup
         what = f"images are missing in the sequence: frames {listed(gaps, _MAX_SHOWN_GAPS)}, counted from 0"
         before = [number for number in files if number < next(n for n in frames if n not in files)]
         what += f", the first of them after {files[max(before)].name}" if before else ""
-        todo = "write or copy these images again, or track frames without them"
+        todo = (
+            "write or copy these images again, or track frames without them; if the camera lost them, name the images "
+            f"as *{path.suffix}, which are taken one after the other, and list the gaps as missing in the [[view]]"
+        )
         raise FootageError(what, where=str(path), todo=todo)
     first = _stored_size(files[min(files)])
     for number in needed:

@@ -158,11 +158,14 @@ class FoundGap:
         The shot's first frame that is missing in the footage; or the one behind the frame that is there more than once.
     missing, timed
         See `Gap`.
+    given : bool
+        Whether the user stated it; else tracking has found it.
     """
 
     frame: int
     missing: int
     timed: bool = False
+    given: bool = False
 
     def counted_from(self, first: int) -> FoundGap:
         """Return the same with frames in a count in which the shot's first has a number."""
@@ -191,19 +194,20 @@ class FoundGap:
 def found_gaps(shot: Shot, result: TrackResult) -> list[list[FoundGap]]:
     """Return the gaps of every view as they are reported, with frames in the count of `Shot.frames`."""
     return [
-        [FoundGap(gap_frame(replace(view, gaps=gaps), gap), gap.missing, gap.timed) for gap in gaps]
+        [FoundGap(gap_frame(replace(view, gaps=gaps), gap), gap.missing, gap.timed, gap in view.gaps) for gap in gaps]
         for view, gaps in zip(shot.views, result.gaps or [()] * len(shot.views), strict=True)
     ]
 
 
 def torn_frames(shot: Shot, result: TrackResult) -> list[list[int]]:
     """Return the frames of every view that do not continue the one before, counted from the shot's first, except those
-    at gaps that the times in its file show.
+    at gaps that the times in its file show, or that the user stated.
     """
     frames, found = range(shot.frames[0], shot.frames[1] + 1), []
-    for view, torn in zip(with_found_gaps(shot, result.gaps).views, result.torn, strict=True):
-        timed = tuple(gap for gap in view.gaps if gap.timed)
-        across = across_gaps(replace(view, gaps=timed), frames)
+    counted = with_found_gaps(shot, result.gaps).views
+    for view, given, torn in zip(counted, shot.views, result.torn, strict=True):
+        known = tuple(gap for gap in view.gaps if gap.timed or gap in given.gaps)
+        across = across_gaps(replace(view, gaps=known), frames)
         found.append([frame for frame in torn if not across[frame - 1]])
     return found
 

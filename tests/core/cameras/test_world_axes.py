@@ -48,6 +48,12 @@ def test_millimetres_that_pass_for_metres_are_refused_unless_the_unit_is_given()
     FileWorld("mm").check([FileWorld("mm").ours(camera) for camera in cameras], "")
 
 
+def test_one_camera_in_another_unit_than_the_others_is_named() -> None:
+    cameras = [*CAMERAS[:-1], filed(CAMERAS[-1], "mm", "z")]
+    with pytest.raises(CalibrationError, match=rf"'{CAMERAS[-1].name}' is \d{{4}} m from the others.*correct it"):
+        FileWorld().check(cameras, "state it")
+
+
 def test_cameras_that_look_down_or_stand_on_their_sides_in_different_ways_are_left_alone() -> None:
     down = [look_at(f"cam{i}", place, (0, 0, 0)) for i, place in enumerate([(0.5, 0, 4), (0, 0.5, 4), (-0.5, 0, 4)])]
     rolled = [

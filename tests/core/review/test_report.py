@@ -329,6 +329,16 @@ def test_views_that_drift_apart_are_named(tracked: tuple[Shot, type], rate: floa
     )
 
 
+def test_gaps_that_the_shot_file_states_are_no_news(tracked: tuple[Shot, type]) -> None:
+    shot, result = tracked
+    gaps = (Gap(shot.frames[0] + 4, 1),)
+    shot = replace(shot, views=(shot.views[0], replace(shot.views[1], gaps=gaps)))
+    result.torn, result.gaps = ((), (4, 5)), ((), gaps)
+    values = report(shot, result())
+    assert values["views"][1]["gaps"][0]["given"]
+    assert not [line for line in report_lines(values) if line.startswith("cam02")]
+
+
 def test_gaps_that_the_times_of_a_file_show_are_reported_once(tracked: tuple[Shot, type]) -> None:
     shot, result = tracked
     result.torn = ((), (3, 4, 5))
