@@ -29,6 +29,11 @@ _SAME_HEIGHT = 0.15
 """Logarithm of a ratio up to which the height of the limbs can be that of the person."""
 _RATE_TOLERANCE = 5e-4  # 29.97 and 30 frames per second differ by twice as much
 
+CAMERA_FITS = ("keypoints", "key poses")
+"""What cameras are compared with that may be refined."""
+_CAMERA_INSTEAD = (
+    "; but this camera is off, which may look so: refine the cameras first, or write correct_gaps = false under [track]"
+)
 NO_KEYPOINTS_TEXT = (
     "its keypoint files show no performer on the shot's frames: check that they are of this footage, and that their "
     "frame numbers count from 0, as the frames of the footage"
@@ -49,7 +54,7 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
     off = [(view["camera"], fit) for view in values["views"] for fit in view["fits"] if fit["off"]]
     lines += [f"{fit['summary']}{offset_text(camera, fit.get('offset'))}" for camera, fit in off]
     lines += _shifted_together(values["views"])
-    if any(fit["by"] in ("keypoints", "key poses") for _, fit in off):
+    if any(fit["by"] in CAMERA_FITS for _, fit in off):
         lines.append(
             "if their offsets are right, refine the cameras: kfmocap track --refine, or Refine Cameras in Blender"
         )
@@ -205,9 +210,10 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
         if view["torn"] and not pattern.every:
             lines.append(f"{view['camera']}: {torn_text(view['torn'])}")
         gaps = [FoundGap(**gap) for gap in view.get("gaps", ())]
-        lines += [f"{view['camera']}: {gap.text}" for gap in gaps if not (gap.timed or gap.given)]
+        doubt = _CAMERA_INSTEAD if any(fit["off"] and fit["by"] in CAMERA_FITS for fit in view["fits"]) else ""
+        lines += [f"{view['camera']}: {gap.text}{doubt}" for gap in gaps if not (gap.timed or gap.given)]
         if view.get("late"):
-            lines.append(f"{view['camera']}: {LateView(**view['late']).text}")
+            lines.append(f"{view['camera']}: {LateView(**view['late']).text}{doubt}")
     return lines + _drift_lines(values)
 
 

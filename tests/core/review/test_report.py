@@ -14,6 +14,7 @@ from kfmocap.core.body.smoothness_estimate import ROOT_GROUPS
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.cameras.world_axes import AXES, upward_doubt
 from kfmocap.core.errors import LandmarkError
+from kfmocap.core.fitting.view_findings import CameraFit
 from kfmocap.core.formats import Landmarks
 from kfmocap.core.keypoints.observations import ShotKeypoints
 from kfmocap.core.review.report_text import rate_text, report_lines
@@ -327,6 +328,21 @@ def test_views_that_drift_apart_are_named(tracked: tuple[Shot, type], rate: floa
     assert all(
         "cam01 has 25 frames per second and cam02 25.025: " in line and "1.0 frames apart" in line for line in lines
     )
+
+
+@pytest.mark.parametrize(("shift", "doubted"), [(3.0, False), (12.0, True)])
+def test_gaps_in_a_view_whose_camera_is_off_are_doubted(
+    tracked: tuple[Shot, type], shift: float, doubted: bool
+) -> None:
+    """Its pictures lie beside the motion with or without a gap."""
+    shot, result = tracked
+    result.gaps, result.late = ((), (Gap(shot.frames[0] + 4, 1),)), (None, LateView(17, 0.6, 14.2))
+    fits = [CameraFit(shift, 1.0, 5.0, "cam02", "key poses")]
+    said = [
+        line for line in report_lines(report(shot, result(), fits=fits)) if "from about" in line or "missing" in line
+    ]
+    assert len(said) == 2
+    assert all(("this camera is off" in line) == doubted for line in said)
 
 
 def test_gaps_that_the_shot_file_states_are_no_news(tracked: tuple[Shot, type]) -> None:
