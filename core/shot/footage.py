@@ -146,7 +146,7 @@ def frames_at(
         if album is not None and near is not None and frame in album.frames:
             album.pictures[frame] = _prepared(decoded, near.size, near_maps, grey=False)
             if decoded.parity is None:
-                album.fields.add(decoded.image)
+                album.fields.add(decoded.image, frame)
         yield _prepared(decoded, camera.size, maps if turns is None else camera.rectify_maps(turns[k]), grey)
 
 

@@ -16,12 +16,14 @@ quantile of the differences, to which noise adds most (six standard deviations):
 """
 _MAX_FIELD_DIFFERENCE = 0.5
 """Largest difference between the lines of one field, relative to that."""
-_MIN_COMBED_PIXELS, _MIN_COMBED_SHARE = 60, 0.05
-"""Number of combed pixels, and their fraction of all such steps, from which a video is interlaced: thin rods cause
-some.
+_MIN_COMBED_PIXELS, _MIN_WATCHED_PIXELS, _MIN_COMBED_SHARE = 60, 20, 0.05
+"""Number of combed pixels, of all and of those that a `FieldWatch` looks at, and their fraction of all such steps, from
+which a video is interlaced: thin rods cause some.
 """
-_COLUMNS = 480
-"""Number of columns of a frame in which a `FieldWatch` looks, about: all of them take some hundredths of a second."""
+_COLUMNS, _MAX_FRAMES, _MIN_APART = 160, 6, 6
+"""Number of columns of a frame in which a `FieldWatch` looks, about, and of frames, and how far these are apart, at
+least: each takes some milliseconds.
+"""
 
 
 class FieldWatch:
@@ -33,10 +35,17 @@ class FieldWatch:
     def __init__(self) -> None:
         self._first: Image | None = None
         self._combed = self._steps = 0
+        self._seen: list[int] = []
 
-    def add(self, image: Image) -> None:
-        """Look at a frame, shape (h, w, 3), blue, green, red; it is not kept, unless it is the first."""
-        columns = image[:, :: max(1, image.shape[1] // _COLUMNS)]
+    def add(self, image: Image, frame: int) -> None:
+        """Look at a frame, shape (h, w, 3), blue, green, red, with its number; it is not kept, unless it is the first.
+
+        Frames come in increasing order; those that are close to the one before are left out.
+        """
+        if len(self._seen) == _MAX_FRAMES or (self._seen and frame < self._seen[-1] + _MIN_APART):
+            return
+        self._seen.append(frame)
+        columns = np.ascontiguousarray(image[:, :: max(1, image.shape[1] // _COLUMNS)])
         if self._first is None:
             self._first = columns.copy()
             return
@@ -46,7 +55,7 @@ class FieldWatch:
     @property
     def interlaced(self) -> bool:
         """Whether moving things are in two places on these frames."""
-        return _is_interlaced(self._combed, self._steps)
+        return self._combed >= _MIN_WATCHED_PIXELS and self._combed > _MIN_COMBED_SHARE * self._steps
 
 
 def shows_two_fields(images: Sequence[Image], background: Image) -> bool:
@@ -59,7 +68,8 @@ def shows_two_fields(images: Sequence[Image], background: Image) -> bool:
         The same picture without moving things.
     """
     found = [_combed_pixels(image, background) for image in images]
-    return _is_interlaced(sum(combed for combed, _ in found), sum(steps for _, steps in found))
+    combed, steps = (sum(counts) for counts in zip(*found, strict=True))
+    return combed >= _MIN_COMBED_PIXELS and combed > _MIN_COMBED_SHARE * steps
 
 
 def _combed_pixels(image: Image, background: Image) -> tuple[int, int]:
@@ -74,7 +84,3 @@ def _combed_pixels(image: Image, background: Image) -> tuple[int, int]:
     for one, next_of_its_field in ((a, c), (b, d), (c, e), (d, f)):
         comb &= np.abs(next_of_its_field - one) < _MAX_FIELD_DIFFERENCE * step
     return int(comb.sum()), int(clear.sum())
-
-
-def _is_interlaced(combed: int, steps: int) -> bool:
-    return combed >= _MIN_COMBED_PIXELS and combed > _MIN_COMBED_SHARE * steps

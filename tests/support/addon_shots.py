@@ -112,6 +112,7 @@ def track_result(
         late=(),
         planted=(),
         rates=(),
+        patterns=(),
         pictures=(),
         damage=(),
         unknown=tuple(() for _ in given.performers) if unknown is None else unknown,

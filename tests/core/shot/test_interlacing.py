@@ -54,14 +54,14 @@ def test_a_room_in_which_nothing_moves_says_nothing():
 def test_frames_that_are_given_one_by_one_show_their_fields_though_the_room_has_stripes_as_fine(fields, interlaced):
     watch, stripes = FieldWatch(), np.zeros((CAMERA.size[1], CAMERA.size[0], 3), np.uint8)
     stripes[1:200:2] = 60
-    for image in pictures(fields, 1.0):
-        watch.add(cv2.add(cv2.convertScaleAbs(image, alpha=0.75), stripes))
+    for k, image in enumerate(pictures(fields, 1.0)):
+        watch.add(cv2.add(cv2.convertScaleAbs(image, alpha=0.75), stripes), 10 * k)
     assert watch.interlaced == interlaced
 
 
 def test_grain_is_not_taken_for_fields():
     watch, chance = FieldWatch(), np.random.default_rng(4)
-    for _ in range(4):
+    for k in range(4):
         grain = chance.normal(0, 1, (240, 320, 3)) * np.linspace(10, 60, 320)[:, None]
-        watch.add(np.clip(120 + grain, 0, 255).astype(np.uint8))
+        watch.add(np.clip(120 + grain, 0, 255).astype(np.uint8), 10 * k)
     assert not watch.interlaced
