@@ -44,10 +44,11 @@ MAX_COMPARED_KEYS = 5
 
 def without_false_delays(shot: Shot, result: TrackResult) -> TrackResult:
     """Return a result without delays of views if some view's footage does not show the key poses, or its camera moves
-    though its calibration has one pose: what is found late in footage of another take, by a calibration of another
-    world, or in footage that shakes, says nothing.
+    though its calibration has one pose, or its frames are repeated at regular intervals: what is found late in footage
+    of another take, by a calibration of another world, in footage that shakes or that stutters, says nothing.
     """
-    if any(result.late) and not (_shows_key_poses(shot) and _cameras_stand_still(shot, result)):
+    repeated = any(pattern.every for pattern in result.patterns)
+    if any(result.late) and (repeated or not (_shows_key_poses(shot) and _cameras_stand_still(shot, result))):
         return replace(result, late=(None,) * len(shot.views))
     return result
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from kfmocap.core.body.kinematics import part_poses, tip_positions
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate
+from kfmocap.core.shot.footage_faults.frame_pattern import FramePattern
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import Gap, Shot, View
 from kfmocap.core.tracking import tracker
@@ -97,6 +98,14 @@ def test_delays_in_footage_of_another_camera_are_not_believed(
     a, b, c = shot.views
     exchanged = replace(shot, views=(replace(a, footage=b.footage), replace(b, footage=a.footage), c))
     assert not any(without_false_delays(exchanged, found).late)
+
+
+def test_delays_in_footage_whose_frames_are_repeated_at_regular_intervals_are_not_believed(
+    films: dict[str, Shot], tracked: dict[str, TrackResult]
+) -> None:
+    patterns = (FramePattern(), FramePattern(every=5), FramePattern())
+    found = replace(tracked["whole"], late=(LateView(PLACE, 0.5, 12.0), None, None), patterns=patterns)
+    assert not any(without_false_delays(films["whole"], found).late)
 
 
 def test_delays_in_footage_that_shakes_are_not_believed(
