@@ -59,9 +59,17 @@ def _found(rest: RestSkeleton, where: str) -> BoneMap:
     by_names, places = roles_by_name(rest), roles_by_place(rest)
     if not by_names.missing():
         return _with_placed(by_names, places, rest)
-    if not places:
+    if not places or _contradicted(places, by_names):
         return by_names.checked(rest.names, where)
     return _with_named(BoneMap(places, found_by="places"), by_names, rest).checked(rest.names, where)
+
+
+def _contradicted(places: Mapping[str, tuple[str, ...]], names: BoneMap) -> bool:
+    """Whether the names of feet or hands say that what seems to be a shin or a forearm is the end of a limb of one bone
+    only.
+    """
+    limbs = [(limb, end) for limb, end in _ENDS.items() if all(f"{end}.{side}" in names.bones for side in SIDES)]
+    return any(all(places.get(f"{limb}.{s}") == names.bones[f"{end}.{s}"] for s in SIDES) for limb, end in limbs)
 
 
 def _facing_forward(bones: BoneMap, rest: RestSkeleton) -> BoneMap:

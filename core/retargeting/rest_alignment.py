@@ -301,7 +301,7 @@ def ankle_to_ball(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None
     if f"foot.{side}" not in bones.bones:
         return None
     [j] = rest.indices(bones.bones[f"foot.{side}"])
-    way = _to_ball(rest, bones, side)
+    way = to_ball(rest, bones, side)
     length, flat = float(np.linalg.norm(way)), way * [1.0, 1.0, 0.0]
     forward = facing(rest, bones) @ [0.0, -1.0, 0.0]
     [shin] = rest.indices(bones.bones[f"shin.{side}"])
@@ -333,11 +333,11 @@ def feet_point_back(rest: RestSkeleton, bones: BoneMap) -> bool:
     back = facing(rest, bones) @ [0.0, 1.0, 0.0]
     if not all(f"foot.{side}" in bones.bones for side in SIDES):
         return False
-    ways = [_to_ball(rest, bones, side) for side in SIDES]
+    ways = [to_ball(rest, bones, side) for side in SIDES]
     return all(way @ back > 0.5 * np.linalg.norm(way) for way in ways)
 
 
-def _to_ball(rest: RestSkeleton, bones: BoneMap, side: str) -> Array:
+def to_ball(rest: RestSkeleton, bones: BoneMap, side: str) -> Array:
     """Return the vector from the ankle to the toes' joint, or to the tail of the foot's bone."""
     [j] = rest.indices(bones.bones[f"foot.{side}"])
     toe = bones.bones.get(f"toe.{side}")

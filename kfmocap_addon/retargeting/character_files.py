@@ -22,6 +22,7 @@ from .motion_files import read_motion
 from .rigs.overrides import editable
 from .rigs.rig_curves import CurveOptions
 from .send import SendOptions, send_to_rig
+from .shown_characters import shows
 from .target_armatures import find_target
 
 if TYPE_CHECKING:
@@ -93,14 +94,14 @@ def quiet() -> Iterator[None]:
 
 
 def show_scene_of(armature: bpy.types.Object) -> bpy.types.Scene:
-    """Show a scene that contains an armature, as Blender evaluates no other.
+    """Show a scene that contains an armature, or an instance of it, as Blender evaluates no other.
 
     Raises
     ------
     BodyError
         It is in no scene.
     """
-    scenes = list(armature.users_scene)
+    scenes = [scene for scene in bpy.data.scenes if shows(scene, armature)]
     if not scenes:
         raise BodyError("it is in no scene", where=f"armature {armature.name}", todo="link it to a collection")
     scene = bpy.context.scene if bpy.context.scene in scenes else scenes[0]

@@ -18,22 +18,22 @@ from ...core.retargeting.control_rig import MOVED, ControlRig, RigPoses, local_p
 from ...core.retargeting.long_feet import long_feet
 from ...core.retargeting.retarget import Retargeted, limb_changes, plant_intervals, prepared, retarget
 from ...core.retargeting.roles import SIDES, BoneMap
+from ...core.retargeting.standing import as_at_rest, standing_rig, standing_source
 from ...core.retargeting.transfer import RetargetOptions
 from ..scene_io import fcurves
-from ..scene_io.characters.skins import read_skin
 from . import sent_actions
 from .live import LiveSource, follow, refuse_inverse_kinematics, remember, stop_following
 from .rigs import rig_warnings
 from .rigs.fk_controls import FkControls, through_controls
 from .rigs.held_bones import Driver, without_connections, without_drivers, without_holds
 from .rigs.ik_controls import forget_twists, ik_bones, ik_channels, ik_roles
-from .rigs.rig_at_rest import at_rest, leave_rest_position, rest_skeleton
+from .rigs.rig_at_rest import at_rest, leave_rest_position
 from .rigs.rig_curves import ControlChannel, CurveOptions, rotation_channel, shifts_undone, write_channels
 from .rigs.rig_error import ShownBones, measured_errors
 from .rigs.rig_reading import read_rig
 from .rigs.rig_settings import Owner, setting_channel, with_settings
 from .target_armatures import target_bones
-from .toe_tips import sole_below_ankle, toe_tips
+from .toe_tips import sole_below_ankle, standing_feet, toe_tips
 
 _SAMPLE = 60  # frames on which the remaining error is measured
 
@@ -102,6 +102,8 @@ def send_to_rig(
         _refuse_lying(source, upright)
         refuse_inverse_kinematics(bones.preset, preset_of(bones).ik)
         asked = replace(asked, feet="off", hands=False)
+    else:
+        upright = standing_source(upright, of_source)
     stop_following(armature)
     sent = _on_controls(armature, bones, (upright, of_source), asked, options.planted)
     frames = frame_start + np.arange(len(upright))
@@ -196,10 +198,10 @@ def _on_controls(
     follows = {**preset.follows, **{control: bone for bone, control in controls.by_bone.items()}}
     used = _used(bones, of_source, asked)
     ik = [name for name in ik_bones(preset) if name in armature.pose.bones]
-    skin = read_skin(armature)
-    tips, sole = toe_tips(armature, skin, bones, used, follows), sole_below_ankle(armature, skin, bones, follows)
+    standing, resting, skins = standing_feet(armature, bones, follows)
+    tips, sole = toe_tips(resting, bones, used, skins), sole_below_ankle(armature, bones, follows, skins)
     if asked.feet != "off" and asked.root != "in-place" and not preset.ik:
-        used = _with_toes(bones, used, long_feet((source.rest, of_source), (rest_skeleton(armature), bones), tips))
+        used = _with_toes(bones, used, long_feet((source.rest, of_source), (resting, bones), tips))
     names = used.names()
     held = () if preset.settings else names  # the limbs of a rig with settings are switched by these
     moved = [] if preset.settings else [used.bones[role][0] for role in MOVED if role in used.bones]
@@ -213,7 +215,10 @@ def _on_controls(
         reading = read_rig(armature, used, tips, _resting_toes(bones, used), sole=sole, fingers=bones)
         rig = reading.rig
         shown = ShownBones.at_rest(armature, [shown_bone(armature, follows, name) for name in rig.rest.names])
-        result = retarget(source, of_source, reading.straight, asked, planted)
+        straight, turned = standing_rig(reading.straight, standing, sole) if standing else (reading.straight, None)
+        result = retarget(source, of_source, straight, asked, planted)
+        if turned is not None:
+            result = as_at_rest(result, turned)
         if reading.lean is not None:
             result = reading.lean.leaned(result)
         channels = control_channels(armature, rig, result.poses, ik_roles(rig, preset))
@@ -223,7 +228,7 @@ def _on_controls(
     return _Sent(
         bones=bones,
         rig=rig,
-        straight=reading.straight,
+        straight=straight,
         unsteady=reading.unsteady,
         shown=shown,
         result=result,

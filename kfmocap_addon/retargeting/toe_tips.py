@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import bpy
 import numpy as np
 
+from ...core.body.skeleton_motion import RestSkeleton
 from ...core.numerics.arrays import Array
 from ...core.retargeting.rest_alignment import ankle_to_ball, facing, toe_reach
 from ...core.retargeting.roles import SIDES, BoneMap
+from ...core.retargeting.standing import standing_turns, stood
 from ..scene_io.body.body_armature import world_frame
-from ..scene_io.characters.skins import Skin
+from ..scene_io.characters.skins import Skin, read_skin
 from .rigs.rig_at_rest import rest_skeleton
 
 _BONE_SHARE = 0.86
@@ -22,26 +24,22 @@ _BELIEVED = (0.8, 1.25)
 """Range of the reach of a foot's bones, in that which its skin shows, within which they are believed."""
 
 
-def toe_tips(
-    armature: bpy.types.Object, skin: Skin, bones: BoneMap, used: BoneMap, shown: Mapping[str, str]
-) -> dict[str, float]:
+def toe_tips(rest: RestSkeleton, bones: BoneMap, used: BoneMap, skins: Mapping[str, Array]) -> dict[str, float]:
     """Return the horizontal distance from the ankle to the tips of the toes, metres, by side: of skinned feet, and of
     those whose toes have bones, unless the motion moves these.
 
     Parameters
     ----------
-    armature : bpy.types.Object
-    skin : Skin
-        Its own.
+    rest : RestSkeleton
+        Standing.
     bones, used : BoneMap
         All that play a role, and those for which there is motion.
-    shown : mapping of str to str
-        The deforming bone, by the control that it follows.
+    skins : mapping of str to ndarray, shape (V, 3)
+        See `standing_feet`.
     """
     sides = [side for side in SIDES if f"foot.{side}" in used.bones and f"toe.{side}" not in used.bones]
     if not sides:
         return {}
-    rest = rest_skeleton(armature)
     forward = facing(rest, bones) @ [0.0, -1.0, 0.0]
     toes = {side: toe_reach(rest, bones, side) for side in sides if f"toe.{side}" in bones.bones}
     told = all(shown_by_tail for _, shown_by_tail in toes.values())  # tails of one side alone are by chance
@@ -49,9 +47,8 @@ def toe_tips(
     for side in sides:
         way = ankle_to_ball(rest, bones, side)
         reach = toes[side][0] if side in toes else 0.0 if way is None else float(np.linalg.norm(way))
-        [foot] = bones.bones[f"foot.{side}"]
         ahead = forward if way is None else way / np.linalg.norm(way)
-        skinned = _BONE_SHARE * _skin_reach(armature, skin, shown.get(foot, foot), ahead)
+        skinned = _BONE_SHARE * float(max(skins[side] @ ahead, default=0.0))
         if skinned > 0:
             found[side] = reach if told and _BELIEVED[0] < reach / skinned < _BELIEVED[1] else skinned
         elif side in toes:
@@ -59,12 +56,16 @@ def toe_tips(
     return found
 
 
-def sole_below_ankle(armature: bpy.types.Object, skin: Skin, bones: BoneMap, shown: Mapping[str, str]) -> float | None:
-    """Return how far the skin of the feet reaches below the ankles at rest, metres, or what hangs on their bones where
-    there is no such skin; None without either. Parameters as for `toe_tips`.
+def sole_below_ankle(
+    armature: bpy.types.Object, bones: BoneMap, shown: Mapping[str, str], skins: Mapping[str, Array]
+) -> float | None:
+    """Return how far feet on the ground reach below the ankles, metres: their skin, see `standing_feet`, or what hangs
+    on their bones at rest where there is no such skin; None without either.
+
+    `shown` is the deforming bone, by the control that it follows.
     """
-    feet = [shown.get(name, name) for side in SIDES for name in bones.bones.get(f"foot.{side}", ())]
-    depths = [float(-points[:, 2].min()) for foot in feet if len(points := _foot_skin(armature, skin, foot))]
+    depths = [float(-points[:, 2].min()) for points in skins.values() if len(points)]
+    feet = [shown.get(name, name) for side in skins for name in bones.bones[f"foot.{side}"]]
     return max(depths or [depth for foot in feet if (depth := _depth_of_bones(armature, foot)) > 0], default=None)
 
 
@@ -77,20 +78,44 @@ def _depth_of_bones(armature: bpy.types.Object, foot: str) -> float:
     return float(-ways[:, 2].min())
 
 
-def _skin_reach(armature: bpy.types.Object, skin: Skin, foot: str, ahead: Array) -> float:
-    """Return how far the skin of a foot lies ahead of the ankle at rest, metres; 0 without skin."""
-    return float(max(_foot_skin(armature, skin, foot) @ ahead, default=0.0))
+def standing_feet(
+    armature: bpy.types.Object, bones: BoneMap, shown: Mapping[str, str]
+) -> tuple[dict[str, Array], RestSkeleton, dict[str, Array]]:
+    """Return how the legs must be turned from rest to stand, see `standing_turns`; the skeleton as it stands; and by
+    side the skin of each foot then, from the ankle, in the world's axes, shape (V, 3).
+
+    Parameters
+    ----------
+    armature : bpy.types.Object
+    bones : BoneMap
+    shown : mapping of str to str
+        The deforming bone, by the control that it follows.
+    """
+    skin, rest = read_skin(armature), rest_skeleton(armature)
+    skins = {
+        side: _foot_skin(armature, skin, *(_shown(bones, f"{role}.{side}", shown) for role in ("foot", "toe")))
+        for side in SIDES
+        if f"foot.{side}" in bones.bones
+    }
+    turns = standing_turns(rest, bones, skins)
+    if not turns:
+        return turns, rest, skins
+    turned = {side: points @ turns[f"foot.{side}"].T for side, points in skins.items()}
+    return turns, stood(rest, bones, turns, rest.parents).rest, turned
 
 
-def _foot_skin(armature: bpy.types.Object, skin: Skin, foot: str) -> Array:
-    """Return the skin of a foot at rest, from the ankle, in the world's axes, shape (V, 3).
+def _shown(bones: BoneMap, role: str, shown: Mapping[str, str]) -> list[str]:
+    return [shown.get(name, name) for name in bones.bones.get(role, ())]
 
-    It is led by the foot's bone, by others that begin where this does, such as copies of it, and by what hangs on them.
+
+def _foot_skin(armature: bpy.types.Object, skin: Skin, foot: Sequence[str], toes: Sequence[str]) -> Array:
+    """Return what is led by a foot's bone, by others that begin where this does, such as copies of it, by the toes'
+    bone, and by what hangs on these, from the ankle at rest; in the world's axes, shape (V, 3).
     """
     matrix, _ = world_frame(armature)
-    ankle = armature.data.bones[foot]
+    ankle = armature.data.bones[foot[0]]
     near = _SAME_PLACE * (ankle.parent or ankle).length
-    below: set[str] = set()
+    below = set(toes)
     for bone in armature.data.bones:  # parents first
         above = bone.parent
         if (above and above.name in below) or (bone.head_local - ankle.head_local).length <= near:

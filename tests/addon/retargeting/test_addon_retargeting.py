@@ -21,11 +21,12 @@ from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E
 from kfmocap.kfmocap_addon.properties import pointer_polls  # noqa: E402
 from kfmocap.kfmocap_addon.properties.retarget_properties import KFMocapRetarget  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting import live  # noqa: E402
-from kfmocap.kfmocap_addon.retargeting.character_files import save_copy  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.character_files import save_copy, show_scene_of  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.motion_files import read_motion  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.rigs.overrides import editable  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.rigs.rig_curves import CurveOptions  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.shown_characters import show_in  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.source_motion import motion_of_armature  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.target_armatures import find_target  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
@@ -241,6 +242,20 @@ def test_a_linked_character_moves_through_an_override(blender, tmp_path):
     given = source()
     assert joint_errors(armature, send_to_rig(bpy.context.scene, given, armature, 1), given) < 1e-4
     assert find_target("hero") == armature
+
+
+def test_a_character_that_only_an_instance_shows_moves_there_and_is_not_shown_twice(blender):
+    hero, shown = built("mixamo", np.radians(45)), bpy.context.scene
+    collection = bpy.data.collections.new("hero")
+    collection.objects.link(hero)
+    shown.collection.objects.unlink(hero)
+    instance = bpy.data.objects.new("instance", None)
+    instance.instance_type, instance.instance_collection = "COLLECTION", collection
+    shown.collection.objects.link(instance)
+    assert not show_in(shown, hero) and show_scene_of(hero) == shown
+    report = send_to_rig(shown, source(), hero, 1)
+    assert max(error["worst_degrees"] for error in report["error"].values()) < 0.01
+    assert list(shown.objects) == [instance]
 
 
 def test_what_cannot_be_meant_is_said_by_name(blender, tmp_path, capsys):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ from kfmocap.kfmocap_addon.retargeting.send import send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from made_rigs import moved_body  # noqa: E402
 from mathutils import Matrix, Vector  # noqa: E402
-from odd_characters import BODY, controlled_human, shown_heads, skinned_human  # noqa: E402
+from odd_characters import BODY, CONTROL, controlled_human, shown_heads, skinned_human  # noqa: E402
 from render.motions import MOTIONS  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
@@ -64,6 +66,29 @@ def with_copies_of_feet():
     return armature
 
 
+def with_toes_apart():
+    """A character of controls, whose deforming bones hang on nothing: toes do not hang on feet."""
+    armature = controlled_human(kind="COPY_TRANSFORMS")
+    [skin] = [o for o in bpy.data.objects if o.type == "MESH"]
+    with body_armature.edit_bones(armature) as bones:
+        for side, prefix in product("LR", ("DEF-", CONTROL)):
+            foot, toe = bones[f"{prefix}foot.{side}"], bones.new(f"{prefix}toe.{side}")
+            tip, foot.tail = foot.tail.copy(), foot.head.lerp(foot.tail, 0.5)
+            toe.parent, toe.head, toe.tail, toe.use_deform = foot, foot.tail, tip, prefix == "DEF-"
+        for bone in bones:
+            if bone.name.startswith("DEF-"):
+                bone.use_connect, bone.parent = False, None
+    for side in "LR":
+        held = armature.pose.bones[f"DEF-toe.{side}"].constraints.new("COPY_TRANSFORMS")
+        held.target, held.subtarget = armature, f"{CONTROL}toe.{side}"
+        foot, toe = skin.vertex_groups[f"DEF-foot.{side}"], skin.vertex_groups.new(name=f"DEF-toe.{side}")
+        joint = armature.data.bones[f"DEF-toe.{side}"].head_local.y
+        led = [v.index for v in skin.data.vertices if v.groups[0].group == foot.index and v.co.y < joint]
+        foot.remove(led)
+        toe.add(led, 1.0, "REPLACE")
+    return armature
+
+
 def turned(armature):
     """How far the legs are turned to keep the feet where those of the performer stand, who has these legs, degrees."""
     report = send_to_rig(bpy.context.scene, moved_body(BODY, MOTIONS["walk"](BODY, 60, 30.0)), armature, 1)
@@ -98,13 +123,24 @@ def test_the_skin_shows_the_ground_below_a_character_that_is_above_its_origin_at
     assert report["scale"] == pytest.approx(1.0, abs=0.003)
 
 
+def test_the_skin_shows_the_ground_below_legs_that_are_scaled():
+    armature = with_feet(skinned_human(), 0.5)
+    for side in "LR":
+        armature.pose.bones[f"shin.{side}"].scale = (1.0, 1.2, 1.0)
+    report = send_to_rig(bpy.context.scene, moved_body(BODY, MOTIONS["walk"](BODY, 30, 30.0)), armature, 1)
+    longer = 0.2 * armature.data.bones["shin.L"].length * armature.matrix_world.to_scale().x
+    assert report["scale"] == pytest.approx(1 + longer / 0.95, abs=0.02)
+    lowest = shown_heads(armature, 30, ["foot.L", "foot.R"])[..., 2].min()
+    assert lowest == pytest.approx(BODY.parts[BODY.index("foot.L")].head_world[2], abs=0.02)
+
+
 @pytest.mark.parametrize("made", [skinned_human, controlled_human])
 @pytest.mark.parametrize("share", [0.5, 1.5])
 def test_legs_are_not_turned_where_bones_of_feet_are_not_as_long_as_the_feet(made, share):
     assert turned(with_feet(made(), share)) < 0.5
 
 
-@pytest.mark.parametrize("made", [with_toes, with_short_toes, with_copies_of_feet])
+@pytest.mark.parametrize("made", [with_toes, with_short_toes, with_copies_of_feet, with_toes_apart])
 def test_the_skin_shows_where_feet_end_whose_bones_do_not(made):
     assert turned(made()) < 0.5
 

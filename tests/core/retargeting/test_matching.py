@@ -434,3 +434,14 @@ def test_unknown_roles_and_bones_that_play_two_are_refused():
     twice = BoneMap({**rig.bones.bones, "hand.L": ("hand_r",)})
     with pytest.raises(BodyError, match=r"hero: bone 'hand_r' plays two roles"):
         twice.checked(rig.rest.names, "hero")
+
+
+def test_limbs_of_one_bone_are_no_human_though_hands_and_feet_lie_as_forearms_and_shins():
+    rig = made_rig("mixamo", BODY, 0.4)
+    left_out = {rig.rest.names.index(name) for name in rig.rest.names if "ForeArm" in name or name.endswith("tLeg")}
+    kept = [k for k in range(len(rig.rest.names)) if k not in left_out]
+    above = [rig.rest.parents[p] if (p := rig.rest.parents[k]) in left_out else p for k in kept]
+    names = tuple(rig.rest.names[k].replace("mixamorig:", "") for k in kept)
+    parents = tuple(kept.index(p) if p >= 0 else -1 for p in above)
+    with pytest.raises(BodyError, match=r"no bone was found for shin\.L"):
+        match_bones(RestSkeleton(names, parents, rig.rest.heads[kept], rig.rest.tails[kept]))
