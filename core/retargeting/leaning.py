@@ -38,8 +38,10 @@ class Lean:
     pivot: Array
     leaning: Bools
 
-    def straightened(self, rig: ControlRig) -> ControlRig:
-        """Return the rig as it stands upright, for aligning rest poses, with its ground; see `grounded`."""
+    def straightened(self, rig: ControlRig, below: float = 0.0) -> ControlRig:
+        """Return the rig as it stands upright, for aligning rest poses, with its ground; see `grounded`. Its feet reach
+        this far below its origin.
+        """
         back = np.where(self.leaning[:, None, None], self.turn.T, np.eye(3))
         heads, tails = (
             self.pivot + np.einsum("bij,bj->bi", back, ends - self.pivot) for ends in (rig.rest.heads, rig.rest.tails)
@@ -47,7 +49,7 @@ class Lean:
         rest = RestSkeleton(rig.rest.names, rig.rest.parents, heads, tails)
         return replace(
             rig,
-            rest=grounded(rest, rig.bones, float(self.pivot[2])),
+            rest=grounded(rest, rig.bones, float(self.pivot[2]) - below),
             R_world_rest=back @ rig.R_world_rest,
             palms={side: back[rig.index(f"hand.{side}")] @ axes for side, axes in rig.palms.items()},
         )

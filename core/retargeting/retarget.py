@@ -25,8 +25,6 @@ _STANDING = (0.01, 0.22)
 """Range of the ankles' height above the origin, in leg lengths, for which the origin is the ground at rest."""
 _SOLES = (-0.02, 0.08)
 """The same range for the lowest joints and tails of the feet, as short legs have high ankles."""
-_SKIN_OFF = 0.05
-"""Greatest distance, in leg lengths, of the soles' skin from the origin where that is the ground."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +119,6 @@ def grounded(rest: RestSkeleton, bones: BoneMap, origin: float = 0.0, sole: floa
     stands = bool(ankles) and (
         _STANDING[0] * leg <= high - origin <= _STANDING[1] * leg or _SOLES[0] * leg <= low - origin <= _SOLES[1] * leg
     )
-    if sole is not None:
-        stands = stands and abs(high - sole - origin) <= _SKIN_OFF * leg
     return replace(rest, ground=origin if stands else low if sole is None else high - sole)
 
 

@@ -27,7 +27,7 @@ from .rigs import rig_warnings
 from .rigs.fk_controls import FkControls, through_controls
 from .rigs.held_bones import Driver, without_connections, without_drivers, without_holds
 from .rigs.ik_controls import forget_twists, ik_bones, ik_channels, ik_roles
-from .rigs.rig_at_rest import at_rest, leave_rest_position
+from .rigs.rig_at_rest import at_rest, leave_rest_position, shown_size
 from .rigs.rig_curves import ControlChannel, CurveOptions, rotation_channel, shifts_undone, write_channels
 from .rigs.rig_error import ShownBones, measured_errors
 from .rigs.rig_reading import read_rig
@@ -35,6 +35,7 @@ from .rigs.rig_settings import Owner, setting_channel, with_settings
 from .target_armatures import target_bones
 from .toe_tips import sole_below_ankle, standing_feet, toe_tips
 
+_FEET = tuple(f"foot.{side}" for side in SIDES)
 _SAMPLE = 60  # frames on which the remaining error is measured
 
 
@@ -212,6 +213,8 @@ def _on_controls(
         with_settings(armature, preset.settings or controls.settings) as settings,
         without_holds(armature, held, moved) as holds,
     ):
+        size = shown_size(armature, [used.bones[foot][0] for foot in _FEET if foot in used.bones])
+        sole, tips = None if sole is None else size * sole, {side: size * tip for side, tip in tips.items()}
         reading = read_rig(armature, used, tips, _resting_toes(bones, used), sole=sole, fingers=bones)
         rig = reading.rig
         shown = ShownBones.at_rest(armature, [shown_bone(armature, follows, name) for name in rig.rest.names])

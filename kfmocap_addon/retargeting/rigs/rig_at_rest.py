@@ -123,3 +123,9 @@ def update() -> None:
 def posed_matrices(armature: bpy.types.Object, names: Sequence[str]) -> Array:
     """Return the matrices (B, 4, 4) of bones as they are posed now, in the armature: those at rest within `at_rest`."""
     return np.array([armature.pose.bones[name].matrix for name in names]).reshape(-1, 4, 4)
+
+
+def shown_size(armature: bpy.types.Object, names: Sequence[str]) -> float:
+    """Return the mean size of bones by their own scale and that of all above, 1 without any."""
+    sizes = [np.cbrt(abs(np.linalg.det(matrix[:3, :3]))) for matrix in posed_matrices(armature, names)]
+    return float(np.mean(sizes)) if sizes else 1.0

@@ -26,7 +26,7 @@ from ....core.retargeting.palms import axes_of_palm, palm_bones
 from ....core.retargeting.retarget import grounded
 from ....core.retargeting.roles import SIDES, BoneMap
 from ...scene_io.body.body_armature import world_frame
-from .rig_at_rest import pose, posed_matrices, rest_orientations, update
+from .rig_at_rest import pose, posed_matrices, rest_orientations, rest_skeleton, shown_size, update
 
 _PROBE = Quaternion((0.9553, 0.1837, 0.1342, 0.1885)).normalized()
 """How a control is turned to see what follows it: by 34 degrees about an axis that is none of its own."""
@@ -113,8 +113,9 @@ def read_rig(
     origin = _placed_origin(armature, bones.bones["hips"][0])
     shifted = [*(bones.bones[role][0] for role in MOVED if role in bones.bones), *(names[b] for b in carriers)]
     shifts = {name: location_axes(armature, name) for name in shifted}
+    longer = _longer_legs(armature, bones, skeleton)
     rig = ControlRig(
-        grounded(skeleton, bones, float(origin[2]), sole),
+        grounded(skeleton, bones, float(origin[2]) - longer, sole),
         bones,
         tuple(place[turn_parents[b]] for b in order),
         R[order],
@@ -124,8 +125,19 @@ def read_rig(
     )
     turned = rig.R_world_rest @ np.swapaxes(rest_orientations(armature, rig.rest.names), -1, -2)
     lean = lean_of(rig, turned, origin)
-    straight = rig if lean is None else lean.straightened(rig)
+    straight = rig if lean is None else lean.straightened(rig, longer)
     return RigReading(rig, tuple(sorted(names[b] for b in np.flatnonzero(unsteady))), straight, lean)
+
+
+def _longer_legs(armature: bpy.types.Object, bones: BoneMap, posed: RestSkeleton) -> float:
+    """Return by how much the sizes of single bones make the legs longer than the size of the hips does, metres."""
+    resting = rest_skeleton(armature)
+    legs = []
+    for rest in (posed, resting):
+        roles = [[f"{role}.{side}" for role in ("thigh", "shin", "foot")] for side in SIDES]
+        joints = [rest.heads[rest.indices([bones.bones[r][0] for r in leg if r in bones.bones])] for leg in roles]
+        legs.append(np.mean([np.linalg.norm(np.diff(leg, axis=0), axis=1).sum() for leg in joints]))
+    return float(legs[0] - shown_size(armature, bones.bones["hips"]) * legs[1])
 
 
 def _palms(armature: bpy.types.Object, matrix: Array, bones: BoneMap, fingers: BoneMap) -> dict[str, Array]:
