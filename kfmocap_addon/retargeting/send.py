@@ -16,9 +16,9 @@ from ...core.numerics.arrays import Bools, Ints
 from ...core.retargeting.bone_matching import described, preset_of
 from ...core.retargeting.control_rig import MOVED, ControlRig, RigPoses, local_places, local_turns
 from ...core.retargeting.long_feet import long_feet
+from ...core.retargeting.rests_in_stride import as_at_rest, standing_rig, standing_source
 from ...core.retargeting.retarget import Retargeted, limb_changes, plant_intervals, prepared, retarget
 from ...core.retargeting.roles import SIDES, BoneMap
-from ...core.retargeting.standing import as_at_rest, standing_rig, standing_source
 from ...core.retargeting.transfer import RetargetOptions
 from ..scene_io import fcurves
 from . import sent_actions
