@@ -131,6 +131,17 @@ def offset_text(camera: str, offset: float | None) -> str:
 
 def _performer_lines(performer: Mapping[str, Any]) -> list[str]:
     """Return the report's lines on a performer."""
+    return [
+        *_keypoint_lines(performer),
+        *_size_lines(performer),
+        *_hidden_lines(performer),
+        *_acceleration_lines(performer),
+        *_key_pose_lines(performer),
+    ]
+
+
+def _keypoint_lines(performer: Mapping[str, Any]) -> list[str]:
+    """Return lines on whom the keypoints show, and how well they agree."""
     lines = [
         f"of its keypoints in {camera}, {text}"
         for camera, own in performer.get("keypoints", {}).items()
@@ -143,6 +154,12 @@ def _performer_lines(performer: Mapping[str, Any]) -> list[str]:
             "only one camera shows it: depths are estimated from the lengths of the bones, and may be decimetres off; "
             "key poses correct them"
         )
+    return lines
+
+
+def _size_lines(performer: Mapping[str, Any]) -> list[str]:
+    """Return lines on a size that no person has, or that contradicts the height that was given."""
+    lines = []
     by_keypoints = len(performer["proposed_keyframes"]) == len(performer["keyframes"])
     if by_keypoints and (size := performer.get("size")) and not _PEOPLE[0] <= size <= _PEOPLE[1]:
         lines.append(
@@ -156,17 +173,35 @@ def _performer_lines(performer: Mapping[str, Any]) -> list[str]:
             f"right, all lengths are wrong by a factor of {limbs / given:.2g}, as with a calibration in another unit "
             "or a wand of another length"
         )
+    return lines
+
+
+def _hidden_lines(performer: Mapping[str, Any]) -> list[str]:
+    """Return lines on parts that nothing shows, and on frames on which no camera sees a part."""
+    lines = []
     if unknown := ", ".join(performer["unknown"]):
         lines.append(f"unknown, as no key pose, keypoint or camera shows them: {unknown}")
     counts = [f"{part} {sum(b + 1 - a for a, b in spans)}" for part, spans in performer["unseen"].items()]
     if counts:
         lines.append(f"frames on which no camera sees a part: {', '.join(counts)}")
-    if found := performer.get("accelerations"):
-        slow, *_, fast = sorted(found["joints"].items(), key=lambda item: item[1])
-        lines.append(
-            f"typical accelerations found: root {found['root']:.1f} m/s^2, joints {slow[1]:.0f} ({slow[0]}) to "
-            f"{fast[1]:.0f} rad/s^2 ({fast[0]})"
-        )
+    return lines
+
+
+def _acceleration_lines(performer: Mapping[str, Any]) -> list[str]:
+    """Return a line on the accelerations that were found, if they were estimated."""
+    found = performer.get("accelerations")
+    if not found:
+        return []
+    slow, *_, fast = sorted(found["joints"].items(), key=lambda item: item[1])
+    return [
+        f"typical accelerations found: root {found['root']:.1f} m/s^2, joints {slow[1]:.0f} ({slow[0]}) to "
+        f"{fast[1]:.0f} rad/s^2 ({fast[0]})"
+    ]
+
+
+def _key_pose_lines(performer: Mapping[str, Any]) -> list[str]:
+    """Return lines on limbs that may be lost, and on frames where another key pose would help."""
+    lines = []
     lost = [f"{part} {', '.join(f'{a}-{b}' for a, b in spans)}" for part, spans in performer["may_be_lost"].items()]
     if lost:
         lines.append(f"may be lost, as the footage does not show them where they are: {'; '.join(lost)}")
