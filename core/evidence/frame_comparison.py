@@ -20,7 +20,7 @@ from ..numerics.arrays import Array
 from .explained import explained_by_part
 from .foreground_images.foreground import background_share, log_ratio
 from .gradient_evidence.compared_pixels import ComparedPixels, LabelledFrames, compare
-from .outline_evidence.outline_lines import outline_lines
+from .outline_evidence.outline_lines import LineSearch, outline_lines
 from .outline_evidence.outline_sums import OutlineSums, outline_sums
 from .rendering.label_images import LabelImages, render_labels
 from .rendering.part_geometry import PerformerParts
@@ -270,16 +270,10 @@ def labelled_frames(
 
 def _outlines(frames: FramesInView, labels: LabelImages, foreground: NDArray[np.uint8]) -> OutlineSums:
     view, first, sampling = frames.view, frames.first, frames.sampling
-    lines = outline_lines(
-        view.camera,
-        foreground,
-        labels,
-        stride=sampling.stride,
-        reach=max(4, round(sampling.reach * view.pixels_per_metre(frames.poses[1].mean(axis=(0, 1)), first))),
-        tolerance=sampling.tolerance,
-        halo=view.halo,
-        coloured=view.part_colours(first, len(frames)),
-    )
+    reach = max(4, round(sampling.reach * view.pixels_per_metre(frames.poses[1].mean(axis=(0, 1)), first)))
+    search = LineSearch(sampling.stride, reach, sampling.tolerance)
+    coloured = view.part_colours(first, len(frames))
+    lines = outline_lines(view.camera, foreground, labels, search, halo=view.halo, coloured=coloured)
     n, P = labels.share.shape
     return outline_sums(lines, view.camera, first, (n, P))
 

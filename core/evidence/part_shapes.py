@@ -18,7 +18,7 @@ from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
 from ..numerics.normal_equations import DenseEquations
 from .gradient_evidence.image_wrenches import camera_twist
 from .outline_evidence.held_outlines import HeldOutlines
-from .outline_evidence.outline_lines import Lines, outline_lines
+from .outline_evidence.outline_lines import Lines, LineSearch, outline_lines
 from .rendering.label_images import render_labels
 from .rendering.part_geometry import Geometry
 from .view_frames import ViewFrames
@@ -226,9 +226,8 @@ def _lines(view: ViewFrames, geometry: Geometry, poses: Poses, frames: Sequence[
     labels = render_labels(geometry, camera.subsampled(_STRIDE), 0, R, T)
     scale = max(view.pixels_per_metre(places.mean(axis=0), frame) for places, frame in zip(T, frames, strict=True))
     reach = max(4, round(KEY_OUTLINE_REACH * scale))
-    return outline_lines(
-        camera, foreground, labels, stride=_STRIDE, reach=reach, tolerance=OUTLINE_TOLERANCE, halo=view.halo
-    )
+    search = LineSearch(_STRIDE, reach, OUTLINE_TOLERANCE)
+    return outline_lines(camera, foreground, labels, search, halo=view.halo)
 
 
 def _rows(lines: Lines, camera: Camera, poses: Poses, twists: Array | None) -> Array:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..body.kinematics import Poses
 from ..cameras.camera import Camera
 from ..evidence.foreground_images.foreground import foreground_images
-from ..evidence.outline_evidence.outline_lines import KEY_FRAME_PIECE, Lines, outline_lines
+from ..evidence.outline_evidence.outline_lines import KEY_FRAME_PIECE, Lines, LineSearch, outline_lines
 from ..evidence.part_shapes import shape_columns, stretched
 from ..evidence.rendering.label_images import render_labels
 from ..evidence.rendering.part_geometry import Geometry
@@ -165,7 +165,7 @@ def key_outlines(
     labels = render_labels(geometry, camera.subsampled(_STRIDE), 0, *poses)
     half = max(4, round(stage.reach * _scale(camera, poses)))
     every = np.broadcast_to(foreground, (int(geometry.performer.max()) + 1, *foreground.shape))
-    return outline_lines(camera, every, labels, stride=_STRIDE, reach=half, tolerance=stage.tolerance)
+    return outline_lines(camera, every, labels, LineSearch(_STRIDE, half, stage.tolerance))
 
 
 def _scale(camera: Camera, poses: Poses) -> float:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...cameras.camera import Camera
 from ...numerics.arrays import Array, Bools
 from ...numerics.robust_kernels import NORMAL_MAD
 from ..smoothed_images import Image
@@ -111,12 +112,7 @@ def brightness_constancy(
     """
     camera, labels = compared.camera, compared.labels
     m, P = len(labels.share) - 1, labels.share.shape[1]
-    to_camera = camera.poses(compared.first, m + 1)
     pixels, residual, seen = compared.pixels, compared.residual, compared.seen
-    x_a, x_b = pixels.points_cam, compared.points_there
-    focal = camera.matrix[[0, 1], [0, 1]].astype(np.float32)
-    here, there = compared.here, compared.there
-    slope = 0.5 * (here[1:] + there[1:])
     changes, noise = _residuals_of_parts(residual, seen, pixels.ends, P, by_part=by_part)
     change = np.repeat(changes.ravel(), np.diff(pixels.ends)).astype(np.float32)
     weight = _weights(residual - change, noise, tolerance, pixels.ends) * seen
@@ -128,15 +124,8 @@ def brightness_constancy(
     error_sum = np.bincount(pixels.frame, error * seen, minlength=m).astype(float)
     error_sum += PART_PRIOR_PIXELS * ((given[:, :1] / given[:, 1:]) ** 2 * changes**2).sum(axis=1)
     gain = gains(compared, (tolerance * given[pixels.frame, 0]).astype(np.float32))
-
-    rows = np.empty((13, len(residual)), np.float32)
-    rows[:6], rows[6:12], rows[12] = -wrenches(x_a, slope, focal).T, wrenches(x_b, slope, focal).T, residual
-    if by_part:
-        rows = np.concatenate([rows, np.ones((1, len(residual)), np.float32)])
-    sums = summed_products(rows, weight, pixels.ends).reshape(m, P, len(rows), len(rows))
-    if by_part:
-        sums = _without_change(sums, PART_PRIOR_PIXELS * (noise[:, :1] / noise[:, 1:]) ** 2)
-    A = _pair_twists(*to_camera)[:, None]
+    sums = _weighted_products(compared, weight, noise, by_part=by_part)
+    A = _pair_twists(*camera.poses(compared.first, m + 1))[:, None]
     A_t = np.swapaxes(A, -1, -2)
     return GradientSums(
         H=A_t @ sums[..., :12, :12] @ A,
@@ -144,13 +133,34 @@ def brightness_constancy(
         energy=sums[..., 12, 12].sum(axis=1),
         weight=np.bincount(pixels.frame, weight, minlength=m).astype(float),
         noise=noise,
-        density=np.prod(focal)
+        density=np.prod(_focal_lengths(camera))
         * np.bincount(pixels.frame, labels.inverse_depth[: len(residual)] ** 2, minlength=m)
         / np.maximum(np.diff(pixels.ends[::P]), 1),
         count=count,
         cost=error_sum / np.maximum(count, 1),
         gain=np.bincount(pixels.frame, gain, minlength=m).astype(float),
     )
+
+
+def _focal_lengths(camera: Camera) -> Image:
+    return camera.matrix[[0, 1], [0, 1]].astype(np.float32)
+
+
+def _weighted_products(compared: ComparedPixels, weight: Image, noise: Array, *, by_part: bool) -> Array:
+    """Sum the products of the pixels' equations with themselves by pair of frames and part, shape (m, P, 13, 13): the
+    derivatives of the residual by twists on the first frame (6) and on the second (6), and the residual.
+    """
+    pixels, residual, focal = compared.pixels, compared.residual, _focal_lengths(compared.camera)
+    slope = 0.5 * (compared.here[1:] + compared.there[1:])
+    rows = np.empty((13, len(residual)), np.float32)
+    rows[:6] = -wrenches(pixels.points_cam, slope, focal).T
+    rows[6:12] = wrenches(compared.points_there, slope, focal).T
+    rows[12] = residual
+    if by_part:
+        rows = np.concatenate([rows, np.ones((1, len(residual)), np.float32)])
+    m, P = len(noise), noise.shape[1] - 1
+    sums = summed_products(rows, weight, pixels.ends).reshape(m, P, len(rows), len(rows))
+    return _without_change(sums, PART_PRIOR_PIXELS * (noise[:, :1] / noise[:, 1:]) ** 2) if by_part else sums
 
 
 def summed_products(

@@ -38,6 +38,30 @@ longer than in tracking, as the model is wrong in the same way on the few frames
 _MAX_EDGE_SHARE = 0.75  # share of a line's half length: an edge found beyond is the line's end
 
 
+@dataclass(frozen=True)
+class LineSearch:
+    """How outlines are searched for along lines across the model's.
+
+    Attributes
+    ----------
+    stride : int
+        Distance between the pixels of the label images, in rows and in columns.
+    reach : int
+        Half the length of the lines, pixels.
+    tolerance : float
+        Factor on the limit of the robust weights: 1 near the solution, larger far from it.
+    """
+
+    stride: int
+    reach: int
+    tolerance: float
+
+    @property
+    def places(self) -> NDArray[np.int_]:
+        """The L positions along a line, pixels outward from the model's outline."""
+        return np.arange(-self.reach, self.reach + 1)
+
+
 @dataclass(frozen=True, eq=False)
 class Lines(OnOutlines):
     """N lines across outlines; each stands for a length in metres.
@@ -95,10 +119,8 @@ def outline_lines(
     camera: Camera,
     foreground: NDArray[np.uint8],
     labels: LabelImages,
+    search: LineSearch,
     *,
-    stride: int,
-    reach: int,
-    tolerance: float,
     halo: float = 0.0,
     coloured: ColouredFrames | None = None,
 ) -> Lines:
@@ -112,26 +134,21 @@ def outline_lines(
         Foreground images of each performer, see `core.evidence.foreground_images.foreground`.
     labels : LabelImages
         Label images of the n frames, with every stride-th pixel.
-    stride : int
-        Distance between the pixels of the label images, in rows and in columns.
-    reach : int
-        Half the length of the lines, pixels.
-    tolerance : float
-        Factor on the limit of the robust weights: 1 near the solution, larger far from it.
+    search : LineSearch
     halo : float
         Distance by which foreground images extend beyond the body's edge, pixels.
     coloured : ColouredFrames, optional
         Colours of the parts; with them, outlines of parts in front of other parts of the same performer are measured,
         too.
     """
-    pieces = seen_pieces(labels, stride, None if coloured is None else coloured.colours.distinct)
-    places = np.arange(-reach, reach + 1)
+    pieces = seen_pieces(labels, search.stride, None if coloured is None else coloured.colours.distinct)
+    places = search.places
     # In double precision, as exponentials in single precision differ between processors.
     ratio = np.zeros((len(places), len(pieces.uv)))
     own = pieces.behind >= 0
-    ratio[:, ~own] = _ratios_along(foreground, labels, pieces.where(~own), places, stride).T
+    ratio[:, ~own] = _ratios_along(foreground, labels, pieces.where(~own), search).T
     if coloured is not None:
-        ratio[:, own] = _colour_ratios_along(coloured, labels, pieces.where(own), places, stride).T
+        ratio[:, own] = _colour_ratios_along(coloured, labels, pieces.where(own), search).T
     mean, spread = _edge_positions(ratio, places)
     shift, variance = mean - np.where(own, 0.0, halo), spread + EDGE_SIGMA**2
     ignorance = len(places) ** 2 / 12 + EDGE_SIGMA**2  # of a line along which nothing is seen
@@ -139,7 +156,8 @@ def outline_lines(
     focal = camera.matrix[[0, 1], [0, 1]]
     z = pieces.depth
     model = (MODEL_SIGMA * focal.mean() / z) ** 2
-    farthest = np.minimum(BISQUARE_LIMIT * tolerance * np.sqrt(model + EDGE_SIGMA**2), _MAX_EDGE_SHARE * reach)
+    farthest = BISQUARE_LIMIT * search.tolerance * np.sqrt(model + EDGE_SIGMA**2)
+    farthest = np.minimum(farthest, _MAX_EDGE_SHARE * search.reach)
     robust = np.maximum(1 - (shift / farthest) ** 2, 0)
     precision = information / (1 + information * model)
     points = np.concatenate([(pieces.uv - camera.matrix[:2, 2]) / focal * z[:, None], z[:, None]], axis=1)
@@ -174,14 +192,14 @@ def _colour_ratios_along(
     coloured: ColouredFrames,
     labels: LabelImages,
     pieces: OutlinePieces,
-    places: NDArray[np.int_],
-    stride: int,
+    search: LineSearch,
 ) -> Array:
-    """Log likelihood ratios (part against the part behind it) of the colours along lines, shape (N, len(places)).
+    """Log likelihood ratios (part against the part behind it) of the colours along lines, shape (N, L).
 
     They are 0 where the model predicts something else, as in `_ratios_along`.
     """
     ratio, distinct = coloured.colours.ratio, coloured.colours.distinct
+    places, stride = search.places, search.stride
     u, v = (pieces.uv[:, k, None] + pieces.normal[:, k, None] * places for k in range(2))
     frame, part = pieces.frame[:, None], pieces.part[:, None]
     colour = pixels_at(coloured.palette, frame, u, v, np.uint8(0))
@@ -194,12 +212,13 @@ def _colour_ratios_along(
 
 
 def _ratios_along(
-    foreground: NDArray[np.uint8], labels: LabelImages, pieces: OutlinePieces, places: NDArray[np.int_], stride: int
+    foreground: NDArray[np.uint8], labels: LabelImages, pieces: OutlinePieces, search: LineSearch
 ) -> Array:
-    """Log likelihood ratios along the lines, shape (N, len(places)).
+    """Log likelihood ratios along the lines, shape (N, L).
 
     They are 0 where the model predicts something else: another part beyond the outline, or background within.
     """
+    places, stride = search.places, search.stride
     frame, across = pieces.frame, places.astype(np.float32)
     place, outward = pieces.uv.astype(np.float32), pieces.normal.astype(np.float32)
     u, v = (place[:, k, None] + outward[:, k, None] * across for k in range(2))

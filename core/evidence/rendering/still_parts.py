@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...body.kinematics import Poses
 from ...cameras.camera import Camera
-from ...numerics.arrays import Array, Ints
+from ...numerics.arrays import Array, Bools, Ints
 from .label_images import Faces, LabelImages, in_depth_steps, render_labels
 from .part_geometry import Geometry
 
@@ -64,15 +64,11 @@ class StillParts:
         n, P = len(moving.part), len(self.performer)
         distance = np.full((n, P), np.inf)
         distance[:, self.parts], distance[:, parts] = self.labels.distance, moving.distance
-        rank = np.empty((n, P), np.int64)
-        np.put_along_axis(rank, np.argsort(-distance, axis=1), np.arange(P)[None], axis=1)
         counts = np.diff(moving.ends)
         number = np.repeat(np.tile(parts, n), counts)
         frame = np.repeat(np.arange(n), counts.reshape(n, -1).sum(axis=1))
         there = self.labels.part.ravel()[moving.index].astype(np.intp)
-        hidden = there >= 0
-        hidden[hidden] = rank[frame[hidden], self.parts[there[hidden]]] > rank[frame[hidden], number[hidden]]
-        seen = ~hidden
+        seen = ~self._is_nearer(distance, frame, there, number)
         index = moving.index[seen]
         part = self._numbered.copy()
         part.ravel()[index] = number[seen]
@@ -103,6 +99,26 @@ class StillParts:
             distance=distance,
             still=self,
         )
+
+    def _is_nearer(self, distance: Array, frame: Ints, there: Ints, number: Ints) -> Bools:
+        """Whether one of these parts lies before a moving one in N pixels of the latter, shape (N,).
+
+        Parameters
+        ----------
+        distance : ndarray, shape (n, P)
+            Distance of every part from the camera on every frame, metres.
+        frame : ndarray of int, shape (N,)
+        there : ndarray of int, shape (N,)
+            Which of these parts is in the pixel; -1 for none.
+        number : ndarray of int, shape (N,)
+            Index of the moving part.
+        """
+        nearness = np.empty(distance.shape, np.int64)
+        np.put_along_axis(nearness, np.argsort(-distance, axis=1), np.arange(distance.shape[1])[None], axis=1)
+        nearer = there >= 0
+        own, other = self.parts[there[nearer]], number[nearer]
+        nearer[nearer] = nearness[frame[nearer], own] > nearness[frame[nearer], other]
+        return nearer
 
     def hidden(self, seen: LabelImages) -> LabelImages:
         """List the pixels of these parts that others hide in label images of all parts (`among`), by part."""

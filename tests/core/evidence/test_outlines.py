@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ from kfmocap.core.evidence.outline_evidence.outline_lines import (
     EDGE_SIGMA,
     MODEL_SIGMA,
     Lines,
+    LineSearch,
     outline_lines,
 )
 from kfmocap.core.evidence.outline_evidence.outline_sums import OutlineSums, outline_sums
@@ -41,7 +41,7 @@ BODY = figure()
 TRUNK = Body(BODY.parts[:1], {})
 CAMERA = look_at("cam", (0.8, -2.2, 1.6))
 STRIDE, REACH = 2, 12
-Arguments = tuple[tuple[Camera, Array, LabelImages], dict[str, Any]]
+Arguments = tuple[Camera, Array, LabelImages, LineSearch]
 
 
 def arguments(
@@ -49,7 +49,7 @@ def arguments(
 ) -> Arguments:
     geometry, poses = Geometry.of([body]), poses_of([body], [motion])
     labels = render_labels(geometry, camera.subsampled(STRIDE), 0, *poses)
-    return (camera, foreground[None], labels), {"stride": STRIDE, "reach": reach, "tolerance": tolerance}
+    return camera, foreground[None], labels, LineSearch(STRIDE, reach, tolerance)
 
 
 def seen(body: Body, motion: Motion, camera: Camera, shift: Sequence[float] = (0, 0)) -> Array:
@@ -59,13 +59,13 @@ def seen(body: Body, motion: Motion, camera: Camera, shift: Sequence[float] = (0
 
 def sums_of(given: Arguments) -> OutlineSums:
     """The sums over frames from the first on."""
-    camera, _, labels = given[0]
+    camera, _, labels, _ = given
     n, P = labels.share.shape
     return outline_sums(lines_across(given), camera, 0, (n, P))
 
 
 def lines_across(given: Arguments) -> Lines:
-    return outline_lines(*given[0], **given[1])
+    return outline_lines(*given)
 
 
 def lines_of(
@@ -152,8 +152,8 @@ def test_sums_are_those_of_the_weighted_rows() -> None:
 
 def test_the_cost_of_a_shift_is_the_error_whose_weight_it_has() -> None:
     """Tukey's: its derivative by the shift is twice the weighted shift, and beyond the limit it stays the same."""
-    positional, named = arguments(TRUNK, at_rest(TRUNK), CAMERA, seen(TRUNK, at_rest(TRUNK), CAMERA, (2.0, 1.0)))
-    back, here, ahead = (outline_lines(*positional, **named, halo=h) for h in (1e-4, 0.0, -1e-4))  # these shift edges
+    given = arguments(TRUNK, at_rest(TRUNK), CAMERA, seen(TRUNK, at_rest(TRUNK), CAMERA, (2.0, 1.0)))
+    back, here, ahead = (outline_lines(*given, halo=h) for h in (1e-4, 0.0, -1e-4))  # these shift edges
     slope = (ahead.error - back.error) / (ahead.shift - back.shift)
     np.testing.assert_allclose(slope, 2 * here.weight * here.shift, atol=1e-5 * np.abs(here.weight).max())
     lost = lines_of(TRUNK, at_rest(TRUNK), shift=(9.0, 0))
@@ -206,7 +206,7 @@ def test_a_line_is_not_drawn_to_another_limb_whose_place_the_model_predicts() ->
     geometry, poses = Geometry.of(bodies), poses_of(bodies, motions)
     labels = render_labels(geometry, camera.subsampled(STRIDE), 0, *poses)
     foreground = np.stack([silhouette(bodies, poses, 0, camera)[None]] * 2)
-    lines = outline_lines(camera, foreground, labels, stride=STRIDE, reach=24, tolerance=2.0)
+    lines = outline_lines(camera, foreground, labels, LineSearch(STRIDE, reach=24, tolerance=2.0))
     between = ((lines.part == 0) & (lines.normal[:, 0] > 0.9)) | ((lines.part == 1) & (lines.normal[:, 0] < -0.9))
     assert between.sum() > 20
     assert np.median(np.abs(lines.shift[between])) < 0.3 and lines.weight[between].min() > 0

@@ -13,7 +13,7 @@ from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.evidence.foreground_images.foreground import MAX_LOG_RATIO
 from kfmocap.core.evidence.foreground_images.part_colours import ColouredFrames, PartColours
 from kfmocap.core.evidence.frame_comparison import SegmentInViews
-from kfmocap.core.evidence.outline_evidence.outline_lines import Lines, outline_lines
+from kfmocap.core.evidence.outline_evidence.outline_lines import Lines, LineSearch, outline_lines
 from kfmocap.core.evidence.rendering.label_images import render_labels
 from kfmocap.core.evidence.rendering.part_geometry import Geometry, PerformerParts
 from kfmocap.core.evidence.sampling import Sampling
@@ -79,9 +79,8 @@ def lines_within(shift: tuple[int, int] = (0, 0), colours: Array = COLOURS) -> L
     known = learned(BODY, MOTION, painted(BODY, MOTION, colours))
     coloured = of_frames(known, painted(BODY, MOTION, colours, shift))
     nothing = np.full((1, 1, *CAMERA.size[::-1]), 128, np.uint8)
-    lines = outline_lines(
-        CAMERA, nothing, labels, stride=STRIDE, reach=REACH, tolerance=4.0, halo=0.25, coloured=coloured
-    )
+    search = LineSearch(STRIDE, REACH, tolerance=4.0)
+    lines = outline_lines(CAMERA, nothing, labels, search, halo=0.25, coloured=coloured)
     return lines.where(lines.weight > 1e-3)
 
 
@@ -142,7 +141,7 @@ def test_lines_before_the_background_and_before_the_body_are_sorted_together() -
     labels = render_labels(Geometry.of([BODY]), CAMERA, 0, *poses_of([BODY], [MOTION]))
     seen = silhouette([BODY], poses_of([BODY], [MOTION]), 0, CAMERA)[None, None]
     both, outer = (
-        outline_lines(CAMERA, seen, labels, stride=STRIDE, reach=REACH, tolerance=1.0, coloured=coloured)
+        outline_lines(CAMERA, seen, labels, LineSearch(STRIDE, REACH, tolerance=1.0), coloured=coloured)
         for coloured in (of_frames(KNOWN, KEY), None)
     )
     assert (np.diff(both.frame * len(BODY) + both.part) >= 0).all()
