@@ -10,6 +10,7 @@ import numpy as np
 from ..cameras.camera import Camera
 from ..capture.capture import Capture
 from ..errors import CalibrationError
+from ..numerics.robust_kernels import Cauchy
 from ..runtime.progress import Progress, report_progress
 from . import findings
 from .solving.bundle import adjust, covariance
@@ -69,7 +70,7 @@ def synchronise(
         scene = Scene(rig, wand)
         seen, _ = labelled(scene, capture.views, noise)
         evidence = BundleEvidence(seen, smooth=synchrony.needs_interpolation)
-        fit = adjust(scene, evidence, free, scale=4 * noise, cancel=check)
+        fit = adjust(scene, evidence, free, kernel=Cauchy(4 * noise), cancel=check)
         rig, noise = fit.scene.rig, max(fit.noise, 1.0)
     sigma = noise * np.sqrt(np.diag(covariance(fit.scene, evidence, fit.free))).reshape(-1, CAMERA_DOF)
     return Clocks.of(rig, sigma)

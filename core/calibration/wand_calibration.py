@@ -10,6 +10,8 @@ import numpy as np
 from ..capture.capture import Capture, CaptureView
 from ..errors import CaptureError
 from ..numerics.arrays import Array, Bools
+from ..numerics.least_squares import StoppingRule
+from ..numerics.robust_kernels import Cauchy
 from ..runtime.progress import Progress, report_progress
 from . import diagnosis
 from .calibration_result import CalibrationResult
@@ -22,7 +24,7 @@ from .quality import measured_lengths
 from .solving import lens_selection
 from .solving.assumed_lens import Lens
 from .solving.ball_observations import BallObservations
-from .solving.bundle import adjust, covariance, variance_inflation
+from .solving.bundle import NEARLY_CONVERGED, adjust, covariance, variance_inflation
 from .solving.bundle_scene import BundleEvidence, Scene
 from .solving.camera_rig import DRIFT, OFFSET, Rig
 from .solving.first_cameras import MIN_LINK_FRAMES, crossed_views, find_links, first_rig, unknown_lens
@@ -40,6 +42,8 @@ _MAX_ROUNDS = 4
 """Largest number of rounds of adjusting the cameras and selecting the wand's balls again."""
 _CONVERGED_CHANGE = 0.01
 """Relative change of the number of balls, and of their noise, below which these rounds end."""
+_ROUGHLY, _EXACTLY = StoppingRule[Scene](relative_gain=1e-4), StoppingRule[Scene](relative_gain=1e-9)
+"""When an adjustment ends while balls are still selected again, and the last one."""
 _ROBUST_SCALE = 4.0
 """Scale of the robust loss, in standard deviations, while there may still be wrong balls."""
 _MIN_NOISE = 0.2  # lower limit, as a multiple of sigma: balls are hardly ever much better than stated
@@ -142,7 +146,8 @@ def _polished(rig: Rig, capture: Capture, synchrony: Synchrony, free: Bools, ste
         for _ in range(2):
             seen, used = labelled(scene, capture.views, noise)
             evidence = _evidence(capture, seen, synchrony)
-            fit = adjust(scene, evidence, free, scale=_ROBUST_SCALE * noise, tolerance=1e-4, cancel=steps.check)
+            kernel = Cauchy(_ROBUST_SCALE * noise)
+            fit = adjust(scene, evidence, free, kernel=kernel, stopping=_ROUGHLY, cancel=steps.check)
             scene, noise = fit.scene, max(fit.noise, _MIN_NOISE)
         draft = _Draft(scene, seen, used, noise)
         rig = scene.rig
@@ -264,7 +269,7 @@ def _finished(
     free = lens_selection.select_lens_unknowns(fit.scene, evidence, free, known, steps.check)
     seen, used = labelled(fit.scene, capture.views, draft.noise)
     evidence = replace(evidence, wand=seen)
-    fit = adjust(fit.scene, evidence, free, tolerance=1e-9, cancel=steps.check)
+    fit = adjust(fit.scene, evidence, free, stopping=_EXACTLY, cancel=steps.check)
     scene = fit.scene
     assert scene.lframe_world is not None
     noise = _unit_noise(fit.residual[: len(seen)], scene, free)
@@ -309,5 +314,6 @@ def _held_out(scene: Scene, evidence: BundleEvidence, free: Bools, steps: _Repor
     if not out.any():
         return np.zeros(0)
     rest = replace(evidence, wand=evidence.wand.take(~out))
-    fit = adjust(replace(scene, wand=wand.take(~left_out)), rest, free, tolerance=1e-5, cancel=steps.check)
+    scene = replace(scene, wand=wand.take(~left_out))
+    fit = adjust(scene, rest, free, stopping=NEARLY_CONVERGED, cancel=steps.check)
     return measured_lengths(fit.scene.rig, evidence.wand.take(out), wand.frames[left_out])

@@ -17,12 +17,15 @@ from scipy import sparse
 from ...numerics.arrays import Array, Bools
 from ...numerics.least_squares import StoppingRule, minimise, moving_only
 from ...numerics.normal_equations import SparseEquations, SparseFactor
-from ...numerics.robust_kernels import RAYLEIGH_MEDIAN, Cauchy, Quadratic, RobustKernel
+from ...numerics.robust_kernels import RAYLEIGH_MEDIAN, Quadratic, RobustKernel
 from .ball_observations import BallObservations
 from .bundle_residuals import BundleResiduals, linearise, residuals
 from .bundle_scene import BundleEvidence, Scene, first_camera, unknowns
 from .camera_rig import CAMERA_DOF
 
+LEAST_SQUARES: RobustKernel = Quadratic()
+CONVERGED, NEARLY_CONVERGED = StoppingRule[Scene](), StoppingRule[Scene](relative_gain=1e-5)
+"""The second for solutions that are only compared."""
 _MIN_FREE_SHARE = 0.1  # least degrees of freedom that are assumed, as a share of the observations
 _MAX_CORRELATION = 0.95  # upper limit of the correlation of neighbouring frames: at 1, a whole track counts as one
 
@@ -67,9 +70,8 @@ def adjust(
     evidence: BundleEvidence,
     free_camera: Bools,
     *,
-    scale: float = np.inf,
-    iterations: int = 50,
-    tolerance: float = 1e-7,
+    kernel: RobustKernel = LEAST_SQUARES,
+    stopping: StoppingRule[Scene] = CONVERGED,
     free_wand: bool = True,
     cancel: Callable[[], None] | None = None,
 ) -> BundleFit:
@@ -82,12 +84,9 @@ def adjust(
     evidence : BundleEvidence
     free_camera : ndarray of bool, shape (C, 13)
         Which of the cameras' unknowns are solved for.
-    scale : float
-        Scale of Cauchy's kernel on the residual of each ball, in standard deviations; infinite for least squares.
-    iterations : int
-        Largest number of iterations.
-    tolerance : float
-        The adjustment ends when an iteration lowers the cost by less than this share.
+    kernel : RobustKernel
+        Kernel on the residual of each ball, in standard deviations.
+    stopping : StoppingRule
     free_wand : bool
         Whether to solve for the wand and the L-frame, too.
     cancel : callable, optional
@@ -99,7 +98,6 @@ def adjust(
     """
     free = np.full(unknowns(scene), free_wand)
     free[first_camera(scene) :] = free_camera.ravel()
-    kernel = Quadratic() if np.isinf(scale) else Cauchy(scale)
 
     def cost(points: Array, others: Array) -> float:
         return float(kernel.cost((points**2).sum(axis=1)).sum() + (others**2).sum())
@@ -113,7 +111,7 @@ def adjust(
         equations,
         moving_only(Scene.moved, free),
         trial_cost=lambda trial, _: cost(*residuals(trial, evidence)),
-        stopping=StoppingRule(iterations, relative_gain=tolerance),
+        stopping=stopping,
         on_iteration=None if cancel is None else lambda iteration, state: cancel(),
     )
     points, _ = residuals(result.state, evidence)

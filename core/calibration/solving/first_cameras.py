@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from ...numerics import rotations
 from ...numerics.arrays import Array, Bools
+from ...numerics.least_squares import StoppingRule
+from ...numerics.robust_kernels import Cauchy
 from .assumed_lens import Lens
 from .ball_observations import BallObservations
 from .bundle import BundleFit, adjust
@@ -33,6 +35,8 @@ _SUFFICIENT_AGREEMENT = 0.9
 """Agreement, relative to the best possible, from which no other seed is tried."""
 _FIRST_SCALE, _ADJUSTED_SCALE = 10.0, 3.0
 """Scales of the robust loss, in standard deviations, for cameras that are a first guess and for adjusted ones."""
+_FEW_STEPS = StoppingRule[Scene](15, relative_gain=1e-2)
+_RESECTED = StoppingRule[Scene](relative_gain=1e-3)
 _RESECTION_PIXELS = 12.0  # tolerance of a ball's residual while distortion is unknown
 
 Cancel = Callable[[], None]
@@ -296,7 +300,7 @@ def _adjusted(rig: Rig, filmed: _FilmedWand) -> BundleFit | None:
             return None
         scene = Scene(rig, sighting.wand(filmed.tracks.frames, filmed.length))
         evidence = BundleEvidence(observed(filmed.tracks, sighting))
-        fit = adjust(scene, evidence, free, scale=scale, iterations=15, tolerance=1e-2, cancel=filmed.cancel)
+        fit = adjust(scene, evidence, free, kernel=Cauchy(scale), stopping=_FEW_STEPS, cancel=filmed.cancel)
         rig = fit.scene.rig
     return fit
 
@@ -328,7 +332,13 @@ def _resected(rig: Rig, filmed: _FilmedWand, link: Link, known: Sequence[int], n
     free = unknown_lens(lens)[None]
     for scale in (3 * _FIRST_SCALE, _ADJUSTED_SCALE):
         scene = adjust(
-            scene, BundleEvidence(seen), free, scale=scale, tolerance=1e-3, free_wand=False, cancel=filmed.cancel
+            scene,
+            BundleEvidence(seen),
+            free,
+            kernel=Cauchy(scale),
+            stopping=_RESECTED,
+            free_wand=False,
+            cancel=filmed.cancel,
         ).scene
     return scene.rig
 

@@ -9,7 +9,7 @@ from scipy.special import chdtri
 
 from ...numerics.arrays import Bools
 from .assumed_lens import Lens
-from .bundle import adjust, covariance, variance_inflation
+from .bundle import NEARLY_CONVERGED, adjust, covariance, variance_inflation
 from .bundle_scene import BundleEvidence, Scene
 from .camera_rig import CAMERA_DOF, CENTRE, K2
 
@@ -46,7 +46,7 @@ def select_lens_unknowns(
         every[c, K2] |= lens.distortions is None
     if (every == free).all():
         return free
-    fit = adjust(scene, evidence, every, tolerance=1e-5, cancel=cancel)
+    fit = adjust(scene, evidence, every, stopping=NEARLY_CONVERGED, cancel=cancel)
     rig = fit.scene.rig
     inflation = variance_inflation(evidence.wand, fit.residual[: len(evidence.wand)])
     spread = covariance(fit.scene, evidence, fit.free) * inflation

@@ -16,6 +16,8 @@ from kfmocap.core.calibration.solving.camera_rig import CAMERA_DOF, DRIFT, FOCAL
 from kfmocap.core.calibration.solving.frame_stencil import Stencil
 from kfmocap.core.calibration.solving.wand_motion import Wand
 from kfmocap.core.calibration.wand_matching import matched
+from kfmocap.core.numerics.least_squares import StoppingRule
+from kfmocap.core.numerics.robust_kernels import Cauchy, Quadratic, RobustKernel
 from scipy.optimize import least_squares
 from synthetic import numeric_jacobian
 
@@ -84,7 +86,7 @@ def test_the_minimum_is_that_of_scipy() -> None:
     positions = scattered(4)
     scene = scene_of(positions)
     evidence = evidence_of(scene, positions)
-    fit = adjust(scene, evidence, lens_free(), tolerance=1e-12)
+    fit = adjust(scene, evidence, lens_free(), stopping=StoppingRule(relative_gain=1e-12))
 
     def residual(step: Array) -> Array:
         whole = np.zeros(len(fit.free))
@@ -115,11 +117,11 @@ def test_a_robust_loss_leaves_a_wrong_ball_behind() -> None:
     uv[::15] += [40.0, -30.0]
     spoilt = replace(clean, wand=replace(clean.wand, uv=uv))
 
-    def focal_error(evidence: BundleEvidence, scale: float) -> float:
-        fit = adjust(scene, evidence, lens_free(), scale=scale)
+    def focal_error(evidence: BundleEvidence, kernel: RobustKernel) -> float:
+        fit = adjust(scene, evidence, lens_free(), kernel=kernel)
         return float(np.abs(fit.scene.rig.focal / scene.rig.focal - 1).max())
 
-    assert focal_error(spoilt, 3.0) < 0.003 < focal_error(spoilt, np.inf)
+    assert focal_error(spoilt, Cauchy(3.0)) < 0.003 < focal_error(spoilt, Quadratic())
 
 
 def test_cubic_paths_are_interpolated_exactly() -> None:
