@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -41,9 +41,14 @@ def run(args: argparse.Namespace, services: Services) -> int:
         return BAD_INPUT
     found = run_batch(shots, args.out, options, jobs=args.jobs) if shots else []
     files = write_summary(args.out, outcomes(args.out))
-    states = {outcome.state for outcome in found}
     print_outcome(files)
-    return FAULT if ShotState.FAILED in states else BAD_INPUT if ShotState.REFUSED in states else 0
+    return _exit_code({outcome.state for outcome in found})
+
+
+def _exit_code(states: Collection[str]) -> int:
+    if ShotState.FAILED in states:
+        return FAULT
+    return BAD_INPUT if ShotState.REFUSED in states else 0
 
 
 def _options(args: argparse.Namespace, services: Services) -> BatchOptions:
@@ -175,7 +180,9 @@ def _outcome(each: _Running) -> ShotOutcome | None:
     try:
         return ShotOutcome(*kept, ShotState.DONE, each.digest, **each.job.result())
     except WorkerEndedError as error:
-        return ShotOutcome(*kept, ShotState.FAILED, message=_one_line(error)) if each.attempt >= ATTEMPTS else None
+        if each.attempt < ATTEMPTS:
+            return None
+        return ShotOutcome(*kept, ShotState.FAILED, message=_one_line(error))
     except InputError as error:
         return ShotOutcome(*kept, ShotState.REFUSED, message=_one_line(error))
     except Exception as error:

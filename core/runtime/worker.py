@@ -50,16 +50,7 @@ def main() -> None:
     try:
         if (head := sent.get()) is None:
             return
-        search, package, folder, yields, tidies, imports = pickle.loads(head)
-        if yields and hasattr(os, "nice"):
-            os.nice(NICENESS)
-        sys.path[:] = search
-        if package not in sys.modules:
-            load(package, Path(folder))
-        with importlib.import_module(f"{package}.core.runtime.loading").without_garbage_collection():
-            for module in imports:
-                importlib.import_module(module)
-        kept = importlib.import_module(f"{package}.core.runtime.worker_memory")
+        kept, tidies = _prepare(head)
         memory = kept.WorkerMemory()
         while (data := sent.get()) is not None:
             if tidies:
@@ -71,6 +62,22 @@ def main() -> None:
     except Exception as error:
         error.add_note(traceback.format_exc())
         send("error", error)
+
+
+def _prepare(head: bytes) -> tuple[ModuleType, bool]:
+    """Load the package and the modules that the first message names; returns the module `worker_memory`, and whether
+    tasks have to clean up when the program ends.
+    """
+    search, package, folder, yields, tidies, imports = pickle.loads(head)
+    if yields and hasattr(os, "nice"):
+        os.nice(NICENESS)
+    sys.path[:] = search
+    if package not in sys.modules:
+        load(package, Path(folder))
+    with importlib.import_module(f"{package}.core.runtime.loading").without_garbage_collection():
+        for module in imports:
+            importlib.import_module(module)
+    return importlib.import_module(f"{package}.core.runtime.worker_memory"), tidies
 
 
 def _answer(data: bytes, kept: ModuleType, memory: object, send: Callable[..., bool]) -> None:

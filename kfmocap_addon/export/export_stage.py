@@ -37,16 +37,11 @@ def stage_of(
     """
     body_armature.object_pose(armature)  # refuses one that is scaled unevenly
     preset = PRESETS[options.preset]
-    name, stage = armature.name, bpy.data.scenes.new(armature.name)
-    # Some of Blender's exporters turn the window to the scene that they write.
-    shown = [(window, window.scene) for window in bpy.context.window_manager.windows]
-    copy = armature.copy()
-    copy.data = armature.data.copy()
-    try:
+    with _temporary_scene(armature) as (stage, copy):
         first, times = _set_time(stage, scene, options)
         _sample(copy, armature, first, times, options)
         _sample_followed(copy, armature, scene, (first, times), options)
-        copy.rename(preset.node or name, mode="ALWAYS")  # the files shall have the armature's name
+        copy.rename(preset.node or armature.name, mode="ALWAYS")  # the files shall have the armature's name
         _be_plain(copy)
         copy.data.transform(Matrix.Scale(preset.scale, 4) @ turn @ armature.matrix_world)
         copy.matrix_world = Matrix.Identity(4)
@@ -67,6 +62,18 @@ def stage_of(
             selected_objects=[copy],
         ):
             yield stage
+
+
+@contextmanager
+def _temporary_scene(armature: bpy.types.Object) -> Iterator[tuple[bpy.types.Scene, bpy.types.Object]]:
+    """Provide an empty scene, and a copy of an armature that is in no scene; both are removed at the end."""
+    name, stage = armature.name, bpy.data.scenes.new(armature.name)
+    # Some of Blender's exporters turn the window to the scene that they write.
+    shown = [(window, window.scene) for window in bpy.context.window_manager.windows]
+    copy = armature.copy()
+    copy.data = armature.data.copy()
+    try:
+        yield stage, copy
     finally:
         for window, showed in shown:
             if window.scene != showed:

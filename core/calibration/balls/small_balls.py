@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ...numerics.arrays import Array, Bools
 from ...numerics.least_squares import GAUSS_NEWTON, minimise
 from .found_balls import Balls, FoundBall
-from .swept_disc import STOPPING, DiscFit
+from .swept_disc import STOPPING, DiscEquations, DiscFit
 
 Image = NDArray[Any]
 
@@ -240,7 +240,13 @@ def without_rod(image: Image, light: Array, ball: FoundBall, ways: Array, *, sti
         damping=GAUSS_NEWTON,
         stopping=STOPPING,
     )
-    x, last = found.state, found.linearised()
+    return _fitted_ball(found.state, found.linearised())
+
+
+def _fitted_ball(x: Array, last: DiscEquations) -> FoundBall | None:
+    """Return the ball of a fitted disc: its centre, radius and path (5,), and the equations there; None where too few
+    pixels are left.
+    """
     if len(last.residuals) < _MIN_DISC_PIXELS:
         return None
     covariance = last.factor().covariance()[:2, :2]
