@@ -31,7 +31,7 @@ from ..judgement.solution_ranking import RESTING_GAIN, likelihood, settled_furth
 from ..limb_evidence.limb_images import ViewRatios
 from ..limb_evidence.limb_likelihood import FINE_POINTS, POINTS_PER_PART
 from .bridges import evenly_led
-from .limb_search import MIN_GAIN_ELSEWHERE, frames_elsewhere, freed_limb, views_of
+from .limb_search import MIN_GAIN_ELSEWHERE, LimbSearch, frames_elsewhere, freed_limb, views_of
 from .local_trials import LocalTrial
 from .search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
 
@@ -137,19 +137,14 @@ def _proposed(
     around = before
     for chain in group.chains if turn == 0 and alone.shows_depth else ():
         around = evenly_led(alone, i, around, chain)
-    found, points = around, POINTS_PER_PART if len(group.chains) == 1 else FINE_POINTS
-    least = MIN_GAIN_ELSEWHERE if alone.among_others else -np.inf
+    search = LimbSearch(
+        points=POINTS_PER_PART if len(group.chains) == 1 else FINE_POINTS,
+        least_gain=MIN_GAIN_ELSEWHERE if alone.among_others else -np.inf,
+        before=before,
+    )
+    found = around
     for chain in group.chains:
-        found = freed_limb(
-            alone,
-            with_motion(motions, i, found),
-            (i, chain),
-            turn,
-            points=points,
-            ratios=ratios,
-            least_gain=least,
-            before=before,
-        )
+        found = freed_limb(alone, with_motion(motions, i, found), (i, chain), turn, search=search, ratios=ratios)
     if found is before or (alone.among_others and found is around):
         return None
     return found if _elsewhere(alone, group, before, found).any() else None

@@ -9,7 +9,7 @@ poses. This is repeated with poses drawn ever closer to the path. The result is 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy  # its parts are loaded when they are used
@@ -79,6 +79,30 @@ part's direction, which is hardly visible."""
 _FEW_POINTS = 2
 
 
+@dataclass(frozen=True, eq=False)
+class LimbSearch:
+    """How a limb is searched for.
+
+    Attributes
+    ----------
+    free : bool
+        Whether it is searched for regardless of how well it is seen where it is: a misplaced limb in front of the body
+        seems right, as it covers foreground of similar colours.
+    points : int
+        Points of each part whose pixels are looked at.
+    least_gain : float
+        The limb stays where it is if the images gain less (`_gain_elsewhere`), natural units, or if other random poses
+        lead elsewhere (`_agree`). By default neither is asked.
+    before : Motion, optional
+        F poses of the performer in relation to which they gain, if the search is around others.
+    """
+
+    free: bool = True
+    points: int = POINTS_PER_PART
+    least_gain: float = -np.inf
+    before: Motion | None = None
+
+
 def pictures_find_limbs(problem: SegmentProblem) -> bool:
     """Whether limbs can be searched for: it needs foreground images, and with keypoints it is not done."""
     return not problem.keypoints and problem.settings.limb_search and bool(views_with_foreground(problem.views))
@@ -106,10 +130,10 @@ def found_limbs(problem: SegmentProblem, motions: Sequence[Motion], seed: int, w
     ratios = {i: views_of(problem, motions, i) for i in problem.sought}
     found, rng = list(motions), np.random.default_rng([seed, problem.settings.search_seed])
     chains = [(i, chain) for i in problem.sought for chain in limbs(problem.bodies[i])]
-    least = -np.inf if problem.only is None else MIN_GAIN_ELSEWHERE
+    search = LimbSearch(free=False, least_gain=-np.inf if problem.only is None else MIN_GAIN_ELSEWHERE)
     for done, (i, chain) in enumerate(chains):
         workspace.report(done / len(chains), found)
-        found[i] = _with_limb_found(problem, ratios[i], found, (i, chain), rng, least_gain=least)
+        found[i] = _with_limb_found(problem, ratios[i], found, (i, chain), search=search, rng=rng)
     return untangled_limbs(problem, found)
 
 
@@ -118,15 +142,11 @@ def freed_limb(
     motions: Sequence[Motion],
     place: LimbOfPerformer,
     seed: int,
+    search: LimbSearch = LimbSearch(),
     *,
-    points: int = POINTS_PER_PART,
     ratios: Sequence[ViewRatios] | None = None,
-    least_gain: float = -np.inf,
-    before: Motion | None = None,
 ) -> Motion:
-    """Search for one limb of a performer regardless of how well it is seen where it is.
-
-    A misplaced limb in front of the body seems right, as it covers foreground of similar colours.
+    """Search for one limb of a performer.
 
     Parameters
     ----------
@@ -136,15 +156,9 @@ def freed_limb(
     place : LimbOfPerformer
     seed : int
         Seed of the random poses, together with that of the settings.
-    points : int
-        Points of each part whose pixels are looked at.
+    search : LimbSearch
     ratios : sequence of ViewRatios, optional
         What the views show of the performer, if it is known (`views_of`).
-    least_gain : float
-        The limb stays where it is if the images gain less (`_gain_elsewhere`), natural units, or if other random poses
-        lead elsewhere (`_agree`). By default neither is asked.
-    before : Motion, optional
-        F poses of the performer in relation to which they gain, if the search is around others.
 
     Returns
     -------
@@ -153,9 +167,7 @@ def freed_limb(
     """
     rng = np.random.default_rng([seed, problem.settings.search_seed])
     ratios = views_of(problem, motions, place[0]) if ratios is None else ratios
-    return _with_limb_found(
-        problem, ratios, motions, place, rng, free=True, points=points, least_gain=least_gain, before=before
-    )
+    return _with_limb_found(problem, ratios, motions, place, search=search, rng=rng)
 
 
 def views_of(problem: SegmentProblem, motions: Sequence[Motion], performer: int) -> list[ViewRatios]:
@@ -216,25 +228,19 @@ def _with_limb_found(
     ratios: Sequence[ViewRatios],
     motions: Sequence[Motion],
     place: LimbOfPerformer,
-    rng: Generator,
     *,
-    free: bool = False,
-    points: int = POINTS_PER_PART,
-    least_gain: float,
-    before: Motion | None = None,
+    search: LimbSearch,
+    rng: Generator,
 ) -> Motion:
-    """Move one limb of a performer to where it is likeliest; with `free`, regardless of how well it is seen now.
-
-    Other parameters as in `freed_limb`.
-    """
+    """Move one limb of a performer to where it is likeliest; parameters as in `freed_limb`."""
     i, chain = place
     motion = motions[i]
     # Of one of several performers: by what is seen of their areas, more parts are found where others show them.
-    limb, parts = limb_of(problem, motions, place, rng, points, evenly=problem.among_others)
+    limb, parts = limb_of(problem, motions, place, rng, search.points, evenly=problem.among_others)
     geometry, poses = problem.geometry(), scene_poses(problem.bodies, motions)
     uncovered = [view.uncovered(geometry, poses, parts) for view in ratios]
     uncovered = with_sides_learned(limb, uncovered, problem.whole_keys(i), rng)
-    if not free:
+    if not search.free:
         shown = scipy.special.expit(side_log_ratios(limb, uncovered))[:, None]
         limb = replace(limb, held=np.maximum(_seen_shares(ratios, geometry, poses, parts) * shown, MIN_HELD_WEIGHT))
         if problem.only is not None and not _is_hardly_seen(limb):
@@ -243,14 +249,14 @@ def _with_limb_found(
     if gain < MIN_GAIN:
         return motion
     found = _with_path(limb, motion, path)
-    if least_gain > -np.inf:
-        before = motion if before is None else before
+    if search.least_gain > -np.inf:
+        before = motion if search.before is None else search.before
         there = scene_poses(problem.bodies, with_motion(motions, i, before))
         seen = np.sum([view.labels(geometry, there).share[:, parts].sum(axis=1) for view in ratios], axis=0)
-        if _gain_elsewhere(limb, uncovered, seen, before, found) < least_gain:
+        if _gain_elsewhere(limb, uncovered, seen, before, found) < search.least_gain:
             return motion
         again = _with_path(limb, motion, _likeliest(limb, uncovered, problem.fps, rng)[0])
-        if _gain_elsewhere(limb, uncovered, seen, before, again) < least_gain:
+        if _gain_elsewhere(limb, uncovered, seen, before, again) < search.least_gain:
             return motion
         if not _agree(limb, before, found, again, problem.fps):
             return motion

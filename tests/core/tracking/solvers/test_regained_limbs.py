@@ -26,7 +26,7 @@ from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSol
 from kfmocap.core.tracking.solvers.judgement.solution_ranking import RESTING_GAIN
 from kfmocap.core.tracking.solvers.limb_corrections import limb_groups, limb_search, regained_limbs
 from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import LimbGroup, with_limbs_found
-from kfmocap.core.tracking.solvers.limb_corrections.limb_search import MIN_GAIN_ELSEWHERE, freed_limb
+from kfmocap.core.tracking.solvers.limb_corrections.limb_search import MIN_GAIN_ELSEWHERE, LimbSearch, freed_limb
 from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import LimbModel, SupportOfLimb
 from kfmocap.core.tracking.solvers.thinned_frames import ThinnedProblem
 from swinging_arm import ARM, BODY, FPS, FRAMES, TRUTH, WHOLE, astray
@@ -135,9 +135,10 @@ def test_a_limb_is_moved_only_if_pictures_gain_by_it_on_frames_on_which_it_was_e
 ) -> None:
     """A search follows the noise of the pictures on all other frames; what it gains there does not count."""
     lost = astray()
-    assert error_mm(freed_limb(problem, [lost], (0, ARM), 0, least_gain=MIN_GAIN_ELSEWHERE)) < 0.5 * error_mm(lost)
-    assert freed_limb(problem, [lost], (0, ARM), 0, least_gain=np.inf) is lost
-    assert freed_limb(problem, [TRUTH], (0, ARM), 0, least_gain=MIN_GAIN_ELSEWHERE) is TRUTH
+    gainful = LimbSearch(least_gain=MIN_GAIN_ELSEWHERE)
+    assert error_mm(freed_limb(problem, [lost], (0, ARM), 0, gainful)) < 0.5 * error_mm(lost)
+    assert freed_limb(problem, [lost], (0, ARM), 0, LimbSearch(least_gain=np.inf)) is lost
+    assert freed_limb(problem, [TRUTH], (0, ARM), 0, gainful) is TRUTH
 
 
 def test_a_limb_of_one_of_several_is_moved_only_if_other_random_poses_lead_to_the_same_place(
@@ -153,9 +154,11 @@ def test_a_limb_of_one_of_several_is_moved_only_if_other_random_poses_lead_to_th
 
     lost, aside = astray(), np.zeros((FRAMES, 3))
     monkeypatch.setattr(limb_search, "_likeliest", by_turns)
-    assert error_mm(freed_limb(problem, [lost], (0, ARM), 0, least_gain=MIN_GAIN_ELSEWHERE)) < 0.5 * error_mm(lost)
+    assert error_mm(
+        freed_limb(problem, [lost], (0, ARM), 0, LimbSearch(least_gain=MIN_GAIN_ELSEWHERE))
+    ) < 0.5 * error_mm(lost)
     aside[1:-1, 2] = 0.8
-    assert freed_limb(problem, [lost], (0, ARM), 0, least_gain=MIN_GAIN_ELSEWHERE) is lost
+    assert freed_limb(problem, [lost], (0, ARM), 0, LimbSearch(least_gain=MIN_GAIN_ELSEWHERE)) is lost
     assert len(draws) == 4
     assert error_mm(freed_limb(problem, [lost], (0, ARM), 0)) < 0.5 * error_mm(lost)  # of a single performer
     assert len(draws) == 5
