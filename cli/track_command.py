@@ -32,7 +32,7 @@ from ..core.tracking.journal import journal_beside
 from ..core.tracking.prepare import prepare_shot
 from ..core.tracking.reader import kept_rate
 from ..core.tracking.selection import selected
-from ..core.tracking.tracker import WORKER_MODULES, workers_for
+from ..core.tracking.worker_counts import WORKER_MODULES, workers_for
 from .printed import print_outcome
 from .progress_bar import progress_bar
 from .services import BlenderWriter, Services

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Container, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,7 +18,6 @@ from typing import Any
 
 from ..body.motion import Motion
 from ..body.unknown_parts import without_hidden_solids
-from ..errors import ShotError
 from ..evidence.view_frames import ViewFrames
 from ..formats.keypoint_files import read_shot_keypoints
 from ..keypoints.keypoint_delay import frames_off_by_view
@@ -30,12 +28,9 @@ from ..runtime.timing import Seconds
 from ..runtime.worker_pool import WorkerPool
 from ..shot.carried_motion import carried
 from ..shot.fixed_degrees import fixed_degrees
-from ..shot.footage_faults.footage_checks import check_view
-from ..shot.footage_faults.footage_times import FootageRate
 from ..shot.grips import completed
 from ..shot.keypose_spline import spline
 from ..shot.shot import Shot
-from ..shot.shot_spec import ShotSpec
 from .damaged_footage import decoder_messages, found_damage, known_damage, without_damaged
 from .footage_gaps import (
     MAX_GAPS,
@@ -49,25 +44,19 @@ from .footage_gaps import (
 from .frames_ahead import decoding_ahead
 from .journal import FinishedSegment, KeptSegments
 from .picture_store import StoredView, fits_in_memory, picture_folder
-from .reader import is_kept, kept_rate
 from .run_context import PLAIN_RUN, RunContext, SolvedShot
 from .schedule import Observer, ScheduleCallbacks, SegmentSchedule
 from .segment_footage import SegmentFootage
 from .segment_stages import Around, EarlierTrack, TrackState
-from .segment_tasks import solve_task
-from .segments import Segment, segments
+from .segments import Segment
+from .shot_checks import check_shot, footage_checked
 from .shot_result import result_of_segments
 from .shot_scale import ShotScale
 from .solvers.protocol import Solver
 from .solvers.registry import solver_named
 from .track_result import TrackResult
 from .turned_cameras import Turns, turns_since, with_measured_turns
-
-MIN_PARALLEL_WORK = 80
-"""Frames x views x performers from which segments are solved in several processes: about a second of work, which is
-twice what it takes to start one."""
-WORKER_MODULES = (solve_task.__module__,)
-"""Modules that these processes import while the first footage is decoded."""
+from .worker_counts import WORKER_MODULES, workers_of
 
 
 @one_library_thread()
@@ -110,7 +99,7 @@ def track(
         Footage is missing, unreadable, too short or of another size than the calibration's.
     CancelledError
     """
-    _check(shot)
+    check_shot(shot)
     given, scale = shot.performers, ShotScale.of(shot)
     shot, views_as_given = _in_order(scale.shot(shot))
     options = _TrackOptions(
@@ -214,7 +203,7 @@ def _tracked_once(
     run, progress = options.run, options.progress
     solver, seconds = solver_named(shot.settings.solver), Seconds()
     # Loading SciPy's splines takes as long.
-    with _footage_checked(shot, run) as rates, decoding_ahead(run.memory):
+    with footage_checked(shot, run) as rates, decoding_ahead(run.memory):
         curves = tuple(spline(p.key_poses, shot.length) for p in shot.performers)
     shot = with_timed_gaps(shot, [rate.result() for rate in rates])
     if shot.settings.stabilise:
@@ -223,23 +212,9 @@ def _tracked_once(
     observed = _first_pass(shot, solver, seconds, progress)
     begin = TrackState(tuple(own.motion for own in observed.performers) or curves, options.around)
     finished = KeptSegments.of(run.journal, shot, options.around).joined(known)
-    threads = worker_count(shot.settings.threads)
-    workers = 1 if options.observe is not None else _workers(shot, threads)
-    with _pool_and_folder(shot, run, workers) as (pool, folder):
-        schedule = SegmentSchedule(
-            shot,
-            begin,
-            observed,
-            pool,
-            finished=finished,
-            threads=max(1, threads // workers),
-            callbacks=ScheduleCallbacks(progress, options.observe, run.show),
-            earlier=_carried(begin, shot, options.earlier),
-        )
-        first_frames = () if run.first_pictures is None else run.first_pictures.frames
-        wanted = {*options.pictures, *first_frames}
-        keypoints = [own.factor.keypoints for own in observed.performers]
-        footage = SegmentFootage(shot, solver, wanted, folder=folder, memory=run.memory, keypoints=keypoints)
+    with _pool_and_folder(shot, options) as (pool, folder):
+        schedule = _schedule(shot, begin, observed, pool, finished=finished, options=options)
+        footage = _segment_footage(shot, observed, folder, options)
         started = time.perf_counter()
         for views in _watched(shot, footage, begin.motions, finished.known, options=options, seconds=seconds):
             schedule.add(views)
@@ -337,56 +312,53 @@ def _carried(begin: TrackState, shot: Shot, earlier: Sequence[Motion]) -> Earlie
     return EarlierTrack(tuple(earlier), replace(begin, motions=motions, solved=shot.length))
 
 
-def _check(shot: Shot) -> None:
-    """Check that a shot can be tracked.
-
-    Raises
-    ------
-    ShotError
-    """
-    if shot.length < 2:
-        raise ShotError("a shot of one frame has nothing to track", where="[shot] frames")
-    solver = solver_named(shot.settings.solver)
-    if shot.holds and not solver.uses_holds:
-        what = f"the solver {shot.settings.solver} does not support holds"
-        raise ShotError(what, where=shot.holds[0].place, todo="use the solver gauss-newton, or remove the hold")
-    for performer in shot.performers:
-        if not len(performer.key_poses.frames):
-            raise ShotError("there is no key pose", where=f"performer {performer.name}", todo="set one to begin with")
-
-
 @contextmanager
-def _footage_checked(shot: Shot, run: RunContext) -> Iterator[list[Future[FootageRate | None]]]:
-    """Check, while the block runs, that all footage fits the shot, except what is known to.
-
-    Yields
-    ------
-    list of Future
-        The frame rate of each view, available once the block has ended.
-
-    Raises
-    ------
-    FootageError
-    """
-    unchecked = [
-        view
-        for view in shot.views
-        if not (run.footage_checked or (run.memory is not None and is_kept(shot, view, run.memory)))
-    ]
-    with ThreadPoolExecutor(worker_count(shot.settings.threads)) as pool:
-        checked = [pool.submit(check_view, view, shot.frames[0], shot.length, shot.fps) for view in unchecked]
-        yield [pool.submit(kept_rate, shot, view, run.memory) for view in shot.views]
-        for check in checked:
-            check.result()
-
-
-@contextmanager
-def _pool_and_folder(shot: Shot, run: RunContext, workers: int) -> Iterator[tuple[WorkerPool, Path | None]]:
+def _pool_and_folder(shot: Shot, options: _TrackOptions) -> Iterator[tuple[WorkerPool, Path | None]]:
     """Provide a pool of workers, and a folder for the segments' pictures unless these are held in memory."""
+    memory = options.run.memory
+    workers = _workers(shot, options)
     with ExitStack() as stack:
-        pool = stack.enter_context((WorkerPool if run.memory is None else run.memory.pool)(workers, WORKER_MODULES))
+        pool = stack.enter_context((WorkerPool if memory is None else memory.pool)(workers, WORKER_MODULES))
         in_memory = workers == 1 and fits_in_memory(shot)
         yield pool, None if in_memory else stack.enter_context(picture_folder())
+
+
+def _schedule(
+    shot: Shot,
+    begin: TrackState,
+    observed: ShotKeypoints,
+    pool: WorkerPool,
+    *,
+    finished: KeptSegments,
+    options: _TrackOptions,
+) -> SegmentSchedule:
+    """Return the schedule by which the segments of a shot are solved and refined."""
+    return SegmentSchedule(
+        shot,
+        begin,
+        observed,
+        pool,
+        finished=finished,
+        threads=max(1, worker_count(shot.settings.threads) // _workers(shot, options)),
+        callbacks=ScheduleCallbacks(options.progress, options.observe, options.run.show),
+        earlier=_carried(begin, shot, options.earlier),
+    )
+
+
+def _segment_footage(
+    shot: Shot, observed: ShotKeypoints, folder: Path | None, options: _TrackOptions
+) -> SegmentFootage:
+    """Return the reader of a shot's footage, which keeps the pictures that are asked for."""
+    run = options.run
+    first_frames = () if run.first_pictures is None else run.first_pictures.frames
+    return SegmentFootage(
+        shot,
+        solver_named(shot.settings.solver),
+        {*options.pictures, *first_frames},
+        folder=folder,
+        memory=run.memory,
+        keypoints=[own.factor.keypoints for own in observed.performers],
+    )
 
 
 def _first_pass(shot: Shot, solver: Solver, seconds: Seconds, progress: Progress | None) -> ShotKeypoints:
@@ -400,24 +372,9 @@ def _first_pass(shot: Shot, solver: Solver, seconds: Seconds, progress: Progress
         )
 
 
-def _workers(shot: Shot, threads: int) -> int:
-    """Return how many segments are solved at a time; starting a process takes as long as solving a small shot."""
-    return min(threads, len(segments(shot))) if _enough_work(shot.length, shot.views, shot.performers) else 1
-
-
-def workers_for(spec: ShotSpec) -> int:
-    """Return how many workers the shot of a shot file will have; 1 if the shot file alone does not determine it."""
-    first, last = spec.frames
-    keyed = [set(p.keyframes) for p in spec.performers if isinstance(p.keyframes, tuple)]
-    if len(keyed) < max(len(spec.performers), 1) or not _enough_work(last + 1 - first, spec.views, spec.performers):
-        return 1
-    cuts = {first, last}.union(set.intersection(*keyed))
-    return min(worker_count(spec.settings.threads), len(cuts) - 1)
-
-
-def _enough_work(frames: int, views: Sequence[object], performers: Sequence[object]) -> bool:
-    """Whether there is enough work for several processes."""
-    return frames * len(views) * len(performers) >= MIN_PARALLEL_WORK
+def _workers(shot: Shot, options: _TrackOptions) -> int:
+    """Return how many segments are solved at a time: one if their iterations are observed."""
+    return 1 if options.observe is not None else workers_of(shot, worker_count(shot.settings.threads))
 
 
 def _scaled_to_elapsed(seconds: Seconds, passed: float) -> dict[str, float]:

@@ -22,7 +22,7 @@ from kfmocap.core.shot.fingerprint import made_of
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate
 from kfmocap.core.shot.image_sequences import image_files
 from kfmocap.core.shot.shot import Shot, View
-from kfmocap.core.tracking import reader, tracker
+from kfmocap.core.tracking import reader, shot_checks, tracker, worker_counts
 from kfmocap.core.tracking.prepare import prepare_shot
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
 from kfmocap.core.tracking.run_context import RunContext, SolvedShot
@@ -40,7 +40,7 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> Shot:
 
 
 def tracked_by(workers: int, shot: Shot, monkeypatch: pytest.MonkeyPatch) -> TrackResult:
-    monkeypatch.setattr(tracker, "MIN_PARALLEL_WORK", 0)
+    monkeypatch.setattr(worker_counts, "MIN_PARALLEL_WORK", 0)
     return tracker.track(replace(shot, settings=replace(shot.settings, threads=workers)))
 
 
@@ -68,7 +68,7 @@ def test_what_is_known_once_all_is_solved_is_handed_out_before_all_is_refined(
     workers: int, filmed: Shot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With more than one worker; it is what the result says at last."""
-    monkeypatch.setattr(tracker, "MIN_PARALLEL_WORK", 0)
+    monkeypatch.setattr(worker_counts, "MIN_PARALLEL_WORK", 0)
     shot = replace(filmed, settings=replace(filmed.settings, threads=workers))
     found: list[SolvedShot] = []
     refined: list[int] = []
@@ -101,7 +101,7 @@ def test_a_worker_that_is_killed_ends_the_tracking_with_a_message(
         return True
 
     monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path))
-    monkeypatch.setattr(tracker, "MIN_PARALLEL_WORK", 0)
+    monkeypatch.setattr(worker_counts, "MIN_PARALLEL_WORK", 0)
     monkeypatch.setattr(tracker, "WorkerPool", kept)
     with pytest.raises(WorkerEndedError, match="ended unexpectedly"):
         tracker.track(replace(filmed, settings=replace(filmed.settings, threads=2)), kill)
@@ -124,7 +124,7 @@ def test_a_correction_solves_the_two_segments_beside_it_and_decodes_nothing(
 
     checked: list[str] = []
     monkeypatch.setattr(reader, "frames_at", counted)
-    monkeypatch.setattr(tracker, "check_view", looked_at)
+    monkeypatch.setattr(shot_checks, "check_view", looked_at)
     whole = tracker.track(filmed, run=RunContext(memory=memory))
     assert len(decoded) == 2 * LENGTH and len(checked) == len(filmed.views)
     decoded.clear()
@@ -141,21 +141,21 @@ def test_a_correction_solves_the_two_segments_beside_it_and_decodes_nothing(
 def test_the_number_of_workers_follows_from_the_shot_file(
     keys: tuple[int, ...], threads: int | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tracker, "worker_count", lambda given=None: given or 8)
+    monkeypatch.setattr(worker_counts, "worker_count", lambda given=None: given or 8)
     spec = read_shot_spec(Path(__file__).parents[3] / "examples/walk/shot.toml")
     for least in (1, 100_000):
-        monkeypatch.setattr(tracker, "MIN_PARALLEL_WORK", least)
+        monkeypatch.setattr(worker_counts, "MIN_PARALLEL_WORK", least)
         posed = replace(spec.selected(keyframes=keys), settings=replace(spec.settings, threads=threads))
         shot = prepare_shot(posed)
-        assert tracker.workers_for(posed) == tracker._workers(shot, threads or 8)
-    assert tracker.workers_for(spec.selected(keyframes="auto")) == 1
+        assert worker_counts.workers_for(posed) == worker_counts.workers_of(shot, threads or 8)
+    assert worker_counts.workers_for(spec.selected(keyframes="auto")) == 1
 
 
 @pytest.mark.parametrize("known", [False, True])
 def test_footage_is_checked_once(known: bool, filmed: Shot, monkeypatch: pytest.MonkeyPatch) -> None:
     checked: list[View] = []
-    monkeypatch.setattr(tracker, "check_view", lambda view, *_: checked.append(view))
-    with tracker._footage_checked(filmed, RunContext(footage_checked=known)):
+    monkeypatch.setattr(shot_checks, "check_view", lambda view, *_: checked.append(view))
+    with shot_checks.footage_checked(filmed, RunContext(footage_checked=known)):
         pass
     assert len(checked) == (0 if known else len(filmed.views))
 
