@@ -57,26 +57,36 @@ class RetargetPanel(Section, bpy.types.Panel):
         row.operator(TakeMotionBack.bl_idname, text="", icon="LOOP_BACK")
         layout.prop(settings, "live")
         layout.prop(settings, "root")
-        keys = layout.column()
-        keys.active = not settings.live
-        keys.prop(settings, "feet")
-        keys.prop(settings, "hands")
-        keys.prop(settings, "layer")
-        keys.prop(settings, "sparse")
-        if settings.sparse:
-            keys.prop(settings, "angle")
-            keys.prop(settings, "distance")
-        row = layout.row(align=True)
-        row.operator(FindBones.bl_idname, icon="VIEWZOOM")
-        row.operator(LoadBoneMap.bl_idname, text="", icon="FILE_FOLDER")
-        row.operator(SaveBoneMap.bl_idname, text="", icon="FILE_TICK")
-        row.operator(ForgetBones.bl_idname, text="", icon="X")
-        if settings.bones:
-            layout.template_list(BoneList.bl_idname, "", settings, "bones", settings, "active_bone", rows=6)
+        _draw_key_settings(layout, settings)
+        _draw_bones(layout, settings)
         fingers = layout.column(align=True)
         fingers.operator_menu_enum(HandShape.bl_idname, "shape", icon="VIEW_PAN")
         fingers.operator(FingersFromKeypoints.bl_idname, icon="VIEW_PAN")
         _draw_errors(layout, settings)
+
+
+def _draw_key_settings(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
+    """Draw the settings of motion that is sent as keys; constraints have none of them."""
+    keys = layout.column()
+    keys.active = not settings.live
+    keys.prop(settings, "feet")
+    keys.prop(settings, "hands")
+    keys.prop(settings, "layer")
+    keys.prop(settings, "sparse")
+    if settings.sparse:
+        keys.prop(settings, "angle")
+        keys.prop(settings, "distance")
+
+
+def _draw_bones(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
+    """Draw the bone map: buttons that find, load and save it, and its bones."""
+    row = layout.row(align=True)
+    row.operator(FindBones.bl_idname, icon="VIEWZOOM")
+    row.operator(LoadBoneMap.bl_idname, text="", icon="FILE_FOLDER")
+    row.operator(SaveBoneMap.bl_idname, text="", icon="FILE_TICK")
+    row.operator(ForgetBones.bl_idname, text="", icon="X")
+    if settings.bones:
+        layout.template_list(BoneList.bl_idname, "", settings, "bones", settings, "active_bone", rows=6)
 
 
 def _draw_errors(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:

@@ -2,6 +2,7 @@
 
 import bpy
 
+from ...core.runtime.job import Job
 from ..operators.job_operator import draw_progress, running_job
 from ..operators.key_conditions import is_tracked_around
 from ..operators.tracking.track_motion import (
@@ -26,11 +27,7 @@ class TrackPanel(Section, bpy.types.Panel):
         layout, job = self.layout, running_job(context.window)
         properties = context.scene.kfmocap
         if job is not None:
-            draw_progress(layout, job)
-            layout.label(text="Cancel: Esc, or in the status bar", icon="CANCEL")
-            for view in properties.views:
-                if view.misfit:
-                    draw_text(layout, context, f"{view.name}: {view.misfit}", "ERROR")
+            _draw_running(layout, context, job)
             return
         if len(properties.performers) > 1:
             slot = active_performer.chosen(context)
@@ -39,29 +36,41 @@ class TrackPanel(Section, bpy.types.Panel):
                 layout.label(text=f"Chosen: {slot.name}", icon="ARMATURE_DATA")
         if missing := TrackAll.missing(context):
             draw_text(layout, context, missing, "INFO")
-        column = layout.column(align=True)
-        column.operator(TrackAll.bl_idname, icon="SEQUENCE")
-        column.operator(TrackChanges.bl_idname, icon="FILE_REFRESH")
-        if count := unfinished_tracking.segment_count(context.scene):
-            text = f"Continue ({count} segment{'s' if count > 1 else ''} finished)"
-            column.operator(ContinueTracking.bl_idname, text=text, icon="RECOVER_LAST")
-        column = layout.column(align=True)
-        column.operator(TrackHere.bl_idname, icon="ARROW_LEFTRIGHT")
-        row = column.row(align=True)
-        row.operator(TrackBackward.bl_idname, text="To the Start", icon="TRACKING_BACKWARDS")
-        row.operator(TrackForward.bl_idname, text="To the End", icon="TRACKING_FORWARDS")
-        column = layout.column(align=True)
-        here = column.row(align=True)
-        here.enabled = is_tracked_around(context)
-        here.operator(
-            ClearBetween.bl_idname, text="Clear Around This Frame", icon="TRACKING_CLEAR_FORWARDS"
-        ).where = "HERE"
-        column.operator(ClearBetween.bl_idname, text="Clear All Tracked Frames").where = "EVERYWHERE"
+        _draw_tools(layout, context)
         if properties.footage_offset:
             from ...core.shot.frame_numbers import footage_offset_text  # it loads SciPy
 
             text = footage_offset_text(properties.footage_offset)
             draw_text(layout, context, text[0].upper() + text[1:], "TIME")
+
+
+def _draw_running(layout: bpy.types.UILayout, context: bpy.types.Context, job: Job) -> None:
+    """Draw the progress of a job, and which footage does not show the key poses."""
+    draw_progress(layout, job)
+    layout.label(text="Cancel: Esc, or in the status bar", icon="CANCEL")
+    for view in context.scene.kfmocap.views:
+        if view.misfit:
+            draw_text(layout, context, f"{view.name}: {view.misfit}", "ERROR")
+
+
+def _draw_tools(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw the buttons that track, and those that clear what was tracked."""
+    column = layout.column(align=True)
+    column.operator(TrackAll.bl_idname, icon="SEQUENCE")
+    column.operator(TrackChanges.bl_idname, icon="FILE_REFRESH")
+    if count := unfinished_tracking.segment_count(context.scene):
+        text = f"Continue ({count} segment{'s' if count > 1 else ''} finished)"
+        column.operator(ContinueTracking.bl_idname, text=text, icon="RECOVER_LAST")
+    column = layout.column(align=True)
+    column.operator(TrackHere.bl_idname, icon="ARROW_LEFTRIGHT")
+    row = column.row(align=True)
+    row.operator(TrackBackward.bl_idname, text="To the Start", icon="TRACKING_BACKWARDS")
+    row.operator(TrackForward.bl_idname, text="To the End", icon="TRACKING_FORWARDS")
+    column = layout.column(align=True)
+    here = column.row(align=True)
+    here.enabled = is_tracked_around(context)
+    here.operator(ClearBetween.bl_idname, text="Clear Around This Frame", icon="TRACKING_CLEAR_FORWARDS").where = "HERE"
+    column.operator(ClearBetween.bl_idname, text="Clear All Tracked Frames").where = "EVERYWHERE"
 
 
 class SolverPanel(FoldedPart, bpy.types.Panel):
