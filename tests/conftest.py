@@ -56,10 +56,23 @@ def pytest_configure(config: pytest.Config) -> None:
             signal.signal(number, handler)
     hypothesis.settings.load_profile("nightly" if config.getoption("nightly") else "kfmocap")
     if "PYTEST_XDIST_WORKER" in os.environ:
-        # The processes share the cores. Loaded first, for what is not loaded has no number of threads.
+        take_a_core()
+        # Loaded first, for what is not loaded has no number of threads.
         importlib.import_module("scipy.linalg")
         threadpoolctl.threadpool_limits(1, user_api="blas")
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the programs that tests start
+
+
+def take_a_core() -> None:
+    """Keep a test process, and what it starts, on one core if each core has one: threads and worker processes of the
+    tracker would only wait for those of the other test processes. Tests of several processes ask for them.
+    """
+    if not hasattr(os, "sched_setaffinity"):
+        return
+    cores = sorted(os.sched_getaffinity(0))
+    if int(os.environ["PYTEST_XDIST_WORKER_COUNT"]) >= len(cores):
+        worker = int(os.environ["PYTEST_XDIST_WORKER"].removeprefix("gw"))
+        os.sched_setaffinity(0, {cores[worker % len(cores)]})
 
 
 @pytest.hookimpl(wrapper=True)
