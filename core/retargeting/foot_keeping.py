@@ -142,8 +142,9 @@ def foot_goals(
         if clean:
             floor = float(placement.moved(np.array([0.0, 0.0, path.floor]))[2])
             leg = leg_length(rig.rest, rig.bones)
-            turns[:, ankle] = _flattened(turns[:, ankle], path.planted.all(axis=1), offsets, motion.fps)
-            points = _still(points, path.planted, floor, _FLOOR_TOLERANCE * leg)
+            snap = _FLOOR_TOLERANCE * leg
+            turns[:, ankle] = _flattened(turns[:, ankle], path.planted.all(axis=1), offsets, snap=snap, fps=motion.fps)
+            points = _still(points, path.planted, floor, snap)
         lowest = np.where(path.planted[:, BALL], points[:, BALL, 2], _least_height(points, placement))
         hip, foot = (poses.places[:, b] for b in (controls[0], ankle))
         toe = _bending_toe(of_source, rig, path.side)
@@ -261,15 +262,17 @@ def _still(points: Array, planted: Bools, floor: float, snap: float) -> Array:
     return found
 
 
-def _flattened(turns: Array, flat: Bools, offsets: Array, fps: float) -> Array:
-    """Return rotations (F, 3, 3) of a foot that is level and still while heel and ball are planted."""
+def _flattened(turns: Array, flat: Bools, offsets: Array, *, snap: float, fps: float) -> Array:
+    """Return rotations (F, 3, 3) of a foot that is level and still while heel and ball are planted, unless one of them
+    is higher than the other by `snap`: a foot may stand on its ball for a while, with a raised heel.
+    """
     found = turns.copy()
     shift = np.zeros((len(turns), 3))
     for first, last in runs(flat):
         mean = Rotation.from_matrix(turns[first : last + 1]).mean().as_matrix()
         along = mean @ (offsets[BALL] - offsets[HEEL])
         level = along * [1.0, 1.0, 0.0]
-        if np.linalg.norm(level) < 0.5 * np.linalg.norm(along):
+        if abs(along[2]) > snap:
             continue
         pitch = Rotation.align_vectors(level[None], along[None])[0].as_matrix()
         wanted = pitch @ mean

@@ -19,6 +19,7 @@ from kfmocap.core.retargeting.roles import BoneMap
 from kfmocap.core.retargeting.transfer import BoneBlend, RetargetOptions, chain_blends, source_blends
 from made_rigs import LONGER_LEGS, SHORTER_ARMS, made_rig, moved_body, moved_rig, wild_motion
 from render.motions import MOTIONS
+from render.movement_phrases import Movement
 
 BODY = human(1.75)
 KINDS = [name for name in PRESETS if name != "rigify-ik"]
@@ -122,6 +123,16 @@ def test_clean_feet_do_not_move_at_all(walking, other):
         flat = path.planted.all(axis=1)
         still = flat[1:] & flat[:-1]
         assert np.linalg.norm(np.diff(result.poses.places[:, foot], axis=0), axis=1)[still].max() < 1e-6
+
+
+def test_clean_feet_that_stand_on_their_balls_keep_their_heels_raised(other):
+    tiptoe = Movement({"lift.L": 0.1, "lift.R": 0.1, "z": -0.02}, (), tremor=0.0)
+    source, bones = prepared(moved_body(BODY, tiptoe.motion(BODY, np.arange(30) / 30)))
+    result = retarget(source, bones, other, RetargetOptions(feet="clean"))
+    for path in result.feet:
+        assert path.planted.all()
+        foot = other.index(f"foot.{path.side}")
+        assert degrees(result.by_angles.turns[:, foot], result.poses.turns[:, foot]).max() < 1
 
 
 def test_toes_that_stay_straight_stay_above_the_ground(walking):
