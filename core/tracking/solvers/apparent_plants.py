@@ -81,7 +81,12 @@ class Seeming:
         return int(before + len(plant) + after)
 
 
+def overlapping(run: tuple[int, int], others: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Return those other runs of frames that a run overlaps."""
+    return [other for other in others if other[0] <= run[1] and other[1] >= run[0]]
+
+
 def joined(run: tuple[int, int], others: Sequence[tuple[int, int]]) -> tuple[int, int]:
     """Return the union of a run of frames with those others that it overlaps."""
-    over = [run, *(other for other in others if other[0] <= run[1] and other[1] >= run[0])]
+    over = [run, *overlapping(run, others)]
     return min(first for first, _ in over), max(last for _, last in over)

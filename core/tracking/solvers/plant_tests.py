@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from scipy.special import chdtri, fdtri
@@ -12,7 +13,7 @@ from ...body.foot_plants import MIN_DURATION
 from ...evidence.standing_points import RADIUS
 from ...numerics.arrays import Bools
 from ...numerics.frame_ranges import runs
-from .apparent_plants import Plant, Seeming, joined
+from .apparent_plants import Plant, Seeming, joined, overlapping
 from .plant_evidence import SIGNIFICANCE, PlantEvidence
 
 JOINING_SIGNIFICANCE = 0.1
@@ -55,16 +56,38 @@ class PlantTests:
         """
         longer = [] if earlier is None else runs(earlier.plants.steps[:, point] & self.movable)
         beside = runs(seeming.beside(point, earlier) & self.movable)
+        now = runs(seeming.plants.steps[:, point] & self.movable)
+        gone = [run for run in longer if not overlapping(run, now)]
+        any_plant = Plant(seeming.plants, performer, point, (0, 0))
         passed: list[Plant] = []
-        for run in runs(seeming.plants.steps[:, point] & self.movable):
-            lengths = dict.fromkeys((joined(run, longer), run))
-            tried = [Plant(seeming.plants, performer, point, steps) for steps in lengths]
-            one = next((plant for plant in tried if self._agrees(plant)), None)
+        for run in sorted([*now, *gone]):
+            lengths = [joined(run, longer), run] if run in now else []
+            one = self._first_that_passes(any_plant, lengths, overlapping(run, longer))
             if one is not None:
-                whole = replace(one, steps=joined(one.steps, beside))
-                one = whole if self._goes_on(one, whole) else one
+                both = replace(one, steps=joined(one.steps, beside))
+                one = both if self._goes_on(one, both) else one
                 passed = self._with_next(passed, self._lengthened(one))
         return passed
+
+    def _first_that_passes(
+        self, plant: Plant, lengths: Sequence[tuple[int, int]], earlier: Sequence[tuple[int, int]]
+    ) -> Plant | None:
+        """Return a plant of a point with the first of these lengths that passes; None if there is none.
+
+        Parameters
+        ----------
+        plant : Plant
+            Of the point.
+        lengths : sequence of tuple of int
+            Steps on which it seems planted now, and with those on which it did earlier.
+        earlier : sequence of tuple of int
+            Steps on which it seemed planted before the refinement alone: the refined motion has it move on them, or
+            on others beside as slowly, so that the pictures must rather show it standing.
+        """
+        tried = [replace(plant, steps=steps) for steps in dict.fromkeys(lengths)]
+        before = [replace(plant, steps=steps) for steps in earlier if steps not in lengths]
+        shown = (one for one in before if self.evidence.log_odds(one) > 0 and self._agrees(one))
+        return next(chain((one for one in tried if self._agrees(one)), shown), None)
 
     def _agrees(self, plant: Plant) -> bool:
         """Test a plant against key poses, pictures, and the evidence, whose covariance is multiplied by a ratio.

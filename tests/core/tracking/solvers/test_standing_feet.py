@@ -163,6 +163,50 @@ def test_a_plant_is_as_long_as_it_seems_before_the_refinement() -> None:
     assert steps[0] > 0.004 and steps[1] < 0.001
 
 
+def say(monkeypatch: pytest.MonkeyPatch, odds: float) -> None:
+    """Have the pictures say with these log odds on each of a plant's frames that its point stands."""
+    monkeypatch.setattr(plant_evidence, "log_odds_of_standing", lambda _view, _first, path: odds * len(path))
+
+
+def held_heel(motion: Motion, before: Motion, ratio: float) -> Array:
+    """When the left heel is held, by the motion before the refinement."""
+    found = with_plants_at_rest(
+        problem_of(BODY), [evidence()], (motion,), SolvedFrames((before,)), ratios=[ratio * EXACT]
+    )
+    return np.asarray(found.planted[0][:, 0])
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_plant_that_only_seems_one_before_the_refinement_is_tested_by_the_pictures(
+    told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The left heel stands from the key pose on, but is tracked with a jitter in which it never seems to."""
+    say(monkeypatch, 0.01 * told)
+    motion = tracked(WALK, 2)
+    last = runs(planted(WALK)[:, 0])[0][1]
+    motion.translations[1 : last + 4, 2] += 0.03 * (np.arange(1, last + 4) % 4 > 1)
+    assert planted(WALK)[: last + 1, 0].all() and not planted(motion)[1 : last + 4, 0].any()
+    assert not held_heel(motion, motion, 100.0).any()
+    held = held_heel(motion, WALK, 100.0)
+    assert held[: last + 1].all() if told else not held.any()
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_plant_that_seems_too_long_to_pass_may_be_as_long_as_before_the_refinement(
+    told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A foot that stands for half a second glides on, so slowly that it seems to stand."""
+    say(monkeypatch, 0.01 * told)
+    at_rest = standing(BODY, FRAMES)
+    glide = np.cumsum(np.clip(np.arange(FRAMES) - 15, 0, 4) / 4)[:, None] * [1.0 / FPS, 0.0, 0.0]
+    slow, quick = (Motion(at_rest.translations + speed * glide, at_rest.rotations) for speed in (SLOW, 1.0))
+    assert planted(slow)[:, 0].all()
+    assert planted(quick)[:15, 0].all() and not planted(quick)[18:, 0].any()
+    assert not held_heel(slow, slow, 1.0).any()
+    held = held_heel(slow, quick, 1.0)
+    assert held[:16].all() and not held[-1] if told else not held.any()
+
+
 def test_a_plant_takes_in_the_frames_beside_it_on_which_the_point_may_stand_by_the_evidence() -> None:
     """The heel that is tracked as if it were set down a frame later is held from the key pose on where the shot shows
     errors of that size.
