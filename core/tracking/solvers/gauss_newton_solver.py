@@ -24,7 +24,6 @@ from functools import partial
 import numpy as np
 
 from ...body.motion import Motion
-from ...numerics.frame_ranges import FrameRange
 from ...runtime.freed_memory import return_freed_memory
 from ...runtime.timing import Seconds
 from . import gauss_newton
@@ -38,7 +37,7 @@ from .judgement.solution_ranking import clearly_likelier
 from .limb_corrections.leaping_limbs import with_leaps_bridged
 from .limb_corrections.limb_exchange import with_crossed_limbs_exchanged
 from .limb_corrections.limb_search import pictures_find_limbs
-from .limb_corrections.local_trials import HELD_FRAMES, is_long, stretch_of, stretches_around
+from .limb_corrections.local_trials import HELD_FRAMES, Stretch, is_long, stretch_of, stretches_around
 from .limb_corrections.regained_limbs import with_limbs_regained
 from .multi_start import best_of_starts, first_solution, with_sides_exchanged
 from .thinned_frames import ThinnedProblem
@@ -62,8 +61,8 @@ def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspac
     first = first_solution(few, begin, thinned.workspace(workspace.part(0.0, 0.1)))
     if not (problem.settings.limb_search and doubted_performers(few, begin, first)):
         return thinned.on_all_frames(_solved(few, begin, inner, first=first))
-    if _can_be_parted(few) and (ranges := stretches_around(few, frames_in_doubt(few, first))):
-        return _with_doubts_pursued(thinned, first, ranges, workspace.part(0.1, 1.0))
+    if _can_be_parted(few) and (stretches := stretches_around(few, frames_in_doubt(few, first))):
+        return _with_doubts_pursued(thinned, first, stretches, workspace.part(0.1, 1.0))
     return _pursued(thinned, start, workspace.part(0.1, 1.0), first)
 
 
@@ -97,7 +96,7 @@ def _can_be_parted(problem: SegmentProblem) -> bool:
 
 
 def _with_doubts_pursued(
-    thinned: ThinnedProblem, first: SegmentSolution, ranges: Sequence[FrameRange], workspace: Workspace
+    thinned: ThinnedProblem, first: SegmentSolution, stretches: Sequence[Stretch], workspace: Workspace
 ) -> SegmentSolution:
     """Solve and search where the images contradict a solution on some of the frames, while the motion beside these
     frames stays as if it were known; then correct limbs as in any solution.
@@ -108,10 +107,11 @@ def _with_doubts_pursued(
     same = thinned.problem is thinned.whole
     whole = few if same else thinned.whole.with_smoothness(thinned.variances(first))
     thinned, motions = replace(thinned, whole=whole, problem=few), tuple(thinned.interpolated(first.motions))
-    for k, (a, b) in enumerate(ranges):
-        part, own = _held_part(thinned, a, b), slice(thinned.frames[a], thinned.frames[b] + 1)
+    for k, stretch in enumerate(stretches):
+        part, own = _part(thinned, stretch), slice(thinned.frames[stretch.first], thinned.frames[stretch.last] + 1)
         return_freed_memory()
-        report = partial(_report_all, workspace.part(0.9 * k / len(ranges), 0.9 * (k + 1) / len(ranges)), motions)
+        share = workspace.part(0.9 * k / len(stretches), 0.9 * (k + 1) / len(stretches))
+        report = partial(_report_all, share, motions)
         found = _pursued(part, [motion[own] for motion in motions], Workspace(workspace.threads, on_step=report))
         motions = tuple(m.replaced(own.start, new) for m, new in zip(motions, found.motions, strict=True))
         first = _after(found, first)
@@ -127,14 +127,14 @@ def _report_all(workspace: Workspace, motions: Sequence[Motion], done: float, _:
     workspace.report(done, motions)
 
 
-def _held_part(thinned: ThinnedProblem, first: int, last: int) -> ThinnedProblem:
-    """Return the problem between two of the kept frames, with those at its ends held (`stretch_of`)."""
-    frames = thinned.frames[first : last + 1] - thinned.frames[first]
-    begin, held = int(thinned.frames[first]), int(frames[HELD_FRAMES - 1]) + 1
-    few = stretch_of(thinned.problem, first, last + 1)
+def _part(thinned: ThinnedProblem, stretch: Stretch) -> ThinnedProblem:
+    """Return the problem on a stretch of the kept frames, with those at its ends held (`stretch_of`)."""
+    frames = thinned.frames[stretch.first : stretch.last + 1] - thinned.frames[stretch.first]
+    begin, held = int(thinned.frames[stretch.first]), int(frames[HELD_FRAMES - 1]) + 1
+    few = stretch_of(thinned.problem, stretch)
     if thinned.problem is thinned.whole:
         return replace(thinned, whole=few, frames=frames, problem=few)
-    whole = stretch_of(thinned.whole, begin, begin + int(frames[-1]) + 1, held)
+    whole = stretch_of(thinned.whole, Stretch(begin, begin + int(frames[-1]), stretch.held), held)
     return replace(thinned, whole=whole, frames=frames, problem=few)
 
 

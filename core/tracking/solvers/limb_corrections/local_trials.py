@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from ....body.motion import Motion
 from ....numerics.arrays import Bools
-from ....numerics.frame_ranges import FrameRange, adjacent_joined, runs
+from ....numerics.frame_ranges import adjacent_joined, runs
 from ..equations.problem import SegmentProblem
 from ..equations.segment_equations import SegmentNoise
 from ..starts.sequential_start import excerpt
@@ -22,6 +23,23 @@ LONG_RATIO = 4
 """How many times as long as the frames beside a moment a long segment is at least: 2.4 s and more."""
 HELD_FRAMES = 2
 """Frames at an end that hold the position and the velocity of the motion beside it."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Frames `first` to `last` of a segment that are solved apart from the rest.
+
+    Attributes
+    ----------
+    first, last : int
+    held : tuple of bool
+        Whether the motion beside the first and the last of them is held. Beside an end that is free it is in doubt
+        itself.
+    """
+
+    first: int
+    last: int
+    held: tuple[bool, bool] = (True, True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,34 +96,62 @@ class LocalTrial:
         return tuple(motion.replaced(self.first, new) for motion, new in zip(motions, own, strict=True))
 
 
-def held_excerpt(problem: SegmentProblem, first: int, stop: int, held: int = HELD_FRAMES) -> SegmentProblem:
-    """Return frames first to stop - 1 of a segment as a problem of their own; so many of them at each end that is not
-    the segment's are fixed.
+def held_excerpt(
+    problem: SegmentProblem,
+    first: int,
+    stop: int,
+    held: int = HELD_FRAMES,
+    ends: tuple[bool, bool] = (True, True),
+) -> SegmentProblem:
+    """Return frames first to stop - 1 of a segment as a problem of their own; so many of them at each of the `ends`
+    that is not the segment's are fixed.
     """
     own, still = excerpt(problem, first, stop), np.zeros(stop - first, dtype=bool)
-    still[:held] = first > 0
-    still[stop - first - held :] |= stop < problem.length
+    still[:held] = ends[0] and first > 0
+    still[stop - first - held :] |= ends[1] and stop < problem.length
     return replace(own, fixed=tuple(fixed | still[:, None] for fixed in own.fixed))
 
 
-def stretch_of(problem: SegmentProblem, first: int, stop: int, held: int = HELD_FRAMES) -> SegmentProblem:
+def stretch_of(problem: SegmentProblem, stretch: Stretch, held: int = HELD_FRAMES) -> SegmentProblem:
     """Return a held excerpt with views of its frames alone: caches keep the first frames of a view."""
-    own = held_excerpt(problem, first, stop, held)
+    own = held_excerpt(problem, stretch.first, stretch.last + 1, held, stretch.held)
     return replace(own, views=tuple(view.between(own.first, own.first + own.length - 1) for view in own.views))
 
 
-def stretches_around(problem: SegmentProblem, flags: Bools) -> list[FrameRange]:
-    """Return the ranges of frames around flagged ones (F,), with those beside them that may adapt to a change; none if
-    these are most of the segment.
+def stretches_around(problem: SegmentProblem, flags: Bools) -> list[Stretch]:
+    """Return the frames of a long segment around flagged ones (F,), with those beside them that may adapt to a change,
+    in the order in which they are to be solved.
+
+    What is longer than the longest segment that is solved in one piece is parted into windows (`_windows`).
     """
     F, beside = problem.length, _frames_beside(problem)
     found = adjacent_joined((max(first - beside, 0), min(last + beside, F - 1)) for first, last in runs(flags))
-    return found if sum(last + 1 - first for first, last in found) <= MAX_SHARE * F else []
+    return [window for first, last in found for window in _windows(first, last, beside)]
+
+
+def _windows(first: int, last: int, beside: int) -> list[Stretch]:
+    """Part a range of frames into windows that overlap by as much as may adapt on both sides of a change.
+
+    They are solved from both ends of the range towards its middle: each begins from the motion that the one before it
+    led to, and its other end, where the motion is still in doubt, is free; the last one joins both ways.
+    """
+    length, overlap = _longest_piece(beside), 2 * beside
+    count = max(-(-(last + 1 - first - overlap) // (length - overlap)), 1)
+    places = np.rint(np.linspace(first, last + 1 - overlap, count + 1)).astype(int).tolist()
+    ranges = [(a, b + overlap - 1) for a, b in pairwise(places)]
+    order = sorted(range(count), key=lambda k: min(k, count - 1 - k))
+    middle = order[-1]
+    return [Stretch(*ranges[k], (k <= middle, k >= middle)) for k in order]
 
 
 def is_long(problem: SegmentProblem) -> bool:
     """Whether a segment is so long that a moment of it, with the frames beside it, is a small part of it."""
-    return LONG_RATIO * 2 * _frames_beside(problem) <= problem.length
+    return _longest_piece(_frames_beside(problem)) <= problem.length
+
+
+def _longest_piece(beside: int) -> int:
+    """Number of frames from which on a segment is long, by those beside a change that take part in its trial."""
+    return LONG_RATIO * 2 * beside
 
 
 def _frames_beside(problem: SegmentProblem) -> int:

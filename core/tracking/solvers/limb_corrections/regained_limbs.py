@@ -16,7 +16,6 @@ import numpy as np
 from ....body.limbs import limb_pairs, limbs
 from ....body.motion import Motion
 from ....numerics.arrays import Array
-from ....numerics.frame_ranges import FrameRange
 from ....runtime.freed_memory import return_freed_memory
 from ....runtime.timing import Seconds
 from ..descent_stages import COARSE_RESTART, SETTLED, UNCONVERGED_MOVE
@@ -30,7 +29,7 @@ from ..judgement.solution_ranking import likelihood, likelihood_decides, settled
 from ..limb_evidence.limb_likelihood import SupportOfLimb, evaluated, support_of_limbs
 from ..thinned_frames import ThinnedProblem
 from .limb_groups import LimbGroup, contradicted, least_gain, solved_from, with_limbs_found
-from .local_trials import is_long, stretch_of, stretches_around
+from .local_trials import Stretch, is_long, stretch_of, stretches_around
 
 
 def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentSolution:
@@ -52,7 +51,7 @@ def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, work
         groups, known = suspected_groups(problem, solution, support), SettledSolutions()
         single = not problem.among_others
         thinned = ThinnedProblem.of(problem, solution.motions) if groups and single else None
-        if stretches := _weak_stretches(problem, groups, support):
+        if stretches := _stretches_of(problem, groups, support):
             motions = _found_in_stretches(problem, solution.motions, stretches, thinned, workspace)
             solution = _if_likelier(problem, solution, motions, known, workspace)
         elif thinned is None:
@@ -82,11 +81,11 @@ def _if_likelier(
     return continued(solution, there) if gain > least_gain(problem) else solution
 
 
-def _weak_stretches(
+def _stretches_of(
     problem: SegmentProblem, groups: Sequence[LimbGroup], support: Iterable[SupportOfLimb]
-) -> list[tuple[LimbGroup, list[FrameRange]]]:
-    """Return groups of limbs with the ranges of frames around those on which all of a group are weakly shown, in a long
-    segment; nothing if another sign calls for one of them, or if some ranges are most of the segment.
+) -> list[tuple[LimbGroup, list[Stretch]]]:
+    """Return groups of limbs with the stretches of a long segment around the frames on which all of a group are weakly
+    shown, or with stretches of all frames where another sign calls for one of them; nothing in other segments.
     """
     if contradicted(problem) or problem.among_others or not (problem.shows_depth and is_long(problem)):
         return []
@@ -94,18 +93,15 @@ def _weak_stretches(
     found = []
     for group in groups:
         each = [weak[tuple(chain)] for chain in group.chains]
-        together = np.all(each, axis=0)
-        ranges = stretches_around(problem, together)
-        if not all(own.any() for own in each) or (together.any() and not ranges):
-            return []
-        found.append((group, ranges))
+        together = np.all([own | (not own.any()) for own in each], axis=0)
+        found.append((group, [replace(own, held=(True, True)) for own in stretches_around(problem, together)]))
     return found
 
 
 def _found_in_stretches(
     problem: SegmentProblem,
     motions: tuple[Motion, ...],
-    stretches: Sequence[tuple[LimbGroup, Sequence[FrameRange]]],
+    stretches: Sequence[tuple[LimbGroup, Sequence[Stretch]]],
     thinned: ThinnedProblem | None,
     workspace: Workspace,
 ) -> tuple[Motion, ...]:
@@ -116,11 +112,12 @@ def _found_in_stretches(
     if thinned is not None:
         some, found = thinned.problem, tuple(thinned.of_motions(motions))
     for k, (group, ranges) in enumerate(stretches):
-        workspace.report(k / len(stretches), motions)
-        for first, last in ranges:
+        for n, stretch in enumerate(ranges):
+            workspace.report((k + n / len(ranges)) / len(stretches), motions)
+            first, last = stretch.first, stretch.last
             if thinned is not None:
                 first, last = (int(np.searchsorted(thinned.frames, frame)) for frame in (first, last))
-            own, inner = stretch_of(some, first, last + 1), Workspace(workspace.threads)
+            own, inner = stretch_of(some, Stretch(first, last)), Workspace(workspace.threads)
             return_freed_memory()
             here = _measured(own, [motion[first : last + 1] for motion in found], inner)
             there = with_limbs_found(own, here, group, SettledSolutions(), inner)

@@ -27,6 +27,8 @@ from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import LimbGroup
 from kfmocap.core.tracking.solvers.limb_corrections.local_trials import (
     ADAPTATION_TIME,
     HELD_FRAMES,
+    Stretch,
+    _windows,
     is_long,
     stretches_around,
 )
@@ -53,13 +55,34 @@ def some_frames(length: int, *ranges: tuple[int, int]) -> np.ndarray:
     return flags
 
 
-def test_a_moment_is_tried_with_the_frames_that_may_adapt_to_it_unless_these_are_most_of_the_segment() -> None:
+def test_a_moment_is_tried_with_the_frames_that_may_adapt_to_it() -> None:
     near, far = (100, 104), (200, 200)
     found = stretches_around(seen(LONG), some_frames(LONG, near, far))
-    assert found == [(near[0] - BESIDE, near[1] + BESIDE), (far[0] - BESIDE, far[1] + BESIDE)]
-    assert stretches_around(seen(LONG), some_frames(LONG, (0, 2), (4, 5))) == [(0, 5 + BESIDE)]
-    assert stretches_around(seen(LONG), some_frames(LONG, (20, 280))) == []
+    assert found == [Stretch(near[0] - BESIDE, near[1] + BESIDE), Stretch(far[0] - BESIDE, far[1] + BESIDE)]
+    assert stretches_around(seen(LONG), some_frames(LONG, (0, 2), (4, 5))) == [Stretch(0, 5 + BESIDE)]
     assert is_long(seen(LONG)) and not is_long(seen(6 * BESIDE))
+
+
+@pytest.mark.parametrize("length", [LONG, 2 * LONG, 5 * LONG - 7])
+def test_a_wide_doubt_is_parted_into_windows_that_grow_in_number_and_not_in_length(length: int) -> None:
+    found = stretches_around(seen(LONG), np.ones(LONG, bool)) if length == LONG else _windows(0, length - 1, BESIDE)
+    sizes = [window.last + 1 - window.first for window in found]
+    assert 4 * BESIDE < min(sizes) and max(sizes) <= 8 * BESIDE + 1
+    assert len(found) <= np.ceil(length / (6 * BESIDE)) + 1
+    assert np.any([some_frames(length, (w.first, w.last)) for w in found], axis=0).all()
+
+
+def test_windows_begin_from_what_was_solved_before_them_and_are_free_where_the_motion_is_still_in_doubt() -> None:
+    length = 5 * LONG
+    solved = some_frames(length, (0, 0), (length - 1, length - 1))
+    for window in _windows(0, length - 1, BESIDE):
+        ends = [slice(window.first, window.first + HELD_FRAMES), slice(window.last + 1 - HELD_FRAMES, window.last + 1)]
+        ends[0] = slice(0, 1) if window.first == 0 else ends[0]
+        ends[1] = slice(length - 1, length) if window.last == length - 1 else ends[1]
+        assert window.held == tuple(bool(solved[end].all()) for end in ends)
+        first, stop = (0 if held else BESIDE for held in window.held)
+        solved[window.first + first : window.last + 1 - stop] = True
+    assert solved.all() and window.held == (True, True)
 
 
 @pytest.mark.parametrize("silent", ["_frames_on_background", "_frames_beside_limb"])
@@ -157,17 +180,27 @@ def test_a_limb_is_weakly_shown_on_frames_with_little_support_in_the_mean_over_a
 def test_both_limbs_of_a_pair_are_searched_for_where_both_are_weakly_shown() -> None:
     one, other = (LIMBS.index(chain) for chain in PAIR)
     groups = [*(LimbGroup(0, (chain,)) for chain in PAIR), LimbGroup(0, PAIR)]
-    ranges = weak_stretches(groups, (one, 100, 119), (other, 110, 125), (other, 200, 209))
+    ranges = stretches(groups, (one, 100, 119), (other, 110, 125), (other, 200, 209))
     assert [len(own) for own in ranges] == [1, 2, 1]
-    [(first, last)] = ranges[2]
-    assert 107 - BESIDE <= first <= 110 - BESIDE and 119 + BESIDE <= last <= 122 + BESIDE
-    assert weak_stretches(groups, (one, 100, 109), (other, 200, 209))[2] == []
-    assert not weak_stretches(groups, (one, 100, 109)), "another sign called for the other limb"
-    assert not weak_stretches(groups[:1], (one, 20, 280)), "most of the segment is no moment"
+    [both] = ranges[2]
+    assert 107 - BESIDE <= both.first <= 110 - BESIDE and 119 + BESIDE <= both.last <= 122 + BESIDE
+    assert stretches(groups, (one, 100, 109), (other, 200, 209))[2] == []
 
 
-def weak_stretches(groups: Sequence[LimbGroup], *weak: tuple[int, int, int]) -> list[list[tuple[int, int]]]:
-    return [ranges for _, ranges in regained_limbs._weak_stretches(seen(LONG), groups, supports(*weak))]
+def test_a_limb_for_which_another_sign_calls_is_searched_for_on_all_frames_window_by_window() -> None:
+    one, other = (LIMBS.index(chain) for chain in PAIR)
+    groups = [*(LimbGroup(0, (chain,)) for chain in PAIR), LimbGroup(0, PAIR)]
+    weak, called, both = stretches(groups, (one, 100, 109))
+    assert len(weak) == 1 and both == weak
+    assert [(own.first, own.last) for own in called] == [
+        (own.first, own.last) for own in stretches_around(seen(LONG), np.ones(LONG, bool))
+    ]
+    assert all(own.held == (True, True) for own in called), "the trunk and the other limbs are not in doubt"
+    assert len(called) > 1 and stretches(groups[1:2], (other, 0, LONG - 1)) == [called]
+
+
+def stretches(groups: Sequence[LimbGroup], *weak: tuple[int, int, int]) -> list[list[Stretch]]:
+    return [ranges for _, ranges in regained_limbs._stretches_of(seen(LONG), groups, supports(*weak))]
 
 
 @pytest.mark.parametrize("found", [True, False])
