@@ -41,7 +41,7 @@ def run(args: argparse.Namespace, services: Services) -> int:
         return BAD_INPUT
     found = run_batch(shots, args.out, options, jobs=args.jobs) if shots else []
     files = write_summary(args.out, outcomes(args.out))
-    print_outcome(files)
+    print_outcome(files, [_balance(found)] if found else [])
     return _exit_code({outcome.state for outcome in found})
 
 
@@ -49,6 +49,13 @@ def _exit_code(states: Collection[str]) -> int:
     if ShotState.FAILED in states:
         return FAULT
     return BAD_INPUT if ShotState.REFUSED in states else 0
+
+
+def _balance(found: Sequence[ShotOutcome]) -> str:
+    """Return how many shots are done, and the names of the others by what became of them."""
+    by_state = {state: sorted(o.name for o in found if o.state == state) for state in ShotState}
+    done = f"{len(by_state.pop(ShotState.DONE))} of {len(found)} shots done"
+    return "; ".join([done, *(f"{state}: {', '.join(names)}" for state, names in by_state.items() if names)])
 
 
 def _options(args: argparse.Namespace, services: Services) -> BatchOptions:

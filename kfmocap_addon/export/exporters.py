@@ -7,7 +7,8 @@ Unit and names are those of a preset. Joints alone are written, no meshes.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -60,14 +61,28 @@ def export_armatures(
     formats = [suffix for suffix in EXPORT_FORMATS if suffix in options.formats]
     for suffix in formats:
         _check_available(suffix)
-    paths = []
+    paths: list[Path] = []
     for (owner, armature), stem in zip(whose, destinations.stems(scene, whose, name), strict=True):
         if armature is None:
             raise ShotError("the armature is gone from the scene", where=f"performer {owner}")
         for suffix in formats:
-            paths.append(folder / f"{stem}.{suffix}")
-            _WRITERS[suffix](paths[-1], armature, scene, options)
+            path = folder / f"{stem}.{suffix}"
+            with _naming(paths):
+                _WRITERS[suffix](path, armature, scene, options)
+            paths.append(path)
     return paths
+
+
+@contextmanager
+def _naming(written: Sequence[Path]) -> Iterator[None]:
+    """Add to an error the files that were written before it."""
+    try:
+        yield
+    except OutputError as error:
+        if not written:
+            raise
+        what = f"{error.what}; before it, {', '.join(path.name for path in written)} was written"
+        raise OutputError(what, where=error.where, todo=error.todo) from error
 
 
 def export_bvh(path: Path, armature: bpy.types.Object, scene: bpy.types.Scene, options: ExportOptions) -> None:

@@ -298,6 +298,14 @@ def test_what_cannot_be_written_is_named_and_leaves_nothing(blender, tmp_path):
     assert len(bpy.data.scenes) == 1
 
 
+def test_of_several_files_those_that_were_written_before_one_failed_are_named(blender, tmp_path):
+    built = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    (tmp_path / "out" / "walk.fbx").mkdir(parents=True)
+    with pytest.raises(OutputError, match=r"walk\.fbx: a folder is in the way; before it, walk\.bvh was written"):
+        exporters.export_performers(built, tmp_path / "out")
+    assert (tmp_path / "out" / "walk.bvh").is_file()
+
+
 def test_what_blenders_exporter_failed_with_is_said_in_a_line(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

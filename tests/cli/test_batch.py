@@ -95,20 +95,30 @@ def test_a_shot_that_fails_harms_no_other(shots: list[BatchShot], tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    ("results", "code"),
+    ("results", "code", "said"),
     [
-        ({}, 0),
-        ({"a": ShotError("it is wrong")}, 2),
-        ({"a": ShotError("it is wrong"), "b": OutputError("the disk is full")}, 1),
-        ({"c": ZeroDivisionError("a bug")}, 1),
+        ({}, 0, "3 of 3 shots done"),
+        ({"a": ShotError("it is wrong")}, 2, "2 of 3 shots done; bad input: a"),
+        (
+            {"a": ShotError("it is wrong"), "b": OutputError("the disk is full")},
+            1,
+            "1 of 3 shots done; bad input: a; failed: b",
+        ),
+        ({"c": ZeroDivisionError("a bug")}, 1, "2 of 3 shots done; failed: c"),
     ],
 )
-def test_the_exit_code_says_whether_to_try_again(
-    shots: list[BatchShot], tmp_path: Path, results: dict[str, Exception], code: int
+def test_the_exit_code_says_whether_to_try_again_and_the_last_line_why(
+    shots: list[BatchShot],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    results: dict[str, Exception],
+    code: int,
+    said: str,
 ) -> None:
     StandInJob.results |= {name: [error] for name, error in results.items()}
     files = [str(shot.file) for shot in shots]
     assert main(["batch", *files, "--out", str(tmp_path / "results"), "--no-blender"]) == code
+    assert capsys.readouterr().err.splitlines()[-1] == f"kfmocap: {said}"
 
 
 def test_what_is_done_is_not_done_again_unless_it_has_changed(shots: list[BatchShot], tmp_path: Path) -> None:
