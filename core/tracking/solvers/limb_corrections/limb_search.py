@@ -8,8 +8,9 @@ poses. This is repeated with poses drawn ever closer to the path. The result is 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import scipy  # its parts are loaded when they are used
@@ -50,6 +51,8 @@ from .like_limbs import untangled_limbs
 ROUND_SIGMAS = (1.0, 0.5, 0.25, 0.12)
 """Standard deviation of the poses drawn in each round, radians, for a joint with a range of half a circle; for others
 in proportion to their range."""
+FIRST_FINE_SIGMA = ROUND_SIGMAS[len(ROUND_SIGMAS) // 2]
+"""That of the first round which only improves the path."""
 DRAWS_PER_ROUND = 80
 """Poses drawn per round; those at one and two thirds of the way to each are scored as well."""
 UNIFORM_DRAWS = 60
@@ -91,8 +94,8 @@ class LimbSearch:
     points : int
         Points of each part whose pixels are looked at.
     least_gain : float
-        The limb stays where it is if the images gain less (`_gain_elsewhere`), natural units, or if other random poses
-        lead elsewhere (`_agree`). By default neither is asked.
+        The limb stays where it is if the images gain less (`_gain_elsewhere`), natural units, or, if it is free, if
+        other random poses lead elsewhere. By default neither is asked.
     before : Motion, optional
         F poses of the performer in relation to which they gain, if the search is around others.
     """
@@ -245,40 +248,74 @@ def _with_limb_found(
         limb = replace(limb, held=np.maximum(_seen_shares(ratios, geometry, poses, parts) * shown, MIN_HELD_WEIGHT))
         if problem.only is not None and not _is_hardly_seen(limb):
             return motion
-    path, gain = _likeliest(limb, uncovered, problem.fps, rng)
-    if gain < MIN_GAIN:
-        return motion
-    found = _with_path(limb, motion, path)
-    if search.least_gain > -np.inf:
+    draws = _LimbDraws(limb, uncovered, motion, problem.fps, rng)
+    if search.least_gain == -np.inf:
+        found = draws.found()
+    else:
         before = motion if search.before is None else search.before
         there = scene_poses(problem.bodies, with_motion(motions, i, before))
         seen = np.sum([view.labels(geometry, there).share[:, parts].sum(axis=1) for view in ratios], axis=0)
-        if _gain_elsewhere(limb, uncovered, seen, before, found) < search.least_gain:
-            return motion
-        again = _with_path(limb, motion, _likeliest(limb, uncovered, problem.fps, rng)[0])
-        if _gain_elsewhere(limb, uncovered, seen, before, again) < search.least_gain:
-            return motion
-        if not _agree(limb, before, found, again, problem.fps):
-            return motion
+        gained, least = partial(_gain_elsewhere, limb, uncovered, seen, before), search.least_gain
+        found = draws.found_twice(gained, least, before) if search.free else draws.found(gained, least)
+    if found is None:
+        return motion
     if limb.shoulder is None:
         return found
     return limb.shoulder.raising(limb.body.R_parent_rest[chain[0]], limb.parent[0], found)
 
 
-def _with_path(limb: LimbModel, motion: Motion, path: Array) -> Motion:
-    """Return a motion of F poses with the limb's rotation vectors (F, n, 3), but for parts that are held."""
-    Q = motion.rotations.copy()
-    Q[:, limb.chain] = np.where(limb.fixed.all(axis=-1)[..., None, None], Q[:, limb.chain], rotations.exp(path))
-    return Motion(motion.translations, Q)
+@dataclass(frozen=True, eq=False)
+class _LimbDraws:
+    """Searches for one limb around a motion of F poses; each draws other random poses."""
 
+    limb: LimbModel
+    uncovered: Sequence[UncoveredImages]
+    motion: Motion
+    fps: float
+    rng: Generator
 
-def _agree(limb: LimbModel, before: Motion, found: Motion, again: Motion, fps: float) -> bool:
-    """Whether two searches found a limb elsewhere than before, and in the same place, as near as a descent reaches, for
-    `MIN_DURATION`.
-    """
-    pairs = ((before, found), (before, again), (found, again))
-    away, away_again, apart = (frames_elsewhere(limb.body, limb.chain, *pair) for pair in pairs)
-    return bool(lasting(away & away_again & ~apart, max(2, round(MIN_DURATION * fps))).any())
+    def found(
+        self,
+        gained: Callable[[Motion], float] | None = None,
+        least_gain: float = -np.inf,
+        least_rough_gain: float = -np.inf,
+    ) -> Motion | None:
+        """Return the motion with the limb where it is likeliest; None unless the images gain enough by it in the end
+        and, if so asked, by the rough path already.
+        """
+
+        def promising(rough: Array) -> bool:
+            return gained is None or gained(self._posed(rough)) >= least_rough_gain
+
+        path, gain = _likeliest(self.limb, self.uncovered, self.fps, self.rng, promising)
+        if gain < MIN_GAIN:
+            return None
+        found = self._posed(path)
+        return found if gained is None or gained(found) >= least_gain else None
+
+    def found_twice(self, gained: Callable[[Motion], float], least_gain: float, before: Motion) -> Motion | None:
+        """Return the motion that two searches find, if they agree: where little shows a limb, each finds another.
+
+        They agree if the limb is elsewhere than before in both, and in the same place, as near as a descent reaches,
+        for `MIN_DURATION`.
+        """
+        both: list[Motion] = []
+        for _ in range(2):
+            found = self.found(gained, least_gain, least_gain / 2)
+            if found is None:
+                return None
+            both.append(found)
+        pairs = ((before, both[0]), (before, both[1]), (both[0], both[1]))
+        away, away_again, apart = (frames_elsewhere(self.limb.body, self.limb.chain, *pair) for pair in pairs)
+        agreed = lasting(away & away_again & ~apart, max(2, round(MIN_DURATION * self.fps)))
+        return both[0] if agreed.any() else None
+
+    def _posed(self, path: Array) -> Motion:
+        """The motion with the limb's rotation vectors (F, n, 3), but for parts that are held."""
+        Q, chain = self.motion.rotations.copy(), self.limb.chain
+        held = self.limb.fixed.all(axis=-1)[..., None, None]
+        Q[:, chain] = np.where(held, Q[:, chain], rotations.exp(path))
+        return Motion(self.motion.translations, Q)
 
 
 def _is_hardly_seen(limb: LimbModel) -> bool:
@@ -319,12 +356,16 @@ def _right_share(view: ViewRatios, labels: LabelImages, part: int) -> Array:
 
 
 def _likeliest(
-    limb: LimbModel, uncovered: Sequence[UncoveredImages], fps: float, rng: Generator
+    limb: LimbModel,
+    uncovered: Sequence[UncoveredImages],
+    fps: float,
+    rng: Generator,
+    promising: Callable[[Array], bool] | None = None,
 ) -> tuple[Array, float]:
     """Return the likeliest rotation vectors (F, n, 3) of the limb, and by how much likelier they are than the present.
 
     Their difference from the present ones should change slowly (`ERROR_RATE`); how fast the limb itself moves costs
-    nothing.
+    nothing. Those that are found roughly are not improved unless they are `promising`; they count as no likelier then.
     """
     begin = limb.begin
     low = np.minimum(limb.body.limits[limb.chain, :, 0], begin.min(axis=0))
@@ -333,6 +374,8 @@ def _likeliest(
     path = begin
     values: list[float] = []
     for spread in ROUND_SIGMAS:
+        if spread == FIRST_FINE_SIGMA and promising is not None and not promising(path):
+            return path, 0.0
         offsets = rng.normal(size=(DRAWS_PER_ROUND, *limb.range.shape)) * spread * limb.range
         offsets = np.concatenate([np.zeros((1, *limb.range.shape)), offsets / 3, 2 * offsets / 3, offsets])
         drawn = path[:, None] + offsets
@@ -347,7 +390,7 @@ def _likeliest(
             values.append(float(score[:, 0].sum()))
         values.append(value)
         # Draws that are far apart are different poses, so the best is taken; later their mean is smoother.
-        wide = spread > ROUND_SIGMAS[len(ROUND_SIGMAS) // 2]
+        wide = spread > FIRST_FINE_SIGMA
         frames = np.arange(len(drawn))
         path = drawn[frames, best] if wide else np.einsum("fk,fkna->fna", place_probabilities(score, places), drawn)
         path = np.where(limb.fixed, begin, on_grid(path))

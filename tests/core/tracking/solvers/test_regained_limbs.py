@@ -164,6 +164,21 @@ def test_a_limb_of_one_of_several_is_moved_only_if_other_random_poses_lead_to_th
     assert len(draws) == 5
 
 
+def test_a_search_for_a_limb_of_one_of_several_ends_where_its_rough_path_gains_too_little(
+    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The fine rounds follow the noise of the pictures: they make any place seem better."""
+    probabilities, fine = limb_search.place_probabilities, []
+    monkeypatch.setattr(limb_search, "place_probabilities", lambda *given: fine.append(given) or probabilities(*given))
+    of_several = LimbSearch(least_gain=MIN_GAIN_ELSEWHERE)
+    freed_limb(problem, [astray()], (0, ARM), 0, of_several)
+    assert len(fine) == 4  # two in each of two searches
+    freed_limb(problem, [TRUTH], (0, ARM), 0, of_several)
+    assert len(fine) == 4
+    freed_limb(problem, [TRUTH], (0, ARM), 0)  # of a single performer
+    assert len(fine) == 6
+
+
 @pytest.mark.parametrize("views", [1, 2])
 def test_the_motion_of_one_performer_ends_with_noise_of_each_part_whatever_the_number_of_views(
     problem: SegmentProblem, views: int
