@@ -15,7 +15,7 @@ from .flicker import FLICKER_FRAMES, MIN_FLICKER, flicker
 from .footage_match import footage_matches
 from .key_frame_views import pictured_key_frames
 from .misfit_causes import attributed_findings, moved_cameras
-from .view_findings import FlickeringLight, FootageMatch, ViewFinding
+from .view_findings import FadingPictures, FlickeringLight, FootageMatch, ViewFinding
 
 EARLY_MISFITS = "footage that does not match"
 """Key with which these are shown, beside those of segments."""
@@ -36,8 +36,8 @@ def _early_keys(shot: Shot) -> NDArray[np.int64]:
 
 @one_library_thread()
 def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]]) -> list[ViewFinding]:
-    """Return the views whose light flickers, whose camera moves, or whose footage does not match the first key poses,
-    which is known before anything is tracked.
+    """Return the views whose light flickers, whose pictures fade, whose camera moves, or whose footage does not match
+    the first key poses, which is known before anything is tracked.
 
     Parameters
     ----------
@@ -45,15 +45,10 @@ def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]
     pictures : sequence of mappings
         Per view: rectified pictures by shot frame, including those of `early_frames`.
     """
-    swings = [flicker([own[f] for f in range(min(FLICKER_FRAMES, shot.length))]) for own in pictures]
-    flickering: list[ViewFinding] = [
-        FlickeringLight(view.camera.name, swing.amplitude, swing.in_bands)
-        for view, swing in zip(shot.views, swings, strict=True)
-        if swing.amplitude > MIN_FLICKER
-    ]
+    light = _light_findings(shot, pictures)
     frames = _early_keys(shot)
     if len(frames) < 2:
-        return flickering
+        return light
     rectified = replace(shot, views=tuple(replace(view, camera=view.camera.rectified()) for view in shot.views))
     views = pictured_key_frames(rectified, frames, pictures)
     moved = moved_cameras(rectified, views, frames)
@@ -61,4 +56,16 @@ def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]
     off = [match for match in matches if match.off and match.camera not in moved]
     unlike = [own for own in attributed_findings(shot, frames, off, ()) if isinstance(own, FootageMatch)]
     told = moved.values() if shot.settings.stabilise is False else ()  # else it is measured how they move
-    return [*flickering, *told, *unlike]
+    return [*light, *told, *unlike]
+
+
+def _light_findings(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]]) -> list[ViewFinding]:
+    """Return the views whose light flickers, or whose pictures fade, on the first frames."""
+    found: list[ViewFinding] = []
+    for view, own in zip(shot.views, pictures, strict=True):
+        swing = flicker([own[f] for f in range(min(FLICKER_FRAMES, shot.length))])
+        if swing.fades:
+            found.append(FadingPictures(view.camera.name))
+        elif swing.amplitude > MIN_FLICKER:
+            found.append(FlickeringLight(view.camera.name, swing.amplitude, swing.in_bands))
+    return found

@@ -20,6 +20,8 @@ FLICKER_FRAMES = 6
 """Number of consecutive frames that show it: lamps on the mains beat with frame rates within a few frames."""
 MIN_FLICKER = 0.04
 """Amplitude that is said, relative: on footage in steady light, or whose exposure drifts, it is below 0.01."""
+_MIN_FADE = 2.0
+"""Ratio of brightness of the first and the last of these frames from which pictures fade, if all steps go one way."""
 _SIZE = 32, 18
 
 
@@ -33,10 +35,13 @@ class Flicker:
         Of the rows of a picture, relative.
     in_bands : bool
         Whether rows swing one after the other, as in cameras that expose them so: no filter for whole pictures helps.
+    fades : bool
+        Whether the pictures only get much brighter, or darker, instead.
     """
 
     amplitude: float
     in_bands: bool
+    fades: bool = False
 
 
 def flicker(pictures: Sequence[NDArray[np.uint8]]) -> Flicker:
@@ -49,7 +54,10 @@ def flicker(pictures: Sequence[NDArray[np.uint8]]) -> Flicker:
     if len(blocks) < 4:
         return Flicker(0.0, in_bands=False)
     steps = [np.log(after / before) for before, after in pairwise(blocks)]
-    whole = _swing(np.array([[np.median(step)] for step in steps]))
+    levels = np.array([[np.median(step)] for step in steps])
+    if abs(levels.sum()) > np.log(_MIN_FADE) and len({*np.sign(levels[:, 0])}) == 1:
+        return Flicker(0.0, in_bands=False, fades=True)
+    whole = _swing(levels)
     rows = _swing(np.array([np.median(step, axis=1) for step in steps]))
     return Flicker(max(whole, rows), in_bands=rows > 2 * whole)
 

@@ -225,4 +225,33 @@ class FlickeringLight:
         return f"{self.camera}: {self.brief} from frame to frame: {_DEFLICKER}"
 
 
-ViewFinding: TypeAlias = CameraFit | FootageMatch | MovedCamera | PlainBackground | FlickeringLight
+@dataclass(frozen=True)
+class FadingPictures:
+    """Footage that begins with a fade.
+
+    Attributes
+    ----------
+    camera : str
+    by, off
+        As of other findings.
+    """
+
+    camera: str
+    by: Literal["fade"] = "fade"
+    off: Literal[True] = True
+
+    @property
+    def brief(self) -> str:
+        """A few words on it."""
+        return "its first pictures fade in or out"
+
+    @property
+    def summary(self) -> str:
+        """One line on it and what to do."""
+        return (
+            f"{self.camera}: {self.brief}: the performers' colours are learned on the key frames, so begin the shot "
+            "where it is as bright as later (frames under [shot]), with a key pose there"
+        )
+
+
+ViewFinding: TypeAlias = CameraFit | FootageMatch | MovedCamera | PlainBackground | FlickeringLight | FadingPictures

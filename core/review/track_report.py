@@ -270,7 +270,7 @@ def _measured(found: ViewFinding) -> dict[str, Any]:
             shift, frames = round(found.background.pixels, 1), list(found.background.frames)
             enlarged = round(found.background.enlarged, 3)
             return {"shift": shift, "frames": frames, "enlarged": enlarged, "followed": found.followed}
-        case "plain background":
+        case "plain background" | "fade":
             return {}
         case "light":
             return {"flicker": round(found.amplitude, 3)}

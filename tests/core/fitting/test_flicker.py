@@ -43,6 +43,17 @@ def test_clouds_and_what_moves_are_no_flicker() -> None:
     assert flicker(lit(np.array([1.0, 1.5, 1.0]))).amplitude == 0.0  # too few to tell
 
 
+def test_pictures_that_fade_in_or_out_do_not_flicker_and_are_named() -> None:
+    fade = np.arange(1, FLICKER_FRAMES + 1) / 12
+    for gains in (fade, fade[::-1]):
+        assert flicker(lit(gains)).fades and flicker(lit(gains)).amplitude == 0.0
+    assert not flicker(lit(1 + 0.5 * (-1.0) ** FRAMES)).fades
+    body = figure()
+    shot = shot_of([View(look_at("front", (0.5, -2.8, 1.5)), "front.mp4")], [body], [swing(body, FLICKER_FRAMES)], (0,))
+    [said] = early_misfits(shot, [dict(enumerate(lit(fade)))])
+    assert said.off and "fade" in said.brief and "frames under [shot]" in said.summary
+
+
 def test_a_view_whose_light_flickers_is_named_with_what_filters_it() -> None:
     body = figure()
     truth = swing(body, FLICKER_FRAMES)
