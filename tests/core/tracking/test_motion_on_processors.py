@@ -77,8 +77,8 @@ def test_an_older_processor_tracks_the_same_motion(tmp_path: Path, monkeypatch: 
     saved = {made: tmp_path / f"{made.__name__}.npy" for made in shots}
     paths = [path for made, shot in shots.items() for path in (shot, saved[made])]
     subprocess.run([sys.executable, "-c", CODE, *paths], env=os.environ | OLDER, check=True)
-    search = limb_search._likeliest
-    monkeypatch.setattr(limb_search, "_likeliest", lambda *given: searched.append(given) or search(*given))
+    search = limb_search.likeliest_limb
+    monkeypatch.setattr(limb_search, "likeliest_limb", lambda *given: searched.append(given) or search(*given))
     for made, shot in shots.items():
         loaded = load_shot(shot)
         this, older = part_poses(loaded.performers[0].body, track(loaded).motions[0])[1], np.load(saved[made])

@@ -260,7 +260,7 @@ def test_with_several_performers_only_limbs_that_are_hardly_seen_in_place_are_se
         looked.append(BODY.names[limb.chain[0]])
         return limb.begin, 0.0
 
-    monkeypatch.setattr(limb_search, "_likeliest", likeliest)
+    monkeypatch.setattr(limb_search, "likeliest_limb", likeliest)
     found_limbs(problem.alone(0), [lost, away], seed=0, workspace=Workspace())
     assert looked == ["upper_arm.L"]
 

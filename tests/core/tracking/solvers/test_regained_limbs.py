@@ -24,7 +24,7 @@ from kfmocap.core.tracking.solvers.gauss_newton_solver import refined
 from kfmocap.core.tracking.solvers.judgement.limb_signs import bend_of
 from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSolutions
 from kfmocap.core.tracking.solvers.judgement.solution_ranking import RESTING_GAIN
-from kfmocap.core.tracking.solvers.limb_corrections import limb_groups, limb_search, regained_limbs
+from kfmocap.core.tracking.solvers.limb_corrections import limb_groups, limb_paths, limb_search, regained_limbs
 from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import LimbGroup, with_limbs_found
 from kfmocap.core.tracking.solvers.limb_corrections.limb_search import MIN_GAIN_ELSEWHERE, LimbSearch, freed_limb
 from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import LimbModel, SupportOfLimb
@@ -145,7 +145,7 @@ def test_a_limb_of_one_of_several_is_moved_only_if_other_random_poses_lead_to_th
     problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where little shows a limb, each search finds it elsewhere."""
-    right, draws = limb_search._likeliest, []
+    right, draws = limb_search.likeliest_limb, []
 
     def by_turns(limb: LimbModel, *given: Any) -> tuple[Array, float]:
         path, gain = right(limb, *given)
@@ -153,7 +153,7 @@ def test_a_limb_of_one_of_several_is_moved_only_if_other_random_poses_lead_to_th
         return (path if len(draws) % 2 else path + aside[:, None]), gain
 
     lost, aside = astray(), np.zeros((FRAMES, 3))
-    monkeypatch.setattr(limb_search, "_likeliest", by_turns)
+    monkeypatch.setattr(limb_search, "likeliest_limb", by_turns)
     assert error_mm(
         freed_limb(problem, [lost], (0, ARM), 0, LimbSearch(least_gain=MIN_GAIN_ELSEWHERE))
     ) < 0.5 * error_mm(lost)
@@ -168,8 +168,8 @@ def test_a_search_for_a_limb_of_one_of_several_ends_where_its_rough_path_gains_t
     problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The fine rounds follow the noise of the pictures: they make any place seem better."""
-    probabilities, fine = limb_search.place_probabilities, []
-    monkeypatch.setattr(limb_search, "place_probabilities", lambda *given: fine.append(given) or probabilities(*given))
+    probabilities, fine = limb_paths.place_probabilities, []
+    monkeypatch.setattr(limb_paths, "place_probabilities", lambda *given: fine.append(given) or probabilities(*given))
     of_several = LimbSearch(least_gain=MIN_GAIN_ELSEWHERE)
     freed_limb(problem, [astray()], (0, ARM), 0, of_several)
     assert len(fine) == 4  # two in each of two searches
