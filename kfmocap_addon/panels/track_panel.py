@@ -37,6 +37,9 @@ class TrackPanel(Section, bpy.types.Panel):
         if missing := TrackAll.missing(context):
             draw_text(layout, context, missing, "INFO")
         _draw_tools(layout, context)
+        for slot in properties.performers:
+            for text in slot.disturbances.splitlines():
+                draw_text(layout, context, f"{slot.name}: {text}", "ERROR")
         if properties.footage_offset:
             from ...core.shot.frame_numbers import footage_offset_text  # it loads SciPy
 

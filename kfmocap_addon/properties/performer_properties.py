@@ -164,6 +164,10 @@ class KFMocapPerformer(bpy.types.PropertyGroup):
     plants: bpy.props.CollectionProperty(type=KFMocapPlant)
     tested_plants: bpy.props.CollectionProperty(type=KFMocapPlant)
     plant_edits: bpy.props.CollectionProperty(type=KFMocapPlant)
+    disturbances: bpy.props.StringProperty(
+        name="Shown Otherwise",
+        description="What kept the body from being shown as it was tracked, when it last was, one remark to a line",
+    )
     plants_found: bpy.props.StringProperty(
         name="Plants Found", description="The points of the feet whose plants were looked for; empty before that"
     )

@@ -198,7 +198,13 @@ def test_what_keeps_a_tracked_pose_from_being_shown_is_named(built, change):
     assert expected in said
 
 
-def test_tracking_says_it(built, capfd):
+def test_tracking_says_it_until_it_is_gone(built, capfd):
     expected = shift(armature_of(built))
     bpy.ops.kfmocap.track()
+    [slot] = built.kfmocap.performers
     assert f"Warning: man: upper_arm.L is shown {expected}" in capfd.readouterr().out
+    assert slot.disturbances.startswith(f"upper_arm.L is shown {expected}")
+    armature_of(built).pose.bones["upper_arm.L"].location = (0.0, 0.0, 0.0)
+    bpy.context.view_layer.update()
+    bpy.ops.kfmocap.track()
+    assert slot.disturbances == ""

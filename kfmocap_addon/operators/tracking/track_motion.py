@@ -135,8 +135,10 @@ class Tracking(Conditional, JobOperator):
         scene: bpy.types.Scene | None = bpy.data.scenes.get(name)
         if scene is None:
             raise ShotError("the scene is gone", where=f"scene {name}")
-        for text in self._disturbances:
-            self.report({"WARNING"}, text)
+        for slot, texts in self._disturbances:
+            slot.disturbances = "\n".join(texts)
+            for text in texts:
+                self.report({"WARNING"}, f"{slot.name}: {text}")
         results = tracked.results
         whole = tracked_segments.write(scene, asked, parts, results, unwatched=not self.blocks)
         sole_plants.refresh(scene, [performer.body for performer in whole.performers])
@@ -266,8 +268,8 @@ class ClearBetween(Conditional, bpy.types.Operator):
         self.report({"INFO"}, f"Removed tracked keys of {cleared} frames")
 
 
-def _disturbances_of(scene: bpy.types.Scene, asked: AskedTracking) -> list[str]:
-    """Return what to report of performers that are shown otherwise than their keys say.
+def _disturbances_of(scene: bpy.types.Scene, asked: AskedTracking) -> list[tuple[bpy.types.PropertyGroup, list[str]]]:
+    """Return what to report of each performer that is shown otherwise than its keys say.
 
     Raises
     ------
@@ -279,8 +281,8 @@ def _disturbances_of(scene: bpy.types.Scene, asked: AskedTracking) -> list[str]:
 
     for slot in asked.slots.values():
         refuse_moving_object(scene, slot.armature)
-    bodies = [(slot.armature, asked.shot.performers[number].body) for number, slot in asked.slots.items()]
-    return [text for armature, body in bodies for text in disturbances(armature, body)]
+    bodies = asked.shot.performers
+    return [(slot, disturbances(slot.armature, bodies[number].body)) for number, slot in asked.slots.items()]
 
 
 def _is_animated(armature: bpy.types.Object | None) -> bool:

@@ -22,7 +22,7 @@ def disturbances(armature: bpy.types.Object, body: Body) -> list[str]:
     other frames; `body` is the body that it was read as.
     """
     found = [_displaced(armature, body), *_muted_and_modified(armature), _blended(armature)]
-    return [f"{armature.name}: {text}" for text in found if text]
+    return [text for text in found if text]
 
 
 def _displaced(armature: bpy.types.Object, body: Body) -> str:
