@@ -13,6 +13,7 @@ from pathlib import Path
 import job_functions
 import pytest
 from conftest import ROOT
+from kfmocap.core.runtime.threads import worker_count
 from kfmocap.core.runtime.worker import GRACE_SECONDS
 from kfmocap.core.runtime.worker_pool import WorkerPool
 from kfmocap.core.runtime.worker_process import WorkerProcess
@@ -37,8 +38,8 @@ def is_alive(process: int) -> bool:
 
 @pytest.fixture
 def load() -> Iterator[None]:
-    """Other programs that have more to do than the machine can."""
-    others = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * (os.cpu_count() or 1))]
+    """Other programs that have more to do than the cores of this process can."""
+    others = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * worker_count())]
     yield
     for other in others:
         other.kill()
