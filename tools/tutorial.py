@@ -1,4 +1,5 @@
-"""Make the pictures of docs/tutorial.md: follow the tutorial in Blender with mouse and keyboard, taking screenshots.
+"""Make the pictures of docs/tutorial.md, and with `--steps rigs` those of docs/retargeting.md: follow these pages in
+Blender with mouse and keyboard, taking screenshots.
 
 Other steps go through the animator's tools instead, and check what each does. It needs the Blender application, Xvfb,
 xdotool and ImageMagick. If they are installed in another root file system, `--run` gives the command that runs a
@@ -24,8 +25,10 @@ from pathlib import Path
 import cv2
 
 ROOT = Path(__file__).resolve().parents[1]
-STEPS = {"tutorial": "tutorial", "tools": "tool", "walk": "shot", "beam": "shot"}
+STEPS = {"tutorial": "tutorial", "rigs": "rig", "tools": "tool", "walk": "shot", "beam": "shot"}
 """Scripts in tools/walkthrough, without their ending `_steps.py`."""
+PAGES = {"tutorial": "tutorial", "rigs": "retargeting"}
+"""Folders of docs that get the pictures of some of them."""
 SIZE = (1440, 900)
 """Width and height of Blender's window, pixels."""
 WIDTH, QUALITY = 1200, 78
@@ -63,8 +66,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--zip", type=Path, required=True, help="the extension, built for that Blender's Python")
     parser.add_argument("--work", type=Path, default=ROOT / "build" / "tutorial")
-    parser.add_argument("--steps", choices=STEPS, default="tutorial", help="only those of the tutorial have --out")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "tutorial")
+    parser.add_argument("--steps", choices=STEPS, default="tutorial", help="which ones; those of a page have --out")
+    parser.add_argument("--out", type=Path, help="by default the page's folder in docs")
     parser.add_argument(
         "--run",
         default="",
@@ -81,13 +84,14 @@ def main() -> int:
     if code:
         print(f"The walkthrough failed: see {work / 'pictures' / 'failed.png'}")
         return code
-    if arguments.steps != "tutorial":
+    if arguments.steps not in PAGES:
         return 0
-    arguments.out.mkdir(parents=True, exist_ok=True)
+    out = arguments.out or ROOT / "docs" / PAGES[arguments.steps]
+    out.mkdir(parents=True, exist_ok=True)
     for picture in sorted((work / "pictures").glob("*.png")):
         image = cv2.imread(str(picture))
         image = cv2.resize(image, (WIDTH, round(WIDTH * image.shape[0] / image.shape[1])), interpolation=cv2.INTER_AREA)
-        cv2.imwrite(str(arguments.out / f"{picture.stem}.jpg"), image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+        cv2.imwrite(str(out / f"{picture.stem}.jpg"), image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     return 0
 
 

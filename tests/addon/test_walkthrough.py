@@ -42,6 +42,20 @@ def test_the_tools_do_what_they_say_with_mouse_and_keyboard(extension_zip: Path,
 
 @pytest.mark.application
 @in_a_window
+def test_a_tracked_shot_moves_a_rigify_character_with_few_clicks(extension_zip: Path, tmp_path: Path) -> None:
+    """Sent, undone and redone in one step, its bones listed, followed live and no longer."""
+    command = [sys.executable, ROOT / "tools" / "tutorial.py", "--zip", extension_zip, "--steps", "rigs"]
+    run = subprocess.run(
+        [*command, "--work", tmp_path / "work", "--out", tmp_path / "out"], capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+    shown = {picture.name for picture in (tmp_path / "out").glob("*.jpg")}
+    page = (ROOT / "docs" / "retargeting.md").read_text(encoding="utf-8")
+    assert shown >= {line.split("retargeting/")[1].rstrip(")") for line in page.splitlines() if line.startswith("![")}
+
+
+@pytest.mark.application
+@in_a_window
 @pytest.mark.parametrize("example", ["walk", "beam"])
 def test_a_shot_is_done_in_one_go_with_twelve_clicks(extension_zip: Path, tmp_path: Path, example: str) -> None:
     """Tracked, reviewed, corrected and exported; clicks on joints are not counted."""
@@ -52,7 +66,8 @@ def test_a_shot_is_done_in_one_go_with_twelve_clicks(extension_zip: Path, tmp_pa
     assert run.returncode == 0, run.stdout + run.stderr
 
 
-def test_the_tutorials_pictures_are_there() -> None:
-    page = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
+@pytest.mark.parametrize("name", ["tutorial", "retargeting"])
+def test_the_pages_pictures_are_there(name: str) -> None:
+    page = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
     named = [line.split("](")[1].rstrip(")") for line in page.splitlines() if line.startswith("![")]
     assert named and all((ROOT / "docs" / name).is_file() for name in named)
