@@ -18,6 +18,7 @@ from ..shot import Shot, View
 from .footage_times import made_from, whole_pictures
 
 _MAX_SHOWN = 5
+_CUT = "If the footage is edited, and cut there to another picture, track only frames before the cut, or only after it"
 _COPY = "copy the file from the camera again"
 
 
@@ -54,7 +55,7 @@ class FootageDamage:
         weight = alone if self.weighed else "they were given no weight"
         if not self.reported:
             what = f"its pictures may be damaged between frames {between} of the file, though its decoder does not say"
-            return f"{what} so: {self.said}; {weight}: look at them, and {_COPY}"
+            return f"{what} so: {self.said}; {weight}: look at them. {_CUT}; else {_COPY}"
         what = f"the footage is damaged at or near frames {listed(self.frames, _MAX_SHOWN)} of the file ({self.said})"
         damaged = f"; its pictures between frames {between} may be wrong: {weight}" if between else ""
         return f"{what}{damaged}; {_COPY}"

@@ -69,6 +69,7 @@ def test_pictures_that_jump_to_one_that_is_stored_whole_may_be_damaged(
     assert (found and found.frames) == frames
     if found is not None:
         assert f"between frames {found.frames[0]} and 11 of the file" in found.text
+        assert "cut there to another picture" in found.text  # which looks the same
 
 
 def test_damage_is_put_down_to_its_view_and_frame(film: Path, damaged: Path) -> None:
