@@ -69,24 +69,49 @@ def reaching_legs(body: Body, pelvis: Motion, feet: dict[str, Foot]) -> dict[str
     ValueError
         If a foot is out of reach.
     """
+    paths = {}
+    for side, foot in feet.items():
+        ankle = np.column_stack([foot.place, body.parts[body.index(f"foot.{side}")].head_world[2] + foot.lift])
+        toes_down = np.arcsin(HEEL_FIRST * foot.lift / np.linalg.norm(body.landmarks[f"{side}BigToe"][1]))
+        paths[side] = ankle, foot.heading, toes_down
+    return legs_to(body, pelvis, paths)
+
+
+def legs_to(body: Body, pelvis: Motion, paths: dict[str, tuple[Array, Array, Array]]) -> dict[str, Rotation]:
+    """Rotations Q of thighs, shins and feet that bring both ankles to their paths; knees bend towards the toes.
+
+    Parameters
+    ----------
+    pelvis : Motion
+        Only its root is used.
+    paths : dict
+        By side: the ankle (F, 3), the direction of the toes from +X, and how far they point down, radians, (F,).
+
+    Raises
+    ------
+    ValueError
+        If an ankle is out of reach.
+    """
     R_body, T_body = part_poses(body, pelvis)
     turns = {}
-    for side, foot in feet.items():
+    for side, (ankle, heading, down) in paths.items():
         thigh, shin, sole = (body.index(f"{name}.{side}") for name in ("thigh", "shin", "foot"))
         lengths = np.linalg.norm(body.offsets[[shin, sole]], axis=1)
-        ankle = np.column_stack([foot.place, body.parts[sole].head_world[2] + foot.lift])
-        c, s = np.cos(foot.heading), np.sin(foot.heading)
+        c, s = np.cos(heading), np.sin(heading)
         toes = np.stack([c, s, 0 * c], axis=1)
         world = dict(zip((thigh, shin), _two_bones(T_body[:, thigh], ankle, toes, lengths), strict=True))
-        toes_down = np.arcsin(HEEL_FIRST * foot.lift / np.linalg.norm(body.landmarks[f"{side}BigToe"][1]))
-        facing_x = turn("zyz", foot.heading, toes_down, np.full_like(toes_down, HEADING))
-        world[sole] = facing_x.as_matrix() @ body.parts[sole].R_world_rest
+        world[sole] = sole_turn(heading, down) @ body.parts[sole].R_world_rest
         above = R_body[:, body.parents[thigh]]
         for part in (thigh, shin, sole):
             Q = body.R_parent_rest[part].T @ np.swapaxes(above, -1, -2) @ world[part]
             turns[body.names[part]] = Rotation.from_matrix(Q)
             above = world[part]
     return turns
+
+
+def sole_turn(heading: Array, down: Array) -> Array:
+    """World rotations (F, 3, 3) of a foot from its rest pose, whose toes point there and down, radians."""
+    return np.asarray(turn("zyz", heading, down, np.full_like(down, HEADING)).as_matrix())
 
 
 def _two_bones(hip: Array, ankle: Array, front: Array, lengths: Array) -> tuple[Array, Array]:
