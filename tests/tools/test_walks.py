@@ -8,10 +8,10 @@ from kfmocap.core.body import human
 from kfmocap.core.numerics.frame_ranges import runs
 from render.people import true_landmarks
 from render.walk_shots import WALK_PLANS, WALKS, WalkPlan
-from render.walking_feet import Steps
+from render.walking_feet import Footfalls
 
 BODY = human(1.75)
-PLAIN = Steps(1.0, 1.3, 0.6, -15, 30, 0.7)
+PLAIN = Footfalls(1.0, 1.3, 0.6, -15, 30, 0.7)
 FAST = 8.0
 """Faster than any ankle, metres per second."""
 

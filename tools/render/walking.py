@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from .figure_pose import HEADING, hanging_arm, posed_rotations, turn
 from .footwork import legs_to
 from .movement_phrases import Movement
-from .walking_feet import Steps
+from .walking_feet import Footfalls
 
 REACH = 0.985
 """Longest leg on which the hips are carried, as a share of thigh and shin together."""
@@ -33,7 +33,7 @@ class Walk:
 
     Attributes
     ----------
-    steps : Steps
+    steps : Footfalls
     crouch : float
         How much lower the hips are than straight legs would allow, metres.
     lean, arms, elbow : float
@@ -42,7 +42,7 @@ class Walk:
         Whether both arms carry something instead of swinging.
     """
 
-    steps: Steps
+    steps: Footfalls
     crouch: float = 0.0
     lean: float = 3.0
     arms: float = 24.0

@@ -23,7 +23,7 @@ PAUSE_EDGE = 0.18
 
 
 @dataclass(frozen=True)
-class Steps:
+class Footfalls:
     """The steps of a walk. Phase 0 of the stride is where the right foot strikes.
 
     Attributes
