@@ -2,13 +2,16 @@
 
 Corners of the first picture's background are followed into the next ones, there and back, from where the camera's turn
 in the picture before leads them. What stands still is displaced as if the camera had turned about its centre: the turn
-that most corners agree with is the camera's, whatever else moves. Once many of the corners are hidden, those of the
-present picture take their place, so that errors add up only where somebody passes by.
+that most corners agree with is the camera's, whatever else moves. Where a turn leaves out many corners that agree with
+a turn and a zoom, the lens zooms: turns alone would then agree with corners here and there in one picture after
+another, as if the camera turned. Once many of the corners are hidden, those of the present picture take their place, so
+that errors add up only where somebody passes by.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -49,50 +52,90 @@ def background_turns(
     corners = background_corners(source, beside(performers(0)))
     if corners is None:
         return None
-    since, turn, turns = np.eye(3), np.eye(3), [np.eye(3)]
+    since = present = _TurnedLens(np.eye(3), K)
+    turns = [present.turn]
     for number, picture in enumerate(pictures, 1):
         start = corners[:, 0].astype(float)
-        there, kept = followed(source, picture, corners, _pixels(_rays(start, K) @ (turn @ since.T).T, K))
-        found = _turn(start, there.astype(float), kept, K)
+        there, kept = followed(source, picture, corners, present.pixels(since.rays(start)))
+        found = _view(start, there.astype(float), kept, since)
         if found is None:
             turns.append(np.full((3, 3), np.nan))
             continue
-        turn = found[0] @ since
-        turns.append(turn)
-        if found[1].mean() < _RENEWED_SHARE:
+        present, agreeing = found
+        turns.append(present.turn)
+        if agreeing.mean() < _RENEWED_SHARE:
             renewed = background_corners(picture, beside(performers(number)))
             if renewed is not None:
-                source, corners, since = picture, renewed, turn
+                source, corners, since = picture, renewed, present
     return np.stack(turns)
 
 
-def _turn(start: Array, there: Array, kept: Bools, K: Array) -> tuple[Array, Bools] | None:
-    """Return the turn that most of the corners (n, 2) that were found agree with, and which do; None if too few do."""
+@dataclass(frozen=True, eq=False)
+class _TurnedLens:
+    """How a camera has turned since its first picture, (3, 3), and its matrix, in which a zoom changes the focal
+    length.
+    """
+
+    turn: Array
+    K: Array
+
+    def rays(self, pixels: Array) -> Array:
+        """Return the directions, of length 1, in the axes of the first picture, of pixels (n, 2); shape (n, 3)."""
+        return np.asarray(_rays(pixels, self.K) @ self.turn)
+
+    def pixels(self, rays: Array) -> Array:
+        places = rays @ (self.K @ self.turn).T
+        return np.asarray(places[:, :2] / places[:, 2:])
+
+    def moved(self, rays: Array, there: Array, *, zooms: bool) -> _TurnedLens:
+        """Return the same after the turn that leads rays (n, 3) to where they were found, (n, 2); if it zooms, that
+        with the focal length of this view, and then another focal length.
+        """
+        turned = replace(self, turn=Rotation.align_vectors(_rays(there, self.K), rays)[0].as_matrix())
+        if not zooms:
+            return turned
+        away, found = turned.pixels(rays) - self.K[:2, 2], there - self.K[:2, 2]
+        factor = float(np.sum(away * found) / np.sum(away**2))
+        return replace(turned, K=self.K @ np.diag([factor, factor, 1.0]))
+
+
+def _view(start: Array, there: Array, kept: Bools, since: _TurnedLens) -> tuple[_TurnedLens, Bools] | None:
+    """Return the view from where most of the corners (n, 2) that were found are seen, and which agree with it; None if
+    too few do. A zoom is only allowed for where a turn leaves out many, as a turn is more exact without.
+    """
     if kept.sum() < MIN_CORNERS:
         return None
-    rays, others = _rays(start, K), _rays(there, K)
-    similarity, agreeing = cv2.estimateAffinePartial2D(start[kept], there[kept], ransacReprojThreshold=MAX_ERROR)
+    similarity, inliers = cv2.estimateAffinePartial2D(start[kept], there[kept], ransacReprojThreshold=MAX_ERROR)
     if similarity is None:
         return None
-    turn, chosen = np.eye(3), kept.copy()
-    chosen[kept] = agreeing[:, 0] > 0
-    for limit in MAX_ERROR * np.geomspace(_START_ERROR, 1.0, _ROUNDS):
-        if chosen.sum() < MIN_CORNERS:
-            return None
-        turn = Rotation.align_vectors(others[chosen], rays[chosen])[0].as_matrix()
-        chosen = kept & (np.linalg.norm(_pixels(rays @ turn.T, K) - there, axis=1) < limit)
+    rays, first, many = since.rays(start), kept.copy(), _RENEWED_SHARE * kept.sum()
+    first[kept] = inliers[:, 0] > 0
+    present, chosen = _agreeing(rays, there, kept, first, since, zooms=False)
+    if chosen.sum() < many:
+        zoomed, explained = _agreeing(rays, there, kept, first, since, zooms=True)
+        if explained.sum() >= many:
+            present, chosen = zoomed, explained
     if chosen.sum() < max(MIN_CORNERS, MIN_SHARE * kept.sum()):
         return None
     hull = cv2.contourArea(cv2.convexHull(start[chosen].astype(np.float32)))
-    return (turn, chosen) if hull > _MIN_EXTENT * 4 * K[0, 2] * K[1, 2] else None
+    return (present, chosen) if hull > _MIN_EXTENT * 4 * since.K[0, 2] * since.K[1, 2] else None
+
+
+def _agreeing(
+    rays: Array, there: Array, kept: Bools, chosen: Bools, view: _TurnedLens, *, zooms: bool
+) -> tuple[_TurnedLens, Bools]:
+    """Return the view that most of the kept ones among n corners agree with, and which do, from some that may; no
+    corner agrees if too few did on the way.
+    """
+    for limit in MAX_ERROR * np.geomspace(_START_ERROR, 1.0, _ROUNDS):
+        if chosen.sum() < MIN_CORNERS:
+            return view, np.zeros_like(kept)
+        view = view.moved(rays[chosen], there[chosen], zooms=zooms)
+        chosen = kept & (np.linalg.norm(view.pixels(rays) - there, axis=1) < limit)
+    return view, chosen
 
 
 def _rays(pixels: Array, K: Array) -> Array:
     """Return the directions, of length 1, in which a camera sees pixels (n, 2); shape (n, 3)."""
     rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(K).T
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
-
-
-def _pixels(rays: Array, K: Array) -> Array:
-    places = rays @ K.T
-    return np.asarray(places[:, :2] / places[:, 2:])

@@ -92,3 +92,15 @@ def test_pictures_that_are_turned_back_show_each_ray_where_it_was_before(distort
     assert maps is not None
     led = maps[0][v, u] + np.stack([maps[1][v, u] % 32, maps[1][v, u] // 32], axis=-1) / 32
     assert np.abs(led - lens.project(before @ TURNS[3].T)).max() < 0.1
+
+
+@pytest.mark.parametrize("turns", [np.stack([np.eye(3)] * 8), np.repeat(TURNS, 2, axis=0)])
+def test_a_lens_that_zooms_is_not_taken_for_a_camera_that_turns(turns: np.ndarray) -> None:
+    """Corners lie on one side of the picture's centre, so that they move aside as it zooms."""
+    (width, height), pictures = CAMERA.size, filmed(turns)
+    for number, picture in enumerate(pictures):
+        enlarged = cv2.getRotationMatrix2D(CAMERA.matrix[:2, 2].tolist(), 0, 1 + 0.01 * number)
+        pictures[number] = cv2.warpAffine(picture, enlarged, (width, height), flags=cv2.INTER_CUBIC)
+        pictures[number][:, : width // 3] = 120
+    found = background_turns(iter(pictures), CAMERA, nobody)
+    assert found is not None and off(found, turns).max() < 1
