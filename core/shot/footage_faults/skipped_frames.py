@@ -30,6 +30,9 @@ within it. Twice the motion gives 0.3 to 0.6."""
 _MIN_EXCESS_SIGMAS = 5.0
 """The same in standard deviations of this logarithm, which are measured on `_MIN_PAIRS` pairs or more."""
 _MIN_PAIRS = 8
+_MIN_START_RATIO = 4.0
+"""How many times as much as the pair before it a pair changes, and less than the pair after it, as motion starts, or
+the other way round as it ends: twice as much as a missing frame makes of even motion."""
 _SURPLUS_WITH_MISSING, _MIN_SURPLUS = 0.35, 0.15
 """By how much a pair of one view stands out more than those of all others, natural logarithm: where a frame is missing,
 and at least where the view by itself shows that one is."""
@@ -73,7 +76,8 @@ class PairChanges:
     bends : ndarray, shape (n,)
         Logarithm of a pair's change over the geometric mean of those before and after it; 0 at the ends.
     moving : ndarray of bool, shape (n,)
-        Where some of the picture changes much more than the rest: else it is noise or light, not motion.
+        Where some of the picture changes much more than the rest: else it is noise or light, not motion. Neither
+        where it starts, nor where it ends.
     skips : ndarray of bool, shape (n,)
         Where frames are missing by what this view shows.
     delay : float
@@ -101,7 +105,10 @@ class PairChanges:
         moving = most > [2 * float(np.median(change)) for change in changes]
         bends = np.zeros(n)
         if n > 2:
-            bends[1:-1] = np.log(most[1:-1] / np.sqrt(most[:-2] * most[2:]))
+            before, here, after = most[:-2], most[1:-1], most[2:]
+            bends[1:-1] = np.log(here / np.sqrt(before * after))
+            least, greatest = np.sort([before, after], axis=0)
+            moving[1:-1] &= (least > here / _MIN_START_RATIO) | (greatest < here)
         return cls(bends, moving, (_skips_by_change(most, bends) & moving) | followed_skips, delay)
 
     def known(self, those: Bools) -> PairChanges:

@@ -21,6 +21,12 @@ def changes_of(frames: np.ndarray) -> PairChanges:
     return PairChanges.of(changes, points.between(0, len(changes)))
 
 
+def changes_by(most: np.ndarray) -> PairChanges:
+    """Those of pairs of which a tenth of the blocks changes by a number of grey levels, the others hardly."""
+    changes = [np.where(np.arange(200) < 20, change, 0.2).reshape(10, 20) for change in most]
+    return PairChanges.of(changes, np.zeros(len(most), bool))
+
+
 def skipped(*views: np.ndarray) -> list[list[int]]:
     return [np.flatnonzero(pairs).tolist() for pairs in skipped_pairs([changes_of(frames) for frames in views])]
 
@@ -68,6 +74,16 @@ def test_what_all_views_see_at_once_is_the_performers_motion() -> None:
     leap, other = film(3.0, moved=1), film(3.0, moved=1, seed=2)
     assert skipped(leap) == skipped(other) == [[LOST]]
     assert skipped(leap, other) == [[], []]
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_walk_that_starts_or_ends_sooner_in_one_view_has_skipped_no_frame(backwards: bool) -> None:
+    """The codec leaves out of one view what the first steps change."""
+    most = np.array([[0.7, 0.7, 0.7, 0.7, 5.4, 10.0, *[10.2] * 8], [0.7, 0.7, 0.7, 0.7, 2.4, 4.8, *[5.0] * 8]])
+    assert not np.any(skipped_pairs([changes_by(own[:: -1 if backwards else 1]) for own in most]))
+    most[0, 9] *= 1.7
+    found = np.flatnonzero(skipped_pairs([changes_by(own) for own in most])[0])
+    assert found.tolist() == [9]
 
 
 def test_views_that_are_not_taken_at_once_see_a_motion_one_pair_later() -> None:
