@@ -150,7 +150,7 @@ def frames_at(
         yield _prepared(decoded, camera.size, maps if turns is None else camera.rectify_maps(turns[k]), grey)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Album:
     """Collects colour pictures of some frames while footage is streamed.
 

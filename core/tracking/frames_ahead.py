@@ -131,7 +131,8 @@ class _BegunView:
         return pictures and frames == self.frames and not self.broken
 
     def continued(self, album: Album) -> Iterator[Image]:
-        """Generate all frames, and collect the pictures that an album asks for."""
+        """Generate all frames, and collect the pictures that an album asks for, with what they show of fields."""
+        album.fields = self.album.fields
         for frame in self.frames:
             image = self.decoded.popleft() if self.decoded else next(self.coming)
             picture = self.album.pictures.pop(frame, None)

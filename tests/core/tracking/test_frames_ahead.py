@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from kfmocap.core.errors import FootageError
@@ -15,6 +16,7 @@ from kfmocap.core.runtime.timing import Seconds
 from kfmocap.core.runtime.worker_memory import WorkerMemory
 from kfmocap.core.shot.fingerprint import made_of
 from kfmocap.core.shot.footage import Album, frames_at
+from kfmocap.core.shot.interlacing import FieldWatch
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import Shot, View
 from kfmocap.core.tracking import frames_ahead, reader
@@ -57,6 +59,20 @@ def test_the_frames_and_pictures_are_the_same(filmed: Shot) -> None:
     assert np.array_equal(list(taken), expected)
     assert album.pictures.keys() == usual.pictures.keys() == {1, 7}
     assert all(np.array_equal(album.pictures[f], usual.pictures[f]) for f in (1, 7))
+
+
+def test_two_fields_are_seen_in_frames_that_were_decoded_ahead(filmed: Shot, tmp_path: Path) -> None:
+    w, h = filmed.views[0].camera.size
+    for k in range(LENGTH):
+        picture = np.full((h, w, 3), 60, np.uint8)
+        for field, left in enumerate((10 + 6 * k, 13 + 6 * k)):
+            picture[h // 4 + field : h // 2 : 2, left : left + 40] = 200
+        cv2.imwrite(str(tmp_path / f"{k:04d}.png"), picture)
+    view, album = replace(filmed.views[0], footage=tmp_path / "%04d.png"), Album(frozenset({1, 7}), 1.0)
+    usual = replace(album, fields=FieldWatch())
+    taken = begun([view], {1, 7}).taken(made_of(view, 1.0), range(LENGTH), album)
+    assert taken is not None and len(list(taken)) == len(list(frames_at(view, range(LENGTH), 1.0, album=usual)))
+    assert album.fields.interlaced and usual.fields.interlaced
 
 
 @pytest.mark.parametrize(
