@@ -231,7 +231,10 @@ def _with_limb_found(
         there = scene_poses(problem.bodies, with_motion(motions, i, before))
         seen = np.sum([view.labels(geometry, there).share[:, parts].sum(axis=1) for view in ratios], axis=0)
         gained, least = partial(_gain_elsewhere, limb, uncovered, seen, before), search.least_gain
-        found = draws.found_twice(gained, least, before) if search.free else draws.found(gained, least)
+        if search.free:
+            found = draws.found_twice(gained, least, before)
+        else:
+            found = draws.found(lambda moved: gained(moved) >= least)
     if found is None:
         return motion
     if limb.shoulder is None:
@@ -250,23 +253,17 @@ class _LimbDraws:
     rng: Generator
 
     def found(
-        self,
-        gained: Callable[[Motion], float] | None = None,
-        least_gain: float = -np.inf,
-        least_rough_gain: float = -np.inf,
+        self, enough: Callable[[Motion], bool] | None = None, promising: Callable[[Motion], bool] | None = None
     ) -> Motion | None:
-        """Return the motion with the limb where it is likeliest; None unless the images gain enough by it in the end
-        and, if so asked, by the rough path already.
+        """Return the motion with the limb where it is likeliest; None unless that is likelier than where it is and, if
+        it is asked, `enough`, and the motion that is found roughly `promising`.
         """
-
-        def promising(rough: Array) -> bool:
-            return gained is None or gained(self._posed(rough)) >= least_rough_gain
-
-        path, gain = likeliest_limb(self.limb, self.uncovered, self.fps, self.rng, promising)
+        rough = None if promising is None else lambda path: promising(self._posed(path))
+        path, gain = likeliest_limb(self.limb, self.uncovered, self.fps, self.rng, rough)
         if gain < MIN_GAIN:
             return None
         found = self._posed(path)
-        return found if gained is None or gained(found) >= least_gain else None
+        return found if enough is None or enough(found) else None
 
     def found_twice(self, gained: Callable[[Motion], float], least_gain: float, before: Motion) -> Motion | None:
         """Return the motion that two searches find, if they agree: where little shows a limb, each finds another.
@@ -276,7 +273,7 @@ class _LimbDraws:
         """
         both: list[Motion] = []
         for _ in range(2):
-            found = self.found(gained, least_gain, least_gain / 2)
+            found = self.found(lambda moved: gained(moved) >= least_gain, lambda moved: gained(moved) >= least_gain / 2)
             if found is None:
                 return None
             both.append(found)
