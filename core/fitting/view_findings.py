@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import ClassVar, Literal, TypeAlias
 
 from ..evidence.background_shift import BackgroundShift
 from ..evidence.movement_match import MIN_MATCH
@@ -163,32 +163,52 @@ class MovedCamera:
 
 
 @dataclass(frozen=True)
-class PlainBackground:
-    """A camera of which it cannot be seen whether it moved, as others of the shot did.
+class _Unmeasured:
+    """A finding without figures.
 
     Attributes
     ----------
     camera : str
-    by, off
+    off
         As of other findings.
+    brief : str
+        A few words on it.
     """
 
     camera: str
-    by: Literal["plain background"] = "plain background"
     off: Literal[True] = True
-
-    @property
-    def brief(self) -> str:
-        """A few words on it."""
-        return "its background is too plain to tell whether its camera moved"
+    brief: ClassVar[str]
+    advice: ClassVar[str]
+    """What follows these words: why it matters, and what to do."""
 
     @property
     def summary(self) -> str:
         """One line on it and what to do."""
-        return (
-            f"{self.camera}: {self.brief}, as others of this shot did: if it was held in the hand, stabilise its "
-            "footage, give the camera's motion, or leave the view out with --views; next time, put marks on the wall"
-        )
+        return f"{self.camera}: {self.brief}{self.advice}"
+
+
+@dataclass(frozen=True)
+class PlainBackground(_Unmeasured):
+    """A camera of which it cannot be seen whether it moved, as others of the shot did."""
+
+    by: Literal["plain background"] = "plain background"
+    brief: ClassVar[str] = "its background is too plain to tell whether its camera moved"
+    advice: ClassVar[str] = (
+        ", as others of this shot did: if it was held in the hand, stabilise its footage, give the camera's motion, or "
+        "leave the view out with --views; next time, put marks on the wall"
+    )
+
+
+@dataclass(frozen=True)
+class FadingPictures(_Unmeasured):
+    """Footage that begins with a fade."""
+
+    by: Literal["fade"] = "fade"
+    brief: ClassVar[str] = "its first pictures fade in or out"
+    advice: ClassVar[str] = (
+        ": the performers' colours are learned on the key frames, so begin the shot where it is as bright as later "
+        "(frames under [shot]), with a key pose there"
+    )
 
 
 @dataclass(frozen=True)
@@ -223,35 +243,6 @@ class FlickeringLight:
         if self.in_bands:
             return f"{self.camera}: {self.brief} from frame to frame, in bands: {_EXPOSE}"
         return f"{self.camera}: {self.brief} from frame to frame: {_DEFLICKER}"
-
-
-@dataclass(frozen=True)
-class FadingPictures:
-    """Footage that begins with a fade.
-
-    Attributes
-    ----------
-    camera : str
-    by, off
-        As of other findings.
-    """
-
-    camera: str
-    by: Literal["fade"] = "fade"
-    off: Literal[True] = True
-
-    @property
-    def brief(self) -> str:
-        """A few words on it."""
-        return "its first pictures fade in or out"
-
-    @property
-    def summary(self) -> str:
-        """One line on it and what to do."""
-        return (
-            f"{self.camera}: {self.brief}: the performers' colours are learned on the key frames, so begin the shot "
-            "where it is as bright as later (frames under [shot]), with a key pose there"
-        )
 
 
 ViewFinding: TypeAlias = CameraFit | FootageMatch | MovedCamera | PlainBackground | FlickeringLight | FadingPictures
