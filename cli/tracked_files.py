@@ -97,8 +97,8 @@ def frames_ahead(spec: ShotSpec) -> FramesAhead | None:
 
     None with a single thread, or if the shot file does not name the key frames.
     """
-    keys = [p.keyframes for p in spec.performers if isinstance(p.keyframes, tuple)]
-    if worker_count(spec.settings.threads) == 1 or len(keys) < len(spec.performers):
+    keys = spec.named_keyframes
+    if not keys or worker_count(spec.settings.threads) == 1:
         return None
     (first, last), length = spec.frames, spec.frames[1] - spec.frames[0] + 1
     pictures = keys_and_middles((frame - first for own in keys for frame in own), length)

@@ -18,6 +18,7 @@ from ..evidence.background_shift import BackgroundShift, background_shift, backg
 from ..evidence.movement_match import COARSE_SIDE, key_poses_of, movement_match
 from ..evidence.rendering.label_images import render_labels
 from ..evidence.rendering.part_geometry import Geometry
+from ..numerics.arrays import Bools
 from ..shot.footage import frames_at, probe
 from ..shot.footage_faults.footage_checks import stored_frames
 from ..shot.frame_numbers import footage_index
@@ -79,18 +80,23 @@ def shifted_background(
     """
     if not view.camera.stands_still:
         return None
-    body = render_labels(geometry, pictured.camera(view.camera), 0, *poses).part >= 0
-    return background_shift(list(pictured.rectified(view.camera)), list(body), frames.tolist(), pictured.factor)
+    pictures, performers = _pictures_and_performers(view, pictured, geometry, poses)
+    return background_shift(pictures, performers, frames.tolist(), pictured.factor)
 
 
 def background_is_plain(view: View, pictured: KeyFrameView, geometry: Geometry, poses: Poses) -> bool:
     """Whether the background of a camera that should stand still does not show if it does; parameters as of
     `shifted_background`.
     """
-    if not view.camera.stands_still:
-        return False
+    return view.camera.stands_still and not background_tells(*_pictures_and_performers(view, pictured, geometry, poses))
+
+
+def _pictures_and_performers(
+    view: View, pictured: KeyFrameView, geometry: Geometry, poses: Poses
+) -> tuple[list[NDArray[np.uint8]], list[Bools]]:
+    """Return the rectified pictures of a view's key frames, and where the performers are in them."""
     body = render_labels(geometry, pictured.camera(view.camera), 0, *poses).part >= 0
-    return not background_tells(list(pictured.rectified(view.camera)), list(body))
+    return list(pictured.rectified(view.camera)), list(body)
 
 
 def better_shift(shot: Shot, view: View, frames: NDArray[np.int64]) -> int | None:

@@ -147,6 +147,12 @@ class ShotSpec:
     resized: bool = False
     world: FileWorld = field(default_factory=FileWorld)
 
+    @property
+    def named_keyframes(self) -> list[tuple[int, ...]] | None:
+        """The key frames of every performer; None unless they are named for all of them."""
+        named = [p.keyframes for p in self.performers if isinstance(p.keyframes, tuple)]
+        return named if named and len(named) == len(self.performers) else None
+
     def files(self) -> list[Path]:
         """Return the files, folders and image sequences that it names."""
         views = [file for view in self.views for file in (view.footage, view.keypoints)]

@@ -25,10 +25,10 @@ def workers_of(shot: Shot, threads: int) -> int:
 def workers_for(spec: ShotSpec) -> int:
     """Return how many workers the shot of a shot file will have; 1 if the shot file alone does not determine it."""
     first, last = spec.frames
-    keyed = [set(p.keyframes) for p in spec.performers if isinstance(p.keyframes, tuple)]
-    if len(keyed) < max(len(spec.performers), 1) or not _enough_work(last + 1 - first, spec.views, spec.performers):
+    keyed = spec.named_keyframes
+    if not keyed or not _enough_work(last + 1 - first, spec.views, spec.performers):
         return 1
-    cuts = {first, last}.union(set.intersection(*keyed))
+    cuts = {first, last}.union(set.intersection(*map(set, keyed)))
     return min(worker_count(spec.settings.threads), len(cuts) - 1)
 
 
