@@ -47,10 +47,9 @@ def grey_frames(frames: ColourFrames, store: PictureStore | None = None) -> View
 def frames_with_foreground(
     frames: ColourFrames,
     bodies: Sequence[Body],
-    motions: Sequence[Motion],
+    shown: Sequence[Motion],
     keys: PosedFrames,
     *,
-    footage_offset: float,
     fps: float,
     store: PictureStore | None = None,
 ) -> ViewFrames:
@@ -64,12 +63,10 @@ def frames_with_foreground(
     frames : ColourFrames
         Consecutive frames of a view.
     bodies : sequence of Body
-    motions : sequence of Motion
-        Poses on every frame of the shot; only those on the key frames are used.
+    shown : sequence of Motion
+        K poses per performer: those that the view shows on the key frames.
     keys : PosedFrames
         Shot frames, among these, that show performers in known poses.
-    footage_offset : float
-        See `core.shot.settings.Settings`.
     fps : float
     store : PictureStore, optional
         Where the pictures are kept; by default in memory.
@@ -82,10 +79,11 @@ def frames_with_foreground(
     store = store or PictureStore()
     view = grey_frames(frames, store)
     if frames.damaged is not None:
-        keys = keys.where(~frames.damaged[keys.frames - frames.first])
+        sound = ~frames.damaged[keys.frames - frames.first]
+        keys, shown = keys.where(sound), [motion[sound] for motion in shown]
     if not len(keys.frames):
         return view
-    poses = scene_poses(bodies, poses_after(motions, view.delay - footage_offset, keys.frames))
+    poses = scene_poses(bodies, shown)
     margins = np.minimum(KEY_POSE_REACH + REACH_GROWTH * keys.apart / fps, MAX_REACH)
     geometry = Geometry.of(bodies)
     known = known_pixels(view, geometry, poses, keys, margins)
@@ -161,7 +159,7 @@ def key_frame_shape(
 ) -> FittedShape | None:
     """Fit the shapes of all performers' parts to the frames with known poses; None if no view has foreground images.
 
-    Parameters as in `frames_with_foreground`.
+    Parameters as in `frames_with_foreground`, but for motions with poses on every frame of the shot.
     """
     seeing = views_with_foreground(views)
     if not seeing:

@@ -60,6 +60,10 @@ class PictureStore:
             out[row] = picture
         return out
 
+    def shared(self, kind: str, shape: tuple[int, ...]) -> SharedArray | None:
+        """Return pictures that were kept in a form that can be sent to other processes; None without a folder."""
+        return None if self.folder is None else SharedArray(self._path(kind), shape)
+
     def remove(self, kind: str) -> None:
         """Remove pictures that are no longer used; on Windows, mapped ones stay until their folder is removed."""
         if self.folder is not None:

@@ -3,32 +3,70 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Container, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 from pathlib import Path
 from threading import Event
 
 import numpy as np
 
+from ..body import Body
 from ..body.motion import Motion
+from ..body.time_shift import poses_after
+from ..errors import CancelledError
 from ..evidence.view_frames import ViewFrames
 from ..keypoints.keypoint_delay import ENOUGH_MOVEMENTS, KeypointMovements, keypoint_movements
 from ..keypoints.keypoint_rays import Keypoints
 from ..numerics.arrays import Bools
-from ..runtime.threads import worker_count
+from ..runtime.progress import Progress
+from ..runtime.shared_arrays import SharedArray
+from ..runtime.threads import one_library_thread, worker_count
 from ..runtime.timing import Seconds
 from ..runtime.worker_memory import WorkerMemory
+from ..runtime.worker_pool import WorkerPool
 from ..shot.footage import MAX_PICTURE_SIDE, Album, Image, working_factor
 from ..shot.footage_faults.frame_pattern import FramePattern
 from ..shot.footage_faults.skipped_frames import PairChanges, skipped_pairs
 from ..shot.shot import Shot
 from .appearance import frames_with_foreground, grey_frames
 from .picture_store import COLOUR, PictureStore, StoredView
-from .reader import SegmentReader
-from .segments import Segment, posed_frames, segments
+from .reader import ColourFrames, SegmentReader
+from .segments import PosedFrames, Segment, posed_frames, segments
 from .solvers.protocol import Solver
 from .turned_cameras import BackgroundWatch
+
+_STOPPED_WITHIN = 0.1
+"""Seconds after which a thread that waits for a worker notices that reading was stopped."""
+
+
+@dataclass(frozen=True, eq=False)
+class _AppearanceTask:
+    """Making the foreground images of a view of a segment, which another process may do.
+
+    Attributes
+    ----------
+    frames : ColourFrames
+    colour : SharedArray, optional
+        Their pictures, if these are in a file.
+    bodies, shown, keys, fps, store
+        See `frames_with_foreground`.
+    """
+
+    frames: ColourFrames
+    colour: SharedArray | None
+    bodies: Sequence[Body]
+    shown: Sequence[Motion]
+    keys: PosedFrames
+    fps: float
+    store: PictureStore
+
+    @one_library_thread()
+    def __call__(self, _: Progress | None = None) -> ViewFrames | StoredView:
+        """Do it; it takes about a tenth of a second, of which no progress is reported."""
+        frames = self.frames if self.colour is None else replace(self.frames, colour=self.colour.array())
+        view = frames_with_foreground(frames, self.bodies, self.shown, self.keys, fps=self.fps, store=self.store)
+        return self.store.stored(view)
 
 
 class SegmentFootage:
@@ -42,6 +80,9 @@ class SegmentFootage:
         Frames, counted from the shot's first, whose pictures are collected.
     folder : Path, optional
         Folder for the files with the segments' pictures; without one, these are held in memory.
+    pool : WorkerPool, optional
+        Makes foreground images, if the pictures are in files and it has several workers; otherwise the threads that
+        read do.
     memory : WorkerMemory, optional
         Cache of frames for the next job; frames in it are not decoded again.
     keypoints : sequence of Keypoints
@@ -66,6 +107,7 @@ class SegmentFootage:
         pictures: Collection[int],
         *,
         folder: Path | None = None,
+        pool: WorkerPool | None = None,
         memory: WorkerMemory | None = None,
         keypoints: Sequence[Keypoints] = (),
     ) -> None:
@@ -73,6 +115,7 @@ class SegmentFootage:
         self._albums = [Album(kept, working_factor(view, MAX_PICTURE_SIDE)) for view in shot.views]
         self._shot, self._solver, self._folder, self._memory = shot, solver, folder, memory
         self._keypoints = keypoints
+        self._pool = pool if folder is not None and pool is not None and pool.workers > 1 else None
         self.torn: tuple[list[int], ...] = tuple([] for _ in shot.views)
         self.moved: set[int] = set()
         self.patterns: tuple[FramePattern, ...] = ()
@@ -120,7 +163,7 @@ class SegmentFootage:
             def submitted(segment: Segment) -> list[Future[tuple[ViewFrames | StoredView, PairChanges]]]:
                 with_foreground = self._solver.uses_foreground and segment not in known
                 return [
-                    pool.submit(self._read, reader, segment, number, start if with_foreground else None)
+                    pool.submit(self._read, reader, segment, number, start if with_foreground else None, stopped)
                     for number, reader in enumerate(readers)
                 ]
 
@@ -139,38 +182,51 @@ class SegmentFootage:
                 stopped.set()
 
     def _read(
-        self, reader: SegmentReader, segment: Segment, number: int, start: Sequence[Motion] | None
+        self, reader: SegmentReader, segment: Segment, number: int, start: Sequence[Motion] | None, stopped: Event
     ) -> tuple[ViewFrames | StoredView, PairChanges]:
         """Read one view of a segment, with foreground images if motions are given; also returns how much its pairs of
         frames stand out.
         """
-        shot, store = self._shot, PictureStore(self._folder, f"{segment[0]}_{number}")
+        store = PictureStore(self._folder, f"{segment[0]}_{number}")
         frames = reader.read(segment, store)
         watch = self._watches.get(number)
         if watch is not None and number not in self.moved and watch.shifts(frames, segment):
             self.moved.add(number)
         if start is None:
-            view = grey_frames(frames, store)
+            view = store.stored(grey_frames(frames, store))
         else:
-            view = frames_with_foreground(
-                frames,
-                [performer.body for performer in shot.performers],
-                start,
-                posed_frames(shot, *segment),
-                footage_offset=shot.settings.footage_offset or 0.0,
-                fps=shot.fps,
-                store=store,
-            )
+            view = self._with_foreground(frames, segment, start, store, stopped)
         store.remove(COLOUR)
         self._compare_movements(number, view, segment)
         assert frames.changes is not None
-        return store.stored(view), frames.changes
+        return view, frames.changes
 
-    def _compare_movements(self, number: int, view: ViewFrames, segment: Segment) -> None:
+    def _with_foreground(
+        self, frames: ColourFrames, segment: Segment, start: Sequence[Motion], store: PictureStore, stopped: Event
+    ) -> ViewFrames | StoredView:
+        """Make the foreground images of a view of a segment, in a worker if there is a pool."""
+        shot = self._shot
+        keys = posed_frames(shot, *segment)
+        shown = poses_after(start, frames.delay - (shot.settings.footage_offset or 0.0), keys.frames)
+        colour = None if self._pool is None else store.shared(COLOUR, frames.colour.shape)
+        sent = frames if colour is None else replace(frames, colour=frames.colour[:0].copy())
+        bodies = [performer.body for performer in shot.performers]
+        work = _AppearanceTask(sent, colour, bodies, shown, keys, shot.fps, store)
+        if self._pool is None:
+            return work()
+        making: Future[ViewFrames | StoredView] = self._pool.submit(work, lambda _: True)
+        while not wait([making], _STOPPED_WITHIN).done:
+            if stopped.is_set():
+                making.cancel()
+                raise CancelledError
+        return making.result()
+
+    def _compare_movements(self, number: int, read: ViewFrames | StoredView, segment: Segment) -> None:
         """Compare the movements of keypoints in a view of a segment with its pictures, until enough are compared."""
         before = self.movements[number]
         if self._shot.views[number].keypoints is None or sum(m.counts.sum() for m in before) > ENOUGH_MOVEMENTS:
             return
+        view = read.opened() if isinstance(read, StoredView) else read
         K, found = view.camera.matrix, list[KeypointMovements]()
         turned = self._shot.views[number].camera.moving and not view.camera.moving
         for keypoints in self._keypoints:

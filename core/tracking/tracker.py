@@ -214,7 +214,7 @@ def _tracked_once(
     finished = KeptSegments.of(run.journal, shot, options.around).joined(known)
     with _pool_and_folder(shot, options) as (pool, folder):
         schedule = _schedule(shot, begin, observed, pool, finished=finished, options=options)
-        footage = _segment_footage(shot, observed, folder, options)
+        footage = _segment_footage(shot, observed, pool, folder, options)
         started = time.perf_counter()
         for views in _watched(shot, footage, begin.motions, finished.known, options=options, seconds=seconds):
             schedule.add(views)
@@ -346,7 +346,7 @@ def _schedule(
 
 
 def _segment_footage(
-    shot: Shot, observed: ShotKeypoints, folder: Path | None, options: _TrackOptions
+    shot: Shot, observed: ShotKeypoints, pool: WorkerPool, folder: Path | None, options: _TrackOptions
 ) -> SegmentFootage:
     """Return the reader of a shot's footage, which keeps the pictures that are asked for."""
     run = options.run
@@ -356,6 +356,7 @@ def _segment_footage(
         solver_named(shot.settings.solver),
         {*options.pictures, *first_frames},
         folder=folder,
+        pool=pool,
         memory=run.memory,
         keypoints=[own.factor.keypoints for own in observed.performers],
     )

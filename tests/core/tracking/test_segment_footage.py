@@ -4,13 +4,19 @@ were found in other frames.
 
 from __future__ import annotations
 
+import pickle
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
+from typing import Any, cast
 
 import cv2
 import numpy as np
 import pytest
 from kfmocap.core.body.kinematics import part_poses, tip_positions
+from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.keypoints.keypoint_delay import frames_off_by_view
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.runtime.timing import Seconds
@@ -18,6 +24,7 @@ from kfmocap.core.runtime.worker_memory import WorkerMemory
 from kfmocap.core.shot.footage_faults.continuity import block_change
 from kfmocap.core.shot.shot import View
 from kfmocap.core.tracking import reader
+from kfmocap.core.tracking.picture_store import StoredView
 from kfmocap.core.tracking.segment_footage import SegmentFootage
 from kfmocap.core.tracking.solvers.registry import solver_named
 from synthetic import CAMERAS, figure, look_at, shot_of, swing
@@ -78,3 +85,66 @@ def test_keypoints_found_in_other_frames_are_measured_over_all_segments(tmp_path
     footage = SegmentFootage(shot, solver_named("gauss-newton"), (), keypoints=[keypoints])
     list(footage.by_segment([seen], (), Seconds()))
     assert frames_off_by_view(footage.movements) == pytest.approx((-1.0, -1.0), abs=0.2)
+
+
+class Pool:
+    """Two workers, of which neither takes what waits for it until it is told to."""
+
+    workers = 2
+
+    def __init__(self) -> None:
+        self.waiting: list[tuple[Any, Future[Any]]] = []
+
+    def submit(self, work: Any, _progress: object) -> Future[Any]:
+        self.waiting.append((pickle.loads(pickle.dumps(work)), Future()))
+        return self.waiting[-1][1]
+
+
+def test_workers_make_the_foreground_images_that_the_threads_that_read_would_make(tmp_path: Path) -> None:
+    shot = shot_of(pictured(tmp_path, [BODY], [TRUTH], CAMERAS), [BODY], [TRUTH], (0, FRAMES - 1))
+    solver, pool = solver_named("gauss-newton"), Pool()
+    [alone] = SegmentFootage(shot, solver, ()).by_segment([TRUTH], (), Seconds())
+    (tmp_path / "files").mkdir()
+    footage = SegmentFootage(shot, solver, (), folder=tmp_path / "files", pool=cast(Any, pool))
+    with ThreadPoolExecutor() as thread:
+        reading = thread.submit(list, footage.by_segment([TRUTH], (), Seconds()))
+        for number in range(len(shot.views)):
+            while len(pool.waiting) <= number:
+                time.sleep(0.01)
+            work, made = pool.waiting[number]
+            made.set_result(work())
+        [shared] = reading.result()
+    for own, other in zip(alone, shared, strict=True):
+        assert isinstance(own, ViewFrames) and own.foreground is not None
+        assert isinstance(other, StoredView) and other.frames.colours is not None
+        np.testing.assert_array_equal(own.foreground, other.opened().foreground)
+
+
+def test_reading_that_is_stopped_does_not_wait_for_workers(tmp_path: Path) -> None:
+    shot = shot_of(pictured(tmp_path, [BODY], [TRUTH], CAMERAS), [BODY], [TRUTH], (0, 6, FRAMES - 1))
+    (tmp_path / "files").mkdir()
+    pool = Pool()
+    footage = SegmentFootage(
+        shot, solver_named("gauss-newton"), (), folder=tmp_path / "files", pool=cast(Any, pool)
+    ).by_segment([TRUTH], (), Seconds())
+    done = Event()
+
+    def make() -> None:  # those of the first segment alone
+        made = 0
+        while not done.wait(0.01):
+            while made < min(len(pool.waiting), len(shot.views)):
+                work, result = pool.waiting[made]
+                result.set_result(work())
+                made += 1
+
+    with ThreadPoolExecutor() as thread:
+        making = thread.submit(make)
+        try:
+            next(footage)
+            while len(pool.waiting) == len(shot.views):
+                time.sleep(0.01)
+            footage.close()
+        finally:
+            done.set()
+        making.result()
+    assert all(result.cancelled() for _, result in pool.waiting[len(shot.views) :])

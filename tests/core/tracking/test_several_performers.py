@@ -77,9 +77,13 @@ def posed(first: list[int], second: list[int]) -> PosedFrames:
     return PosedFrames.of([np.array(first), np.array(second)], 0, FRAMES - 1)
 
 
+def shown_on(keys: PosedFrames) -> list[Motion]:
+    return [motion[keys.frames] for motion in TRUTHS]
+
+
 def ratios(colours: tuple[tuple[int, int, int], ...], keys: PosedFrames) -> tuple[Array, Array]:
     """Log likelihood ratios of both performers on all frames (2, F, h, w), and whose the pixels are."""
-    view = frames_with_foreground(pictures(colours, TRUTHS), [BODY] * 2, TRUTHS, keys, footage_offset=0.0, fps=30)
+    view = frames_with_foreground(pictures(colours, TRUTHS), [BODY] * 2, shown_on(keys), keys, fps=30)
     assert view.foreground is not None
     labels = render_labels(Geometry.of([BODY] * 2), CAMERAS[0], 0, *poses_of([BODY] * 2, TRUTHS)).part
     return log_ratio(view.foreground), np.where(labels >= 0, labels // P, -1)
@@ -88,7 +92,7 @@ def ratios(colours: tuple[tuple[int, int, int], ...], keys: PosedFrames) -> tupl
 def test_pictures_in_files_are_those_in_memory(tmp_path: Path) -> None:
     frames, keys = pictures((RED, GREEN), TRUTHS), posed([0, 6], [0, 6])
     held, filed = (
-        frames_with_foreground(frames, [BODY] * 2, TRUTHS, keys, footage_offset=0.0, fps=30, store=store)
+        frames_with_foreground(frames, [BODY] * 2, shown_on(keys), keys, fps=30, store=store)
         for store in (None, PictureStore(tmp_path, "front"))
     )
     stored = PictureStore(tmp_path, "front").stored(filed)
@@ -129,9 +133,9 @@ def test_nothing_is_learned_where_a_performer_who_is_not_posed_may_be() -> None:
     is anything behind it learned as the first one's.
     """
     wrong = [TRUTHS[0], moved(TRUTHS[1], np.array([0.1, 0, 0]))]
-    view = frames_with_foreground(
-        pictures((RED, GREEN), TRUTHS), [BODY] * 2, wrong, posed([0, 6], []), footage_offset=0.0, fps=30
-    )
+    keys = posed([0, 6], [])
+    shown = [motion[keys.frames] for motion in wrong]
+    view = frames_with_foreground(pictures((RED, GREEN), TRUTHS), [BODY] * 2, shown, keys, fps=30)
     assert view.foreground is not None
     ratio, (_, whose) = log_ratio(view.foreground), ratios((RED, GREEN), posed([0, 6], [0, 6]))
     assert (ratio[0][whose == 0] > 1).mean() > 0.95
