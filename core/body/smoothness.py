@@ -68,18 +68,11 @@ class SecondDifferences:
 
         Parameters
         ----------
-        band : tuple of ndarray, shape (F, D, D), (F - 1, D, D) and (F - 2, D, D)
-            The covariance of each frame's pose, and that with the next and the next but one; see
-            `BandedFactor.covariance_band`.
+        band : tuple of ndarray, shape (F, G, 3, 3), (F - 1, G, 3, 3) and (F - 2, G, 3, 3)
+            The covariance of each frame's pose, and that with the next and the next but one, of every group of three
+            degrees of freedom with itself; see `BandedFactor.covariance_band` and `diagonal_groups`.
         """
-        groups = np.arange(band[0].shape[1] // 3)
-
-        def own(C: Array) -> Array:
-            """Blocks of each group of three degrees of freedom with itself, (n, G, 3, 3)."""
-            blocks = C.reshape(len(C), len(groups), 3, len(groups), 3)
-            return np.asarray(blocks[:, groups, :, groups].swapaxes(0, 1))
-
-        at, near, far = (own(C) for C in band)
+        at, near, far = band
 
         def part(a: int, C: Array, b: int) -> Array:
             return ((self.jacobians[a] @ C) * self.jacobians[b]).sum(axis=-1)

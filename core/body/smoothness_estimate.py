@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from ..numerics.arrays import Array, Bools
 from ..numerics.banded import BandedFactor
-from ..numerics.banded_blocks import BandedBlocks
+from ..numerics.banded_blocks import BandedBlocks, diagonal_groups
 from .body import Body
 from .motion import Motion
 from .smoothness import SecondDifferences, acceleration, limited
@@ -226,13 +226,12 @@ def estimate_variances(
     axes = grouped((~fixed.all(axis=0)).astype(float))
     differences = SecondDifferences.of(known, observed.steps)
     for _ in range(rounds):
-        smooth = differences.normal_equations(before.precision(mobility), expected)
-        system = observed.evidence + observed.among_free(smooth)
-        factor = BandedFactor(system, fixed)
+        factor, gradient = _factorised(observed, differences.normal_equations(before.precision(mobility), expected))
         step = np.zeros((len(known), fixed.shape[1]))
-        step[start : start + len(fixed)] = limited(-factor.solve(system.gradient))
+        step[start : start + len(fixed)] = limited(-factor.solve(gradient))
         diagonal, first, second = (
-            _among(blocks, start, len(known) - k) for k, blocks in enumerate(factor.covariance_band())
+            _among(blocks, start, len(known) - k)
+            for k, blocks in enumerate(factor.covariance_band(kept=diagonal_groups))
         )
         solved = acceleration(known.moved(step), observed.steps) - (0.0 if expected is None else expected)
         uncertain = differences.variances((diagonal, first, second))
@@ -240,6 +239,12 @@ def estimate_variances(
         found = updated_variances(before, squares, left, axes, bursts=bursts)
         before = found if given is None else found.with_given(before, given)
     return before
+
+
+def _factorised(observed: ObservedMotion, smooth: BandedBlocks) -> tuple[BandedFactor, Array]:
+    """Return the factor and the gradient (F, D) of all that is known of a motion, in the arrays of the smoothness."""
+    system = observed.among_free(smooth).add(observed.evidence)
+    return BandedFactor(system, observed.fixed), system.gradient
 
 
 def _among(blocks: Array, start: int, count: int) -> Array:

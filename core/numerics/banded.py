@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from copy import copy
 
 import numpy as np
@@ -12,6 +13,9 @@ from scipy.linalg.lapack import dtrtri
 
 from .arrays import Array
 from .banded_blocks import BandedBlocks
+
+FRAMES_AT_ONCE = 64
+"""Number of frames whose blocks of the inverse are computed at a time."""
 
 
 class BandedFactor:
@@ -52,18 +56,28 @@ class BandedFactor:
 
     def covariance(self, frame: int) -> Array:
         """Diagonal block of the inverse at one frame, shape (D, D): the covariance of that pose."""
-        return self.covariance_band(frame)[0][0]
+        *_, (_, (diagonal, _, _)) = self._covariance_runs(frame)
+        return diagonal[0]
 
     def covariances(self) -> Array:
         """Diagonal blocks of the inverse at all frames, shape (F, D, D); see `covariance_band`."""
-        return self.covariance_band()[0]
+        F, D = self.free.shape
+        found = np.empty((F, D, D))
+        for start, (diagonal, _, _) in self._covariance_runs():
+            found[start : start + len(diagonal)] = diagonal
+        return found
 
-    def covariance_band(self, begin: int = 0) -> tuple[Array, Array, Array]:
+    def covariance_band(
+        self, begin: int = 0, *, kept: Callable[[Array], Array] = np.asarray
+    ) -> tuple[Array, Array, Array]:
         """Blocks of the inverse within the band, of the N frames from `begin` on, in time linear in N; zero where
         unknowns are fixed.
 
-        Takahashi's recurrence computes them from the last frame to the first, without the blocks outside the band (K.
-        Takahashi, J. Fagan, M. Chen, Formation of a sparse bus impedance matrix, 1973).
+        Parameters
+        ----------
+        begin : int
+        kept : callable
+            What to keep of n blocks, (n, D, D) to (n, ...); by default all of them.
 
         Returns
         -------
@@ -73,24 +87,46 @@ class BandedFactor:
         second : ndarray, shape (max(N - 2, 0), D, D)
             Blocks of frame j + 2 against frame j.
         """
+        runs = [tuple(kept(blocks) for blocks in bands) for _, bands in self._covariance_runs(begin)]
+        diagonal, first, second = (np.concatenate(own[::-1]) for own in zip(*runs, strict=True))
+        return diagonal, first, second
+
+    def _covariance_runs(self, begin: int = 0) -> Iterator[tuple[int, tuple[Array, ...]]]:
+        """Generate the blocks of `covariance_band` run by run, from the last frames to the first, with the first frame
+        of each run counted from `begin`: of a long segment, all of them would take much memory.
+
+        Takahashi's recurrence computes them from the last frame to the first, without the blocks outside the band (K.
+        Takahashi, J. Fagan, M. Chen, Formation of a sparse bus impedance matrix, 1973).
+        """
         free = self.free[begin:]
         N, D = free.shape
         columns = _column_blocks(self._factor, D)[begin:]
-        inverse = np.stack([dtrtri(block, lower=True)[0] for block in np.tril(columns[:, :D])])
-        own, below = np.swapaxes(inverse, 1, 2) @ inverse, columns[:, D:] @ inverse
-        found, first, second = np.zeros((3, N, D, D))
         ahead = np.zeros((2 * D, 2 * D))  # the inverse on the next two frames
-        for j in range(N - 1, -1, -1):
-            beside = -ahead @ below[j]
-            block = own[j] - below[j].T @ beside
-            found[j] = (block + block.T) / 2  # asymmetry by rounding would grow from frame to frame
-            first[j], second[j] = beside[:D], beside[D:]
-            ahead[D:, D:] = ahead[:D, :D]
-            ahead[:D, :D], ahead[:D, D:], ahead[D:, :D] = found[j], first[j].T, first[j]
-        found_blocks = found, first[:-1], second[: max(N - 2, 0)]
-        for distance, band in enumerate(found_blocks):
-            _without_fixed(band, ~free, distance)
-        return found_blocks
+        for stop in range(N, 0, -FRAMES_AT_ONCE):
+            start = max(stop - FRAMES_AT_ONCE, 0)
+            bands = _inverse_blocks(columns[start:stop], ahead)
+            held = ~free[start : stop + 2]
+            for distance, band in enumerate(bands):
+                _without_fixed(band, held, distance)
+            yield start, tuple(band[: N - k - start] for k, band in enumerate(bands))
+
+
+def _inverse_blocks(columns: Array, ahead: Array) -> tuple[Array, Array, Array]:
+    """Compute the blocks of the inverse on some frames, each against itself and the next two, from the columns (n, 3 D,
+    D) of the factor; `ahead`, the inverse on the two frames after them, is replaced by that on the first two of them.
+    """
+    n, _, D = columns.shape
+    inverse = np.stack([dtrtri(block, lower=True)[0] for block in np.tril(columns[:, :D])])
+    own, below = np.swapaxes(inverse, 1, 2) @ inverse, columns[:, D:] @ inverse
+    found, first, second = np.zeros((3, n, D, D))
+    for j in range(n - 1, -1, -1):
+        beside = -ahead @ below[j]
+        block = own[j] - below[j].T @ beside
+        found[j] = (block + block.T) / 2  # asymmetry by rounding would grow from frame to frame
+        first[j], second[j] = beside[:D], beside[D:]
+        ahead[D:, D:] = ahead[:D, :D]
+        ahead[:D, :D], ahead[:D, D:], ahead[D:, :D] = found[j], first[j].T, first[j]
+    return found, first, second
 
 
 def banded(blocks: BandedBlocks, fixed: NDArray[np.bool_], damping: float = 0.0) -> Array:
@@ -115,7 +151,7 @@ def _without_fixed(band: Array, fixed: NDArray[np.bool_], distance: int) -> None
     for j in np.flatnonzero(fixed.any(axis=1)).tolist():
         if j < len(band):
             band[j][:, fixed[j]] = 0.0
-        if j >= distance:
+        if distance <= j < distance + len(band):
             band[j - distance][fixed[j]] = 0.0
 
 

@@ -57,15 +57,7 @@ class BandedBlocks:
         """Return the system of a run of frames as part of one of more frames, of which it says nothing else; the
         inverse of `cut`.
         """
-        whole = self.zeros(frames, self.gradient.shape[1])
-        for own, out in (
-            (self.diagonal, whole.diagonal),
-            (self.first, whole.first),
-            (self.second, whole.second),
-            (self.gradient, whole.gradient),
-        ):
-            out[start : start + len(own)] = own
-        return replace(whole, energy=self.energy)
+        return self.zeros(frames, self.gradient.shape[1]).add(self, start)
 
     def scaled(self, factor: float) -> BandedBlocks:
         """Return the system with its energy multiplied by a factor."""
@@ -94,15 +86,17 @@ class BandedBlocks:
             out[:-distance] += (np.swapaxes(band, 1, 2) @ increments[distance:, :, None])[..., 0]
         return out
 
-    def add(self, other: BandedBlocks) -> BandedBlocks:
-        """Return the sum with another system, in the arrays of this one: those of long segments are large."""
+    def add(self, other: BandedBlocks, start: int = 0) -> BandedBlocks:
+        """Return the sum with another system, of a run of the frames from `start` on, in the arrays of this one: those
+        of long segments are large.
+        """
         for own, more in (
             (self.diagonal, other.diagonal),
             (self.first, other.first),
             (self.second, other.second),
             (self.gradient, other.gradient),
         ):
-            own += more
+            own[start : start + len(more)] += more
         return replace(self, energy=self.energy + other.energy)
 
     def __add__(self, other: BandedBlocks) -> BandedBlocks:
@@ -129,3 +123,10 @@ def block_diagonal(J: Array) -> Array:
     out, b = np.zeros((N, B, 3, B, 3)), np.arange(B)
     out[:, b, :, b] = np.swapaxes(J, 0, 1)
     return out.reshape(N, 3 * B, 3 * B)
+
+
+def diagonal_groups(blocks: Array) -> Array:
+    """Blocks of each group of three degrees of freedom with itself, (N, D / 3, 3, 3), of blocks (N, D, D)."""
+    groups = np.arange(blocks.shape[1] // 3)
+    by_group = blocks.reshape(len(blocks), len(groups), 3, len(groups), 3)
+    return np.asarray(by_group[:, groups, :, groups].swapaxes(0, 1))

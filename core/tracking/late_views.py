@@ -21,7 +21,7 @@ from ..numerics.arrays import Array, Bools, Ints, evenly_spaced
 from .solvers.equations.hold_factor import TiedSystems
 from .solvers.equations.measurement import Instants, MeasuredMotion
 from .solvers.equations.problem import SegmentProblem
-from .solvers.equations.segment_equations import paired_sums, weighted_evidence
+from .solvers.equations.weighted_evidence import WeightedEvidence
 
 MAX_STARTS = 48
 """Number of frames of a segment on which a delay may begin, at most."""
@@ -120,14 +120,14 @@ def segment_lateness(
     """
     F = problem.length
     places = evenly_spaced(F, MAX_STARTS)
-    evidence, weights = weighted_evidence(problem, measured.evidence, hidden)
+    weighted = WeightedEvidence.of(problem, measured.evidence, hidden)
     factors, spans = [system.factor() for system in tied.systems], problem.spans()
     ahead = [factor.solve(system.blocks.gradient) for factor, system in zip(factors, tied.systems, strict=True)]
     found = np.zeros((3, len(problem.views), len(places)))
     for instants in measured.instants:
         twists = [_twists(problem, instants, i) for i in range(len(problem.bodies))]
         for v in instants.views:
-            H, g = paired_sums(evidence, [v], weights)
+            H, g = weighted.paired_sums([v])
             for where, factor, step in zip(tied.places, factors, ahead, strict=True):
                 delays = {i: _delays((H[:, spans[i]], g[:, spans[i]]), twists[i], places) for i in where}
                 found[:, v] += sum(own for own, _ in delays.values())
@@ -165,7 +165,7 @@ def _delays(sums: tuple[Array, Array], twists: tuple[Array, Array], places: Ints
     Parameters
     ----------
     sums : tuple of ndarray
-        Those of a performer's parts, see `paired_sums`.
+        Those of a performer's parts, see `WeightedEvidence.paired_sums`.
     twists : tuple of ndarray
         See `_twists`.
     places : ndarray of int, shape (K,)

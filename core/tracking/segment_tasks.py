@@ -168,9 +168,14 @@ def refine_task(
     """
     shot, seconds = task.shot, Seconds()
     data = with_shape_beside(replace(solved.data, views=task.opened()), beside)
-    workspace = Workspace(task.threads, on_step=_steps(progress, watch, solved.solution.iterations))
+    steps = _steps(progress, watch, solved.solution.iterations)
     refined = refine_segment(
-        shot, solver_named(shot.settings.solver), data, solved.solution, task.state, workspace=workspace
+        shot,
+        solver_named(shot.settings.solver),
+        data,
+        solved.solution,
+        task.state,
+        workspace=Workspace(task.threads, on_step=steps),  # not kept: its caches are large
     )
     seconds.add(refined.solution.seconds)
     finished = _finished(task, refined, solved.solution.motions, solved.offset, seconds)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from kfmocap.core.numerics import banded as banded_module
 from kfmocap.core.numerics.banded import BandedFactor, banded
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
 
@@ -157,3 +158,15 @@ def test_a_system_that_is_added_to_is_the_sum_to_the_last_bit() -> None:
     assert found.energy == wanted.energy and found.diagonal is one.diagonal
     for name in ("diagonal", "first", "second", "gradient"):
         np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))
+
+
+def test_covariances_of_a_long_segment_are_the_same_in_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    blocks, _ = system(11, 3)
+    fixed = np.random.default_rng(2).random((11, 3)) < 0.3
+    factor = BandedFactor(blocks, fixed)
+    whole, found = factor.covariance_band(), factor.covariances()
+    monkeypatch.setattr(banded_module, "FRAMES_AT_ONCE", 4)
+    np.testing.assert_array_equal(factor.covariances(), found)
+    for at_once, in_runs in zip(whole, factor.covariance_band(), strict=True):
+        np.testing.assert_array_equal(in_runs, at_once)
+    np.testing.assert_array_equal(factor.covariance(5), found[5])

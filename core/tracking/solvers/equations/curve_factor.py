@@ -33,7 +33,8 @@ RISE_KERNEL = GemanMcClure(2.0)
 def with_curves(
     problem: SegmentProblem, systems: list[BandedBlocks], motions: tuple[Motion, ...]
 ) -> list[BandedBlocks]:
-    """Add the prior on stiff parts (`Body.is_stiff`) to the normal equations of the performers that are solved for.
+    """Add the prior on stiff parts (`Body.is_stiff`) to the normal equations of the performers that are solved for, in
+    their arrays.
 
     Parameters
     ----------
@@ -46,7 +47,7 @@ def with_curves(
     found = list(systems)
     for i in problem.sought:
         if problem.bodies[i].is_stiff.any():
-            found[i] = systems[i] + near_curve(problem, i, motions[i])
+            found[i] = systems[i].add(near_curve(problem, i, motions[i]))
     return found
 
 

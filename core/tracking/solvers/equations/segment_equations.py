@@ -9,7 +9,7 @@ those of three frames in a row, so the normal matrix is block-pentadiagonal.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,10 @@ from .curve_factor import with_curves
 from .measurement import Instants, MeasuredMotion, hidden_parts, keypoint_instants, measured_at
 from .problem import SegmentProblem, SegmentSolution
 from .smoothness_factor import SegmentSmoothness
+from .weighted_evidence import WeightedEvidence, pixel_precision
+
+PAIRS_AT_ONCE = 64
+"""Number of pairs of frames whose normal equations are built at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,10 +145,10 @@ def evidence_equations(
         One per performer.
     """
     noise = noise or SegmentNoise.of(measured.evidence, problem.settings)
-    evidence, weights = weighted_evidence(problem, measured.evidence, hidden)
+    weighted = WeightedEvidence.of(problem, measured.evidence, hidden)
     systems = [BandedBlocks.zeros(problem.length, body.dof) for body in problem.bodies]
     for instants in measured.instants:
-        for i, own in _image_systems(problem, instants, evidence, weights, noise).items():
+        for i, own in _image_systems(problem, instants, weighted, noise).items():
             systems[i] = own.add(systems[i])
     if problem.keypoints:
         instants = keypoint_instants(problem, measured.motions)
@@ -152,63 +156,33 @@ def evidence_equations(
         spans = problem.spans()
         for i in problem.sought:
             at = R[:, spans[i]], T[:, spans[i]]
-            seen = problem.keypoints[i].blocks(problem.bodies[i], at, evidence.sampling.tolerance)
+            seen = problem.keypoints[i].blocks(problem.bodies[i], at, measured.evidence.sampling.tolerance)
             systems[i] += instants.on_frames(i, seen)
     return systems
 
 
-def weighted_evidence(
-    problem: SegmentProblem, evidence: SegmentEvidence, hidden: Sequence[NDArray[np.bool_]] = ()
-) -> tuple[SegmentEvidence, tuple[Array, float]]:
-    """Return the evidence without hidden parts, as in `evidence_equations`, and its weights in the normal equations:
-    of the pixels of each pair of frames, shape (V, F - 1), and of outlines.
-    """
-    seen = evidence.without(np.concatenate(hidden, axis=1)) if hidden else evidence
-    # Far from the solution the search lines are long and meet outlines of other limbs: outlines then weigh little.
-    outlines = 1 / (problem.settings.lengths[1] * seen.sampling.tolerance**2)
-    return seen, (pixel_precision(seen, problem.settings), outlines)
-
-
-def paired_sums(evidence: SegmentEvidence, views: Sequence[int], weights: tuple[Array, float]) -> tuple[Array, Array]:
-    """Weighted sums of some views' evidence on the twists of P parts in pairs of frames.
-
-    Returns
-    -------
-    H : ndarray, shape (F - 1, P, 12, 12)
-    g : ndarray, shape (F - 1, P, 12)
-        The gradient of half the energy.
-    """
-    (precision, outlines), own = weights, list(views)
-    pairs, frames = evidence.gradients, evidence.outlines
-    H = np.einsum("vf,vfpij->fpij", precision[own], pairs.H[own])
-    g = np.einsum("vf,vfpi->fpi", precision[own], pairs.g[own])
-    outline_H, outline_g = (outlines * a[own].sum(axis=0) for a in (frames.H, frames.g))
-    # Outlines belong to single frames: each is added to the pair that its frame begins, the last to the pair it ends.
-    H[..., :6, :6] += outline_H[:-1]
-    H[-1, :, 6:, 6:] += outline_H[-1]
-    g[..., :6] += outline_g[:-1]
-    g[-1, :, 6:] += outline_g[-1]
-    return H, g
-
-
 def _image_systems(
-    problem: SegmentProblem,
-    instants: Instants,
-    evidence: SegmentEvidence,
-    weights: tuple[Array, float],
-    noise: SegmentNoise,
+    problem: SegmentProblem, instants: Instants, weighted: WeightedEvidence, noise: SegmentNoise
 ) -> dict[int, BandedBlocks]:
-    """Normal equations of gradients and outlines, by performer that is solved for: of views with the same instants."""
-    (R, T), views = instants.poses, list(instants.views)
-    H, g = paired_sums(evidence, views, weights)
+    """Normal equations of gradients and outlines, by performer that is solved for: of views with the same instants.
+
+    They are built for some frames at a time: the sums of all parts of a long segment would take much memory.
+    """
+    (R, T), views, evidence = instants.poses, list(instants.views), weighted.evidence
     energy = float(np.sum(noise.weight[views] * evidence.gradients.cost[views]))
-    energy += weights[1] * float(evidence.outlines.energy[views].sum())
-    systems, spans = {}, problem.spans()
+    energy += weighted.outlines * float(evidence.outlines.energy[views].sum())
+    spans, systems = problem.spans(), {}
     for i in problem.sought:
-        body, span = problem.bodies[i], spans[i]
-        own = joint_blocks(body, (R[:, span], T[:, span]), H[:, span], g[:, span], energy / len(problem.sought))
-        systems[i] = instants.on_frames(i, own)
-    return systems
+        empty = BandedBlocks.zeros(problem.length, problem.bodies[i].dof)
+        systems[i] = replace(empty, energy=energy / len(problem.sought))
+    for first in range(0, problem.length - 1, PAIRS_AT_ONCE):
+        stop = min(first + PAIRS_AT_ONCE, problem.length - 1)
+        H, g = weighted.paired_sums(views, first, stop)
+        for i in problem.sought:
+            span, frames = spans[i], slice(first, stop + 1)
+            own = joint_blocks(problem.bodies[i], (R[frames, span], T[frames, span]), H[:, span], g[:, span], 0.0)
+            systems[i] = systems[i].add(own, first)
+    return {i: instants.on_frames(i, system) for i, system in systems.items()}
 
 
 def predicted_accelerations(
@@ -229,17 +203,3 @@ def predicted_accelerations(
         degrees = np.concatenate([np.repeat(mask[:, :1], 3, axis=1), np.repeat(mask, 3, axis=1)], axis=1)
         expected.append(predicted * degrees)
     return expected
-
-
-def pixel_precision(evidence: SegmentEvidence, settings: Settings) -> Array:
-    """Inverse variance of a pixel's residual, less the correlation of neighbouring pixels, shape (V, F - 1).
-
-    The noise is that of each pair of frames. Far from the solution it is the median of the view: there the residuals of
-    a pair are large where its poses are wrong, which must not make it count less.
-    """
-    noise = evidence.gradients.noise[..., 0]
-    if evidence.sampling.tolerance > 1:
-        used = evidence.gradients.weight > 0
-        usual = [np.median(own[some] if some.any() else own) for own, some in zip(noise, used, strict=True)]
-        noise = np.broadcast_to(np.array(usual)[:, None], noise.shape)
-    return np.asarray(evidence.pixel_share(settings.lengths[0])[:, None] / np.maximum(noise, 1e-3) ** 2)

@@ -35,6 +35,7 @@ from kfmocap.core.tracking.solvers.equations import segment_equations
 from kfmocap.core.tracking.solvers.equations.measurement import MeasuredMotion, Workspace, hidden_parts
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, frame_residual
 from kfmocap.core.tracking.solvers.equations.smoothness_factor import SegmentSmoothness
+from kfmocap.core.tracking.solvers.equations.weighted_evidence import WeightedEvidence
 from made_evidence import AlteredWorkspace, Landscape, no_evidence, with_share
 from numpy.typing import NDArray
 from synthetic import (
@@ -116,6 +117,20 @@ def test_views_add_to_the_normal_equations() -> None:
         a, b, c = (getattr(system, name) for system in (both, one, other))
         np.testing.assert_allclose(a, b + c, atol=1e-9 * np.abs(a).max())
     assert both.energy == pytest.approx(one.energy + other.energy)
+
+
+def test_normal_equations_of_a_long_segment_are_the_same_in_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    F, motion = 8, swing(BODY, 8, 0.1)
+    problem = SegmentProblem(filmed(motion), (BODY,), 0, FPS, (ends_held(BODY, F),))
+    measured = Workspace().measure(problem, [motion], Sampling(1.0, 1.0, 2))
+    hidden = np.zeros((F, len(BODY)), bool)
+    hidden[2:4, 1] = True
+    [whole] = segment_equations.evidence_equations(problem, measured, [hidden])
+    monkeypatch.setattr(segment_equations, "PAIRS_AT_ONCE", 3)
+    [runs] = segment_equations.evidence_equations(problem, measured, [hidden])
+    assert whole.diagonal.any() and runs.energy == whole.energy
+    for name in ("diagonal", "first", "second", "gradient"):
+        np.testing.assert_array_equal(getattr(runs, name), getattr(whole, name))
 
 
 def test_smoothness_reaches_into_the_frames_known_around() -> None:
@@ -266,6 +281,10 @@ def test_the_rows_of_hidden_parts_alone_are_dropped() -> None:
             before[:, frames, 1] = 0
             np.testing.assert_array_equal(after, before)
     np.testing.assert_array_equal(left.share, evidence.share)
+    problem = SegmentProblem(dark(CAMERAS[0], F) * V, (BODY,), 0, FPS, (ends_held(BODY, F),))
+    pairs = [WeightedEvidence.of(problem, *of).paired_sums([0, 1]) for of in ((evidence, [hidden]), (left,))]
+    for masked, removed in zip(*pairs, strict=True):
+        np.testing.assert_array_equal(masked, removed)
     nowhere = evidence.without(np.zeros((F, P), bool))
     np.testing.assert_array_equal(nowhere.gradients.H, evidence.gradients.H)
 
