@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..capture.colours import Colour
 from ..numerics.arrays import Array
+from ..numerics.median_image import median_image
 from ..shot.interlacing import shows_two_fields
 from .balls.ball_detection import Picture, background_of, find_balls, without_rods
 from .balls.found_balls import Balls
@@ -99,7 +100,7 @@ class WandAppearance:
     @classmethod
     def learned(cls, images: Sequence[Image], colours: Sequence[Colour]) -> WandAppearance:
         """From frames from all over the video."""
-        plate = np.median(images, axis=0).astype(np.uint8)
+        plate = median_image(images)
         background = background_of([plate])
         pictures = [Picture.of(image, background) for image in images]
         backdrop = Backdrop.of([picture.even for picture in pictures], background)

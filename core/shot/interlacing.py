@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -76,7 +77,7 @@ def _combed_pixels(image: Image, background: Image) -> tuple[int, int]:
     """Return how many pixels of what is not background differ from both neighbouring lines, but not these from each
     other, and how many differ from the line before.
     """
-    added = (image.astype(np.int16) - background).sum(axis=2, dtype=np.int32)
+    added = cv2.transform(image.astype(np.int16) - background, np.ones((1, 3))).astype(np.int32)
     a, b, c, d, e, f = (added[k : len(added) - 5 + k] for k in range(6))
     step = np.abs(c - b)
     clear = step > max(_MIN_DIFFERENCE, _MIN_NOISE_RATIO * float(np.quantile(step[::2], _NOISE_QUANTILE)))

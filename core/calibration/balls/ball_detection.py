@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ...capture.colours import Colour, to_hsv
 from ...capture.linear_light import GAMMA, LINEAR_LIGHT
 from ...numerics.arrays import Array
+from ...numerics.median_image import median_image
 from ...numerics.robust_kernels import NORMAL_MAD
 from .ball_outlines import (
     CIRCLE,
@@ -76,7 +77,7 @@ class Picture:
 
 def background_of(images: Sequence[Image]) -> Image:
     """Return the background of a stationary camera, the median of some of its pictures, as `Picture.of` takes it."""
-    return cv2.GaussianBlur(np.median(images, axis=0).astype(np.uint8), (0, 0), _BLUR_SIGMA)
+    return cv2.GaussianBlur(median_image(images), (0, 0), _BLUR_SIGMA)
 
 
 def _brought_out(even: Image, background: Image) -> Image:
@@ -85,9 +86,10 @@ def _brought_out(even: Image, background: Image) -> Image:
     A small ball that moves, or a soft lens, leaves a mixture of the ball's colour and the background's in each pixel,
     too pale for the ball's. Its difference from the background goes the ball's way, and is taken several times.
     """
-    differs = np.abs(even.astype(np.int16) - background).max(axis=2)
+    blue, green, red = cv2.split(cv2.absdiff(even, background))
+    differs = cv2.max(cv2.max(blue, green), red)
     noise = NORMAL_MAD * float(np.median(differs))
-    passes = differs > max(_MIN_CHANGE, _MIN_CHANGE_SIGMAS * noise)
+    passes = differs > int(max(_MIN_CHANGE, _MIN_CHANGE_SIGMAS * noise))
     out = np.zeros_like(even)
     behind = LINEAR_LIGHT[background[passes]]
     light = behind + _UNMIXING_RATIO * (LINEAR_LIGHT[even[passes]] - behind)

@@ -117,8 +117,13 @@ class Backdrop:
     def frame(self, even: Image) -> PassingFrame:
         """Return a frame as `Picture.even`, uint8, shape (h, w, 3), compared with the background."""
         gain = self._gain(even)
-        added = (even.astype(np.float32) / 255 - gain * self.levels) / self.noise
-        return PassingFrame(even, gain, added)
+        # By rows of pixels: NumPy takes ten times as long for three numbers at a time.
+        height, width = even.shape[:2]
+        added = even.reshape(height, -1).astype(np.float32)
+        added /= 255
+        added -= np.tile(gain, width) * self.levels.reshape(height, -1)
+        added /= np.tile(self.noise, width)
+        return PassingFrame(even, gain, added.reshape(even.shape))
 
     def _gain(self, even: Image) -> Image:
         own = even[::_EXPOSURE_STRIDE, ::_EXPOSURE_STRIDE].reshape(-1, 3) / np.float32(255)
