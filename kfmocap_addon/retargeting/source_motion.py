@@ -14,9 +14,9 @@ from ..scene_io import fcurves
 from ..scene_io.body import body_armature
 from ..scene_io.keys import motion_curves
 from ..scene_io.scene import frame_rate
+from .rig_motion import shown_bone
 from .rigs.rig_at_rest import rest_orientations, rest_skeleton
 from .rigs.rig_error import world_matrices
-from .send import shown_bone
 from .target_armatures import target_bones
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -90,15 +90,17 @@ def setting_name(name: Owner) -> str:
     return f"bone {name}" if isinstance(name, str) else f"{name[0].lower()} {name[1]}"
 
 
-def setting_channel(armature: bpy.types.Object, name: Owner, key: str) -> ControlChannel | None:
-    """Return a channel with the present value of a setting, so that the action of the armature object includes it; None
-    where another data-block has the setting.
+def setting_channels(armature: bpy.types.Object, settings: Iterable[tuple[Owner, str]]) -> list[ControlChannel]:
+    """Return channels with the present values of settings, so that the action of the armature object includes them;
+    none for those that another data-block has.
     """
-    owner = owner_of(armature, name)
-    if owner.id_data != armature:
-        return None
-    bone = name if isinstance(name, str) else ""
-    return ControlChannel(bone, fcurves.property_key(key), np.array([[float(owner[key])]]))
+    channels = []
+    for name, key in settings:
+        owner = owner_of(armature, name)
+        if owner.id_data == armature:
+            bone = name if isinstance(name, str) else ""
+            channels.append(ControlChannel(bone, fcurves.property_key(key), np.array([[float(owner[key])]])))
+    return channels
 
 
 def keep_in_override(armature: bpy.types.Object, settings: Settings, frame: int) -> None:
@@ -107,12 +109,10 @@ def keep_in_override(armature: bpy.types.Object, settings: Settings, frame: int)
     """
     if armature.override_library is None:
         return
-    for name, values in settings.items():
-        for channel in (setting_channel(armature, name, key) for key in values):
-            if channel is not None:
-                bag = fcurves.ensure_channelbag(armature, armature.name)
-                curve = fcurves.ensure_fcurve(bag, channel.path, 0, channel.bone)
-                fcurves.set_keys(curve, [fcurves.new_keys([frame], channel.values[:, 0], "KEYFRAME", "CONSTANT")])
+    for channel in setting_channels(armature, [(name, key) for name, values in settings.items() for key in values]):
+        bag = fcurves.ensure_channelbag(armature, armature.name)
+        curve = fcurves.ensure_fcurve(bag, channel.path, 0, channel.bone)
+        fcurves.set_keys(curve, [fcurves.new_keys([frame], channel.values[:, 0], "KEYFRAME", "CONSTANT")])
 
 
 def setting_curves(armature: bpy.types.Object, name: Owner, key: str) -> list[bpy.types.FCurve]:

@@ -14,7 +14,7 @@ from ....core.retargeting.rest_alignment import feet_point_back
 from ....core.retargeting.retarget import upright_turn
 from ...scene_io.characters.object_motion import what_moves
 from .held_bones import Driver
-from .rig_settings import Owner, owner_of, setting_channel, setting_name
+from .rig_settings import Owner, owner_of, setting_name
 
 _TURNED, _SHIFTED = 1.0, 10.0  # degrees, and millimetres on a character of the performer's size, from which it is said
 _SCALE_TOLERANCE = 1e-3  # difference of a bone's scales from which it is said
@@ -58,7 +58,7 @@ def set_elsewhere(armature: bpy.types.Object, settings: Mapping[tuple[Owner, str
         f"{setting_name(name)}: its property '{key}' is {float(owner_of(armature, name)[key]):g} now: the limb is "
         "turned by FK controls"
         for name, key in settings
-        if setting_channel(armature, name, key) is None
+        if owner_of(armature, name).id_data != armature
     ]
 
 
