@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import groupby, islice
 from pathlib import Path
@@ -18,20 +17,24 @@ from ..cameras.camera import field_of_frame
 from ..errors import FootageError
 from ..numerics.arrays import Array
 from .frame_numbers import FIRST_PARITY, footage_index, frames_per_file_frame
-from .image_sequences import check_size, image_files, read_image
+from .image_sequences import image_files, read_image
 from .interlacing import FieldWatch
 from .shot import View
+from .stored_frames import (
+    StoredFrame,
+    codec_of,
+    opened_video,
+    quarter_turns,
+    sequence_image,
+    stored_frames,
+    undecodable,
+)
 from .video_edits import shown_share
-from .video_file import check_video_file
 
 Image = NDArray[Any]
 
 _LINE_BLUR = np.array([1, 2, 1]) / 4
 _ROTATIONS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
-
-
-_CONVERT = "convert it to H.264, as with: ffmpeg -i FOOTAGE -c:v libx264 -crf 14 -fps_mode passthrough CONVERTED.mp4"
-
 _WITHOUT_COVER = "leave the cover out, as with: ffmpeg -i FOOTAGE -map 0:v:1 -c copy CONVERTED.mkv"
 
 
@@ -74,13 +77,13 @@ def probe(path: Path | str) -> Footage:
     if images is not None:
         height, width = read_image(images[min(images)]).shape[:2]
         return Footage(path, (width, height), max(images) + 1, 0.0)
-    with _opened(path) as video:
+    with opened_video(path) as video:
         size = int(video.get(cv2.CAP_PROP_FRAME_WIDTH)), int(video.get(cv2.CAP_PROP_FRAME_HEIGHT))
-        if _quarter_turns(video) in (90, 270):
+        if quarter_turns(video) in (90, 270):
             size = size[::-1]
-        codec, stored = _codec(video), int(video.get(cv2.CAP_PROP_FRAME_COUNT))
+        codec, stored = codec_of(video), int(video.get(cv2.CAP_PROP_FRAME_COUNT))
         if codec not in _SURELY_DECODED and not video.read()[0]:
-            raise _undecodable(path, codec)
+            raise undecodable(path, codec)
         if stored > 1 and codec == "MJPG" and not video.grab():
             what = "only its first picture can be read: it is a cover before the video proper, or the file is damaged"
             raise FootageError(what, where=str(path), todo=_WITHOUT_COVER)
@@ -92,7 +95,7 @@ def container_rate(view: View) -> float:
     if image_files(view.footage) is not None:
         return 0.0
     try:
-        with _opened(view.footage) as video:
+        with opened_video(view.footage) as video:
             return round(video.get(cv2.CAP_PROP_FPS) * frames_per_file_frame(view), 3)
     except FootageError:
         return 0.0
@@ -172,26 +175,8 @@ class Album:
     fields: FieldWatch = field(default_factory=FieldWatch)
 
 
-@dataclass(frozen=True, eq=False)
-class _Decoded:
-    """A frame of a file as it is stored.
-
-    Attributes
-    ----------
-    image : ndarray of uint8, shape (h, w, 3)
-    turn : int
-        Clockwise rotation that the metadata asks for, degrees: 0, 90, 180 or 270.
-    parity : int or None
-        Which of the stored lines make up the field: 0 even, 1 odd; None for progressive footage.
-    """
-
-    image: Image
-    turn: int
-    parity: int | None = None
-
-
 def _prepared(
-    decoded: _Decoded, size: tuple[int, int], maps: tuple[NDArray[Any], NDArray[Any]] | None, grey: bool
+    decoded: StoredFrame, size: tuple[int, int], maps: tuple[NDArray[Any], NDArray[Any]] | None, grey: bool
 ) -> Image:
     """Return a decoded frame or field, reduced to a size, rotated and rectified."""
     image, turn = decoded.image, decoded.turn
@@ -231,90 +216,23 @@ def _whole(frame: Image, parity: int, width: int) -> Image:
     return np.asarray(cv2.sepFilter2D(spread, -1, np.ones(1), _LINE_BLUR))
 
 
-@contextmanager
-def _opened(path: Path, threads: int = 0) -> Iterator[cv2.VideoCapture]:
-    """Open a video whose frames are returned as they are stored; `_quarter_turns` returns their rotation."""
-    check_video_file(path)
-    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, threads])
-    try:
-        if not video.isOpened() or video.get(cv2.CAP_PROP_FRAME_WIDTH) <= 0:
-            raise FootageError("the footage cannot be read as a video", where=str(path), todo=_CONVERT)
-        # OpenCV's builds differ in whether they rotate frames themselves; rotating reduced frames is cheaper, too.
-        video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
-        yield video
-    finally:
-        video.release()
-
-
-def _codec(video: cv2.VideoCapture) -> str:
-    """Return the four letters that name a video's codec, such as AV01."""
-    letters = int(video.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=True)
-    return letters.decode("ascii", errors="replace").strip().upper() if letters.strip(b"\0 ") else "unknown"
-
-
-def _undecodable(path: Path, codec: str) -> FootageError:
-    return FootageError(f"OpenCV cannot decode the footage (codec {codec})", where=str(path), todo=_CONVERT)
-
-
-def _quarter_turns(video: cv2.VideoCapture) -> int:
-    """Return the clockwise rotation that the metadata asks for, degrees: 0, 90, 180 or 270."""
-    return round(video.get(cv2.CAP_PROP_ORIENTATION_META) / 90) * 90 % 360
-
-
 def decodable(path: Path, limit: int) -> int:
     """Return how many frames, up to `limit`, can actually be decoded."""
-    with _opened(path) as video:
+    with opened_video(path) as video:
         count = 0
         while count < limit and video.grab():
             count += 1
     return count
 
 
-def _decoded(view: View, indices: Sequence[int], threads: int) -> Iterator[_Decoded]:
+def _decoded(view: View, indices: Sequence[int], threads: int) -> Iterator[StoredFrame]:
     """Generate the footage's frames, or fields, at increasing indices; each frame of the file is decoded once."""
     each, first = frames_per_file_frame(view), FIRST_PARITY.get(view.fields)
     shared = [(number, list(same)) for number, same in groupby(indices, lambda index: index // each)]
-    stored = _stored(view.footage, [number for number, _ in shared], view.camera.size, threads)
+    stored = stored_frames(view.footage, [number for number, _ in shared], view.camera.size, threads)
     for decoded, (_, same) in zip(stored, shared, strict=True):
         for index in same:
             yield decoded if first is None else replace(decoded, parity=(index + first) % 2)
-
-
-def _stored(path: Path, numbers: Sequence[int], size: tuple[int, int], threads: int) -> Iterator[_Decoded]:
-    """Generate the frames of a file at increasing indices; `size` is the size of the frames after rotation.
-
-    The image of a video's frame is valid until the next one is requested.
-    """
-    images = image_files(path)
-    if images is not None:
-        for number in numbers:
-            yield _Decoded(_sequence_image(path, images, number, size), 0)
-        return
-    with _opened(path, threads) as video:
-        turn, position = _quarter_turns(video), 0
-        frame: Image | None = None
-        for number in numbers:
-            # Seeking is not exact in every container: go through the frames.
-            while position < number and video.grab():
-                position += 1
-            # Reuse the memory of the frame before: allocating some megabytes takes as long as decoding.
-            read, frame = video.read(frame) if position == number else (False, None)
-            if not read or frame is None:
-                if not position:
-                    raise _undecodable(path, _codec(video))
-                todo = "track the frames before it, or copy the file from the camera again if it should be longer"
-                what = f"the footage ends or breaks at frame {position} of the file"
-                raise FootageError(what, where=str(path), todo=todo)
-            position += 1
-            yield _Decoded(frame, turn)
-
-
-def _sequence_image(path: Path, images: dict[int, Path], index: int, size: tuple[int, int]) -> Image:
-    if index not in images:
-        raise FootageError(f"the image of frame {index} is missing in the sequence", where=str(path))
-    image = read_image(images[index])
-    check_size(images[index], image, size)
-    return image
 
 
 def pictures(path: Path | str) -> Iterator[Image]:
@@ -335,10 +253,10 @@ def pictures(path: Path | str) -> Iterator[Image]:
     if images is not None:
         size = probe(path).size
         for number in sorted(images):
-            yield _sequence_image(path, images, number, size)
+            yield sequence_image(path, images, number, size)
         return
-    with _opened(path) as video:
-        turn = _quarter_turns(video)
+    with opened_video(path) as video:
+        turn = quarter_turns(video)
         while True:
             read, frame = video.read()
             if not read or frame is None:
