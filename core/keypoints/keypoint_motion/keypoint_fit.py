@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,32 +28,11 @@ from ...numerics.repeatable import on_grid
 from ..keypoint_factor import keypoint_system
 from ..keypoint_places import Places
 from ..keypoint_rays import Keypoints
-from ..keypoint_sigmas import USUAL_SIGMA, robust_energy, robust_weights, sigmas, trusted_weights
-from ..left_right import correct_sides
+from ..keypoint_sigmas import USUAL_SIGMA, robust_energy
 from ..seen_landmarks import habit_precision, usual_turns
 from ..view_agreement import ViewAgreement
+from .keypoint_comparison import Counted, FitStep, compared
 from .measures_fit import with_measures
-
-
-class Counted(Enum):
-    """Which keypoints count in an iteration."""
-
-    AGREED = "those that views agree on: no limb is caught by another's keypoints"
-    BOTH = "those that views agree on, and the others where they fit"
-    FITTING = "each by its own error: views may agree on something wrong"
-
-
-@dataclass(frozen=True)
-class FitStep:
-    """One iteration of a fit: which keypoints count, and how far off they may be.
-
-    The tolerance is a factor of the standard deviations in the robust kernel; above 1 far from the solution, where
-    errors are large.
-    """
-
-    tolerance: float
-    counted: Counted
-
 
 STEPS_FROM_START = (
     *[FitStep(4.0, Counted.AGREED)] * 2,
@@ -65,9 +43,6 @@ STEPS_FROM_START = (
 """The iterations from a start that may be far off."""
 STEPS_CONTINUED = (FitStep(2.0, Counted.BOTH), *[FitStep(1.0, Counted.FITTING)] * 3)
 """The iterations from an earlier fit some of whose limbs were posed anew."""
-SIDES_TOLERANCE = 2.0
-"""Left and right are corrected once the tolerance has come down to this: before, the motion may be farther off than the
-limbs are from each other."""
 REPEATED_POSES = 4.0
 """A detector's errors repeat when a pose does. For unknowns that are the same on all frames (offsets, measures), the
 frames therefore count this many times less than if errors were only correlated in time. With complete key poses the
@@ -297,56 +272,6 @@ def _finished(problem: FitProblem, found: _Estimate) -> KeypointFit:
         variances=found.variances,
         measures=found.measures,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """Keypoints compared with those of a motion.
-
-    Attributes
-    ----------
-    keypoints : Keypoints
-        Left and right corrected.
-    changed : ndarray of bool, shape (V, F, L)
-        Where left and right were exchanged.
-    residual : ndarray, shape (V, F, L, 2)
-        See `Keypoints.residuals`.
-    sigma : ndarray, shape (V, L)
-        Standard deviations of the detector, metres.
-    agreed : ndarray, shape (V, F, L), or None
-        Confidence of the keypoints that agree with those of other views, else 0; None where no views agree on any.
-    """
-
-    keypoints: Keypoints
-    changed: NDArray[np.bool_]
-    residual: Array
-    sigma: Array
-    agreed: Array | None
-
-    def fitting(self, tolerance: float = 1.0) -> Array:
-        """Weights of the keypoints, shape (V, F, L), by the residual of each."""
-        return robust_weights(self.residual, self.keypoints.confidence, self.sigma, tolerance)
-
-    def counting(self, step: FitStep) -> Array:
-        """Weights of the keypoints, shape (V, F, L), in one iteration of the fit."""
-        if self.agreed is None or step.counted is Counted.FITTING:
-            return self.fitting(step.tolerance)
-        trusted = trusted_weights(self.residual, self.agreed, self.sigma, step.tolerance)
-        return trusted if step.counted is Counted.AGREED else np.maximum(self.fitting(step.tolerance), trusted)
-
-
-def compared(agreement: ViewAgreement, points: Array, tolerance: float = 1.0) -> Comparison:
-    """Compare keypoints with a motion's, which are at `points` (F, L, 3) in the world, metres.
-
-    If the tolerance is above `SIDES_TOLERANCE`, left and right stay as they are.
-    """
-    sided, changed = agreement.keypoints, np.zeros(agreement.confidence.shape, bool)
-    if tolerance <= SIDES_TOLERANCE:
-        sided, changed = correct_sides(sided, points)
-    residual = sided.residuals(points)
-    if agreement.sigma is None:
-        return Comparison(sided, changed, residual, sigmas(residual, sided.confidence), None)
-    return Comparison(sided, changed, residual, agreement.sigma, np.where(changed, 0.0, agreement.confidence))
 
 
 def _pose_prior(body: Body, motion: Motion, agreement: ViewAgreement) -> BandedBlocks:

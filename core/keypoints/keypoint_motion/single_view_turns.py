@@ -16,7 +16,8 @@ from ...body.motion import Motion
 from ...numerics.arrays import Array
 from ...shot.carried_motion import turned
 from ..keypoint_sigmas import USUAL_SIGMA, robust_energy
-from .keypoint_fit import Comparison, FitProblem, KeypointFit, compared, fit_motion
+from .keypoint_comparison import Comparison, compared
+from .keypoint_fit import FitProblem, KeypointFit, fit_motion
 
 UPRIGHT = np.array([0.0, 1.0, 0.0])
 """The axis along the trunk, in the axes of the root."""
