@@ -15,7 +15,7 @@ from . import findings
 from .findings import Finding
 from .quality import coverage, depths, path_error, seen_points, thickness
 from .solving.camera_rig import FOCAL, OFFSET
-from .solving.first_cameras import MAX_PLANE_SHARE, MIN_LINK_FRAMES, Link
+from .solving.view_links import MAX_PLANE_SHARE, MIN_LINK_FRAMES, Link
 from .solving.wand_motion import Wand
 from .solving.wand_tracks import Tracks
 

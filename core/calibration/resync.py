@@ -17,8 +17,8 @@ from .solving.bundle import adjust, covariance
 from .solving.bundle_scene import BundleEvidence, Scene
 from .solving.camera_rig import CAMERA_DOF, DRIFT, OFFSET, rig_of
 from .solving.clocks import Clocks
-from .solving.first_cameras import MIN_LINK_FRAMES
 from .solving.synchrony import find_synchrony, with_capture_clock
+from .solving.view_links import MIN_LINK_FRAMES
 from .solving.wand_triangulation import sight
 from .wand_matching import labelled
 

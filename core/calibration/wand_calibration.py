@@ -27,9 +27,10 @@ from .solving.ball_observations import BallObservations
 from .solving.bundle import NEARLY_CONVERGED, adjust, covariance, variance_inflation
 from .solving.bundle_scene import BundleEvidence, Scene
 from .solving.camera_rig import DRIFT, OFFSET, Rig
-from .solving.first_cameras import MIN_LINK_FRAMES, crossed_views, find_links, first_rig, unknown_lens
+from .solving.first_cameras import first_rig, unknown_lens
 from .solving.pairwise import FOCAL_GRID
 from .solving.synchrony import Synchrony, find_synchrony, with_capture_clock
+from .solving.view_links import MIN_LINK_FRAMES, crossed_views, find_links
 from .solving.wand_motion import Wand
 from .solving.wand_triangulation import sight
 from .wand_matching import labelled

@@ -21,7 +21,8 @@ from ...shot.frame_numbers import FIRST_PARITY
 from ...shot.shot_spec import ShotSpec, ViewSpec
 from ..solving.assumed_lens import Lens
 from ..solving.camera_rig import Rig
-from ..solving.first_cameras import MIN_LINK_FRAMES, Cancel, find_links, first_rig
+from ..solving.first_cameras import first_rig
+from ..solving.view_links import MIN_LINK_FRAMES, Cancel, find_links
 from ..solving.wand_tracks import Tracks
 from ..solving.wand_triangulation import rays, triangulated
 from .limb_bundle import SINGLE_BONES, adjust_joints, cost_of_joints
