@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
-from operator import attrgetter
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,46 +119,69 @@ def accumulate_evidence(
     runs = max(round(pairs / PAIRS_PER_BATCH), 1)
     bounds = [pairs * k // runs for k in range(runs + 1)]
     spans = [(v, a, b) for v in range(len(frames.views)) for a, b in pairwise(bounds)]
+    joined = _JoinedRuns(len(frames.views), pairs)
 
-    def run(span: tuple[int, int, int]) -> FrameEvidence:
+    def run(span: tuple[int, int, int]) -> dict[str, float]:
         v, a, b = span
         given = None if noise is None else noise[v, a:b]
-        return frame_evidence(frames.some(v, a, b), parts, noise=given, caches=caches)
+        found = frame_evidence(frames.some(v, a, b), parts, noise=given, caches=caches)
+        joined.add(v, a, found)
+        return found.seconds
 
     if threads == 1:
-        done = [run(span) for span in spans]
+        seconds = [run(span) for span in spans]
     else:
         with ThreadPoolExecutor(threads) as pool:
-            done = list(pool.map(run, spans))
-    rows = [done[i : i + runs] for i in range(0, len(done), runs)]
-    return _joined(rows, parts.geometry, frames.sampling, threads)
+            seconds = list(pool.map(run, spans))
+    spent = {stage: sum(one[stage] for one in seconds) / min(threads, len(spans)) for stage in seconds[0]}
+    return joined.evidence(parts.geometry, frames.sampling, spent)
 
 
-def _joined(
-    rows: Sequence[Sequence[FrameEvidence]], geometry: Geometry, sampling: Sampling, threads: int
-) -> SegmentEvidence:
-    """Join the evidence of runs of frames, a row per view; adjacent runs share a frame."""
+class _JoinedRuns:
+    """The evidence of runs of frames in V views, joined as it is measured: that of a long segment is large."""
 
-    def by_pair(of: Callable[[FrameEvidence], Array]) -> Array:
-        return np.stack([np.concatenate([of(run) for run in row]) for row in rows])
+    def __init__(self, views: int, pairs: int) -> None:
+        self._views, self._pairs = views, pairs
+        self._arrays: dict[str, Array] = {}
+        self._lock = Lock()
 
-    def by_frame(of: Callable[[FrameEvidence], Array], axis: int = 0) -> Array:
-        each = [[np.split(of(run), [1], axis) for run in row] for row in rows]
-        return np.stack([np.concatenate([row[0][0], *(rest for _, rest in row)], axis) for row in each])
+    def add(self, view: int, first: int, run: FrameEvidence) -> None:
+        """Add a run of a view from the frame with index `first` on; adjacent runs share a frame, which is that of the
+        earlier one.
+        """
+        later = 1 if first else 0
+        for field in fields(GradientSums):
+            self._put(f"gradients.{field.name}", (view, first), getattr(run.gradients, field.name), self._pairs)
+        by_frame = {f"outlines.{field.name}": getattr(run.outlines, field.name) for field in fields(OutlineSums)}
+        by_frame |= {"share": run.share, "agreeing": run.agreeing, "explained": run.explained.T}
+        by_frame["areas"] = np.moveaxis(run.areas, 2, 0)
+        for name, values in by_frame.items():
+            self._put(name, (view, first + later), values[later:], self._pairs + 1)
 
-    done = [run for row in rows for run in row]
-    explained = by_frame(attrgetter("explained"), 1)
-    whose = geometry.performer == np.arange(int(geometry.performer.max()) + 1)[:, None]
-    return SegmentEvidence(
-        gradients=GradientSums(*(by_pair(attrgetter(f"gradients.{f.name}")) for f in fields(GradientSums))),
-        outlines=OutlineSums(*(by_frame(attrgetter(f"outlines.{f.name}")) for f in fields(OutlineSums))),
-        explained=np.asarray(whose @ explained),
-        unhidden=_unhidden(by_frame(attrgetter("areas"), 2), explained, whose),
-        share=by_frame(attrgetter("share")),
-        agreeing=by_frame(attrgetter("agreeing")),
-        sampling=sampling,
-        seconds={stage: sum(run.seconds[stage] for run in done) / min(threads, len(done)) for stage in done[0].seconds},
-    )
+    def _put(self, name: str, place: tuple[int, int], values: Array, count: int) -> None:
+        with self._lock:
+            whole = self._arrays.get(name)
+            if whole is None:
+                whole = self._arrays[name] = np.empty((self._views, count, *values.shape[1:]), values.dtype)
+        view, first = place
+        whole[view, first : first + len(values)] = values
+
+    def evidence(self, geometry: Geometry, sampling: Sampling, seconds: dict[str, float]) -> SegmentEvidence:
+        """Return the evidence of all runs."""
+        found = self._arrays
+        whose = geometry.performer == np.arange(int(geometry.performer.max()) + 1)[:, None]
+        explained = np.ascontiguousarray(np.moveaxis(found["explained"], 1, 2))
+        areas = np.ascontiguousarray(np.moveaxis(found["areas"], 1, 3))
+        return SegmentEvidence(
+            gradients=GradientSums(*(found[f"gradients.{field.name}"] for field in fields(GradientSums))),
+            outlines=OutlineSums(*(found[f"outlines.{field.name}"] for field in fields(OutlineSums))),
+            explained=np.asarray(whose @ explained),
+            unhidden=_unhidden(areas, explained, whose),
+            share=found["share"],
+            agreeing=found["agreeing"],
+            sampling=sampling,
+            seconds=seconds,
+        )
 
 
 def _unhidden(areas: Array, explained: Array, whose: Bools) -> Array:

@@ -102,7 +102,15 @@ class RecentEvidence:
         memory (`MAX_EVIDENCE_BYTES`).
         """
         self._kept.append((of, arrays, evidence))
-        while len(self._kept) > CACHED_EVALUATIONS or self._nbytes() > MAX_EVIDENCE_BYTES:
+        self._forget(CACHED_EVALUATIONS, MAX_EVIDENCE_BYTES)
+
+    def make_room(self) -> None:
+        """Forget what would have to go once another evaluation as large as the last is kept."""
+        if self._kept:
+            self._forget(CACHED_EVALUATIONS - 1, MAX_EVIDENCE_BYTES - self._kept[-1][2].gradients.H.nbytes)
+
+    def _forget(self, most: int, nbytes: int) -> None:
+        while len(self._kept) > most or self._nbytes() > nbytes:
             self._kept.popleft()
 
     def _nbytes(self) -> int:
@@ -160,6 +168,7 @@ class Workspace:
         evidence = self.recent.evidence(asked, values)
         if evidence is None:
             if problem.length >= LONG:
+                self.recent.make_room()
                 return_freed_memory()
             evidence = accumulate_evidence(
                 SegmentInViews(problem.views, problem.first, poses, sampling),

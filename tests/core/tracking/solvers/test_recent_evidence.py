@@ -48,3 +48,13 @@ def test_the_oldest_goes_first_and_of_what_is_large_fewer_are_kept(monkeypatch: 
     monkeypatch.setattr(measurement, "MAX_EVIDENCE_BYTES", size - 1)
     recent.keep(("larger",), [POSES], no_evidence(1, 3, 2))
     assert recent.evidence(("larger",), [POSES]) is None
+
+
+def test_what_would_have_to_go_can_go_before_the_next_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    recent, size = RecentEvidence(), no_evidence(1, 3, 2).gradients.H.nbytes
+    monkeypatch.setattr(measurement, "MAX_EVIDENCE_BYTES", 2 * size)
+    recent.make_room()
+    for name in ("first", "second"):
+        recent.keep((name,), [POSES], no_evidence(1, 3, 2))
+    recent.make_room()
+    assert [recent.evidence((name,), [POSES]) is not None for name in ("first", "second")] == [False, True]
