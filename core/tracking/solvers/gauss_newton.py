@@ -177,7 +177,7 @@ def refine(
     found = descend(problem, start, workspace.part(0.0, share), stages)
     seconds = Seconds(found.seconds)
     for again in range(1, 1 + MAX_REPEATS):
-        if found.moved < UNCONVERGED_MOVE:
+        if found.moved.max() < UNCONVERGED_MOVE:
             break
         further = descend(problem, found.motions, workspace.part(again * share, (again + 1) * share), stages[-1:])
         seconds.add(further.seconds)
@@ -194,8 +194,13 @@ def farthest_joint(problem: SegmentProblem, before: Sequence[Motion], after: Seq
     """Largest distance between the positions of a joint in two motions, over all frames and the performers that are
     solved for, metres.
     """
+    return float(joint_moves(problem, before, after).max())
+
+
+def joint_moves(problem: SegmentProblem, before: Sequence[Motion], after: Sequence[Motion]) -> Array:
+    """The same distance on each frame, shape (F,)."""
     joints = [[part_poses(problem.bodies[i], m[i])[1] for m in (before, after)] for i in problem.sought]
-    return max(float(np.linalg.norm(b - a, axis=-1).max()) for a, b in joints)
+    return np.max([np.linalg.norm(b - a, axis=-1).max(axis=1) for a, b in joints], axis=0)
 
 
 def descend(
@@ -243,7 +248,7 @@ def descend(
         seconds=seconds,
         variances=stage.smooth.variances,
         only=problem.only,
-        moved=farthest_joint(problem, start, result.state),
+        moved=joint_moves(problem, start, result.state),
     )
 
 

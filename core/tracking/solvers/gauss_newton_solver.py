@@ -26,7 +26,6 @@ import numpy as np
 from ...body.motion import Motion
 from ...runtime.freed_memory import return_freed_memory
 from ...runtime.timing import Seconds
-from . import gauss_newton
 from .descent_stages import OUTLINE_REACH, POLISH, POLISHED_AT_ONCE, REFINEMENT, RESUMED, SETTLED, DescentStage
 from .equations.measurement import Workspace
 from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
@@ -37,8 +36,9 @@ from .judgement.solution_ranking import clearly_likelier
 from .limb_corrections.leaping_limbs import with_leaps_bridged
 from .limb_corrections.limb_exchange import with_crossed_limbs_exchanged
 from .limb_corrections.limb_search import pictures_find_limbs
-from .limb_corrections.local_trials import HELD_FRAMES, Stretch, is_long, stretch_of, stretches_around
+from .limb_corrections.local_trials import HELD_FRAMES, Stretch, can_be_parted, stretch_of, stretches_around
 from .limb_corrections.regained_limbs import with_limbs_regained
+from .long_refinement import refine
 from .multi_start import best_of_starts, first_solution, with_sides_exchanged
 from .thinned_frames import ThinnedProblem
 
@@ -54,14 +54,14 @@ def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspac
     """
     thinned = ThinnedProblem.of(problem, start)
     if thinned is None:
-        if not _can_be_parted(problem):
+        if not can_be_parted(problem):
             return _solved(problem, start, workspace)
         thinned = ThinnedProblem(problem, np.arange(problem.length), 1, problem)
     few, begin, inner = thinned.problem, thinned.of_motions(start), thinned.workspace(workspace.part(0.2, 1.0))
     first = first_solution(few, begin, thinned.workspace(workspace.part(0.0, 0.1)))
     if not (problem.settings.limb_search and doubted_performers(few, begin, first)):
         return thinned.on_all_frames(_solved(few, begin, inner, first=first))
-    if _can_be_parted(few) and (stretches := stretches_around(few, frames_in_doubt(few, first))):
+    if can_be_parted(few) and (stretches := stretches_around(few, frames_in_doubt(few, first))):
         return _with_doubts_pursued(thinned, first, stretches, workspace.part(0.1, 1.0))
     return _pursued(thinned, start, workspace.part(0.1, 1.0), first)
 
@@ -88,13 +88,6 @@ def _pursued(
     return thinned.on_all_frames(_solved(few, thinned.of_motions(start), inner, first=first))
 
 
-def _can_be_parted(problem: SegmentProblem) -> bool:
-    """Whether moments of a segment can be solved apart from the rest: it is long, and of a single performer whom
-    several views show.
-    """
-    return is_long(problem) and problem.shows_depth and not (problem.among_others or problem.keypoints)
-
-
 def _with_doubts_pursued(
     thinned: ThinnedProblem, first: SegmentSolution, stretches: Sequence[Stretch], workspace: Workspace
 ) -> SegmentSolution:
@@ -106,20 +99,30 @@ def _with_doubts_pursued(
     few = thinned.problem.with_smoothness(first.variances)
     same = thinned.problem is thinned.whole
     whole = few if same else thinned.whole.with_smoothness(thinned.variances(first))
-    thinned, motions = replace(thinned, whole=whole, problem=few), tuple(thinned.interpolated(first.motions))
+    thinned = replace(thinned, whole=whole, problem=few)
+    first = replace(first, motions=tuple(thinned.interpolated(first.motions)))
+    first = _solved_around(thinned, first, stretches, workspace.part(0.0, 0.9))
+    begin = descend(few, thinned.of_motions(first.motions), workspace.silent(), SETTLED)
+    solution = _with_limbs_put_right(few, begin, thinned.workspace(workspace.part(0.9, 1.0)))
+    if solution.motions is begin.motions:
+        return replace(thinned.on_all_frames(_after(first, begin)), motions=first.motions)
+    return thinned.on_all_frames(_after(first, solution))
+
+
+def _solved_around(
+    thinned: ThinnedProblem, first: SegmentSolution, stretches: Sequence[Stretch], workspace: Workspace
+) -> SegmentSolution:
+    """Return a solution with motions of all frames, solved and searched on some stretches of the kept ones."""
+    motions = first.motions
     for k, stretch in enumerate(stretches):
         part, own = _part(thinned, stretch), slice(thinned.frames[stretch.first], thinned.frames[stretch.last] + 1)
         return_freed_memory()
-        share = workspace.part(0.9 * k / len(stretches), 0.9 * (k + 1) / len(stretches))
+        share = workspace.part(k / len(stretches), (k + 1) / len(stretches))
         report = partial(_report_all, share, motions)
         found = _pursued(part, [motion[own] for motion in motions], Workspace(workspace.threads, on_step=report))
         motions = tuple(m.replaced(own.start, new) for m, new in zip(motions, found.motions, strict=True))
         first = _after(found, first)
-    begin = descend(few, thinned.of_motions(motions), workspace.silent(), SETTLED)
-    solution = _with_limbs_put_right(few, begin, thinned.workspace(workspace.part(0.9, 1.0)))
-    if solution.motions is begin.motions:
-        return replace(thinned.on_all_frames(_after(first, begin)), motions=motions)
-    return thinned.on_all_frames(_after(first, solution))
+    return replace(first, motions=motions)
 
 
 def _report_all(workspace: Workspace, motions: Sequence[Motion], done: float, _: Sequence[Motion]) -> None:
@@ -195,28 +198,28 @@ def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
             thinned.problem, thinned.of_motions(start), thinned.workspace(workspace.part(0.0, 0.6)), REFINEMENT
         )
         begin = thinned.interpolated(few.motions)
-        found = _after(few, gauss_newton.refine(problem, begin, workspace.part(0.6, 0.9)))
+        found = _after(few, refine(problem, begin, workspace.part(0.6, 0.9)))
     else:
         at_once = problem.shows_depth and (not problem.doubted or problem.among_others)
         stages = POLISHED_AT_ONCE if at_once else REFINEMENT
         first, found = _refined_and_searched(problem, start, workspace.part(0.0, 0.9), stages)
         if stages is POLISHED_AT_ONCE and found.motions is first.motions:
             return found
-    return _after(found, gauss_newton.refine(problem, found.motions, workspace.part(0.9, 1.0), POLISH))
+    return _after(found, refine(problem, found.motions, workspace.part(0.9, 1.0), POLISH))
 
 
 def _refined_and_searched(
     problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace, stages: Sequence[DescentStage]
 ) -> tuple[SegmentSolution, SegmentSolution]:
     """Return a refined solution, and the one that a search for limbs leads to from there."""
-    first = gauss_newton.refine(problem, start, workspace.part(0.0, 0.3), stages)
+    first = refine(problem, start, workspace.part(0.0, 0.3), stages)
     if not pictures_find_limbs(problem):
         return first, first
     several = problem.among_others
     begin = with_crossed_limbs_exchanged(problem, first, workspace.silent()) if several else first
     bridged = with_leaps_bridged(problem, begin, workspace.part(0.3, 0.4), long_only=not several)
     if bridged.motions is not begin.motions:
-        bridged = _after(bridged, gauss_newton.refine(problem, bridged.motions, workspace.part(0.4, 0.5)))
+        bridged = _after(bridged, refine(problem, bridged.motions, workspace.part(0.4, 0.5)))
     return first, with_limbs_regained(problem, bridged, workspace.part(0.5, 1.0))
 
 

@@ -140,6 +140,7 @@ class ThinnedProblem:
             unhidden=self.between(few.unhidden, 1),
             residual=self.between(few.residual),
             evidence=None,
+            moved=np.zeros(0),
             variances=self.variances(few),
         )
 

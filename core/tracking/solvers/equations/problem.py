@@ -243,9 +243,9 @@ class SegmentSolution:
         Index of the performer that was solved for, see `SegmentProblem`; None for all.
     doubted : tuple of int
         Performers whose images contradicted the first solution, so that others were searched for.
-    moved : float
-        Largest distance by which the last stage, which keeps the noise and the smoothness of its start, moved a joint,
-        metres.
+    moved : ndarray, shape (F,)
+        Largest distance by which the last stage, which keeps the noise and the smoothness of its start, moved a joint
+        on each frame, metres; empty where it was not measured.
     misfit : Misfit, optional
         Where the images do not fit the motions, if it was measured.
     """
@@ -262,7 +262,7 @@ class SegmentSolution:
     variances: tuple[AccelerationVariances, ...] = ()
     only: int | None = None
     doubted: tuple[int, ...] = ()
-    moved: float = 0.0
+    moved: Array = field(default_factory=lambda: np.zeros(0))
     misfit: Misfit | None = None
 
     @classmethod
@@ -276,7 +276,7 @@ class SegmentSolution:
         seconds: dict[str, float] | None = None,
         variances: tuple[AccelerationVariances, ...] = (),
         only: int | None = None,
-        moved: float = 0.0,
+        moved: Array | None = None,
     ) -> SegmentSolution:
         """Build a solution from motions and the evidence that was measured at them."""
         return cls(
@@ -291,7 +291,7 @@ class SegmentSolution:
             evidence=evidence,
             variances=variances,
             only=only,
-            moved=moved,
+            moved=np.zeros(0) if moved is None else moved,
         )
 
     def without_equations(self) -> SegmentSolution:

@@ -20,8 +20,9 @@ from ..descent_stages import SETTLED
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import continued, descend
-from ..judgement.solution_ranking import likeliest, noise_at
+from ..judgement.solution_ranking import noise_at
 from .bridges import BRIDGING, LEAP_RATIO, Leap, bridged_motion
+from .local_trials import likelier_after_change
 from .long_leaps import long_leaps, with_long_leaps_bridged
 
 MIN_LEAP_ACCELERATION = 0.05
@@ -78,7 +79,7 @@ def _bridged(
         motion = bridged_motion(best.motions[performer], leap, problem.fixed[performer])
         motions = with_motion(best.motions, performer, motion)
         part = workspace.part(k / len(found), (k + 1) / len(found))
-        best = likeliest(problem, noise, best, descend(problem, motions, part, BRIDGING, noise))
+        best = likelier_after_change(problem, noise, best, motions, part, stages=BRIDGING)
     best = with_long_leaps_bridged(problem, performer, best, noise, workspace.silent())
     return None if best is settled else best
 

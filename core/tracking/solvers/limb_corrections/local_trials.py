@@ -11,8 +11,12 @@ import numpy as np
 from ....body.motion import Motion
 from ....numerics.arrays import Bools
 from ....numerics.frame_ranges import adjacent_joined, runs
-from ..equations.problem import SegmentProblem
+from ..descent_stages import SETTLED, DescentStage
+from ..equations.measurement import Workspace
+from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
+from ..gauss_newton import descend
+from ..judgement.solution_ranking import likeliest
 from ..starts.sequential_start import excerpt
 
 ADAPTATION_TIME = 0.3
@@ -96,6 +100,42 @@ class LocalTrial:
         return tuple(motion.replaced(self.first, new) for motion, new in zip(motions, own, strict=True))
 
 
+def likelier_after_change(
+    problem: SegmentProblem,
+    noise: SegmentNoise,
+    best: SegmentSolution,
+    motions: Sequence[Motion],
+    workspace: Workspace,
+    *,
+    stages: Sequence[DescentStage],
+) -> SegmentSolution:
+    """Solve from motions that differ from a solution on some frames, and return the likelier of both.
+
+    In a long segment they are first solved from on these frames and those beside them, while the motion of the others
+    stays, and on all frames only if that makes the images likelier.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    noise : SegmentNoise
+    best : SegmentSolution
+        Measured under the noise.
+    motions : sequence of Motion
+        F poses per performer.
+    workspace : Workspace
+    stages : sequence of DescentStage
+        From the motions to the solution.
+    """
+    local = LocalTrial.around(problem, noise, best.motions, motions) if is_long(problem) else None
+    if local is not None:
+        both = (local.of(best.motions), local.of(motions))
+        here, there = (descend(local.problem, one, workspace.silent(), stages, local.noise) for one in both)
+        if likeliest(local.problem, local.noise, here, there) is here:
+            return best
+        motions, stages = local.within(best.motions, there.motions), SETTLED
+    return likeliest(problem, noise, best, descend(problem, motions, workspace, stages, noise))
+
+
 def held_excerpt(
     problem: SegmentProblem,
     first: int,
@@ -144,9 +184,27 @@ def _windows(first: int, last: int, beside: int) -> list[Stretch]:
     return [Stretch(*ranges[k], (k <= middle, k >= middle)) for k in order]
 
 
+def stretch_around(problem: SegmentProblem, first: int, last: int) -> Stretch:
+    """Return frames `first` to `last` with those beside them that may adapt to a change."""
+    beside = _frames_beside(problem)
+    return Stretch(max(first - beside, 0), min(last + beside, problem.length - 1))
+
+
 def is_long(problem: SegmentProblem) -> bool:
     """Whether a segment is so long that a moment of it, with the frames beside it, is a small part of it."""
-    return _longest_piece(_frames_beside(problem)) <= problem.length
+    return longest_piece(problem) <= problem.length
+
+
+def can_be_parted(problem: SegmentProblem) -> bool:
+    """Whether moments of a segment can be solved apart from the rest: it is long, and of a single performer whom
+    several views show.
+    """
+    return is_long(problem) and problem.shows_depth and not (problem.among_others or problem.keypoints)
+
+
+def longest_piece(problem: SegmentProblem) -> int:
+    """Number of frames from which on a segment is long."""
+    return _longest_piece(_frames_beside(problem))
 
 
 def _longest_piece(beside: int) -> int:

@@ -24,10 +24,9 @@ from ..descent_stages import OUTLINE_REACH, SETTLED
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
-from ..gauss_newton import descend
-from ..judgement.solution_ranking import likeliest
 from .bridges import BRIDGING, LEAP_RATIO, Leap, bridged_motion
 from .limb_search import freed_limb, is_elsewhere
+from .local_trials import is_long, likelier_after_change, longest_piece, stretch_around, stretch_of
 
 STEP_TIME = 1 / 30
 """Time within which a limb leaps, seconds: where frames follow each other more closely, smoothness spreads a leap over
@@ -88,15 +87,27 @@ def with_long_leaps_bridged(
             continue  # found again from a path without the leap: it moves that fast
         # Where others hide much, coarse steps lead away again from what a search has found.
         stages = SETTLED if problem.among_others else BRIDGING
-        found = descend(problem, with_motion(best.motions, performer, motion), workspace.silent(), stages, noise)
-        likelier = likeliest(problem, noise, best, found)
+        motions = with_motion(best.motions, performer, motion)
+        likelier = likelier_after_change(problem, noise, best, motions, workspace.silent(), stages=stages)
         if likelier is not best:
             best, leaps = likelier, long_leaps(problem, performer, likelier.motions[performer])
     return best
 
 
 def _searched_across(problem: SegmentProblem, performer: int, motions: Sequence[Motion], leap: Leap) -> Motion:
-    """Search for a limb around an even path across some frames; on all others it stays."""
+    """Search for a limb around an even path across some frames; on all others it stays. Of a long segment, only these
+    frames and those beside them are looked at.
+    """
+    if not is_long(problem):
+        return _searched_on(problem, performer, motions, leap)
+    stretch = stretch_around(problem, leap.first, leap.last)
+    first, stop = stretch.first, stretch.last + 1
+    here = replace(leap, first=leap.first - first, last=leap.last - first)
+    found = _searched_on(stretch_of(problem, stretch), performer, [motion[first:stop] for motion in motions], here)
+    return motions[performer].replaced(first, found)
+
+
+def _searched_on(problem: SegmentProblem, performer: int, motions: Sequence[Motion], leap: Leap) -> Motion:
     fixed = problem.fixed[performer].copy()
     outside = np.ones(problem.length, bool)
     outside[leap.first : leap.last + 1] = False
@@ -111,8 +122,8 @@ def long_leaps(problem: SegmentProblem, performer: int, motion: Motion) -> list[
     """Return the intervals beside abrupt steps of a performer's limbs, those of the largest step first.
 
     Each runs from a step, in either direction, to the next one, to a frame on which a key pose holds part of the limb,
-    or to the end of the segment. Among several performers a limb that leaps on within `MIN_FRAMES` is away until the
-    leap after that.
+    or to the end of the segment; in a long segment, no farther than the shortest long one. Among several performers a
+    limb that leaps on within `MIN_FRAMES` is away until the leap after that.
 
     Parameters
     ----------
@@ -123,33 +134,36 @@ def long_leaps(problem: SegmentProblem, performer: int, motion: Motion) -> list[
     """
     F, found = len(motion), list[tuple[float, Leap]]()
     least = MIN_FRAMES if problem.among_others else 1
+    most = longest_piece(problem) if is_long(problem) else F
     held = problem.fixed_axes(performer).all(axis=2)
     for chain in limbs(problem.bodies[performer]):
         steps = abrupt_steps(problem, performer, motion, chain)
         for step in steps:
-            for first, last in _beside(step, steps, held[:, chain].any(axis=1), least):
+            for first, last in _beside(step, steps, held[:, chain].any(axis=1), (least, most)):
                 if last - first + 1 < F:
                     found.append((step.size, Leap(first, last, tuple(chain))))
     ordered = [leap for _, leap in sorted(found, key=lambda one: -one[0])]
     return list(dict.fromkeys(ordered))
 
 
-def _beside(step: AbruptStep, steps: Sequence[AbruptStep], held: Bools, least: int) -> Iterator[tuple[int, int]]:
-    """Generate the first and last frames of the intervals after a step and before it; steps that would end them within
-    fewer than `least` frames do not.
+def _beside(
+    step: AbruptStep, steps: Sequence[AbruptStep], held: Bools, lengths: tuple[int, int]
+) -> Iterator[tuple[int, int]]:
+    """Generate the first and last frames of the intervals after a step and before it. Of the two lengths, steps that
+    would end them within fewer frames than the first do not, and they have no more than the second.
     """
-    F = len(held)
+    F, (least, most) = len(held), lengths
     known = np.flatnonzero(held).tolist()
     first = step.after
     ends = [s.after for s in steps if s.before >= first and s.after - first >= least]
     end = min([k for k in known if k >= first] + ends, default=F)
     if first < end:
-        yield first, end - 1
+        yield first, min(end, first + most) - 1
     last = step.before
     begins = [s.before for s in steps if s.after <= last and last - s.before >= least]
     begin = max([k for k in known if k <= last] + begins, default=-1)
     if begin < last:
-        yield begin + 1, last
+        yield max(begin + 1, last + 1 - most), last
 
 
 def abrupt_steps(problem: SegmentProblem, performer: int, motion: Motion, chain: Sequence[int]) -> list[AbruptStep]:

@@ -12,7 +12,7 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Settings
 from kfmocap.core.tracking.solvers.descent_stages import SETTLED
-from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
+from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.limb_corrections import long_leaps as module
 from kfmocap.core.tracking.solvers.limb_corrections.bridges import BRIDGING, evenly_led
 from kfmocap.core.tracking.solvers.limb_corrections.leaping_limbs import with_leaps_bridged
@@ -141,12 +141,16 @@ def test_a_limb_is_led_evenly_from_one_pose_that_holds_all_of_it_to_the_next() -
 
 def test_among_several_performers_what_is_found_is_solved_by_fine_steps_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """The trunk is still where the lost limb has drawn it, and coarse steps lead the limb away again."""
-    landscape, wrong, stages = Landscape(truth=TRUTH), away(BESIDE_A_KEY), list[object]()
+    landscape, wrong, asked = Landscape(truth=TRUTH), away(BESIDE_A_KEY), list[object]()
     both = replace(PROBLEM, bodies=(BODY, BODY), fixed=PROBLEM.fixed * 2)
     monkeypatch.setattr(module, "freed_limb", lambda *_: TRUTH)
-    monkeypatch.setattr(module, "descend", lambda _problem, _motions, _workspace, of, _noise: stages.append(of))
-    monkeypatch.setattr(module, "likeliest", lambda _problem, _noise, best, _found: best)
+
+    def tried(_problem: object, _noise: object, best: SegmentSolution, *_: object, stages: object) -> SegmentSolution:
+        asked.append(stages)
+        return best
+
+    monkeypatch.setattr(module, "likelier_after_change", tried)
     solution = landscape.solution(PROBLEM, wrong)
     for problem, motions in ((PROBLEM, [wrong]), (both.alone(0), [wrong, TRUTH])):
         module.with_long_leaps_bridged(problem, 0, replace(solution, motions=motions), None, landscape)
-    assert stages == [BRIDGING, SETTLED]
+    assert asked == [BRIDGING, SETTLED]

@@ -16,13 +16,16 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.occlusion import LONG_GAP
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.numerics import rotations
-from kfmocap.core.tracking.solvers import gauss_newton_solver
+from kfmocap.core.tracking.solvers import gauss_newton_solver, long_refinement
+from kfmocap.core.tracking.solvers.descent_stages import POLISHED_AT_ONCE, SETTLED, UNCONVERGED_MOVE, DescentStage
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.solvers.equations.segment_equations import SegmentNoise
 from kfmocap.core.tracking.solvers.judgement import solution_doubts
 from kfmocap.core.tracking.solvers.judgement.limb_signs import frames_weakly_shown
 from kfmocap.core.tracking.solvers.judgement.solution_doubts import frames_in_doubt
-from kfmocap.core.tracking.solvers.limb_corrections import regained_limbs
+from kfmocap.core.tracking.solvers.limb_corrections import local_trials, regained_limbs
+from kfmocap.core.tracking.solvers.limb_corrections.bridges import BRIDGING
 from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import LimbGroup
 from kfmocap.core.tracking.solvers.limb_corrections.local_trials import (
     ADAPTATION_TIME,
@@ -30,6 +33,7 @@ from kfmocap.core.tracking.solvers.limb_corrections.local_trials import (
     Stretch,
     _windows,
     is_long,
+    likelier_after_change,
     stretches_around,
 )
 from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import SupportOfLimb
@@ -239,3 +243,62 @@ def test_in_a_long_segment_a_weakly_shown_limb_is_searched_for_around_that_momen
     moved = np.abs(end.motions[0].difference(rest)).max(axis=1) > 0.01
     assert moved[95:115].all() == found
     assert not moved[: 100 - BESIDE - 10].any() and not moved[110 + BESIDE + 10 :].any()
+
+
+@pytest.mark.parametrize("better", [True, False])
+def test_a_change_of_a_moment_is_solved_for_on_all_frames_only_if_it_is_better_there(
+    monkeypatch: pytest.MonkeyPatch, better: bool
+) -> None:
+    problem, rest = seen(LONG), at_rest(BODY, LONG)
+    best = replace(Landscape(truth=rest).solution(problem, rest), motions=(rest,))
+    changed = rest.moved(np.where(some_frames(LONG, (100, 109))[:, None], 0.2, 0.0) * np.ones(BODY.dof))
+    noise = SegmentNoise(np.ones((2, LONG - 1, 1 + len(BODY))), np.ones((2, LONG - 1)), np.ones(2))
+    asked: list[tuple[int, object]] = []
+
+    def solved(own: SegmentProblem, motions: Sequence[Motion], _: object, stages: object, __: object) -> Any:
+        asked.append((own.length, stages))
+        return SimpleNamespace(motions=tuple(motions))
+
+    def likeliest(_problem: object, _noise: object, one: Any, other: Any) -> Any:
+        return other if better else one
+
+    monkeypatch.setattr(local_trials, "descend", solved)
+    monkeypatch.setattr(local_trials, "likeliest", likeliest)
+    found = likelier_after_change(problem, noise, best, [changed], Workspace(), stages=BRIDGING)
+    around = 10 + 2 * BESIDE
+    assert asked == [(around, BRIDGING)] * 2 + [(LONG, SETTLED)] * better
+    assert (found is best) != better
+    if better:
+        np.testing.assert_array_equal(found.motions[0].rotations, changed.rotations)
+
+
+@pytest.mark.parametrize("wide", [False, True])
+def test_a_long_segment_is_refined_again_only_around_frames_on_which_a_joint_still_moves(
+    monkeypatch: pytest.MonkeyPatch, wide: bool
+) -> None:
+    """Unless these are most of its frames; the last stage ends it on all frames either way."""
+    problem, rest = seen(LONG), at_rest(BODY, LONG)
+    moving = np.where(some_frames(LONG, (10, 290) if wide else (100, 104)), 2 * UNCONVERGED_MOVE, 0.0)
+    asked: list[tuple[int, Sequence[DescentStage]]] = []
+
+    def solution(motion: Motion, moved: np.ndarray) -> SegmentSolution:
+        return replace(Landscape(truth=rest).solution(problem, rest), motions=(motion,), moved=moved, variances=())
+
+    def descended(own: SegmentProblem, start: Sequence[Motion], _: object, stages: Sequence[DescentStage]) -> Any:
+        asked.append((own.length, stages))
+        return solution(start[0], moving if len(asked) == 1 else 0 * moving)
+
+    def refined(own: SegmentProblem, start: Sequence[Motion], _: object, stages: Sequence[DescentStage]) -> Any:
+        asked.append((own.length, stages))
+        fixed = own.fixed[0].all(axis=1)
+        return solution(start[0].moved(np.where(fixed[:, None], 0.0, 0.1) * np.ones(BODY.dof)), np.zeros(own.length))
+
+    monkeypatch.setattr(long_refinement, "descend", descended)
+    monkeypatch.setattr(long_refinement.gauss_newton, "refine", refined)
+    found = long_refinement.refine(problem, [rest], Workspace(), POLISHED_AT_ONCE)
+    last = POLISHED_AT_ONCE[-1:]
+    around = [] if wide else [(5 + 2 * BESIDE, last)]
+    assert asked == [(LONG, POLISHED_AT_ONCE), *around, (LONG, last)]
+    changed = np.flatnonzero(rest.difference(found.motions[0]).any(axis=1))
+    kept = [] if wide else np.arange(100 - BESIDE + HELD_FRAMES, 105 + BESIDE - HELD_FRAMES)
+    np.testing.assert_array_equal(changed, kept)

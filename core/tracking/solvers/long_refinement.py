@@ -1,0 +1,67 @@
+"""Refining a long segment: on all frames at once, and again only around those on which something still moves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ...body.motion import Motion
+from ...numerics.arrays import Bools
+from ...runtime.freed_memory import return_freed_memory
+from ...runtime.timing import Seconds
+from . import gauss_newton
+from .descent_stages import REFINEMENT, UNCONVERGED_MOVE, DescentStage
+from .equations.measurement import Workspace
+from .equations.problem import SegmentProblem, SegmentSolution
+from .gauss_newton import MAX_REPEATS, continued, descend
+from .limb_corrections.local_trials import MAX_SHARE, can_be_parted, stretch_of, stretches_around
+
+
+def refine(
+    problem: SegmentProblem,
+    start: Sequence[Motion],
+    workspace: Workspace,
+    stages: Sequence[DescentStage] = REFINEMENT,
+) -> SegmentSolution:
+    """Refine a solution, as `gauss_newton.refine` does.
+
+    The longer a segment, the likelier it is that some limb still moves somewhere. So a long one is refined again around
+    the frames on which a joint moved by more than `UNCONVERGED_MOVE`, while the motion beside them stays, before the
+    last stage is repeated on all frames: most of them are at rest, and it ends by its first evaluation.
+    """
+    if not can_be_parted(problem):
+        return gauss_newton.refine(problem, start, workspace, stages)
+    share = 1 / (1 + MAX_REPEATS)
+    found = descend(problem, start, workspace.part(0.0, share), stages)
+    seconds = Seconds(found.seconds)
+    for again in range(1, 1 + MAX_REPEATS):
+        moving = found.moved >= UNCONVERGED_MOVE
+        if not moving.any():
+            break
+        part = workspace.part(again * share, (again + 1) * share)
+        motions = _refined_around(problem, found, moving, part.part(0.0, 0.5), stages[-1:])
+        further = descend(problem, motions, part.part(0.5, 1.0), stages[-1:])
+        seconds.add(further.seconds)
+        found = continued(found, further)
+    return replace(found, seconds=seconds)
+
+
+def _refined_around(
+    problem: SegmentProblem,
+    found: SegmentSolution,
+    moving: Bools,
+    workspace: Workspace,
+    stages: Sequence[DescentStage],
+) -> tuple[Motion, ...]:
+    """Return the motions of a solution, refined around some of the F frames; the same if these are most of them."""
+    problem, motions = problem.with_smoothness(found.variances), found.motions
+    stretches = [replace(stretch, held=(True, True)) for stretch in stretches_around(problem, moving)]
+    if sum(stretch.last + 1 - stretch.first for stretch in stretches) > MAX_SHARE * problem.length:
+        return motions
+    for k, stretch in enumerate(stretches):
+        workspace.report(k / len(stretches), motions)
+        return_freed_memory()
+        begin = [motion[stretch.first : stretch.last + 1] for motion in motions]
+        here = gauss_newton.refine(stretch_of(problem, stretch), begin, Workspace(workspace.threads), stages)
+        motions = tuple(m.replaced(stretch.first, own) for m, own in zip(motions, here.motions, strict=True))
+    return motions
