@@ -1,14 +1,14 @@
 """What is found about a view that is compared with the key poses or with the other views, in words for the user.
 
 Every finding has a `camera`, says in `by` what the view was compared by, whether it is `off`, and if so in a few words
-(`brief`) and on one line (`summary`) what is wrong.
+(`brief`) and on one line (`summary`) what is wrong. Its `figures` are what report.json says of it beside these.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Literal, TypeAlias
+from typing import Any, ClassVar, Literal, TypeAlias
 
 from ..evidence.background_shift import BackgroundShift
 from ..evidence.movement_match import MIN_MATCH
@@ -53,6 +53,11 @@ class CameraFit(PictureShift):
         return f"{self.shift:.0f} px off the {'other cameras' if self.by == 'keypoints' else 'key poses'}"
 
     @property
+    def figures(self) -> dict[str, Any]:
+        """How far it is off, pixels."""
+        return {name: round(getattr(self, name), 1) for name in ("shift", "deviation", "limit")}
+
+    @property
     def summary(self) -> str:
         """One line on a camera that does not fit."""
         return f"{self.camera}: its picture is {self.brief}; up to {self.limit:.0f} px could be chance"
@@ -93,6 +98,14 @@ class FootageMatch:
         if self.offset is not None:
             return f"an offset of {self.offset:g} fits the key poses better"
         return "footage and key poses do not belong together"
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """The match, and with what it would be better."""
+        match = {"match": round(self.match, 2)}
+        if self.mirrored is not None:
+            return {**match, "mirrored": round(self.mirrored, 3)}
+        return match if self.offset is None else {**match, "offset": self.offset}
 
     @property
     def summary(self) -> str:
@@ -142,6 +155,13 @@ class MovedCamera:
         return f"{what} (measured and allowed for)" if self.followed else what
 
     @property
+    def figures(self) -> dict[str, Any]:
+        """How the background lies elsewhere: pixels, on which frames, and a ratio."""
+        moved = self.background
+        shift, enlarged = round(moved.pixels, 1), round(moved.enlarged, 3)
+        return {"shift": shift, "frames": list(moved.frames), "enlarged": enlarged, "followed": self.followed}
+
+    @property
     def _zooms(self) -> bool:
         """Whether turns do not explain how the background lies."""
         return not self.followed and abs(math.log(self.background.enlarged)) > _MIN_ZOOM
@@ -180,6 +200,7 @@ class _Unmeasured:
     brief: ClassVar[str]
     advice: ClassVar[str]
     """What follows these words: why it matters, and what to do."""
+    figures: ClassVar[dict[str, Any]] = {}
 
     @property
     def summary(self) -> str:
@@ -236,6 +257,11 @@ class FlickeringLight:
     def brief(self) -> str:
         """A few words on how much it flickers."""
         return f"its light flickers by {self.amplitude:.0%}"
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """How much it flickers, relative."""
+        return {"flicker": round(self.amplitude, 3)}
 
     @property
     def summary(self) -> str:

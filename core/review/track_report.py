@@ -256,27 +256,7 @@ def _keypoints(shot: Shot, own: PerformerKeypoints) -> dict[str, Any]:
 
 def _finding(found: ViewFinding) -> dict[str, Any]:
     """Return how well a view's camera fits, in pixels, or what else was found about it."""
-    return {"by": found.by, "off": found.off, **_measured(found), "summary": found.summary}
-
-
-def _measured(found: ViewFinding) -> dict[str, Any]:
-    match found.by:
-        case "movement":
-            match = {"match": round(found.match, 2)}
-            if found.mirrored is not None:
-                return {**match, "mirrored": round(found.mirrored, 3)}
-            return match if found.offset is None else {**match, "offset": found.offset}
-        case "background":
-            shift, frames = round(found.background.pixels, 1), list(found.background.frames)
-            enlarged = round(found.background.enlarged, 3)
-            return {"shift": shift, "frames": frames, "enlarged": enlarged, "followed": found.followed}
-        case "plain background" | "fade":
-            return {}
-        case "light":
-            return {"flicker": round(found.amplitude, 3)}
-        case _:
-            figures = {"shift": found.shift, "deviation": found.deviation, "limit": found.limit}
-            return {name: round(value, 1) for name, value in figures.items()}
+    return {"by": found.by, "off": found.off, **found.figures, "summary": found.summary}
 
 
 def _refined_camera(found: RefinedCamera) -> dict[str, Any]:
