@@ -44,13 +44,7 @@ def use_as_prop(current: bpy.types.Scene, mesh: bpy.types.Object) -> bpy.types.O
         raise BodyError("the mesh is flat, or has too few vertices", where=f"mesh {mesh.name}", todo=todo)
     keyed = _keyed_places(current, mesh)
     world = mesh.matrix_world.copy()
-    place, turn, _ = world.decompose()
-    armature = bpy.data.objects.new(f"{mesh.name} rig", bpy.data.armatures.new(f"{mesh.name} rig"))
-    with body_armature.edit_bones(armature) as bones:
-        bone = bones.new(mesh.name)
-        bone.tail = (0.0, max(*mesh.dimensions, 1e-3), 0.0)
-        bone.matrix = Matrix.LocRotScale(place, turn, None)
-        name = bone.name
+    armature, name = _armature_at(mesh)
     current.collection.objects.link(armature)
     before = mesh.parent, mesh.matrix_parent_inverse.copy()
     mesh.parent, mesh.matrix_parent_inverse = armature, Matrix.Identity(4)
@@ -80,6 +74,17 @@ def use_as_prop(current: bpy.types.Scene, mesh: bpy.types.Object) -> bpy.types.O
         key_pose_curves.key_current_pose(armature, frame)
     current.frame_set(current.frame_current)
     return armature
+
+
+def _armature_at(mesh: bpy.types.Object) -> tuple[bpy.types.Object, str]:
+    """Return a new armature with one bone where a mesh object is, as it is turned, and the bone's name."""
+    place, turn, _ = mesh.matrix_world.decompose()
+    armature = bpy.data.objects.new(f"{mesh.name} rig", bpy.data.armatures.new(f"{mesh.name} rig"))
+    with body_armature.edit_bones(armature) as bones:
+        bone = bones.new(mesh.name)
+        bone.tail = (0.0, max(*mesh.dimensions, 1e-3), 0.0)
+        bone.matrix = Matrix.LocRotScale(place, turn, None)
+        return armature, bone.name
 
 
 def _refuse_moved(mesh: bpy.types.Object) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 import bpy
 import numpy as np
@@ -187,26 +187,9 @@ def _use_controls(
     current: bpy.types.Scene, armature: bpy.types.Object, collection: bpy.types.Collection, controls: FkControls
 ) -> tuple[bpy.types.Object, tuple[str, ...]]:
     """Make a rig a performer through its controls; see `use_as_body`."""
-    held = following(armature)
-    roles = limb_bones(armature)
+    held, roles = following(armature), limb_bones(armature)
     turned = fk_controls.with_halves_of_limbs(armature, controls, held, roles.names())
-    carriers, remarks = dict(turned), list[str]()
-    led = skinned_parts.leading_bones(armature)
-    for name in sorted(set(led) - set(carriers), key=lambda each: len(armature.data.bones[each].parent_recursive)):
-        above = next((p.name for p in armature.data.bones[name].parent_recursive if p.name in carriers), None)
-        if above is None or name in roles.names():
-            raise BodyError(
-                f"no control was found that turns the bone about its head: it is moved by "
-                f"{held.get(name, 'the one above')}",
-                where=f"armature {armature.name}, bone {name}",
-                todo="switch its limb to forward kinematics (FK), give its control the bone's own place and roll, "
-                "or mute what moves it",
-            )
-        carriers[name] = carriers[above]
-        if name in held and not says_twist(name):
-            remarks.append(f"bone {name}: it is moved by {held[name]}, so it is left out, and follows the body")
-    halves = taken_in(armature, roles)
-    carriers |= {name: carriers[above] for name, above in halves.items() if name in carriers and above in carriers}
+    carriers, remarks = _turning_controls(armature, turned, held, roles)
     with with_settings(armature, controls.settings) as before:
         made = skinned_parts.add_parts(
             armature, collection, carriers, limbs=[carriers.get(n, n) for n in limbs_of(roles)]
@@ -228,6 +211,37 @@ def _use_controls(
     remarks += keep_key_poses(taken, controls.settings, before)
     keep_in_override(taken, controls.settings, current.frame_start)
     return taken, tuple(remarks)
+
+
+def _turning_controls(
+    armature: bpy.types.Object, turned: Mapping[str, str], held: Mapping[str, str], roles: BoneMap
+) -> tuple[dict[str, str], list[str]]:
+    """Return the control that moves each deforming bone, given those of bones that controls turn themselves, and
+    remarks on bones that follow the body.
+
+    Raises
+    ------
+    BodyError
+        A bone of a limb has none; names it and what moves it.
+    """
+    carriers, remarks = dict(turned), list[str]()
+    led = skinned_parts.leading_bones(armature)
+    for name in sorted(set(led) - set(carriers), key=lambda each: len(armature.data.bones[each].parent_recursive)):
+        above = next((p.name for p in armature.data.bones[name].parent_recursive if p.name in carriers), None)
+        if above is None or name in roles.names():
+            raise BodyError(
+                f"no control was found that turns the bone about its head: it is moved by "
+                f"{held.get(name, 'the one above')}",
+                where=f"armature {armature.name}, bone {name}",
+                todo="switch its limb to forward kinematics (FK), give its control the bone's own place and roll, "
+                "or mute what moves it",
+            )
+        carriers[name] = carriers[above]
+        if name in held and not says_twist(name):
+            remarks.append(f"bone {name}: it is moved by {held[name]}, so it is left out, and follows the body")
+    halves = taken_in(armature, roles)
+    carriers |= {name: carriers[above] for name, above in halves.items() if name in carriers and above in carriers}
+    return carriers, remarks
 
 
 def _mechanism(armature: bpy.types.Object) -> BoneMap | None:
