@@ -107,6 +107,14 @@ class Refinement:
         views = [replace(view, camera=found.camera) for view, found in zip(shot.views, self.views, strict=True)]
         return replace(shot, views=tuple(views))
 
+    def standing_as(self, shot: Shot, frame: int) -> Refinement:
+        """Return the same with the pose on one shot frame for the cameras that stand still in a shot as given."""
+        views = [
+            replace(own, camera=own.camera.at([frame])) if view.camera.stands_still else own
+            for own, view in zip(self.views, shot.views, strict=True)
+        ]
+        return replace(self, views=tuple(views))
+
 
 @one_library_thread()
 def refine_cameras(

@@ -32,7 +32,7 @@ from ..tracking.retracking import Excerpt, preview_segment, track_excerpts
 from ..tracking.run_context import FirstPictures, RunContext, SolvedShot
 from ..tracking.segments import whole_keys
 from ..tracking.track_result import TrackResult
-from ..tracking.turned_cameras import with_turns
+from ..tracking.turned_cameras import calibrated_frame, with_early_turns, with_turns
 from .camera_refinement import RefinedCamera, Refinement, refine_cameras
 from .early_check import EARLY_MISFITS, early_frames, early_misfits
 from .footage_match import footage_matches
@@ -224,7 +224,8 @@ def refine_shot_cameras(shot: Shot, progress: Progress | None = None) -> Refinem
     """Refine a shot's cameras, by keypoints and by key poses.
 
     Cameras that contradict the keypoints of the others are moved to agree with them. If no three views share keypoints,
-    or the cameras then do not fit the key poses, all are refined by `refine_cameras`.
+    or the cameras then do not fit the key poses, all are refined by `refine_cameras`. What is refined of cameras that
+    are held in the hand (`with_early_turns`) is their pose on the frame on which they are as calibrated.
 
     Raises
     ------
@@ -234,6 +235,13 @@ def refine_shot_cameras(shot: Shot, progress: Progress | None = None) -> Refinem
         A file cannot be read.
     CancelledError
     """
+    followed = with_early_turns(shot, checked_frames(shot))
+    refined = _refined(followed, progress)
+    return refined if followed is shot else refined.standing_as(shot, calibrated_frame(shot))
+
+
+def _refined(shot: Shot, progress: Progress | None) -> Refinement:
+    """Refine a shot's cameras, which have a pose for every frame if they move."""
     compared = _by_keypoints(shot)
     if compared is None:
         return refine_cameras(shot, progress)

@@ -42,6 +42,7 @@ from ..shot.shot_spec import PerformerSpec, ShotSpec, ViewSpec
 from .frames_ahead import FramesAhead
 from .shot_scale import ShotScale
 from .solvers.registry import REGISTRY, solver_named
+from .turned_cameras import with_early_turns
 
 MAIN_LANDMARKS = tuple(side + joint for joint in MAIN_JOINTS for side in "LR")
 """The main joints of both sides."""
@@ -179,9 +180,13 @@ def pose_by_keypoint_files(
 ) -> tuple[KeypointPoses, ...]:
     """Read the keypoints of a shot's views and fit every performer's motion to them; see `poses_from_keypoints`.
 
-    Bodies of other sizes than people's are fitted at human size (`ShotScale`).
+    Bodies of other sizes than people's are fitted at human size (`ShotScale`). Cameras that are held in the hand are
+    followed (`with_early_turns`); where frames are given, they are as calibrated on the first with a key pose then.
     """
     report_progress(progress, "keypoints", 0.0)
+    wanted = [] if frames is None else list(frames)
+    keyed = [int(f) for performer in shot.performers for f in performer.key_poses.full()]
+    shot = with_early_turns(shot, wanted, min([*wanted, *keyed], default=None))
     scale = ShotScale.of(shot)
     found = poses_from_keypoints(scale.shot(shot), read_shot_keypoints(shot), frames, share(progress, 0.1, 1.0))
     motions = scale.motions_back([own.motion for own in found], shot.performers)
@@ -366,4 +371,4 @@ def _from_keypoints(shot: Shot, requests: Sequence[PerformerRequest | None], spe
         able = " or ".join(name for name, solver in REGISTRY.items() if solver.uses_keypoints)
         raise ShotError(f"key poses from keypoints need the solver {able}", where=where)
     with located(str(spec.path)):
-        return propose_performers(shot, read_shot_keypoints(shot), requests)
+        return propose_performers(with_early_turns(shot), read_shot_keypoints(shot), requests)

@@ -2,13 +2,14 @@
 
 How they turn is measured in their pictures (`core.evidence.background_turn`), and they get a pose for every frame. All
 that is seen through a camera then uses that pose, and the pictures are read as if it had stood still
-(`core.tracking.reader`). The calibrated pose is taken to be that on the first frame with a key pose; or, where key
-poses were set by eye as if the camera had stood still, that on every such frame.
+(`core.tracking.reader`). The calibrated pose is taken to be that on the first frame with a key pose, or on the first
+of all if key poses are only proposed; or, where key poses were set by eye as if the camera had stood still, that on
+every such frame.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from ..body.kinematics import scene_poses
 from ..body.motion import Motion
+from ..cameras.camera import Camera
+from ..errors import FootageError
 from ..evidence.background_shift import MIN_SHIFT, background_shift
 from ..evidence.background_turn import background_turns
 from ..evidence.movement_match import key_poses_of, movement_match
@@ -37,6 +40,8 @@ _MAX_COMPARED_KEYS = 5
 """Greatest number of key frames that show whether key poses were set by eye."""
 _MIN_SHIFTED = 3
 """On how many frames the background must lie elsewhere for its camera to turn."""
+_EARLY_FRAMES = range(0, 31, 10)
+"""Frames on which backgrounds are compared before anything is tracked: what is held in the hand has moved by then."""
 
 Turns = tuple[Array | None, ...]
 """Per view: rotations (F, 3, 3) from its calibrated axes to those on every frame; None if it is as calibrated."""
@@ -78,16 +83,57 @@ class BackgroundWatch:
         return background_shift(pictures, masked, numbers, 1.0) is not None
 
 
-def with_measured_turns(shot: Shot, views: Collection[int]) -> Shot:
-    """Return a shot in which those of some views whose pictures show how their camera turns have a pose for every
-    frame.
+def with_early_turns(shot: Shot, frames: Collection[int] = (), calibrated: int | None = None) -> Shot:
+    """Return a shot in which the cameras that turn have a pose for every frame, before anything is tracked.
+
+    Backgrounds are compared on the first frames, and on some more. Unless the shot's settings say otherwise.
+
+    Parameters
+    ----------
+    shot : Shot
+        Performers without key poses may be anywhere in the pictures.
+    frames : collection of int, optional
+        More shot frames on which backgrounds are compared.
+    calibrated : int, optional
+        See `with_measured_turns`.
 
     Raises
     ------
     FootageError
         The footage ends or breaks early.
     """
-    turns = [_measured(shot, view) if v in views else None for v, view in enumerate(shot.views)]
+    if shot.settings.stabilise is False:
+        return shot
+    looked = sorted(f for f in {*_EARLY_FRAMES, *frames} if f < shot.length)
+    views = range(len(shot.views))
+    found = views if shot.settings.stabilise else [v for v in views if _shifts(shot, shot.views[v], looked)]
+    return with_measured_turns(shot, found, calibrated)
+
+
+def calibrated_frame(shot: Shot) -> int:
+    """Return the shot frame on which cameras are taken to be as calibrated."""
+    return min((int(f) for performer in shot.performers for f in performer.key_poses.full()), default=0)
+
+
+def with_measured_turns(shot: Shot, views: Collection[int], calibrated: int | None = None) -> Shot:
+    """Return a shot in which those of some views whose pictures show how their camera turns have a pose for every
+    frame.
+
+    Parameters
+    ----------
+    shot : Shot
+    views : collection of int
+    calibrated : int, optional
+        The shot frame on which cameras are as calibrated; `calibrated_frame` by default.
+
+    Raises
+    ------
+    FootageError
+        The footage ends or breaks early.
+    """
+    if calibrated is None:
+        calibrated = calibrated_frame(shot)
+    turns = [_measured(shot, view, calibrated) if v in views else None for v, view in enumerate(shot.views)]
     if _set_by_eye(shot, turns):
         turns = [None if own is None else own @ np.swapaxes(_between_keys(shot, own), 1, 2) for own in turns]
     return with_turns(shot, turns)
@@ -112,21 +158,45 @@ def turns_since(shot: Shot, given: Shot) -> Turns:
     )
 
 
-def _measured(shot: Shot, view: View) -> Array | None:
-    """Return how a view's camera turns, shape (F, 3, 3), if it clearly does and most frames tell."""
-    if not view.camera.stands_still:
-        return None
-    factor = working_factor(view, shot.settings.working_size)
-    camera, bodies = view.camera.reduced(factor).rectified(), [performer.body for performer in shot.performers]
-    curves = [spline(performer.key_poses, shot.length) for performer in shot.performers]
-    geometry = Geometry.of(bodies)
+def _shifts(shot: Shot, view: View, frames: Sequence[int]) -> bool:
+    """Whether a view's background lies elsewhere on some of K shot frames than on the first of them.
 
-    def performers(frame: int) -> Bools:
+    Who tracks footage that cannot be read says so.
+    """
+    if not view.camera.stands_still:
+        return False
+    factor = working_factor(view, shot.settings.working_size)
+    masks = _posed_performers(shot, view.camera.reduced(factor).rectified())
+    try:
+        pictures = [*frames_at(view, [shot.frames[0] + f for f in frames], factor, grey=False)]
+    except FootageError:
+        return False
+    return background_shift(pictures, [masks(f) for f in frames], frames, 1.0) is not None
+
+
+def _posed_performers(shot: Shot, camera: Camera) -> Callable[[int], Bools]:
+    """Return a function that returns where a camera roughly shows those with key poses on a shot frame, (h, w)."""
+    posed = [performer for performer in shot.performers if len(performer.key_poses.frames)]
+    if not posed:
+        return lambda _frame: np.zeros(camera.size[::-1], bool)
+    bodies = [performer.body for performer in posed]
+    curves, geometry = [spline(performer.key_poses, shot.length) for performer in posed], Geometry.of(bodies)
+
+    def shown(frame: int) -> Bools:
         poses = scene_poses(bodies, [curve[[frame]] for curve in curves])
         return np.asarray(render_labels(geometry, camera, 0, *poses).part[0] >= 0)
 
+    return shown
+
+
+def _measured(shot: Shot, view: View, calibrated: int) -> Array | None:
+    """Return how a view's camera turns since a frame, shape (F, 3, 3), if it clearly does and most frames tell."""
+    if not view.camera.stands_still:
+        return None
+    factor = working_factor(view, shot.settings.working_size)
+    camera = view.camera.reduced(factor).rectified()
     pictures = frames_at(view, range(shot.frames[0], shot.frames[1] + 1), factor)
-    found = background_turns(pictures, camera, performers)
+    found = background_turns(pictures, camera, _posed_performers(shot, camera))
     if found is None:
         return None
     told = np.flatnonzero(np.isfinite(found[:, 0, 0]))
@@ -134,8 +204,7 @@ def _measured(shot: Shot, view: View) -> Array | None:
         return None
     frames = np.clip(np.arange(shot.length), told[0], told[-1])
     turns = Slerp(told, Rotation.from_matrix(found[told]))(frames)
-    posed = posed_frames(shot, 0, shot.length - 1).frames.tolist()
-    turns = (turns * turns[posed[0] if posed else 0].inv()).as_matrix()
+    turns = (turns * turns[calibrated].inv()).as_matrix()
     shifted = np.count_nonzero(camera.displacements(turns) > MIN_SHIFT)
     return turns if shot.settings.stabilise or shifted >= _MIN_SHIFTED else None
 
