@@ -53,20 +53,37 @@ def moved_cameras(
     return found
 
 
-def plain_backgrounds(
-    shot: Shot, views: Sequence[KeyFrameView], frames: NDArray[np.int64]
-) -> tuple[PlainBackground, ...]:
-    """Return the cameras of which the background does not show whether they moved, though others of the shot did;
-    parameters as of `moved_cameras`.
+def with_plain_backgrounds(
+    shot: Shot,
+    views: Sequence[KeyFrameView],
+    frames: NDArray[np.int64],
+    findings: Sequence[ViewFinding],
+    *,
+    turning: bool,
+) -> tuple[ViewFinding, ...]:
+    """Return findings, and of which cameras the background does not show whether they moved: a fit of a camera that is
+    off says so itself; others are named only if others of the shot moved. Other parameters as of `moved_cameras`.
+
+    Parameters
+    ----------
+    findings : sequence of ViewFinding
+    turning : bool
+        Whether others were found to turn.
     """
-    if len(frames) < 2:
-        return ()
+    off = {own.camera for own in findings if isinstance(own, CameraFit) and own.off}
+    if len(frames) < 2 or not (turning or off):
+        return (*findings,)
     poses, geometry = key_poses_of(shot, frames), Geometry.of([performer.body for performer in shot.performers])
-    return tuple(
-        PlainBackground(view.camera.name)
+    plain = [
+        view.camera.name
         for view, pictured in zip(shot.views, views, strict=True)
-        if background_is_plain(view, pictured, geometry, poses)
-    )
+        if (turning or view.camera.name in off) and background_is_plain(view, pictured, geometry, poses)
+    ]
+    said = [
+        replace(own, plain=True) if isinstance(own, CameraFit) and own.off and own.camera in plain else own
+        for own in findings
+    ]
+    return (*(PlainBackground(name) for name in plain if name not in off), *said)
 
 
 def followed_cameras(shot: Shot, turns: Sequence[Array | None]) -> tuple[MovedCamera, ...]:

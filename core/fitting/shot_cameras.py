@@ -38,7 +38,7 @@ from .early_check import EARLY_MISFITS, early_frames, early_misfits
 from .footage_match import footage_matches
 from .key_frame_views import pictured_key_frames, read_key_frames
 from .keypoint_cameras import PictureShift, contradictions
-from .misfit_causes import attributed_findings, followed_cameras, moved_cameras, plain_backgrounds
+from .misfit_causes import attributed_findings, followed_cameras, moved_cameras, with_plain_backgrounds
 from .outline_fit import RefinementStage
 from .shared_keypoints import CameraEstimate, SharedKeypoints
 from .view_findings import CameraFit, ViewFinding
@@ -116,17 +116,13 @@ def fit_by_key_poses(
     except CalibrationError:  # no view shows the performers clearly
         found = ()
     fits = [
-        CameraFit(one.shift, one.deviation, one.limit, one.camera.name, "key poses") for one in found if not one.lost
+        CameraFit(own.shift, own.deviation, own.limit, own.camera.name, "key poses") for own in found if not own.lost
     ]
     matches = footage_matches(shot, views, frames)
     moved = moved_cameras(shot, views, frames)
     rest = [fit for fit in fits if fit.camera not in moved]
-    plain = plain_backgrounds(shot, views, frames) if turning else ()
-    return (
-        *moved.values(),
-        *plain,
-        *attributed_findings(given, frames, [own for own in matches if own.camera not in moved], rest),
-    )
+    findings = attributed_findings(given, frames, [own for own in matches if own.camera not in moved], rest)
+    return (*moved.values(), *with_plain_backgrounds(shot, views, frames, findings, turning=turning))
 
 
 def camera_fits(shot: Shot, result: SolvedShot, progress: Progress | None = None) -> tuple[ViewFinding, ...]:

@@ -26,6 +26,11 @@ _ZOOM = (
     "a calibration holds for one focal length and place: film with a fixed zoom, leave the view out with --views, or "
     "solve the camera's motion, as in Blender"
 )
+_PLAIN = "its background is too plain to tell whether its camera moved"
+_HELD = (
+    "if it was held in the hand, stabilise its footage, give the camera's motion, or leave the view out with --views; "
+    "next time, put marks on the wall"
+)
 _STABILISE = (
     "its pictures do not tell how it turned, or stabilise = false; stabilise its footage, as with: ffmpeg -i FOOTAGE "
     "-vf vidstabdetect=tripod=1 -f null - && ffmpeg -i FOOTAGE -vf vidstabtransform=tripod=1:optzoom=0 -crf 14 "
@@ -42,10 +47,13 @@ class CameraFit(PictureShift):
     camera : str
     by : str
         What it was compared with: "keypoints" or "key poses".
+    plain : bool
+        Whether its background is too plain to tell whether it moved, which may be why it is off.
     """
 
     camera: str
     by: Literal["keypoints", "key poses"]
+    plain: bool = False
 
     @property
     def brief(self) -> str:
@@ -60,7 +68,8 @@ class CameraFit(PictureShift):
     @property
     def summary(self) -> str:
         """One line on a camera that does not fit."""
-        return f"{self.camera}: its picture is {self.brief}; up to {self.limit:.0f} px could be chance"
+        plain = f"; {_PLAIN}: {_HELD}" if self.plain else ""
+        return f"{self.camera}: its picture is {self.brief}; up to {self.limit:.0f} px could be chance{plain}"
 
 
 @dataclass(frozen=True)
@@ -213,11 +222,8 @@ class PlainBackground(_Unmeasured):
     """A camera of which it cannot be seen whether it moved, as others of the shot did."""
 
     by: Literal["plain background"] = "plain background"
-    brief: ClassVar[str] = "its background is too plain to tell whether its camera moved"
-    advice: ClassVar[str] = (
-        ", as others of this shot did: if it was held in the hand, stabilise its footage, give the camera's motion, or "
-        "leave the view out with --views; next time, put marks on the wall"
-    )
+    brief: ClassVar[str] = _PLAIN
+    advice: ClassVar[str] = f", as others of this shot did: {_HELD}"
 
 
 @dataclass(frozen=True)
