@@ -14,7 +14,7 @@ from kfmocap.core.body.measures.measures_from_landmarks import fit_body
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.formats import save_cameras, write_trc
 from kfmocap.core.numerics import rotations
-from kfmocap.core.tracking import prepare
+from kfmocap.core.tracking import spec_performers
 from tiny_shot import FRAMES, SHOT, SIZE, made_result, motion_of
 
 
@@ -39,6 +39,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "notes.txt").write_text("mine")
     # The same landmarks in nearly every test, which takes half of its time.
-    monkeypatch.setattr(prepare, "fit_body", lambda names, points, height: _fitted((*names,), points.tobytes(), height))
+    monkeypatch.setattr(
+        spec_performers, "fit_body", lambda names, points, height: _fitted((*names,), points.tobytes(), height)
+    )
     monkeypatch.setattr(tracked_files, "track", lambda shot, progress=None, **_: made_result(shot))
     return tmp_path
