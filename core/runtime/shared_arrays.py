@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 _ROWS = 16
 """Number of rows of a mapped array that are read before their memory is released."""
+_ROWS_COPIED = 64
+"""The same where they are copied, more than an evaluation of the pictures takes at a time."""
 
 MAX_HELD = 64 << 20
 """Largest number of bytes that `collected` keeps in memory."""
@@ -61,8 +63,12 @@ def copied_from_map(array: NDArray[Any]) -> NDArray[Any]:
     """
     if (mapping := _mapping(array)) is None:
         return array
-    part = array.copy()
-    _release(mapping)
+    part, along = np.empty(array.shape, array.dtype), int(np.argmax(array.strides))
+    rows, out = (np.moveaxis(each, along, 0) for each in (array, part))
+    for first in range(0, len(rows), _ROWS_COPIED):
+        some = slice(first, first + _ROWS_COPIED)
+        out[some] = rows[some]
+        _release(mapping)
     return part
 
 

@@ -64,7 +64,7 @@ def missed_key_poses(
         free, smooth = _without_key(problem, solution, performer, frame)
         if free.fixed[performer].all():
             continue
-        system = images[performer] + smooth.blocks(free, performer, motion)
+        system = smooth.blocks(free, performer, motion).add(images[performer])
         factor = BandedFactor(system, free.fixed[performer])
         # A single step goes as much too short here as in solving.
         step = -OVERRELAXATION * factor.solve(system.gradient)[frame]

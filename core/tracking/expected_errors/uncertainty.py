@@ -17,6 +17,7 @@ import numpy as np
 
 from ...body import Body
 from ...numerics.arrays import Array, Bools
+from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.error_lengths import length_quantile
 from ..late_views import Lateness, segment_lateness
 from ..solvers.equations.measurement import keypoint_instants, measured_at
@@ -124,13 +125,10 @@ def segment_uncertainties(
     whole = replace(problem, only=None)
     hidden, expected = hidden_and_expected(whole, motions, measured.evidence)
     images = evidence_equations(problem, measured, hidden)
-    smooth = SegmentSmoothness(solution.variances)
     keys = [problem.whole_keys(i) for i in range(len(problem.bodies))]
     misfit = solution.misfit or misfit_at(problem, motions, threads)
     gaps = misfit.mean_gaps(keys)
-    systems = [images[i] + smooth.blocks(problem, i, motion) for i, motion in enumerate(motions)]
-    tied = whole.tied(systems, motions)
-    covariances = tied.by_performer([system.factor().covariances() for system in tied.systems])
+    covariances = _pose_covariances(whole, solution, images)
     support = None if problem.shows_depth or problem.keypoints else support_of_parts(whole, motions)
     uncertainties = []
     for i, (body, motion, fixed) in enumerate(zip(problem.bodies, motions, problem.fixed, strict=True)):
@@ -153,6 +151,16 @@ def segment_uncertainties(
         )
     minimised = whole.tied(with_priors_at(whole, solution, images, expected), motions)
     return uncertainties, segment_lateness(problem, measured, hidden, minimised)
+
+
+def _pose_covariances(
+    whole: SegmentProblem, solution: SegmentSolution, images: Sequence[BandedBlocks]
+) -> dict[int, Array]:
+    """Return the covariances of every performer's poses, (F, D, D), by the evidence and the smoothness."""
+    smooth, motions = SegmentSmoothness(solution.variances), solution.motions
+    systems = [smooth.blocks(whole, i, motion).add(images[i]) for i, motion in enumerate(motions)]
+    tied = whole.tied(systems, motions)
+    return tied.by_performer([system.factor().covariances() for system in tied.systems])
 
 
 def joint_errors(body: Body, uncertainties: Sequence[SegmentUncertainty], beside: Array) -> JointErrors:

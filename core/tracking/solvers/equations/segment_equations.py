@@ -67,7 +67,8 @@ def with_priors(
     smooth: SegmentSmoothness,
     expected: Sequence[Array] = (),
 ) -> list[BandedBlocks]:
-    """Add the priors to the normal equations of the evidence: smoothness, and stiff parts near the key poses' curve.
+    """Add the priors to the normal equations of the evidence, in their arrays: smoothness, and stiff parts near the key
+    poses' curve.
 
     Parameters
     ----------
@@ -81,8 +82,7 @@ def with_priors(
     """
     systems = list(images)
     for i in problem.sought:
-        prior = smooth.blocks(problem, i, motions[i], expected[i] if expected else None)
-        systems[i] = prior.add(images[i])
+        systems[i] = images[i].add(smooth.blocks(problem, i, motions[i], expected[i] if expected else None))
     return with_curves(problem, systems, tuple(motions))
 
 
@@ -98,8 +98,8 @@ def equations_at(problem: SegmentProblem, solution: SegmentSolution) -> list[Ban
 def with_priors_at(
     problem: SegmentProblem, solution: SegmentSolution, images: Sequence[BandedBlocks], expected: Sequence[Array] = ()
 ) -> list[BandedBlocks]:
-    """Add to the normal equations of the evidence at a solution what else it minimises but plants and holds: the priors
-    of `with_priors`, with the solution's own smoothness, and contact. Parameters as there.
+    """Add to the normal equations of the evidence at a solution, in their arrays, what else it minimises but plants and
+    holds: the priors of `with_priors`, with the solution's own smoothness, and contact. Parameters as there.
     """
     motions = solution.motions
     systems = with_priors(problem, motions, images, SegmentSmoothness(solution.variances), expected)
