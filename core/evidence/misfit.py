@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 
 import cv2
 import numpy as np
@@ -14,9 +12,11 @@ from numpy.typing import NDArray
 from ..body.kinematics import Poses
 from ..numerics.arrays import Array
 from .foreground_images.foreground import SURE_LOG_RATIO, background_share, log_ratio
+from .frame_comparison import EvidenceCaches
 from .rendering.label_images import render_labels
 from .rendering.part_geometry import Geometry
 from .view_frames import ViewFrames, views_with_foreground
+from .view_work import IN_THIS_THREAD, ViewWork
 
 OWN_REACH, SEARCH_REACH = 0.2, 0.4
 """Distances from the model up to which uncovered foreground counts as the performer's, and up to which a lost limb is
@@ -88,7 +88,7 @@ def measured_misfit(
     *,
     first: int,
     spans: Sequence[slice],
-    threads: int = 1,
+    by: ViewWork = IN_THIS_THREAD,
 ) -> Misfit:
     """Compare performers with the foreground images of the views that have any.
 
@@ -104,11 +104,10 @@ def measured_misfit(
         Shot frame of the first of them.
     spans : sequence of slice
         The parts of each of N performers.
-    threads : int
+    by : ViewWork, optional
     """
-    misfit_of = partial(_view_misfit, geometry=geometry, first=first, spans=spans)
-    with ThreadPoolExecutor(threads) as pool:
-        found = list(pool.map(lambda view: misfit_of(view, poses=poses[view.delay]), views_with_foreground(views)))
+    tasks = [(view, (geometry, poses[view.delay], first, spans)) for view in views_with_foreground(views)]
+    found = list(by.of_each(_view_misfit, tasks, EvidenceCaches()))
     F, P = next(iter(poses.values()))[1].shape[:2]
     shapes = [(len(spans), F), (len(spans), F), (F, P), (F, P), (F, P)]
     return Misfit(
@@ -156,10 +155,10 @@ def most_explained(
 
 
 def _view_misfit(
-    view: ViewFrames, geometry: Geometry, poses: Poses, first: int, spans: Sequence[slice]
+    view: ViewFrames, _caches: EvidenceCaches, asked: tuple[Geometry, Poses, int, Sequence[slice]]
 ) -> tuple[Array, ...]:
-    """Compute the attributes of `Misfit` for one view."""
-    R, T = poses
+    """Compute the attributes of `Misfit` for one view; see `measured_misfit` for what is asked."""
+    geometry, (R, T), first, spans = asked
     P = T.shape[1]
     labels = render_labels(geometry, view.camera.subsampled(_STRIDE), first, R, T)
     scale = view.pixels_per_metre(T.mean(axis=(0, 1)), first) / _STRIDE

@@ -16,12 +16,14 @@ from ..cameras.camera import Camera
 from ..numerics.arrays import Array, Bools, Ints
 from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
 from ..numerics.normal_equations import DenseEquations
+from .frame_comparison import EvidenceCaches
 from .gradient_evidence.image_wrenches import camera_twist
 from .outline_evidence.held_outlines import HeldOutlines
 from .outline_evidence.outline_lines import Lines, LineSearch, outline_lines
 from .rendering.label_images import render_labels
 from .rendering.part_geometry import Geometry
 from .view_frames import ViewFrames
+from .view_work import IN_THIS_THREAD, ViewWork
 
 STRETCH_SIGMA = 0.2
 """Standard deviation of the stretch of a part along each of its axes, relative to the default body."""
@@ -99,6 +101,8 @@ def fitted_shape(
     poses: Mapping[float, Poses],
     frames: Sequence[int],
     known: Bools | None = None,
+    *,
+    by: ViewWork = IN_THIS_THREAD,
 ) -> FittedShape:
     """Fit the parts' shapes to outlines on frames whose poses are known; joints stay where they are.
 
@@ -117,11 +121,12 @@ def fitted_shape(
         Shot frames.
     known : ndarray of bool, shape (K, P), optional
         Parts whose poses are known on each frame; outlines of others are not used. By default all are known.
+    by : ViewWork, optional
     """
     start = np.zeros((len(geometry.spans), 6))
     result = minimise(
         start,
-        lambda change: shape_equations(views, geometry, change, poses, frames, known=known),
+        lambda change: shape_equations(views, geometry, change, poses, frames, known=known, by=by),
         compose,
         trial_cost=lambda change, equations: equations.cost_at(change, poses),
         damping=GAUSS_NEWTON,
@@ -179,12 +184,13 @@ def shape_equations(
     *,
     twists: Mapping[float, Array] | None = None,
     known: Bools | None = None,
+    by: ViewWork = IN_THIS_THREAD,
 ) -> ShapeEquations:
     """Build the normal equations from the outlines of all views.
 
     Parameters
     ----------
-    views, geometry, poses, frames, known
+    views, geometry, poses, frames, known, by
         See `fitted_shape`.
     change : ndarray, shape (P, 6)
         Present stretches and shifts of the parts.
@@ -194,18 +200,14 @@ def shape_equations(
     """
     P, own = len(geometry.spans), 6 if twists is None else 7
     shape = stretched(geometry, change)
+    tasks = [
+        (view, (shape, poses[view.delay], frames, None if twists is None else twists[view.delay], known))
+        for view in views
+    ]
     by_frame, held = np.zeros((len(frames), P, own + 1, own + 1)), []
-    for view in views:
-        camera, there = view.camera.at(frames), poses[view.delay]
-        lines = _lines(view, shape, there, frames)
-        if known is not None:
-            lines = lines.where(known[lines.frame, lines.part])
-        sound = np.array([view.sound(frame, 1)[0][0] for frame in frames])
-        if not sound.all():
-            lines = lines.where(sound[lines.frame])
-        rows = _rows(lines, camera, there, None if twists is None else twists[view.delay])
-        by_frame += lines.products(np.column_stack([rows, -lines.shift]), len(frames), P)
-        held.append((HeldOutlines.at(lines, camera, there, 1.0), camera, view.delay))
+    for view, (products, outlines) in zip(views, by.of_each(_view_products, tasks, EvidenceCaches()), strict=True):
+        by_frame += products
+        held.append((outlines, view.camera.at(frames), view.delay))
     sums = by_frame.sum(axis=0)
     H, g = sums[:, :-1, :-1], sums[:, :-1, -1]
     n = 6 * P
@@ -217,6 +219,25 @@ def shape_equations(
         matrix[block, n:], matrix[n:, block] = H[p, :6, 6:], H[p, 6:, :6]
     matrix[n:, n:], gradient[n:] = H[:, 6:, 6:].sum(axis=0), g[:, 6:].sum(axis=0)
     return ShapeEquations(matrix, gradient, float(sums[:, -1, -1].sum()), change, by_frame, tuple(held))
+
+
+def _view_products(
+    view: ViewFrames,
+    _: EvidenceCaches,
+    asked: tuple[Geometry, Poses, Sequence[int], Array | None, Bools | None],
+) -> tuple[Array, HeldOutlines]:
+    """Return the products of the rows of one view's outlines by frame and part, and these outlines; see
+    `shape_equations` for what is asked: shape, poses, frames, twists, and which parts are known.
+    """
+    shape, poses, frames, twists, known = asked
+    camera, lines = view.camera.at(frames), _lines(view, shape, poses, frames)
+    if known is not None:
+        lines = lines.where(known[lines.frame, lines.part])
+    sound = np.array([view.sound(frame, 1)[0][0] for frame in frames])
+    if not sound.all():
+        lines = lines.where(sound[lines.frame])
+    rows = np.column_stack([_rows(lines, camera, poses, twists), -lines.shift])
+    return lines.products(rows, len(frames), len(shape.spans)), HeldOutlines.at(lines, camera, poses, 1.0)
 
 
 def _lines(view: ViewFrames, geometry: Geometry, poses: Poses, frames: Sequence[int]) -> Lines:

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
-from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..body.kinematics import Poses
 from ..numerics.arrays import Array, Bools
-from .frame_comparison import EvidenceCaches, SegmentInViews
+from .frame_comparison import EvidenceCaches, FramesInView, SegmentInViews
 from .frame_evidence import FrameEvidence, frame_evidence
 from .gradient_evidence.gradients import GradientSums
 from .outline_evidence.outline_sums import OutlineSums
 from .rendering.part_geometry import Geometry, PerformerParts
 from .sampling import Sampling
+from .view_frames import ViewFrames
+from .view_work import IN_THIS_THREAD, ViewWork
 
 PAIRS_PER_BATCH = 32
 """Approximate number of pairs of frames that are processed at a time: large enough for NumPy, small enough for the
@@ -100,9 +101,9 @@ def accumulate_evidence(
     *,
     noise: Array | None = None,
     caches: EvidenceCaches | None = None,
-    threads: int = 1,
+    by: ViewWork = IN_THIS_THREAD,
 ) -> SegmentEvidence:
-    """Measure the evidence of F frames in all views; the result does not depend on the number of threads.
+    """Measure the evidence of F frames in all views.
 
     Parameters
     ----------
@@ -113,28 +114,32 @@ def accumulate_evidence(
         estimated from the residuals.
     caches : EvidenceCaches, optional
         Shared with the next call.
-    threads : int
+    by : ViewWork, optional
     """
     caches, pairs = caches or EvidenceCaches(), len(frames) - 1
     runs = max(round(pairs / PAIRS_PER_BATCH), 1)
     bounds = [pairs * k // runs for k in range(runs + 1)]
     spans = [(v, a, b) for v in range(len(frames.views)) for a, b in pairwise(bounds)]
-    joined = _JoinedRuns(len(frames.views), pairs)
-
-    def run(span: tuple[int, int, int]) -> dict[str, float]:
-        v, a, b = span
-        given = None if noise is None else noise[v, a:b]
-        found = frame_evidence(frames.some(v, a, b), parts, noise=given, caches=caches)
+    tasks = []
+    for v, a, b in spans:
+        some = frames.some(v, a, b)
+        tasks.append(
+            (some.view, (some.first, some.poses, some.sampling, parts, None if noise is None else noise[v, a:b]))
+        )
+    joined, seconds = _JoinedRuns(len(frames.views), pairs), []
+    for (v, a, _), found in zip(spans, by.of_each(_evidence_of_some, tasks, caches), strict=True):
         joined.add(v, a, found)
-        return found.seconds
-
-    if threads == 1:
-        seconds = [run(span) for span in spans]
-    else:
-        with ThreadPoolExecutor(threads) as pool:
-            seconds = list(pool.map(run, spans))
-    spent = {stage: sum(one[stage] for one in seconds) / min(threads, len(spans)) for stage in seconds[0]}
+        seconds.append(found.seconds)
+    spent = {stage: sum(one[stage] for one in seconds) / min(by.parallel, len(spans)) for stage in seconds[0]}
     return joined.evidence(parts.geometry, frames.sampling, spent)
+
+
+def _evidence_of_some(
+    view: ViewFrames, caches: EvidenceCaches, asked: tuple[int, Poses, Sampling, PerformerParts, Array | None]
+) -> FrameEvidence:
+    """Measure the evidence of some frames of a view, from a shot frame on; see `frame_evidence`."""
+    first, poses, sampling, parts, noise = asked
+    return frame_evidence(FramesInView(view, first, poses, sampling), parts, noise=noise, caches=caches)
 
 
 class _JoinedRuns:
@@ -143,7 +148,6 @@ class _JoinedRuns:
     def __init__(self, views: int, pairs: int) -> None:
         self._views, self._pairs = views, pairs
         self._arrays: dict[str, Array] = {}
-        self._lock = Lock()
 
     def add(self, view: int, first: int, run: FrameEvidence) -> None:
         """Add a run of a view from the frame with index `first` on; adjacent runs share a frame, which is that of the
@@ -159,10 +163,9 @@ class _JoinedRuns:
             self._put(name, (view, first + later), values[later:], self._pairs + 1)
 
     def _put(self, name: str, place: tuple[int, int], values: Array, count: int) -> None:
-        with self._lock:
-            whole = self._arrays.get(name)
-            if whole is None:
-                whole = self._arrays[name] = np.empty((self._views, count, *values.shape[1:]), values.dtype)
+        whole = self._arrays.get(name)
+        if whole is None:
+            whole = self._arrays[name] = np.empty((self._views, count, *values.shape[1:]), values.dtype)
         view, first = place
         whole[view, first : first + len(values)] = values
 

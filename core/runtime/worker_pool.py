@@ -6,8 +6,9 @@ Python runs one thread at a time, so threads alone keep fewer than one and a hal
 from __future__ import annotations
 
 import queue
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from threading import Event
 from typing import Any
 
@@ -88,6 +89,20 @@ class WorkerPool:
         done: Future[Any] = Future()
         done.set_result(work(lambda _, fraction: progress(fraction) is not False))
         return done
+
+    @contextmanager
+    def lent(self, most: int) -> Iterator[list[WorkerProcess]]:
+        """Lend up to so many idle processes to the block, which calls them itself; the other workers do the tasks."""
+        taken: list[int] = []
+        try:
+            while len(taken) < most and (place := self._idle.get()) < len(self._processes):
+                taken.append(place)
+            if len(taken) < most:
+                self._idle.put(len(self._processes))
+            yield [self._processes[place] for place in taken]
+        finally:
+            for place in taken:
+                self._idle.put(place)
 
     def do_all(self, tasks: Sequence[tuple[str, Work]], progress: Progress | None = None) -> list[Any]:
         """Do tasks, and return their results in their order.

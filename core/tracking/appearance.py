@@ -20,6 +20,7 @@ from ..evidence.part_shapes import FittedShape, fitted_shape
 from ..evidence.rendering.label_images import render_labels
 from ..evidence.rendering.part_geometry import Geometry
 from ..evidence.view_frames import ViewFrames, views_with_foreground
+from ..evidence.view_work import IN_THIS_THREAD, ViewWork
 from ..numerics.arrays import Array, Bools
 from ..runtime.shared_arrays import each_row
 from .picture_store import FOREGROUND, GREY, PALETTE, PictureStore
@@ -156,6 +157,8 @@ def key_frame_shape(
     motions: Sequence[Motion],
     keys: PosedFrames,
     footage_offset: float,
+    *,
+    by: ViewWork = IN_THIS_THREAD,
 ) -> FittedShape | None:
     """Fit the shapes of all performers' parts to the frames with known poses; None if no view has foreground images.
 
@@ -167,4 +170,4 @@ def key_frame_shape(
     shown = {d: poses_after(motions, d - footage_offset, keys.frames) for d in {view.delay for view in seeing}}
     poses = {d: scene_poses(bodies, there) for d, there in shown.items()}
     geometry = Geometry.of(bodies)
-    return fitted_shape(seeing, geometry, poses, keys.frames.tolist(), keys.posed[:, geometry.performer])
+    return fitted_shape(seeing, geometry, poses, keys.frames.tolist(), keys.posed[:, geometry.performer], by=by)

@@ -69,6 +69,8 @@ class SegmentSchedule:
         Segments of an earlier run, and where those of this one are kept.
     threads : int
         Threads of each worker.
+    helpers : WorkerPool, optional
+        See `SegmentTask`.
     callbacks : ScheduleCallbacks, optional
     earlier : EarlierTrack, optional
         The shot as it was tracked before, to start from.
@@ -90,11 +92,13 @@ class SegmentSchedule:
         *,
         finished: KeptSegments,
         threads: int,
+        helpers: WorkerPool | None = None,
         callbacks: ScheduleCallbacks = ScheduleCallbacks(),
         earlier: EarlierTrack | None = None,
     ) -> None:
         self.state, self.seconds = begin, Seconds()
         self._begin, self._shot, self._observed, self._pool, self._threads = begin, shot, observed, pool, threads
+        self._helpers = helpers
         self._segments, self._kept, self._earlier = segments(shot), finished, earlier
         self._observe, self._show = callbacks.observe, callbacks.show
         self._overall = ParallelProgress(callbacks.progress)
@@ -141,7 +145,7 @@ class SegmentSchedule:
         return state, self._done
 
     def _task(self, k: int, state: TrackState) -> SegmentTask:
-        return SegmentTask(self._shot, self._segments[k], self._views[k], state, self._threads)
+        return SegmentTask(self._shot, self._segments[k], self._views[k], state, self._threads, self._helpers)
 
     def _part(self, k: int, work: float) -> Callable[[float], None]:
         """Return the callback for a part of the work on a segment."""

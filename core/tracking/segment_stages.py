@@ -16,6 +16,7 @@ from ..evidence.part_shapes import FittedShape, ShapeEvidence
 from ..evidence.rendering.part_geometry import Geometry
 from ..evidence.time_offset import Offset, key_frame_offset
 from ..evidence.view_frames import ViewFrames, views_with_foreground
+from ..evidence.view_work import IN_THIS_THREAD, ViewWork
 from ..keypoints.keypoint_factor import KeypointFactor
 from ..keypoints.observations import ShotKeypoints
 from ..numerics.arrays import Array
@@ -165,7 +166,13 @@ class SegmentState:
 
 
 def segment_data(
-    shot: Shot, segment: Segment, views: tuple[ViewFrames, ...], state: TrackState, observed: ShotKeypoints
+    shot: Shot,
+    segment: Segment,
+    views: tuple[ViewFrames, ...],
+    state: TrackState,
+    observed: ShotKeypoints,
+    *,
+    by: ViewWork = IN_THIS_THREAD,
 ) -> SegmentData:
     """Collect what is known of a segment, and fit the shapes of the parts on its key frames.
 
@@ -179,6 +186,7 @@ def segment_data(
         What is known of the shot so far.
     observed : ShotKeypoints
         Keypoints of the whole shot.
+    by : ViewWork, optional
     """
     bodies, frames = [p.body for p in shot.performers], slice(segment[0], segment[1] + 1)
     keys = posed_frames(shot, *segment)
@@ -187,7 +195,7 @@ def segment_data(
         views,
         tuple(fixed_degrees(performer, *segment) for performer in shot.performers),
         tuple(own.factor[frames] for own in observed.performers),
-        key_frame_shape(views, bodies, state.motions, keys, state.footage_offset(shot)),
+        key_frame_shape(views, bodies, state.motions, keys, state.footage_offset(shot), by=by),
         _typical_variances(shot, observed),
     )
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,11 +12,13 @@ from ..body.motion import Motion
 from ..evidence.part_shapes import ShapeEvidence
 from ..evidence.time_offset import Offset
 from ..evidence.view_frames import ViewFrames
+from ..evidence.view_work import InThreads, ViewWork
 from ..keypoints.observations import ShotKeypoints
 from ..numerics.arrays import Array
 from ..runtime.progress import Progress, report_progress
 from ..runtime.threads import one_library_thread
 from ..runtime.timing import Seconds
+from ..runtime.worker_pool import WorkerPool
 from ..shot.acceleration_prior import usual_variances
 from ..shot.shot import Shot
 from .expected_errors.uncertainty import segment_uncertainties
@@ -34,6 +37,7 @@ from .segment_stages import (
     with_shape_beside,
 )
 from .segments import Segment, segments
+from .shared_views import SharedViews
 from .solvers.equations.measurement import StepCallback, Workspace
 from .solvers.equations.problem import SegmentSolution
 from .solvers.protocol import SettledMotions
@@ -57,6 +61,8 @@ class SegmentTask:
         What is known of the shot when the task starts.
     threads : int
         Number of threads for image work.
+    helpers : WorkerPool, optional
+        If the segment is solved alone, in this process: whose processes work on its views as well.
     """
 
     shot: Shot
@@ -64,10 +70,25 @@ class SegmentTask:
     views: tuple[ViewFrames | StoredView, ...]
     state: TrackState
     threads: int
+    helpers: WorkerPool | None = None
 
     def opened(self) -> tuple[ViewFrames, ...]:
         """Return the views with their pictures mapped into memory."""
         return tuple(view.opened() if isinstance(view, StoredView) else view for view in self.views)
+
+    @contextmanager
+    def shared(self, views: tuple[ViewFrames, ...]) -> Iterator[ViewWork]:
+        """Divide work on the opened views while the block runs."""
+        stored = [view for view in self.views if isinstance(view, StoredView)]
+        if self.helpers is None or len(stored) < len(views):
+            yield InThreads(self.threads)
+            return
+        with self.helpers.lent(len(views) - 1) as processes:
+            if not processes:
+                yield InThreads(self.threads)
+                return
+            with closing(SharedViews(processes, views, stored)) as shared:
+                yield shared
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,22 +155,38 @@ def solve_task(
     progress, watch : callable, optional
         See `Progress` and `Watcher`.
     """
+    views = task.opened()
+    with task.shared(views) as by:
+        return _solved(task, views, observed, earlier, by=by, progress=progress, watch=watch)
+
+
+def _solved(
+    task: SegmentTask,
+    views: tuple[ViewFrames, ...],
+    observed: ShotKeypoints,
+    earlier: EarlierTrack | None,
+    *,
+    by: ViewWork,
+    progress: Progress | None,
+    watch: Watcher | None,
+) -> SolvedSegment:
+    """Solve a segment whose views are open; see `solve_task`."""
     shot, segment, state, seconds = task.shot, task.segment, task.state, Seconds()
     solver = solver_named(shot.settings.solver)
     with seconds.measure("appearance"):
-        data = segment_data(shot, segment, task.opened(), state, observed)
+        data = segment_data(shot, segment, views, state, observed, by=by)
     if earlier is not None:
-        workspace = Workspace(task.threads, on_step=_steps(progress, None))
+        workspace = Workspace(by, on_step=_steps(progress, None))
         if (resumed := resume_segment(shot, solver, data, earlier, workspace)) is not None:
             seconds.add(resumed.solution.seconds)
-            return _without_refinement(replace(task, state=earlier.carried), resumed, None, seconds)
-    solved = solve_segment(shot, solver, data, state, Workspace(task.threads, on_step=_steps(progress, watch)))
+            return _without_refinement(replace(task, state=earlier.carried), resumed, None, seconds, by)
+    solved = solve_segment(shot, solver, data, state, Workspace(by, on_step=_steps(progress, watch)))
     seconds.add(solved.solution.seconds)
     state = state.with_solution(segment, solved.solution.motions)
     with seconds.measure("appearance"):
         offset = measured_offset(shot, data, state)
     if solver.refine is None:
-        return _without_refinement(task, solved, offset, seconds)
+        return _without_refinement(task, solved, offset, seconds, by)
     slim = replace(solved.solution, evidence=None, misfit=None)
     return SolvedSegment(replace(data, views=()), slim, offset, dict(seconds))
 
@@ -166,27 +203,28 @@ def refine_task(
 
     Parameters as in `solve_task`; `beside` is what key frames of the neighbouring segments say about shapes.
     """
-    shot, seconds = task.shot, Seconds()
-    data = with_shape_beside(replace(solved.data, views=task.opened()), beside)
+    shot, seconds, views = task.shot, Seconds(), task.opened()
+    data = with_shape_beside(replace(solved.data, views=views), beside)
     steps = _steps(progress, watch, solved.solution.iterations)
-    refined = refine_segment(
-        shot,
-        solver_named(shot.settings.solver),
-        data,
-        solved.solution,
-        task.state,
-        workspace=Workspace(task.threads, on_step=steps),  # not kept: its caches are large
-    )
-    seconds.add(refined.solution.seconds)
-    finished = _finished(task, refined, solved.solution.motions, solved.offset, seconds)
+    with task.shared(views) as by:
+        refined = refine_segment(
+            shot,
+            solver_named(shot.settings.solver),
+            data,
+            solved.solution,
+            task.state,
+            workspace=Workspace(by, on_step=steps),  # not kept: its caches are large
+        )
+        seconds.add(refined.solution.seconds)
+        finished = _finished(task, refined, solved.solution.motions, solved.offset, seconds, by=by)
     return RefinedSegment(finished, dict(seconds))
 
 
 def _without_refinement(
-    task: SegmentTask, ended: SegmentState, offset: Offset | None, seconds: Seconds
+    task: SegmentTask, ended: SegmentState, offset: Offset | None, seconds: Seconds, by: ViewWork
 ) -> SolvedSegment:
     """Return a segment that is finished as soon as it is solved."""
-    finished = _finished(task, ended, ended.solution.motions, offset, seconds)
+    finished = _finished(task, ended, ended.solution.motions, offset, seconds, by=by)
     slim = replace(ended.solution, evidence=None, misfit=None)
     return SolvedSegment(replace(ended.data, views=()), slim, offset, dict(seconds), finished)
 
@@ -222,6 +260,8 @@ def _finished(
     first_motions: tuple[Motion, ...],
     offset: Offset | None,
     seconds: Seconds,
+    *,
+    by: ViewWork,
 ) -> FinishedSegment:
     """Return the finished segment, with its uncertainty and with planted feet held."""
     solution = ended.solution
@@ -229,7 +269,7 @@ def _finished(
     found = _found_accelerations(ended)
     result = SegmentResult(*ended.data.segment, ended.iterations, energy, found)
     with seconds.measure("uncertainty"):
-        uncertainties, lateness = segment_uncertainties(ended.problem, solution, task.threads)
+        uncertainties, lateness = segment_uncertainties(ended.problem, solution, by)
     settled = SettledMotions(solution.motions, (None,) * len(solution.motions))
     if (settle := solver_named(ended.problem.settings.solver).settle) is not None:
         ratios = [own.ratios(body) for own, body in zip(uncertainties, ended.problem.bodies, strict=True)]

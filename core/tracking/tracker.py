@@ -317,6 +317,8 @@ def _pool_and_folder(shot: Shot, options: _TrackOptions) -> Iterator[tuple[Worke
     """Provide a pool of workers, and a folder for the segments' pictures unless these are held in memory."""
     memory = options.run.memory
     workers = _workers(shot, options)
+    if memory is not None and options.observe is None:  # processes that are there already help
+        workers = max(workers, min(memory.workers, worker_count(shot.settings.threads)))
     with ExitStack() as stack:
         pool = stack.enter_context((WorkerPool if memory is None else memory.pool)(workers, WORKER_MODULES))
         in_memory = workers == 1 and fits_in_memory(shot)
@@ -333,13 +335,16 @@ def _schedule(
     options: _TrackOptions,
 ) -> SegmentSchedule:
     """Return the schedule by which the segments of a shot are solved and refined."""
+    workers = _workers(shot, options)
+    alone = workers == 1 < pool.workers  # a segment is solved in this process, its views in all
     return SegmentSchedule(
         shot,
         begin,
         observed,
-        pool,
+        WorkerPool(1) if alone else pool,
         finished=finished,
-        threads=max(1, worker_count(shot.settings.threads) // _workers(shot, options)),
+        threads=max(1, worker_count(shot.settings.threads) // workers),
+        helpers=pool if alone else None,
         callbacks=ScheduleCallbacks(options.progress, options.observe, options.run.show),
         earlier=_carried(begin, shot, options.earlier),
     )

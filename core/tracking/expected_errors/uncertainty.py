@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...body import Body
+from ...evidence.view_work import IN_THIS_THREAD, ViewWork
 from ...numerics.arrays import Array, Bools
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.error_lengths import length_quantile
@@ -108,7 +109,7 @@ class JointErrors:
 
 
 def segment_uncertainties(
-    problem: SegmentProblem, solution: SegmentSolution, threads: int = 1
+    problem: SegmentProblem, solution: SegmentSolution, by: ViewWork = IN_THIS_THREAD
 ) -> tuple[list[SegmentUncertainty], Lateness]:
     """Return the uncertainty of a segment's solution for every performer, and what its footage says about delays.
 
@@ -117,8 +118,7 @@ def segment_uncertainties(
     problem : SegmentProblem
         The problem that was solved.
     solution : SegmentSolution
-    threads : int
-        Number of threads for image work.
+    by : ViewWork, optional
     """
     motions, spans = solution.motions, problem.spans()
     measured = measured_at(problem, solution)
@@ -126,7 +126,7 @@ def segment_uncertainties(
     hidden, expected = hidden_and_expected(whole, motions, measured.evidence)
     images = evidence_equations(problem, measured, hidden)
     keys = [problem.whole_keys(i) for i in range(len(problem.bodies))]
-    misfit = solution.misfit or misfit_at(problem, motions, threads)
+    misfit = solution.misfit or misfit_at(problem, motions, by)
     gaps = misfit.mean_gaps(keys)
     covariances = _pose_covariances(whole, solution, images)
     support = None if problem.shows_depth or problem.keypoints else support_of_parts(whole, motions)

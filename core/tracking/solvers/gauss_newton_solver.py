@@ -119,7 +119,7 @@ def _solved_around(
         return_freed_memory()
         share = workspace.part(k / len(stretches), (k + 1) / len(stretches))
         report = partial(_report_all, share, motions)
-        found = _pursued(part, [motion[own] for motion in motions], Workspace(workspace.threads, on_step=report))
+        found = _pursued(part, [motion[own] for motion in motions], Workspace(workspace.by, on_step=report))
         motions = tuple(m.replaced(own.start, new) for m, new in zip(motions, found.motions, strict=True))
         first = _after(found, first)
     return replace(first, motions=motions)
@@ -241,6 +241,6 @@ def resumed(
     Parameters as in `gauss_newton.descend`; `before` as in `protocol.Resume`.
     """
     found = descend(problem, start, workspace, RESUMED)
-    found = replace(found, misfit=misfit_at(problem, found.motions, workspace.threads))
+    found = replace(found, misfit=misfit_at(problem, found.motions, workspace.by))
     searched = start if farthest_joint(problem, before, start) < OUTLINE_REACH else None
     return None if doubted_performers(problem, start, found, searched) else found

@@ -62,6 +62,6 @@ def _refined_around(
         workspace.report(k / len(stretches), motions)
         return_freed_memory()
         begin = [motion[stretch.first : stretch.last + 1] for motion in motions]
-        here = gauss_newton.refine(stretch_of(problem, stretch), begin, Workspace(workspace.threads), stages)
+        here = gauss_newton.refine(stretch_of(problem, stretch), begin, Workspace(workspace.by), stages)
         motions = tuple(m.replaced(stretch.first, own) for m, own in zip(motions, here.motions, strict=True))
     return motions

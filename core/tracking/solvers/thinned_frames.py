@@ -119,14 +119,14 @@ class ThinnedProblem:
         """Return a workspace that reports motions on all frames, and whose caches end with the reduced problem."""
         outer = workspace.on_step
         if outer is None:
-            return Workspace(workspace.threads)
+            return Workspace(workspace.by)
         report = outer
 
         def on_step(done: float, motions: Sequence[Motion]) -> None:
             whole = len(motions[0]) == len(self.frames)  # otherwise they are those of a part of it
             report(done, self.interpolated(motions) if whole else motions)
 
-        return Workspace(workspace.threads, on_step=on_step)
+        return Workspace(workspace.by, on_step=on_step)
 
     def on_all_frames(self, few: SegmentSolution) -> SegmentSolution:
         """Return a solution of the reduced problem as one on all frames, without evidence; what was measured is

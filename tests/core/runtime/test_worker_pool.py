@@ -120,3 +120,20 @@ def test_the_processes_of_a_pool_are_as_important_as_this_one() -> None:
     """All are waited for: one that lets others go first would hold up the rest."""
     with WorkerPool(2) as pool:
         assert {pool.submit(job_functions.niceness, unheard).result() for _ in range(4)} == {os.nice(0)}
+
+
+def test_processes_that_are_lent_do_no_other_tasks_until_they_are_back() -> None:
+    with WorkerPool(3) as pool:
+        with pool.lent(5) as processes:
+            lent = {process.call(job_functions.process_id) for process in processes}
+            assert len(lent) == 2 and os.getpid() not in lent, "all but this process, which does what comes meanwhile"
+            assert pool.submit(job_functions.process_id, unheard).result() == os.getpid()
+        with pool.lent(1) as processes:
+            assert len(processes) == 1
+            assert pool.submit(job_functions.process_id, unheard).result() in lent
+        assert {pool.submit(job_functions.process_id, unheard).result() for _ in range(3)} <= lent
+
+
+def test_what_is_lent_of_a_single_worker_is_nothing() -> None:
+    with WorkerPool(1) as pool, pool.lent(2) as processes:
+        assert not processes

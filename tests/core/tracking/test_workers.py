@@ -6,6 +6,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ import pytest
 from kfmocap.core.body import landmark_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import WorkerEndedError
+from kfmocap.core.evidence import segment_evidence
 from kfmocap.core.formats.shot_toml import read_shot_spec
 from kfmocap.core.runtime.worker_memory import WorkerMemory
 from kfmocap.core.runtime.worker_pool import WorkerPool
@@ -135,6 +137,42 @@ def test_a_correction_solves_the_two_segments_beside_it_and_decodes_nothing(
     assert not decoded and not checked and [(s.first, s.last) for s in warm.segments] == [(0, 4), (4, 8)]
     [cold] = track_excerpts(moved, [excerpt])
     assert decoded and same(warm.motions[0], cold.motions[0])
+
+
+def test_the_views_of_a_segment_that_is_solved_alone_are_divided_among_processes_that_are_there(
+    filmed: Shot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shot, done_here = replace(filmed, settings=replace(filmed.settings, threads=2)), list[int]()
+    whole, excerpt = tracker.track(filmed), Excerpt(0, 4)
+    measured = segment_evidence.frame_evidence
+    monkeypatch.setattr(segment_evidence, "frame_evidence", lambda *a, **k: done_here.append(1) or measured(*a, **k))
+    [alone] = track_excerpts(shot, [excerpt], run=RunContext(memory=WorkerMemory()))
+    of_all = len(done_here)
+    done_here.clear()
+    with closing(WorkerMemory()) as memory:
+        memory.start_workers(2)
+        [divided] = track_excerpts(shot, [excerpt], run=RunContext(memory=memory))
+        assert 0 < len(done_here) < of_all
+        assert same(alone.motions[0], divided.motions[0])
+        np.testing.assert_array_equal(alone.deviation[0], divided.deviation[0])
+        warm = replace(excerpt, footage_offset=0.0, earlier=(whole.motions[0][:5],))
+        both = [track_excerpts(shot, [warm], run=RunContext(memory=m))[0] for m in (memory, WorkerMemory())]
+        assert same(*(one.motions[0] for one in both))
+
+
+def test_a_worker_that_is_killed_while_it_works_on_views_ends_the_tracking_with_a_message(filmed: Shot) -> None:
+    shot = replace(filmed, settings=replace(filmed.settings, threads=2))
+
+    def kill(_what: str, _fraction: float) -> bool:
+        assert memory._pool is None, "in use"
+        pools[0]._processes[0].kill()
+        return True
+
+    with closing(WorkerMemory()) as memory:
+        memory.start_workers(2)
+        pools = [memory._pool]
+        with pytest.raises(WorkerEndedError, match="ended unexpectedly"):
+            track_excerpts(shot, [Excerpt(0, 4)], kill, run=RunContext(memory=memory))
 
 
 @pytest.mark.parametrize(("keys", "threads"), [((0, 20, 39, 59), None), ((10, 30), 2), ((0, 59), 4), ((20, 39), 1)])

@@ -17,6 +17,7 @@ from ....evidence.occlusion import unseen
 from ....evidence.rendering.part_geometry import PerformerParts
 from ....evidence.sampling import Sampling
 from ....evidence.segment_evidence import SegmentEvidence, accumulate_evidence
+from ....evidence.view_work import IN_THIS_THREAD, ViewWork
 from ....numerics.arrays import Array
 from ....numerics.banded_blocks import BandedBlocks
 from ....runtime.freed_memory import return_freed_memory
@@ -123,11 +124,11 @@ def _same(values: Array | None, others: Array | None) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Workspace:
-    """Threads, caches and the progress callback of a solver; none of them changes a solution.
+    """Who works on the views, caches and the progress callback of a solver; none of them changes a solution.
 
     Attributes
     ----------
-    threads : int
+    by : ViewWork
     caches : EvidenceCaches
         Images, and drawn bodies compared with them, kept from one evaluation to the next.
     recent : RecentEvidence
@@ -136,7 +137,7 @@ class Workspace:
         See `StepCallback`.
     """
 
-    threads: int = 1
+    by: ViewWork = IN_THIS_THREAD
     caches: EvidenceCaches = field(default_factory=EvidenceCaches)
     recent: RecentEvidence = field(default_factory=RecentEvidence)
     on_step: StepCallback | None = None
@@ -175,7 +176,7 @@ class Workspace:
                 parts,
                 noise=noise,
                 caches=self.caches,
-                threads=self.threads,
+                by=self.by,
             )
             self.recent.keep(asked, values, evidence)
             if problem.length >= LONG:

@@ -11,6 +11,7 @@ from ....body.motion import Motion
 from ....evidence.misfit import Misfit, beyond_known, measured_misfit, most_explained
 from ....evidence.occlusion import LONG_GAP
 from ....evidence.view_frames import views_with_foreground
+from ....evidence.view_work import IN_THIS_THREAD, ViewWork
 from ....numerics.arrays import Array, Bools, Ints
 from ....numerics.frame_ranges import FrameRange, lasting, runs
 from ..equations.measurement import hidden_parts, keypoint_agreement, poses_by_delay, view_instants
@@ -209,12 +210,10 @@ def performers_uncovered(
     return [i for i in found if _frames_beside_limb(problem, i, areas[:, i]).any()]
 
 
-def misfit_at(problem: SegmentProblem, motions: Sequence[Motion], threads: int = 1) -> Misfit:
-    """Compare motions of all performers with the foreground images, on a number of threads."""
+def misfit_at(problem: SegmentProblem, motions: Sequence[Motion], by: ViewWork = IN_THIS_THREAD) -> Misfit:
+    """Compare motions of all performers with the foreground images."""
     poses = poses_by_delay(problem, view_instants(problem, motions))
-    return measured_misfit(
-        problem.views, problem.geometry(), poses, first=problem.first, spans=problem.spans(), threads=threads
-    )
+    return measured_misfit(problem.views, problem.geometry(), poses, first=problem.first, spans=problem.spans(), by=by)
 
 
 def _areas_beside(problem: SegmentProblem, misfit: Misfit) -> Array:

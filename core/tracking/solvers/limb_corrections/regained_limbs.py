@@ -117,7 +117,7 @@ def _found_in_stretches(
             first, last = stretch.first, stretch.last
             if thinned is not None:
                 first, last = (int(np.searchsorted(thinned.frames, frame)) for frame in (first, last))
-            own, inner = stretch_of(some, replace(stretch, first=first, last=last)), Workspace(workspace.threads)
+            own, inner = stretch_of(some, replace(stretch, first=first, last=last)), Workspace(workspace.by)
             return_freed_memory()
             here = _measured(own, [motion[first : last + 1] for motion in found], inner)
             there = with_limbs_found(own, here, group, SettledSolutions(), inner)
