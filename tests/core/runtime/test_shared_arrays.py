@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mmap
 import sys
 import tracemalloc
 from collections.abc import Iterator
@@ -65,6 +66,25 @@ def test_a_long_array_that_is_read_part_by_part_does_not_stay_in_memory(kept: Sh
     assert max(seen) < array.nbytes / 1024 / 4
     array.sum()
     assert mapped_kilobytes(kept.path) > array.nbytes / 1024 / 2, "it is this that is told"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc tells what is in memory")
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_long_array_is_copied_some_rows_at_a_time(
+    kept: SharedArray, axis: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen, release = [], shared_arrays._release
+
+    def seen_and_released(mapping: mmap.mmap) -> None:
+        seen.append(mapped_kilobytes(kept.path))
+        release(mapping)
+
+    monkeypatch.setattr(shared_arrays, "_release", seen_and_released)
+    monkeypatch.setattr(shared_arrays, "_ROWS_COPIED", 16)
+    array = np.moveaxis(kept.array(), 0, axis)
+    copied = copied_from_map(array)
+    assert max(seen) < array.nbytes / 1024 / 4
+    np.testing.assert_array_equal(copied, array)
 
 
 def test_an_array_in_memory_is_read_without_a_copy() -> None:
