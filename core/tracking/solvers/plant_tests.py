@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 
 import numpy as np
@@ -58,36 +59,31 @@ class PlantTests:
         beside = runs(seeming.beside(point, earlier) & self.movable)
         now = runs(seeming.plants.steps[:, point] & self.movable)
         gone = [run for run in longer if not overlapping(run, now)]
-        any_plant = Plant(seeming.plants, performer, point, (0, 0))
+        plant_on = partial(Plant, seeming.plants, performer, point)
         passed: list[Plant] = []
         for run in sorted([*now, *gone]):
-            lengths = [joined(run, longer), run] if run in now else []
-            one = self._first_that_passes(any_plant, lengths, overlapping(run, longer))
+            lengths = list(dict.fromkeys([joined(run, longer), run])) if run in now else []
+            before = [steps for steps in overlapping(run, longer) if steps not in lengths]
+            one = self._first_that_passes(map(plant_on, lengths), map(plant_on, before))
             if one is not None:
                 both = replace(one, steps=joined(one.steps, beside))
                 one = both if self._goes_on(one, both) else one
                 passed = self._with_next(passed, self._lengthened(one))
         return passed
 
-    def _first_that_passes(
-        self, plant: Plant, lengths: Sequence[tuple[int, int]], earlier: Sequence[tuple[int, int]]
-    ) -> Plant | None:
-        """Return a plant of a point with the first of these lengths that passes; None if there is none.
+    def _first_that_passes(self, now: Iterable[Plant], earlier: Iterable[Plant]) -> Plant | None:
+        """Return the first plant of a point that passes; None if there is none.
 
         Parameters
         ----------
-        plant : Plant
-            Of the point.
-        lengths : sequence of tuple of int
-            Steps on which it seems planted now, and with those on which it did earlier.
-        earlier : sequence of tuple of int
-            Steps on which it seemed planted before the refinement alone: the refined motion has it move on them, or
+        now : iterable of Plant
+            On the steps on which it seems planted now, also with those on which it did earlier.
+        earlier : iterable of Plant
+            On steps on which it seemed planted before the refinement alone: the refined motion has it move on them, or
             on others beside as slowly, so that the pictures must rather show it standing.
         """
-        tried = [replace(plant, steps=steps) for steps in dict.fromkeys(lengths)]
-        before = [replace(plant, steps=steps) for steps in earlier if steps not in lengths]
-        shown = (one for one in before if self.evidence.log_odds(one) > 0 and self._agrees(one))
-        return next(chain((one for one in tried if self._agrees(one)), shown), None)
+        shown = (one for one in earlier if self.evidence.log_odds(one) > 0 and self._agrees(one))
+        return next(chain(filter(self._agrees, now), shown), None)
 
     def _agrees(self, plant: Plant) -> bool:
         """Test a plant against key poses, pictures, and the evidence, whose covariance is multiplied by a ratio.
