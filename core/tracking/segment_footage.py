@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Container, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from pathlib import Path
@@ -14,7 +14,6 @@ import numpy as np
 from ..body import Body
 from ..body.motion import Motion
 from ..body.time_shift import poses_after
-from ..errors import CancelledError
 from ..evidence.view_frames import ViewFrames
 from ..keypoints.keypoint_delay import ENOUGH_MOVEMENTS, KeypointMovements, keypoint_movements
 from ..keypoints.keypoint_rays import Keypoints
@@ -35,9 +34,6 @@ from .reader import ColourFrames, SegmentReader
 from .segments import PosedFrames, Segment, posed_frames, segments
 from .solvers.protocol import Solver
 from .turned_cameras import BackgroundWatch
-
-_STOPPED_WITHIN = 0.1
-"""Seconds after which a thread that waits for a worker notices that reading was stopped."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +59,19 @@ class _AppearanceTask:
 
     @one_library_thread()
     def __call__(self, _: Progress | None = None) -> ViewFrames | StoredView:
-        """Do it; it takes about a tenth of a second, of which no progress is reported."""
+        """Do it, which takes about a tenth of a second, and remove the pictures in colour."""
         frames = self.frames if self.colour is None else replace(self.frames, colour=self.colour.array())
         view = frames_with_foreground(frames, self.bodies, self.shown, self.keys, fps=self.fps, store=self.store)
+        self.store.remove(COLOUR)
         return self.store.stored(view)
+
+
+@dataclass(frozen=True, eq=False)
+class _ReadView:
+    """A view of a segment whose foreground images are being made, and how much its pairs of frames stand out."""
+
+    view: Future[ViewFrames | StoredView]
+    changes: PairChanges
 
 
 class SegmentFootage:
@@ -160,66 +165,59 @@ class SegmentFootage:
             self._watches = {v: BackgroundWatch(shot, start) for v in still}
         with ThreadPoolExecutor(worker_count(shot.settings.threads)) as pool:
 
-            def submitted(segment: Segment) -> list[Future[tuple[ViewFrames | StoredView, PairChanges]]]:
+            def submitted(segment: Segment) -> list[Future[_ReadView]]:
                 with_foreground = self._solver.uses_foreground and segment not in known
                 return [
-                    pool.submit(self._read, reader, segment, number, start if with_foreground else None, stopped)
+                    pool.submit(self._read, reader, segment, number, start if with_foreground else None)
                     for number, reader in enumerate(readers)
                 ]
 
-            coming = submitted(chosen[0])
+            coming, read = submitted(chosen[0]), list[_ReadView]()
             try:
                 for segment, following in zip_longest(chosen, chosen[1:]):
                     with seconds.measure("footage"):
-                        views = _without_skips([job.result() for job in coming])
-                    if following is not None:
-                        coming = submitted(following)
-                    for frames, view in zip(self.torn, views, strict=True):
-                        frames += _torn_frames(segment, view)
+                        read = [job.result() for job in coming]
+                        # Then foreground images of the next segment are begun before this one is solved.
+                        coming = submitted(following) if following is not None else []
+                        views = _without_skips([(own.view.result(), own.changes) for own in read])
+                    for number, view in enumerate(views):
+                        self.torn[number].extend(_torn_frames(segment, view))
+                        self._compare_movements(number, view, segment)
                     yield views
                 self.patterns = tuple(reader.pattern for reader in readers)
             finally:
                 stopped.set()
+                for own in [*read, *(job.result() for job in coming if job.done() and job.exception() is None)]:
+                    own.view.cancel()
 
-    def _read(
-        self, reader: SegmentReader, segment: Segment, number: int, start: Sequence[Motion] | None, stopped: Event
-    ) -> tuple[ViewFrames | StoredView, PairChanges]:
-        """Read one view of a segment, with foreground images if motions are given; also returns how much its pairs of
-        frames stand out.
-        """
+    def _read(self, reader: SegmentReader, segment: Segment, number: int, start: Sequence[Motion] | None) -> _ReadView:
+        """Read one view of a segment; foreground images are made if motions are given."""
         store = PictureStore(self._folder, f"{segment[0]}_{number}")
         frames = reader.read(segment, store)
         watch = self._watches.get(number)
         if watch is not None and number not in self.moved and watch.shifts(frames, segment):
             self.moved.add(number)
-        if start is None:
-            view = store.stored(grey_frames(frames, store))
-        else:
-            view = self._with_foreground(frames, segment, start, store, stopped)
-        store.remove(COLOUR)
-        self._compare_movements(number, view, segment)
         assert frames.changes is not None
-        return view, frames.changes
+        view: Future[ViewFrames | StoredView] = Future()
+        if start is None:
+            view.set_result(store.stored(grey_frames(frames, store)))
+            store.remove(COLOUR)
+        elif self._pool is None:
+            view.set_result(self._appearance_task(frames, segment, start, store)())
+        else:
+            view = self._pool.submit(self._appearance_task(frames, segment, start, store), lambda _: True)
+        return _ReadView(view, frames.changes)
 
-    def _with_foreground(
-        self, frames: ColourFrames, segment: Segment, start: Sequence[Motion], store: PictureStore, stopped: Event
-    ) -> ViewFrames | StoredView:
-        """Make the foreground images of a view of a segment, in a worker if there is a pool."""
+    def _appearance_task(
+        self, frames: ColourFrames, segment: Segment, start: Sequence[Motion], store: PictureStore
+    ) -> _AppearanceTask:
         shot = self._shot
         keys = posed_frames(shot, *segment)
         shown = poses_after(start, frames.delay - (shot.settings.footage_offset or 0.0), keys.frames)
         colour = None if self._pool is None else store.shared(COLOUR, frames.colour.shape)
         sent = frames if colour is None else replace(frames, colour=frames.colour[:0].copy())
         bodies = [performer.body for performer in shot.performers]
-        work = _AppearanceTask(sent, colour, bodies, shown, keys, shot.fps, store)
-        if self._pool is None:
-            return work()
-        making: Future[ViewFrames | StoredView] = self._pool.submit(work, lambda _: True)
-        while not wait([making], _STOPPED_WITHIN).done:
-            if stopped.is_set():
-                making.cancel()
-                raise CancelledError
-        return making.result()
+        return _AppearanceTask(sent, colour, bodies, shown, keys, shot.fps, store)
 
     def _compare_movements(self, number: int, read: ViewFrames | StoredView, segment: Segment) -> None:
         """Compare the movements of keypoints in a view of a segment with its pictures, until enough are compared."""
