@@ -52,9 +52,8 @@ def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]
     rectified = replace(shot, views=tuple(replace(view, camera=view.camera.rectified()) for view in shot.views))
     views = pictured_key_frames(rectified, frames, pictures)
     moved = moved_cameras(rectified, views, frames)
-    matches = footage_matches(rectified, views, frames)
-    off = [match for match in matches if match.off and match.camera not in moved]
-    unlike = [own for own in attributed_findings(shot, frames, off, ()) if isinstance(own, FootageMatch)]
+    matches = [match for match in footage_matches(rectified, views, frames) if match.camera not in moved]
+    unlike = [own for own in attributed_findings(shot, frames, matches, ()) if isinstance(own, FootageMatch)]
     told = moved.values() if shot.settings.stabilise is False else ()  # else it is measured how they move
     return [*light, *told, *unlike]
 

@@ -22,6 +22,11 @@ MAX_SHIFT_SPREAD = 4.0
 known to two frames at most."""
 
 
+_MIN_LACK = 0.005
+"""How much footage must lack of a match with the key poses for other offsets to be tried (1 - match): more than all of
+75 views with the right offset but four, in which things that move or stand in front explain it."""
+
+
 def moved_cameras(
     shot: Shot,
     views: Sequence[KeyFrameView],
@@ -120,7 +125,8 @@ def attributed_findings(
     shifts: dict[str, int] = {}
     for match in matches:
         view = views[match.camera]
-        if match.mirrored is None and (match.camera in correctable or match.camera in unlike):
+        doubtful = match.camera in correctable or match.camera in unlike or 1 - match.match > _MIN_LACK
+        if match.mirrored is None and doubtful:
             shift = better_shift(shot, view, frames)
             if shift is not None:
                 shifts[match.camera] = shift

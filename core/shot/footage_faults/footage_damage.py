@@ -95,16 +95,20 @@ def unreported_damage(shot: Shot, view: View, torn: Sequence[int]) -> FootageDam
 
     A decoder may not notice a changed bit. All pictures that are made from a wrong one are wrong, too, up to the next
     that is stored whole. Encoders also store one whole where the picture changes, but then sooner than the usual
-    interval.
+    interval. A single picture that fits neither neighbour, as one that a flash lights, begins no such stretch if
+    another may have, and ends none.
     """
     if not torn:
         return None
     jumps = [file_index(view, shot.frames[0] + frame) for frame in torn]
     whole = whole_pictures(view.footage, max(jumps) + 1)
     apart, stretches, ends = np.diff(whole), [], []
+    single = {jump for jump in jumps if jump + 1 in jumps}
+    lasting = [jump for jump in jumps if not single & {jump - 1, jump}]
     for before, here in pairwise(whole.tolist()):
-        if here in jumps and here - before == apart.max() > 1:
-            stretches.append((min((jump for jump in jumps if before < jump < here), default=before), here - 1))
+        if here in jumps and here - 1 not in single and here - before == apart.max() > 1:
+            between = [[jump for jump in some if before < jump < here] for some in (lasting, jumps)]
+            stretches.append((min(between[0] or between[1], default=before), here - 1))
             ends.append(here)
     if not ends:
         return None

@@ -10,6 +10,8 @@ from typing import Any
 import pytest
 from kfmocap.core.fitting.early_check import EARLY_KEYS, EARLY_MISFITS, early_frames, early_misfits
 from kfmocap.core.fitting.shot_cameras import track_and_check
+from kfmocap.core.fitting.view_findings import FootageMatch
+from kfmocap.core.shot.footage import frames_at
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import Shot
 from kfmocap.core.tracking.retracking import Excerpt
@@ -54,6 +56,17 @@ def test_right_footage_is_not_named_and_tracked_the_same(shot: Shot) -> None:
     assert found == [[]]
     assert result.pictures == ({}, {})
     assert result.motions[0].rotations.tobytes() == track(shot).motions[0].rotations.tobytes()
+
+
+def test_another_offset_is_named_where_footage_matches_a_little_worse_than_usual(shot: Shot) -> None:
+    """By how little it lacks alone it would not be named."""
+    truth = swing(BODY, 22, size=0.9)
+    late = shot_of([shot.views[0], replace(shot.views[1], offset=3.0)], [BODY], [truth], KEYS[:4], shot.settings)
+    frames = sorted(early_frames(late))
+    pictures = [dict(zip(frames, frames_at(view, frames, 1.0, grey=False), strict=True)) for view in late.views]
+    [found] = early_misfits(late, pictures)
+    assert isinstance(found, FootageMatch) and found.camera == "side" and found.match > 0.9
+    assert found.offset is not None and abs(found.offset) <= 1
 
 
 def test_blender_is_shown_it_once_and_only_if_the_whole_shot_is_tracked(

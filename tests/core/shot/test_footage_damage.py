@@ -52,7 +52,16 @@ def shot(*paths: Path) -> Shot:
 
 
 @pytest.mark.parametrize(
-    ("torn", "frames"), [((12,), (0, 11)), ((4, 5, 12), (4, 11)), ((7,), None), ((), None), ((14,), None)]
+    ("torn", "frames"),
+    [
+        ((12,), (0, 11)),
+        ((4, 5, 12), (4, 11)),
+        ((4, 5, 9, 12), (9, 11)),
+        ((11, 12), None),
+        ((7,), None),
+        ((), None),
+        ((14,), None),
+    ],
 )
 def test_pictures_that_jump_to_one_that_is_stored_whole_may_be_damaged(
     tmp_path: Path, torn: tuple[int, ...], frames: tuple[int, int] | None
