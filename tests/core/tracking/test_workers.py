@@ -24,7 +24,7 @@ from kfmocap.core.shot.fingerprint import made_of
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate
 from kfmocap.core.shot.image_sequences import image_files
 from kfmocap.core.shot.shot import Shot, View
-from kfmocap.core.tracking import reader, shot_checks, tracker, worker_counts
+from kfmocap.core.tracking import reader, segment_tracking, shot_checks, tracker, worker_counts
 from kfmocap.core.tracking.prepare import prepare_shot
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
 from kfmocap.core.tracking.run_context import RunContext, SolvedShot
@@ -46,7 +46,7 @@ def tracked_by(workers: int, shot: Shot, monkeypatch: pytest.MonkeyPatch) -> Tra
     return tracker.track(replace(shot, settings=replace(shot.settings, threads=workers)))
 
 
-make = tracker.result_of_segments
+make = segment_tracking.result_of_segments
 
 
 def same(one: Motion, other: Motion) -> bool:
@@ -79,7 +79,7 @@ def test_what_is_known_once_all_is_solved_is_handed_out_before_all_is_refined(
         assert pool.workers == workers and not refined
         found.append(known)
 
-    monkeypatch.setattr(tracker, "result_of_segments", lambda *args: refined.append(1) or make(*args))
+    monkeypatch.setattr(segment_tracking, "result_of_segments", lambda *args: refined.append(1) or make(*args))
     result = tracker.track(shot, pictures=[0, 8], run=RunContext(solved=solved))
     assert len(found) == (workers > 1)
     for known in found:
@@ -104,7 +104,7 @@ def test_a_worker_that_is_killed_ends_the_tracking_with_a_message(
 
     monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path))
     monkeypatch.setattr(worker_counts, "MIN_PARALLEL_WORK", 0)
-    monkeypatch.setattr(tracker, "WorkerPool", kept)
+    monkeypatch.setattr(segment_tracking, "WorkerPool", kept)
     with pytest.raises(WorkerEndedError, match="ended unexpectedly"):
         tracker.track(replace(filmed, settings=replace(filmed.settings, threads=2)), kill)
     assert not list(tmp_path.iterdir())
