@@ -10,8 +10,9 @@
   body, or along the line of sight of one of two cameras, where it covers foreground and leaves hardly any uncovered.
 
 All but the first follow from what the images say for limbs (`SupportOfLimb`). None proves that a limb is lost: limbs
-are hidden for a while, and do turn away at key poses. A limb is too small a part of the performer for its cover to
-raise a doubt (`solution_doubts`).
+are hidden for a while, and do turn away at key poses. Of limbs that the images do not show on the key poses either
+(`unshown_limbs`), they prove nothing. A limb is too small a part of the performer for its cover to raise a doubt
+(`solution_doubts`).
 """
 
 from __future__ import annotations
@@ -154,6 +155,21 @@ def _weakest_support(support: Array, keys: Ints, long: int) -> float:
     them; 1 without key poses, or with fewer frames.
     """
     return float(_relative_support(support, keys, long).min(initial=1.0))
+
+
+def unshown_limbs(problem: SegmentProblem, support: Iterable[SupportOfLimb]) -> list[LimbOfPerformer]:
+    """Find the limbs that the images do not show where they are known to be: on the key poses, they say less for them
+    in the mean than what would have a limb moved (`MIN_GAIN`) in `LONG_GAP` frames.
+
+    Their colours look like what is behind them, or are not known, as others who are not posed were near. Such images
+    do not tell where the limb is between the key poses: they are likelier where it hides in front of the body.
+    """
+
+    def on_keys(i: int, shown: Array) -> float:
+        keys = problem.whole_keys(i)
+        return float(shown[keys].mean()) if len(keys) else np.inf
+
+    return least_supported(support, on_keys, MIN_GAIN / LONG_GAP)
 
 
 def frames_weakly_shown(problem: SegmentProblem, performer: int, support: Array) -> Bools:

@@ -22,7 +22,14 @@ from ..descent_stages import COARSE_RESTART, SETTLED, UNCONVERGED_MOVE
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import continued, descend, farthest_joint, views_in_sight
-from ..judgement.limb_signs import bent_limbs, faded_limbs, frames_weakly_shown, refuted_limbs, weakly_shown_limbs
+from ..judgement.limb_signs import (
+    bent_limbs,
+    faded_limbs,
+    frames_weakly_shown,
+    refuted_limbs,
+    unshown_limbs,
+    weakly_shown_limbs,
+)
 from ..judgement.settled_solutions import SettledSolutions
 from ..judgement.solution_doubts import MIN_FOLLOWED_SHARE
 from ..judgement.solution_ranking import likelihood, likelihood_decides, settled_further
@@ -142,7 +149,8 @@ def suspected_groups(
 
     These are all limbs of a single performer whom the images contradicted, where likelihood singles out the true
     motion. Otherwise they show a sign: that they have faded counts where performers hide one another, and that they are
-    weakly shown there, too, and for a single performer, in several views.
+    weakly shown there, too, and for a single performer, in several views. Where performers hide one another, signs do
+    not count for limbs that the images do not show on the key poses either.
 
     Parameters
     ----------
@@ -160,6 +168,8 @@ def suspected_groups(
         places += refuted_limbs(problem, support)
         places += faded_limbs(problem, support) if hidden else []
         places += weakly_shown_limbs(problem, support) if problem.shows_depth and (single or hidden) else []
+        unshown = unshown_limbs(problem, support) if hidden else []
+        places = [place for place in places if place not in unshown]
     groups = [LimbGroup(i, (chain,)) for k, (i, chain) in enumerate(places) if (i, chain) not in places[:k]]
     if single and problem.shows_depth:
         pairs = [pair for pair in limb_pairs(problem.bodies[0]) if all((0, chain) in places for chain in pair)]

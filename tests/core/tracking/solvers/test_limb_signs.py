@@ -17,6 +17,7 @@ from kfmocap.core.tracking.solvers.judgement.limb_signs import (
     bent_limbs,
     faded_limbs,
     refuted_limbs,
+    unshown_limbs,
     weakly_shown_limbs,
 )
 from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import MIN_GAIN, SupportOfLimb
@@ -121,3 +122,14 @@ def test_the_limb_that_has_faded_most_comes_first() -> None:
 def test_a_limb_is_weak_where_its_support_falls_below_that_of_the_key_poses(support: Array, weak: bool) -> None:
     problem = held(1)
     assert weakly_shown_limbs(problem, supported(problem, {(0, 1): support})) == ([(0, LIMBS[1])] if weak else [])
+
+
+def test_a_limb_that_images_do_not_show_on_its_key_poses_is_unshown() -> None:
+    """Its sleeve looks like the wall. What they show between the key poses does not count."""
+    two, like_the_wall, well = held(2), shown(-0.1, 0, FRAMES - 1), shown(0.0, 1, FRAMES - 2)
+    assert unshown_limbs(two, supported(two, {(1, 2): like_the_wall, (0, 0): well})) == [(1, LIMBS[2])]
+
+
+def test_without_key_poses_no_limb_is_unshown() -> None:
+    free = replace(held(1), fixed=(np.zeros_like(held(1).fixed[0]),))
+    assert unshown_limbs(free, supported(free, {(0, 1): np.full(FRAMES, -1.0)})) == []

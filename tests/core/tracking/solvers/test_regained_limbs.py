@@ -246,3 +246,16 @@ def test_a_weakly_shown_limb_of_one_of_several_is_searched_for_where_they_hide_o
     support = [(1, ARM, np.zeros(FRAMES), lambda: shown)]
     solution = SimpleNamespace(motions=(TRUTH, TRUTH), unhidden=np.full((2, FRAMES), unhidden))
     assert regained_limbs.suspected_groups(two, cast(SegmentSolution, solution), support) == expected
+
+
+@pytest.mark.parametrize(("on_keys", "found"), [(60.0, True), (4.0, False)])
+def test_a_limb_of_one_of_several_that_the_key_poses_do_not_show_is_not_searched_for(
+    problem: SegmentProblem, on_keys: float, found: bool
+) -> None:
+    """Where pictures say nothing for a limb that is right, they would have it anywhere else."""
+    two = replace(problem, bodies=(BODY, BODY), fixed=problem.fixed * 2, before=None, after=None)
+    shown = np.where(np.isin(np.arange(FRAMES), [0, FRAMES - 1]), on_keys, -10.0)
+    support = [(1, ARM, np.full(FRAMES, -20.0), lambda: shown)]
+    solution = SimpleNamespace(motions=(TRUTH, TRUTH), unhidden=np.full((2, FRAMES), 0.5))
+    groups = regained_limbs.suspected_groups(two, cast(SegmentSolution, solution), support)
+    assert groups == ([LimbGroup(1, (ARM,))] if found else [])
