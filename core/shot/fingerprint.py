@@ -6,7 +6,7 @@ import hashlib
 import os
 import pickle
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from itertools import chain
 from pathlib import Path, PurePath
 from typing import Any
@@ -31,8 +31,8 @@ def checksum(*sources: Iterable[bytes]) -> str:
 
 
 def value_bytes(value: Any) -> list[bytes]:
-    """Return a value as pieces of bytes, without dataclass fields that are excluded from comparison, and with only the
-    names of paths.
+    """Return a value as pieces of bytes, with only the names of paths. Dataclass fields are left out if they are
+    excluded from comparison, or have their default: a field that a later version adds changes no checksum by itself.
     """
     return ValueBytes().of(value)
 
@@ -43,7 +43,7 @@ class ValueBytes:
     """
 
     def __init__(self) -> None:
-        self._fields: dict[type[Any], tuple[tuple[str, bytes], ...]] = {}
+        self._fields: dict[type[Any], tuple[tuple[str, bytes, Any], ...]] = {}
         self._bodies: dict[int, tuple[Body, list[bytes]]] = {}  # with the body, so that no other has its number
 
     def of(self, value: Any) -> list[bytes]:
@@ -73,10 +73,14 @@ class ValueBytes:
     def _append_fields(self, pieces: list[bytes], value: Any) -> None:
         kind = type(value)
         if kind not in self._fields:
-            self._fields[kind] = tuple((item.name, item.name.encode()) for item in fields(kind) if item.compare)
-        for name, encoded in self._fields[kind]:
-            pieces.append(encoded)
-            self._append(pieces, getattr(value, name))
+            compared = (item for item in fields(kind) if item.compare)
+            self._fields[kind] = tuple((item.name, item.name.encode(), item.default) for item in compared)
+        for name, encoded, default in self._fields[kind]:
+            given = getattr(value, name)
+            if default is MISSING or type(given) is not type(default) or given != default:
+                pieces.append(encoded)
+                self._append(pieces, given)
+        pieces.append(b"}")
 
     def _body(self, body: Body) -> list[bytes]:
         if id(body) not in self._bodies:
