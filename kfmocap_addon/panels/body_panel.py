@@ -10,7 +10,7 @@ from ..properties.body_fields import MEASURES
 from ..scene_io import active_performer, hold_checks
 from . import performer_rows
 from .section import FoldedPart, PerformerPart, Section, SectionPart, draw_as_form
-from .texts import draw_text
+from .texts import draw_text, draw_unit_scale
 
 
 class BodyPanel(Section, bpy.types.Panel):
@@ -21,6 +21,7 @@ class BodyPanel(Section, bpy.types.Panel):
         layout, performers = self.layout, context.scene.kfmocap.performers
         if not performers:
             layout.label(text="No performer yet", icon="INFO")
+        draw_unit_scale(layout, context)
         column = layout.column(align=True)
         for index, performer in enumerate(performers):
             _draw_performer(column.row(align=True), context, performer, index)

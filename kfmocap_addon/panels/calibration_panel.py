@@ -15,7 +15,7 @@ from ..scene_io import active_performer
 from ..scene_io import capture_scene as captures
 from . import guide
 from .section import FoldedPart, Section, SectionPart, draw_as_form
-from .texts import draw_text
+from .texts import draw_text, draw_unit_scale
 
 
 class CaptureViewList(bpy.types.UIList):
@@ -46,6 +46,7 @@ class CalibrationPanel(Section, bpy.types.Panel):
         capture = context.scene.kfmocap_capture
         if missing := captures.missing(capture):
             draw_text(self.layout, context, missing, "INFO")
+        draw_unit_scale(self.layout, context)
         column = self.layout.column(align=True)
         if len(capture.views) < captures.LEAST_VIEWS:
             column.operator(AddVideos.bl_idname, icon="FILE_MOVIE")

@@ -21,6 +21,14 @@ def draw_text(layout: bpy.types.UILayout, context: bpy.types.Context, text: str,
         column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE")
 
 
+def draw_unit_scale(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw a warning if Blender shows lengths at another scale than in metres to a unit."""
+    units = context.scene.unit_settings
+    if units.system != "NONE" and abs(units.scale_length - 1.0) > 1e-6:
+        text = f"The scene's Unit Scale is {units.scale_length:g}, but a unit is a metre here: set it to 1"
+        draw_text(layout, context, text, "ERROR")
+
+
 def lines(text: str, width: float) -> list[str]:
     """Break a text between its words so that each line is that wide at most, pixels; a longer word has its own."""
     found = [""]

@@ -337,3 +337,16 @@ def test_changes_are_looked_up_once_nothing_changes_any_more(tmp_path, monkeypat
     assert known._look_up_at_rest() is None
     assert known.known(scene) is True
     known.clear()
+
+
+@pytest.mark.parametrize(
+    ("system", "scale", "warns"),
+    [("METRIC", 0.01, True), ("IMPERIAL", 1.0, False), ("METRIC", 1.0, False), ("NONE", 0.01, False)],
+)
+def test_lengths_that_blender_would_show_wrongly_are_said(monkeypatch, system, scale, warns):
+    """A height of 1.75 would be shown as 1.75 cm, and 1.75 m could not be entered."""
+    units, drawn = bpy.context.scene.unit_settings, []
+    units.system, units.scale_length = system, scale
+    monkeypatch.setattr(texts, "draw_text", lambda _layout, _context, text, _icon: drawn.append(text))
+    texts.draw_unit_scale(None, bpy.context)
+    assert drawn == ["The scene's Unit Scale is 0.01, but a unit is a metre here: set it to 1"] * warns
