@@ -97,11 +97,13 @@ def has_footage(context: bpy.types.Context) -> str:
     """Every view has its footage, which was there when the file was opened."""
     for view in context.scene.kfmocap.views:
         if not view.has_camera:
-            return f"The camera of {view.name} is gone from the scene: remove the view, and add its footage anew"
+            back = "bring it back under Footage and Cameras, or " if view.can_be_restored else ""
+            return f"The camera of {view.name} is gone from the scene: {back}remove the view, and add its footage anew"
         if view.missing:
             return f"The footage of {view.name} is missing: use Relink"
         if not any(behind.source == "MOVIE_CLIP" and behind.clip for behind in view.camera.data.background_images):
-            return f"The camera of {view.name} has no footage behind it: remove the view, and add its footage anew"
+            todo = "choose its clip under Background Images of the camera, or remove the view and add its footage anew"
+            return f"The camera of {view.name} has no footage behind it: {todo}"
     return ""
 
 

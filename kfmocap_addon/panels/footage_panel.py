@@ -6,7 +6,7 @@ from ..operators.cameras.refine_cameras import RefineCameras
 from ..operators.footage.add_footage import AddFootage, ImportCalibration, RemoveView, UseSceneCameras
 from ..operators.footage.load_shot import LoadShot
 from ..operators.footage.look_through import LookThrough, QuadView, StepView
-from ..operators.footage.recover import RelinkFootage
+from ..operators.footage.recover import RelinkFootage, RestoreCamera
 from ..operators.footage.use_offset import UseOffset
 from ..operators.open_section import OpenSection
 from .section import FoldedPart, Section, draw_as_form
@@ -92,11 +92,15 @@ def _draw_single(column: bpy.types.UILayout, context: bpy.types.Context, view: b
 
 
 def _draw_lost_cameras(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
-    """Views whose camera was deleted can only be removed."""
+    """Draw the views whose camera was deleted, with what brings it back, if it is still in the file, and what removes
+    the view.
+    """
     for index, view in enumerate(scene.kfmocap.views):
         if not view.has_camera:
             row = layout.row(align=True)
             row.label(text=f"{view.name}: its camera is gone", icon="ERROR")
+            if view.can_be_restored:
+                row.operator(RestoreCamera.bl_idname).view = index
             row.operator(RemoveView.bl_idname, icon="REMOVE").view = index
 
 

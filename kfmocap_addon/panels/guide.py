@@ -39,7 +39,7 @@ def current_step(context: bpy.types.Context) -> str | None:
     refused.
     """
     shot = context.scene.kfmocap
-    if not shot.views or any(view.missing or not view.is_calibrated for view in shot.views):
+    if not shot.views or any(view.missing or not (view.has_camera and view.is_calibrated) for view in shot.views):
         return "footage"
     if not shot.performers or not all(active_performer.is_present(context.scene, slot) for slot in shot.performers):
         return "body"

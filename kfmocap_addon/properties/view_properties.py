@@ -114,6 +114,11 @@ class KFMocapView(bpy.types.PropertyGroup):
         return self.camera is not None and self.camera.name in self.id_data.objects
 
     @property
+    def can_be_restored(self) -> bool:
+        """Whether its camera is gone from the scene, but not from the file."""
+        return self.camera is not None and not self.has_camera
+
+    @property
     def is_calibrated(self) -> bool:
         """Whether its camera is known, also from a tracker of Blender's that moves it."""
         owner = self.camera

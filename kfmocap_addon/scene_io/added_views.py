@@ -275,11 +275,22 @@ def _adopted(current: bpy.types.Scene, owners: Sequence[bpy.types.Object]) -> Ca
 
 def remove_view(current: bpy.types.Scene, index: int) -> None:
     """Remove a view from the shot, with its camera and footage unless something else uses them."""
-    slot = current.kfmocap.views[index]
-    owner = slot.camera
-    current.kfmocap.views.remove(index)
-    if owner is None:
-        return
+    slots = current.kfmocap.views
+    owner = slots[index].camera
+    slots.remove(index)
+    if owner is not None and not _is_of_another_scene(current, owner):
+        _remove_camera(owner)
+    if slots:
+        footage_background.look_through(current, slots[min(index, len(slots) - 1)])
+
+
+def _is_of_another_scene(current: bpy.types.Scene, owner: bpy.types.Object) -> bool:
+    """Whether a camera is in another scene, or a view of one: scenes can be copied with their shots."""
+    others = [other for other in bpy.data.scenes if other != current]
+    return any(owner.name in o.objects or any(slot.camera == owner for slot in o.kfmocap.views) for o in others)
+
+
+def _remove_camera(owner: bpy.types.Object) -> None:
     clip = footage_background.clip_behind(owner)
     data = owner.data
     bpy.data.objects.remove(owner)
@@ -288,5 +299,11 @@ def remove_view(current: bpy.types.Scene, index: int) -> None:
     shown = {image.clip for camera in bpy.data.cameras for image in camera.background_images}
     if clip is not None and clip.users == 0 and clip not in shown:
         bpy.data.movieclips.remove(clip)
-    if current.kfmocap.views:
-        footage_background.look_through(current, current.kfmocap.views[min(index, len(current.kfmocap.views) - 1)])
+
+
+def restore_camera(current: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
+    """Bring a view's camera back into the scene that it was deleted from."""
+    scene.ensure_collection(current, "Views").objects.link(slot.camera)
+    if current.camera is None:
+        footage_background.look_through(current, slot)
+    footage_background.refresh(current)

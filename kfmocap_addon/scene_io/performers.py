@@ -8,7 +8,7 @@ import bpy
 
 from ...core.body import Body
 from ...core.errors import BodyError
-from . import active_performer, scene
+from . import scene
 from .body import body_armature, part_meshes, rotation_modes, shown_model
 
 
@@ -33,9 +33,13 @@ def restore(current: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
 
 
 def remove(current: bpy.types.Scene, number: int) -> None:
-    """Remove a performer from the shot and, if its armature was deleted, the parts that were left behind."""
+    """Remove a performer from the shot and, if its armature was deleted, the parts that were left behind.
+
+    An armature of another scene, such as that of which this one is a copy, was not deleted.
+    """
     slots = current.kfmocap.performers
-    armature, is_gone = slots[number].armature, not active_performer.is_present(current, slots[number])
+    armature = slots[number].armature
+    is_gone = armature is None or not armature.users_scene
     slots.remove(number)
     left = part_meshes.orphans(current) if armature is None else part_meshes.parts_of(armature)
     for part in left if is_gone else ():

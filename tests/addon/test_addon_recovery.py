@@ -10,6 +10,8 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import shot  # noqa: E402
 from kfmocap.kfmocap_addon.operators.posing.place_joints import PlaceJoints  # noqa: E402
+from kfmocap.kfmocap_addon.operators.tracking.track_motion import TrackAll  # noqa: E402
+from kfmocap.kfmocap_addon.panels import guide  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.cameras import footage_background  # noqa: E402
 from scene_state import differences, state  # noqa: E402
@@ -149,6 +151,36 @@ def test_a_deleted_body_is_removed_with_its_parts(two, how):
 def test_a_performer_that_is_removed_leaves_its_armature(two):
     bpy.ops.kfmocap.remove_performer(performer=1)
     assert "woman" in two.objects and parts("woman")
+
+
+def test_a_deleted_camera_is_brought_back_with_its_footage(two, tracker):
+    before = state()
+    delete(two.kfmocap.views[1].camera)
+    assert enabled(NEED_FOOTAGE) == [] and "bring it back" in TrackAll.missing(bpy.context)
+    assert guide.current_step(bpy.context) == "footage"
+    with pytest.raises(RuntimeError, match="View 0 has no camera that could be brought back"):
+        bpy.ops.kfmocap.restore_camera(view=0)
+    assert bpy.ops.kfmocap.restore_camera(view=1) == {"FINISHED"}
+    bpy.context.view_layer.update()
+    assert not differences(state(), before)
+    assert bpy.ops.kfmocap.track() == {"FINISHED"}
+    assert not bpy.ops.kfmocap.restore_camera.poll()
+
+
+@pytest.mark.parametrize("how", ["EMPTY", "LINK_COPY", "FULL_COPY"])
+def test_what_is_removed_from_a_copy_of_a_scene_stays_in_the_original(two, tracker, how):
+    """With `EMPTY`, the copy has the shot, but none of its objects."""
+    assert bpy.ops.kfmocap.track() == {"FINISHED"}
+    bpy.ops.scene.new(type=how)
+    copy = next(scene for scene in bpy.data.scenes if scene != two)
+    bpy.context.window_manager.windows[0].scene = copy
+    for _ in range(2):
+        assert bpy.ops.kfmocap.remove_performer(performer=0) == {"FINISHED"}
+        assert bpy.ops.kfmocap.remove_view(view=0) == {"FINISHED"}
+    assert not copy.kfmocap.views and not copy.kfmocap.performers
+    bpy.context.window_manager.windows[0].scene = two
+    assert len(parts("woman")) == len(parts("man")) > 10
+    assert bpy.ops.kfmocap.track() == {"FINISHED"}
 
 
 def test_a_view_whose_camera_was_deleted_can_be_removed(two, tracker):

@@ -172,6 +172,13 @@ def _deleted(_folder: Path) -> Arguments:
     return {"performer": 0}
 
 
+def _without_camera(_folder: Path) -> Arguments:
+    camera = bpy.context.scene.kfmocap.views[0].camera
+    for collection in list(camera.users_collection):
+        collection.objects.unlink(camera)
+    return {"view": 0}
+
+
 def _own_calibration(folder: Path) -> Arguments:
     save_cameras(folder / "own.toml", [camera(1), camera(2)])
     return {"filepath": str(folder / "own.toml")}
@@ -241,6 +248,7 @@ _READY: dict[str, Callable[[Path], Arguments | None]] = {
     "next_suggestion": _suggested,
     "relink_footage": _missing,
     "restore_body": _deleted,
+    "restore_camera": _without_camera,
     "import_calibration": _own_calibration,
     "use_armature": _prop,
     "use_scene_cameras": _views_forgotten,

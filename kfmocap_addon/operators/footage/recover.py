@@ -1,4 +1,4 @@
-"""Recovering footage that was moved and bodies that were deleted."""
+"""Recovering footage that was moved, and cameras and bodies that were deleted."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import bpy
 
-from ....core.errors import BodyError
+from ....core.errors import BodyError, ShotError
 from ...scene_io import active_performer
 from ..conditions import Conditional
 from ..mixin import FileReader, OfPerformer
@@ -44,6 +44,30 @@ class RelinkFootage(Conditional, FileReader, bpy.types.Operator):
         self.report({"INFO"}, f"Found the footage of {', '.join(found)}")
 
 
+def _has_lost_camera(context: bpy.types.Context) -> str:
+    views = context.scene.kfmocap.views
+    lost = any(view.can_be_restored for view in views)
+    return "" if lost else "No camera was deleted that could be brought back"
+
+
+class RestoreCamera(Conditional, bpy.types.Operator):
+    """Bring back a view's camera that was deleted from the scene, with its calibration and the footage behind it"""
+
+    bl_idname = "kfmocap.restore_camera"
+    bl_label = "Bring Back"
+    conditions = (_has_lost_camera,)
+
+    view: bpy.props.IntProperty(min=0, name="View", description="Number of the view, from 0")
+
+    def act(self, context: bpy.types.Context) -> None:
+        from ...scene_io import added_views
+
+        views = context.scene.kfmocap.views
+        if self.view >= len(views) or not views[self.view].can_be_restored:
+            raise ShotError(f"View {self.view} has no camera that could be brought back")
+        added_views.restore_camera(context.scene, views[self.view])
+
+
 def _has_lost_body(context: bpy.types.Context) -> str:
     slots = context.scene.kfmocap.performers
     lost = [
@@ -68,4 +92,4 @@ class RestoreBody(Conditional, OfPerformer, bpy.types.Operator):
         performers.restore(context.scene, slot)
 
 
-CLASSES = (RelinkFootage, RestoreBody)
+CLASSES = (RelinkFootage, RestoreCamera, RestoreBody)
