@@ -124,7 +124,7 @@ class PlantTests:
         """Return a plant that passed with the frames beside it on which the point may stand, too: one after the other,
         or several at once, over which a flicker of the evidence is no more.
         """
-        cost, odds = self._cost(plant), self.evidence.log_odds(plant)
+        cost = self._cost(plant)
         most = max(round(FLICKER * self.evidence.problem.fps), 1)
         for before, after in ((1, 0), (0, 1)):
             steps = 1
@@ -133,12 +133,14 @@ class PlantTests:
                 beyond = more >= _most_by_chance(3 * most)
                 if beyond and self.evidence.way(longer) >= RADIUS:
                     break
-                gain = self.evidence.log_odds(longer) - odds
                 stands = more < chdtri(3 * steps, JOINING_SIGNIFICANCE)
-                stands = stands or (gain > 0 and more < _most_by_chance(3 * steps))
-                stands = stands or (gain > np.log(PICTURES_ODDS) and self.evidence.stays(plant, longer))
+                if not stands:  # ask the pictures, which takes longer
+                    gain = self.evidence.log_odds(longer) - self.evidence.log_odds(plant)
+                    stands = (gain > 0 and more < _most_by_chance(3 * steps)) or (
+                        gain > np.log(PICTURES_ODDS) and self.evidence.stays(plant, longer)
+                    )
                 if stands and self.evidence.key_poses_agree(longer):
-                    plant, cost, odds, steps = longer, cost + more, odds + gain, 1
+                    plant, cost, steps = longer, cost + more, 1
                 else:
                     steps += 1
         return plant
