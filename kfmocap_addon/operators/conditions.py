@@ -158,11 +158,21 @@ def frame_is_in_shot(first: int = 0, last: int = 0) -> Condition:
     """Return the condition that the current frame is between the shot's first + `first` and its last + `last`."""
 
     def condition(context: bpy.types.Context) -> str:
-        if first <= shot_frame(context.scene) < context.scene.kfmocap.length + last:
+        frame, length = shot_frame(context.scene), context.scene.kfmocap.length
+        if first <= frame < length + last:
             return ""
-        return "The shot has no frame on that side of this one, or this is not one of its frames"
+        side = "before" if frame < first else "after"
+        return outside_shot(context.scene, context.scene.frame_current) or f"The shot has no frame {side} this one"
 
     return condition
+
+
+def outside_shot(scene: bpy.types.Scene, frame: int) -> str:
+    """Return a message that a frame of the scene is not one of the shot's; empty if it is, or there is no footage."""
+    start, length = scene.kfmocap.frame_start, scene.kfmocap.length
+    if not scene.kfmocap.views or start <= frame < start + length:
+        return ""
+    return f"Frame {frame} is not one of the shot's, which are {start} to {start + length - 1}"
 
 
 def shot_frame(scene: bpy.types.Scene) -> int:

@@ -208,3 +208,16 @@ def test_tracking_says_it_until_it_is_gone(built, capfd):
     bpy.context.view_layer.update()
     bpy.ops.kfmocap.track()
     assert slot.disturbances == ""
+
+
+def test_a_key_pose_outside_the_shot_is_said_to_count_for_nothing(built, capfd):
+    """As where the timeline was moved after the footage was added."""
+    built.frame_set(101)
+    assert bpy.ops.kfmocap.set_key_pose() == {"FINISHED"}
+    told = capfd.readouterr().out
+    assert "Frame 101 is not one of the shot's, which are 1 to 12: the key pose counts for nothing in tracking" in told
+    assert "Frame 101 is not one of the shot's, which are 1 to 12" in why_disabled("track_here")
+    built.frame_set(12)
+    assert bpy.ops.kfmocap.set_key_pose() == {"FINISHED"}
+    assert "not one of the shot's" not in capfd.readouterr().out
+    assert "The shot has no frame after this one" in why_disabled("track_forward")

@@ -7,7 +7,7 @@ import bpy
 from ....core.errors import KeypointError
 from ...scene_io import active_performer
 from ...viewports import viewport
-from ..conditions import Conditional, has_performer
+from ..conditions import Conditional, has_performer, outside_shot
 from ..footage.look_through import show_view
 from ..reporting import reported
 from .placing_display import box_under, draw, handle_under, hint_at
@@ -270,6 +270,8 @@ class PlacingTool(Conditional):
         count, off = len(self._placing.marks), 1000 * self._placing.fitted.misfit
         todo = _suiting(self._placing.slot.armature) if off > _ILL_SUITED and count >= _MANY else ""
         self.report({"INFO"}, f"Key pose on frame {self._placing.frame}: {count} marks, missed by {off:.0f} mm{todo}")
+        if outside := outside_shot(context.scene, self._placing.frame):
+            self.report({"WARNING"}, f"{outside}: the key pose counts for nothing in tracking")
         return {"FINISHED"}
 
     def _cancelled(self, context: bpy.types.Context) -> set[str]:

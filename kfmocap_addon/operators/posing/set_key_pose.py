@@ -3,7 +3,7 @@
 import bpy
 
 from ...scene_io import active_performer
-from ..conditions import Conditional, has_performer
+from ..conditions import Conditional, has_performer, outside_shot
 from ..key_conditions import has_proposal, is_on_key_pose
 from ..reporting import NothingToDoError, reported
 
@@ -23,6 +23,8 @@ class SetKeyPose(Conditional, bpy.types.Operator):
         for armature, bones in active_performer.posed_bones(context):
             key_pose_curves.key_current_pose(armature, frame, bones)
             self.report({"INFO"}, f"Key pose of {_bones_text(bones)} on frame {frame}")
+        if outside := outside_shot(context.scene, frame):
+            self.report({"WARNING"}, f"{outside}: the key pose counts for nothing in tracking")
 
 
 class RemoveKeyPose(Conditional, bpy.types.Operator):
