@@ -97,8 +97,9 @@ def _draw_lost_cameras(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> No
     """
     for index, view in enumerate(scene.kfmocap.views):
         if not view.has_camera:
-            row = layout.row(align=True)
-            row.label(text=f"{view.name}: its camera is gone", icon="ERROR")
+            column = layout.column(align=True)
+            column.label(text=f"{view.name}: its camera is gone", icon="ERROR")
+            row = column.row(align=True)
             if view.can_be_restored:
                 row.operator(RestoreCamera.bl_idname).view = index
             row.operator(RemoveView.bl_idname, icon="REMOVE").view = index
