@@ -74,6 +74,20 @@ def background_shift(
     return BackgroundShift(factor * shift, (frames[0], frame), enlarged)
 
 
+def background_zoom(
+    pictures: Sequence[NDArray[np.uint8]], performers: Sequence[Bools], frames: Sequence[int], factor: float
+) -> BackgroundShift | None:
+    """Return the shift of the background between the first of some pictures and the one in which its size differs most;
+    None where it stands still, or no other tells. Parameters as of `background_shift`.
+    """
+    shifts = _shifts(pictures, performers)
+    found = [(abs(np.log(own[1])), own, frame) for own, frame in zip(shifts, frames[1:], strict=True) if own and own[0]]
+    if not found:
+        return None
+    _, (shift, enlarged), frame = max(found)
+    return BackgroundShift(factor * shift, (frames[0], frame), enlarged)
+
+
 def background_tells(pictures: Sequence[NDArray[np.uint8]], performers: Sequence[Bools]) -> bool:
     """Whether the background of K pictures shows if their camera stood still; parameters as of `background_shift`."""
     return any(shift is not None for shift in _shifts(pictures, performers))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
 from ..errors import FootageError
-from ..evidence.background_shift import BackgroundShift, background_shift, background_tells
+from ..evidence.background_shift import BackgroundShift, background_shift, background_tells, background_zoom
 from ..evidence.movement_match import COARSE_SIDE, key_poses_of, movement_match
 from ..evidence.rendering.label_images import render_labels
 from ..evidence.rendering.part_geometry import Geometry
@@ -82,6 +82,16 @@ def shifted_background(
         return None
     pictures, performers = _pictures_and_performers(view, pictured, geometry, poses)
     return background_shift(pictures, performers, frames.tolist(), pictured.factor)
+
+
+def zoomed_background(
+    view: View, pictured: KeyFrameView, geometry: Geometry, poses: Poses, frames: NDArray[np.int64]
+) -> BackgroundShift | None:
+    """Return where the size of the background differs most between K key frames, if it tells; parameters as of
+    `shifted_background`.
+    """
+    pictures, performers = _pictures_and_performers(view, pictured, geometry, poses)
+    return background_zoom(pictures, performers, frames.tolist(), pictured.factor)
 
 
 def background_is_plain(view: View, pictured: KeyFrameView, geometry: Geometry, poses: Poses) -> bool:

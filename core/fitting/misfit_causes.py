@@ -13,7 +13,7 @@ from ..evidence.movement_match import key_poses_of
 from ..evidence.rendering.part_geometry import Geometry
 from ..numerics.arrays import Array
 from ..shot.shot import Shot
-from .footage_match import background_is_plain, better_shift, shifted_background
+from .footage_match import background_is_plain, better_shift, shifted_background, zoomed_background
 from .key_frame_views import KeyFrameView
 from .view_findings import CameraFit, FootageMatch, MovedCamera, PlainBackground, ViewFinding
 
@@ -100,6 +100,29 @@ def followed_cameras(shot: Shot, turns: Sequence[Array | None]) -> tuple[MovedCa
             frames = first + int(np.argmin(ways)), first + int(np.argmax(ways))
             found.append(MovedCamera(view.camera.name, BackgroundShift(float(ways.max()), frames), followed=True))
     return tuple(found)
+
+
+def with_zooms(
+    shot: Shot, views: Sequence[KeyFrameView], frames: NDArray[np.int64], followed: Sequence[MovedCamera]
+) -> tuple[MovedCamera, ...]:
+    """Return the cameras whose turns were measured, and of which of them the lens zooms, which is not allowed for;
+    other parameters as of `moved_cameras`.
+
+    Parameters
+    ----------
+    followed : sequence of MovedCamera
+    """
+    if len(frames) < 2:
+        return (*followed,)
+    poses, geometry = key_poses_of(shot, frames), Geometry.of([performer.body for performer in shot.performers])
+    found, first = {own.camera: own for own in followed}, shot.frames[0]
+    for view, pictured in zip(shot.views, views, strict=True):
+        name = view.camera.name
+        zoom = zoomed_background(view, pictured, geometry, poses, frames) if name in found else None
+        if zoom is not None:
+            there = replace(zoom, frames=(first + zoom.frames[0], first + zoom.frames[1]))
+            found[name] = replace(found[name], zoom=there)
+    return (*found.values(),)
 
 
 def attributed_findings(

@@ -38,10 +38,16 @@ from .early_check import EARLY_MISFITS, early_frames, early_misfits
 from .footage_match import footage_matches
 from .key_frame_views import pictured_key_frames, read_key_frames
 from .keypoint_cameras import PictureShift, contradictions
-from .misfit_causes import attributed_findings, followed_cameras, moved_cameras, with_plain_backgrounds
+from .misfit_causes import (
+    attributed_findings,
+    followed_cameras,
+    moved_cameras,
+    with_plain_backgrounds,
+    with_zooms,
+)
 from .outline_fit import RefinementStage
 from .shared_keypoints import CameraEstimate, SharedKeypoints
-from .view_findings import CameraFit, ViewFinding
+from .view_findings import CameraFit, MovedCamera, ViewFinding
 
 MAX_CHECKED_KEYS = 8
 """Largest number of key frames that cameras are compared with, evenly spaced over the shot."""
@@ -135,13 +141,28 @@ def camera_fits(shot: Shot, result: SolvedShot, progress: Progress | None = None
         If it has the pictures of `checked_frames`, they are not read again.
     progress : callable, optional
     """
-    followed = followed_cameras(shot, result.turns)
-    shot = with_turns(with_found_gaps(shot, result.gaps), result.turns)
+    frames = set(checked_frames(shot))
+    pictures = result.pictures if result.pictures and all(frames <= own.keys() for own in result.pictures) else None
+    still = with_found_gaps(shot, result.gaps)
+    followed = _followed(still, result, pictures)
+    shot = with_turns(still, result.turns)
     keypoints = [own.factor.keypoints for own in result.observed.performers]
     shared = fit_by_keypoints(shot, keypoints) if keypoints else ()
-    in_step, frames = shot.with_footage_offset(result.footage_offset), set(checked_frames(shot))
-    pictures = result.pictures if result.pictures and all(frames <= own.keys() for own in result.pictures) else None
+    in_step = shot.with_footage_offset(result.footage_offset)
     return (*followed, *shared, *fit_by_key_poses(in_step, pictures, progress, turning=bool(followed)))
+
+
+def _followed(
+    shot: Shot, result: SolvedShot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]] | None
+) -> tuple[MovedCamera, ...]:
+    """Return the cameras of a shot, as it was given, that were found to turn, and where they zoom."""
+    followed, frames = followed_cameras(shot, result.turns), np.array(checked_frames(shot), dtype=np.int64)
+    if not followed or not len(frames):
+        return followed
+    if pictures is None:
+        return with_zooms(shot, read_key_frames(shot, frames, None), frames, followed)
+    rectified = replace(shot, views=tuple(replace(view, camera=view.camera.rectified()) for view in shot.views))
+    return with_zooms(rectified, pictured_key_frames(rectified, frames, pictures), frames, followed)
 
 
 def for_camera_fits(shot: Shot, result: TrackResult | SolvedShot) -> SolvedShot:

@@ -145,6 +145,8 @@ class MovedCamera:
         How far the background lies elsewhere on one frame of the shot than on another.
     followed : bool
         Whether how it turned was measured and is allowed for.
+    zoom : BackgroundShift, optional
+        Of one that was followed: where the size of the background differs most from that on the first key frame.
     by, off
         As of other findings.
     """
@@ -152,6 +154,7 @@ class MovedCamera:
     camera: str
     background: BackgroundShift
     followed: bool = False
+    zoom: BackgroundShift | None = None
     by: Literal["background"] = "background"
     off: Literal[True] = True
 
@@ -161,6 +164,8 @@ class MovedCamera:
         if self._zooms:
             return f"its camera zooms, or moves: the background gets {self.background.enlarged:.0%} of its size"
         what = f"its camera moved: the background shifts by {self.background.pixels:.0f} px"
+        if self._zooms_too:
+            return f"{what} (allowed for), and it zooms, to {self._zooms_too.enlarged:.0%} (not allowed for)"
         return f"{what} (measured and allowed for)" if self.followed else what
 
     @property
@@ -173,7 +178,12 @@ class MovedCamera:
     @property
     def _zooms(self) -> bool:
         """Whether turns do not explain how the background lies."""
-        return not self.followed and abs(math.log(self.background.enlarged)) > _MIN_ZOOM
+        return not self.followed and _is_zoom(self.background)
+
+    @property
+    def _zooms_too(self) -> BackgroundShift | None:
+        """Where the lens of a camera that was followed zooms most, if it does."""
+        return self.zoom if self.zoom is not None and _is_zoom(self.zoom) else None
 
     @property
     def summary(self) -> str:
@@ -185,10 +195,19 @@ class MovedCamera:
                 f"frame {after}: its lens zooms, or the camera comes closer or goes away; {_ZOOM}"
             )
         done = "how it turned was measured in the pictures and is allowed for"
+        if (zoom := self._zooms_too) is not None:
+            done += (
+                f"; but on frame {zoom.frames[1]} the background is {zoom.enlarged:.0%} as large as on frame "
+                f"{zoom.frames[0]}: its lens zooms, or the camera comes closer or goes away, which is not: {_ZOOM}"
+            )
         return (
             f"{self.camera}: its camera moved: the background lies {self.background.pixels:.0f} px elsewhere on frame "
             f"{after} than on frame {before}, but the calibration has one pose; {done if self.followed else _STABILISE}"
         )
+
+
+def _is_zoom(background: BackgroundShift) -> bool:
+    return abs(math.log(background.enlarged)) > _MIN_ZOOM
 
 
 @dataclass(frozen=True)

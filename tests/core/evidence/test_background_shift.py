@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 from kfmocap.core.evidence.background_shift import background_shift
 from kfmocap.core.fitting.early_check import early_misfits
-from kfmocap.core.fitting.shot_cameras import fit_by_key_poses
+from kfmocap.core.fitting.shot_cameras import camera_fits, fit_by_key_poses
 from kfmocap.core.fitting.view_findings import MovedCamera, PlainBackground
+from kfmocap.core.keypoints.observations import ShotKeypoints
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import View
+from kfmocap.core.tracking.run_context import SolvedShot
+from scipy.spatial.transform import Rotation
 from synthetic import figure, look_at, shot_of, swing
 
 SIZE = (320, 240)
@@ -93,6 +96,20 @@ def test_a_camera_that_zooms_is_said_to_zoom_and_not_to_be_stabilised(larger: fl
     assert isinstance(said, MovedCamera) and said.background.enlarged == pytest.approx(larger, abs=0.01)
     assert f"{said.background.enlarged:.0%} of its size" in said.summary and "zooms" in said.brief
     assert "zoom" in said.summary and "stabilise" not in said.summary
+
+
+@pytest.mark.parametrize("larger", [1.15, 1.0])
+def test_a_camera_that_turns_and_zooms_is_said_to_zoom_too(larger: float) -> None:
+    """Only its turns are allowed for."""
+    shot = shot_of([View(FRONT, "front.mp4")], [BODY], [TRUTH], range(len(TRUTH)))
+    still, count = wall(FRONT.size), len(TRUTH)
+    pictures = {k: moved(still, 6.0 * k, -3.0 * k, larger=larger ** (k / (count - 1))) for k in range(count)}
+    angles = 6.0 * np.arange(count)[:, None] / FRONT.matrix[0, 0] * [0.0, -1.0, 0.0]
+    turns = (Rotation.from_rotvec(angles).as_matrix(),)
+    [said] = camera_fits(shot, SolvedShot((pictures,), ShotKeypoints(), 0.0, ((),), turns))[:1]
+    assert isinstance(said, MovedCamera) and said.followed and "allowed for" in said.summary
+    assert ("zooms" in said.summary) == ("zooms" in said.brief) == (larger > 1)
+    assert larger == 1 or "is 115% as large as on frame 0" in said.summary
 
 
 def test_a_plain_background_is_named_only_if_other_cameras_move() -> None:
