@@ -84,7 +84,7 @@ def find_plants(points: Array, fps: float, leg: float, sigma: Array | None = Non
     change = np.log(_MEAN_DWELL * fps)
     planted = np.stack([_most_likely(column, change) for column in gain.T], axis=1)
     shortest = round(MIN_DURATION * fps)
-    planted = np.stack([_without_short(_without_short(c, shortest, False), shortest, True) for c in planted.T], axis=1)
+    planted = np.stack([without_short(without_short(c, shortest, False), shortest, True) for c in planted.T], axis=1)
     return Plants(planted, sizes.floor * leg, sizes.planted * leg)
 
 
@@ -168,7 +168,7 @@ def _most_likely(gain: Array, change: float) -> Bools:
     return np.array(states[::-1]) == 1
 
 
-def _without_short(flags: Bools, shortest: int, state: bool) -> Bools:
+def without_short(flags: Bools, shortest: int, state: bool) -> Bools:
     """Flip runs of a state that are shorter than a number of frames, except those at either end."""
     kept = flags.copy()
     for a, b in runs(flags == state):

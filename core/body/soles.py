@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..numerics.arrays import Array, Bools
 from .body import Body
-from .foot_plants import find_plants, with_ends
+from .foot_plants import MIN_DURATION, find_plants, without_short
 from .kinematics import Poses
 
 SOLE_POINTS = tuple(f"{point}.{side}" for side in "LR" for point in ("heel", "ball"))
 """Names of the points, in order."""
 BALL_SHARE = 0.7
 """Place of the ball of the foot, as a share of the way from the heel to the tip of the big toe."""
+
+STANDING_SPEED, STANDING_STEP = 0.05, 0.002
+"""A point that stands moves by less than this, metres per second, and metres from one frame to the next."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +59,14 @@ class Soles:
         names = tuple(name for name in SOLE_POINTS if name[-1] in sides)
         return cls(names, np.array(parts), np.array(points), max(float(np.mean(legs)), 1e-3))
 
+    def with_balls_at(self, share: float) -> Soles:
+        """Return the points with each ball at another share of the way from the heel to the tip of the big toe."""
+        balls = np.array([name.startswith("ball") for name in self.names])
+        local = self.local.copy()
+        heels = local[np.roll(balls, -1)]
+        local[balls] = heels + share / BALL_SHARE * (local[balls] - heels)
+        return replace(self, local=local)
+
     def world(self, poses: Poses) -> Array:
         """Return the points in the world, metres, shape (F, C, 3)."""
         R, T = poses
@@ -72,9 +83,23 @@ class Soles:
         """
         return find_plants(self.world(poses), fps, self.leg).planted
 
-    def with_ends(self, planted: Bools, poses: Poses, fps: float) -> Bools:
-        """Return plants (F, C) together with the frames beside them to which the points hardly move; parameters as
-        in `planted`.
+    def standing(self, held: Bools, poses: Poses, fps: float) -> Bools:
+        """Return on which frames the points stand, (F, C), where the evidence holds the soles: on these frames and
+        those beside them, as far as the points hardly move, unless that is for a moment only. The ball of a foot that
+        rolls over a place in front of it moves in the end, though the foot is held.
+
+        Parameters
+        ----------
+        held : ndarray of bool, shape (F, C)
+        poses, fps
+            See `planted`.
         """
-        points = self.world(poses)
-        return with_ends(planted, points, find_plants(points, fps, self.leg).speed, fps)
+        still = np.linalg.norm(np.diff(self.world(poses), axis=0), axis=2) < min(STANDING_SPEED / fps, STANDING_STEP)
+        steps = np.pad(held[1:] & held[:-1] & still, ((1, 1), (0, 0)))
+        steps = (steps[1:-1] | steps[2:] | steps[:-2]) & still
+        shortest = int(np.ceil(MIN_DURATION * fps))
+        steps = np.stack([without_short(column, shortest, True) for column in steps.T], axis=1)
+        stands = np.pad(steps, ((1, 1), (0, 0)))
+        stands = stands[1:] | stands[:-1]
+        stands[1:] &= steps | ~stands[:-1]  # between two plants a point moves
+        return np.asarray(stands)

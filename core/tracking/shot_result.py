@@ -79,16 +79,14 @@ def _joined(shot: Shot, state: TrackState, done: Sequence[FinishedSegment], obse
 
 
 def _planted(shot: Shot, motion: Motion, done: Sequence[FinishedSegment], performer: int) -> Bools | None:
-    """Return when points of a performer's soles stood: on frames where a segment held them, and on those beside them
-    to which they hardly move.
-    """
+    """Return when points of a performer's soles stood, see `Soles.standing`: segments hold those that stand or roll."""
     body, held = shot.performers[performer].body, None
     for one in done:
         if (own := one.planted[performer]) is not None:
             held = np.zeros((shot.length, own.shape[1]), bool) if held is None else held
             held[one.result.first : one.result.last + 1] |= own
     soles = Soles.of(body)
-    return held if held is None or soles is None else soles.with_ends(held, part_poses(body, motion), shot.fps)
+    return held if held is None or soles is None else soles.standing(held, part_poses(body, motion), shot.fps)
 
 
 def _with_unknown_parts(tracked: TrackResult, shot: Shot) -> TrackResult:

@@ -69,9 +69,9 @@ class TrackResult:
         Per performer: the parts that no key pose, keypoint or picture shows on any frame; they keep their rest
         rotation.
     planted : tuple of (ndarray of bool, shape (F, C), or None)
-        Per performer: when each point of its soles (`core.body.soles.Soles`) stood. It passed the test of plants and
-        was held, or the frame is beside one on which it was, and it hardly moves between them. None if plants were
-        not tested: with one view, with `plants` switched off, or for a body without feet.
+        Per performer: when each point of its soles (`core.body.soles.Soles`) stood: while it was held, as plants that
+        passed their tests are, or on a frame beside, it hardly moved. None if plants were not tested: with one view,
+        with `plants` switched off, or for a body without feet.
     footage_offset : float
         How much later than on their frames the footage shows the key poses, frames; see `core.shot.settings.Settings`.
     torn : tuple of tuple of int

@@ -8,9 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...body.motion import Motion
+from ...body.soles import Soles
 from ...numerics.arrays import Bools, Ints
 from .equations.plant_factor import PlantFactor
 from .equations.problem import SegmentProblem
+
+SolePoint = tuple[int, int, tuple[float, float, float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +33,13 @@ class Plant:
     performer: int
     point: int
     steps: tuple[int, int]
+
+    @property
+    def sole_point(self) -> SolePoint:
+        """The performer, the part, and the point in the part's frame, metres."""
+        soles = self.seeming.soles
+        x, y, z = soles.local[self.point].tolist()
+        return self.performer, int(soles.parts[self.point]), (x, y, z)
 
     def __len__(self) -> int:
         return self.steps[1] + 1 - self.steps[0]
@@ -58,9 +68,13 @@ class Seeming:
     after: Ints
 
     @classmethod
-    def of(cls, problem: SegmentProblem, performer: int, motion: Motion, first: int) -> Seeming | None:
-        """Find them in a motion that has `first` frames before the segment; None if there are none."""
-        found = PlantFactor.found(problem.bodies[performer], motion, problem.fps)
+    def of(
+        cls, problem: SegmentProblem, performer: int, motion: Motion, first: int, soles: Soles | None = None
+    ) -> Seeming | None:
+        """Find them in a motion that has `first` frames before the segment; None if there are none. See
+        `PlantFactor.found` for the soles.
+        """
+        found = PlantFactor.found(problem.bodies[performer], motion, problem.fps, soles)
         last = first + problem.length - 1
         if found is None or not (steps := found.steps[first:last]).any():
             return None
@@ -68,7 +82,11 @@ class Seeming:
         return cls(replace(found, steps=steps), before, after)
 
     def beside(self, point: int, earlier: Seeming | None) -> Bools:
-        """Return the steps, (F - 1,), on which another point of the foot seems planted, now or earlier."""
+        """Return the steps, (F - 1,), on which the heel of the foot seems planted as well, now or earlier, if the point
+        is a ball. A ball that is planted says nothing of the heel, which rises first.
+        """
+        if self.plants.soles.names[point].startswith("heel"):
+            return np.zeros(len(self.plants.steps), bool)
         steps = self.plants.steps if earlier is None else self.plants.steps | earlier.plants.steps
         others = self.plants.soles.parts == self.plants.soles.parts[point]
         others[point] = False

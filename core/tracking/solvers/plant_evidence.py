@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
-from scipy.special import chdtri
+from scipy.special import chdtri, fdtri
 
 from ...body.kinematics import Poses, part_poses, twist_jacobian
 from ...body.motion import Motion
@@ -17,7 +17,7 @@ from ...numerics import rotations
 from ...numerics.arrays import Array
 from ...numerics.banded import BandedFactor
 from ...numerics.banded_blocks import BandedBlocks
-from .apparent_plants import Plant
+from .apparent_plants import Plant, SolePoint
 from .equations.hold_factor import TiedSystems, tied_systems
 from .equations.plant_factor import PlantFactor
 from .equations.problem import SegmentProblem
@@ -26,6 +26,11 @@ from .place_covariance import PlaceCovariance
 
 SIGNIFICANCE = 0.01
 """Significance level of the test: share of true plants that it rejects if the covariance is right."""
+JOINING_SIGNIFICANCE = 0.1
+"""Significance level at which a frame beside a plant that passed is refused: the step to it is tested by itself."""
+RATIO_COUNT = 12.0
+"""Number of squared errors from which the ratio of errors to the covariance is known: those of a part at two key poses,
+along three axes, and as many of the whole body."""
 SHOE_HEIGHT = 0.02
 """Height above the sole of what is looked at in the pictures, metres: the side of a shoe."""
 NEWTON_STEPS = 4
@@ -39,23 +44,20 @@ class PlantEvidence:
     Attributes
     ----------
     odds : dict
-        Results of `log_odds` by the performer, the plant's point and its steps: several tests ask for the same.
+        Results of `log_odds` by the plant's point and its steps: several tests ask for the same.
     tracked : dict
         World poses of the parts of each performer in its motion.
-    soles : dict
-        Where all points of a performer's soles were tracked, shape (F, C, 3).
     places : dict
-        The `PlaceCovariance` of each point by the performer and the point.
+        The `PlaceCovariance` of each point.
     """
 
     problem: SegmentProblem
     members: Sequence[int]
     systems: Sequence[BandedBlocks]
     motions: tuple[Motion, ...]
-    odds: dict[tuple[object, ...], float] = field(default_factory=dict)
+    odds: dict[tuple[SolePoint, tuple[int, int]], float] = field(default_factory=dict)
     tracked: dict[int, Poses] = field(default_factory=dict)
-    soles: dict[int, Array] = field(default_factory=dict)
-    places: dict[tuple[int, int], PlaceCovariance] = field(default_factory=dict)
+    places: dict[SolePoint, PlaceCovariance] = field(default_factory=dict)
 
     def with_plants_held(self, plants: Mapping[int, PlantFactor]) -> tuple[Motion, ...]:
         """Solve for the motions with the planted points of members at rest."""
@@ -79,12 +81,13 @@ class PlantEvidence:
     def path(self, plant: Plant) -> Array:
         """Where a plant's point was tracked, shape (F, 3)."""
         first, last = plant.steps
-        return self._soles(plant)[first : last + 2, plant.point]
+        return self._tracked(plant.sole_point)[first : last + 2]
 
-    def _soles(self, plant: Plant) -> Array:
-        if plant.performer not in self.soles:
-            self.soles[plant.performer] = plant.seeming.soles.world(self._poses(plant.performer))
-        return self.soles[plant.performer]
+    def _tracked(self, point: SolePoint) -> Array:
+        """Where a point was tracked on all frames, shape (F, 3)."""
+        performer, part, local = point
+        R, T = self._poses(performer)
+        return R[:, part] @ np.array(local) + T[:, part]
 
     def _poses(self, performer: int) -> Poses:
         if performer not in self.tracked:
@@ -98,7 +101,7 @@ class PlantEvidence:
 
     def log_odds(self, plant: Plant) -> float:
         """Logarithm of how much likelier the pictures are if a plant's point stands than if it moves as tracked."""
-        problem, asked = self.problem, (plant.performer, plant.point, plant.steps)
+        problem, asked = self.problem, (plant.sole_point, plant.steps)
         if asked not in self.odds:
             first, path = problem.first + plant.steps[0], self.path(plant) + [0.0, 0.0, SHOE_HEIGHT]
             self.odds[asked] = sum(log_odds_of_standing(view, first, path) for view in problem.views)
@@ -130,11 +133,16 @@ class PlantEvidence:
         covariance = ratio * covariance + plant.seeming.sigma**2 * np.eye(len(steps))
         return float(steps @ cho_solve(cho_factor(covariance, check_finite=False), steps, check_finite=False))
 
+    def ratio_of_errors(self, performer: int, part: int, ratios: Array) -> float:
+        """Return the ratio of squared errors of a foot's sole to those that the normal equations predict, from those of
+        the tips of all parts, shape (P,): a sole lies between the tips of foot and shin.
+        """
+        return float(ratios[[part, max(self.problem.bodies[performer].parents[part], 0)]].mean())
+
     def _place(self, plant: Plant) -> PlaceCovariance:
-        performer, _ = asked = plant.performer, plant.point
+        performer, part, _ = asked = plant.sole_point
         if asked not in self.places:
-            (R, T), soles = self._poses(performer), plant.seeming.soles
-            part, points = soles.parts[plant.point], self._soles(plant)[:, plant.point]
+            (R, T), points = self._poses(performer), self._tracked(asked)
             twist = twist_jacobian(self.problem.bodies[performer], R, T)[:, part]
             jacobian = twist[:, :3] - rotations.skew(points) @ twist[:, 3:]
             factor, step, places = self._without_plants
@@ -163,3 +171,8 @@ class PlantEvidence:
                 poses = self._poses(i) if there is self.motions else part_poses(problem.bodies[i], there[i])
                 systems[i] = plants[i].blocks(problem.bodies[i], poses).add(systems[i])
         return tied_systems(systems, problem.holds, problem.bodies, there, fixed=problem.fixed, sought=self.members)
+
+
+def most_by_chance(axes: int, significance: float = JOINING_SIGNIFICANCE) -> float:
+    """Largest cost of a plant, along so many axes, that is left to chance as the ratio is known from a few errors."""
+    return float(axes * fdtri(axes, RATIO_COUNT, 1 - significance))

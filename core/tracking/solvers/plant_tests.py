@@ -8,23 +8,18 @@ from functools import partial
 from itertools import chain
 
 import numpy as np
-from scipy.special import chdtri, fdtri
+from scipy.special import chdtri
 
 from ...body.foot_plants import MIN_DURATION
 from ...evidence.standing_points import RADIUS
 from ...numerics.arrays import Bools
 from ...numerics.frame_ranges import runs
 from .apparent_plants import Plant, Seeming, joined, overlapping
-from .plant_evidence import SIGNIFICANCE, PlantEvidence
+from .plant_evidence import JOINING_SIGNIFICANCE, SIGNIFICANCE, PlantEvidence, most_by_chance
 
-JOINING_SIGNIFICANCE = 0.1
-"""Significance level at which a frame beside a plant that passed is refused: the step to it is tested by itself."""
 PICTURES_ODDS = 10.0
 """How many times likelier the pictures around a point must be if it stands than if it moves as it was tracked, for a
 plant to pass though the normal equations say otherwise, as far as these may be wrong."""
-RATIO_COUNT = 12.0
-"""Number of squared errors from which the ratio of errors to the covariance is known: those of a part at two key poses,
-along three axes, and as many of the whole body."""
 FLICKER = 0.2
 """For how long the evidence may be against a plant that goes on, seconds, as long as it is for it over all."""
 
@@ -100,10 +95,10 @@ class PlantTests:
             return False
         cost = self._cost(plant)
         if odds > np.log(PICTURES_ODDS):
-            return cost < _most_by_chance(axes, SIGNIFICANCE)
+            return cost < most_by_chance(axes, SIGNIFICANCE)
         within = chdtri(axes, SIGNIFICANCE)
         if 2 * odds > -chdtri(3, SIGNIFICANCE):
-            within = max(within, _most_by_chance(axes))
+            within = max(within, most_by_chance(axes))
         return cost < within
 
     def _goes_on(self, plant: Plant, longer: Plant) -> bool:
@@ -130,13 +125,13 @@ class PlantTests:
             steps = 1
             while steps <= most and (longer := plant.longer(steps * before, steps * after, self.movable)) is not None:
                 more = self._cost(longer) - cost
-                beyond = more >= _most_by_chance(3 * most)
+                beyond = more >= most_by_chance(3 * most)
                 if beyond and self.evidence.way(longer) >= RADIUS:
                     break
                 stands = more < chdtri(3 * steps, JOINING_SIGNIFICANCE)
                 if not stands:  # ask the pictures, which takes longer
                     gain = self.evidence.log_odds(longer) - self.evidence.log_odds(plant)
-                    stands = (gain > 0 and more < _most_by_chance(3 * steps)) or (
+                    stands = (gain > 0 and more < most_by_chance(3 * steps)) or (
                         gain > np.log(PICTURES_ODDS) and self.evidence.stays(plant, longer)
                     )
                 if stands and self.evidence.key_poses_agree(longer):
@@ -166,8 +161,3 @@ class PlantTests:
 
     def _cost(self, plant: Plant) -> float:
         return self.evidence.cost(plant, self.ratio)
-
-
-def _most_by_chance(axes: int, significance: float = JOINING_SIGNIFICANCE) -> float:
-    """Largest cost of a plant, along so many axes, that is left to chance as the ratio is known from a few errors."""
-    return float(axes * fdtri(axes, RATIO_COUNT, 1 - significance))

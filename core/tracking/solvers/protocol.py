@@ -47,8 +47,9 @@ class SettledMotions:
     motions : tuple of Motion
         F poses per performer.
     planted : tuple of (ndarray of bool, shape (F, C), or None)
-        Per performer: when each point of its soles (`core.body.soles.Soles`) is held where it stands, or stands between
-        key poses on neighbouring frames. None where no plant was tested.
+        Per performer: when each point of its soles (`core.body.soles.Soles`) is held where it stands, the ball where
+        the foot rolls (`forefoot_rocker`), or stands between key poses on neighbouring frames. None where no plant was
+        tested.
     """
 
     motions: tuple[Motion, ...]

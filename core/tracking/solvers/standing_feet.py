@@ -1,18 +1,19 @@
 """Standing feet: points of the soles that may be standing, by the evidence, are brought to rest.
 
-Candidate plants are found in a motion that was refined without plants. A foot that creeps slowly is a candidate, too,
-but must not be held, so each plant is tested as a whole: the increase of the least cost of the normal equations, if the
-point stands still throughout, has a chi-squared distribution with three degrees of freedom per step. It takes the full
-covariance of the steps into account, in which a drift over many frames weighs more than jitter. The covariance of the
-normal equations is first scaled by the ratio of errors to it that the shot shows for leg and foot: key poses that were
-predicted without themselves are missed by more where feet are half hidden. The pictures around the point are asked as
-well whether it stands or moves as it was tracked: they do not depend on the shape of the foot, whose errors make it
-drift. A plant that passes takes in the frames on which the other point of the foot stands, if the evidence or the
-pictures of these agree: a flicker of the evidence seems to end it. Smoothness blurs the moments at which a foot lands
-and leaves, so plants also take in the frames beside them on which the point may stand, too: the evidence has nothing
-against it, or the pictures show the point in its place. Two plants of a point with no time for a step between them
-become one if that passes as well. Those that are brief all the same are left out. Then all are held together, on the
-same normal equations.
+As the heel rises, a foot rolls over a place of its sole that need not be the ball; it is found first, and held instead
+of the ball (`forefoot_rocker`). Candidate plants are found in a motion that was refined without plants. A foot that
+creeps slowly is a candidate, too, but must not be held, so each plant is tested as a whole: the increase of the least
+cost of the normal equations, if the point stands still throughout, has a chi-squared distribution with three degrees of
+freedom per step. It takes the full covariance of the steps into account, in which a drift over many frames weighs more
+than jitter. The covariance of the normal equations is first scaled by the ratio of errors to it that the shot shows for
+leg and foot: key poses that were predicted without themselves are missed by more where feet are half hidden. The
+pictures around the point are asked as well whether it stands or moves as it was tracked: they do not depend on the
+shape of the foot, whose errors make it drift. A plant of a ball that passes takes in the frames on which the heel
+stands, if the evidence or the pictures of these agree: a flicker of the evidence seems to end it. Smoothness blurs
+the moments at which a foot lands and leaves, so plants also take in the frames beside them on which the point may
+stand, too: the evidence has nothing against it, or the pictures show the point in its place. Two plants of a point with
+no time for a step between them become one if that passes as well. Those that are brief all the same are left out. Then
+all are held together, on the same normal equations.
 
 A single view hardly contradicts any plant. With one view, candidates are kept still during the refinement already, and
 nothing is tested here.
@@ -35,6 +36,7 @@ from .apparent_plants import Seeming
 from .equations.plant_factor import PlantFactor
 from .equations.problem import SegmentProblem, SegmentSolution
 from .equations.segment_equations import equations_at
+from .forefoot_rocker import with_forefoot_rockers
 from .plant_evidence import PlantEvidence
 from .plant_tests import PlantTests
 from .protocol import SettledMotions, SolvedFrames
@@ -92,8 +94,12 @@ def with_plants_at_rest(
         evidence = PlantEvidence(problem, members, systems, motions)
         standing = {}
         for i in members:
-            now = before.motions[i].replaced(before.first, motions[i])
-            seeming, earlier = (Seeming.of(problem, i, motion, before.first) for motion in (now, before.motions[i]))
+            tracked = before.motions[i].replaced(before.first, motions[i]), before.motions[i]
+            seeming = Seeming.of(problem, i, tracked[0], before.first)
+            earlier = None
+            if seeming is not None:
+                rolling = with_forefoot_rockers(evidence, i, seeming, ratios[i])
+                seeming, earlier = (Seeming.of(problem, i, motion, before.first, rolling) for motion in tracked)
             if seeming is not None:
                 keyed, fitting = _plants_that_fit(evidence, i, seeming, earlier, ratios[i])
                 planted[i] = keyed.frames | fitting.frames
@@ -121,11 +127,11 @@ def _plants_that_fit(
     ratios : ndarray, shape (P,)
     """
     problem, plants = evidence.problem, seeming.plants
-    body, held = problem.bodies[performer], problem.fixed[performer].all(axis=1)
+    held = problem.fixed[performer].all(axis=1)
     movable = ~(held[1:] & held[:-1])
     found = np.zeros_like(plants.steps)
     for point, part in enumerate(plants.soles.parts):
-        ratio = float(ratios[[part, max(body.parents[part], 0)]].mean())  # a sole lies between the tips of both
+        ratio = evidence.ratio_of_errors(performer, part, ratios)
         for plant in PlantTests(evidence, ratio, movable).plants_of(seeming, earlier, performer, point):
             if seeming.steps_around(plant) >= MIN_DURATION * problem.fps:
                 found[plant.steps[0] : plant.steps[1] + 1, point] = True

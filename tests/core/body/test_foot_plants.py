@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from kfmocap.core.body import human, part_poses
 from kfmocap.core.body.foot_plants import find_plants, with_ends
+from kfmocap.core.body.kinematics import Poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.body.soles import Soles
 from scipy.ndimage import gaussian_filter1d
@@ -116,4 +117,41 @@ def test_the_soles_of_a_body_stand_from_the_frame_on_which_they_come_to_rest_to_
     stands = np.tile(((frames <= 20) | (frames >= 40))[:, None], len(soles.names))
     found = soles.planted(poses, fps)
     assert not found[20].any() and not found[40].any()
-    assert np.array_equal(soles.with_ends(found, poses, fps), stands)
+    assert np.array_equal(soles.standing(found, poses, fps), stands)
+
+
+def ahead(steps: list[float]) -> tuple[Soles, Poses]:
+    """The soles of a body that moves forward by these steps, metres."""
+    body = human(1.75)
+    way = np.concatenate([[0.0], np.cumsum(steps)])[:, None] * [0.0, -1.0, 0.0]
+    motion = Motion(body.offsets[0] + way, np.tile(np.eye(3), (len(way), len(body), 1, 1)))
+    return Soles.of(body), part_poses(body, motion)
+
+
+def test_a_point_that_is_held_stands_as_long_as_it_hardly_moves():
+    """At 30 frames per second by 1.67 mm a frame, and at 20 by 2 mm."""
+    soles, poses = ahead([0.0, 0.0, 0.0, 0.0, 0.001, 0.0016, 0.0018, 0.0022, 0.003, 0.02])
+    held = np.ones((11, 4), bool)
+    assert soles.standing(held, poses, 30.0)[:, 1].tolist() == 7 * [True] + 4 * [False]
+    assert soles.standing(held, poses, 20.0)[:, 1].tolist() == 8 * [True] + 3 * [False]
+
+
+def test_a_point_that_is_held_and_stands_for_a_moment_only_does_not_count_as_standing():
+    soles, poses = ahead([0.02, 0.02, 0.0, 0.0, 0.02, 0.02, 0.0, 0.0, 0.0, 0.02, 0.02])
+    stands = soles.standing(np.ones((12, 4), bool), poses, 30.0)
+    assert np.flatnonzero(stands[:, 1]).tolist() == [6, 7, 8, 9]
+
+
+def test_two_plants_are_not_told_as_one_where_the_point_moves_between_them():
+    soles, poses = ahead([0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0])
+    stands = soles.standing(np.ones((8, 4), bool), poses, 30.0)
+    assert np.flatnonzero(~stands[:, 0]).tolist() == [4]
+
+
+def test_balls_are_placed_on_the_line_from_heel_to_toes():
+    body = human(1.75)
+    soles = Soles.of(body)
+    tips = soles.with_balls_at(1.0).local
+    np.testing.assert_allclose(tips[1], body.landmarks["LBigToe"][1], atol=1e-12)
+    np.testing.assert_allclose(soles.with_balls_at(0.5).local[1], (soles.local[0] + tips[1]) / 2, atol=1e-12)
+    assert np.array_equal(tips[::2], soles.local[::2])

@@ -58,9 +58,11 @@ class PlantFactor:
         return np.concatenate([self.steps, none]) | np.concatenate([none, self.steps])
 
     @classmethod
-    def found(cls, body: Body, motion: Motion, fps: float) -> PlantFactor | None:
-        """Find the points that seem planted in a motion; None if there are none, or the body has no soles."""
-        soles = Soles.of(body)
+    def found(cls, body: Body, motion: Motion, fps: float, soles: Soles | None = None) -> PlantFactor | None:
+        """Find the points that seem planted in a motion, the usual ones of the body's soles unless others are given;
+        None if there are none, or the body has no soles.
+        """
+        soles = Soles.of(body) if soles is None else soles
         if soles is None or len(motion) < 3:
             return None
         planted = soles.planted(part_poses(body, motion), fps)

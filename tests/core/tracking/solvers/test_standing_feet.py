@@ -7,42 +7,44 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kfmocap.core.body import Body, human, part_poses
+from kfmocap.core.body import part_poses
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.body.soles import Soles
-from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.numerics.frame_ranges import runs
 from kfmocap.core.retargeting.foot_clean_up import with_clean_feet
-from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import KeyPoses
 from kfmocap.core.tracking.segment_stages import TrackState
 from kfmocap.core.tracking.solvers import plant_evidence
-from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.protocol import SettledMotions, SolvedFrames
+from kfmocap.core.tracking.solvers.equations.problem import SegmentSolution
+from kfmocap.core.tracking.solvers.protocol import SolvedFrames
 from kfmocap.core.tracking.solvers.standing_feet import with_plants_at_rest, with_standing_feet
 from kfmocap.core.tracking.tracker import track
 from made_evidence import no_evidence
 from render.motions import MOTIONS
-from scipy.linalg import solve_banded
-from synthetic import CAMERAS, dark, ends_held, film, shot_of
+from standing_bodies import (
+    BODY,
+    EXACT,
+    FIXED,
+    FPS,
+    FRAMES,
+    SOLES,
+    evidence,
+    planted,
+    problem_of,
+    rested,
+    soles_of,
+    tracked,
+)
+from synthetic import CAMERAS, film, shot_of
 from synthetic import at_rest as standing
 
 Array = np.ndarray
-BODY, FPS, FRAMES = human(1.75), 30.0, 31
 ROUGH_WALK = MOTIONS["walk"](BODY, FRAMES, FPS)
 WALK = with_clean_feet(BODY, ROUGH_WALK, FPS, KeyPoses.whole([], ROUGH_WALK[:0]))
-PLACE, STEP = 0.004, 0.0015
-"""What the evidence leaves open of a degree of freedom on a frame, and from one frame to the next, radians and metres:
-soles jitter by millimetres and drift by a centimetre."""
 CREEP = 0.1
 """Metres per second."""
 SLOW = 0.05
 """The same, of a foot that stands if pictures say so."""
-EXACT = np.ones(len(BODY))
-"""Ratios of squared errors: they are as the evidence predicts."""
-FIXED = ends_held(BODY, FRAMES)
-SOLES = Soles.of(BODY)
-assert SOLES is not None
+HEELS = np.array([name.startswith("heel") for name in SOLES.names])
 
 
 def creeping(speed: float = CREEP) -> Motion:
@@ -51,52 +53,8 @@ def creeping(speed: float = CREEP) -> Motion:
     return Motion(WALK.translations + path, WALK.rotations)
 
 
-def evidence() -> BandedBlocks:
-    """Normal equations of independent degrees of freedom, at their solution."""
-    made = BandedBlocks.zeros(FRAMES, BODY.dof)
-    own = np.full(FRAMES, PLACE**-2 + 2 * STEP**-2)
-    own[[0, -1]] -= STEP**-2
-    made.diagonal[:] = own[:, None, None] * np.eye(BODY.dof)
-    made.first[:] = -(STEP**-2) * np.eye(BODY.dof)
-    return made
-
-
-def tracked(truth: Motion, seed: int) -> Motion:
-    """The truth with an error that the evidence leaves open, exact on the first and the last frame."""
-    dice = np.random.default_rng(seed)
-    inner = FRAMES - 2
-    band = np.stack(
-        [np.full(inner, -(STEP**-2)), np.full(inner, PLACE**-2 + 2 * STEP**-2), np.full(inner, -(STEP**-2))]
-    )
-    # A sum of the evidence's own residuals, solved for: its covariance is that of the normal equations.
-    pull = dice.normal(0, 1 / PLACE, (inner, BODY.dof)) + np.diff(
-        dice.normal(0, 1 / STEP, (inner + 1, BODY.dof)), axis=0
-    )
-    error = np.zeros((FRAMES, BODY.dof))
-    error[1:-1] = solve_banded((1, 1), band, pull)
-    return truth.moved(error)
-
-
-def problem_of(*bodies: Body, plants: bool = True) -> SegmentProblem:
-    views = tuple(view for camera in CAMERAS for view in dark(camera, FRAMES))
-    return SegmentProblem(views, bodies, 0, FPS, tuple(FIXED for _ in bodies), settings=Settings(plants=plants))
-
-
-def rested(*motions: Motion) -> SettledMotions:
-    problem, ratios = problem_of(*(BODY for _ in motions)), [EXACT for _ in motions]
-    return with_plants_at_rest(problem, [evidence() for _ in motions], motions, SolvedFrames(motions), ratios=ratios)
-
-
 def settled(*motions: Motion) -> tuple[Motion, ...]:
     return rested(*motions).motions
-
-
-def soles_of(motion: Motion) -> Array:
-    return SOLES.world(part_poses(BODY, motion))
-
-
-def planted(motion: Motion) -> Array:
-    return SOLES.planted(part_poses(BODY, motion), FPS)
 
 
 def steps_of(motion: Motion, while_planted: Array) -> Array:
@@ -296,8 +254,9 @@ def test_held_plants_are_returned_and_creeping_feet_are_not() -> None:
     found = [rested(tracked(WALK, seed)) for seed in range(6)]
     assert np.mean([stands.planted[0] == planted(WALK) for stands in found]) > 0.9
     for stands in found:
-        steps = np.linalg.norm(np.diff(soles_of(stands.motions[0]), axis=0), axis=2)
-        assert steps[stands.planted[0][1:] & stands.planted[0][:-1]].max() < 0.001
+        [motion], [held] = stands.motions, stands.planted
+        assert steps_of(motion, held & HEELS).max() < 0.001  # heels; the balls are held where the feet roll
+        assert steps_of(motion, SOLES.standing(held, part_poses(BODY, motion), FPS)).max() < 0.002
     creeps = rested(tracked(creeping(), 1))
     assert planted(creeps.motions[0]).mean() > 0.3 and not creeps.planted[0].any()
 
