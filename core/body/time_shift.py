@@ -7,7 +7,7 @@ pose they are extrapolated at the same rate.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -18,6 +18,8 @@ from ..numerics import rotations
 from ..numerics.arrays import Array
 from ..numerics.banded_blocks import BandedBlocks, with_translation
 from .motion import Motion, stacked
+
+_INSTANTS_AT_ONCE = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,10 +54,14 @@ class Delayed:
         out = BandedBlocks.zeros(N, D)
         for a, b in product((0, 1), repeat=2):
             left, right = self.jacobians[a], self.jacobians[b]
-            _add(out, self.earlier + a, self.earlier + b, _between(left, blocks.diagonal, right))
-            across = _between(left[1:], blocks.first, right[:-1])
-            _add(out, self.earlier[1:] + a, self.earlier[:-1] + b, across)
-            _add(out, self.earlier[:-1] + b, self.earlier[1:] + a, np.swapaxes(across, 1, 2))
+            for own in _pieces(F):
+                add = _between(left[own], blocks.diagonal[own], right[own])
+                _add(out, self.earlier[own] + a, self.earlier[own] + b, add)
+            for own in _pieces(F - 1):
+                across = _between(left[1:][own], blocks.first[own], right[:-1][own])
+                later, sooner = self.earlier[1:][own], self.earlier[:-1][own]
+                _add(out, later + a, sooner + b, across)
+                _add(out, sooner + b, later + a, np.swapaxes(across, 1, 2))
         cut = BandedBlocks(out.diagonal, out.first, out.second, out.gradient, blocks.energy).cut(
             self.start, self.start + F
         )
@@ -68,6 +74,11 @@ class Delayed:
         for a in (0, 1):
             np.add.at(out, self.earlier + a, _through(self.jacobians[a], gradients))
         return out[self.start : self.start + F]
+
+
+def _pieces(count: int) -> Iterator[slice]:
+    """Generate slices of some instants at a time: products of all those of a long segment take much memory."""
+    return (slice(k, k + _INSTANTS_AT_ONCE) for k in range(0, count, _INSTANTS_AT_ONCE))
 
 
 def _through(J: Array, blocks: Array) -> Array:
