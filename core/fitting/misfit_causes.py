@@ -21,7 +21,6 @@ MAX_SHIFT_SPREAD = 4.0
 """Largest difference between shifts of all views that mean one thing, key poses that lag, frames of the shot: each is
 known to two frames at most."""
 
-
 _MIN_LACK = 0.005
 """How much footage must lack of a match with the key poses for other offsets to be tried (1 - match): more than all of
 75 views with the right offset but four, in which things that move or stand in front explain it."""

@@ -167,11 +167,20 @@ def refine(
     start: Sequence[Motion],
     workspace: Workspace,
     stages: Sequence[DescentStage] = REFINEMENT,
+    *,
+    before_repeats: Callable[[SegmentSolution, Workspace], tuple[Motion, ...]] | None = None,
 ) -> SegmentSolution:
     """Refine a solution once the motion on both sides of the segment is known.
 
     The last stage keeps the noise and the smoothness of its start. If it moves some joint by more than
-    `UNCONVERGED_MOVE`, they no longer fit, and it is repeated, up to `MAX_REPEATS` times. Parameters as in `descend`.
+    `UNCONVERGED_MOVE`, they no longer fit, and it is repeated, up to `MAX_REPEATS` times.
+
+    Parameters
+    ----------
+    problem, start, workspace, stages
+        See `descend`.
+    before_repeats : callable, optional
+        Returns the motions from which the last stage is repeated; by default those of the solution so far.
     """
     share = 1 / (1 + MAX_REPEATS)
     found = descend(problem, start, workspace.part(0.0, share), stages)
@@ -179,7 +188,10 @@ def refine(
     for again in range(1, 1 + MAX_REPEATS):
         if found.moved.max() < UNCONVERGED_MOVE:
             break
-        further = descend(problem, found.motions, workspace.part(again * share, (again + 1) * share), stages[-1:])
+        part, motions = workspace.part(again * share, (again + 1) * share), found.motions
+        if before_repeats is not None:
+            motions, part = before_repeats(found, part.part(0.0, 0.5)), part.part(0.5, 1.0)
+        further = descend(problem, motions, part, stages[-1:])
         seconds.add(further.seconds)
         found = continued(found, further)
     return replace(found, seconds=seconds)

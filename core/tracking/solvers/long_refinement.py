@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 from ...body.motion import Motion
-from ...numerics.arrays import Bools
 from ...runtime.freed_memory import return_freed_memory
-from ...runtime.timing import Seconds
 from . import gauss_newton
 from .descent_stages import REFINEMENT, UNCONVERGED_MOVE, DescentStage
 from .equations.measurement import Workspace
 from .equations.problem import SegmentProblem, SegmentSolution
-from .gauss_newton import MAX_REPEATS, continued, descend
 from .limb_corrections.local_trials import MAX_SHARE, can_be_parted, stretch_of, stretches_around
 
 
@@ -31,30 +29,16 @@ def refine(
     """
     if not can_be_parted(problem):
         return gauss_newton.refine(problem, start, workspace, stages)
-    share = 1 / (1 + MAX_REPEATS)
-    found = descend(problem, start, workspace.part(0.0, share), stages)
-    seconds = Seconds(found.seconds)
-    for again in range(1, 1 + MAX_REPEATS):
-        moving = found.moved >= UNCONVERGED_MOVE
-        if not moving.any():
-            break
-        part = workspace.part(again * share, (again + 1) * share)
-        motions = _refined_around(problem, found, moving, part.part(0.0, 0.5), stages[-1:])
-        further = descend(problem, motions, part.part(0.5, 1.0), stages[-1:])
-        seconds.add(further.seconds)
-        found = continued(found, further)
-    return replace(found, seconds=seconds)
+    around = partial(_refined_around, problem, stages[-1:])
+    return gauss_newton.refine(problem, start, workspace, stages, before_repeats=around)
 
 
 def _refined_around(
-    problem: SegmentProblem,
-    found: SegmentSolution,
-    moving: Bools,
-    workspace: Workspace,
-    stages: Sequence[DescentStage],
+    problem: SegmentProblem, stages: Sequence[DescentStage], found: SegmentSolution, workspace: Workspace
 ) -> tuple[Motion, ...]:
-    """Return the motions of a solution, refined around some of the F frames; the same if these are most of them."""
+    """Return the motions of a solution, refined around the frames on which it moved; the same if these are most."""
     problem, motions = problem.with_smoothness(found.variances), found.motions
+    moving = found.moved >= UNCONVERGED_MOVE
     stretches = [replace(stretch, held=(True, True)) for stretch in stretches_around(problem, moving)]
     if sum(stretch.last + 1 - stretch.first for stretch in stretches) > MAX_SHARE * problem.length:
         return motions

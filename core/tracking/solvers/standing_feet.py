@@ -94,12 +94,7 @@ def with_plants_at_rest(
         evidence = PlantEvidence(problem, members, systems, motions)
         standing = {}
         for i in members:
-            tracked = before.motions[i].replaced(before.first, motions[i]), before.motions[i]
-            seeming = Seeming.of(problem, i, tracked[0], before.first)
-            earlier = None
-            if seeming is not None:
-                rolling = with_forefoot_rockers(evidence, i, seeming, ratios[i])
-                seeming, earlier = (Seeming.of(problem, i, motion, before.first, rolling) for motion in tracked)
+            seeming, earlier = _apparent_plants(evidence, before, i, ratios[i])
             if seeming is not None:
                 keyed, fitting = _plants_that_fit(evidence, i, seeming, earlier, ratios[i])
                 planted[i] = keyed.frames | fitting.frames
@@ -110,6 +105,22 @@ def with_plants_at_rest(
         if standing:
             motions = evidence.with_plants_held(standing)
     return SettledMotions(motions, tuple(planted))
+
+
+def _apparent_plants(
+    evidence: PlantEvidence, before: SolvedFrames, performer: int, ratios: Array
+) -> tuple[Seeming | None, Seeming | None]:
+    """Return a member's apparent plants, with the balls where its feet roll: in its motion, and in the one before."""
+    tracked = before.motions[performer].replaced(before.first, evidence.motions[performer])
+    seeming = Seeming.of(evidence.problem, performer, tracked, before.first)
+    if seeming is None:
+        return None, None
+    soles = with_forefoot_rockers(evidence, performer, seeming, ratios)
+    now, earlier = (
+        Seeming.of(evidence.problem, performer, motion, before.first, soles)
+        for motion in (tracked, before.motions[performer])
+    )
+    return now, earlier
 
 
 def _plants_that_fit(
