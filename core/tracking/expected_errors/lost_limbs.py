@@ -56,7 +56,7 @@ def lost_probabilities(
         Frames with a key pose of the whole body, which show the share of each part that looks like background though it
         is right. Without any, it is the median over all frames.
     support : ndarray, shape (F, P), optional
-        Log likelihood ratio of the images with each part against without it (`limb_likelihood.support_of_parts`).
+        Log likelihood ratio of the images with each part against without it (`limb_support.support_of_parts`).
     """
     visible, background = misfit.visible[..., span], misfit.background[..., span]
     pieces = np.minimum(visible / PATCH_SIDE**2, misfit.pixels[..., span])

@@ -26,7 +26,7 @@ from ..solvers.equations.problem import SegmentProblem, SegmentSolution
 from ..solvers.equations.segment_equations import evidence_equations, hidden_and_expected, with_priors_at
 from ..solvers.equations.smoothness_factor import SegmentSmoothness
 from ..solvers.judgement.solution_doubts import misfit_at
-from ..solvers.limb_evidence.limb_likelihood import support_of_parts
+from ..solvers.limb_evidence.limb_support import support_of_parts
 from .held_out_keys import USUAL_RATIO, covariance_ratios, missed_key_poses
 from .joint_covariances import growth_by_speed, tip_covariances, tip_jacobian
 from .lost_limbs import confirmed_parts, limb_reach, lost_probabilities

@@ -25,7 +25,8 @@ from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
 from kfmocap.core.tracking.solvers.limb_corrections.limb_search import found_limbs
 from kfmocap.core.tracking.solvers.limb_corrections.regained_limbs import refuted_limbs
-from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import LimbOfPerformer, support_of_limbs
+from kfmocap.core.tracking.solvers.limb_evidence.limb_model import LimbOfPerformer
+from kfmocap.core.tracking.solvers.limb_evidence.limb_support import support_of_limbs
 from synthetic import at_rest, ends_held, figure, look_at, part, poses_of, silhouette
 
 Array = np.ndarray

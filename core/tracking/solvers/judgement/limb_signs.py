@@ -30,7 +30,9 @@ from ....evidence.occlusion import LONG_GAP
 from ....numerics.arrays import Array, Bools, Ints
 from ....numerics.frame_ranges import runs
 from ..equations.problem import SegmentProblem
-from ..limb_evidence.limb_likelihood import MIN_GAIN, LimbOfPerformer, SupportOfLimb, least_supported
+from ..limb_evidence.limb_likelihood import MIN_GAIN
+from ..limb_evidence.limb_model import LimbOfPerformer
+from ..limb_evidence.limb_support import SupportOfLimb, least_supported
 from .solution_doubts import MIN_DURATION
 
 BEND_RATIO = 3.0

@@ -17,7 +17,8 @@ from ....numerics.frame_ranges import FrameRange, lasting, runs
 from ..equations.measurement import hidden_parts, keypoint_agreement, poses_by_delay, view_instants
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..limb_evidence.limb_images import shown_areas
-from ..limb_evidence.limb_likelihood import MIN_GAIN, support_of_limbs
+from ..limb_evidence.limb_likelihood import MIN_GAIN
+from ..limb_evidence.limb_support import support_of_limbs
 
 MIN_EXPLAINED_RATIO = 0.8
 """Smallest ratio between what a solution explains of a frame's image and what the key poses explain of theirs."""

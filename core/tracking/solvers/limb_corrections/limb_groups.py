@@ -29,7 +29,7 @@ from ..judgement.settled_solutions import SettledSolutions
 from ..judgement.solution_doubts import MIN_DURATION
 from ..judgement.solution_ranking import RESTING_GAIN, likelihood, settled_further
 from ..limb_evidence.limb_images import ViewRatios
-from ..limb_evidence.limb_likelihood import FINE_POINTS, POINTS_PER_PART
+from ..limb_evidence.limb_model import FINE_POINTS, POINTS_PER_PART
 from .bridges import evenly_led
 from .limb_search import MIN_GAIN_ELSEWHERE, LimbSearch, frames_elsewhere, freed_limb, views_of
 from .local_trials import LocalTrial

@@ -18,7 +18,8 @@ from ....numerics.arrays import Array
 from ....numerics.likeliest_path import likeliest_path, place_probabilities
 from ....numerics.repeatable import on_grid
 from ..limb_evidence.limb_images import UncoveredImages
-from ..limb_evidence.limb_likelihood import LimbModel, pixel_log_ratios
+from ..limb_evidence.limb_likelihood import pixel_log_ratios
+from ..limb_evidence.limb_model import LimbModel
 
 ROUND_SIGMAS = (1.0, 0.5, 0.25, 0.12)
 """Standard deviation of the poses drawn in each round, radians, for a joint with a range of half a circle; for others

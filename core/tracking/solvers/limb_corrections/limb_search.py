@@ -31,17 +31,8 @@ from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem
 from ..judgement.solution_doubts import MIN_DURATION
 from ..limb_evidence.limb_images import EVEN_LEVEL, UncoveredImages, ViewRatios
-from ..limb_evidence.limb_likelihood import (
-    MIN_GAIN,
-    MIN_HELD_WEIGHT,
-    POINTS_PER_PART,
-    LimbModel,
-    LimbOfPerformer,
-    limb_of,
-    pixel_log_ratios,
-    side_log_ratios,
-    with_sides_learned,
-)
+from ..limb_evidence.limb_likelihood import MIN_GAIN, pixel_log_ratios, side_log_ratios, with_sides_learned
+from ..limb_evidence.limb_model import MIN_HELD_WEIGHT, POINTS_PER_PART, LimbModel, LimbOfPerformer, limb_of
 from .like_limbs import untangled_limbs
 from .limb_paths import likeliest_limb
 

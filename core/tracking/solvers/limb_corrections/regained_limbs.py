@@ -33,7 +33,7 @@ from ..judgement.limb_signs import (
 from ..judgement.settled_solutions import SettledSolutions
 from ..judgement.solution_doubts import MIN_FOLLOWED_SHARE
 from ..judgement.solution_ranking import likelihood, likelihood_decides, settled_further
-from ..limb_evidence.limb_likelihood import SupportOfLimb, evaluated, support_of_limbs
+from ..limb_evidence.limb_support import SupportOfLimb, evaluated, support_of_limbs
 from ..thinned_frames import ThinnedProblem
 from .limb_groups import LimbGroup, contradicted, least_gain, solved_from, with_limbs_found
 from .local_trials import Stretch, is_long, stretch_of, stretches_around

@@ -28,12 +28,8 @@ from kfmocap.core.tracking.solvers.limb_evidence.limb_images import (
     ViewRatios,
     search_stride,
 )
-from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import (
-    PATCH_RADIUS,
-    LimbModel,
-    limb_of,
-    pixel_log_ratios,
-)
+from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import PATCH_RADIUS, pixel_log_ratios
+from kfmocap.core.tracking.solvers.limb_evidence.limb_model import LimbModel, limb_of
 from synthetic import at_rest, coloured, ends_held, look_at, poses_of, silhouette
 
 Array = np.ndarray

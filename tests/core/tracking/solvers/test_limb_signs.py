@@ -20,7 +20,8 @@ from kfmocap.core.tracking.solvers.judgement.limb_signs import (
     unshown_limbs,
     weakly_shown_limbs,
 )
-from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import MIN_GAIN, SupportOfLimb
+from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import MIN_GAIN
+from kfmocap.core.tracking.solvers.limb_evidence.limb_support import SupportOfLimb
 from swinging_arm import ARM, BODY, FPS, FRAMES, TRUTH, WHOLE, astray
 from synthetic import ends_held
 

@@ -36,7 +36,7 @@ from kfmocap.core.tracking.solvers.limb_corrections.local_trials import (
     likelier_after_change,
     stretches_around,
 )
-from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import SupportOfLimb
+from kfmocap.core.tracking.solvers.limb_evidence.limb_support import SupportOfLimb
 from kfmocap.core.tracking.solvers.thinned_frames import ThinnedProblem
 from made_evidence import Landscape
 from synthetic import CAMERAS, at_rest, coloured, dark, ends_held

@@ -27,7 +27,8 @@ from kfmocap.core.tracking.solvers.judgement.solution_ranking import RESTING_GAI
 from kfmocap.core.tracking.solvers.limb_corrections import limb_groups, limb_paths, limb_search, regained_limbs
 from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import LimbGroup, with_limbs_found
 from kfmocap.core.tracking.solvers.limb_corrections.limb_search import MIN_GAIN_ELSEWHERE, LimbSearch, freed_limb
-from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import LimbModel, SupportOfLimb
+from kfmocap.core.tracking.solvers.limb_evidence.limb_model import LimbModel
+from kfmocap.core.tracking.solvers.limb_evidence.limb_support import SupportOfLimb
 from kfmocap.core.tracking.solvers.thinned_frames import ThinnedProblem
 from swinging_arm import ARM, BODY, FPS, FRAMES, TRUTH, WHOLE, astray
 from synthetic import ends_held, look_at, poses_of, silhouette
