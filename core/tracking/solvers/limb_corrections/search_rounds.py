@@ -6,9 +6,10 @@ next, and when the rounds end, is decided by how much the solutions so far expla
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from itertools import islice
 
 import numpy as np
 
@@ -118,40 +119,65 @@ def searched(
     settled : SettledSolution, optional
         The best of the solutions, solved further, if it was already.
     """
-    held = replace(problem, fixed=tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed))
     first = covering_most(problem, *solutions)
     likely = solutions if explains_little(problem, first) else nearly_equal(solutions)
     noise = noise_at(problem, first, workspace)
-    search = search or partial(search_round, noise=noise)
     known = trial if trial is not None and trial.settled.begin is first else None
-    ahead = settled if known is None else known.settled
-    rested = [
-        descend(problem, solution.motions, workspace.silent(), SETTLED, noise).without_equations()
-        if ahead is None or solution is not ahead.begin
-        else ahead.solution
-        for solution in likely
-    ]
-    begins = [(motions, problem) for motions in _distinct_motions(rested)]
-    found: list[SegmentSolution] = []
+    rested = _rested(problem, likely, settled if known is None else known.settled, noise, workspace)
     start_cover = cache(lambda: cover_at(problem, first, start, workspace))
+    search = search or partial(search_round, noise=noise)
     searching, exchanging = workspace.part(0.0, 0.7), workspace.part(0.7, 1.0)
-    while begins and len(found) < MAX_SEARCH_ROUNDS:
-        motions, around = begins.pop(0)
-        part = searching.part(len(found) / MAX_SEARCH_ROUNDS, (len(found) + 1) / MAX_SEARCH_ROUNDS)
-        if known is not None and around is problem and motions is known.settled.solution.motions:
+    found: list[SegmentSolution] = []
+    for around, motions in islice(_begins(problem, start, rested, found, start_cover), MAX_SEARCH_ROUNDS):
+        if known is not None and motions is known.settled.solution.motions and around is problem:
             found.append(known.found)
             known = None
         else:
+            part = searching.part(len(found) / MAX_SEARCH_ROUNDS, (len(found) + 1) / MAX_SEARCH_ROUNDS)
             found.append(search(problem, around, motions, len(found), part))
-        best = covering_most(problem, *rested, *found)
-        if begins:
-            continue
-        if around is not held and explains_little(problem, best) and start_cover() > MIN_START_SHARE * best.cover:
-            begins.append((start, held))
-        elif len(nearly_equal([*rested, *found])) == 1 and (best in found or len(found) < MAX_VAIN_ROUNDS):
-            begins.append((best.motions, problem))
     best = likeliest_at_rest(problem, noise, covering_most(problem, *rested), *rested, *found, workspace=workspace)
     return recombined(problem, best, [*rested, *found], noise, exchanging)
+
+
+def _rested(
+    problem: SegmentProblem,
+    solutions: Sequence[SegmentSolution],
+    settled: SettledSolution | None,
+    noise: SegmentNoise,
+    workspace: Workspace,
+) -> list[SegmentSolution]:
+    """Return solutions, solved a little further; one of them may be already."""
+    return [
+        settled.solution
+        if settled is not None and solution is settled.begin
+        else descend(problem, solution.motions, workspace.silent(), SETTLED, noise).without_equations()
+        for solution in solutions
+    ]
+
+
+def _begins(
+    problem: SegmentProblem,
+    start: Sequence[Motion],
+    rested: Sequence[SegmentSolution],
+    found: Sequence[SegmentSolution],
+    start_cover: Callable[[], float],
+) -> Iterator[tuple[SegmentProblem, Sequence[Motion]]]:
+    """Generate the problem, maybe with the trunk held, and the motions around which each round searches; see
+    `searched`. What the rounds so far have found must be in `found` whenever the next is asked for.
+    """
+    for motions in _distinct_motions(rested):
+        yield problem, motions
+    held = replace(problem, fixed=tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed))
+    around = problem
+    while True:
+        best = covering_most(problem, *rested, *found)
+        if around is not held and explains_little(problem, best) and start_cover() > MIN_START_SHARE * best.cover:
+            around, motions = held, start
+        elif len(nearly_equal([*rested, *found])) == 1 and (best in found or len(found) < MAX_VAIN_ROUNDS):
+            around, motions = problem, best.motions
+        else:
+            return
+        yield around, motions
 
 
 def searched_among_others(problem: SegmentProblem, first: SegmentSolution, workspace: Workspace) -> SegmentSolution:
