@@ -40,7 +40,7 @@ class BackgroundShift:
     pixels : float
         Median displacement of its corners, pixels of the footage.
     frames : tuple of int
-        The two frames, counted from the shot's first.
+        The two frames.
     enlarged : float
         How much larger it is on the second of them.
     """
@@ -54,7 +54,16 @@ def background_shift(
     pictures: Sequence[NDArray[np.uint8]], performers: Sequence[Bools], frames: Sequence[int], factor: float
 ) -> BackgroundShift | None:
     """Return the largest shift of the background between the first of some pictures and another; None if it stands
-    still, or shows too few corners to tell.
+    still, or shows too few corners to tell. Parameters as of `background_shifts`.
+    """
+    return largest_shift(background_shifts(pictures, performers, frames, factor), factor)
+
+
+def background_shifts(
+    pictures: Sequence[NDArray[np.uint8]], performers: Sequence[Bools], frames: Sequence[int], factor: float
+) -> list[BackgroundShift | None]:
+    """Return how the background lies in each picture but the first, compared with that: by 0 pixels where it stands
+    still, None where it shows too few corners to tell.
 
     Parameters
     ----------
@@ -62,42 +71,30 @@ def background_shift(
     performers : sequence of K ndarray of bool, shape (h, w)
         Where they are.
     frames : sequence of K int
-        The pictures' frames, counted from the shot's first.
+        The pictures' frames, in any count.
     factor : float
         Factor by which the pictures are reduced.
     """
-    shifts = _shifts(pictures, performers)
-    found = [(shift, frame) for shift, frame in zip(shifts, frames[1:], strict=True) if shift is not None]
-    if not found or max(found)[0][0] < MIN_SHIFT:
-        return None
-    (shift, enlarged), frame = max(found)
-    return BackgroundShift(factor * shift, (frames[0], frame), enlarged)
-
-
-def background_zoom(
-    pictures: Sequence[NDArray[np.uint8]], performers: Sequence[Bools], frames: Sequence[int], factor: float
-) -> BackgroundShift | None:
-    """Return the shift of the background between the first of some pictures and the one in which its size differs most;
-    None where it stands still, or no other tells. Parameters as of `background_shift`.
-    """
-    shifts = _shifts(pictures, performers)
-    found = [(abs(np.log(own[1])), own, frame) for own, frame in zip(shifts, frames[1:], strict=True) if own and own[0]]
-    if not found:
-        return None
-    _, (shift, enlarged), frame = max(found)
-    return BackgroundShift(factor * shift, (frames[0], frame), enlarged)
-
-
-def background_tells(pictures: Sequence[NDArray[np.uint8]], performers: Sequence[Bools]) -> bool:
-    """Whether the background of K pictures shows if their camera stood still; parameters as of `background_shift`."""
-    return any(shift is not None for shift in _shifts(pictures, performers))
-
-
-def _shifts(pictures: Sequence[NDArray[np.uint8]], performers: Sequence[Bools]) -> list[tuple[float, float] | None]:
-    """Return `_shift` between the first of K pictures and each of the others."""
     grey = [cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) for picture in pictures]
-    free = [beside(mask) for mask in performers]
-    return [_shift(grey[0], grey[k], free[0] & free[k]) for k in range(1, len(grey))]
+    free, found = [beside(mask) for mask in performers], list[BackgroundShift | None]()
+    for k in range(1, len(grey)):
+        own = _shift(grey[0], grey[k], free[0] & free[k])
+        found.append(None if own is None else BackgroundShift(factor * own[0], (frames[0], frames[k]), own[1]))
+    return found
+
+
+def largest_shift(shifts: Sequence[BackgroundShift | None], factor: float) -> BackgroundShift | None:
+    """Return the largest of the shifts between a camera's pictures, reduced by a factor; None if it stood still."""
+    largest = max((own for own in shifts if own is not None), key=lambda own: own.pixels, default=None)
+    return largest if largest is not None and largest.pixels >= factor * MIN_SHIFT else None
+
+
+def largest_zoom(shifts: Sequence[BackgroundShift | None]) -> BackgroundShift | None:
+    """Return which of the shifts between a camera's pictures changes the size of the background most; None if it stands
+    still in all of them, or none tells.
+    """
+    moved = (own for own in shifts if own is not None and own.pixels)
+    return max(moved, key=lambda own: abs(np.log(own.enlarged)), default=None)
 
 
 def _shift(one: NDArray[np.uint8], other: NDArray[np.uint8], free: Bools) -> tuple[float, float] | None:

@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from ..runtime.threads import one_library_thread
 from ..shot.shot import Shot
 from ..tracking.segments import whole_keys
+from .background_checks import moved_camera
 from .flicker import FLICKER_FRAMES, MIN_FLICKER, flicker
 from .footage_match import footage_matches
 from .key_frame_views import pictured_key_frames
-from .misfit_causes import attributed_findings, moved_cameras
-from .view_findings import FadingPictures, FlickeringLight, FootageMatch, ViewFinding
+from .misfit_causes import attributed_findings
+from .posed_views import posed_views
+from .view_findings import FadingPictures, FlickeringLight, ViewFinding
 
 EARLY_MISFITS = "footage that does not match"
 """Key with which these are shown, beside those of segments."""
@@ -50,11 +52,10 @@ def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]
     if len(frames) < 2:
         return light
     rectified = replace(shot, views=tuple(replace(view, camera=view.camera.rectified()) for view in shot.views))
-    views = pictured_key_frames(rectified, frames, pictures)
-    moved = moved_cameras(rectified, views, frames)
-    matches = [match for match in footage_matches(rectified, views, frames) if match.camera not in moved]
-    unlike = [own for own in attributed_findings(shot, frames, matches, ()) if isinstance(own, FootageMatch)]
-    told = moved.values() if shot.settings.stabilise is False else ()  # else it is measured how they move
+    views = posed_views(rectified, pictured_key_frames(rectified, frames, pictures), frames)
+    moved = [found for posed in views if (found := moved_camera(posed)) is not None]
+    unlike = attributed_findings(shot.views, views, footage_matches(views, moved), ())
+    told = moved if shot.settings.stabilise is False else ()  # else it is measured how they move
     return [*light, *told, *unlike]
 
 

@@ -6,25 +6,21 @@ offsets.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..body.kinematics import Poses
+from ..cameras.camera import Camera
 from ..errors import FootageError
-from ..evidence.background_shift import BackgroundShift, background_shift, background_tells, background_zoom
-from ..evidence.movement_match import COARSE_SIDE, key_poses_of, movement_match
-from ..evidence.rendering.label_images import render_labels
-from ..evidence.rendering.part_geometry import Geometry
-from ..numerics.arrays import Bools
+from ..evidence.movement_match import COARSE_SIDE, movement_match
 from ..shot.footage import frames_at, probe
 from ..shot.footage_faults.footage_checks import stored_frames
 from ..shot.frame_numbers import footage_index
-from ..shot.shot import Shot, View
-from .key_frame_views import KeyFrameView
-from .view_findings import FootageMatch
+from ..shot.shot import View
+from .posed_views import PosedView
+from .view_findings import FootageMatch, MovedCamera
 
 _MAX_SHIFT, _MIN_SHIFT = 30, 2
 """Greatest and least change of the offset that is tried, frames of the shot."""
@@ -37,24 +33,25 @@ _MIN_MIRRORED_MATCH = 0.99
 """How well mirrored footage must match to be named: that of a camera opposite looks mirrored, too."""
 
 
-def footage_matches(shot: Shot, views: Sequence[KeyFrameView], frames: NDArray[np.int64]) -> list[FootageMatch]:
-    """Compare every view's pictures of K key frames with the key poses; cameras that move are left out, and views in
-    which the poses differ too little.
+def footage_matches(views: Sequence[PosedView], moved: Sequence[MovedCamera] = ()) -> list[FootageMatch]:
+    """Compare every view's pictures of key frames with the key poses; cameras that move or were moved are left out, and
+    views in which the poses differ too little.
     """
-    poses = key_poses_of(shot, frames)
-    geometry, found = Geometry.of([performer.body for performer in shot.performers]), []
-    for view, pictured in zip(shot.views, views, strict=True):
-        if view.camera.stands_still:
-            pictures, camera = pictured.rectified(view.camera), pictured.camera(view.camera)
-            own = movement_match(pictures, camera, geometry, poses)
-            if own is None:
-                continue
-            other = None
-            if 1 - own > _MIN_LACK:
-                other = movement_match(np.ascontiguousarray(pictures[:, :, ::-1]), camera, geometry, poses)
-            mirrored = other is not None and other > _MIN_MIRRORED_MATCH and _is_better(1 - other, 1 - own)
-            found.append(FootageMatch(view.camera.name, own, mirrored=other if mirrored else None))
-    return found
+    left_out = {own.camera for own in moved}
+    compared = [posed for posed in views if posed.stands_still and posed.name not in left_out]
+    return [match for posed in compared if (match := _footage_match(posed)) is not None]
+
+
+def _footage_match(posed: PosedView) -> FootageMatch | None:
+    own = movement_match(posed.pictures, posed.camera, posed.geometry, posed.poses)
+    if own is None:
+        return None
+    other = None
+    if 1 - own > _MIN_LACK:
+        flipped = np.ascontiguousarray(posed.pictures[:, :, ::-1])
+        other = movement_match(flipped, posed.camera, posed.geometry, posed.poses)
+    mirrored = other is not None and other > _MIN_MIRRORED_MATCH and _is_better(1 - other, 1 - own)
+    return FootageMatch(posed.name, own, mirrored=other if mirrored else None)
 
 
 def _is_better(other: float, own: float) -> bool:
@@ -62,92 +59,61 @@ def _is_better(other: float, own: float) -> bool:
     return other < 1 - _MIN_OTHER_MATCH and own > _MIN_GAIN * other + _MIN_LACK
 
 
-def shifted_background(
-    view: View, pictured: KeyFrameView, geometry: Geometry, poses: Poses, frames: NDArray[np.int64]
-) -> BackgroundShift | None:
-    """Return how far the background of a camera that should stand still moves between K key frames, if it does.
+def better_shift(view: View, posed: PosedView) -> int | None:
+    """Return by how many frames of the shot later footage of a view matches the key poses much better.
+
+    Only the first part of long footage is read, and none where it matches too well as it is.
 
     Parameters
     ----------
     view : View
-    pictured : KeyFrameView
-        Its pictures of these frames.
-    geometry : Geometry
-        Of all performers.
-    poses
-        World poses of their parts on these frames.
-    frames : ndarray of int, shape (K,)
+        As given: with its lens distortion.
+    posed : PosedView
+        The same on key frames.
     """
-    if not view.camera.stands_still:
+    few = [k for k, f in enumerate(posed.frames) if f - posed.frames[0] <= _MAX_READ][:_MAX_SHIFTED_KEYS]
+    if len(few) < 2 or not posed.stands_still:
         return None
-    pictures, performers = _pictures_and_performers(view, pictured, geometry, poses)
-    return background_shift(pictures, performers, frames.tolist(), pictured.factor)
-
-
-def zoomed_background(
-    view: View, pictured: KeyFrameView, geometry: Geometry, poses: Poses, frames: NDArray[np.int64]
-) -> BackgroundShift | None:
-    """Return where the size of the background differs most between K key frames, if it tells; parameters as of
-    `shifted_background`.
-    """
-    pictures, performers = _pictures_and_performers(view, pictured, geometry, poses)
-    return background_zoom(pictures, performers, frames.tolist(), pictured.factor)
-
-
-def background_is_plain(view: View, pictured: KeyFrameView, geometry: Geometry, poses: Poses) -> bool:
-    """Whether the background of a camera that should stand still does not show if it does; parameters as of
-    `shifted_background`.
-    """
-    return view.camera.stands_still and not background_tells(*_pictures_and_performers(view, pictured, geometry, poses))
-
-
-def _pictures_and_performers(
-    view: View, pictured: KeyFrameView, geometry: Geometry, poses: Poses
-) -> tuple[list[NDArray[np.uint8]], list[Bools]]:
-    """Return the rectified pictures of a view's key frames, and where the performers are in them."""
-    body = render_labels(geometry, pictured.camera(view.camera), 0, *poses).part >= 0
-    return list(pictured.rectified(view.camera)), list(body)
-
-
-def better_shift(shot: Shot, view: View, frames: NDArray[np.int64]) -> int | None:
-    """Return by how many frames of the shot later footage of a view matches the key poses on K frames much better.
-
-    Only the first part of long footage is read.
-    """
-    frames = frames[frames - frames[0] <= _MAX_READ][:_MAX_SHIFTED_KEYS]
-    if len(frames) < 2 or not view.camera.stands_still:
-        return None
+    keys = posed.on(few)
     try:
-        places = {int(f) + d for f in frames for d in range(-_MAX_SHIFT, _MAX_SHIFT + 1)}
-        footage = probe(view.footage)
-        count = stored_frames(view, footage, 0)
-        shown = [f for f in sorted(places) if 0 <= footage_index(view, shot.frames[0] + f) < count]
+        count = stored_frames(view, probe(view.footage), 0)
+        tried = _tried_shifts(keys, lambda frame: 0 <= footage_index(view, frame) < count)
+        needed = sorted({keys.frames[k] + by for shift, kept in tried.items() for k in kept for by in (0, shift)})
         factor = max(1.0, max(view.camera.size) / COARSE_SIDE)
-        read = frames_at(view, [shot.frames[0] + f for f in shown], factor, grey=False)
-        pictures = dict(zip(shown, read, strict=True))
+        pictures = dict(zip(needed, frames_at(view, needed, factor, grey=False), strict=True))
     except FootageError:
         return None
-    return _best_shift(shot, view, frames, pictures, factor)
+    return _best_shift(keys, tried, pictures, view.camera.reduced(factor).rectified())
+
+
+def _tried_shifts(keys: PosedView, shown: Callable[[int], bool]) -> dict[int, tuple[int, ...]]:
+    """Return the shifts that may be better, with the numbers of those of K key frames that the footage shows with and
+    without each.
+    """
+    found, lacks = {}, cache(lambda kept: _lack(keys.pictures[[*kept]], keys.camera, keys.on(kept)))
+    for shift in (*range(-_MAX_SHIFT, 1 - _MIN_SHIFT), *range(_MIN_SHIFT, _MAX_SHIFT + 1)):
+        kept = tuple(k for k, f in enumerate(keys.frames) if shown(f) and shown(f + shift))
+        if len(kept) >= max(2, len(keys.frames) / 2) and _is_better(0.0, lacks(kept) or 0.0):
+            found[shift] = kept
+    return found
 
 
 def _best_shift(
-    shot: Shot, view: View, frames: NDArray[np.int64], pictures: Mapping[int, NDArray[np.uint8]], factor: float
+    keys: PosedView, tried: Mapping[int, tuple[int, ...]], pictures: Mapping[int, NDArray[np.uint8]], camera: Camera
 ) -> int | None:
-    bodies, camera = [p.body for p in shot.performers], view.camera.reduced(factor).rectified()
-    geometry, (R, T) = Geometry.of(bodies), key_poses_of(shot, frames)
-
     def lack(kept: tuple[int, ...], shift: int) -> float | None:
-        shown = np.stack([pictures[int(frames[k]) + shift] for k in kept])
-        match = movement_match(shown, camera, geometry, (R[list(kept)], T[list(kept)]))
-        return None if match is None else 1 - match
+        return _lack(np.stack([pictures[keys.frames[k] + shift] for k in kept]), camera, keys.on(kept))
 
     present = cache(partial(lack, shift=0))
     best, least = None, 1.0
-    for shift in range(-_MAX_SHIFT, _MAX_SHIFT + 1):
-        kept = tuple(k for k, f in enumerate(frames) if {int(f), int(f) + shift} <= pictures.keys())
-        if abs(shift) < _MIN_SHIFT or len(kept) < max(2, len(frames) / 2):
-            continue
+    for shift, kept in tried.items():
         own, other = present(kept), lack(kept, shift)
         if own is not None and other is not None and other < least and _is_better(other, own):
             best, least = shift, other
     return best
+
+
+def _lack(pictures: NDArray[np.uint8], camera: Camera, keys: PosedView) -> float | None:
+    """Return how much pictures of K key frames, taken by a camera, lack of a match with the key poses."""
+    match = movement_match(pictures, camera, keys.geometry, keys.poses)
+    return None if match is None else 1 - match

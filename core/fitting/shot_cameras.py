@@ -33,19 +33,15 @@ from ..tracking.run_context import FirstPictures, RunContext, SolvedShot
 from ..tracking.segments import whole_keys
 from ..tracking.track_result import TrackResult
 from ..tracking.turned_cameras import calibrated_frame, with_early_turns, with_turns
+from .background_checks import followed_cameras, moved_camera, with_plain_backgrounds, with_zooms
 from .camera_refinement import RefinedCamera, Refinement, refine_cameras
 from .early_check import EARLY_MISFITS, early_frames, early_misfits
 from .footage_match import footage_matches
 from .key_frame_views import pictured_key_frames, read_key_frames
 from .keypoint_cameras import PictureShift, contradictions
-from .misfit_causes import (
-    attributed_findings,
-    followed_cameras,
-    moved_cameras,
-    with_plain_backgrounds,
-    with_zooms,
-)
+from .misfit_causes import attributed_findings
 from .outline_fit import RefinementStage
+from .posed_views import posed_views
 from .shared_keypoints import CameraEstimate, SharedKeypoints
 from .view_findings import CameraFit, MovedCamera, ViewFinding
 
@@ -82,7 +78,7 @@ def fit_by_key_poses(
     pictures: Sequence[Mapping[int, NDArray[np.uint8]]] | None = None,
     progress: Progress | None = None,
     *,
-    turning: bool = False,
+    followed: Sequence[MovedCamera] = (),
 ) -> tuple[ViewFinding, ...]:
     """Compare the cameras with the key poses of the whole body, by the performers' outlines.
 
@@ -93,14 +89,15 @@ def fit_by_key_poses(
         Per view: rectified pictures by shot frame, including those of `checked_frames`; read from the footage by
         default.
     progress : callable, optional
-    turning : bool
-        Whether other cameras were found to turn, so that of each of the rest it is to be told.
+    followed : sequence of MovedCamera, optional
+        The shot's cameras that were found to turn, and do so in the shot.
 
     Returns
     -------
     tuple of ViewFinding
-        One per view that shows the performers clearly enough; none if there is no key pose of the whole body. For
-        views whose footage does not match the key poses, although the camera is not off, that is said instead.
+        Those that were found to turn, then one per view that shows the performers clearly enough; none of these if
+        there is no key pose of the whole body. For views whose footage does not match the key poses, although the
+        camera is not off, that is said instead.
 
     Raises
     ------
@@ -110,7 +107,7 @@ def fit_by_key_poses(
     """
     frames = np.array(checked_frames(shot), dtype=np.int64)
     if not len(frames):
-        return ()
+        return (*followed,)
     given = shot
     if pictures is None:
         views = read_key_frames(shot, frames, progress)
@@ -124,11 +121,11 @@ def fit_by_key_poses(
     fits = [
         CameraFit(own.shift, own.deviation, own.limit, own.camera.name, "key poses") for own in found if not own.lost
     ]
-    matches = footage_matches(shot, views, frames)
-    moved = moved_cameras(shot, views, frames)
-    rest = [fit for fit in fits if fit.camera not in moved]
-    findings = attributed_findings(given, frames, [own for own in matches if own.camera not in moved], rest)
-    return (*moved.values(), *with_plain_backgrounds(shot, views, frames, findings, turning=turning))
+    posed = posed_views(shot, views, frames)
+    moved = [own for view in posed if (own := moved_camera(view)) is not None]
+    rest = [fit for fit in fits if fit.camera not in {own.camera for own in moved}]
+    findings = attributed_findings(given.views, posed, footage_matches(posed, moved), rest)
+    return (*with_zooms(followed, posed), *moved, *with_plain_backgrounds(findings, posed, followed))
 
 
 def camera_fits(shot: Shot, result: SolvedShot, progress: Progress | None = None) -> tuple[ViewFinding, ...]:
@@ -144,25 +141,12 @@ def camera_fits(shot: Shot, result: SolvedShot, progress: Progress | None = None
     frames = set(checked_frames(shot))
     pictures = result.pictures if result.pictures and all(frames <= own.keys() for own in result.pictures) else None
     still = with_found_gaps(shot, result.gaps)
-    followed = _followed(still, result, pictures)
     shot = with_turns(still, result.turns)
     keypoints = [own.factor.keypoints for own in result.observed.performers]
     shared = fit_by_keypoints(shot, keypoints) if keypoints else ()
     in_step = shot.with_footage_offset(result.footage_offset)
-    return (*followed, *shared, *fit_by_key_poses(in_step, pictures, progress, turning=bool(followed)))
-
-
-def _followed(
-    shot: Shot, result: SolvedShot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]] | None
-) -> tuple[MovedCamera, ...]:
-    """Return the cameras of a shot, as it was given, that were found to turn, and where they zoom."""
-    followed, frames = followed_cameras(shot, result.turns), np.array(checked_frames(shot), dtype=np.int64)
-    if not followed or not len(frames):
-        return followed
-    if pictures is None:
-        return with_zooms(shot, read_key_frames(shot, frames, None), frames, followed)
-    rectified = replace(shot, views=tuple(replace(view, camera=view.camera.rectified()) for view in shot.views))
-    return with_zooms(rectified, pictured_key_frames(rectified, frames, pictures), frames, followed)
+    followed = followed_cameras(still, result.turns)
+    return (*shared, *fit_by_key_poses(in_step, pictures, progress, followed=followed))
 
 
 def for_camera_fits(shot: Shot, result: TrackResult | SolvedShot) -> SolvedShot:

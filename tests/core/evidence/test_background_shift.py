@@ -7,7 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from kfmocap.core.evidence.background_shift import background_shift
+from kfmocap.core.evidence.background_shift import BackgroundShift, background_shift
 from kfmocap.core.fitting.early_check import early_misfits
 from kfmocap.core.fitting.shot_cameras import camera_fits, fit_by_key_poses
 from kfmocap.core.fitting.view_findings import MovedCamera, PlainBackground
@@ -104,7 +104,7 @@ def test_a_camera_that_turns_and_zooms_is_said_to_zoom_too(larger: float) -> Non
     shot = shot_of([View(FRONT, "front.mp4")], [BODY], [TRUTH], range(len(TRUTH)))
     still, count = wall(FRONT.size), len(TRUTH)
     pictures = {k: moved(still, 6.0 * k, -3.0 * k, larger=larger ** (k / (count - 1))) for k in range(count)}
-    angles = 6.0 * np.arange(count)[:, None] / FRONT.matrix[0, 0] * [0.0, -1.0, 0.0]
+    angles = np.arange(count)[:, None] / FRONT.matrix[0, 0] * [3.0, 6.0, 0.0]
     turns = (Rotation.from_rotvec(angles).as_matrix(),)
     [said] = camera_fits(shot, SolvedShot((pictures,), ShotKeypoints(), 0.0, ((),), turns))[:1]
     assert isinstance(said, MovedCamera) and said.followed and "allowed for" in said.summary
@@ -119,6 +119,8 @@ def test_a_plain_background_is_named_only_if_other_cameras_move() -> None:
     plain = np.full((FRONT.size[1], FRONT.size[0], 3), 120, np.uint8)
     pictures = [{k: plain for k in range(len(TRUTH))}, {k: wall(FRONT.size) for k in range(len(TRUTH))}]
     assert not any(isinstance(own, PlainBackground) for own in fit_by_key_poses(shot, pictures))
-    said = [own for own in fit_by_key_poses(shot, pictures, turning=True) if isinstance(own, PlainBackground)]
+    turned = MovedCamera("other", BackgroundShift(9.0, (0, 3)), followed=True)
+    found = fit_by_key_poses(shot, pictures, followed=[turned])
+    said = [own for own in found if isinstance(own, PlainBackground)]
     assert [own.camera for own in said] == ["front"]
     assert "too plain" in said[0].brief and "--views" in said[0].summary
