@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from ..runtime.threads import one_library_thread
 from ..shot.shot import Shot
 from ..tracking.segments import whole_keys
-from .background_checks import moved_camera
+from .background_checks import background_is_plain, moved_camera, with_plain_backgrounds
 from .flicker import FLICKER_FRAMES, MIN_FLICKER, flicker
 from .footage_match import footage_matches
 from .key_frame_views import pictured_key_frames
 from .misfit_causes import attributed_findings
+from .outline_check import outline_fits
 from .posed_views import posed_views
-from .view_findings import FadingPictures, FlickeringLight, ViewFinding
+from .view_findings import CameraFit, FadingPictures, FlickeringLight, FootageMatch, ViewFinding
 
 EARLY_MISFITS = "footage that does not match"
 """Key with which these are shown, beside those of segments."""
@@ -52,11 +53,19 @@ def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]
     if len(frames) < 2:
         return light
     rectified = replace(shot, views=tuple(replace(view, camera=view.camera.rectified()) for view in shot.views))
-    views = posed_views(rectified, pictured_key_frames(rectified, frames, pictures), frames)
+    pictured = pictured_key_frames(rectified, frames, pictures)
+    views = posed_views(rectified, pictured, frames)
     moved = [found for posed in views if (found := moved_camera(posed)) is not None]
-    unlike = attributed_findings(shot.views, views, footage_matches(views, moved), ())
     told = moved if shot.settings.stabilise is False else ()  # else it is measured how they move
-    return [*light, *told, *unlike]
+    # A background that cannot show whether its camera was held in the hand leaves the performers' outlines.
+    fits = outline_fits(rectified, pictured) if any(background_is_plain(posed) for posed in views) else ()
+    found = attributed_findings(shot.views, views, footage_matches(views, moved), fits)
+    said = [
+        own
+        for own in with_plain_backgrounds(found, views, ())
+        if isinstance(own, FootageMatch) or (isinstance(own, CameraFit) and own.off and own.plain)
+    ]
+    return [*light, *told, *said]
 
 
 def _light_findings(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]]) -> list[ViewFinding]:

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import CalibrationError
 from ..formats.keypoint_files import read_shot_keypoints
 from ..keypoints.keypoint_rays import Keypoints
 from ..keypoints.observations import correlated_frames, performer_keypoints
@@ -40,17 +39,13 @@ from .footage_match import footage_matches
 from .key_frame_views import pictured_key_frames, read_key_frames
 from .keypoint_cameras import PictureShift, contradictions
 from .misfit_causes import attributed_findings
-from .outline_fit import RefinementStage
+from .outline_check import outline_fits
 from .posed_views import posed_views
 from .shared_keypoints import CameraEstimate, SharedKeypoints
 from .view_findings import CameraFit, MovedCamera, ViewFinding
 
 MAX_CHECKED_KEYS = 8
 """Largest number of key frames that cameras are compared with, evenly spaced over the shot."""
-CHECK_STAGES = (RefinementStage(0.25, 4.0, 4, learns_once=True), RefinementStage(0.10, 1.0, 4, learns_once=True))
-"""Few stages: a camera that fits passes soon, and one that does not need not be corrected to be detected."""
-CHECK_CONVERGED_PIXELS = 0.25
-"""As `CONVERGED_PIXELS`, for these stages, pixels of the reduced frames: inexact key poses are off by pixels anyway."""
 
 
 def fit_by_keypoints(shot: Shot, performers: Sequence[Keypoints]) -> tuple[CameraFit, ...]:
@@ -114,16 +109,9 @@ def fit_by_key_poses(
     else:
         shot = replace(shot, views=tuple(replace(view, camera=view.camera.rectified()) for view in shot.views))
         views = pictured_key_frames(shot, frames, pictures)
-    try:
-        found = refine_cameras(shot, progress, views=views, stages=CHECK_STAGES, settled=CHECK_CONVERGED_PIXELS).views
-    except CalibrationError:  # no view shows the performers clearly
-        found = ()
-    fits = [
-        CameraFit(own.shift, own.deviation, own.limit, own.camera.name, "key poses") for own in found if not own.lost
-    ]
     posed = posed_views(shot, views, frames)
     moved = [own for view in posed if (own := moved_camera(view)) is not None]
-    rest = [fit for fit in fits if fit.camera not in {own.camera for own in moved}]
+    rest = [fit for fit in outline_fits(shot, views, progress) if fit.camera not in {own.camera for own in moved}]
     findings = attributed_findings(given.views, posed, footage_matches(posed, moved), rest)
     return (*with_zooms(followed, posed), *moved, *with_plain_backgrounds(findings, posed, followed))
 

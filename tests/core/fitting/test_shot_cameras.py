@@ -13,6 +13,7 @@ from keypoint_shots import NAMES, cameras, keypoints_of, person, seen_places, st
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import CalibrationError
 from kfmocap.core.fitting import shot_cameras
+from kfmocap.core.fitting.early_check import early_frames, early_misfits
 from kfmocap.core.fitting.resection import adjusted
 from kfmocap.core.fitting.shared_cameras import FreeCameras
 from kfmocap.core.fitting.shared_keypoints import CameraEstimate, SharedKeypoints
@@ -153,6 +154,16 @@ def test_a_camera_that_is_off_before_a_plain_wall_may_have_been_held_in_the_hand
         pictures.append(dict(zip(frames, read, strict=True)))
     [marked_side] = [fit for fit in fit_by_key_poses(shot, pictures) if fit.camera == "side" and fit.off]
     assert "too plain" not in marked_side.summary
+
+
+@pytest.mark.parametrize("side", [turned(SIDE, 0, 3.0), SIDE])
+def test_it_is_said_before_tracking_if_no_background_can_tell(views: list[View], side: Camera) -> None:
+    shot = filmed(views, [FRONT, side])
+    frames = sorted(early_frames(shot))
+    pictures = [dict(zip(frames, frames_at(view, frames, 1.0, grey=False), strict=True)) for view in shot.views]
+    said = early_misfits(shot, pictures)
+    assert off(said) == ([] if side is SIDE else ["side"])
+    assert all("too plain" in own.summary and "in the hand" in own.summary for own in said)
 
 
 def test_pictures_that_tracking_has_read_tell_the_same(views: list[View]) -> None:
