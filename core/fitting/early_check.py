@@ -59,10 +59,10 @@ def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]
     told = moved if shot.settings.stabilise is False else ()  # else it is measured how they move
     # A background that cannot show whether its camera was held in the hand leaves the performers' outlines.
     fits = outline_fits(rectified, pictured) if any(background_is_plain(posed) for posed in views) else ()
-    found = attributed_findings(shot.views, views, footage_matches(views, moved), fits)
+    unlike = attributed_findings(shot.views, views, footage_matches(views, moved), fits)
     said = [
         own
-        for own in with_plain_backgrounds(found, views, ())
+        for own in with_plain_backgrounds(unlike, views, ())
         if isinstance(own, FootageMatch) or (isinstance(own, CameraFit) and own.off and own.plain)
     ]
     return [*light, *told, *said]

@@ -34,6 +34,10 @@ CAMERA_FITS = ("keypoints", "key poses")
 _CAMERA_INSTEAD = (
     "; but this camera is off, which may look so: refine the cameras first, or write correct_gaps = false under [track]"
 )
+_OFFSET_INSTEAD = (
+    "; but an offset is wrong (see above), which may look so: correct that first, or write correct_gaps = false under "
+    "[track]"
+)
 NO_KEYPOINTS_TEXT = (
     "its keypoint files show no performer on the shot's frames: check that they are of this footage, and that their "
     "frame numbers count from 0, as the frames of the footage"
@@ -223,6 +227,7 @@ def _key_pose_lines(performer: Mapping[str, Any]) -> list[str]:
 def _footage_lines(values: Mapping[str, Any]) -> list[str]:
     """Return lines on problems of the views' footage."""
     lines = []
+    misplaced = any(fit.get("offset") is not None for view in values["views"] for fit in view["fits"])
     for view in values["views"]:
         rate, every = view["footage_fps"], view.get("every", 1)
         found = FootageRate(**view["rate"]) if view.get("rate") else None
@@ -245,7 +250,8 @@ def _footage_lines(values: Mapping[str, Any]) -> list[str]:
         if view["torn"] and not pattern.every:
             lines.append(f"{view['camera']}: {torn_text(view['torn'])}")
         gaps = [FoundGap(**gap) for gap in view.get("gaps", ())]
-        doubt = _CAMERA_INSTEAD if any(fit["off"] and fit["by"] in CAMERA_FITS for fit in view["fits"]) else ""
+        refinable = any(fit["off"] and fit["by"] in CAMERA_FITS for fit in view["fits"])
+        doubt = _OFFSET_INSTEAD if misplaced else _CAMERA_INSTEAD if refinable else ""
         lines += [f"{view['camera']}: {gap.text}{doubt}" for gap in gaps if not (gap.timed or gap.given)]
         if view.get("late"):
             lines.append(f"{view['camera']}: {LateView(**view['late']).text}{doubt}")

@@ -14,7 +14,7 @@ from kfmocap.core.body.smoothness_estimate import ROOT_GROUPS
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.cameras.world_axes import AXES, upward_doubt
 from kfmocap.core.errors import LandmarkError
-from kfmocap.core.fitting.view_findings import CameraFit
+from kfmocap.core.fitting.view_findings import CameraFit, FootageMatch
 from kfmocap.core.formats import Landmarks
 from kfmocap.core.keypoints.observations import ShotKeypoints
 from kfmocap.core.review.report_text import rate_text, report_lines
@@ -259,6 +259,18 @@ def test_problems_of_the_footage_are_reported(
     assert [line for line in lines if "frames 61, 64 of the file (error while decoding MB 10 74)" in line]
     assert [line for line in lines if line.startswith("cam02: pictures that") and "frames 103, 104" in line]
     assert [line for line in lines if line.startswith("cam01: early from about frame 117 on: a frame seems to be miss")]
+
+
+@pytest.mark.parametrize(("offset", "doubted"), [(-5.0, True), (None, False)])
+def test_a_gap_is_doubted_where_some_offset_is_wrong(
+    tracked: tuple[Shot, type], offset: float | None, doubted: bool
+) -> None:
+    """What shows another moment all along looks early or late from some frame on, too, in it or in another view."""
+    shot, result = tracked
+    result.gaps = ((Gap(shot.frames[0] + 4, 1),), ())
+    fits = (FootageMatch("cam02", 0.99, offset),)
+    [line] = [line for line in report_lines(report(shot, result(), fits=fits)) if "is missing" in line]
+    assert line.startswith("cam01: frame") and ("an offset is wrong" in line) == doubted
 
 
 def test_frame_rates_that_unsteady_times_explain_are_not_reported() -> None:
