@@ -121,11 +121,11 @@ def _leg(parts: Named, tree: SkeletonTree) -> dict[str, list[int]]:
         thighs, legs = legs, []
     if not thighs and not lower and (second := _second(legs, tree)):
         thighs, legs = legs[:1], second
-    if not thighs and (lower or legs):
-        thighs = parts.get("hips", [])
-    shins = sorted([*lower, *legs])
+    shins, hips = sorted([*lower, *legs]), parts.get("hips", [])
+    thighs = tree.carrying(thighs, shins) or tree.carrying(hips, shins) or thighs or (hips if shins else [])
     ankles, feet, toes = (parts.get(part, []) for part in ("ankle", "foot", "toe"))
     below = [j for j in feet if ankles and tree.is_above(ankles[0], j)]
+    below = tree.carrying(below, toes) or below
     found = {"thigh": thighs[:1], "shin": shins[:1], "foot": sorted([*ankles, *feet])[:1]}
     found["toe"] = sorted([*below, *toes])[:1] if below else toes[:1]
     return {role: bones for role, bones in found.items() if bones}
@@ -133,12 +133,15 @@ def _leg(parts: Named, tree: SkeletonTree) -> dict[str, list[int]]:
 
 def _arm(parts: Named, tree: SkeletonTree) -> dict[str, list[int]]:
     """Return collar bone, upper arm, forearm and hand of one side."""
-    uppers = parts.get("upper_arm", []) or parts.get("arm", [])
-    lowers = sorted([*parts.get("forearm", []), *parts.get("elbow", [])]) or _second(uppers, tree)
+    arms = parts.get("arm", [])
+    uppers = parts.get("upper_arm", []) or arms
+    lowers = sorted([*parts.get("forearm", []), *parts.get("elbow", [])])
+    lowers = lowers or [j for j in arms if tree.carrying(parts.get("upper_arm", []), [j])] or _second(uppers, tree)
     shoulders, collars = parts.get("shoulder", []), parts.get("collar", [])
-    if not uppers and lowers:
-        above = [j for j in shoulders if tree.is_above(j, lowers[0])] or shoulders
-        uppers, shoulders = above[-1:], [j for j in shoulders if j not in above[-1:]]
+    above = tree.carrying(shoulders, lowers[:1])
+    if lowers and (not uppers or (above and not tree.carrying(uppers, lowers))):
+        uppers = (above or shoulders)[-1:]
+        shoulders = [j for j in shoulders if j not in uppers]
     hands = sorted([*parts.get("hand", []), *parts.get("wrist", [])]) or parts.get("palm", [])
     found = {"shoulder": (collars or shoulders)[:1], "upper_arm": uppers[:1], "forearm": lowers[:1], "hand": hands[:1]}
     return {role: bones for role, bones in found.items() if bones}
@@ -160,8 +163,12 @@ def _fingers(parts: Named, names: Sequence[BoneName], tree: SkeletonTree) -> dic
     """Return the fingers of one side, by their names or by numbers from the thumb on."""
     found = {finger: tree.chain(parts[finger], _MAX_BONES[finger]) for finger in FINGERS if finger in parts}
     numbered: dict[int, list[int]] = {}
+    feet = [*parts.get("ankle", []), *parts.get("foot", [])]
     for j in parts.get("finger", []):
-        numbered.setdefault(int(names[j].digits[0]), []).append(j)
+        if not tree.carrying(feet, [j]):  # no toe
+            numbered.setdefault(int(names[j].digits[0]), []).append(j)
+    if numbered and found and not {"middle", "ring", "pinky"} & set(found):
+        found["middle"] = tree.chain(next(iter(numbered.values())), 3)  # one for the three, as in a mitten
     if not found and numbered and min(numbered) <= 1:
         first = min(numbered)
         for k, bones in numbered.items():

@@ -290,8 +290,9 @@ def _trunk(rest: RestSkeleton, leg: int, arms: _Pair) -> dict[str, tuple[str, ..
         if len(below) > 1 or not straight or not _rises(rest, neck[-1], below[0]):
             break
         neck.append(below[0])
-    last = neck[-1]
-    if len(neck) > 1 and (np.isnan(rest.tails[last, 2]) or read_name(rest.names[last]).kind == "helper"):
+    last = read_name(rest.names[neck[-1]])
+    without_tail = np.isnan(rest.tails[neck[-1], 2]) and last.part != "head"
+    if len(neck) > 1 and (without_tail or last.kind == "helper"):
         neck.pop()  # a joint that only marks the end of the head
     found["head"] = (rest.names[neck[-1]],)
     if len(neck) > 1:

@@ -94,20 +94,20 @@ WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
             r"小指\d*",
         ),
     ),
-    ("finger", (r"finger\d+",)),
+    ("finger", (r"(finger|digit)\d+",)),
     ("hand", (r"hand|fist", r"mano|main|mao|кисть", r"手掌?")),
     ("wrist", (r"wrist|handgelenk", r"muneca|poignet|polso|pulso|запястье", r"手首|手腕")),
     ("palm", (r"palm",)),
     (
         "forearm",
         (
-            r"forearm|radius|ulna|(lower|low|lwr|lo)arm|armlower|unterarm",
+            r"forearm|radius|ulna|(lower|low|lwr|lo|f)arm|armlower|unterarm",
             r"antebrazo|avantbras|avambraccio|antebraco|предплечье",
             r"ひじ|肘|前臂|小臂",
         ),
     ),
     ("elbow", (r"elbow|ell(en)?bogen", r"codo|coude|gomito|cotovelo|локоть", r"手肘")),
-    ("upper_arm", (r"(upper|up|upr)arm|armupper|humerus|shldr|oberarm", r"腕|上臂|大臂")),
+    ("upper_arm", (r"(upper|up|upr|u)arm|armupper|humerus|shldr|oberarm", r"腕|上臂|大臂")),
     ("arm", (r"arm", r"brazo|bras|braccio|braco|рука")),
     ("shoulder", (r"shoulder|schulter", r"hombro|epaule|spalla|ombro|плечо", r"肩膀?")),
     (
@@ -126,7 +126,7 @@ WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
     (
         "spine",
         (
-            r"(spine(middle)?|(upper|lower)?chest|(upper|lower)?torso|abdomen|waist|lowerback|back|ribcage|thorax"
+            r"(spine(middle)?|(upper|lower)?chest|(upper|lower)?torso|abdomen|abs?|stomach|waist|lowerback|back|ribcage|thorax"
             r"|trunk|belly|(upper)?body|wirbels(a|ae)ule|brust(korb)?|bauch|r(u|ue)cken|上半身)(lower|upper)?\d*",
             r"(columna|espalda|pecho|colonne|dos|ventre|poitrine|torse|buste|colonna|schiena|petto|busto|addome|coluna"
             r"|costas|peito|tronco|abdome|позвоночник|спина|поясница|грудь|живот|торс)\d*",

@@ -14,7 +14,11 @@ from .roles import FINGERS
 NAMESPACE = re.compile(r"^.*[:|]")
 """What comes before a bone's name in files of other programs, as in mixamorig:Hips."""
 _REMARK = re.compile(r"\[(?!(l|r|left|right)\]).*?\]|\((?!(l|r|left|right)\)).*?\)", re.IGNORECASE)
-_TOKEN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[А-ЯЁ]?[а-яё]+|[^\W\d_a-zA-Zа-яё]+")
+_TOKEN = re.compile(
+    r"(?<![A-Za-z])(?:L(?![FT])|R(?![TG]))(?=[A-Z][A-Z][a-z])|[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+"
+    r"|[А-ЯЁ]?[а-яё]+|[^\W\d_a-zA-Zа-яё]+"
+)
+"""Words, numbers, and a mark of the side before a single letter, as in LUArm."""
 _ACCENTED = re.compile(r"([a-zA-Z])[\u0300-\u036f]+")
 _MADE = re.compile(
     r"^(bip|valve|biped|j|b|m|cc|base|bn|bone|joint|jnt|jt|sh|bind|skin|sk|x|character|valvebiped"
@@ -127,7 +131,7 @@ def shared_words(names: Sequence[str]) -> frozenset[str]:
     return frozenset(
         word
         for word, count in counts.items()
-        if count > (_NEARLY_ALL if _part_of(word) else 0.5) * len(names) and word not in SIDES
+        if count > (_NEARLY_ALL if _part_of(word) or _part_of(f"{word}1") else 0.5) * len(names) and word not in SIDES
     )
 
 

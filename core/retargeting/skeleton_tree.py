@@ -34,13 +34,15 @@ class SkeletonTree:
 
     def chain(self, bones: Sequence[int], most: int) -> list[int]:
         """Return the first of some bones and those that continue it downward, each a descendant of the one before, at
-        most `most` of them.
+        most `most` of them; of several such chains the longest.
         """
-        found = list(bones[:1])
-        for j in bones[1:]:
-            if len(found) < most and self.is_above(found[-1], j):
-                found.append(j)
-        return found
+        chains = [[k for k in bones if k == j or self.is_above(k, j)] for j in bones]
+        return max((chain for chain in chains if chain[0] == bones[0]), key=len, default=[])[:most]
+
+    def carrying(self, bones: Iterable[int], below: Iterable[int]) -> list[int]:
+        """Return those of some bones on which any of others hangs."""
+        lower = list(below)
+        return [j for j in bones if any(self.is_above(j, k) for k in lower)]
 
     def common(self, bones: Iterable[int]) -> int:
         """Return the lowest common ancestor of some bones, -1 if there is none."""

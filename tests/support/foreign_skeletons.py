@@ -756,6 +756,90 @@ SKELETONS = {
         Neck | Chest | neck | neck
         HEAD | Neck | head | head
         """,
+    "catparent": """
+        CATRigHub001 | | ground
+        CATRigPelvis | CATRigHub001 | hips | hips
+        CATRigSpine1 | CATRigPelvis | spine1 | spine
+        CATRigRibcage | CATRigSpine1 | spine3 | spine
+        CATRigNeck1 | CATRigRibcage | neck | neck
+        CATRigHead | CATRigNeck1 | head | head
+        CATRig{S}ArmCollarbone | CATRigRibcage | collar | shoulder
+        CATRig{S}Arm1 | CATRig{S}ArmCollarbone | shoulder | upper_arm
+        CATRig{S}Arm2 | CATRig{S}Arm1 | elbow | forearm
+        CATRig{S}ArmPalm | CATRig{S}Arm2 | wrist | hand
+        CATRig{S}ArmDigit11 | CATRig{S}ArmPalm | thumb0 | thumb
+        CATRig{S}ArmDigit12 | CATRig{S}ArmDigit11 | thumb1 | thumb
+        CATRig{S}ArmDigit21 | CATRig{S}ArmPalm | index0 | index
+        CATRig{S}ArmDigit22 | CATRig{S}ArmDigit21 | index1 | index
+        CATRig{S}Leg1 | CATRigPelvis | thigh | thigh
+        CATRig{S}Leg2 | CATRig{S}Leg1 | knee | shin
+        CATRig{S}LegAnkle | CATRig{S}Leg2 | ankle | foot
+        CATRig{S}LegDigit11 | CATRig{S}LegAnkle | ball
+        """,
+    "optitrack": """
+        Skeleton 001:Hip | | hips | hips
+        Skeleton 001:Ab | Skeleton 001:Hip | spine1 | spine
+        Skeleton 001:Chest | Skeleton 001:Ab | spine3 | spine
+        Skeleton 001:Neck | Skeleton 001:Chest | neck | neck
+        Skeleton 001:Head | Skeleton 001:Neck | head | head
+        Skeleton 001:{S}Shoulder | Skeleton 001:Chest | collar | shoulder
+        Skeleton 001:{S}UArm | Skeleton 001:{S}Shoulder | shoulder | upper_arm
+        Skeleton 001:{S}FArm | Skeleton 001:{S}UArm | elbow | forearm
+        Skeleton 001:{S}Hand | Skeleton 001:{S}FArm | wrist | hand
+        Skeleton 001:{S}Thigh | Skeleton 001:Hip | thigh | thigh
+        Skeleton 001:{S}Shin | Skeleton 001:{S}Thigh | knee | shin
+        Skeleton 001:{S}Foot | Skeleton 001:{S}Shin | ankle | foot
+        Skeleton 001:{S}Toe | Skeleton 001:{S}Foot | ball | toe
+        """,
+    "bones of volumes beside those of joints": """
+        mPelvis | | hips | hips
+        PELVIS | mPelvis | hips
+        mTorso | mPelvis | spine1 | spine
+        BELLY | mTorso | spine1
+        mChest | mTorso | spine3 | spine
+        CHEST | mChest | spine3
+        mNeck | mChest | neck | neck
+        NECK | mNeck | neck
+        mHead | mNeck | head | head
+        HEAD | mHead | head
+        mCollar{Side} | mChest | collar | shoulder
+        {S}_CLAVICLE | mCollar{Side} | collar
+        mShoulder{Side} | mCollar{Side} | shoulder | upper_arm
+        {S}_UPPER_ARM | mShoulder{Side} | shoulder
+        mElbow{Side} | mShoulder{Side} | elbow | forearm
+        {S}_LOWER_ARM | mElbow{Side} | elbow
+        mWrist{Side} | mElbow{Side} | wrist | hand
+        {S}_HAND | mWrist{Side} | wrist
+        mHip{Side} | mPelvis | thigh | thigh
+        {S}_UPPER_LEG | mHip{Side} | thigh
+        mKnee{Side} | mHip{Side} | knee | shin
+        {S}_LOWER_LEG | mKnee{Side} | knee
+        mAnkle{Side} | mKnee{Side} | ankle | foot
+        {S}_FOOT | mAnkle{Side} | ankle
+        mFoot{Side} | mAnkle{Side} | ball | toe
+        mToe{Side} | mFoot{Side} | tiptoe
+        """,
+    "joints of limbs, one finger for three": """
+        Root | | ground | root
+        Hips | Root | hips | hips
+        Spine_01 | Hips | spine1 | spine
+        Spine_02 | Spine_01 | spine3 | spine
+        Neck | Spine_02 | neck | neck
+        Head | Neck | head | head
+        Clavicle_{S} | Spine_02 | collar | shoulder
+        Shoulder_{S} | Clavicle_{S} | shoulder | upper_arm
+        Elbow_{S} | Shoulder_{S} | elbow | forearm
+        Hand_{S} | Elbow_{S} | wrist | hand
+        Thumb_01_{S} | Hand_{S} | thumb0 | thumb
+        IndexFinger_01_{S} | Hand_{S} | index0 | index
+        Finger_01_{S} | Hand_{S} | middle0 | middle
+        Finger_02_{S} | Finger_01_{S} | middle1 | middle
+        UpperLeg_{S} | Hips | thigh | thigh
+        LowerLeg_{S} | UpperLeg_{S} | knee | shin
+        Ankle_{S} | LowerLeg_{S} | ankle | foot
+        Ball_{S} | Ankle_{S} | ball | toe
+        Toes_{S} | Ball_{S} | tiptoe
+        """,
     "source 2": """
         pelvis | | hips | hips
         spine_0 | pelvis | spine1 | spine
