@@ -109,16 +109,17 @@ def _shown(bones: BoneMap, role: str, shown: Mapping[str, str]) -> list[str]:
 
 
 def _foot_skin(armature: bpy.types.Object, skin: Skin, foot: Sequence[str], toes: Sequence[str]) -> Array:
-    """Return what is led by a foot's bone, by others that begin where this does, such as copies of it, by the toes'
-    bone, and by what hangs on these, from the ankle at rest; in the world's axes, shape (V, 3).
+    """Return what is led by a foot's bone and the toes', by others that begin where these do, such as copies of them,
+    and by what hangs on these, from the ankle at rest; in the world's axes, shape (V, 3).
     """
     matrix, _ = world_frame(armature)
     ankle = armature.data.bones[foot[0]]
     near = _SAME_PLACE * (ankle.parent or ankle).length
-    below = set(toes)
+    starts = [ankle.head_local, *(armature.data.bones[name].head_local for name in toes)]
+    below: set[str] = set()
     for bone in armature.data.bones:  # parents first
         above = bone.parent
-        if (above and above.name in below) or (bone.head_local - ankle.head_local).length <= near:
+        if (above and above.name in below) or any((bone.head_local - start).length <= near for start in starts):
             below.add(bone.name)
     led = np.isin(skin.leaders, [i for i, name in enumerate(skin.names) if name in below])
     return np.asarray((skin.points[led] - np.array(ankle.head_local)) @ matrix[:3, :3].T)

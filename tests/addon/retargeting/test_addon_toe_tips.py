@@ -89,6 +89,14 @@ def with_toes_apart():
     return armature
 
 
+def with_copies_of_toes():
+    """A character of controls that are found by their names: the skin is led by copies of them that hang on nothing."""
+    armature = with_toes_apart()
+    for bone in [*armature.data.bones]:
+        bone.name = bone.name.replace(CONTROL, "")
+    return armature
+
+
 def turned(armature):
     """How far the legs are turned to keep the feet where those of the performer stand, who has these legs, degrees."""
     report = send_to_rig(bpy.context.scene, moved_body(BODY, MOTIONS["walk"](BODY, 60, 30.0)), armature, 1)
@@ -140,7 +148,7 @@ def test_legs_are_not_turned_where_bones_of_feet_are_not_as_long_as_the_feet(mad
     assert turned(with_feet(made(), share)) < 0.5
 
 
-@pytest.mark.parametrize("made", [with_toes, with_short_toes, with_copies_of_feet, with_toes_apart])
+@pytest.mark.parametrize("made", [with_toes, with_short_toes, with_copies_of_feet, with_toes_apart, with_copies_of_toes])
 def test_the_skin_shows_where_feet_end_whose_bones_do_not(made):
     assert turned(made()) < 0.5
 
