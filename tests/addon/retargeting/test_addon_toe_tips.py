@@ -148,7 +148,9 @@ def test_legs_are_not_turned_where_bones_of_feet_are_not_as_long_as_the_feet(mad
     assert turned(with_feet(made(), share)) < 0.5
 
 
-@pytest.mark.parametrize("made", [with_toes, with_short_toes, with_copies_of_feet, with_toes_apart, with_copies_of_toes])
+@pytest.mark.parametrize(
+    "made", [with_toes, with_short_toes, with_copies_of_feet, with_toes_apart, with_copies_of_toes]
+)
 def test_the_skin_shows_where_feet_end_whose_bones_do_not(made):
     assert turned(made()) < 0.5
 
