@@ -10,6 +10,7 @@ import bpy
 
 from ...scene_io import fcurves
 from ...scene_io.body.body_armature import edit_bones
+from ...scene_io.constraints import acts
 from .rig_at_rest import update
 
 _HOLDS = (
@@ -57,7 +58,7 @@ def without_holds(
                 chain = [bone, *bone.parent_recursive]
                 poses = [one.name for one in chain[: constraint.chain_count or len(chain)]]
             kinds = _HOLDS + _PLACES if bone.name in moved else _HOLDS
-            holds = constraint.type in kinds and not constraint.mute and constraint.influence > 0
+            holds = constraint.type in kinds and acts(constraint)
             if holds and set(poses) & set(controls):
                 before[bone.name, constraint.name] = constraint.influence
                 constraint.influence = 0.0

@@ -26,6 +26,7 @@ from ....core.retargeting.palms import axes_of_palm, palm_bones
 from ....core.retargeting.retarget import grounded
 from ....core.retargeting.roles import SIDES, BoneMap
 from ...scene_io.body.body_armature import world_frame
+from ...scene_io.constraints import acts
 from .rig_at_rest import pose, posed_matrices, rest_orientations, rest_skeleton, shown_size, update
 
 _PROBE = Quaternion((0.9553, 0.1837, 0.1342, 0.1885)).normalized()
@@ -207,7 +208,7 @@ def refuse_mirrored(armature: bpy.types.Object, names: Sequence[str]) -> None:
                 where=f"armature {armature.name}, bone {own.name}",
                 todo="clear its scale (Alt S), and its keys",
             )
-        holds = [f"'{c.name}' of {each.name}" for each in chain for c in each.constraints if not c.mute and c.influence]
+        holds = [f"'{c.name}' of {each.name}" for each in chain for c in each.constraints if acts(c)]
         raise BodyError(
             f"{'it is mirrored' if mirrored else 'it has no length or no width'} as it is shown"
             f"{', held by ' + ', '.join(holds) if holds else ''}",
@@ -220,7 +221,7 @@ def _refuse_held(armature: bpy.types.Object, name: str, rest: Array, moved: Arra
     """Raise a BodyError where a control has not turned as it was posed."""
     turned = rotations.log(rotations.orthonormal((moved @ np.linalg.inv(rest))[:3, :3]))
     if abs(np.linalg.norm(turned) - _PROBE.angle) > 0.1 * _PROBE.angle:
-        holds = [c.name for c in armature.pose.bones[name].constraints if not c.mute and c.influence]
+        holds = [c.name for c in armature.pose.bones[name].constraints if acts(c)]
         raise BodyError(
             f"the bone does not turn as it is posed{': held by ' + ', '.join(holds) if holds else ''}",
             where=f"armature {armature.name}, bone {name}",

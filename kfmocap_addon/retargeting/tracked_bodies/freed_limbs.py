@@ -12,6 +12,7 @@ from ....core.retargeting.bone_matching import preset_of
 from ....core.retargeting.roles import SIDES
 from ...scene_io import fcurves
 from ...scene_io.characters.followed_bones import following
+from ...scene_io.constraints import acts
 from ..rigs.held_bones import Constraint, mute_constraints
 from .part_roles import limb_bones
 
@@ -75,7 +76,7 @@ def _goals_of(armature: bpy.types.Object, limb: list[str]) -> list[Constraint]:
     found, solved = [], False
     for bone in armature.pose.bones:
         for held in list[Any](bone.constraints):
-            if held.type not in _TURNING or held.mute or held.influence == 0 or getattr(held, "target", None) is None:
+            if held.type not in _TURNING or not acts(held):
                 continue
             chain = [bone.name]
             if held.type == "IK":

@@ -10,6 +10,7 @@ from mathutils import Matrix
 from ....core.errors import BodyError
 from ...scene_io import fcurves
 from ...scene_io.body import body_armature
+from ...scene_io.constraints import acts
 from ...scene_io.keys import key_pose_curves
 from .skinned_body import use_as_body
 
@@ -89,7 +90,7 @@ def _armature_at(mesh: bpy.types.Object) -> tuple[bpy.types.Object, str]:
 
 def _refuse_moved(mesh: bpy.types.Object) -> None:
     """Raise a BodyError if anything but its own channels moves a mesh, or if its shape changes."""
-    holds = next((c for c in mesh.constraints if not c.mute and c.influence), None)
+    holds = next((c for c in mesh.constraints if acts(c)), None)
     shaped = next((m for m in mesh.modifiers if m.show_viewport and m.type not in _CONSTANT_MODIFIERS), None)
     what = ""
     if holds is not None:

@@ -17,6 +17,7 @@ from ....core.errors import BodyError
 from ....core.numerics import rotations
 from ....core.numerics.arrays import Array
 from .. import lossless
+from ..constraints import acts
 from . import part_meshes
 from .armature_landmarks import keep_landmarks, landmarks_of
 from .sides import SIDES, colour_of, side_of
@@ -308,7 +309,7 @@ def _carrying(armature: bpy.types.Object, bones: Sequence[bpy.types.Bone]) -> Ar
 
 def is_held(bone: bpy.types.PoseBone) -> bool:
     """Whether a constraint acts on a bone."""
-    return any(not held.mute and held.influence > 0 for held in bone.constraints)
+    return any(acts(held) for held in bone.constraints)
 
 
 def _size(matrix: Array) -> float:

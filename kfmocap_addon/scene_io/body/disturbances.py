@@ -10,6 +10,7 @@ import numpy as np
 from ....core.body import Body, part_poses
 from ....core.errors import listed
 from .. import fcurves
+from ..constraints import acts
 from . import body_channels, shown_pose
 
 _MAX_DISTANCE = 2e-3
@@ -45,7 +46,7 @@ def _displaced(armature: bpy.types.Object, body: Body) -> str:
 def _cause(bone: bpy.types.PoseBone, *, moves: bool) -> str:
     """Return what of a pose bone beside its channels moves it; `moves` is whether its location is a channel."""
     for held in list[Any](bone.constraints):
-        if not held.mute and held.influence > 0:
+        if acts(held):
             return f"the constraint '{held.name}' of {bone.name}"
     if not np.allclose(np.array(bone.scale), 1.0, atol=1e-4):
         return f"the scale of {bone.name}"

@@ -11,6 +11,7 @@ import numpy as np
 from ....core.numerics import rotations
 from ....core.numerics.arrays import Array
 from ..cameras.camera_poses import coming_back
+from ..constraints import acts
 from ..fcurves import bone_of
 
 _LIMIT_CONSTRAINTS = ("LIMIT_ROTATION", "LIMIT_LOCATION", "LIMIT_SCALE")
@@ -30,7 +31,7 @@ def following(armature: bpy.types.Object) -> dict[str, str]:
     found: dict[str, str] = {}
     for bone in armature.pose.bones:
         constraints = list[Any](bone.constraints)
-        holds = next((c for c in constraints if not c.mute and c.influence and c.type not in _LIMIT_CONSTRAINTS), None)
+        holds = next((c for c in constraints if acts(c) and c.type not in _LIMIT_CONSTRAINTS), None)
         if holds is not None:
             other = getattr(holds, "target", None)
             whose = f" to {other.name}" if other is not None and other != armature else ""
@@ -71,7 +72,7 @@ def _followed_of(follower: bpy.types.Object, armature: bpy.types.Object) -> dict
     found = {}
     for bone in follower.pose.bones:
         for held in list[Any](bone.constraints):
-            if held.type in _FOLLOWING_CONSTRAINTS and not held.mute and held.influence > 0:
+            if held.type in _FOLLOWING_CONSTRAINTS and acts(held):
                 first = next(iter(held.targets), None) if held.type == "ARMATURE" else held
                 if first is not None and first.target == armature and first.subtarget:
                     found[bone.name] = first.subtarget

@@ -9,6 +9,7 @@ import numpy as np
 
 from .. import fcurves
 from ..cameras.camera_poses import coming_back
+from ..constraints import acts
 
 _STILL_TOLERANCE = 1e-4
 """Largest change of the object's matrix, metres or radians, of one that stays."""
@@ -20,7 +21,7 @@ _SAMPLE = 7
 
 def what_moves(scene: bpy.types.Scene, armature: bpy.types.Object, frames: tuple[int, int]) -> str | None:
     """Return what moves an armature object between two scene frames, None where nothing does."""
-    holds = [held for held in list[Any](armature.constraints) if not held.mute and held.influence > 0]
+    holds = [held for held in list[Any](armature.constraints) if acts(held)]
     if armature.parent is None and not holds and not _is_keyed(armature):
         return None
     layer, places = scene.view_layers[0], []

@@ -277,6 +277,7 @@ def with_tail(held_by):
         armature.pose.bones["tuft"].driver_add("rotation_quaternion", 1)
     elif held_by:
         constraint = armature.pose.bones["tuft"].constraints.new(held_by)
+        constraint.target, constraint.subtarget = armature, "head"
         if held_by == "IK":
             constraint.chain_count = 2
     return armature
@@ -333,7 +334,8 @@ def test_short_limbs_below_a_large_head_are_parts(monkeypatch):
 
 def test_a_hand_or_a_foot_that_a_constraint_moves_is_not_left_out():
     armature = skinned()
-    armature.pose.bones["foot.L"].constraints.new("COPY_ROTATION")
+    held = armature.pose.bones["foot.L"].constraints.new("COPY_ROTATION")
+    held.target, held.subtarget = armature, "foot.R"
     with pytest.raises(BodyError, match=r"bone foot\.L: the bone is moved by its constraint 'Copy Rotation'"):
         use_as_body(bpy.context.scene, armature)
 
@@ -350,10 +352,24 @@ def test_a_foot_that_hangs_on_another_bone_than_its_shin_is_named():
 
 def test_a_bone_that_a_constraint_moves_is_named():
     armature = skinned()
-    armature.pose.bones["forearm.R"].constraints.new("IK")
-    with pytest.raises(BodyError, match=r"bone forearm\.R: the bone is moved by its constraint 'IK'"):
+    held = armature.pose.bones["forearm.R"].constraints.new("DAMPED_TRACK")
+    held.target, held.subtarget = armature, "head"
+    with pytest.raises(BodyError, match=r"bone forearm\.R: the bone is moved by its constraint 'Damped Track'"):
         use_as_body(bpy.context.scene, armature)
     assert not armature.children
+
+
+@pytest.mark.parametrize("kind", ["IK", "COPY_ROTATION", "ARMATURE", "DAMPED_TRACK"])
+def test_constraints_whose_targets_are_gone_move_nothing(kind):
+    """As of characters without the scene from which they come."""
+    armature, lost = skinned(), bpy.data.objects.new("lost", None)
+    for bone in ("pelvis", "forearm.R", "foot.L"):
+        held = armature.pose.bones[bone].constraints.new(kind)
+        if kind != "ARMATURE":
+            held.target = lost
+    bpy.data.objects.remove(lost)
+    _, remarks = use_as_body(bpy.context.scene, armature)
+    assert not remarks
 
 
 def test_a_prop_of_one_bone_is_a_body():
@@ -415,7 +431,7 @@ def test_the_active_skin_of_a_character_stands_for_its_armature():
 def test_a_mesh_that_something_else_moves_does_not_become_a_prop(how):
     box = made_mesh()
     if how == "constraint":
-        box.constraints.new("COPY_LOCATION")
+        box.constraints.new("COPY_LOCATION").target = bpy.data.objects.new("empty", None)
     elif how == "modifier":
         box.modifiers.new("Cloth", "CLOTH")
     else:
