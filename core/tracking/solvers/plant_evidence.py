@@ -22,7 +22,7 @@ from .equations.hold_factor import TiedSystems, tied_systems
 from .equations.plant_factor import PlantFactor
 from .equations.problem import SegmentProblem
 from .gauss_newton import increments_of, moved_by
-from .place_covariance import PlaceCovariance
+from .place_covariance import PlaceCovariance, TwistCovariance
 
 SIGNIFICANCE = 0.01
 """Significance level of the test: share of true plants that it rejects if the covariance is right."""
@@ -49,6 +49,8 @@ class PlantEvidence:
         World poses of the parts of each performer in its motion.
     places : dict
         The `PlaceCovariance` of each point.
+    twists : dict
+        The `TwistCovariance` of each part by the performer and the part.
     """
 
     problem: SegmentProblem
@@ -58,6 +60,7 @@ class PlantEvidence:
     odds: dict[tuple[SolePoint, tuple[int, int]], float] = field(default_factory=dict)
     tracked: dict[int, Poses] = field(default_factory=dict)
     places: dict[SolePoint, PlaceCovariance] = field(default_factory=dict)
+    twists: dict[tuple[int, int], TwistCovariance] = field(default_factory=dict)
 
     def with_plants_held(self, plants: Mapping[int, PlantFactor]) -> tuple[Motion, ...]:
         """Solve for the motions with the planted points of members at rest."""
@@ -142,14 +145,21 @@ class PlantEvidence:
     def _place(self, plant: Plant) -> PlaceCovariance:
         performer, part, _ = asked = plant.sole_point
         if asked not in self.places:
-            (R, T), points = self._poses(performer), self._tracked(asked)
-            twist = twist_jacobian(self.problem.bodies[performer], R, T)[:, part]
-            jacobian = twist[:, :3] - rotations.skew(points) @ twist[:, 3:]
+            points = self._tracked(asked)
+            arms = points - self._poses(performer)[1][:, part]
+            self.places[asked] = PlaceCovariance.of(self._twists(performer, part), points, arms)
+        return self.places[asked]
+
+    def _twists(self, performer: int, part: int) -> TwistCovariance:
+        if (performer, part) not in self.twists:
+            R, T = self._poses(performer)
+            jacobian = twist_jacobian(self.problem.bodies[performer], R, T)[:, part]
+            jacobian[:, :3] -= rotations.skew(T[:, part]) @ jacobian[:, 3:]  # about the part's origin, not the world's
             factor, step, places = self._without_plants
             own = places[performer]
-            there = points + np.einsum("fid,fd->fi", jacobian, step[:, own])
-            self.places[asked] = PlaceCovariance(factor, own, jacobian, there)
-        return self.places[asked]
+            move = np.einsum("fid,fd->fi", jacobian, step[:, own])
+            self.twists[performer, part] = TwistCovariance(factor, own, jacobian, move)
+        return self.twists[performer, part]
 
     @cached_property
     def _without_plants(self) -> tuple[BandedFactor, Array, dict[int, slice]]:

@@ -7,7 +7,7 @@ import pytest
 from kfmocap.core.numerics.banded import BandedFactor
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.tracking.solvers import place_covariance
-from kfmocap.core.tracking.solvers.place_covariance import PlaceCovariance
+from kfmocap.core.tracking.solvers.place_covariance import PlaceCovariance, TwistCovariance
 
 FRAMES, D, SIGMA = 40, 7, 0.3
 OWN = slice(1, 6)
@@ -25,6 +25,13 @@ def system(rng: np.random.Generator) -> tuple[BandedBlocks, np.ndarray]:
     return blocks, fixed
 
 
+def place_of(factor: BandedFactor, jacobian: np.ndarray, places: np.ndarray) -> PlaceCovariance:
+    """The covariance of the places of a part's origin, by their derivatives (F, 3, D)."""
+    twist = np.concatenate([jacobian, np.zeros_like(jacobian)], axis=1)
+    own = OWN if jacobian.shape[2] == OWN.stop - OWN.start else slice(0, jacobian.shape[2])
+    return PlaceCovariance.of(TwistCovariance(factor, own, twist, np.zeros((FRAMES, 6))), places, np.zeros((FRAMES, 3)))
+
+
 def dense(factor: BandedFactor) -> np.ndarray:
     """The inverse of its matrix, shape (F, D, F, D)."""
     return factor.solve(np.eye(FRAMES * D).reshape(FRAMES, D, -1)).reshape(FRAMES, D, FRAMES, D)
@@ -34,8 +41,11 @@ def test_steps_of_a_point_have_the_covariance_of_the_normal_equations() -> None:
     """More frames are asked for than are solved for at once, and in two turns, of which the second is longer."""
     rng = np.random.default_rng(3)
     factor = BandedFactor(*system(rng))
-    jacobian, places = rng.normal(size=(FRAMES, 3, OWN.stop - OWN.start)), rng.normal(size=(FRAMES, 3))
-    found = PlaceCovariance(factor, OWN, jacobian, places)
+    twist, step = rng.normal(size=(FRAMES, 6, OWN.stop - OWN.start)), rng.normal(size=(FRAMES, 6))
+    points, arms = rng.normal(size=(2, FRAMES, 3))
+    found = PlaceCovariance.of(TwistCovariance(factor, OWN, twist, step), points, arms)
+    places = points + step[:, :3] + np.cross(step[:, 3:], arms)
+    jacobian = twist[:, :3] + np.cross(twist[:, 3:], arms[..., None], axis=1)
     full = np.einsum("fid,fdge,gje->figj", jacobian, dense(factor)[:, OWN, :, OWN], jacobian)
     assert place_covariance.FRAMES_AT_ONCE < FRAMES - 8
     for first, last in ((10, 12), (4, 34)):
@@ -50,10 +60,10 @@ def test_in_a_long_segment_frames_far_ahead_count_as_known(monkeypatch: pytest.M
     rng = np.random.default_rng(3)
     factor = BandedFactor(*system(rng))
     jacobian, places = rng.normal(size=(FRAMES, 3, OWN.stop - OWN.start)), rng.normal(size=(FRAMES, 3))
-    exact = PlaceCovariance(factor, OWN, jacobian, places)
+    exact = place_of(factor, jacobian, places)
     monkeypatch.setattr(place_covariance, "LONG", 10)
     monkeypatch.setattr(place_covariance, "REACH", 8)
-    found = PlaceCovariance(factor, OWN, jacobian, places)
+    found = place_of(factor, jacobian, places)
     for first, last in ((4, 8), (24, 26), (2, 36)):
         (steps, covariance), (true_steps, true) = (one.steps(first, last) for one in (found, exact))
         assert np.array_equal(steps, true_steps)
@@ -70,6 +80,6 @@ def test_a_point_may_stand_for_longer_than_frames_are_looked_ahead(monkeypatch: 
     blocks.diagonal[:], blocks.first[:] = 2.001 * np.eye(3), -np.eye(3)
     factor = BandedFactor(blocks, np.zeros((FRAMES, 3), bool))
     jacobian = np.tile(np.eye(3), (FRAMES, 1, 1))
-    _, covariance = PlaceCovariance(factor, slice(0, 3), jacobian, np.zeros((FRAMES, 3))).steps(3, 30)
+    _, covariance = place_of(factor, jacobian, np.zeros((FRAMES, 3))).steps(3, 30)
     assert np.allclose(covariance, covariance.T, atol=1e-12)
     assert np.linalg.eigvalsh(covariance).min() > 0.1
