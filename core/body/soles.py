@@ -17,8 +17,9 @@ SOLE_POINTS = tuple(f"{point}.{side}" for side in "LR" for point in ("heel", "ba
 BALL_SHARE = 0.7
 """Place of the ball of the foot, as a share of the way from the heel to the tip of the big toe."""
 
-STANDING_SPEED, STANDING_STEP = 0.05, 0.002
-"""A point that stands moves by less than this, metres per second, and metres from one frame to the next."""
+STANDING_SPEED, STANDING_STEP = 0.055, 0.002
+"""A point that stands is tracked as moving by less than this, metres per second, and metres from one frame to the next:
+it moves by less than 0.05 m/s, and the speeds of points that are held are known to 0.005 m/s."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from ...numerics.frame_ranges import runs
 from .apparent_plants import Plant, Seeming
 from .plant_evidence import PlantEvidence, most_by_chance
 
-SHARES = np.linspace(0.6, 1.0, 5)
+SHARES = np.linspace(0.6, 1.0, 9)
 """Places that are compared, as shares of the way from the heel to the tip of the big toe."""
 SHARE_SIGMA = 0.1
 """Standard deviation of the place about the ball, before anything is known of the performer."""
