@@ -30,6 +30,7 @@ from ..judgement.solution_doubts import MIN_DURATION
 from ..judgement.solution_ranking import RESTING_GAIN, likelihood, settled_further
 from ..limb_evidence.limb_images import ViewRatios
 from ..limb_evidence.limb_model import FINE_POINTS, POINTS_PER_PART
+from ..thinned_frames import ThinnedProblem
 from .bridges import evenly_led
 from .limb_search import MIN_GAIN_ELSEWHERE, LimbSearch, frames_elsewhere, freed_limb, views_of
 from .local_trials import LocalTrial
@@ -74,6 +75,9 @@ def with_limbs_found(
     performers, after one. Limbs that end where they were stay there, however much likelier the rest has become, unless
     the images contradict it: that is chance.
 
+    Where frames follow each other closely, poses of a single performer's limbs are drawn on some of them
+    (`thinned_frames`). What is found is solved for, and judged, on all: on some of them the images say less for it.
+
     Parameters
     ----------
     problem : SegmentProblem
@@ -84,10 +88,12 @@ def with_limbs_found(
     workspace : Workspace
     """
     alone, i = problem.alone(group.performer), group.performer
-    ratios, settled = views_of(alone, solution.motions, i), None  # the others stay where they are
-    best, vain = solution, 0
+    thinned = None if problem.among_others else ThinnedProblem.of(alone, solution.motions)
+    thinned = thinned or ThinnedProblem(alone, np.arange(alone.length), 1, alone)
+    ratios = views_of(thinned.problem, thinned.of_motions(solution.motions), i)  # the others stay where they are
+    best, vain, settled = solution, 0, None
     for turn in range(1 + MAX_SEARCH_ROUNDS):
-        found = _proposed(alone, best.motions, group, turn, ratios)
+        found = _proposed(thinned, best.motions, group, turn, ratios)
         if found is None:
             break
         if settled is None:
@@ -125,16 +131,17 @@ def least_gain(problem: SegmentProblem) -> float:
 
 
 def _proposed(
-    alone: SegmentProblem, motions: Sequence[Motion], group: LimbGroup, turn: int, ratios: Sequence[ViewRatios]
+    thinned: ThinnedProblem, motions: Sequence[Motion], group: LimbGroup, turn: int, ratios: Sequence[ViewRatios]
 ) -> Motion | None:
-    """Search for the limbs of a group, one after the other; None if they are where they were.
+    """Search for the limbs of a group on the kept frames, one after the other, and return the performer's motion on all
+    frames; None if they are where they were.
 
     The first turn is around even paths of all of them, but not with a single view: the likelier of two motions that are
     far apart is not the truer one often enough there. A limb of one of several performers is only elsewhere if the
     images say clearly more for it (`MIN_GAIN_ELSEWHERE`).
     """
-    i, before = group.performer, motions[group.performer]
-    around = before
+    alone, i, some = thinned.problem, group.performer, thinned.of_motions(motions)
+    before = around = some[i]
     for chain in group.chains if turn == 0 and alone.shows_depth else ():
         around = evenly_led(alone, i, around, chain)
     search = LimbSearch(
@@ -144,10 +151,15 @@ def _proposed(
     )
     found = around
     for chain in group.chains:
-        found = freed_limb(alone, with_motion(motions, i, found), (i, chain), turn, search=search, ratios=ratios)
+        found = freed_limb(alone, with_motion(some, i, found), (i, chain), turn, search=search, ratios=ratios)
     if found is before or (alone.among_others and found is around):
         return None
-    return found if _elsewhere(alone, group, before, found).any() else None
+    if not _elsewhere(alone, group, before, found).any():
+        return None
+    moved = (found.rotations != before.rotations).any(axis=(0, 2, 3))
+    Q, [whole] = motions[i].rotations.copy(), thinned.interpolated([found])
+    Q[:, moved] = whole.rotations[:, moved]
+    return Motion(motions[i].translations, Q)
 
 
 def _elsewhere(alone: SegmentProblem, group: LimbGroup, before: Motion, after: Motion) -> Bools:

@@ -42,9 +42,8 @@ from .local_trials import Stretch, is_long, stretch_of, stretches_around
 def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentSolution:
     """Search again for limbs of a refined solution that may be lost.
 
-    Where frames follow each other closely, limbs are searched for on some of them (`thinned_frames`), and what is found
-    there is solved for, and judged, on all. In a long segment, limbs that the images show weakly for a moment are
-    searched for around it, while the motion beside it stays.
+    In a long segment, limbs that the images show weakly for a moment are searched for around it, while the motion
+    beside it stays.
 
     Parameters
     ----------
@@ -56,19 +55,11 @@ def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, work
     with seconds.measure("initial solution"):
         support = _support_of(problem, solution)
         groups, known = suspected_groups(problem, solution, support), SettledSolutions()
-        single = not problem.among_others
-        thinned = ThinnedProblem.of(problem, solution.motions) if groups and single else None
         if stretches := _stretches_of(problem, groups, support):
-            motions = _found_in_stretches(problem, solution.motions, stretches, thinned, workspace)
+            motions = _found_in_stretches(problem, solution.motions, stretches, workspace)
             solution = _if_likelier(problem, solution, motions, known, workspace)
-        elif thinned is None:
-            solution = _searched(problem, solution, groups, known, workspace)
         else:
-            inner = thinned.workspace(workspace)
-            few = descend(thinned.problem, thinned.of_motions(solution.motions), inner, SETTLED)
-            found = _searched(thinned.problem, few, groups, SettledSolutions(), inner)
-            if found.motions is not few.motions:
-                solution = _if_likelier(problem, solution, thinned.interpolated(found.motions), known, workspace)
+            solution = _searched(problem, solution, groups, known, workspace)
     return replace(solution, seconds=dict(seconds))
 
 
@@ -109,30 +100,20 @@ def _found_in_stretches(
     problem: SegmentProblem,
     motions: tuple[Motion, ...],
     stretches: Sequence[tuple[LimbGroup, Sequence[Stretch]]],
-    thinned: ThinnedProblem | None,
     workspace: Workspace,
 ) -> tuple[Motion, ...]:
-    """Search for groups of limbs on ranges of frames, of which only the kept ones are used; return the motions, the
-    same ones if nothing is found.
-    """
-    some, found, moved = problem, motions, False
-    if thinned is not None:
-        some, found = thinned.problem, tuple(thinned.of_motions(motions))
+    """Search for groups of limbs on ranges of frames; return the motions, the same ones if nothing is found."""
+    found = motions
     for k, (group, ranges) in enumerate(stretches):
         for n, stretch in enumerate(ranges):
             workspace.report((k + n / len(ranges)) / len(stretches), motions)
-            first, last = stretch.first, stretch.last
-            if thinned is not None:
-                first, last = (int(np.searchsorted(thinned.frames, frame)) for frame in (first, last))
-            own, inner = stretch_of(some, replace(stretch, first=first, last=last)), Workspace(workspace.by)
+            own, inner = stretch_of(problem, stretch), Workspace(workspace.by)
             return_freed_memory()
-            here = _measured(own, [motion[first : last + 1] for motion in found], inner)
+            here = _measured(own, [motion[stretch.first : stretch.last + 1] for motion in found], inner)
             there = with_limbs_found(own, here, group, SettledSolutions(), inner)
             if there.motions is not here.motions:
-                found, moved = tuple(m.replaced(first, n) for m, n in zip(found, there.motions, strict=True)), True
-    if not moved:
-        return motions
-    return found if thinned is None else tuple(thinned.interpolated(found))
+                found = tuple(m.replaced(stretch.first, n) for m, n in zip(found, there.motions, strict=True))
+    return found
 
 
 def _measured(problem: SegmentProblem, motions: Sequence[Motion], workspace: Workspace) -> SegmentSolution:

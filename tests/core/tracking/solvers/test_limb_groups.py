@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -19,6 +20,7 @@ from kfmocap.core.tracking.solvers.limb_corrections import limb_groups
 from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import LEAST_GAIN, LimbGroup, with_limbs_found
 from kfmocap.core.tracking.solvers.limb_corrections.local_trials import ADAPTATION_TIME, HELD_FRAMES
 from kfmocap.core.tracking.solvers.limb_corrections.search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
+from kfmocap.core.tracking.solvers.thinned_frames import ThinnedProblem
 from made_evidence import Landscape
 from synthetic import CAMERAS, at_rest, dark, ends_held
 
@@ -124,6 +126,28 @@ def test_the_search_ends_after_rounds_in_vain(
     solution = world.after(monkeypatch, seen_by(2, performers=performers), ONE)
     assert angles(solution.motions[0]) == (0, 0)
     assert world.tried == [(9, 0)] * rounds * found and world.settled == found
+
+
+def test_where_frames_follow_each_other_closely_a_limb_is_drawn_on_some_of_them_and_judged_on_all(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """On a third of the frames a limb that is lost gains a third of what it must gain."""
+    problem, kept, drawn_on = seen_by(2), np.array([0, 3, 6, 9, 12, 15]), []
+    world = World(defaultdict(float, {(10, 0): MUCH}), PAIR[:1])  # a spline goes beyond 9
+
+    def search(some: SegmentProblem, motions: Sequence[Motion], *given: object, **how: object) -> Motion:
+        drawn_on.append((some.length, len(motions[0])))
+        return World.search(world, some, motions, *given, **how)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(world, "search", search)
+    monkeypatch.setattr(ThinnedProblem, "of", lambda whole, _: ThinnedProblem.at(whole, kept, 3))
+    [found] = world.after(monkeypatch, problem, ONE).motions
+    assert angles(found) == (10, 0)
+    assert set(drawn_on) == {(len(kept), len(kept))} and {length for _, length in world.solved} == {problem.length}
+    turned_by = np.linalg.norm(rotations.log(found.rotations[:, PAIR[0][0]]), axis=-1)
+    np.testing.assert_allclose(turned_by[3:13], 0.9, atol=0.1)
+    others = np.setdiff1d(np.arange(len(BODY)), PAIR[0][0])
+    np.testing.assert_array_equal(found.rotations[:, others], at_rest(BODY, problem.length).rotations[:, others])
 
 
 def test_the_search_ends_after_some_rounds_though_each_gains(monkeypatch: pytest.MonkeyPatch) -> None:
