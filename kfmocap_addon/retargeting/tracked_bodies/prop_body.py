@@ -32,7 +32,7 @@ _CONSTANT_MODIFIERS = (
 def use_as_prop(current: bpy.types.Scene, mesh: bpy.types.Object) -> bpy.types.Object:
     """Make a mesh object a performer of one part; returns its new armature, whose bone moves it from now on.
 
-    Keys that the object has become keys of the bone on the same frames.
+    Keys that the object has become keys of the bone on the same frames. Objects that hang on it hang on the bone.
 
     Raises
     ------
@@ -54,6 +54,7 @@ def use_as_prop(current: bpy.types.Scene, mesh: bpy.types.Object) -> bpy.types.O
     group.add(range(len(mesh.data.vertices)), 1.0, "REPLACE")
     modifier: Any = mesh.modifiers.new("Armature", "ARMATURE")
     modifier.object = armature
+    hung = _hung_on_bone(mesh, armature, name, world)
     current.view_layers[0].update()
     try:
         use_as_body(current, armature)
@@ -62,6 +63,8 @@ def use_as_prop(current: bpy.types.Scene, mesh: bpy.types.Object) -> bpy.types.O
         mesh.vertex_groups.remove(group)
         mesh.parent, mesh.matrix_parent_inverse = before
         mesh.matrix_world = world
+        for child, inverse in hung.items():
+            child.parent, child.parent_type, child.matrix_parent_inverse = mesh, "OBJECT", inverse
         data = armature.data
         bpy.data.objects.remove(armature)
         bpy.data.armatures.remove(data)
@@ -75,6 +78,21 @@ def use_as_prop(current: bpy.types.Scene, mesh: bpy.types.Object) -> bpy.types.O
         key_pose_curves.key_current_pose(armature, frame)
     current.frame_set(current.frame_current)
     return armature
+
+
+def _hung_on_bone(
+    mesh: bpy.types.Object, armature: bpy.types.Object, name: str, world: Matrix
+) -> dict[bpy.types.Object, Matrix]:
+    """Parent the children of a mesh, which was at a place in the world, to a bone that stands for it, each with its own
+    channels as they are; returns the inverse matrices of parents that they had.
+    """
+    bone = armature.data.bones[name]
+    to_tail = (bone.matrix_local @ Matrix.Translation((0.0, bone.length, 0.0))).inverted()
+    hung = {child: child.matrix_parent_inverse.copy() for child in mesh.children if child.parent_type == "OBJECT"}
+    for child, inverse in hung.items():
+        child.parent, child.parent_type, child.parent_bone = armature, "BONE", name
+        child.matrix_parent_inverse = to_tail @ world @ inverse
+    return hung
 
 
 def _armature_at(mesh: bpy.types.Object) -> tuple[bpy.types.Object, str]:

@@ -12,7 +12,7 @@ from ....core.numerics import rotations
 from ....core.retargeting.bone_matching import preset_of
 from ....core.retargeting.roles import SIDES, BoneMap
 from ...scene_io import fcurves, performers, scene
-from ...scene_io.body import body_armature
+from ...scene_io.body import body_armature, part_meshes
 from ...scene_io.characters import skinned_parts
 from ...scene_io.characters.followed_bones import following
 from ...scene_io.characters.merged_clouds import says_twist
@@ -65,7 +65,7 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
 
 def _taken(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.types.Object, tuple[str, ...]]:
     """Make an armature that can be edited a performer; see `use_as_body`."""
-    if skinned_parts.carries_its_parts(armature):
+    if skinned_parts.carries_its_parts(armature) and not _parts_follow(armature):
         return performers.take_armature(current, armature), movable_root(armature)
     collection = scene.ensure_collection(current, "Performers")
     mechanism = _mechanism(armature)
@@ -85,6 +85,11 @@ def _taken(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[bpy.ty
     except BodyError:
         remove_parts(armature, made.parts)
         raise
+
+
+def _parts_follow(armature: bpy.types.Object) -> bool:
+    """Whether something else than its pose moves a bone that carries meshes: these count as a skin then."""
+    return bool(set(following(armature)) & set(part_meshes.meshes_by_bone(armature)))
 
 
 def _use_posed(

@@ -48,7 +48,7 @@ def add_parts(
     Parameters
     ----------
     armature : bpy.types.Object
-        Its skin: every mesh that an armature modifier binds to it.
+        Its skin: every mesh that an armature modifier binds to it, or else those that its bones carry.
     collection : bpy.types.Collection
         Where the meshes go.
     carriers : mapping of str to str, optional
@@ -75,7 +75,7 @@ def add_parts(
         for m in list[Any](o.modifiers)
         if m.type == "ARMATURE" and m.object == armature and not m.use_vertex_groups
     ]
-    skin = read_skin(armature)
+    skin = _skin(armature)
     if not len(skin.points):
         todo = "; ".join(remarks) or "parent meshes to its bones, or bind one to it by vertex groups"
         raise BodyError("no bone carries a mesh, and no skin is bound to it", where=where, todo=todo)
@@ -95,9 +95,19 @@ def add_parts(
     return SkinnedParts(tuple(kept), tuple(remarks))
 
 
+def _skin(armature: bpy.types.Object) -> Skin:
+    """Return the skin of an armature; where nothing is bound to it, what its bones carry, as of a robot."""
+    skin = read_skin(armature)
+    carried = {} if len(skin.points) else _carried(armature)
+    if not carried:
+        return skin
+    leaders = np.repeat(np.arange(len(carried)), [len(points) for points in carried.values()])
+    return Skin(np.concatenate([*carried.values()]), leaders, list(carried))
+
+
 def leading_bones(armature: bpy.types.Object) -> list[str]:
     """Bones that lead enough of the skin to be a solid, the others being of no use for a body."""
-    skin = read_skin(armature)
+    skin = _skin(armature)
     return [name for number, name in enumerate(skin.names) if int((skin.leaders == number).sum()) >= _MIN_VERTICES]
 
 
@@ -107,7 +117,7 @@ def _clouds(armature: bpy.types.Object, skin: Skin, carriers: Mapping[str, str] 
     """
     found: dict[str, list[Array]] = {}
     led = {name: skin.points[skin.leaders == number] for number, name in enumerate(skin.names)}
-    for name, points in (*led.items(), *_carried(armature).items()):
+    for name, points in (*led.items(), *_carried(armature).items()):  # a robot's are in both
         carrier = name if carriers is None else carriers.get(name, "")
         if len(points) and carrier:
             found.setdefault(carrier, []).append(points)
@@ -124,14 +134,16 @@ def _carried(armature: bpy.types.Object) -> dict[str, Array]:
 def carries_its_parts(armature: bpy.types.Object) -> bool:
     """Whether meshes on an armature's bones are the body: there is no skin, or most of it is led by bones with one.
 
-    Otherwise they are eyes, a hat or a prop of a skinned character.
+    Otherwise they are eyes, a hat or a prop of a skinned character; or, on an only bone, make one part with its skin.
     """
     meshes = part_meshes.meshes_by_bone(armature)
     if not meshes or any(child.hide_select for child in part_meshes.parts_of(armature)):
         return bool(meshes)
     skin = read_skin(armature)
     led = skin.leaders[skin.leaders >= 0]
-    return not len(led) or float(np.isin(led, [i for i, name in enumerate(skin.names) if name in meshes]).mean()) > 0.5
+    if not len(led) or len(armature.data.bones) == 1:
+        return not len(led)
+    return float(np.isin(led, [i for i, name in enumerate(skin.names) if name in meshes]).mean()) > 0.5
 
 
 def _is_solid(cloud: Array) -> bool:

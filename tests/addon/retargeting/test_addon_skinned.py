@@ -21,7 +21,16 @@ from kfmocap.kfmocap_addon.scene_io.body import body_armature, part_meshes  # no
 from kfmocap.kfmocap_addon.scene_io.characters import skinned_parts, skins  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402
 from mathutils import Matrix  # noqa: E402
-from odd_characters import as_imported, bind, foreign_armature, mixamo_like, points_of, quadruped  # noqa: E402
+from odd_characters import (  # noqa: E402
+    CONTROL,
+    as_imported,
+    bind,
+    controlled_human,
+    foreign_armature,
+    mixamo_like,
+    points_of,
+    quadruped,
+)
 from scipy.spatial import ConvexHull  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
@@ -425,6 +434,51 @@ def test_the_active_skin_of_a_character_stands_for_its_armature():
     bpy.context.view_layer.objects.active = skins.skinned_meshes(armature)[0]
     assert bpy.ops.kfmocap.use_armature() == {"FINISHED"}
     assert [slot.armature for slot in bpy.context.scene.kfmocap.performers] == [armature]
+
+
+def test_what_hangs_on_a_mesh_goes_with_the_prop_and_belongs_to_it():
+    """A lid that opens by its own keys, on a box that is turned and scaled."""
+    box = made_mesh()
+    box.rotation_euler, box.scale = (0.3, 0.2, 0.5), (1.5, 1.5, 1.5)
+    bpy.ops.mesh.primitive_cube_add(size=0.2, location=(0.0, 0.0, 1.2))
+    lid = bpy.context.object
+    lid.parent = box
+    for frame, angle in ((1, 0.0), (5, 0.6)):
+        lid.rotation_euler.x = angle
+        lid.keyframe_insert("rotation_euler", frame=frame)
+    bpy.context.scene.frame_set(3)
+    box.select_set(True)
+    bpy.context.view_layer.objects.active = box
+    before, on_box = lid.matrix_world.copy(), box.matrix_world.inverted() @ lid.matrix_world
+    assert bpy.ops.kfmocap.use_armature() == {"FINISHED"}
+    [slot] = bpy.context.scene.kfmocap.performers
+    bpy.context.view_layer.update()
+    assert np.allclose(np.array(lid.matrix_world), np.array(before), atol=1e-5)
+    body = body_armature.body_from_armature(slot.armature)
+    [part] = body.parts
+    reach = np.linalg.norm(points_of(part) - np.array(box.matrix_world.translation), axis=1).max()
+    assert reach > 1.7  # the box alone is 1.3
+    slot.armature.pose.bones[0].location = (0.4, 0.1, -0.2)
+    slot.armature.pose.bones[0].rotation_quaternion = (0.8, 0.6, 0.0, 0.0)
+    bpy.context.view_layer.update()
+    moved = slot.armature.matrix_world @ slot.armature.pose.bones[0].matrix @ Matrix.Scale(1.5, 4)
+    assert np.allclose(np.array(lid.matrix_world), np.array(moved @ on_box), atol=1e-5)
+
+
+def test_meshes_on_bones_that_copy_controls_hang_on_these():
+    """As of a robot: there is no skin."""
+    armature = controlled_human()
+    [skin] = skins.skinned_meshes(armature)
+    bpy.data.objects.remove(skin)
+    for part in BODY.parts:
+        piece = bpy.data.objects.new(part.name, bpy.data.meshes.new(part.name))
+        piece.data.from_pydata(points_of(part).tolist(), [], part.faces.tolist())
+        bpy.context.scene.collection.objects.link(piece)
+        piece.parent, piece.parent_type, piece.parent_bone = armature, "BONE", f"DEF-{part.name}"
+        bpy.context.view_layer.update()
+        piece.matrix_world = Matrix.Identity(4)
+    use_as_body(bpy.context.scene, armature)
+    assert set(body_armature.body_from_armature(armature).names) <= {f"{CONTROL}{part.name}" for part in BODY.parts}
 
 
 @pytest.mark.parametrize("how", ["constraint", "modifier", "parent"])
