@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import bpy
 import numpy as np
 
 from ...core.body import Body
 from ...core.body.skeleton_motion import RestSkeleton, SkeletonMotion, motion_of_body
 from ...core.errors import ShotError
+from ...core.numerics.arrays import Array
 from ...core.retargeting.bone_matching import preset_of
-from ...core.retargeting.roles import BoneMap
+from ...core.retargeting.roles import SIDES, BoneMap, parent_role
 from ..scene_io import fcurves
 from ..scene_io.body import body_armature
 from ..scene_io.keys import motion_curves
 from ..scene_io.scene import frame_rate
 from .rig_motion import shown_bone
-from .rigs.rig_at_rest import rest_orientations, rest_skeleton
+from .rigs.rig_at_rest import posed_matrices, rest_orientations, rest_skeleton
 from .rigs.rig_error import world_matrices
 from .target_armatures import target_bones
+
+_MIN_CHANGE = 1e-3
+"""Least change of a bone's size that rounding cannot explain."""
 
 
 def motion_of_performer(
@@ -85,9 +91,41 @@ def motion_of_armature(
     now = scene.frame_current
     for f in range(len(turns)):
         scene.frame_set(first + f)
+        if f == 0:
+            sizes = _sizes(armature, shown)
         R, T = world_matrices(armature, shown)
         turns[f] = R @ np.swapaxes(R_rest, -1, -2)
         places[f] = T + np.einsum("bij,bj->bi", turns[f], whole.heads[own] - whole.heads[others])
     scene.frame_set(now)
     rest = RestSkeleton(tuple(names), (-1,) * len(names), whole.heads[own], whole.tails[own])
+    rest = _sized(rest, bones, R_rest, sizes)
     return SkeletonMotion(armature.name, rest, turns, places, frame_rate(scene)), bones
+
+
+def _sizes(armature: bpy.types.Object, names: Sequence[str]) -> Array:
+    """Return by how much bones are larger, along each of their axes, than at rest, shape (B, 3)."""
+    return np.linalg.norm(posed_matrices(armature, names)[:, :3, :3], axis=1)
+
+
+def _sized(rest: RestSkeleton, bones: BoneMap, R_rest: Array, sizes: Array) -> RestSkeleton:
+    """Return a skeleton, with the bones of a map in its order, of the sizes that its bones have by their own scale and
+    that of all above; its feet stand as they did.
+    """
+    if np.abs(sizes - 1).max(initial=0.0) < _MIN_CHANGE:
+        return rest
+
+    def larger(b: int, way: Array) -> Array:
+        return np.asarray(R_rest[b] @ (sizes[b] * (R_rest[b].T @ way)))
+
+    heads, last = rest.heads.copy(), {role: rest.indices(names)[-1] for role, names in bones.bones.items()}
+    for role, k, name in bones.items():
+        [b] = rest.indices([name])
+        above = last.get(parent_role(role, bones.bones)) if k == 0 else b - 1
+        if above is not None:
+            heads[b] = heads[above] + larger(above, rest.heads[b] - rest.heads[above])
+    feet = [last[f"foot.{side}"] for side in SIDES if f"foot.{side}" in last]
+    if feet:
+        wanted = rest.ground + (rest.heads[feet, 2] - rest.ground) * np.cbrt(sizes[feet].prod(axis=1))
+        heads[:, 2] += float(np.mean(wanted - heads[feet, 2]))
+    tails = heads + np.array([larger(b, way) for b, way in enumerate(rest.tails - rest.heads)])
+    return RestSkeleton(rest.names, rest.parents, heads, tails, rest.ground)

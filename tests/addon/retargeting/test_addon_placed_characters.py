@@ -15,11 +15,14 @@ from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.live import LiveSource  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.source_motion import motion_of_armature  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature, part_meshes  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
+from made_rigs import moved_body  # noqa: E402
 from mathutils import Matrix  # noqa: E402
 from odd_characters import BODY, CONTROL, controlled_human, shown_heads, skinned_human, switched_human, unreal_like  # noqa: E402
+from render.motions import MOTIONS  # noqa: E402
 from synthetic import swing  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
@@ -191,3 +194,21 @@ def test_an_object_that_is_scaled_unevenly_is_named_though_it_is_a_parent(scales
     bpy.context.view_layer.update()
     with pytest.raises(BodyError, match=said):
         send_to_rig(bpy.context.scene, motion_of_body(BODY, swing(BODY, 2), "man", 30.0), armature, 1)
+
+
+@pytest.mark.parametrize(("longer", "most"), [(1.0, 0.5), (1.3, 10.0)])
+def test_a_source_has_the_size_that_its_bones_have(longer, most):
+    """A walking character whose root is scaled, and whose shins are longer: its motion comes back as it was sent."""
+    scene, walk = bpy.context.scene, moved_body(BODY, MOTIONS["walk"](BODY, 30, 30.0))
+    source = unreal_like()
+    source.pose.bones["root"].scale = (HALF,) * 3
+    for side in "lr":
+        source.pose.bones[f"calf_{side}"].scale = (1.0, longer, 1.0)
+    send_to_rig(scene, walk, source, 1)
+    motion, bones = motion_of_armature(scene, source, (1, len(walk)))
+    report = send_to_rig(scene, motion, skinned_human(), 1, SendOptions(source_bones=bones))
+    shin = np.linalg.norm(BODY.parts[BODY.index("shin.L")].tail_world - BODY.parts[BODY.index("shin.L")].head_world)
+    leg = BODY.parts[BODY.index("thigh.L")].head_world[2]
+    assert report["scale"] == pytest.approx(1 / (HALF * (1 + (longer - 1) * shin / leg)), rel=0.03)
+    for leg in ("leg.L", "leg.R"):
+        assert report["turned_to_keep_feet_and_hands"][leg]["worst_degrees"] < most
