@@ -67,6 +67,8 @@ def with_limbs_found(
     group: LimbGroup,
     known: SettledSolutions,
     workspace: Workspace,
+    *,
+    ratios: Sequence[ViewRatios] | None = None,
 ) -> SegmentSolution:
     """Search for a group of limbs round after round, and return the likeliest solution, which may be the given one.
 
@@ -86,11 +88,14 @@ def with_limbs_found(
     known : SettledSolutions
         Shared by the searches for all groups.
     workspace : Workspace
+    ratios : sequence of ViewRatios, optional
+        What the views show of one of several performers, if it is known (`views_of`).
     """
     alone, i = problem.alone(group.performer), group.performer
     thinned = None if problem.among_others else ThinnedProblem.of(alone, solution.motions)
     thinned = thinned or ThinnedProblem(alone, np.arange(alone.length), 1, alone)
-    ratios = views_of(thinned.problem, thinned.of_motions(solution.motions), i)  # the others stay where they are
+    if ratios is None:  # the others stay where they are
+        ratios = views_of(thinned.problem, thinned.of_motions(solution.motions), i)
     best, vain, settled = solution, 0, None
     for turn in range(1 + MAX_SEARCH_ROUNDS):
         found = _proposed(thinned, best.motions, group, turn, ratios)
@@ -181,7 +186,8 @@ def _likelier(
     *,
     workspace: Workspace,
 ) -> SegmentSolution | None:
-    """Solve with limbs where they were found, until they are at rest; None if that makes the images no likelier.
+    """Solve with limbs where they were found, until they are at rest; None if that makes the images no likelier, or
+    leads the limbs of one of several performers back to where they were: they would stay there.
 
     Where they are elsewhere on few frames, it is solved on these and those beside them first, while the motion of the
     others stays.
@@ -199,6 +205,8 @@ def _likelier(
         motions = local.within(best.motions, there.motions)
     rival = likelihood(alone, noise, best) + min(RESTING_GAIN, least_gain(alone))
     there = solved_from(alone, motions, noise, workspace)
+    if alone.among_others and not _elsewhere(alone, group, best.motions[i], there.motions[i]).any():
+        return None
     there = settled_further(alone, noise, there, workspace, rival=rival)
     return there if likelihood(alone, noise, there) > rival else None
 

@@ -36,6 +36,7 @@ from ..judgement.solution_ranking import likelihood, likelihood_decides, settled
 from ..limb_evidence.limb_support import SupportOfLimb, evaluated, support_of_limbs
 from ..thinned_frames import ThinnedProblem
 from .limb_groups import LimbGroup, contradicted, least_gain, solved_from, with_limbs_found
+from .limb_search import views_of
 from .local_trials import Stretch, is_long, stretch_of, stretches_around
 
 
@@ -181,11 +182,19 @@ def _searched(
     known: SettledSolutions,
     workspace: Workspace,
 ) -> SegmentSolution:
+    """Search for groups of limbs, those of one performer after those of another: what the views show of one of several
+    is collected once, as the others stay where they are.
+    """
     if contradicted(problem) and likelihood_decides(problem):
         solution = _stirred(problem, solution, known, workspace.silent())
-    for k, group in enumerate(groups):
-        part = workspace.part(k / len(groups), (k + 1) / len(groups))
-        solution = with_limbs_found(problem, solution, group, known, part)
+    done = 0
+    for performer in dict.fromkeys(group.performer for group in groups):
+        several = problem.among_others
+        ratios = views_of(problem.alone(performer), solution.motions, performer) if several else None
+        for group in (group for group in groups if group.performer == performer):
+            part = workspace.part(done / len(groups), (done + 1) / len(groups))
+            solution = with_limbs_found(problem, solution, group, known, part, ratios=ratios)
+            done += 1
     return solution
 
 

@@ -247,6 +247,8 @@ class UncoveredImages:
         of an ellipsoid, which a limb's part resembles.
         """
         R, T = poses
+        if (areas == areas[0]).all():
+            return np.broadcast_to(areas[0], T.shape[:2])
         ray = T - self._centre(frames, poses)[:, None]
         along = np.einsum("mkij,mki->mkj", R, np.broadcast_to(ray, R.shape[:-1])) * areas
         return np.asarray(np.linalg.norm(along, axis=-1) / np.linalg.norm(ray, axis=-1))

@@ -64,6 +64,13 @@ class World:
     tried: list[tuple[int, int]] = field(default_factory=list)
     """Where the limbs were in it."""
 
+    further: list[SegmentSolution] = field(default_factory=list)
+    """What was solved further."""
+
+    def settled_further(self, *given: SegmentSolution, **_: object) -> SegmentSolution:
+        self.further.append(given[2])
+        return given[2]
+
     def search(
         self, _problem: object, motions: Sequence[Motion], place: tuple[int, Sequence[int]], *_: object, **__: object
     ) -> Motion:
@@ -89,7 +96,7 @@ class World:
         monkeypatch.setattr(limb_groups, "freed_limb", self.search)
         monkeypatch.setattr(limb_groups, "solved_from", solved)
         monkeypatch.setattr(limb_groups, "views_of", lambda *_: [])
-        monkeypatch.setattr(limb_groups, "settled_further", lambda *given, **_: given[2])
+        monkeypatch.setattr(limb_groups, "settled_further", self.settled_further)
         monkeypatch.setattr(limb_groups, "likelihood", lambda _p, _n, one: self.likelihood[angles(one.motions[0])])
         monkeypatch.setattr(SettledSolutions, "after", settled)
         return with_limbs_found(problem, begin, group, SettledSolutions(), Workspace())
@@ -184,6 +191,17 @@ def test_a_single_view_moves_limbs_for_a_small_gain(monkeypatch: pytest.MonkeyPa
     """It hardly shows how far they point towards it."""
     world = World({(0, 0): 0.0, (9, 0): 1.0, (18, 0): 2.0, (27, 0): 0.0}, PAIR[:1])
     assert angles(world.after(monkeypatch, seen_by(views), ONE).motions[0]) == ((18, 0) if moved else (0, 0))
+
+
+@pytest.mark.parametrize(("performers", "further"), [(1, True), (2, False)])
+def test_a_limb_of_one_of_several_performers_that_is_led_back_is_solved_no_further(
+    monkeypatch: pytest.MonkeyPatch, performers: int, further: bool
+) -> None:
+    """It would stay where it was, however likely that is."""
+    gains = {(0, 0): 0.0, (round(10 * (0.9 - 0.85)), 0): MUCH, (1, 0): MUCH}
+    world = World(gains, PAIR[:1], back=-0.85)
+    solution = world.after(monkeypatch, seen_by(2, performers=performers), ONE)
+    assert angles(solution.motions[0]) == (0, 0) and bool(world.further) is further
 
 
 LONG, AWAY = 80, slice(40, 46)

@@ -220,6 +220,16 @@ def test_a_limb_counts_by_what_it_covers_even_where_it_points_at_the_camera_or_i
     assert found * PATCH_RADIUS**2 == pytest.approx(area, rel=0.2)
 
 
+def test_what_is_as_large_from_all_sides_covers_the_same_however_it_turns() -> None:
+    images, rng = UncoveredImages(CAMERA, 0, (), None, None), np.random.default_rng(4)
+    poses = rotations.exp(rng.normal(size=(2, 9, 3))), rng.normal((0.0, 0.0, 1.0), 0.3, (2, 9, 3))
+    found, nearly = (
+        images.seen_areas(area, slice(0, 2), poses) for area in np.array([[0.04, 0.04, 0.04 + d] for d in (0, 1e-9)])
+    )
+    assert found.shape == (2, 9)
+    np.testing.assert_allclose(found, nearly, rtol=1e-6)
+
+
 def test_however_a_limb_turns_it_stays_within_the_window_that_is_searched(monkeypatch: pytest.MonkeyPatch) -> None:
     """To the last bit what it shows in the whole picture."""
     truth = walk(5)

@@ -260,3 +260,31 @@ def test_a_limb_of_one_of_several_that_the_key_poses_do_not_show_is_not_searched
     solution = SimpleNamespace(motions=(TRUTH, TRUTH), unhidden=np.full((2, FRAMES), 0.5))
     groups = regained_limbs.suspected_groups(two, cast(SegmentSolution, solution), support)
     assert groups == ([LimbGroup(1, (ARM,))] if found else [])
+
+
+def test_what_views_show_of_a_performer_is_collected_once_for_all_of_its_limbs(
+    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Limbs of one performer change nothing in how the others are drawn; those of the other performer do."""
+    seen: list[int] = []
+    searched: list[tuple[int, object]] = []
+
+    def views_of(_problem: object, _motions: object, performer: int) -> list[int]:
+        seen.append(performer)
+        return [len(seen)]
+
+    def found(
+        _problem: object, solution: SegmentSolution, group: LimbGroup, *_: object, ratios: list[int]
+    ) -> SegmentSolution:
+        searched.append((group.performer, ratios[0]))
+        return solution
+
+    monkeypatch.setattr(regained_limbs, "views_of", views_of)
+    monkeypatch.setattr(regained_limbs, "with_limbs_found", found)
+    two = replace(
+        problem, bodies=(BODY, BODY), fixed=problem.fixed * 2, before=problem.before * 2, after=problem.after * 2
+    )
+    groups = [LimbGroup(i, ([2 * i + k],)) for k in range(2) for i in (1, 0)]
+    begin = cast(SegmentSolution, SimpleNamespace(motions=(TRUTH, TRUTH)))
+    regained_limbs._searched(two, begin, groups, SettledSolutions(), Workspace())
+    assert seen == [1, 0] and searched == [(1, 1), (1, 1), (0, 2), (0, 2)]
