@@ -24,6 +24,7 @@ from .judgement.solution_doubts import (
     images_contradict,
     is_doubtful,
     limb_contradicted,
+    others_hide,
     worst_first,
 )
 from .judgement.solution_ranking import covering_most, settled_further
@@ -66,13 +67,16 @@ def best_of_starts(
 
 
 def first_solution(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
-    """Descend from the start; with several performers in several views by all pixels in the end, as those whom others
-    hide are seen by few views. Performers with key poses on all frames do not count. Parameters as in
+    """Descend from the start; where several performers hide one another in several views by all pixels in the end, as
+    those who are hidden are seen by few views. Performers with key poses on all frames do not count. Parameters as in
     `gauss_newton.descend`.
     """
     several = sum(not fixed.all() for fixed in problem.fixed) > 1
-    by_all = several and problem.shows_depth and not problem.keypoints
-    return descend(problem, start, workspace, (*STAGES[:-1], *POLISHED_AT_ONCE) if by_all else STAGES)
+    if not several or not problem.shows_depth or problem.keypoints:
+        return descend(problem, start, workspace, STAGES)
+    roughly = STAGES[0].sampling_of(len(problem.views))
+    hidden = others_hide(workspace.measure(problem, start, roughly).evidence.unhidden)
+    return descend(problem, start, workspace, (*STAGES[:-1], *POLISHED_AT_ONCE) if hidden else STAGES)
 
 
 def _best_among_others(

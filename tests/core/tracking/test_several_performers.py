@@ -474,8 +474,9 @@ def test_a_performer_no_longer_doubtful_once_others_are_found_is_not_searched_fo
 def test_several_performers_are_solved_by_all_pixels_before_anybody_is_doubted(
     monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
-    """Those whom others hide are seen by few views."""
+    """Those whom others hide are seen by few views. Where nobody hides another, each is solved as if alone."""
     stages: list[Sequence[DescentStage]] = []
+    monkeypatch.setattr(multi_start, "others_hide", lambda _: True)
 
     def descend(
         problem: SegmentProblem, start: Sequence[Motion], _: Workspace, of: Sequence[DescentStage]
@@ -490,6 +491,9 @@ def test_several_performers_are_solved_by_all_pixels_before_anybody_is_doubted(
     for others in (keyed, replace(BOTH, views=BOTH.views[:1])):
         multi_start.first_solution(others, WRONG, Workspace())
         assert stages[-1] is STAGES
+    monkeypatch.setattr(multi_start, "others_hide", lambda unhidden: bool(unhidden.min() < 0))
+    multi_start.first_solution(BOTH, WRONG, Workspace())
+    assert stages[-1] is STAGES
 
 
 def test_the_motion_of_one_of_several_performers_is_not_followed(monkeypatch: pytest.MonkeyPatch, told: Told) -> None:

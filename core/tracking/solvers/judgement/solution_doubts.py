@@ -211,6 +211,13 @@ def performers_uncovered(
     return [i for i in found if _frames_beside_limb(problem, i, areas[:, i]).any()]
 
 
+def others_hide(unhidden: Array) -> bool:
+    """Whether performers hide so much of one another that limbs may be led astray, by the share of each performer that
+    others do not hide, (M, F).
+    """
+    return bool(unhidden.min() <= MIN_FOLLOWED_SHARE)
+
+
 def misfit_at(problem: SegmentProblem, motions: Sequence[Motion], by: ViewWork = IN_THIS_THREAD) -> Misfit:
     """Compare motions of all performers with the foreground images."""
     poses = poses_by_delay(problem, view_instants(problem, motions))

@@ -31,7 +31,7 @@ from ..judgement.limb_signs import (
     weakly_shown_limbs,
 )
 from ..judgement.settled_solutions import SettledSolutions
-from ..judgement.solution_doubts import MIN_FOLLOWED_SHARE
+from ..judgement.solution_doubts import others_hide
 from ..judgement.solution_ranking import likelihood, likelihood_decides, settled_further
 from ..limb_evidence.limb_support import SupportOfLimb, evaluated, support_of_limbs
 from ..thinned_frames import ThinnedProblem
@@ -145,7 +145,7 @@ def suspected_groups(
     if contradicted(problem) and likelihood_decides(problem):
         places = [(0, chain) for chain in limbs(problem.bodies[0])]
     else:
-        motions, hidden = solution.motions, _hides_limbs(solution)
+        motions, hidden = solution.motions, others_hide(solution.unhidden)
         places = [(i, chain) for i in problem.sought for chain in bent_limbs(problem, i, motions[i])]
         places += refuted_limbs(problem, support)
         places += faded_limbs(problem, support) if hidden else []
@@ -159,11 +159,6 @@ def suspected_groups(
     return groups
 
 
-def _hides_limbs(solution: SegmentSolution) -> bool:
-    """Whether performers hide so much of one another that limbs may be led astray."""
-    return bool(solution.unhidden.min() <= MIN_FOLLOWED_SHARE)
-
-
 def _support_of(problem: SegmentProblem, solution: SegmentSolution) -> Iterable[SupportOfLimb]:
     """Measure what the images say for limbs: all of it, as a list, if `suspected_groups` asks for it several times;
     nothing if it does not ask.
@@ -171,7 +166,7 @@ def _support_of(problem: SegmentProblem, solution: SegmentSolution) -> Iterable[
     if contradicted(problem) and likelihood_decides(problem):
         return []
     measured = _support_on_some_frames(problem, solution.motions)
-    several = _hides_limbs(solution) or (problem.shows_depth and not problem.among_others)
+    several = others_hide(solution.unhidden) or (problem.shows_depth and not problem.among_others)
     return evaluated(measured) if several else measured
 
 
@@ -187,9 +182,8 @@ def _searched(
     """
     if contradicted(problem) and likelihood_decides(problem):
         solution = _stirred(problem, solution, known, workspace.silent())
-    done = 0
+    several, done = problem.among_others, 0
     for performer in dict.fromkeys(group.performer for group in groups):
-        several = problem.among_others
         ratios = views_of(problem.alone(performer), solution.motions, performer) if several else None
         for group in (group for group in groups if group.performer == performer):
             part = workspace.part(done / len(groups), (done + 1) / len(groups))
