@@ -12,13 +12,14 @@ from ..runtime.threads import one_library_thread
 from ..shot.shot import Shot
 from ..tracking.segments import whole_keys
 from .background_checks import background_is_plain, moved_camera, with_plain_backgrounds
+from .dissolve import dissolves
 from .flicker import FLICKER_FRAMES, MIN_FLICKER, flicker
 from .footage_match import footage_matches
 from .key_frame_views import pictured_key_frames
 from .misfit_causes import attributed_findings
 from .outline_check import outline_fits
 from .posed_views import posed_views
-from .view_findings import CameraFit, FadingPictures, FlickeringLight, FootageMatch, ViewFinding
+from .view_findings import CameraFit, DissolvingPictures, FadingPictures, FlickeringLight, FootageMatch, ViewFinding
 
 EARLY_MISFITS = "footage that does not match"
 """Key with which these are shown, beside those of segments."""
@@ -39,8 +40,8 @@ def _early_keys(shot: Shot) -> NDArray[np.int64]:
 
 @one_library_thread()
 def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]]) -> list[ViewFinding]:
-    """Return the views whose light flickers, whose pictures fade, whose camera moves, or whose footage does not match
-    the first key poses, which is known before anything is tracked.
+    """Return the views whose light flickers, whose pictures fade or dissolve, whose camera moves, or whose footage does
+    not match the first key poses, which is known before anything is tracked.
 
     Parameters
     ----------
@@ -56,10 +57,11 @@ def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]
     pictured = pictured_key_frames(rectified, frames, pictures)
     views = posed_views(rectified, pictured, frames)
     moved = [found for posed in views if (found := moved_camera(posed)) is not None]
+    blended = [own for own in light if isinstance(own, DissolvingPictures)]
     told = moved if shot.settings.stabilise is False else ()  # else it is measured how they move
     # A background that cannot show whether its camera was held in the hand leaves the performers' outlines.
     fits = outline_fits(rectified, pictured) if any(background_is_plain(posed) for posed in views) else ()
-    unlike = attributed_findings(shot.views, views, footage_matches(views, moved), fits)
+    unlike = attributed_findings(shot.views, views, footage_matches(views, [*moved, *blended]), fits)
     said = [
         own
         for own in with_plain_backgrounds(unlike, views, ())
@@ -69,11 +71,14 @@ def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]
 
 
 def _light_findings(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]]) -> list[ViewFinding]:
-    """Return the views whose light flickers, or whose pictures fade, on the first frames."""
+    """Return the views whose light flickers, or whose pictures fade or dissolve, on the first frames."""
     found: list[ViewFinding] = []
     for view, own in zip(shot.views, pictures, strict=True):
-        swing = flicker([own[f] for f in range(min(FLICKER_FRAMES, shot.length))])
-        if swing.fades:
+        first = [own[f] for f in range(min(FLICKER_FRAMES, shot.length))]
+        swing = flicker(first)
+        if view.camera.stands_still and dissolves(first):
+            found.append(DissolvingPictures(view.camera.name))
+        elif swing.fades:
             found.append(FadingPictures(view.camera.name))
         elif swing.amplitude > MIN_FLICKER:
             found.append(FlickeringLight(view.camera.name, swing.amplitude, swing.in_bands))

@@ -20,7 +20,7 @@ from ..shot.footage_faults.footage_checks import stored_frames
 from ..shot.frame_numbers import footage_index
 from ..shot.shot import View
 from .posed_views import PosedView
-from .view_findings import FootageMatch, MovedCamera
+from .view_findings import FootageMatch, ViewFinding
 
 _MAX_SHIFT, _MIN_SHIFT = 30, 2
 """Greatest and least change of the offset that is tried, frames of the shot."""
@@ -33,11 +33,11 @@ _MIN_MIRRORED_MATCH = 0.99
 """How well mirrored footage must match to be named: that of a camera opposite looks mirrored, too."""
 
 
-def footage_matches(views: Sequence[PosedView], moved: Sequence[MovedCamera] = ()) -> list[FootageMatch]:
-    """Compare every view's pictures of key frames with the key poses; cameras that move or were moved are left out, and
-    views in which the poses differ too little.
+def footage_matches(views: Sequence[PosedView], known: Sequence[ViewFinding] = ()) -> list[FootageMatch]:
+    """Compare every view's pictures of key frames with the key poses; left out are cameras that move, those of which
+    something is known that explains a bad match, and views in which the poses differ too little.
     """
-    left_out = {own.camera for own in moved}
+    left_out = {own.camera for own in known}
     compared = [posed for posed in views if posed.stands_still and posed.name not in left_out]
     return [match for posed in compared if (match := _footage_match(posed)) is not None]
 

@@ -130,7 +130,7 @@ class FootageMatch:
             f"{self.camera}: its pictures do not change where the key poses move (agreement {self.match:.2f}, of at "
             f"most 1; chance gives 0.5): check that this is the footage of {self.camera}, that its offset is right, "
             "and that the key poses and the calibration belong to this shot; large things that move beside the "
-            "performers, such as shadows, cause it, too"
+            "performers, such as shadows, or pictures that dissolve cause it, too"
         )
 
 
@@ -258,6 +258,17 @@ class FadingPictures(_Unmeasured):
 
 
 @dataclass(frozen=True)
+class DissolvingPictures(_Unmeasured):
+    """Footage that begins with a dissolve from another scene."""
+
+    by: Literal["dissolve"] = "dissolve"
+    brief: ClassVar[str] = "its first pictures dissolve from another scene"
+    advice: ClassVar[str] = (
+        ": key frames there show both, so begin the shot after them (frames under [shot]), with a key pose there"
+    )
+
+
+@dataclass(frozen=True)
 class FlickeringLight:
     """Light that flickers from frame to frame.
 
@@ -296,4 +307,6 @@ class FlickeringLight:
         return f"{self.camera}: {self.brief} from frame to frame: {_DEFLICKER}"
 
 
-ViewFinding: TypeAlias = CameraFit | FootageMatch | MovedCamera | PlainBackground | FlickeringLight | FadingPictures
+ViewFinding: TypeAlias = (
+    CameraFit | FootageMatch | MovedCamera | PlainBackground | FlickeringLight | FadingPictures | DissolvingPictures
+)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from kfmocap.core.fitting.dissolve import dissolves
 from kfmocap.core.fitting.early_check import early_frames, early_misfits
 from kfmocap.core.fitting.flicker import FLICKER_FRAMES, MIN_FLICKER, flicker
 from kfmocap.core.shot.shot import View
@@ -65,3 +66,29 @@ def test_a_view_whose_light_flickers_is_named_with_what_filters_it() -> None:
     [said] = early_misfits(shot, [dict(enumerate(banded()))])
     assert "in bands" in said.summary and "exposure of 1/50" in said.summary and "deflicker" not in said.summary
     assert not early_misfits(shot, [dict(enumerate(lit(np.ones(FLICKER_FRAMES))))])
+
+
+OTHER_ROOM = np.random.default_rng(1).integers(40, 170, (9, 16, 3)).astype(np.uint8).repeat(10, 0).repeat(10, 1)
+THIS_ROOM = np.random.default_rng(2).integers(40, 170, (9, 16, 3)).astype(np.uint8).repeat(10, 0).repeat(10, 1)
+
+
+@pytest.mark.parametrize("share", [np.linspace(0.1, 0.8, FLICKER_FRAMES), np.linspace(0.5, 1.2, FLICKER_FRAMES)])
+def test_pictures_that_dissolve_are_named_and_their_footage_is_not_blamed(share: np.ndarray) -> None:
+    mixed = [own * THIS_ROOM + (1 - own) * OTHER_ROOM for own in np.minimum(share, 1.0)]
+    pictures = [picture.round().astype(np.uint8) for picture in mixed]
+    assert dissolves(pictures)
+    body = figure()
+    truth = swing(body, FLICKER_FRAMES, size=0.9)
+    shot = shot_of([View(look_at("front", (0.5, -2.8, 1.5)), "front.mp4")], [body], [truth], (0, FLICKER_FRAMES - 1))
+    [said] = early_misfits(shot, [dict(enumerate(pictures))])
+    assert "dissolve" in said.brief and "frames under [shot]" in said.summary
+
+
+def test_cameras_that_pan_light_that_changes_and_cuts_do_not_dissolve() -> None:
+    room = np.tile(THIS_ROOM, (1, 3, 1))
+    for speed in (1, 3, 12):
+        assert not dissolves([room[:, speed * frame : speed * frame + 160] for frame in FRAMES])
+    assert not dissolves(lit(1 - 0.1 * FRAMES)) and not dissolves(lit(np.arange(1, FLICKER_FRAMES + 1) / 12))
+    assert not dissolves([THIS_ROOM, THIS_ROOM, OTHER_ROOM, OTHER_ROOM, THIS_ROOM, THIS_ROOM])
+    assert not dissolves([*[THIS_ROOM] * 3, *[OTHER_ROOM] * 3])
+    assert not dissolves([THIS_ROOM, OTHER_ROOM, OTHER_ROOM])

@@ -9,6 +9,7 @@ import pytest
 from kfmocap.core.evidence.background_shift import BackgroundShift
 from kfmocap.core.fitting.view_findings import (
     CameraFit,
+    DissolvingPictures,
     FadingPictures,
     FlickeringLight,
     FootageMatch,
@@ -30,6 +31,7 @@ FINDINGS = {
     },
     PlainBackground("cam01"): {},
     FadingPictures("cam01"): {},
+    DissolvingPictures("cam01"): {},
     FlickeringLight("cam01", 0.15432): {"flicker": 0.154},
 }
 
