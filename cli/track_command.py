@@ -15,7 +15,8 @@ from ..core.cameras.camera import Camera
 from ..core.errors import ShotError
 from ..core.fitting.shot_cameras import camera_fits, refine_shot_cameras
 from ..core.formats.shot_toml import read_shot_spec
-from ..core.review.report_text import key_file_remarks, report_lines
+from ..core.review.key_pose_remarks import key_file_remarks
+from ..core.review.report_text import report_lines
 from ..core.runtime.files import check_writable
 from ..core.runtime.interrupts import REPORT_FILE, results_are_written
 from ..core.runtime.progress import share

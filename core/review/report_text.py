@@ -14,9 +14,9 @@ from ..shot.footage_faults.footage_damage import FootageDamage
 from ..shot.footage_faults.footage_times import FootageRate
 from ..shot.footage_faults.frame_pattern import FramePattern
 from ..shot.frame_numbers import footage_offset_text
-from ..shot.shot import Shot
 from ..tracking.footage_gaps import FoundGap
 from ..tracking.late_views import LateView
+from .key_pose_remarks import exchanged_text, first_row_text, key_rate_text
 
 _MAX_LISTED = 10
 _MIN_AGREEMENT = 0.45
@@ -68,44 +68,10 @@ def report_lines(values: Mapping[str, Any]) -> list[str]:
             lines.append(f"{performer['name']}: {text}")
         if text := first_row_text(performer.get("file_rows", 0), values["frames"]):
             lines.append(f"{performer['name']}: {text}")
+        if text := exchanged_text(performer.get("exchanged_keyframes", ())):
+            lines.append(f"{performer['name']}: {text}")
         lines += [f"{performer['name']}: {line}" for line in _performer_lines(performer)]
     return lines
-
-
-def key_rate_text(rate: float, fps: float) -> str:
-    """Return a text that a file of key poses has another frame rate than its shot; empty if it has not, or states none
-    (0).
-    """
-    if not rate or abs(rate - fps) <= SAME_RATE * fps:
-        return ""
-    return (
-        f"the file of its key poses has {rate:.5g} frames per second, the shot {fps:.5g}; its rows are taken for the "
-        f"shot's frames one by one: if both rates are right, resample it to {fps:.5g}"
-    )
-
-
-def first_row_text(rows: int, frames: Sequence[int]) -> str:
-    """Return a text that it was not said which frame the first row of a file of key poses shows, though the shot (first
-    and last frame) begins later than its footage, and the file may begin with the footage; else empty.
-    """
-    first, last = frames
-    if first <= 0 or rows <= last + 1 - first:
-        return ""
-    return (
-        f"the file of its key poses has {rows} rows for the shot's {last + 1 - first} frames; its first row is taken "
-        f"for frame {first}: if the file begins with the footage, write first_row = 0 into the [[performer]], "
-        f"otherwise first_row = {first}"
-    )
-
-
-def key_file_remarks(shot: Shot) -> list[str]:
-    """Return what is to be asked about the files of the performers' key poses before a shot is tracked, as lines."""
-    return [
-        f"{performer.name}: {text}"
-        for performer in shot.performers
-        for text in (key_rate_text(performer.file_fps, shot.fps), first_row_text(performer.file_rows, shot.frames))
-        if text
-    ]
 
 
 def _shifted_together(views: Sequence[Mapping[str, Any]]) -> list[str]:

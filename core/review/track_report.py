@@ -26,6 +26,7 @@ from ..shot.footage_faults.frame_pattern import FramePattern
 from ..shot.shot import Performer, Shot
 from ..tracking.expected_errors.uncertainty import expected_errors, joint_parts
 from ..tracking.footage_gaps import found_gaps, torn_frames
+from .key_pose_remarks import exchanged_keyframes
 from .suggestions import suggest_keys_beside_hidden, suggest_keys_by_error
 
 if TYPE_CHECKING:
@@ -172,6 +173,7 @@ def _performer(
         "file_rows": performer.file_rows,
         "size": round(body_size(performer.body), 2),
         "heights": _heights(performer),
+        "exchanged_keyframes": exchanged_keyframes(shot, performer),
         "proposed_keyframes": [first + int(f) for f in performer.key_poses.proposals()],
         "occluded_below": OCCLUDED_BELOW,
         "occluded": {

@@ -18,7 +18,7 @@ class LoadShot(FileReader, bpy.types.Operator):
     filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
 
     def read(self, context: bpy.types.Context, path: Path) -> None:
-        from ....core.review.report_text import key_file_remarks
+        from ....core.review.key_pose_remarks import key_file_remarks
         from ....core.tracking.prepare import load_shot
         from ...scene_io import scene as scenes
 
