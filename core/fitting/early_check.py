@@ -18,8 +18,9 @@ from .footage_match import footage_matches
 from .key_frame_views import pictured_key_frames
 from .misfit_causes import attributed_findings
 from .outline_check import outline_fits
+from .picture_findings import DissolvingPictures, FadingPictures, FlickeringLight
 from .posed_views import posed_views
-from .view_findings import CameraFit, DissolvingPictures, FadingPictures, FlickeringLight, FootageMatch, ViewFinding
+from .view_findings import CameraFit, FootageMatch, ViewFinding
 
 EARLY_MISFITS = "footage that does not match"
 """Key with which these are shown, beside those of segments."""

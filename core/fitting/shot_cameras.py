@@ -42,6 +42,7 @@ from .misfit_causes import attributed_findings
 from .outline_check import outline_fits
 from .posed_views import posed_views
 from .shared_keypoints import CameraEstimate, SharedKeypoints
+from .stranger_check import strangers_in
 from .view_findings import CameraFit, MovedCamera, ViewFinding
 
 MAX_CHECKED_KEYS = 8
@@ -113,7 +114,9 @@ def fit_by_key_poses(
     moved = [own for view in posed if (own := moved_camera(view)) is not None]
     rest = [fit for fit in outline_fits(shot, views, progress) if fit.camera not in {own.camera for own in moved}]
     findings = attributed_findings(given.views, posed, footage_matches(posed, moved), rest)
-    return (*with_zooms(followed, posed), *moved, *with_plain_backgrounds(findings, posed, followed))
+    explained = {own.camera for own in (*moved, *findings) if own.off}
+    strangers = strangers_in(posed, explained)
+    return (*with_zooms(followed, posed), *moved, *with_plain_backgrounds(findings, posed, followed), *strangers)
 
 
 def camera_fits(shot: Shot, result: SolvedShot, progress: Progress | None = None) -> tuple[ViewFinding, ...]:
@@ -235,7 +238,7 @@ def _refined(shot: Shot, progress: Progress | None) -> Refinement:
     if compared is None:
         return refine_cameras(shot, progress)
     agreed = compared.applied(shot)
-    if not any(fit.off for fit in fit_by_key_poses(agreed, progress=progress)):
+    if not any(fit.off and fit.by != "strangers" for fit in fit_by_key_poses(agreed, progress=progress)):
         return compared
     posed = refine_cameras(agreed, progress)
     pairs = zip(posed.views, compared.views, strict=True)

@@ -13,12 +13,8 @@ from typing import Any, ClassVar, Literal, TypeAlias
 from ..evidence.background_shift import BackgroundShift
 from ..evidence.movement_match import MIN_MATCH
 from .keypoint_cameras import PictureShift
+from .picture_findings import DissolvingPictures, FadingPictures, FlickeringLight, Strangers, Unmeasured
 
-_DEFLICKER = "filter it, as with: ffmpeg -i FOOTAGE -vf deflicker=size=15 -crf 14 CONVERTED.mp4"
-_EXPOSE = (
-    "film with an exposure of 1/50 or 1/100 s (1/60 or 1/120 s where the mains have 60 Hz), or in other light; this "
-    "footage can be tracked, less exactly"
-)
 _MIRROR = "mirror its footage back, as with: ffmpeg -i FOOTAGE -vf hflip -crf 14 CONVERTED.mp4"
 _MIN_ZOOM = 0.02
 """Logarithm of how much larger the background gets from which the lens zooms, or the camera comes closer."""
@@ -211,33 +207,7 @@ def _is_zoom(background: BackgroundShift) -> bool:
 
 
 @dataclass(frozen=True)
-class _Unmeasured:
-    """A finding without figures.
-
-    Attributes
-    ----------
-    camera : str
-    off
-        As of other findings.
-    brief : str
-        A few words on it.
-    """
-
-    camera: str
-    off: Literal[True] = True
-    brief: ClassVar[str]
-    advice: ClassVar[str]
-    """What follows these words: why it matters, and what to do."""
-    figures: ClassVar[dict[str, Any]] = {}
-
-    @property
-    def summary(self) -> str:
-        """One line on it and what to do."""
-        return f"{self.camera}: {self.brief}{self.advice}"
-
-
-@dataclass(frozen=True)
-class PlainBackground(_Unmeasured):
+class PlainBackground(Unmeasured):
     """A camera of which it cannot be seen whether it moved, as others of the shot did."""
 
     by: Literal["plain background"] = "plain background"
@@ -245,68 +215,13 @@ class PlainBackground(_Unmeasured):
     advice: ClassVar[str] = f", as others of this shot did: {_HELD}"
 
 
-@dataclass(frozen=True)
-class FadingPictures(_Unmeasured):
-    """Footage that begins with a fade."""
-
-    by: Literal["fade"] = "fade"
-    brief: ClassVar[str] = "its first pictures fade in or out"
-    advice: ClassVar[str] = (
-        ": the performers' colours are learned on the key frames, so begin the shot where it is as bright as later "
-        "(frames under [shot]), with a key pose there"
-    )
-
-
-@dataclass(frozen=True)
-class DissolvingPictures(_Unmeasured):
-    """Footage that begins with a dissolve from another scene."""
-
-    by: Literal["dissolve"] = "dissolve"
-    brief: ClassVar[str] = "its first pictures dissolve from another scene"
-    advice: ClassVar[str] = (
-        ": key frames there show both, so begin the shot after them (frames under [shot]), with a key pose there"
-    )
-
-
-@dataclass(frozen=True)
-class FlickeringLight:
-    """Light that flickers from frame to frame.
-
-    Attributes
-    ----------
-    camera : str
-    amplitude : float
-        Of the brightness, relative.
-    in_bands : bool
-        Whether it runs through the pictures in bands.
-    by, off
-        As of other findings.
-    """
-
-    camera: str
-    amplitude: float
-    in_bands: bool = False
-    by: Literal["light"] = "light"
-    off: Literal[True] = True
-
-    @property
-    def brief(self) -> str:
-        """A few words on how much it flickers."""
-        return f"its light flickers by {self.amplitude:.0%}"
-
-    @property
-    def figures(self) -> dict[str, Any]:
-        """How much it flickers, relative."""
-        return {"flicker": round(self.amplitude, 3)}
-
-    @property
-    def summary(self) -> str:
-        """One line on how much it flickers and what to do."""
-        if self.in_bands:
-            return f"{self.camera}: {self.brief} from frame to frame, in bands: {_EXPOSE}"
-        return f"{self.camera}: {self.brief} from frame to frame: {_DEFLICKER}"
-
-
 ViewFinding: TypeAlias = (
-    CameraFit | FootageMatch | MovedCamera | PlainBackground | FlickeringLight | FadingPictures | DissolvingPictures
+    CameraFit
+    | FootageMatch
+    | MovedCamera
+    | PlainBackground
+    | FlickeringLight
+    | FadingPictures
+    | DissolvingPictures
+    | Strangers
 )

@@ -105,8 +105,7 @@ def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Ite
     plate, there = _plate(colour, known.behind)
     there &= fixed
     sigma = _plate_sigma(colour, plate, there)
-    unlike = float(np.sqrt(2 * MAX_LOG_RATIO)) * sigma
-    passing = strangers_on(colour, known.behind, plate, there, unlike=unlike, scale=known.pixels_per_metre)
+    passing = _strangers(colour, known, plate, there, sigma)
     strangers = _histogram(colour, passing) if passing else None
     bodies = [_histogram(colour, shown, strangers) for shown in known.shown]
     shadows = CastShadows.learned(colour, known.behind, plate, sigma, known.pixels_per_metre) if fixed else None
@@ -132,6 +131,20 @@ def performer_foregrounds(colour: Bytes, known: KnownPixels, fixed: bool) -> Ite
         for table, result in zip(tables, images, strict=True):
             table.take(places, out=result, mode="clip")
         yield images
+
+
+def strangers_beside(colour: Bytes, masks: Mapping[int, Bools], pixels_per_metre: float) -> dict[int, Bools]:
+    """Find the pixels that show strangers on some frames of a camera that stands still; parameters as of
+    `foreground_images`, result as of `strangers_on`.
+    """
+    known = KnownPixels.of_masks(masks, pixels_per_metre)
+    plate, there = _plate(colour, known.behind)
+    return _strangers(colour, known, plate, there, _plate_sigma(colour, plate, there))
+
+
+def _strangers(colour: Bytes, known: KnownPixels, plate: Bytes, there: Bools, sigma: float) -> dict[int, Bools]:
+    unlike = float(np.sqrt(2 * MAX_LOG_RATIO)) * sigma
+    return strangers_on(colour, known.behind, plate, there, unlike=unlike, scale=known.pixels_per_metre)
 
 
 def _table(body: Array, background: Array, sigma: float, others: Sequence[Array], strangers: Array | None) -> Bytes:

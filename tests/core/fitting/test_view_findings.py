@@ -7,16 +7,8 @@ from typing import get_args
 
 import pytest
 from kfmocap.core.evidence.background_shift import BackgroundShift
-from kfmocap.core.fitting.view_findings import (
-    CameraFit,
-    DissolvingPictures,
-    FadingPictures,
-    FlickeringLight,
-    FootageMatch,
-    MovedCamera,
-    PlainBackground,
-    ViewFinding,
-)
+from kfmocap.core.fitting.picture_findings import DissolvingPictures, FadingPictures, FlickeringLight, Strangers
+from kfmocap.core.fitting.view_findings import CameraFit, FootageMatch, MovedCamera, PlainBackground, ViewFinding
 
 FINDINGS = {
     CameraFit(9.26, 1.0, 3.0, "cam01", "key poses"): {"shift": 9.3, "deviation": 1.0, "limit": 3.0},
@@ -32,6 +24,7 @@ FINDINGS = {
     PlainBackground("cam01"): {},
     FadingPictures("cam01"): {},
     DissolvingPictures("cam01"): {},
+    Strangers("cam01", 24): {"frame": 24},
     FlickeringLight("cam01", 0.15432): {"flicker": 0.154},
 }
 
