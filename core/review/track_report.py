@@ -26,7 +26,7 @@ from ..shot.footage_faults.frame_pattern import FramePattern
 from ..shot.shot import Performer, Shot
 from ..tracking.expected_errors.uncertainty import expected_errors, joint_parts
 from ..tracking.footage_gaps import found_gaps, torn_frames
-from .key_pose_remarks import exchanged_keyframes
+from .early_remarks import exchanged_keyframes
 from .suggestions import suggest_keys_beside_hidden, suggest_keys_by_error
 
 if TYPE_CHECKING:

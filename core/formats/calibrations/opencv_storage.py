@@ -23,6 +23,7 @@ from ...errors import CalibrationError
 from ...numerics.arrays import Array
 from ...runtime.files import replacing
 from ..reading import check_depth, read_text, reading
+from .lens_fields import is_fisheye
 from .pose_fields import camera_poses
 
 _MATRIX = ("camera_matrix", "matrix", "K", "intrinsics", "cameraMatrix")
@@ -165,7 +166,7 @@ def _camera(name: str, table: Mapping[str, Any], path: Path) -> Camera:
         R,
         t,
         distortions=distortions,
-        fisheye=bool(table.get("fisheye", False)),
+        fisheye=is_fisheye(table, where),
     )
 
 

@@ -21,6 +21,7 @@ from ...numerics import rotations
 from ...numerics.arrays import Array
 from ...runtime.files import replacing
 from ..toml_tables import check_kind, read_toml
+from .lens_fields import is_fisheye
 from .pose_fields import camera_poses
 
 
@@ -62,7 +63,7 @@ def _toml_camera(key: str, table: Mapping[str, Any], path: Path) -> Camera:
         _numbers(table, "matrix", where, (3, 3)),
         *camera_poses(table["rotation"], table["translation"], where),
         distortions=_numbers(table, "distortions", where, None) if "distortions" in table else (0.0, 0.0, 0.0, 0.0),
-        fisheye=bool(table.get("fisheye", False)),
+        fisheye=is_fisheye(table, where),
     )
 
 

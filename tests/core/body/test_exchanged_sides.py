@@ -10,7 +10,7 @@ from kfmocap.core.body import human, landmark_positions
 from kfmocap.core.body.exchanged_sides import exchanged_sides
 from kfmocap.core.body.inverse_kinematics import fit_poses
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.review.key_pose_remarks import key_file_remarks
+from kfmocap.core.review.early_remarks import remarks_before_tracking
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot
 from scipy.spatial.transform import Rotation
 from synthetic import at_rest, figure
@@ -47,9 +47,9 @@ def test_a_pose_fitted_to_exchanged_landmarks_is_told_and_named_before_tracking(
     fitted = fit_poses(BODY, NAMES, points)
     assert exchanged_sides(BODY, fitted).tolist() == [False, True, False]
     shot = Shot("walk", 30.0, (100, 140), (), (Performer("woman", BODY, KeyPoses.whole([0, 20, 40], fitted)),))
-    [said] = key_file_remarks(shot)
+    [said] = remarks_before_tracking(shot)
     assert said.startswith("woman: left and right seem to be exchanged at key frames 120,")
-    assert not key_file_remarks(
+    assert not remarks_before_tracking(
         replace(shot, performers=(replace(shot.performers[0], key_poses=KeyPoses.proposed([0, 20, 40], fitted)),))
     )
 

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from kfmocap.core.cameras.camera import Camera
+from kfmocap.core.cameras.lens_doubt import lens_doubt
 from kfmocap.core.errors import CalibrationError
 from kfmocap.core.formats.calibrations.calibration_files import load_cameras
 from kfmocap.core.formats.calibrations.toml_cameras import save_cameras
@@ -380,3 +381,47 @@ def test_files_that_are_not_calibrations_are_refused(tmp_path: Path, name: str, 
         (tmp_path / name).write_text(text)
     with pytest.raises(CalibrationError, match=name.replace(".", r"\.")):
         load_cameras(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("line", "fisheye"),
+    [
+        ("fisheye = true", True),
+        ("fisheye = 1", True),
+        ('fisheye = "false"', False),
+        ('distortion_model = "equidistant"', True),
+        ('distortion_model = "plumb_bob"', False),
+    ],
+)
+def test_the_lens_model_is_told_by_a_flag_or_by_its_name(tmp_path: Path, line: str, fisheye: bool) -> None:
+    path = tmp_path / "calibration.toml"
+    table = toml_table('[cam_1]\nname = "cam01"', line).replace(
+        f"distortions = {DISTORTIONS}", "distortions = [0, 0, 0, 0]"
+    )
+    path.write_text(table)
+    assert load_cameras(path)["cam01"].fisheye == fisheye
+
+
+def test_a_flag_that_is_neither_true_nor_false_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "calibration.toml"
+    path.write_text(toml_table('[cam_1]\nname = "cam01"', 'fisheye = "maybe"'))
+    with pytest.raises(CalibrationError, match=r"camera cam01: 'fisheye' must be true or false, not 'maybe'"):
+        load_cameras(path)
+
+
+@pytest.mark.parametrize(
+    ("distortions", "fisheye", "doubted"),
+    [
+        ((-0.03, 0.02, -0.04, 0.02), False, True),
+        ((-0.03, 0.02, -0.04, 0.02), True, False),
+        ((-0.3, 0.1, 0.001, -0.002), False, False),
+        ((-0.3, 0.1, -0.04, 0.02, 0.0), False, False),
+    ],
+)
+def test_four_coefficients_that_may_be_a_fisheye_s_are_doubted(
+    distortions: tuple[float, ...], fisheye: bool, doubted: bool
+) -> None:
+    camera = Camera.create(
+        "front", (640, 360), np.diag([500, 500, 1]), np.eye(3), np.zeros(3), distortions=distortions, fisheye=fisheye
+    )
+    assert ("fisheye" in lens_doubt(camera)) == doubted

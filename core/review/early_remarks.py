@@ -1,10 +1,11 @@
-"""What is to be asked about the performers' key poses and the files that give them."""
+"""What is to be asked about a shot before it is tracked: its performers' key poses, and its lenses."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from ..body.exchanged_sides import exchanged_sides
+from ..cameras.lens_doubt import lens_doubt
 from ..shot.footage_faults.footage_checks import SAME_RATE
 from ..shot.shot import Performer, Shot
 
@@ -35,9 +36,12 @@ def first_row_text(rows: int, frames: Sequence[int]) -> str:
     )
 
 
-def key_file_remarks(shot: Shot) -> list[str]:
-    """Return what is to be asked about the performers' key poses and their files before a shot is tracked, as lines."""
-    return [
+def remarks_before_tracking(shot: Shot) -> list[str]:
+    """Return what is to be asked about the cameras' lenses, and about the performers' key poses and their files, before
+    a shot is tracked, as lines.
+    """
+    lenses = [f"{view.camera.name}: {text}" for view in shot.views if (text := lens_doubt(view.camera))]
+    return lenses + [
         f"{performer.name}: {text}"
         for performer in shot.performers
         for text in (
