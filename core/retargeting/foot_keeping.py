@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from ..body.foot_plants import find_plants, with_ends
 from ..body.skeleton_motion import RestSkeleton, SkeletonMotion
+from ..body.soles import BALL_SHARE
 from ..numerics.arrays import Array, Bools
 from ..numerics.frame_ranges import runs
 from .control_rig import ControlRig, RigPoses
@@ -42,13 +43,16 @@ class FootPath:
     ----------
     side : str
     points : ndarray, shape (F, 2, 3)
-        Heel and ball on the sole, in the source's world frame and unit.
+        Heel and ball on the sole, in the source's world frame and unit. Without toe bones the tips of the toes are in
+        the ball's place, as the foot rolls over them.
     offsets : ndarray, shape (2, 3)
         The same points relative to the ankle, at rest.
     planted : ndarray of bool, shape (F, 2)
         When each of them is planted.
     floor : float
         Height of planted points, in the source's unit.
+    ball : float
+        Place of the ball, as a share of the way from the first point to the second: plants are about it.
     """
 
     side: str
@@ -56,6 +60,12 @@ class FootPath:
     offsets: Array
     planted: Bools
     floor: float
+    ball: float
+
+    @property
+    def heel_and_ball(self) -> Array:
+        """What plants are about, shape (F, 2, 3)."""
+        return _with_ball(self.points, self.ball)
 
 
 def foot_paths(
@@ -82,17 +92,26 @@ def foot_paths(
             continue
         [ankle] = source.rest.indices(of_source.bones[f"foot.{side}"])
         offsets = sole_offsets(source.rest, of_source, side)
+        known = offsets is not None
         if offsets is None:
             forward = _FOOT_LENGTH * leg * (facing(source.rest, of_source) @ [0.0, -1.0, 0.0])
             down = np.array([0.0, 0.0, source.rest.ground - source.rest.heads[ankle, 2]])
             offsets = np.stack([down - _HEEL_BACK * forward, down + forward])
         points = source.positions[:, None, ankle] + np.einsum("fij,cj->fci", source.turns[:, ankle], offsets)
+        ball = BALL_SHARE if known and f"toe.{side}" not in of_source.bones else 1.0
+        soles = _with_ball(points, ball)
         doubt = None if deviation is None else np.repeat(deviation[:, ankle, None], 2, axis=1)
-        plants = find_plants(points, source.fps, leg, doubt)
-        seen = with_ends(plants.planted, points, plants.speed, source.fps)
+        plants = find_plants(soles, source.fps, leg, doubt)
+        seen = with_ends(plants.planted, soles, plants.speed, source.fps)
         columns = [given.get(f"{point}.{side}", seen[:, c]) for c, point in enumerate(("heel", "ball"))]
-        found.append(FootPath(side, points, offsets, np.stack(columns, axis=1), plants.floor))
+        found.append(FootPath(side, points, offsets, np.stack(columns, axis=1), plants.floor, ball))
     return found
+
+
+def _with_ball(points: Array, share: float) -> Array:
+    """Return points (F, 2, 3) with the second at a share of the way from the first."""
+    along = points[:, BALL] - points[:, HEEL]
+    return np.stack([points[:, HEEL], points[:, HEEL] + share * along], axis=1)
 
 
 def sole_offsets(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
@@ -144,7 +163,9 @@ def foot_goals(
             leg = leg_length(rig.rest, rig.bones)
             snap = _FLOOR_TOLERANCE * leg
             turns[:, ankle] = _flattened(turns[:, ankle], path.planted.all(axis=1), offsets, snap=snap, fps=motion.fps)
-            points = _still(points, path.planted, floor, snap)
+            stood = _still(placement.moved(path.heel_and_ball), path.planted, floor, snap)
+            stood[:, BALL] += turns[:, ankle] @ ((1 - path.ball) * (offsets[BALL] - offsets[HEEL]))
+            points = np.where(path.planted[..., None], stood, points)
         lowest = np.where(path.planted[:, BALL], points[:, BALL, 2], _least_height(points, placement))
         hip, foot = (poses.places[:, b] for b in (controls[0], ankle))
         toe = _bending_toe(of_source, rig, path.side)
