@@ -29,8 +29,9 @@ _MAX_SHIFTED_KEYS, _MAX_READ = 5, 300
 _MIN_OTHER_MATCH, _MIN_GAIN, _MIN_LACK = 0.97, 3.0, 0.01
 """Footage with another offset, or mirrored, is better if it matches at least this well, and if it lacks, as it
 is, more of a match (1 - match): this many times what the other lacks, and this much more."""
-_MIN_MIRRORED_MATCH = 0.99
-"""How well mirrored footage must match to be named: that of a camera opposite looks mirrored, too."""
+_MIN_OTHERWISE_MATCH = 0.99
+"""How well footage must match if it is mirrored, or taken by another camera, for that to be named: that of a camera
+opposite looks mirrored, too."""
 
 
 def footage_matches(views: Sequence[PosedView], known: Sequence[ViewFinding] = ()) -> list[FootageMatch]:
@@ -39,19 +40,26 @@ def footage_matches(views: Sequence[PosedView], known: Sequence[ViewFinding] = (
     """
     left_out = {own.camera for own in known}
     compared = [posed for posed in views if posed.stands_still and posed.name not in left_out]
-    return [match for posed in compared if (match := _footage_match(posed)) is not None]
+    return [match for posed in compared if (match := _footage_match(posed, views)) is not None]
 
 
-def _footage_match(posed: PosedView) -> FootageMatch | None:
+def _footage_match(posed: PosedView, views: Sequence[PosedView]) -> FootageMatch | None:
     own = movement_match(posed.pictures, posed.camera, posed.geometry, posed.poses)
-    if own is None:
-        return None
-    other = None
-    if 1 - own > _MIN_LACK:
-        flipped = np.ascontiguousarray(posed.pictures[:, :, ::-1])
-        other = movement_match(flipped, posed.camera, posed.geometry, posed.poses)
-    mirrored = other is not None and other > _MIN_MIRRORED_MATCH and _is_better(1 - other, 1 - own)
-    return FootageMatch(posed.name, own, mirrored=other if mirrored else None)
+    if own is None or 1 - own <= _MIN_LACK:
+        return None if own is None else FootageMatch(posed.name, own)
+
+    def match_by(pictures: NDArray[np.uint8], camera: Camera) -> float:
+        """Return how well pictures match if a camera has taken them; 0 if not much better than these as they are."""
+        other = movement_match(pictures, camera, posed.geometry, posed.poses) or 0.0
+        return other if other > _MIN_OTHERWISE_MATCH and _is_better(1 - other, 1 - own) else 0.0
+
+    mirrored = match_by(np.ascontiguousarray(posed.pictures[:, :, ::-1]), posed.camera)
+    alike = [v for v in views if v is not posed and v.stands_still and v.pictures.shape == posed.pictures.shape]
+    matches = {view.name: match_by(posed.pictures, view.camera) for view in alike}
+    shows = max(matches, key=lambda name: matches[name], default=None)
+    if shows is None or matches[shows] <= mirrored:
+        return FootageMatch(posed.name, own, mirrored=mirrored or None)
+    return FootageMatch(posed.name, own, shows=shows)
 
 
 def _is_better(other: float, own: float) -> bool:

@@ -39,14 +39,14 @@ def attributed_findings(
         How well the views' footage and cameras fit the key poses.
     """
     correctable = {fit.camera for fit in fits if fit.off}
-    mirrored = {match.camera: match for match in matches if match.mirrored is not None}
-    unlike = {match.camera: match for match in matches if match.off and match.camera not in correctable} | mirrored
+    explained = {match.camera: match for match in matches if match.explained}
+    unlike = {match.camera: match for match in matches if match.off and match.camera not in correctable} | explained
     pairs = {own.name: (view, own) for view, own in zip(views, posed, strict=True)}
     shifts: dict[str, int] = {}
     for match in matches:
         view, own = pairs[match.camera]
         doubtful = match.camera in correctable or match.camera in unlike or 1 - match.match > _MIN_LACK
-        if match.mirrored is None and doubtful:
+        if not match.explained and doubtful:
             shift = better_shift(view, own)
             if shift is not None:
                 shifts[match.camera] = shift
@@ -54,7 +54,7 @@ def attributed_findings(
     if len(matches) > 1 and len(unlike) == len(matches) and common_shift(list(shifts.values()), len(matches)) is None:
         # The key poses are elsewhere, or of another movement: some offset always fits a little better.
         unlike = {name: without for name, own in unlike.items() if (without := replace(own, offset=None)).off}
-    rest = [fit for fit in fits if fit.camera not in (mirrored if fit.off else unlike)]
+    rest = [fit for fit in fits if fit.camera not in (explained if fit.off else unlike)]
     return (*unlike.values(), *rest)
 
 

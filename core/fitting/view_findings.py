@@ -81,6 +81,8 @@ class FootageMatch:
         An offset of the view (see `View`) with which it matches much better.
     mirrored : float, optional
         The match of the footage if it is mirrored, left for right, where that is much better.
+    shows : str, optional
+        The camera that seems to have taken it, if that is another one.
     by : str
     """
 
@@ -88,18 +90,26 @@ class FootageMatch:
     match: float
     offset: float | None = None
     mirrored: float | None = None
+    shows: str | None = None
     by: Literal["movement"] = "movement"
+
+    @property
+    def explained(self) -> bool:
+        """Whether it is known what is wrong, so that no offset has to be tried."""
+        return self.mirrored is not None or self.shows is not None
 
     @property
     def off(self) -> bool:
         """Whether this is hardly the footage in which the poses were set."""
-        return self.match < MIN_MATCH or self.offset is not None or self.mirrored is not None
+        return self.match < MIN_MATCH or self.offset is not None or self.explained
 
     @property
     def brief(self) -> str:
         """A few words on what is wrong."""
         if self.mirrored is not None:
             return "its pictures seem to be mirrored"
+        if self.shows is not None:
+            return f"its footage seems to be that of {self.shows}"
         if self.offset is not None:
             return f"an offset of {self.offset:g} fits the key poses better"
         return "footage and key poses do not belong together"
@@ -110,6 +120,8 @@ class FootageMatch:
         match = {"match": round(self.match, 2)}
         if self.mirrored is not None:
             return {**match, "mirrored": round(self.mirrored, 3)}
+        if self.shows is not None:
+            return {**match, "shows": self.shows}
         return match if self.offset is None else {**match, "offset": self.offset}
 
     @property
@@ -119,6 +131,11 @@ class FootageMatch:
             return (
                 f"{self.camera}: its pictures seem to be mirrored, left for right: mirrored back, they change where "
                 f"the key poses move (agreement {self.mirrored:.3f} instead of {self.match:.3f}); {_MIRROR}"
+            )
+        if self.shows is not None:
+            return (
+                f"{self.camera}: {self.brief}: its pictures change where {self.shows} sees the key poses move "
+                f"(agreement {self.match:.3f} as it is): see which video belongs to which camera"
             )
         if self.offset is not None:
             return f"{self.camera}: its pictures fit the key poses better with an offset of about {self.offset:g}"

@@ -56,9 +56,13 @@ def test_the_right_footage_matches_its_key_poses_in_any_light(shot: Shot, pictur
 def test_the_footage_of_another_camera_is_named_and_the_camera_is_not_blamed(shot: Shot) -> None:
     assert all(isinstance(fit, CameraFit) for fit in fit_by_key_poses(shot))
     fits = fit_by_key_poses(swapped(shot))
-    off = [fit for fit in fits if isinstance(fit, FootageMatch)]
-    assert off
-    assert f"check that this is the footage of {off[0].camera}, that its offset is right" in off[0].summary
+    assert {fit.camera: fit.shows for fit in fits if isinstance(fit, FootageMatch)} == {
+        "front": "side",
+        "side": "front",
+    }
+    assert "front: its footage seems to be that of side" in fits[0].summary and len(fits) == 2
+    unknown = FootageMatch("front", 0.84).summary
+    assert "check that this is the footage of front, that its offset is right" in unknown
 
 
 def test_footage_that_is_mirrored_is_named_and_its_camera_is_not_blamed(

@@ -14,6 +14,7 @@ FINDINGS = {
     CameraFit(9.26, 1.0, 3.0, "cam01", "key poses"): {"shift": 9.3, "deviation": 1.0, "limit": 3.0},
     FootageMatch("cam01", 0.512): {"match": 0.51},
     FootageMatch("cam01", 0.9, offset=2.5): {"match": 0.9, "offset": 2.5},
+    FootageMatch("cam01", 0.9, shows="cam02"): {"match": 0.9, "shows": "cam02"},
     FootageMatch("cam01", 0.9, mirrored=0.9996): {"match": 0.9, "mirrored": 1.0},
     MovedCamera("cam01", BackgroundShift(12.34, (0, 20), 1.0004)): {
         "shift": 12.3,
