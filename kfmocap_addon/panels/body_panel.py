@@ -10,7 +10,7 @@ from ..properties.body_fields import MEASURES
 from ..scene_io import active_performer, hold_checks
 from . import performer_rows
 from .section import FoldedPart, PerformerPart, Section, SectionPart, draw_as_form
-from .texts import draw_text, draw_unit_scale
+from .texts import draw_hidden, draw_text, draw_unit_scale
 
 
 class BodyPanel(Section, bpy.types.Panel):
@@ -32,6 +32,7 @@ class BodyPanel(Section, bpy.types.Panel):
         slot = active_performer.chosen(context)
         if slot is None:
             return
+        draw_hidden(layout, context, slot.armature, "The body")
         column = layout.column()
         draw_as_form(column)
         column.enabled = slot.armature.mode != "EDIT"

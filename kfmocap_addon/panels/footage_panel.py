@@ -10,7 +10,7 @@ from ..operators.footage.recover import RelinkFootage, RestoreCamera
 from ..operators.footage.use_offset import UseOffset
 from ..operators.open_section import OpenSection
 from .section import FoldedPart, Section, draw_as_form
-from .texts import draw_text
+from .texts import draw_hidden, draw_text
 
 
 class FootagePanel(Section, bpy.types.Panel):
@@ -120,6 +120,8 @@ class LookPanel(Section, bpy.types.Panel):
         for index, view in enumerate(shot.views):
             icon = "ERROR" if not view.is_calibrated else "VIEW_CAMERA" if index == shown else "CAMERA_DATA"
             column.operator(LookThrough.bl_idname, text=view.name, icon=icon, depress=index == shown).view = index
+        if shown >= 0:
+            draw_hidden(layout, context, shot.views[shown].camera, "The footage")
         row = layout.row(align=True)
         row.operator(StepView.bl_idname, text="Previous", icon="TRIA_LEFT").step = -1
         row.operator(StepView.bl_idname, text="Next", icon="TRIA_RIGHT").step = 1

@@ -21,7 +21,7 @@ from ..session import SESSION
 from ..viewports import key_list
 from . import performer_rows
 from .section import FoldedPart, PerformerPart, Section, draw_as_form
-from .texts import draw_text
+from .texts import draw_hidden, draw_text
 
 _COLUMNS, _PICTURE_COLUMNS, _PICTURE_SCALE = 6, 2, 6.0
 
@@ -37,6 +37,7 @@ class KeyPosesPanel(Section, bpy.types.Panel):
             draw_text(layout, context, no_performer(context), "INFO")
         else:
             performer_rows.draw_title(layout, context, slot)
+            draw_hidden(layout, context, slot.armature, "The body")
             _draw_advice(layout, context, slot, key_list.known_keys().entries(slot.armature))
         column = layout.column(align=True)
         row = column.row(align=True)

@@ -1,9 +1,12 @@
-"""Texts of any length in panels: broken into lines, not cut off."""
+"""Texts of any length in panels: broken into lines, not cut off; among them what is said in several sections."""
 
 from __future__ import annotations
 
 import blf
 import bpy
+
+from ..operators.footage.recover import ShowHidden
+from ..scene_io import visibility
 
 _BESIDE = 70  # of a line's width: what panels take, in units of the interface
 _ICON = 18  # what an icon takes of it
@@ -27,6 +30,14 @@ def draw_unit_scale(layout: bpy.types.UILayout, context: bpy.types.Context) -> N
     if units.system != "NONE" and abs(units.scale_length - 1.0) > 1e-6:
         text = f"The scene's Unit Scale is {units.scale_length:g}, but a unit is a metre here: set it to 1"
         draw_text(layout, context, text, "ERROR")
+
+
+def draw_hidden(layout: bpy.types.UILayout, context: bpy.types.Context, thing: bpy.types.Object, what: str) -> None:
+    """Draw what cannot be seen because an object is hidden, if it is, and a button that shows it."""
+    if visibility.is_hidden(context, thing):
+        column = layout.column(align=True)
+        draw_text(column, context, f"{what} cannot be seen: '{thing.name}' is hidden", "HIDE_ON")
+        column.operator(ShowHidden.bl_idname, icon="HIDE_OFF").name = thing.name
 
 
 def lines(text: str, width: float) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from types import SimpleNamespace
 
 import pytest
 
@@ -11,7 +12,7 @@ bpy = pytest.importorskip("bpy")
 from addon_shots import shot  # noqa: E402
 from kfmocap.kfmocap_addon.operators.posing.place_joints import PlaceJoints  # noqa: E402
 from kfmocap.kfmocap_addon.operators.tracking.track_motion import TrackAll  # noqa: E402
-from kfmocap.kfmocap_addon.panels import guide  # noqa: E402
+from kfmocap.kfmocap_addon.panels import body_panel, footage_panel, guide, key_poses_panel, texts  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.cameras import footage_background  # noqa: E402
 from scene_state import differences, state  # noqa: E402
@@ -165,6 +166,76 @@ def test_a_deleted_camera_is_brought_back_with_its_footage(two, tracker):
     assert not differences(state(), before)
     assert bpy.ops.kfmocap.track() == {"FINISHED"}
     assert not bpy.ops.kfmocap.restore_camera.poll()
+
+
+def _exclude(scene):
+    bpy.context.view_layer.layer_collection.children["Views"].exclude = True
+
+
+def _hide_collection(scene):
+    bpy.context.view_layer.layer_collection.children["Views"].hide_viewport = True
+
+
+def _hide_everywhere(scene):
+    bpy.data.collections["Views"].hide_viewport = scene.camera.hide_viewport = True
+
+
+HIDING = {
+    "by H": lambda scene: scene.camera.hide_set(True),
+    "its collection excluded": _exclude,
+    "its collection hidden": _hide_collection,
+    "in all views": _hide_everywhere,
+}
+
+
+@pytest.mark.parametrize("how", HIDING)
+def test_a_hidden_camera_is_said_and_shown_again_with_the_footage_behind_it(two, how):
+    assert not two.kfmocap.views[0].missing and not bpy.ops.kfmocap.show_hidden.poll()
+    bpy.ops.kfmocap.look_through(view=0)
+    assert not drawn(footage_panel.LookPanel)
+    HIDING[how](two)
+    bpy.context.view_layer.update()
+    [text, (tool, name)] = drawn(footage_panel.LookPanel)
+    assert text == "The footage cannot be seen: 'cam01' is hidden" and tool == "kfmocap.show_hidden"
+    assert bpy.ops.kfmocap.show_hidden(name=name) == {"FINISHED"}
+    assert two.camera.visible_get() and two.objects["man"].visible_get()
+    assert not drawn(footage_panel.LookPanel) and not bpy.ops.kfmocap.show_hidden.poll()
+
+
+def test_a_hidden_body_is_said_where_it_is_posed(two):
+    sections = (body_panel.BodyPanel, key_poses_panel.KeyPosesPanel)
+    two.objects["woman"].hide_set(True)
+    assert not any(drawn(section) for section in sections), "another one is chosen"
+    two.objects["man"].hide_set(True)
+    for section in sections:
+        assert drawn(section) == ["The body cannot be seen: 'man' is hidden", ("kfmocap.show_hidden", "man")]
+    with pytest.raises(RuntimeError, match="There is no object 'child' in the scene"):
+        bpy.ops.kfmocap.show_hidden(name="child")
+
+
+def drawn(section):
+    """What a section says of hidden objects, and its buttons that show them, each with a name."""
+    layout = SayingLayout(said=[])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(texts, "draw_text", lambda _layout, _context, text, _icon="NONE": layout.said.append(text))
+        section.draw_content(SimpleNamespace(layout=layout), bpy.context)
+    shown = [(item[0], item[1].name) if isinstance(item, tuple) else item for item in layout.said]
+    return shown[-2:]
+
+
+class SayingLayout(SimpleNamespace):
+    """Notes the buttons that show hidden objects, in whatever row."""
+
+    def __getattr__(self, name: str):
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return lambda *_args, **_more: self if name in ("row", "column", "box", "split", "grid_flow") else None
+
+    def operator(self, name: str, **_more: object) -> SimpleNamespace:
+        button = SimpleNamespace()
+        if name == "kfmocap.show_hidden":
+            self.said.append((name, button))
+        return button
 
 
 @pytest.mark.parametrize("how", ["EMPTY", "LINK_COPY", "FULL_COPY"])

@@ -179,6 +179,12 @@ def _without_camera(_folder: Path) -> Arguments:
     return {"view": 0}
 
 
+def _hidden(_folder: Path) -> Arguments:
+    camera = bpy.context.scene.kfmocap.views[0].camera
+    camera.hide_set(True)
+    return {"name": camera.name}
+
+
 def _own_calibration(folder: Path) -> Arguments:
     save_cameras(folder / "own.toml", [camera(1), camera(2)])
     return {"filepath": str(folder / "own.toml")}
@@ -249,6 +255,7 @@ _READY: dict[str, Callable[[Path], Arguments | None]] = {
     "relink_footage": _missing,
     "restore_body": _deleted,
     "restore_camera": _without_camera,
+    "show_hidden": _hidden,
     "import_calibration": _own_calibration,
     "use_armature": _prop,
     "use_scene_cameras": _views_forgotten,

@@ -1,4 +1,4 @@
-"""Recovering footage that was moved, and cameras and bodies that were deleted."""
+"""Recovering footage that was moved, cameras and bodies that were deleted, and those that are hidden."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 
 from ....core.errors import BodyError, ShotError
-from ...scene_io import active_performer
+from ...scene_io import active_performer, visibility
 from ..conditions import Conditional
 from ..mixin import FileReader, OfPerformer
 from .add_footage import IMAGES, VIDEOS, globbed
@@ -92,4 +92,28 @@ class RestoreBody(Conditional, OfPerformer, bpy.types.Operator):
         performers.restore(context.scene, slot)
 
 
-CLASSES = (RelinkFootage, RestoreCamera, RestoreBody)
+def _has_hidden(context: bpy.types.Context) -> str:
+    shot = context.scene.kfmocap
+    owned = [*(view.camera for view in shot.views), *(slot.armature for slot in shot.performers)]
+    hidden = any(thing is not None and visibility.is_hidden(context, thing) for thing in owned)
+    return "" if hidden else "Nothing is hidden"
+
+
+class ShowHidden(Conditional, bpy.types.Operator):
+    """Show a hidden camera, behind which the footage is, or a hidden body: also if its collection, the object type or
+    everything but some objects is hidden"""
+
+    bl_idname = "kfmocap.show_hidden"
+    bl_label = "Show"
+    conditions = (_has_hidden,)
+
+    name: bpy.props.StringProperty(name="Name", description="Name of the camera or armature")
+
+    def act(self, context: bpy.types.Context) -> None:
+        thing: bpy.types.Object | None = context.scene.objects.get(self.name)
+        if thing is None:
+            raise ShotError(f"There is no object '{self.name}' in the scene")
+        visibility.show(context, thing)
+
+
+CLASSES = (RelinkFootage, RestoreCamera, RestoreBody, ShowHidden)
