@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..core.errors import KFMocapError, ShotError
@@ -32,7 +33,7 @@ class BatchShot:
 
     @classmethod
     def of(cls, file: Path) -> BatchShot:
-        """Return the shot of a file; its name is the one stated in the file or else the file's own."""
+        """Return the shot of a file; its name is the one stated in the file or, if it cannot be read, the file's own."""
         try:
             return cls(read_shot_spec(file).name, file)
         except KFMocapError as error:
@@ -61,7 +62,7 @@ def chosen_shots(patterns: Sequence[str], task: int | None = None) -> list[Batch
         else:
             base = Path(path.anchor)
             files |= dict.fromkeys(sorted(base.glob(str(path.relative_to(base)))))
-    shots = [BatchShot.of(file) for file in files if not _is_something_else(file)]
+    shots = _with_names_apart([BatchShot.of(file) for file in files if not _is_something_else(file)])
     if not shots:
         raise ShotError("there is no shot among the files", where="kfmocap batch", todo="name shot files")
     named: dict[str, Path] = {}
@@ -78,6 +79,19 @@ def chosen_shots(patterns: Sequence[str], task: int | None = None) -> list[Batch
     if not 0 <= task < len(shots):
         raise ShotError(f"there is no shot {task}", where="--task", todo=f"give 0 to {len(shots) - 1}")
     return [shots[task]]
+
+
+def _with_names_apart(shots: Sequence[BatchShot]) -> list[BatchShot]:
+    """Return shots among which those that cannot be read have the names of their folders, too, where their files' names
+    alone are those of several: what is wrong with them is not their names.
+    """
+    counts = Counter(shot.name for shot in shots)
+    return [
+        shot
+        if shot.error is None or counts[shot.name] == 1
+        else replace(shot, name="_".join([*shot.file.resolve().parts[1:-1], shot.name]))
+        for shot in shots
+    ]
 
 
 def _is_something_else(file: Path) -> bool:

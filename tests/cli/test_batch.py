@@ -267,6 +267,18 @@ def test_shots_are_chosen_by_patterns_and_other_files_beside_them_left_out(
     assert main(["batch", str(folder / "nothing*.toml"), "--out", str(folder / "results")]) == 2
 
 
+def test_files_that_cannot_be_read_are_told_apart_by_their_folders(tmp_path: Path) -> None:
+    """Each is a shot with bad input, and none keeps the others from being tracked because both are called shot.toml."""
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "shot.toml").write_text("[shot")
+    one, two = chosen_shots([str(tmp_path / "*" / "shot.toml")])
+    assert one.error is not None and two.error is not None
+    assert one.name.endswith("_one_shot") and two.name.endswith("_two_shot")
+    [alone] = chosen_shots([str(tmp_path / "one" / "shot.toml")])
+    assert alone.name == "shot"
+
+
 def test_a_terminal_shows_one_line_for_every_shot_and_takes_it_away(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
