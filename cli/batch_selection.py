@@ -33,7 +33,7 @@ class BatchShot:
 
     @classmethod
     def of(cls, file: Path) -> BatchShot:
-        """Return the shot of a file; its name is the one stated in the file or, if it cannot be read, the file's own."""
+        """Return the shot of a file; its name is the one in it or, if it cannot be read, of the file."""
         try:
             return cls(read_shot_spec(file).name, file)
         except KFMocapError as error:
