@@ -132,7 +132,7 @@ class Strangers:
     def summary(self) -> str:
         """One line on it and what to do."""
         return (
-            f"{self.camera}: somebody, something or a patch of light moves beside the performers, as on frame "
-            f"{self.frame}: where it is near them, they are tracked less exactly; look at these frames, set key poses "
-            "there, or pose whoever it is as another performer"
+            f"{self.camera}: somebody or something moves beside the performers, as on frame {self.frame}: where it is "
+            "near them, they are tracked less exactly; look at these frames, set key poses there, or pose whoever it "
+            "is as another performer"
         )

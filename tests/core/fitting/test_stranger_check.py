@@ -25,14 +25,17 @@ def shot(tmp_path_factory: pytest.TempPathFactory) -> Shot:
     return shot_of(views, [BODY], [TRUTH], range(len(TRUTH)))
 
 
-def posed(shot: Shot, way: float) -> list[PosedView]:
-    """With somebody at the left edge of the front view, who goes by so many pixels a frame."""
+def posed(shot: Shot, way: float, light: float | None = None) -> list[PosedView]:
+    """With somebody at the left edge of the front view, who goes by so many pixels a frame, or other light there."""
     frames = checked_frames(shot)
     pictures = [dict(zip(frames, frames_at(view, frames, 1.0, grey=False), strict=True)) for view in shot.views]
     for frame, image in pictures[0].items():
         height, width = image.shape[:2]
         place = (round(0.14 * width + way * frame), height // 2)
-        cv2.ellipse(image, place, (width // 7, height // 2), 0, 0, 360, (20, 60, 40), -1)
+        shown = image.copy()
+        cv2.ellipse(shown, place, (width // 7, height // 2), 0, 0, 360, (20, 60, 40), -1)
+        there = (shown != image).any(axis=-1)
+        image[there] = shown[there] if light is None else np.round(light * image[there])
     return posed_views(shot, pictured_key_frames(shot, np.array(frames), pictures), np.array(frames))
 
 
@@ -42,6 +45,11 @@ def test_who_passes_is_named_in_the_view_that_shows_it(shot: Shot) -> None:
     assert (found.camera, found.frame) == ("front", 0)
     assert "moves beside the performers" in found.summary and "frame 0" in found.brief
     assert strangers_in(views, {"front"}) == []  # something else explains it
+
+
+@pytest.mark.parametrize("light", [0.5, 1.5])
+def test_shadows_and_patches_of_light_are_not_named(shot: Shot, light: float) -> None:
+    assert strangers_in(posed(shot, way=-0.4 * FRONT.size[0], light=light), ()) == []
 
 
 def test_what_stands_still_is_not_named(shot: Shot) -> None:
