@@ -29,6 +29,9 @@ _BACKSLASHES = "write paths with /, as in 'D:/shoot/cam01.mp4', or between singl
 _QUOTES = 'write texts between straight quotes, as in name = "walk"'
 _ADVICE = (
     (re.compile(r"[\u2018-\u201f\u00ab\u00bb]"), _QUOTES),
+    (re.compile(r"=\s*(True|False)\b"), "write true or false in small letters"),
+    (re.compile(r"=\s*\d+,\d"), "write numbers with a point, as in 29.97"),
+    (re.compile(r"^\s*[\w-]+\s*:"), 'write names and values with =, as in name = "walk"'),
     (re.compile(r"=\s*[\d.]+\s*[/*+-]"), "write a number, such as 29.97, not a calculation"),
     (re.compile(r"=\s*(?!(true|false|inf|nan)\b)[\w~./-]*[A-Za-z~./]"), _QUOTES),
     (
@@ -58,6 +61,8 @@ def _advice(text: str, what: str) -> str | None:
     """Return what to do about a text that is not TOML, by the line that a message about it names."""
     number = _LINE.search(what)
     line = text.split("\n")[int(number[1]) - 1] if number else ""
+    if text.startswith("{\\rtf"):
+        return "save it as plain text"
     # In double quotes a backslash begins an escape sequence: Windows' paths seldom are valid ones.
     if "\\" in (line or text):
         return _BACKSLASHES
