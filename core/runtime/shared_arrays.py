@@ -19,7 +19,7 @@ _ROWS = 16
 _ROWS_COPIED = 64
 """The same where they are copied, more than an evaluation of the pictures takes at a time."""
 
-MAX_HELD = 64 << 20
+MAX_HELD = 16 << 20
 """Largest number of bytes that `collected` keeps in memory."""
 
 

@@ -29,12 +29,14 @@ def with_sides_learned(
     limb: LimbModel, uncovered: Sequence[UncoveredImages], keys: NDArray[np.intp], rng: Generator
 ) -> list[UncoveredImages]:
     """Return the views with the distribution of brightness changes across the limb's sides, learned on key poses."""
-    return [
-        _with_learned(limb, images, keys, own) for images, own in zip(uncovered, rng.spawn(len(uncovered)), strict=True)
-    ]
+    each = zip(uncovered, rng.spawn(len(uncovered)), strict=True)
+    return [with_sides_of_view_learned(limb, images, keys, own) for images, own in each]
 
 
-def _with_learned(limb: LimbModel, images: UncoveredImages, keys: NDArray[np.intp], rng: Generator) -> UncoveredImages:
+def with_sides_of_view_learned(
+    limb: LimbModel, images: UncoveredImages, keys: NDArray[np.intp], rng: Generator
+) -> UncoveredImages:
+    """Return one view as `with_sides_learned` does."""
     if images.slopes is None or not len(keys):
         return images
     drawn = rng.normal(size=(len(keys), RANDOM_POSES, *limb.range.shape)) * RANDOM_POSE_SIGMA * limb.range

@@ -18,7 +18,7 @@ from ....evidence.view_frames import views_with_foreground
 from ....numerics.arrays import Array, Bools
 from ..equations.problem import SegmentProblem
 from .limb_images import MAX_STRIDE, UncoveredImages, ViewRatios
-from .limb_likelihood import add_pixel_log_ratios, add_side_log_ratios, with_sides_learned
+from .limb_likelihood import add_pixel_log_ratios, add_side_log_ratios, with_sides_of_view_learned
 from .limb_model import FINE_POINTS, POINTS_PER_PART, LimbModel, LimbOfPerformer, limb_of
 
 SupportOfLimb = tuple[int, list[int], Array, Callable[[], Array]]
@@ -80,19 +80,13 @@ def _support_by_part(problem: SegmentProblem, motions: Sequence[Motion]) -> Iter
             # How clearly a limb is shown should not depend on whether it points at a camera.
             limb, parts = limb_of(problem, motions, (i, chain), rng, points, evenly=True)
             own = np.isin(np.arange(len(geometry.spans) + 1), parts)  # the last is nobody
-            beside = [
-                UncoveredImages(
-                    view.camera,
-                    view.first,
-                    (),
-                    _without(depth, shown, own),
-                    view.slopes,
-                    stride=view.stride,
-                )
-                for view, shown, depth in zip(ratios, labels, depths, strict=True)
-            ]
             sides = np.zeros((len(chain), problem.length))
-            add_side_log_ratios(limb, with_sides_learned(limb, beside, problem.whole_keys(i), rng), list(sides))
+            # One view after the other: the images of all of them would take much memory in a long segment.
+            for view, shown, depth, drawn in zip(ratios, labels, depths, rng.spawn(len(ratios)), strict=True):
+                nearest = _without(depth, shown, own)
+                beside = UncoveredImages(view.camera, view.first, (), nearest, view.slopes, stride=view.stride)
+                learned = with_sides_of_view_learned(limb, beside, problem.whole_keys(i), drawn)
+                add_side_log_ratios(limb, [learned], list(sides))
             yield i, chain, sides, partial(_log_ratios, limb, ratios, (geometry, poses, parts), sides)
 
 
@@ -142,6 +136,8 @@ def _log_ratios(
     sides: Array,
 ) -> Array:
     """Log likelihood ratio of a limb's present pose by its pixels, plus that of its sides, by part, (n, F)."""
-    uncovered, pixels = [view.uncovered(*drawn) for view in ratios], np.zeros((*sides.shape, 1))
-    add_pixel_log_ratios(replace(limb, sides=()), uncovered, limb.begin[:, None], list(pixels))
+    pixels = np.zeros((*sides.shape, 1))
+    for view in ratios:  # as above
+        uncovered = view.uncovered(*drawn)
+        add_pixel_log_ratios(replace(limb, sides=()), [uncovered], limb.begin[:, None], list(pixels))
     return np.asarray(sides + pixels[..., 0])
