@@ -26,7 +26,7 @@ from .rendering.label_images import LabelImages, render_labels
 from .rendering.part_geometry import PerformerParts
 from .sampling import Sampling
 from .still_evidence import StillEvidence, StillPartsCache
-from .view_frames import GradientImageCache, ViewFrames
+from .view_frames import GradientImageCache, ViewFrames, is_cached
 
 MAX_CACHED_BYTES = 8 << 20
 """Largest size of what is kept of one view, bytes."""
@@ -173,15 +173,15 @@ class ComparisonCache:
         return None
 
     def keep(self, comparison: FrameComparison) -> None:
-        """Keep a comparison, unless those of its view would take more than `MAX_CACHED_BYTES`."""
+        """Keep a comparison, unless those of its view would take more than `MAX_CACHED_BYTES`; see `is_cached`."""
         frames, count = comparison.frames, len(comparison.frames)
-        windows = 1 + (frames.first - frames.view.first) / max(count - 1, 1)
+        shown = range(frames.first, frames.first + count)
         kept = self._kept.setdefault(frames.view, {})
         for first, length in list(kept):  # what shows some of the same pairs of frames is replaced
             shared = min(first + length, frames.first + count) - max(first, frames.first)
             if shared > 1 and (first, length) != (frames.first, count):
                 kept.pop((first, length), None)  # another thread may have done it
-        if 2 * windows * comparison.compared.nbytes <= MAX_CACHED_BYTES:
+        if is_cached(frames.view, shown, 2 * comparison.compared.nbytes, MAX_CACHED_BYTES):
             kept[frames.first, count] = [*kept.get((frames.first, count), [])[-1:], comparison]
 
 

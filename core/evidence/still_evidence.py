@@ -15,7 +15,7 @@ from .gradient_evidence.pixel_gains import PixelGains
 from .rendering.part_geometry import Geometry
 from .rendering.still_parts import StillParts
 from .sampling import Sampling
-from .view_frames import MAX_CACHED_BYTES, ViewFrames
+from .view_frames import MAX_CACHED_BYTES, ViewFrames, is_cached
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +93,6 @@ class StillPartsCache:
         for begin, length in list(kept):
             if min(begin + length, first + count) - max(begin, first) > 1:
                 kept.pop((begin, length), None)  # another thread may have done it
-        if (1 + (first - view.first) / max(count - 1, 1)) * still.nbytes <= MAX_CACHED_BYTES:
+        if is_cached(view, range(first, first + count), still.nbytes, MAX_CACHED_BYTES):
             kept[first, count] = found
         return found

@@ -18,6 +18,8 @@ BOX_MARGIN = 6
 """Margin around a requested box for which gradient images are computed as well, pixels."""
 MAX_CACHED_BYTES = 32 << 20
 """Largest size of one view's gradient images in a cache."""
+_MIN_CACHED_SHARE = 0.25
+"""Share of a view that a cache must hold: less saves little time, and takes as much memory."""
 _MIN_DEPTH = 0.5  # metres before the camera: nearer points have the scale of this distance
 
 
@@ -102,6 +104,26 @@ class ViewFrames:
         return float(self.camera.matrix[[0, 1], [0, 1]].mean() / max((R @ point_world + t)[2], _MIN_DEPTH))
 
 
+def is_cached(view: ViewFrames, frames: range, nbytes: int, most: int) -> bool:
+    """Whether what was made of some of a view's frames is kept for the next evaluation.
+
+    The same is kept whichever thread comes first, as what lies beyond the edge of gradient images depends on it.
+
+    Parameters
+    ----------
+    view : ViewFrames
+    frames : range
+        Consecutive shot frames, one of several windows of this length.
+    nbytes : int
+        Size of what was made of them.
+    most : int
+        Largest size of what is kept of all windows. If it holds less than `_MIN_CACHED_SHARE` of them, none is kept.
+    """
+    step = max(len(frames) - 1, 1)
+    before, all_frames = frames.start - view.first, len(view.grey)
+    return (1 + before / step) * nbytes <= most and (all_frames - 1) / step * nbytes <= most / _MIN_CACHED_SHARE
+
+
 class GradientImageCache:
     """Gradient images, kept from one evaluation of the evidence to the next, when performers have hardly moved.
 
@@ -129,9 +151,7 @@ class GradientImageCache:
         for first, count in list(kept):  # those that show some of the same pairs of frames are replaced
             if min(first + count, frames.stop) - max(first, frames.start) > 1:
                 kept.pop((first, count), None)  # another thread may have done it
-        # The same are kept whichever thread comes first: what lies beyond a window's edge depends on it.
-        windows = 1 + start / max(images.count - 1, 1)
-        if windows * images.values.nbytes <= MAX_CACHED_BYTES:
+        if is_cached(view, frames, images.values.nbytes, MAX_CACHED_BYTES):
             kept[frames.start, len(frames)] = sigma, images
         return images
 

@@ -20,8 +20,9 @@ from ...evidence.view_work import IN_THIS_THREAD, ViewWork
 from ...numerics.arrays import Array, Bools
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.error_lengths import length_quantile
+from ...runtime.freed_memory import return_freed_memory
 from ..late_views import Lateness, segment_lateness
-from ..solvers.equations.measurement import keypoint_instants, measured_at
+from ..solvers.equations.measurement import LONG, keypoint_instants, measured_at
 from ..solvers.equations.problem import SegmentProblem, SegmentSolution
 from ..solvers.equations.segment_equations import evidence_equations, hidden_and_expected, with_priors_at
 from ..solvers.equations.smoothness_factor import SegmentSmoothness
@@ -120,6 +121,8 @@ def segment_uncertainties(
     solution : SegmentSolution
     by : ViewWork, optional
     """
+    if problem.length >= LONG:
+        return_freed_memory(in_cycles=True)
     motions, spans = solution.motions, problem.spans()
     measured = measured_at(problem, solution)
     whole = replace(problem, only=None)

@@ -189,6 +189,7 @@ def refine(
         if found.moved.max() < UNCONVERGED_MOVE:
             break
         part, motions = workspace.part(again * share, (again + 1) * share), found.motions
+        found = found.without_equations()  # those of a long segment are large, and new ones follow
         if before_repeats is not None:
             motions, part = before_repeats(found, part.part(0.0, 0.5)), part.part(0.5, 1.0)
         further = descend(problem, motions, part, stages[-1:])

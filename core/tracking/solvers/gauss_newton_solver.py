@@ -116,7 +116,7 @@ def _solved_around(
     motions = first.motions
     for k, stretch in enumerate(stretches):
         part, own = _part(thinned, stretch), slice(thinned.frames[stretch.first], thinned.frames[stretch.last] + 1)
-        return_freed_memory()
+        return_freed_memory(in_cycles=True)
         share = workspace.part(k / len(stretches), (k + 1) / len(stretches))
         report = partial(_report_all, share, motions)
         found = _pursued(part, [motion[own] for motion in motions], Workspace(workspace.by, on_step=report))

@@ -44,7 +44,7 @@ def _refined_around(
         return motions
     for k, stretch in enumerate(stretches):
         workspace.report(k / len(stretches), motions)
-        return_freed_memory()
+        return_freed_memory(in_cycles=True)
         begin = [motion[stretch.first : stretch.last + 1] for motion in motions]
         here = gauss_newton.refine(stretch_of(problem, stretch), begin, Workspace(workspace.by), stages)
         motions = tuple(m.replaced(stretch.first, own) for m, own in zip(motions, here.motions, strict=True))

@@ -55,6 +55,16 @@ def test_no_more_gradient_images_are_kept_than_the_bound_allows(monkeypatch: pyt
         assert kept == [0, 1, 2]
 
 
+def test_no_gradient_images_are_kept_of_a_view_of_which_few_would_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    grey, box = np.zeros((30, 90, 120), np.uint8), (0, 0, 120, 90)
+    one = GradientImageCache().images(ViewFrames(CAMERA, grey, 0), range(2), 1.0, box).values.nbytes
+    monkeypatch.setattr("kfmocap.core.evidence.view_frames.MAX_CACHED_BYTES", 3 * one)
+    for count, kept in ((13, True), (14, False)):  # of 12 and of 13 windows
+        view, cache = ViewFrames(CAMERA, grey[:count], 0), GradientImageCache()
+        first, again = (cache.images(view, range(2), 1.0, box) for _ in range(2))
+        assert (first is again) == kept
+
+
 def test_gradient_images_are_derivatives_of_the_smoothed_picture() -> None:
     u, v = np.meshgrid(np.arange(60.0), np.arange(40.0))
     ramp = np.uint8(np.stack([2 * u + 3 * v, 4 * u]))

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
+import weakref
 
 import pytest
+from kfmocap.core.runtime.freed_memory import return_freed_memory
 
 CODE = """
 import numpy as np
@@ -34,3 +37,20 @@ def test_what_was_freed_below_an_array_that_is_left_is_given_back() -> None:
     most, kept, left = map(int, told.stdout.split())
     assert kept > most - 20_000, "it is this that is told"
     assert left < most - 100_000
+
+
+def test_arrays_that_only_refer_to_each_other_are_freed() -> None:
+    class Kept:
+        own: object = None
+
+    kept = Kept()
+    kept.own, left = kept, weakref.ref(kept)
+    gc.disable()
+    try:
+        del kept
+        return_freed_memory()
+        assert left() is not None, "it is this that is told"
+        return_freed_memory(in_cycles=True)
+    finally:
+        gc.enable()
+    assert left() is None

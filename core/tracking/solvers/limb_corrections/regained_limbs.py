@@ -109,7 +109,7 @@ def _found_in_stretches(
         for n, stretch in enumerate(ranges):
             workspace.report((k + n / len(ranges)) / len(stretches), motions)
             own, inner = stretch_of(problem, stretch), Workspace(workspace.by)
-            return_freed_memory()
+            return_freed_memory(in_cycles=True)
             here = _measured(own, [motion[stretch.first : stretch.last + 1] for motion in found], inner)
             there = with_limbs_found(own, here, group, SettledSolutions(), inner)
             if there.motions is not here.motions:
