@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-_SIZE = 64, 36
+DISSOLVE_SIZE = 64, 36
+"""Width and height to which pictures are reduced, pixels."""
 _MIN_SHARE = 0.8
 """Share of the changes (their sum of squares) that one difference must explain: 0.87 and 0.95 in two dissolves, at most
 0.83 where nothing dissolves."""
@@ -30,7 +31,9 @@ def dissolves(pictures: Sequence[NDArray[np.uint8]]) -> bool:
     """Whether consecutive pictures (h, w, 3) of one view dissolve into one another."""
     if len(pictures) < 4:
         return False
-    small = [cv2.resize(own, _SIZE, interpolation=cv2.INTER_AREA).astype(float).mean(axis=-1) for own in pictures]
+    small = [
+        cv2.resize(own, DISSOLVE_SIZE, interpolation=cv2.INTER_AREA).astype(float).mean(axis=-1) for own in pictures
+    ]
     changes = np.array([(after - before).ravel() for before, after in pairwise(small)])
     changes -= changes.mean(axis=1, keepdims=True)
     first, last = small[0].ravel(), small[-1].ravel()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,7 +13,7 @@ from ..runtime.threads import one_library_thread
 from ..shot.shot import Shot
 from ..tracking.segments import whole_keys
 from .background_checks import background_is_plain, moved_camera, with_plain_backgrounds
-from .dissolve import dissolves
+from .dissolve import DISSOLVE_SIZE, dissolves
 from .flicker import FLICKER_FRAMES, MIN_FLICKER, flicker
 from .footage_match import footage_matches
 from .key_frame_views import pictured_key_frames
@@ -75,7 +76,8 @@ def _light_findings(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8
     """Return the views whose light flickers, or whose pictures fade or dissolve, on the first frames."""
     found: list[ViewFinding] = []
     for view, own in zip(shot.views, pictures, strict=True):
-        first = [own[f] for f in range(min(FLICKER_FRAMES, shot.length))]
+        frames = range(min(FLICKER_FRAMES, shot.length))
+        first = [cv2.resize(own[f], DISSOLVE_SIZE, interpolation=cv2.INTER_AREA) for f in frames]
         swing = flicker(first)
         if view.camera.stands_still and dissolves(first):
             found.append(DissolvingPictures(view.camera.name))
