@@ -11,15 +11,12 @@ from dataclasses import replace
 import numpy as np
 
 from ..numerics.arrays import Bools, Ints
-from .settings import Settings
+from .settings import MAX_OFFSET, Settings
 from .shot import Gap, View
 
 FIRST_PARITY = {"top-first": 0, "bottom-first": 1}
 """Parity of the lines that belong to the first field."""
 
-_SURELY_ALLOWED_FOR = 0.4
-"""Measured offset up to which it is no more than that, frames: of key poses that are a whole frame early or late half a
-frame or a little less is measured, as more is not searched for."""
 NOWHERE = -(2**62)
 """No frame of any shot."""
 
@@ -121,12 +118,12 @@ def shown_delay(view: View, settings: Settings) -> float:
 def footage_offset_text(offset: float) -> str:
     """Return what the offset of all footage (see `Settings`, frames, not 0) means, and what to do about it."""
     when = "later" if offset > 0 else "earlier"
-    if abs(offset) < _SURELY_ALLOWED_FOR:
+    if abs(offset) < MAX_OFFSET:
         measured = f"{abs(offset):.2f} frames {when} than on their frames"
         return f"the footage shows the key poses {measured}; tracking allows for it, nothing needs to be done"
     return (
-        f"the footage shows the key poses about half a frame or more {when} than on their frames; tracking allows for "
-        f"half a frame only: if they fit the pictures one frame {when}, move them there"
+        f"the footage shows the key poses half a frame or more {when} than on their frames; tracking allows for half a "
+        f"frame only: if they fit the pictures one frame {when}, move them there"
     )
 
 

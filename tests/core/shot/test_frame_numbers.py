@@ -13,7 +13,6 @@ from kfmocap.core.shot.frame_numbers import (
     across_gaps,
     footage_delay,
     footage_index,
-    footage_offset_text,
     frames_damaged,
     gap_frame,
     shot_frames,
@@ -136,13 +135,3 @@ def test_damaged_frames_are_those_from_the_first_to_the_last_of_each_run() -> No
     view = View(look_at("front", (0.5, -2.8, 1.5)), Path("none.mp4"), offset=3.0, damaged=((7, 8), (10, 10)))
     assert np.flatnonzero(frames_damaged(view, range(2, 10))).tolist() == [2, 3, 5]
     assert not frames_damaged(replace(view, damaged=()), range(2, 10)).any()
-
-
-@pytest.mark.parametrize(
-    ("offset", "said"),
-    [(0.2, "0.20 frames later than"), (-0.3, "0.30 frames earlier than"), (-0.46, "one frame earlier"), (0.5, "later")],
-)
-def test_an_offset_that_may_be_a_whole_frame_is_to_be_checked(offset: float, said: str) -> None:
-    """More than half a frame is not searched for, and the measured one is drawn to none."""
-    text = footage_offset_text(offset)
-    assert said in text and ("nothing needs to be done" in text) == (abs(offset) < 0.4)
