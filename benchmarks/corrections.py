@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 from statistics import median
 
 import numpy as np
 
-from ..core.body.motion import Motion
 from ..core.runtime.worker_memory import WorkerMemory
 from ..core.shot.shot import Shot
 from ..core.tracking.prepare import load_shot
-from ..core.tracking.retracking import Excerpt, track_excerpts
+from ..core.tracking.retracking import Excerpt, excerpt_at, track_excerpts
 from ..core.tracking.run_context import RunContext
 from .tables import markdown
 
@@ -80,7 +78,7 @@ def measure_corrections(folder: Path, *, repeat: int, threads: int | None = None
         taken("all", None, lambda: track_excerpts(shot, everything, run=run))
         for what, key in (("two segments", keys[len(keys) // 2]), ("one at an end", keys[0])):
             [wrong] = track_excerpts(with_key_moved(shot, key), everything, run=run)
-            excerpt = beside(shot, key, wrong.motions, wrong.footage_offset)
+            excerpt = excerpt_at(shot, key, wrong.motions, wrong.footage_offset)
             taken(what, key, lambda excerpt=excerpt: track_excerpts(shot, [excerpt], run=run))
     return table(found)
 
@@ -95,19 +93,6 @@ def with_key_moved(shot: Shot, key: int) -> Shot:
     step[performer.key_poses.frames == key] = np.concatenate([MOVED * ways[0], TURNED * ways[1:].ravel()])
     keyed = replace(performer.key_poses, poses=poses.moved(step))
     return replace(shot, performers=(replace(performer, key_poses=keyed), *others))
-
-
-def beside(shot: Shot, key: int, motions: Sequence[Motion], offset: float | None) -> Excerpt:
-    """Return the segments on both sides of a key pose as an excerpt, with the earlier motion and the footage offset."""
-    keys = shot.performers[0].key_poses.frames.tolist()
-    ends = [end for pair in pairwise(keys) if key in pair for end in pair]
-    first, last = min(ends), max(ends)
-
-    def pose(frame: int) -> tuple[Motion, ...] | None:
-        return tuple(m[[frame]] for m in motions) if 0 <= frame < shot.length else None
-
-    earlier = tuple(m[first : last + 1] for m in motions)
-    return Excerpt(first, last, (pose(first - 1), pose(last + 1)), offset, earlier)
 
 
 def table(found: list[Correction]) -> str:

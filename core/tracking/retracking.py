@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..body.motion import Motion
-from ..errors import KFMocapError
+from ..errors import KFMocapError, ShotError
 from ..runtime.progress import Progress, report_progress, share
 from ..runtime.worker_memory import WorkerMemory
 from ..shot.fingerprint import ValueBytes, checksum
@@ -66,6 +66,36 @@ def segments_after(segments: Sequence[Segment], frame: int) -> list[Segment]:
 def segments_before(segments: Sequence[Segment], frame: int) -> list[Segment]:
     """Return the segments with frames before a shot frame."""
     return [(first, last) for first, last in segments if first < frame]
+
+
+def excerpt_at(shot: Shot, frame: int, motions: Sequence[Motion], footage_offset: float | None) -> Excerpt:
+    """Return the segments that contain a frame as an excerpt: the two beside a key pose that was corrected.
+
+    Parameters
+    ----------
+    shot : Shot
+    frame : int
+        Shot frame.
+    motions : sequence of Motion
+        Per performer: its motion on all frames, as it was tracked before.
+    footage_offset : float, optional
+        As measured then (`TrackResult.footage_offset`).
+
+    Raises
+    ------
+    ShotError
+        The frame is none of the shot's.
+    """
+    ends = [end for segment in segments_at(segments(shot), frame) for end in segment]
+    if not ends:
+        raise ShotError(f"there is no frame {frame}", where=shot.name, todo=f"give 0 to {shot.length - 1}")
+    first, last = min(ends), max(ends)
+
+    def pose(number: int) -> tuple[Motion, ...] | None:
+        return tuple(m[[number]] for m in motions) if 0 <= number < shot.length else None
+
+    earlier = tuple(m[first : last + 1] for m in motions)
+    return Excerpt(first, last, (pose(first - 1), pose(last + 1)), footage_offset, earlier)
 
 
 def track_excerpts(

@@ -7,8 +7,10 @@ import pytest
 from kfmocap.benchmarks import corrections
 from kfmocap.benchmarks.corrections import MOVED, TURNED, Correction
 from kfmocap.core.body import human
+from kfmocap.core.errors import ShotError
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot
+from kfmocap.core.tracking.retracking import excerpt_at
 from synthetic import random_motion
 
 BODY, KEYS = human(1.75), [0, 4, 7, 9]
@@ -31,13 +33,18 @@ def test_one_key_pose_is_moved_and_every_joint_of_it_turned(shot: Shot) -> None:
 @pytest.mark.parametrize(("key", "first", "last"), [(0, 0, 4), (4, 0, 7), (9, 7, 9)])
 def test_the_segments_beside_it_are_tracked_between_what_is_known(shot: Shot, key: int, first: int, last: int) -> None:
     motion = random_motion(BODY, 10, seed=2)
-    excerpt = corrections.beside(shot, key, [motion], 0.25)
+    excerpt = excerpt_at(shot, key, [motion], 0.25)
     assert (excerpt.first, excerpt.last, excerpt.footage_offset) == (first, last, 0.25)
     for known, frame in zip(excerpt.around, (first - 1, last + 1), strict=True):
         assert (known is None) == (frame in (-1, 10))
         if known is not None:
             np.testing.assert_array_equal(known[0].rotations[0], motion.rotations[frame])
     np.testing.assert_array_equal(excerpt.earlier[0].rotations, motion.rotations[first : last + 1])
+
+
+def test_a_frame_outside_the_shot_is_refused(shot: Shot) -> None:
+    with pytest.raises(ShotError, match=r"there is no frame 10 \(give 0 to 9\)"):
+        excerpt_at(shot, 10, [random_motion(BODY, 10, seed=2)], None)
 
 
 def test_the_table_has_shares_of_tracking_all() -> None:

@@ -11,6 +11,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from conftest import ROOT
 from kfmocap.cli import arguments
@@ -106,6 +107,11 @@ def test_the_python_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
             exec(compile(code, "docs/python.md", "exec"), names)
     assert {path.name for path in (tmp_path / "results").iterdir()} == {"walk.bvh", "walk.fbx", "shot.blend"}
     keys = names["shot"].performers[0].key_poses.frames.tolist()
+    before, after = names["result"].motions[0], names["motion"]
+    turned = before[[keys[-1]]].difference(after[[keys[-1]]])[0]
+    moved = 3 + 3 * names["body"].names.index("forearm.L")
+    np.testing.assert_allclose(turned[moved], np.radians(5), atol=1e-6)
+    np.testing.assert_array_equal(after.rotations[: keys[-2]], before.rotations[: keys[-2]])
     truth = read_trc(tmp_path / "examples" / "walk" / "landmarks.trc")
     assert joint_error(read_trc(tmp_path / "walk.trc"), truth, keys).mean < 60
 
