@@ -10,6 +10,7 @@ import pytest
 from kfmocap.core.body import part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics.frame_ranges import runs
+from kfmocap.core.retargeting import foot_keeping
 from kfmocap.core.retargeting.foot_clean_up import with_clean_feet
 from kfmocap.core.shot.shot import KeyPoses
 from kfmocap.core.tracking.segment_stages import TrackState
@@ -38,8 +39,17 @@ from synthetic import CAMERAS, film, shot_of
 from synthetic import at_rest as standing
 
 Array = np.ndarray
-ROUGH_WALK = MOTIONS["walk"](BODY, FRAMES, FPS)
-WALK = with_clean_feet(BODY, ROUGH_WALK, FPS, KeyPoses.whole([], ROUGH_WALK[:0]))
+
+
+def _walk_on_heels_and_toes() -> Motion:
+    """A walk whose heels and tips of the toes stand while they are planted, and with them all of the sole."""
+    rough = MOTIONS["walk"](BODY, FRAMES, FPS)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(foot_keeping, "BALL_SHARE", 1.0)
+        return with_clean_feet(BODY, rough, FPS, KeyPoses.whole([], rough[:0]))
+
+
+WALK = _walk_on_heels_and_toes()
 CREEP = 0.1
 """Metres per second."""
 SLOW = 0.05
