@@ -38,6 +38,7 @@ from ..thinned_frames import ThinnedProblem
 from .limb_groups import LimbGroup, contradicted, least_gain, solved_from, with_limbs_found
 from .limb_search import views_of
 from .local_trials import Stretch, is_long, stretch_of, stretches_around
+from .swivelled_limbs import with_limbs_swivelled
 
 
 def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentSolution:
@@ -189,6 +190,8 @@ def _searched(
             part = workspace.part(done / len(groups), (done + 1) / len(groups))
             solution = with_limbs_found(problem, solution, group, known, part, ratios=ratios)
             done += 1
+    if groups and contradicted(problem) and problem.shows_depth:
+        solution = with_limbs_swivelled(problem, solution, known, workspace.silent())
     return solution
 
 
