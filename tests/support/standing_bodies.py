@@ -9,8 +9,8 @@ from kfmocap.core.body.soles import Soles
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
+from kfmocap.core.tracking.solvers.plants.standing_feet import with_plants_at_rest
 from kfmocap.core.tracking.solvers.protocol import SettledMotions, SolvedFrames
-from kfmocap.core.tracking.solvers.standing_feet import with_plants_at_rest
 from scipy.linalg import solve_banded
 from synthetic import CAMERAS, dark, ends_held
 

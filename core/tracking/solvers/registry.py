@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from . import gauss_newton_solver, standing_feet
+from . import gauss_newton_solver
 from .paper_relaxation import relaxation
+from .plants import standing_feet
 from .protocol import Solver
 
 GAUSS_NEWTON = Solver(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from kfmocap.core.body.kinematics import part_poses, tip_positions
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.fitting.misfit_causes import followed_cameras
+from kfmocap.core.fitting.background_checks import followed_cameras
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import Shot, View

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from kfmocap.core.numerics.banded import BandedFactor
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
-from kfmocap.core.tracking.solvers import place_covariance
-from kfmocap.core.tracking.solvers.place_covariance import PlaceCovariance, TwistCovariance
+from kfmocap.core.tracking.solvers.plants import place_covariance
+from kfmocap.core.tracking.solvers.plants.place_covariance import PlaceCovariance, TwistCovariance
 
 FRAMES, D, SIGMA = 40, 7, 0.3
 OWN = slice(1, 6)

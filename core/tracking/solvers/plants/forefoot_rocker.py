@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...body.soles import BALL_SHARE, Soles
-from ...numerics.arrays import Array
-from ...numerics.frame_ranges import runs
+from ....body.soles import BALL_SHARE, Soles
+from ....numerics.arrays import Array
+from ....numerics.frame_ranges import runs
 from .apparent_plants import Plant, Seeming
 from .plant_evidence import PlantEvidence, most_by_chance
 

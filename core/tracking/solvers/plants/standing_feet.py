@@ -26,20 +26,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...body.foot_plants import MIN_DURATION
-from ...body.motion import Motion
-from ...body.soles import Soles
-from ...numerics.arrays import Array, Bools
-from ...numerics.banded_blocks import BandedBlocks
-from ...numerics.robust_kernels import Quadratic
+from ....body.foot_plants import MIN_DURATION
+from ....body.motion import Motion
+from ....body.soles import Soles
+from ....numerics.arrays import Array, Bools
+from ....numerics.banded_blocks import BandedBlocks
+from ....numerics.robust_kernels import Quadratic
+from ..equations.plant_factor import PlantFactor
+from ..equations.problem import SegmentProblem, SegmentSolution
+from ..equations.segment_equations import equations_at
+from ..protocol import SettledMotions, SolvedFrames
 from .apparent_plants import Seeming
-from .equations.plant_factor import PlantFactor
-from .equations.problem import SegmentProblem, SegmentSolution
-from .equations.segment_equations import equations_at
 from .forefoot_rocker import with_forefoot_rockers
 from .plant_evidence import PlantEvidence
 from .plant_tests import PlantTests
-from .protocol import SettledMotions, SolvedFrames
 
 REST_SPEED_SIGMA = 0.005
 """Standard deviation of the velocity of a standing point along each axis, metres per second."""

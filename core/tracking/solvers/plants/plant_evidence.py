@@ -10,18 +10,18 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import chdtri, fdtri
 
-from ...body.kinematics import Poses, part_poses, twist_jacobian
-from ...body.motion import Motion
-from ...evidence.standing_points import RADIUS, log_gain_by_displacement, log_odds_of_standing
-from ...numerics import rotations
-from ...numerics.arrays import Array
-from ...numerics.banded import BandedFactor
-from ...numerics.banded_blocks import BandedBlocks
+from ....body.kinematics import Poses, part_poses, twist_jacobian
+from ....body.motion import Motion
+from ....evidence.standing_points import RADIUS, log_gain_by_displacement, log_odds_of_standing
+from ....numerics import rotations
+from ....numerics.arrays import Array
+from ....numerics.banded import BandedFactor
+from ....numerics.banded_blocks import BandedBlocks
+from ..equations.hold_factor import TiedSystems, tied_systems
+from ..equations.plant_factor import PlantFactor
+from ..equations.problem import SegmentProblem
+from ..gauss_newton import increments_of, moved_by
 from .apparent_plants import Plant, SolePoint
-from .equations.hold_factor import TiedSystems, tied_systems
-from .equations.plant_factor import PlantFactor
-from .equations.problem import SegmentProblem
-from .gauss_newton import increments_of, moved_by
 from .place_covariance import PlaceCovariance, TwistCovariance
 
 SIGNIFICANCE = 0.01

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...numerics import rotations
-from ...numerics.arrays import Array
-from ...numerics.banded import BandedFactor
+from ....numerics import rotations
+from ....numerics.arrays import Array
+from ....numerics.banded import BandedFactor
 
 FRAMES_AT_ONCE = 8
 """Number of frames whose covariances with all others are computed at a time: each takes six solutions of the whole

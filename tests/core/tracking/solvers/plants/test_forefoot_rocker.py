@@ -7,8 +7,8 @@ import pytest
 from kfmocap.core.body import part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.body.soles import BALL_SHARE, Soles
-from kfmocap.core.tracking.solvers import standing_feet
-from kfmocap.core.tracking.solvers.forefoot_rocker import with_forefoot_rockers
+from kfmocap.core.tracking.solvers.plants import standing_feet
+from kfmocap.core.tracking.solvers.plants.forefoot_rocker import with_forefoot_rockers
 from kfmocap.core.tracking.solvers.protocol import SettledMotions
 from scipy.spatial.transform import Rotation
 from standing_bodies import BODY, FPS, FRAMES, SOLES, rested, soles_of, tracked

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...body.motion import Motion
-from ...body.soles import Soles
-from ...numerics.arrays import Bools, Ints
-from .equations.plant_factor import PlantFactor
-from .equations.problem import SegmentProblem
+from ....body.motion import Motion
+from ....body.soles import Soles
+from ....numerics.arrays import Bools, Ints
+from ..equations.plant_factor import PlantFactor
+from ..equations.problem import SegmentProblem
 
 SolePoint = tuple[int, int, tuple[float, float, float]]
 

@@ -10,12 +10,22 @@ from itertools import chain
 import numpy as np
 from scipy.special import chdtri
 
-from ...body.foot_plants import MIN_DURATION
-from ...evidence.standing_points import RADIUS
-from ...numerics.arrays import Bools
-from ...numerics.frame_ranges import runs
-from .apparent_plants import Plant, Seeming, joined, overlapping
-from .plant_evidence import JOINING_SIGNIFICANCE, SIGNIFICANCE, PlantEvidence, most_by_chance
+from ....body.foot_plants import MIN_DURATION
+from ....evidence.standing_points import RADIUS
+from ....numerics.arrays import Bools
+from ....numerics.frame_ranges import runs
+from .apparent_plants import (
+    Plant,
+    Seeming,
+    joined,
+    overlapping,
+)
+from .plant_evidence import (
+    JOINING_SIGNIFICANCE,
+    SIGNIFICANCE,
+    PlantEvidence,
+    most_by_chance,
+)
 
 PICTURES_ODDS = 10.0
 """How many times likelier the pictures around a point must be if it stands than if it moves as it was tracked, for a

@@ -1,0 +1,1 @@
+"""Plants: points of the soles that stand, found and brought to rest."""
