@@ -37,7 +37,7 @@ def draw_hidden(layout: bpy.types.UILayout, context: bpy.types.Context, thing: b
     if visibility.is_hidden(context, thing):
         column = layout.column(align=True)
         draw_text(column, context, f"{what} cannot be seen: '{thing.name}' is hidden", "HIDE_ON")
-        column.operator(ShowHidden.bl_idname, icon="HIDE_OFF").name = thing.name
+        column.operator(ShowHidden.bl_idname, icon="HIDE_OFF").hidden = thing.name
 
 
 def lines(text: str, width: float) -> list[str]:

@@ -197,7 +197,7 @@ def test_a_hidden_camera_is_said_and_shown_again_with_the_footage_behind_it(two,
     bpy.context.view_layer.update()
     [text, (tool, name)] = drawn(footage_panel.LookPanel)
     assert text == "The footage cannot be seen: 'cam01' is hidden" and tool == "kfmocap.show_hidden"
-    assert bpy.ops.kfmocap.show_hidden(name=name) == {"FINISHED"}
+    assert bpy.ops.kfmocap.show_hidden(hidden=name) == {"FINISHED"}
     assert two.camera.visible_get() and two.objects["man"].visible_get()
     assert not drawn(footage_panel.LookPanel) and not bpy.ops.kfmocap.show_hidden.poll()
 
@@ -210,7 +210,7 @@ def test_a_hidden_body_is_said_where_it_is_posed(two):
     for section in sections:
         assert drawn(section) == ["The body cannot be seen: 'man' is hidden", ("kfmocap.show_hidden", "man")]
     with pytest.raises(RuntimeError, match="There is no object 'child' in the scene"):
-        bpy.ops.kfmocap.show_hidden(name="child")
+        bpy.ops.kfmocap.show_hidden(hidden="child")
 
 
 def drawn(section):
@@ -219,7 +219,7 @@ def drawn(section):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(texts, "draw_text", lambda _layout, _context, text, _icon="NONE": layout.said.append(text))
         section.draw_content(SimpleNamespace(layout=layout), bpy.context)
-    shown = [(item[0], item[1].name) if isinstance(item, tuple) else item for item in layout.said]
+    shown = [(item[0], item[1].hidden) if isinstance(item, tuple) else item for item in layout.said]
     return shown[-2:]
 
 

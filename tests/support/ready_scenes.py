@@ -182,7 +182,7 @@ def _without_camera(_folder: Path) -> Arguments:
 def _hidden(_folder: Path) -> Arguments:
     camera = bpy.context.scene.kfmocap.views[0].camera
     camera.hide_set(True)
-    return {"name": camera.name}
+    return {"hidden": camera.name}
 
 
 def _own_calibration(folder: Path) -> Arguments:

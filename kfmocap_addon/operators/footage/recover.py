@@ -107,12 +107,12 @@ class ShowHidden(Conditional, bpy.types.Operator):
     bl_label = "Show"
     conditions = (_has_hidden,)
 
-    name: bpy.props.StringProperty(name="Name", description="Name of the camera or armature")
+    hidden: bpy.props.StringProperty(name="Hidden", description="Name of the camera or armature")
 
     def act(self, context: bpy.types.Context) -> None:
-        thing: bpy.types.Object | None = context.scene.objects.get(self.name)
+        thing: bpy.types.Object | None = context.scene.objects.get(self.hidden)
         if thing is None:
-            raise ShotError(f"There is no object '{self.name}' in the scene")
+            raise ShotError(f"There is no object '{self.hidden}' in the scene")
         visibility.show(context, thing)
 
 
