@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import CalibrationError
 from ..numerics.arrays import Array, Bools
 
+_MIN_DEPTH = 0.5  # metres before the camera: nearer points have the scale of this distance
 _SAME_PLACE = 1e-4
 """Distance between the places of a camera that only turns, metres."""
 MAX_TURN_SHARE = 0.1
@@ -181,6 +182,13 @@ class Camera:
         """Return the optical centres on consecutive shot frames in the world frame, metres, shape (n, 3)."""
         R, t = self.poses(first, count)
         return np.asarray(-(np.swapaxes(R, 1, 2) @ t[..., None])[..., 0])
+
+    def pixels_per_metre(self, point_world: Array, frame: int = 0) -> float:
+        """Return the length in pixels of a metre that faces the camera at a point (3,) on a shot frame; points behind
+        it count as in front of it.
+        """
+        R, t = self.pose(frame)
+        return float(self.matrix[[0, 1], [0, 1]].mean() / max((R @ point_world + t)[2], _MIN_DEPTH))
 
     def shows(self, pixels: Array) -> Bools:
         """Return which pixels (..., 2) are in the picture, up to the edges of its outermost pixels; NaN is not."""

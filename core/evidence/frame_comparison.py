@@ -270,7 +270,7 @@ def labelled_frames(
 
 def _outlines(frames: FramesInView, labels: LabelImages, foreground: NDArray[np.uint8]) -> OutlineSums:
     view, first, sampling = frames.view, frames.first, frames.sampling
-    reach = max(4, round(sampling.reach * view.pixels_per_metre(frames.poses[1].mean(axis=(0, 1)), first)))
+    reach = max(4, round(sampling.reach * view.camera.pixels_per_metre(frames.poses[1].mean(axis=(0, 1)), first)))
     search = LineSearch(sampling.stride, reach, sampling.tolerance)
     coloured = view.part_colours(first, len(frames))
     lines = outline_lines(view.camera, foreground, labels, search, halo=view.halo, coloured=coloured)

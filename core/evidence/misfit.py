@@ -148,7 +148,7 @@ def most_explained(
         coloured = view.part_colours(first + f, 1, _STRIDE)
         if coloured is not None:
             ratio = ratio + coloured.colours.ratio[own].max(axis=0)[coloured.palette[0]]
-        reach = SEARCH_REACH * view.pixels_per_metre(T[f].mean(axis=0), first + f) / _STRIDE
+        reach = SEARCH_REACH * view.camera.pixels_per_metre(T[f].mean(axis=0), first + f) / _STRIDE
         within = _distance(labels.part[0] >= 0) < reach
         most[k] = _STRIDE**2 * np.maximum(ratio[within], 0).sum(dtype=float)
     return most
@@ -161,7 +161,7 @@ def _view_misfit(
     geometry, (R, T), first, spans = asked
     P = T.shape[1]
     labels = render_labels(geometry, view.camera.subsampled(_STRIDE), first, R, T)
-    scale = view.pixels_per_metre(T.mean(axis=(0, 1)), first) / _STRIDE
+    scale = view.camera.pixels_per_metre(T.mean(axis=(0, 1)), first) / _STRIDE
     left, top, right, bottom = labels.box()
     margin = int(np.ceil(SEARCH_REACH * scale)) + 1
     window = (

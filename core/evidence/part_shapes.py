@@ -245,7 +245,9 @@ def _lines(view: ViewFrames, geometry: Geometry, poses: Poses, frames: Sequence[
     (R, T), camera = poses, view.camera.at(frames)
     foreground = np.concatenate([view.foreground_at(frame, 1) for frame in frames], axis=1)
     labels = render_labels(geometry, camera.subsampled(_STRIDE), 0, R, T)
-    scale = max(view.pixels_per_metre(places.mean(axis=0), frame) for places, frame in zip(T, frames, strict=True))
+    scale = max(
+        view.camera.pixels_per_metre(places.mean(axis=0), frame) for places, frame in zip(T, frames, strict=True)
+    )
     reach = max(4, round(KEY_OUTLINE_REACH * scale))
     search = LineSearch(_STRIDE, reach, OUTLINE_TOLERANCE)
     return outline_lines(camera, foreground, labels, search, halo=view.halo)

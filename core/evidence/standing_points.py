@@ -54,7 +54,7 @@ def log_odds_of_standing(view: ViewFrames, first: int, path: Array) -> float:
         return 0.0
     middle = path.mean(axis=0)
     stands, moves = (_projected(view, places, frames) for places in (np.broadcast_to(middle, path.shape), path))
-    radius = max(RADIUS * view.pixels_per_metre(middle, first), MIN_RADIUS)
+    radius = max(RADIUS * view.camera.pixels_per_metre(middle, first), MIN_RADIUS)
     images = _pictures(view, frames, np.concatenate([stands, moves]), radius, SMOOTHING)
     if images is None:
         return 0.0
@@ -90,7 +90,7 @@ def log_gain_by_displacement(view: ViewFrames, first: int, place: Array, stood: 
     known = stood[shown]
     if known.sum() < 2:
         return gains
-    radius = max(RADIUS * view.pixels_per_metre(place, first), MIN_RADIUS)
+    radius = max(RADIUS * view.camera.pixels_per_metre(place, first), MIN_RADIUS)
     smoothing = max(SMOOTHING, radius / 4)
     pixels = _projected(view, np.broadcast_to(place, (len(shown), 3)), first + shown)
     images = _pictures(view, first + shown, pixels, 2 * radius, smoothing)

@@ -20,7 +20,6 @@ MAX_CACHED_BYTES = 32 << 20
 """Largest size of one view's gradient images in a cache."""
 _MIN_CACHED_SHARE = 0.25
 """Share of a view that a cache must hold: less saves little time, and takes as much memory."""
-_MIN_DEPTH = 0.5  # metres before the camera: nearer points have the scale of this distance
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,13 +94,6 @@ class ViewFrames:
         assert self.foreground is not None
         start = first - self.first
         return copied_from_map(self.foreground[:, start : start + count, ::stride, ::stride])
-
-    def pixels_per_metre(self, point_world: NDArray[np.float64], frame: int) -> float:
-        """Length in pixels of a metre that faces the camera at a point (3,); points behind it count as in front of
-        it.
-        """
-        R, t = self.camera.pose(frame)
-        return float(self.camera.matrix[[0, 1], [0, 1]].mean() / max((R @ point_world + t)[2], _MIN_DEPTH))
 
 
 def is_cached(view: ViewFrames, frames: range, nbytes: int, most: int) -> bool:

@@ -20,7 +20,6 @@ from ..evidence.outline_evidence.outline_lines import KEY_FRAME_PIECE, Lines, Li
 from ..evidence.part_shapes import shape_columns, stretched
 from ..evidence.rendering.label_images import render_labels
 from ..evidence.rendering.part_geometry import Geometry
-from ..evidence.view_frames import ViewFrames
 from ..numerics.arrays import Array
 from ..numerics.least_squares import GAUSS_NEWTON, LeastSquaresResult, StoppingRule, minimise
 from ..numerics.normal_equations import NormalEquations
@@ -170,8 +169,7 @@ def key_outlines(
 
 def _scale(camera: Camera, poses: Poses) -> float:
     """Return the pixels per metre at the performers."""
-    empty = np.zeros((0, *camera.size[::-1]), np.uint8)
-    return ViewFrames(camera, empty, 0).pixels_per_metre(poses[1].mean(axis=(0, 1)), 0)
+    return camera.pixels_per_metre(poses[1].mean(axis=(0, 1)))
 
 
 def outline_products(lines: Lines, camera: Camera, poses: Poses) -> Array:

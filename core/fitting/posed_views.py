@@ -19,9 +19,6 @@ from ..numerics.arrays import Bools
 from ..shot.shot import Shot, View
 from .key_frame_views import KeyFrameView
 
-_MIN_DEPTH = 0.1
-"""Least distance of performers from a camera, metres: where they are behind it, no scale is of any use."""
-
 
 @dataclass(frozen=True, eq=False)
 class PosedView:
@@ -76,9 +73,7 @@ class PosedView:
     @property
     def pixels_per_metre(self) -> float:
         """Scale of the pictures at the performers."""
-        R, t = self.camera.pose(0)
-        depth = float((R @ self.poses[1].mean(axis=(0, 1)) + t)[2])
-        return float(self.camera.matrix[[0, 1], [0, 1]].mean()) / max(depth, _MIN_DEPTH)
+        return self.camera.pixels_per_metre(self.poses[1].mean(axis=(0, 1)))
 
     @cached_property
     def performers(self) -> Bools:

@@ -40,6 +40,7 @@ from .key_frame_views import pictured_key_frames, read_key_frames
 from .keypoint_cameras import PictureShift, contradictions
 from .misfit_causes import attributed_findings
 from .outline_check import outline_fits
+from .picture_findings import Strangers
 from .posed_views import posed_views
 from .shared_keypoints import CameraEstimate, SharedKeypoints
 from .stranger_check import strangers_in
@@ -238,7 +239,7 @@ def _refined(shot: Shot, progress: Progress | None) -> Refinement:
     if compared is None:
         return refine_cameras(shot, progress)
     agreed = compared.applied(shot)
-    if not any(fit.off and fit.by != "strangers" for fit in fit_by_key_poses(agreed, progress=progress)):
+    if not any(fit.off and not isinstance(fit, Strangers) for fit in fit_by_key_poses(agreed, progress=progress)):
         return compared
     posed = refine_cameras(agreed, progress)
     pairs = zip(posed.views, compared.views, strict=True)

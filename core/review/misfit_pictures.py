@@ -17,7 +17,6 @@ from ..evidence.foreground_images.foreground import SURE_LOG_RATIO, foreground_i
 from ..evidence.misfit import OWN_REACH
 from ..evidence.rendering.label_images import render_labels
 from ..evidence.rendering.part_geometry import Geometry
-from ..evidence.view_frames import ViewFrames
 from ..shot.footage import MAX_PICTURE_SIDE, frames_at, working_factor
 from ..shot.footage_faults.footage_checks import check_view
 from ..shot.frame_numbers import shown_delay
@@ -87,7 +86,7 @@ def misfit_picture(shot: Shot, view: View, motions: Sequence[Motion], frame: int
     models = [render_labels(geometry, camera, f, R[[k]], T[[k]]).part[0] >= 0 for k, f in enumerate(frames)]
     if not any(models[frames.index(key)].any() for key in keys):
         raise ShotError("it sees nobody on the key frames", where=f"view {view.camera.name}", todo="choose another")
-    scale = ViewFrames(camera, colour[..., 0], frame).pixels_per_metre(T.mean(axis=(0, 1)), frame)
+    scale = camera.pixels_per_metre(T.mean(axis=(0, 1)), frame)
     masks = {frames.index(key): models[frames.index(key)] for key in keys}
     now = frames.index(frame)
     ratio = log_ratio(foreground_images(colour, masks, scale, camera.stands_still)[now])

@@ -130,7 +130,7 @@ def known_pixels(view: ViewFrames, geometry: Geometry, poses: Poses, keys: Posed
     R, T = poses
     camera, M = view.camera.at(keys.frames.tolist()), keys.posed.shape[1]
     labels = render_labels(geometry, camera, 0, R, T).part
-    scale = view.pixels_per_metre(T[0].mean(axis=0), int(keys.frames[0]))
+    scale = view.camera.pixels_per_metre(T[0].mean(axis=0), int(keys.frames[0]))
     unsure = np.zeros(labels.shape, bool)
     for m in np.flatnonzero(~keys.posed.all(axis=0)):
         (loose,), own = np.nonzero(~keys.posed[:, m]), np.flatnonzero(geometry.performer == m)

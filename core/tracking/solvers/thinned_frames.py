@@ -74,6 +74,11 @@ class ThinnedProblem:
         return None
 
     @classmethod
+    def with_all(cls, whole: SegmentProblem) -> ThinnedProblem:
+        """Keep all frames."""
+        return cls(whole, np.arange(whole.length), 1, whole)
+
+    @classmethod
     def at(cls, whole: SegmentProblem, frames: Ints, every: int) -> ThinnedProblem:
         """Keep certain frames, which usually are `every` frames apart."""
         (before, ahead), (after, behind) = (_known_beside(whole, end, every) for end in (0, 1))
@@ -260,7 +265,7 @@ def gap_variance(every: int) -> float:
 def _pixel(view: ViewFrames, problem: SegmentProblem, motions: Sequence[Motion]) -> float:
     """Return the size of a pixel at the performers that are solved for, metres."""
     there = np.mean([motions[i].translations.mean(axis=0) for i in problem.sought], axis=0)
-    return 1 / view.pixels_per_metre(there, problem.first)
+    return 1 / view.camera.pixels_per_metre(there, problem.first)
 
 
 def _sway(body: Body, variances: Array, motion: Motion) -> float:

@@ -20,12 +20,12 @@ import numpy as np
 from ....body import Body
 from ....body.motion import Motion, with_motion
 from ....numerics.arrays import Bools
-from ..descent_stages import SETTLED
+from ..descent_stages import SETTLED, UNCONVERGED_MOVE
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
-from ..gauss_newton import continued, descend
-from ..judgement.settled_solutions import SettledSolutions
+from ..gauss_newton import continued, descend, farthest_joint
+from ..judgement.settled_solutions import SettledSolution, SettledSolutions
 from ..judgement.solution_doubts import MIN_DURATION
 from ..judgement.solution_ranking import RESTING_GAIN, likelihood, settled_further
 from ..limb_evidence.limb_images import ViewRatios
@@ -93,7 +93,7 @@ def with_limbs_found(
     """
     alone, i = problem.alone(group.performer), group.performer
     thinned = None if problem.among_others else ThinnedProblem.of(alone, solution.motions)
-    thinned = thinned or ThinnedProblem(alone, np.arange(alone.length), 1, alone)
+    thinned = thinned or ThinnedProblem.with_all(alone)
     if ratios is None:  # the others stay where they are
         ratios = views_of(thinned.problem, thinned.of_motions(solution.motions), i)
     best, vain, settled = solution, 0, None
@@ -209,6 +209,33 @@ def _likelier(
         return None
     there = settled_further(alone, noise, there, workspace, rival=rival)
     return there if likelihood(alone, noise, there) > rival else None
+
+
+def continued_where_likelier(
+    problem: SegmentProblem,
+    solution: SegmentSolution,
+    first: SettledSolution,
+    found: SegmentSolution,
+    workspace: Workspace,
+) -> SegmentSolution:
+    """Return a solution of a single performer, continued by another one if that is elsewhere and, at rest, likelier by
+    the `least_gain`.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    solution : SegmentSolution
+    first : SettledSolution
+        The solution, solved further.
+    found : SegmentSolution
+        The other one, under the same noise.
+    workspace : Workspace
+    """
+    if farthest_joint(problem, first.solution.motions, found.motions) < UNCONVERGED_MOVE:
+        return solution
+    rival = likelihood(problem, first.noise, first.solution) + least_gain(problem)
+    found = settled_further(problem, first.noise, found, workspace, rival=rival)
+    return continued(solution, found) if likelihood(problem, first.noise, found) > rival else solution
 
 
 def solved_from(

@@ -18,10 +18,10 @@ from ....body.motion import Motion
 from ....numerics.arrays import Array
 from ....runtime.freed_memory import return_freed_memory
 from ....runtime.timing import Seconds
-from ..descent_stages import COARSE_RESTART, SETTLED, UNCONVERGED_MOVE
+from ..descent_stages import COARSE_RESTART, SETTLED
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
-from ..gauss_newton import continued, descend, farthest_joint, views_in_sight
+from ..gauss_newton import continued, descend, views_in_sight
 from ..judgement.limb_signs import (
     bent_limbs,
     faded_limbs,
@@ -32,10 +32,10 @@ from ..judgement.limb_signs import (
 )
 from ..judgement.settled_solutions import SettledSolutions
 from ..judgement.solution_doubts import others_hide
-from ..judgement.solution_ranking import likelihood, likelihood_decides, settled_further
+from ..judgement.solution_ranking import likelihood, likelihood_decides
 from ..limb_evidence.limb_support import SupportOfLimb, evaluated, support_of_limbs
 from ..thinned_frames import ThinnedProblem
-from .limb_groups import LimbGroup, contradicted, least_gain, solved_from, with_limbs_found
+from .limb_groups import LimbGroup, continued_where_likelier, contradicted, least_gain, solved_from, with_limbs_found
 from .limb_search import views_of
 from .local_trials import Stretch, is_long, stretch_of, stretches_around
 from .swivelled_limbs import with_limbs_swivelled
@@ -220,8 +220,4 @@ def _stirred(
     """
     first = known.after(problem, solution, workspace)
     found = descend(problem, first.solution.motions, workspace, (*COARSE_RESTART, *SETTLED), first.noise)
-    if farthest_joint(problem, first.solution.motions, found.motions) < UNCONVERGED_MOVE:
-        return solution
-    rival = likelihood(problem, first.noise, first.solution) + least_gain(problem)
-    found = settled_further(problem, first.noise, found, workspace, rival=rival)
-    return solution if likelihood(problem, first.noise, found) <= rival else continued(solution, found)
+    return continued_where_likelier(problem, solution, first, found, workspace)

@@ -17,13 +17,11 @@ from ....body.limbs import limbs
 from ....body.motion import Motion
 from ....numerics import rotations
 from ....numerics.arrays import Array, Bools
-from ..descent_stages import OUTLINE_REACH, UNCONVERGED_MOVE
+from ..descent_stages import OUTLINE_REACH
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
-from ..gauss_newton import continued, farthest_joint
 from ..judgement.settled_solutions import SettledSolutions
-from ..judgement.solution_ranking import likelihood, settled_further
-from .limb_groups import least_gain, solved_from
+from .limb_groups import continued_where_likelier, solved_from
 from .local_trials import ADAPTATION_TIME
 
 
@@ -44,15 +42,9 @@ def with_limbs_swivelled(
     for chain in (limb for limb in limbs(body) if len(limb) > 2):
         for way in (1.0, -1.0):
             first = known.after(problem, solution, workspace)
-            rival = likelihood(problem, first.noise, first.solution) + least_gain(problem)
-            angle = way * _rise(problem)
-            motion = swivelled(body, first.solution.motions[0], chain, angle, problem.fixed[0])
+            motion = swivelled(body, first.solution.motions[0], chain, way * _rise(problem), problem.fixed[0])
             found = solved_from(problem, (motion,), first.noise, workspace)
-            if farthest_joint(problem, first.solution.motions, found.motions) < UNCONVERGED_MOVE:
-                continue
-            found = settled_further(problem, first.noise, found, workspace, rival=rival)
-            if likelihood(problem, first.noise, found) > rival:
-                solution = continued(solution, found)
+            solution = continued_where_likelier(problem, solution, first, found, workspace)
     return solution
 
 

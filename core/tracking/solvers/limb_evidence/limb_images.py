@@ -174,7 +174,7 @@ def search_stride(view: ViewFrames, problem: SegmentProblem, performer: int, mot
     parts = [begin + part for chain in chains for part in chain]
     if not parts:
         return MAX_STRIDE
-    scale = view.pixels_per_metre(motions[performer].translations.mean(axis=0), problem.first)
+    scale = view.camera.pixels_per_metre(motions[performer].translations.mean(axis=0), problem.first)
     return int(np.clip(scale * min(shown_widths(geometry, parts)) / MIN_WIDTH, 1, MAX_STRIDE))
 
 

@@ -103,8 +103,7 @@ def test_a_doubted_performer_that_comes_to_rest_where_it_was_is_not_solved_furth
 ) -> None:
     """Whatever is solved further becomes a little likelier."""
     further: list[object] = []
-    for module in (regained_limbs, limb_groups):
-        monkeypatch.setattr(module, "settled_further", lambda *given, **_: further.append(given) or given[2])
+    monkeypatch.setattr(limb_groups, "settled_further", lambda *given, **_: further.append(given) or given[2])
     monkeypatch.setattr(limb_groups, "freed_limb", lambda _problem, motions, place, _seed, **_: motions[place[0]])
     refined(replace(problem, doubted=(0,)), [TRUTH], Workspace())
     assert not further

@@ -17,7 +17,7 @@ from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.equations.segment_equations import SegmentNoise
 from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSolution, SettledSolutions
-from kfmocap.core.tracking.solvers.limb_corrections import regained_limbs, swivelled_limbs
+from kfmocap.core.tracking.solvers.limb_corrections import limb_groups, regained_limbs, swivelled_limbs
 from kfmocap.core.tracking.solvers.limb_corrections.swivelled_limbs import swivelled, with_limbs_swivelled
 from made_evidence import Landscape
 from synthetic import CAMERAS, at_rest, dark, ends_held
@@ -74,8 +74,8 @@ def test_the_way_that_makes_the_images_likelier_is_kept(
 
     monkeypatch.setattr(SettledSolutions, "after", lambda _s, _p, at, _w: SettledSolution(at, noise, at))
     monkeypatch.setattr(swivelled_limbs, "solved_from", solved)
-    monkeypatch.setattr(swivelled_limbs, "settled_further", lambda *given, **_: given[2])
-    monkeypatch.setattr(swivelled_limbs, "likelihood", likelihood)
+    monkeypatch.setattr(limb_groups, "settled_further", lambda *given, **_: given[2])
+    monkeypatch.setattr(limb_groups, "likelihood", likelihood)
     found = with_limbs_swivelled(problem, one, SettledSolutions(), Workspace())
     if gain < 10:
         assert found is one
