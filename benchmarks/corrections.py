@@ -16,7 +16,7 @@ from ..core.runtime.worker_memory import WorkerMemory
 from ..core.shot.shot import Shot
 from ..core.tracking.prepare import load_shot
 from ..core.tracking.retracking import Excerpt, excerpt_at, track_excerpts
-from ..core.tracking.run_context import RunContext
+from ..core.tracking.scheduling.run_context import RunContext
 from .tables import markdown
 
 MOVED, TURNED = 0.01, 0.03

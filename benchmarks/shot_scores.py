@@ -90,7 +90,7 @@ def plants_found(body: Body, planted: NDArray[np.bool_] | None, truth: Landmarks
     ----------
     body : Body
     planted : ndarray of bool, shape (F, C), optional
-        See `core.tracking.track_result.TrackResult`.
+        See `core.tracking.results.track_result.TrackResult`.
     truth : Landmarks
         On these frames.
 

@@ -15,8 +15,8 @@ from ..core.runtime.program_version import program_version
 from ..core.runtime.progress import Progress
 from ..core.runtime.timing import Seconds
 from ..core.shot.fingerprint import checksum, file_bytes
-from ..core.tracking.journal import journal_beside
 from ..core.tracking.prepare import load_shot
+from ..core.tracking.results.journal import journal_beside
 from .services import BlenderSession
 from .tracked_files import ResultFiles, check_shot_kept, run_track
 

@@ -22,7 +22,7 @@ from ..core.runtime.worker_process import can_be_copied
 from .arguments import parser
 from .services import Services
 
-WORKER_MODULES = ("core.tracking.segment_tasks", "core.fitting.shot_cameras")
+WORKER_MODULES = ("core.tracking.scheduling.segment_tasks", "core.fitting.shot_cameras")
 """Modules that workers import in advance: those that solve segments, and check cameras."""
 
 

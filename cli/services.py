@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ..core.numerics.arrays import Array
     from ..core.runtime.worker_memory import WorkerMemory
     from ..core.shot.shot import Shot
-    from ..core.tracking.track_result import TrackResult
+    from ..core.tracking.results.track_result import TrackResult
 
 
 @dataclass(frozen=True)

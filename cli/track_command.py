@@ -27,13 +27,13 @@ from ..core.runtime.worker_process import can_be_copied
 from ..core.shot.settings import Settings, check_threads
 from ..core.shot.shot import Shot
 from ..core.shot.shot_spec import ShotSpec
-from ..core.tracking.damaged_footage import decoder_messages
-from ..core.tracking.frames_ahead import remember_ahead
-from ..core.tracking.journal import journal_beside
+from ..core.tracking.footage_corrections.damaged_footage import decoder_messages
+from ..core.tracking.footage_reading.frames_ahead import remember_ahead
+from ..core.tracking.footage_reading.reader import kept_rate
 from ..core.tracking.prepare import prepare_shot
-from ..core.tracking.reader import kept_rate
+from ..core.tracking.results.journal import journal_beside
+from ..core.tracking.scheduling.worker_counts import WORKER_MODULES, workers_for
 from ..core.tracking.selection import selected
-from ..core.tracking.worker_counts import WORKER_MODULES, workers_for
 from .printed import print_outcome
 from .progress_bar import progress_bar
 from .services import BlenderWriter, Services

@@ -36,12 +36,12 @@ from ..core.runtime.worker_memory import WorkerMemory
 from ..core.runtime.worker_pool import WorkerPool
 from ..core.shot.shot import Gap, Shot
 from ..core.shot.shot_spec import ShotSpec, result_names
-from ..core.tracking.frames_ahead import FramesAhead
-from ..core.tracking.journal import Journal
-from ..core.tracking.run_context import FirstPictures, RunContext, SolvedShot
-from ..core.tracking.track_result import TrackResult
+from ..core.tracking.footage_reading.frames_ahead import FramesAhead
+from ..core.tracking.footage_reading.turned_cameras import with_turns
+from ..core.tracking.results.journal import Journal
+from ..core.tracking.results.track_result import TrackResult
+from ..core.tracking.scheduling.run_context import FirstPictures, RunContext, SolvedShot
 from ..core.tracking.tracker import track
-from ..core.tracking.turned_cameras import with_turns
 from .progress_bar import print_beside_bar
 from .services import BlenderWriter, OutputRequest
 
@@ -128,7 +128,7 @@ def run_track(
     seconds : mapping of str to float, optional
         Seconds of earlier stages, for the report.
     journal : Journal, optional
-        Stores finished segments, and provides those of an earlier run; see `core.tracking.journal`.
+        Stores finished segments, and provides those of an earlier run; see `core.tracking.results.journal`.
     memory : WorkerMemory, optional
         Cache with worker processes; by default they are started for this run.
 

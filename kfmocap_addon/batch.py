@@ -18,7 +18,7 @@ from .session import SESSION
 if TYPE_CHECKING:
     from ..cli.services import OutputRequest, RetargetRequest
     from ..core.shot.shot import Shot
-    from ..core.tracking.track_result import TrackResult
+    from ..core.tracking.results.track_result import TrackResult
 
 COMMAND = "kfmocap"
 """Name of the command: `blender ... --command kfmocap ...`."""

@@ -39,7 +39,7 @@ from kfmocap.cli.batch_outcome import STATUS
 from kfmocap.core.runtime import worker, worker_process
 from kfmocap.core.runtime.files import check_writable
 from kfmocap.core.runtime.interrupts import WRITTEN_NOTE
-from kfmocap.core.tracking.journal import JOURNAL_SUFFIX, journal_beside
+from kfmocap.core.tracking.results.journal import JOURNAL_SUFFIX, journal_beside
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 OLD = "old"

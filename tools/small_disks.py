@@ -24,7 +24,7 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import numpy as np
-from kfmocap.core.tracking.journal import JOURNAL_SUFFIX
+from kfmocap.core.tracking.results.journal import JOURNAL_SUFFIX
 from kill_runs import OLD, Ended, contents, forked_workers, run
 
 LARGE = 4096.0

@@ -21,8 +21,8 @@ from ...core.body import Body, landmark_positions
 from ...core.body.motion import Motion
 from ...core.body.smoothness import acceleration, smoothness
 from ...core.shot.keypose_spline import spline
-from ...core.tracking.prediction import FILTER_STEPS, predict_unseen
 from ...core.tracking.prepare import load_shot
+from ...core.tracking.solvers.unseen_parts.prediction import FILTER_STEPS, predict_unseen
 from ..tables import markdown
 
 GAPS = (3, 6, 9, 12, 18)

@@ -18,7 +18,7 @@ from ...core.review.suggestions import suggest_keys_by_error
 from ...core.shot.shot import Shot
 from ...core.tracking.expected_errors.uncertainty import expected_errors
 from ...core.tracking.prepare import load_shot
-from ...core.tracking.track_result import TrackResult
+from ...core.tracking.results.track_result import TrackResult
 from ...core.tracking.tracker import track
 from ..rows import BEAM, ROWS, WALK, Row
 from ..tables import markdown

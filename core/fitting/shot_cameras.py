@@ -24,14 +24,14 @@ from ..runtime.threads import one_library_thread
 from ..runtime.worker_memory import WorkerMemory
 from ..runtime.worker_process import Show
 from ..shot.shot import Shot
-from ..tracking.footage_gaps import with_found_gaps
-from ..tracking.journal import Journal
-from ..tracking.reader import is_kept
+from ..tracking.footage_corrections.footage_gaps import with_found_gaps
+from ..tracking.footage_reading.reader import is_kept
+from ..tracking.footage_reading.turned_cameras import calibrated_frame, with_early_turns, with_turns
+from ..tracking.results.journal import Journal
+from ..tracking.results.track_result import TrackResult
 from ..tracking.retracking import Excerpt, preview_segment, track_excerpts
-from ..tracking.run_context import FirstPictures, RunContext, SolvedShot
+from ..tracking.scheduling.run_context import FirstPictures, RunContext, SolvedShot
 from ..tracking.segments import whole_keys
-from ..tracking.track_result import TrackResult
-from ..tracking.turned_cameras import calibrated_frame, with_early_turns, with_turns
 from .background_checks import followed_cameras, moved_camera, with_plain_backgrounds, with_zooms
 from .camera_refinement import RefinedCamera, Refinement, refine_cameras
 from .early_check import EARLY_MISFITS, early_frames, early_misfits

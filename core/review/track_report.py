@@ -25,7 +25,7 @@ from ..shot.footage_faults.footage_times import FootageRate
 from ..shot.footage_faults.frame_pattern import FramePattern
 from ..shot.shot import Performer, Shot
 from ..tracking.expected_errors.uncertainty import expected_errors, joint_parts
-from ..tracking.footage_gaps import found_gaps, torn_frames
+from ..tracking.footage_corrections.footage_gaps import found_gaps, torn_frames
 from .early_remarks import exchanged_keyframes
 from .suggestions import suggest_keys_beside_hidden, suggest_keys_by_error
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from ..fitting.view_findings import ViewFinding
     from ..keypoints.observations import PerformerKeypoints
     from ..tracking.expected_errors.uncertainty import JointErrors
-    from ..tracking.track_result import TrackResult
+    from ..tracking.results.track_result import TrackResult
 
 WORST_FRAMES = 10
 """Number of frames that are listed as the worst."""

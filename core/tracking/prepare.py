@@ -30,11 +30,11 @@ from ..shot.image_sequences import named_footage
 from ..shot.performer_request import PerformerRequest
 from ..shot.shot import Performer, Shot, View
 from ..shot.shot_spec import ShotSpec, ViewSpec
-from .frames_ahead import FramesAhead
+from .footage_reading.frames_ahead import FramesAhead
+from .footage_reading.turned_cameras import with_early_turns
 from .shot_scale import ShotScale
 from .solvers.registry import REGISTRY, solver_named
 from .spec_performers import performer_of
-from .turned_cameras import with_early_turns
 
 _STATE_UNIT = 'write unit = "mm" or unit = "cm" under [calibration]; unit = "m" if they really are that far apart'
 

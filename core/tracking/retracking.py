@@ -17,13 +17,13 @@ from ..runtime.worker_memory import WorkerMemory
 from ..shot.fingerprint import ValueBytes, checksum
 from ..shot.frame_numbers import without_gaps_beyond
 from ..shot.shot import KeyPoses, Performer, Shot
-from .footage_gaps import with_found_gaps
-from .run_context import PLAIN_RUN, RunContext
-from .schedule import SegmentShown
+from .footage_corrections.footage_gaps import with_found_gaps
+from .results.track_result import TrackResult
+from .scheduling.run_context import PLAIN_RUN, RunContext
+from .scheduling.schedule import SegmentShown
 from .segment_stages import Around
 from .segments import Segment, segments
 from .shot_scale import ShotScale
-from .track_result import TrackResult
 from .tracker import track
 
 PREVIEW_ITERATIONS = 4

@@ -23,7 +23,7 @@ from ..numerics.arrays import Array
 from ..shot.acceleration_prior import usual_variances, variances_from_key_poses
 from ..shot.fixed_degrees import fixed_degrees
 from ..shot.shot import Shot
-from .appearance import key_frame_shape
+from .footage_reading.appearance import key_frame_shape
 from .segments import Segment, keyed_frames, posed_frames
 from .solvers.equations.contact_factor import ContactFactor
 from .solvers.equations.hold_factor import hold_factors, touching_parts

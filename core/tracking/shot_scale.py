@@ -21,11 +21,11 @@ from ..shot.carried_motion import with_keys
 from ..shot.grips import completed
 from ..shot.settings import Settings
 from ..shot.shot import Performer, Shot
-from .run_context import RunContext, SolvedShot
-from .schedule import Observer
+from .results.track_result import TrackResult
+from .scheduling.run_context import RunContext, SolvedShot
+from .scheduling.schedule import Observer
 from .segment_stages import Around
 from .segments import Segment
-from .track_result import TrackResult
 
 HUMAN_SIZES, HUMAN_SIZE = (1.0, 2.6), 1.7
 """Sizes of bodies that are tracked as they are, those of people, children included; and the size that others get,

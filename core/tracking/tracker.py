@@ -12,8 +12,13 @@ from ..runtime.threads import one_library_thread
 from ..runtime.timing import Seconds
 from ..shot.grips import completed
 from ..shot.shot import Shot
-from .damaged_footage import decoder_messages, found_damage, known_damage, without_damaged
-from .footage_gaps import (
+from .footage_corrections.damaged_footage import (
+    decoder_messages,
+    found_damage,
+    known_damage,
+    without_damaged,
+)
+from .footage_corrections.footage_gaps import (
     MAX_GAPS,
     fits_better,
     unaffected,
@@ -21,14 +26,14 @@ from .footage_gaps import (
     with_gaps,
     without_false_delays,
 )
-from .journal import FinishedSegment
-from .run_context import PLAIN_RUN, RunContext
-from .schedule import Observer
+from .results.journal import FinishedSegment
+from .results.track_result import TrackResult
+from .scheduling.run_context import PLAIN_RUN, RunContext
+from .scheduling.schedule import Observer
+from .scheduling.segment_tracking import TrackOptions, track_segments
+from .scheduling.shot_checks import check_shot
 from .segment_stages import Around
-from .segment_tracking import TrackOptions, track_segments
-from .shot_checks import check_shot
 from .shot_scale import ShotScale
-from .track_result import TrackResult
 
 
 @one_library_thread()

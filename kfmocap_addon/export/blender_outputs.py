@@ -15,7 +15,7 @@ import bpy
 
 from ...core.errors import OutputError
 from ...core.shot.shot import Shot
-from ...core.tracking.turned_cameras import with_turns
+from ...core.tracking.footage_reading.turned_cameras import with_turns
 from ..scene_io import scene as scenes
 from ..scene_io import tracked_segments
 from ..scene_io.cameras import view_cameras
@@ -26,7 +26,7 @@ from .whole_files import writing
 
 if TYPE_CHECKING:
     from ...cli.services import OutputRequest
-    from ...core.tracking.track_result import TrackResult
+    from ...core.tracking.results.track_result import TrackResult
 
 _STEPS_UP = 3  # footage further away than that is found by its absolute path
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 if TYPE_CHECKING:
-    from ...core.tracking.journal import Journal
+    from ...core.tracking.results.journal import Journal
     from ...core.tracking.segments import Segment
 
 _REQUEST_FILE = "asked.json"
@@ -29,7 +29,7 @@ def segment_count(scene: bpy.types.Scene) -> int:
 
 def begun(scene: bpy.types.Scene, asked: Sequence[Segment], *, resume: bool) -> Journal:
     """Return the journal of a new tracking, and store which segments were requested."""
-    from ...core.tracking.journal import Journal
+    from ...core.tracking.results.journal import Journal
 
     if not resume:
         discard(scene)
@@ -51,7 +51,7 @@ def asked_segments(scene: bpy.types.Scene) -> set[Segment]:
 
 def discard(scene: bpy.types.Scene) -> None:
     """Forget the tracking that was stopped, or is done."""
-    from ...core.tracking.journal import Journal
+    from ...core.tracking.results.journal import Journal
 
     folder = _folder(scene)
     with suppress(OSError):

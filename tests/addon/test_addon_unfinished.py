@@ -10,7 +10,7 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import keys_of  # noqa: E402
 from kfmocap.core.shot.settings import Settings  # noqa: E402
-from kfmocap.core.tracking.journal import Journal  # noqa: E402
+from kfmocap.core.tracking.results.journal import Journal  # noqa: E402
 from kfmocap.kfmocap_addon.panels import track_panel  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene, unfinished_tracking  # noqa: E402
 from synthetic import CAMERAS, figure, film, shot_of, swing  # noqa: E402

@@ -9,7 +9,7 @@ import pytest
 from kfmocap.cli import track_command, tracked_files
 from kfmocap.core.errors import CancelledError, FootageError
 from kfmocap.core.runtime import files
-from kfmocap.core.tracking import journal
+from kfmocap.core.tracking.results import journal
 from tiny_shot import assert_refused, broken, track
 
 pytest_plugins = ("tiny_shot_fixtures",)

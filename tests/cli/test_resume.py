@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from kfmocap.__main__ import main
-from kfmocap.core.tracking.journal import JOURNAL_SUFFIX
+from kfmocap.core.tracking.results.journal import JOURNAL_SUFFIX
 from short_walk import short_walk
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="processes are killed by signals")

@@ -17,7 +17,7 @@ from kfmocap.core.fitting.view_findings import CameraFit, FootageMatch
 from kfmocap.core.formats import load_cameras, read_trc
 from kfmocap.core.review.suggestions import KeySuggestion
 from kfmocap.core.shot.footage_faults.footage_damage import FootageDamage
-from kfmocap.core.tracking.track_result import TrackResult
+from kfmocap.core.tracking.results.track_result import TrackResult
 from tiny_shot import FRAMES, SHOT, made_result, track
 
 pytest_plugins = ("tiny_shot_fixtures",)

@@ -11,7 +11,7 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import Shot
 from kfmocap.core.tracking.expected_errors.uncertainty import JointErrors
-from kfmocap.core.tracking.track_result import TrackResult
+from kfmocap.core.tracking.results.track_result import TrackResult
 
 SIZE = (96, 72)
 FRAMES = 6

@@ -5,7 +5,7 @@ from __future__ import annotations
 FOLLOWING = "core/tracking/solvers/paper_relaxation/gradient_following.py"
 RELAXATION = "core/tracking/solvers/paper_relaxation/relaxation.py"
 STEPS = "core/tracking/solvers/paper_relaxation/motion_steps.py"
-PREDICTION = "core/tracking/prediction.py"
+PREDICTION = "core/tracking/solvers/unseen_parts/prediction.py"
 KINEMATICS = "core/body/kinematics.py"
 SWEEPS = "tests/core/tracking/solvers/paper_relaxation/test_relaxation.py"
 ROWS = "tests/core/tracking/solvers/paper_relaxation/test_motion_steps.py"

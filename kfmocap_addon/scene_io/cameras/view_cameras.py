@@ -77,7 +77,7 @@ def show_turns(scene: bpy.types.Scene, shot: Shot, turns: Sequence[Array | None]
     shot : Shot
         Its cameras have these poses.
     turns : sequence of (ndarray or None)
-        Per view, see `core.tracking.track_result.TrackResult`.
+        Per view, see `core.tracking.results.track_result.TrackResult`.
     """
     found = {view.camera.name: view.camera for view, own in zip(shot.views, turns, strict=False) if own is not None}
     placed = [slot for slot in scene.kfmocap.views if slot.name in found and not camera_poses.is_held(slot.camera)]

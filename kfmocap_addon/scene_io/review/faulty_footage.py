@@ -16,9 +16,9 @@ from ....core.review.report_text import (
 )
 from ....core.shot.footage import container_rate
 from ....core.shot.shot import Shot, View
-from ....core.tracking.footage_gaps import found_gaps, torn_frames
+from ....core.tracking.footage_corrections.footage_gaps import found_gaps, torn_frames
+from ....core.tracking.results.track_result import TrackResult
 from ....core.tracking.retracking import Excerpt
-from ....core.tracking.track_result import TrackResult
 
 _SHOWN = 5
 

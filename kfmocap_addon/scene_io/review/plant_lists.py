@@ -31,7 +31,7 @@ def write_tested(
     body : Body
         As it was tracked.
     planted : ndarray of bool, shape (F, C), optional
-        On the frames that were tracked, see `core.tracking.track_result.TrackResult`; None where nothing was tested.
+        On the frames that were tracked, see `TrackResult`; None where nothing was tested.
     frames : range
         These scene frames, F of them. Others keep what is known of them.
     """

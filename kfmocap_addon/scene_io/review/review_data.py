@@ -13,7 +13,7 @@ from . import bone_confidence, bone_visibility, lost_parts, plant_lists, unknown
 
 if TYPE_CHECKING:
     from ....core.shot.shot import Shot
-    from ....core.tracking.track_result import TrackResult
+    from ....core.tracking.results.track_result import TrackResult
 
 
 def write_review(

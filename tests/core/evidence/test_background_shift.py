@@ -14,7 +14,7 @@ from kfmocap.core.fitting.view_findings import MovedCamera, PlainBackground
 from kfmocap.core.keypoints.observations import ShotKeypoints
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import View
-from kfmocap.core.tracking.run_context import SolvedShot
+from kfmocap.core.tracking.scheduling.run_context import SolvedShot
 from scipy.spatial.transform import Rotation
 from synthetic import figure, look_at, shot_of, swing
 

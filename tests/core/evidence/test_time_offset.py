@@ -13,8 +13,8 @@ from kfmocap.core.evidence.time_offset import OFFSET_SIGMA, Offset
 from kfmocap.core.shot.frame_numbers import shown_delay
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot
+from kfmocap.core.tracking.results.track_result import TrackResult
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
-from kfmocap.core.tracking.track_result import TrackResult
 from kfmocap.core.tracking.tracker import track
 from synthetic import figure, film, look_at, shot_of, swing
 

@@ -15,7 +15,7 @@ from kfmocap.core.shot.footage import frames_at
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import Shot
 from kfmocap.core.tracking.retracking import Excerpt
-from kfmocap.core.tracking.run_context import FirstPictures, RunContext
+from kfmocap.core.tracking.scheduling.run_context import FirstPictures, RunContext
 from kfmocap.core.tracking.tracker import track
 from synthetic import figure, film, look_at, shot_of, swing
 

@@ -17,8 +17,8 @@ from kfmocap.core.fitting.shot_cameras import refine_shot_cameras
 from kfmocap.core.shot.performer_request import PerformerRequest
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
+from kfmocap.core.tracking.footage_reading.turned_cameras import turns_since, with_early_turns
 from kfmocap.core.tracking.prepare import pose_by_keypoint_files
-from kfmocap.core.tracking.turned_cameras import turns_since, with_early_turns
 from scipy.spatial.transform import Rotation
 
 PERSON, LENGTH = person(), 24

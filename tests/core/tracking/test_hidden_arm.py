@@ -11,7 +11,7 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.occlusion import unseen
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.shot import KeyPoses, Performer
-from kfmocap.core.tracking.track_result import TrackResult
+from kfmocap.core.tracking.results.track_result import TrackResult
 from kfmocap.core.tracking.tracker import track
 from synthetic import at_rest, figure, film, look_at, part, shot_of
 

@@ -16,10 +16,10 @@ from kfmocap.core.shot.grips import shot_with_grips
 from kfmocap.core.shot.holds import Hold
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
+from kfmocap.core.tracking.results.track_result import TrackResult
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
-from kfmocap.core.tracking.run_context import RunContext
+from kfmocap.core.tracking.scheduling.run_context import RunContext
 from kfmocap.core.tracking.shot_scale import HUMAN_SIZE, HUMAN_SIZES, PROP_SIZE, ShotScale
-from kfmocap.core.tracking.track_result import TrackResult
 from kfmocap.core.tracking.tracker import track
 from synthetic import box, figure, film, look_at, shot_of, swing
 

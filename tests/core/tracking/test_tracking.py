@@ -19,7 +19,7 @@ from kfmocap.core.shot.fixed_degrees import fixed_degrees
 from kfmocap.core.shot.keypose_spline import spline
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import KeyPoses, Shot, View
-from kfmocap.core.tracking import segment_tasks
+from kfmocap.core.tracking.scheduling import segment_tasks
 from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.tracker import track
 from synthetic import (

@@ -24,11 +24,13 @@ from kfmocap.core.shot.fingerprint import made_of
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate
 from kfmocap.core.shot.image_sequences import image_files
 from kfmocap.core.shot.shot import Shot, View
-from kfmocap.core.tracking import reader, segment_tracking, shot_checks, tracker, worker_counts
+from kfmocap.core.tracking import tracker
+from kfmocap.core.tracking.footage_reading import reader
 from kfmocap.core.tracking.prepare import prepare_shot
+from kfmocap.core.tracking.results.track_result import TrackResult
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
-from kfmocap.core.tracking.run_context import RunContext, SolvedShot
-from kfmocap.core.tracking.track_result import TrackResult
+from kfmocap.core.tracking.scheduling import segment_tracking, shot_checks, worker_counts
+from kfmocap.core.tracking.scheduling.run_context import RunContext, SolvedShot
 from synthetic import CAMERAS, figure, film, shot_of, swing
 
 BODY = figure()

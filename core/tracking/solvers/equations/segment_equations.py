@@ -21,7 +21,7 @@ from ....evidence.segment_evidence import SegmentEvidence
 from ....numerics.arrays import Array
 from ....numerics.banded_blocks import BandedBlocks
 from ....shot.settings import Settings
-from ...prediction import predict_unseen
+from ..unseen_parts.prediction import predict_unseen
 from .contact_factor import with_contact
 from .curve_factor import with_curves
 from .measurement import Instants, MeasuredMotion, hidden_parts, keypoint_instants, measured_at

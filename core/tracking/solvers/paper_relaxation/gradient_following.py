@@ -21,9 +21,9 @@ from ....numerics import frame_ranges
 from ....numerics.arrays import Array
 from ....numerics.banded_blocks import BandedBlocks
 from ....numerics.repeatable import on_grid
-from ...prediction import FILTER_STEPS, autoregression, predict
 from ..equations.measurement import Workspace, hidden_parts
 from ..equations.problem import SegmentProblem
+from ..unseen_parts.prediction import FILTER_STEPS, autoregression, predict
 from .motion_steps import Steps
 from .step_rows import pixel_counts
 

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from ....body.motion import Motion, stacked
 from ....evidence.occlusion import unseen
-from ...prediction import predict_unseen
 from ..descent_stages import WINDOW_STAGES
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import descend
+from ..unseen_parts.prediction import predict_unseen
 
 WINDOW = 10
 """Frames that are solved together."""

@@ -20,7 +20,7 @@ from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.segment_evidence import accumulate_evidence
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics import rotations
-from kfmocap.core.tracking.appearance import parts_apart
+from kfmocap.core.tracking.footage_reading.appearance import parts_apart
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
 from kfmocap.core.tracking.solvers.limb_corrections.limb_search import found_limbs

@@ -24,8 +24,8 @@ from kfmocap.core.shot.footage_faults.footage_times import (
 )
 from kfmocap.core.shot.frame_numbers import footage_index
 from kfmocap.core.shot.shot import Shot, View
-from kfmocap.core.tracking.picture_store import PictureStore
-from kfmocap.core.tracking.reader import SegmentReader
+from kfmocap.core.tracking.footage_reading.picture_store import PictureStore
+from kfmocap.core.tracking.footage_reading.reader import SegmentReader
 from retimed_videos import retimed
 from synthetic import figure, look_at, shot_of, swing
 

@@ -1,0 +1,1 @@
+"""What tracking returns, put together from finished segments, which are kept in a journal."""

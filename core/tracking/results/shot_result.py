@@ -1,0 +1,114 @@
+"""The result of a shot, put together from its finished segments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...body.kinematics import part_poses
+from ...body.motion import Motion
+from ...body.soles import Soles
+from ...body.unknown_parts import unknown_reach, unshown_parts
+from ...evidence.occlusion import unseen
+from ...keypoints.observations import ShotKeypoints
+from ...keypoints.seen_landmarks import found_landmarks
+from ...numerics.arrays import Array, Bools, slices_of
+from ...shot.carried_motion import with_keys
+from ...shot.shot import Performer, Shot
+from ..expected_errors.body_uncertainty import body_covariances
+from ..expected_errors.uncertainty import joint_errors
+from ..late_views import late_views
+from ..segment_stages import TrackState
+from .journal import FinishedSegment
+from .track_result import TrackResult
+
+
+def result_of_segments(
+    shot: Shot,
+    state: TrackState,
+    done: Sequence[FinishedSegment],
+    observed: ShotKeypoints,
+    torn: tuple[tuple[int, ...], ...],
+) -> TrackResult:
+    """Put the result of a shot together, without times, pictures and what decoding the footage has shown.
+
+    Parameters
+    ----------
+    shot : Shot
+    state : TrackState
+        With all segments refined.
+    done : sequence of FinishedSegment
+        All segments of the shot.
+    observed : ShotKeypoints
+    torn : tuple of tuple of int
+        See `TrackResult`.
+    """
+    late = late_views([(one.result.first, one.lateness) for one in done], torn)
+    return replace(_with_unknown_parts(_joined(shot, state, done, observed), shot), torn=torn, late=late)
+
+
+def _joined(shot: Shot, state: TrackState, done: Sequence[FinishedSegment], observed: ShotKeypoints) -> TrackResult:
+    """Join the results of all segments."""
+    performers = shot.performers
+    share = np.ones((len(shot.views), shot.length, sum(len(p.body) for p in performers)))
+    residual = np.zeros(shot.length)
+    for one in done:
+        frames = slice(one.result.first, one.result.last + 1)
+        share[:, frames], residual[frames] = one.share, one.residual
+    errors = []
+    eye = shot.views[0].camera.centres_world(0, shot.length) if len(shot.views) == 1 else None
+    for i, (performer, motion) in enumerate(zip(performers, state.motions, strict=True)):
+        own = observed.performers[i] if observed.performers else None
+        beside = body_covariances(performer, motion, shot.fps, own, eye)
+        errors.append(joint_errors(performer.body, [one.uncertainties[i] for one in done], beside))
+    return TrackResult(
+        motions=tuple(with_keys(m, p.key_poses) for m, p in zip(state.motions, performers, strict=True)),
+        seconds={},
+        camera_frames=len(shot.views) * shot.length,
+        segments=tuple(one.result for one in done),
+        visible=tuple(share[..., own] for own in slices_of(len(performer.body) for performer in performers)),
+        residual=tuple(residual for _ in performers),
+        errors=tuple(errors),
+        unknown=tuple(performer.unknown for performer in performers),
+        observed=observed,
+        planted=tuple(_planted(shot, motion, done, i) for i, motion in enumerate(state.motions)),
+        footage_offset=state.footage_offset(shot),
+    )
+
+
+def _planted(shot: Shot, motion: Motion, done: Sequence[FinishedSegment], performer: int) -> Bools | None:
+    """Return when points of a performer's soles stood, see `Soles.standing`: segments hold those that stand or roll."""
+    body, held = shot.performers[performer].body, None
+    for one in done:
+        if (own := one.planted[performer]) is not None:
+            held = np.zeros((shot.length, own.shape[1]), bool) if held is None else held
+            held[one.result.first : one.result.last + 1] |= own
+    soles = Soles.of(body)
+    return held if held is None or soles is None else soles.standing(held, part_poses(body, motion), shot.fps)
+
+
+def _with_unknown_parts(tracked: TrackResult, shot: Shot) -> TrackResult:
+    """Mark unknown parts in a result: no view sees them, and they may be anywhere within reach."""
+    unknown, seen, errors = [], [], []
+    for i, performer in enumerate(shot.performers):
+        visible = tracked.visible[i].copy()
+        visible[..., np.isin(performer.body.names, performer.unknown)] = 0.0
+        unknown.append(_unknown_parts(performer, visible, tracked.observed, i))
+        seen.append(visible)
+        errors.append(tracked.errors[i].with_reach(unknown_reach(performer.body, unknown[-1])))
+    return replace(tracked, unknown=tuple(unknown), visible=tuple(seen), errors=tuple(errors))
+
+
+def _unknown_parts(performer: Performer, visible: Array, observed: ShotKeypoints, number: int) -> tuple[str, ...]:
+    """Return the parts that rest, and those that no picture, key pose or keypoint shows on any frame."""
+    body, keys = performer.body, performer.key_poses
+    keyed = keys.fixed[:, 3:].reshape(len(keys.frames), -1, 3).any(axis=(0, 2))
+    hidden = unseen(visible).all(axis=0) & ~keyed
+    if observed.performers:
+        hidden &= np.isin(
+            body.names, unshown_parts(body, found_landmarks(observed.performers[number].factor.keypoints))
+        )
+    resting = np.isin(body.names, performer.unknown)
+    return tuple(name for name, is_unknown in zip(body.names, hidden | resting, strict=True) if is_unknown)
