@@ -21,7 +21,7 @@ from ..numerics.frame_ranges import runs
 from .control_rig import ControlRig, RigPoses
 from .limb_goals import LimbGoal, limb_controls
 from .long_feet import LIKELY_FOOT, Sole
-from .rest_alignment import alignments, ankle_to_ball, facing
+from .rest_alignment import alignments, ankle_to_ball, facing, foot_ends_at_ball
 from .roles import SIDES, BoneMap
 from .transfer import Placement, leg_length
 
@@ -43,8 +43,8 @@ class FootPath:
     ----------
     side : str
     points : ndarray, shape (F, 2, 3)
-        Heel and ball on the sole, in the source's world frame and unit. Without toe bones the tips of the toes are in
-        the ball's place, as the foot rolls over them.
+        Heel and ball on the sole, in the source's world frame and unit. Where the bone of the foot ends at the tips of
+        the toes, these are in the ball's place, as the foot rolls over them.
     offsets : ndarray, shape (2, 3)
         The same points relative to the ankle, at rest.
     planted : ndarray of bool, shape (F, 2)
@@ -92,13 +92,13 @@ def foot_paths(
             continue
         [ankle] = source.rest.indices(of_source.bones[f"foot.{side}"])
         offsets = sole_offsets(source.rest, of_source, side)
-        known = offsets is not None
+        rolls = offsets is not None and not foot_ends_at_ball(source.rest, of_source, side)
         if offsets is None:
             forward = _FOOT_LENGTH * leg * (facing(source.rest, of_source) @ [0.0, -1.0, 0.0])
             down = np.array([0.0, 0.0, source.rest.ground - source.rest.heads[ankle, 2]])
             offsets = np.stack([down - _HEEL_BACK * forward, down + forward])
         points = source.positions[:, None, ankle] + np.einsum("fij,cj->fci", source.turns[:, ankle], offsets)
-        ball = BALL_SHARE if known and f"toe.{side}" not in of_source.bones else 1.0
+        ball = BALL_SHARE if rolls else 1.0
         soles = _with_ball(points, ball)
         doubt = None if deviation is None else np.repeat(deviation[:, ankle, None], 2, axis=1)
         plants = find_plants(soles, source.fps, leg, doubt)

@@ -25,6 +25,9 @@ _NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shin", "shin": "fo
 _MIN_TOE_LENGTH, _USUAL_TOE_LENGTH = 0.2, 0.5
 """Least length of toes that is not arbitrary, and usual length, in units of the distance from ankle to ball."""
 _LEAST_FOOT = 0.12  # of the distance from ankle to knee: the tail of a foot's bone that is nearer is arbitrary
+_TO_TIPS = 0.35
+"""Horizontal length of a foot's bone, in units of the distance from ankle to knee, from which on it is taken to end at
+the tips of the toes: that would be at 0.43 for usual feet, and their ball is at 0.28."""
 _BENT = np.sin(np.radians(30))
 """Sine of the angle from which a knee is bent at rest."""
 _BENT_ELBOW = np.sin(np.radians(45))  # the same for elbows, which are also bent sideways a little
@@ -309,6 +312,17 @@ def ankle_to_ball(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None
     below_knee = float(np.linalg.norm(rest.heads[shin] - rest.heads[j]))
     least = 0.0 if f"toe.{side}" in bones.bones else _LEAST_FOOT * below_knee
     return np.asarray(flat) if shown and least < length < below_knee else None
+
+
+def foot_ends_at_ball(rest: RestSkeleton, bones: BoneMap, side: str) -> bool:
+    """Whether the bone of a foot ends at its ball, where toes have bones, or would begin in a foot as short for its
+    shin; otherwise it ends at the tips of the toes. False where its end is unknown.
+    """
+    way = ankle_to_ball(rest, bones, side)
+    if way is None:
+        return False
+    knee, ankle = (rest.heads[rest.indices(bones.bones[f"{role}.{side}"])[0]] for role in ("shin", "foot"))
+    return f"toe.{side}" in bones.bones or float(np.linalg.norm(way)) < _TO_TIPS * float(np.linalg.norm(knee - ankle))
 
 
 def toe_reach(rest: RestSkeleton, bones: BoneMap, side: str) -> tuple[float, bool]:
