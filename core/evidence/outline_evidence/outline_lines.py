@@ -20,7 +20,8 @@ from ...numerics.arrays import Array
 from ..foreground_images.foreground import log_ratio
 from ..foreground_images.part_colours import ColouredFrames
 from ..gradient_evidence.image_wrenches import wrenches
-from ..rendering.label_images import LabelImages, pixels_at
+from ..rendering.label_images import LabelImages
+from ..rendering.nearest_pixels import pixels_at
 from ..smoothed_images import interpolated, stacked_places
 from .outline_pieces import OnOutlines, OutlinePieces, seen_pieces
 

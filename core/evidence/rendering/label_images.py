@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from ...cameras.camera import Camera
 from ...numerics.arrays import Array, Bools, Ints
+from .nearest_pixels import pixels_at
 from .part_geometry import PLANE_TOLERANCE, Geometry
 from .part_outlines import FRACTION_BITS, Outlines
 
@@ -226,45 +227,6 @@ class LabelImages:
 def in_depth_steps(depth: NDArray[np.float32]) -> NDArray[np.uint16]:
     """Return depths, metres, in units of `DEPTH_STEP`."""
     return np.minimum(depth / np.float32(DEPTH_STEP), np.float32(EMPTY_DEPTH)).astype(np.uint16)
-
-
-def pixels_at(
-    images: NDArray[Any],
-    frame: NDArray[np.intp],
-    u: NDArray[np.floating[Any]],
-    v: NDArray[np.floating[Any]],
-    beyond: Any,
-) -> NDArray[Any]:
-    """Look up the pixels of images that are nearest to positions.
-
-    Parameters
-    ----------
-    images : ndarray, shape (n, h, w)
-    frame : ndarray of int
-        Index of the image of each position; broadcast to the shape of `u` and `v`.
-    u, v : ndarray
-        Positions, pixels.
-    beyond : scalar
-        Value for positions outside the image.
-
-    Returns
-    -------
-    ndarray, shape of `u` and `v`
-    """
-    _, height, width = images.shape
-    whole = np.dtype(np.int32 if images.size < 1 << 31 else np.int64)  # half as much to go through where it is enough
-    unsigned = np.dtype(f"u{whole.name}")
-    with np.errstate(invalid="ignore"):  # NaN becomes a number far beyond all limits
-        column, row = np.rint(u).astype(whole), np.rint(v).astype(whole)
-    # As an unsigned number a negative one is large.
-    inside = (column.view(unsigned) < width) & (row.view(unsigned) < height)
-    index = row * whole.type(width)
-    index += column
-    index += (frame * (height * width)).astype(whole)
-    index *= inside
-    found = images.ravel().take(index)
-    np.copyto(found, beyond, where=~inside)
-    return np.asarray(found)
 
 
 def render_labels(geometry: Geometry, camera: Camera, first: int, R: Array, T: Array) -> LabelImages:

@@ -84,6 +84,26 @@ class _ReadView:
     changes: PairChanges
 
 
+@dataclass(frozen=True, eq=False)
+class ReadingResources:
+    """What reading footage may use.
+
+    Attributes
+    ----------
+    folder : Path, optional
+        Folder for the files with the segments' pictures; without one, these are held in memory.
+    pool : WorkerPool, optional
+        Makes foreground images, if the pictures are in files and it has several workers; otherwise the threads that
+        read do.
+    memory : WorkerMemory, optional
+        Cache of frames for the next job; frames in it are not decoded again.
+    """
+
+    folder: Path | None = None
+    pool: WorkerPool | None = None
+    memory: WorkerMemory | None = None
+
+
 class SegmentFootage:
     """Decodes the footage of a shot segment by segment, and collects what the result says about it.
 
@@ -93,13 +113,7 @@ class SegmentFootage:
     solver : Solver
     pictures : collection of int
         Frames, counted from the shot's first, whose pictures are collected.
-    folder : Path, optional
-        Folder for the files with the segments' pictures; without one, these are held in memory.
-    pool : WorkerPool, optional
-        Makes foreground images, if the pictures are in files and it has several workers; otherwise the threads that
-        read do.
-    memory : WorkerMemory, optional
-        Cache of frames for the next job; frames in it are not decoded again.
+    resources : ReadingResources, optional
     keypoints : sequence of Keypoints
         Those of every performer, whose movements are compared with the pictures'.
 
@@ -120,15 +134,14 @@ class SegmentFootage:
         shot: Shot,
         solver: Solver,
         pictures: Collection[int],
+        resources: ReadingResources = ReadingResources(),
         *,
-        folder: Path | None = None,
-        pool: WorkerPool | None = None,
-        memory: WorkerMemory | None = None,
         keypoints: Sequence[Keypoints] = (),
     ) -> None:
         kept = frozenset(shot.frames[0] + frame for frame in pictures)
         self._albums = [Album(kept, working_factor(view, MAX_PICTURE_SIDE)) for view in shot.views]
-        self._shot, self._solver, self._folder, self._memory = shot, solver, folder, memory
+        folder, pool = resources.folder, resources.pool
+        self._shot, self._solver, self._folder, self._memory = shot, solver, folder, resources.memory
         self._keypoints = keypoints
         self._pool = pool if folder is not None and pool is not None and pool.workers > 1 else None
         self.torn: tuple[list[int], ...] = tuple([] for _ in shot.views)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -62,25 +62,52 @@ class ScheduleCallbacks:
     show: SegmentShown | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class ScheduleStart:
+    """What is known of a shot before any of its segments is solved.
+
+    Attributes
+    ----------
+    state : TrackState
+    observed : ShotKeypoints
+    earlier : EarlierTrack, optional
+        The shot as it was tracked before, to start from.
+    """
+
+    state: TrackState
+    observed: ShotKeypoints = field(default_factory=ShotKeypoints)
+    earlier: EarlierTrack | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentWorkers:
+    """What solves the segments of a shot.
+
+    Attributes
+    ----------
+    pool : WorkerPool
+    threads : int
+        Threads of each worker.
+    helpers : WorkerPool, optional
+        See `SegmentTask`.
+    """
+
+    pool: WorkerPool
+    threads: int = 1
+    helpers: WorkerPool | None = None
+
+
 class SegmentSchedule:
     """The segments of a shot on their way through a pool of workers.
 
     Parameters
     ----------
     shot : Shot
-    begin : TrackState
-        What is known before any segment is solved.
-    observed : ShotKeypoints
-    pool : WorkerPool
+    start : ScheduleStart
+    workers : SegmentWorkers
     finished : KeptSegments
         Segments of an earlier run, and where those of this one are kept.
-    threads : int
-        Threads of each worker.
-    helpers : WorkerPool, optional
-        See `SegmentTask`.
     callbacks : ScheduleCallbacks, optional
-    earlier : EarlierTrack, optional
-        The shot as it was tracked before, to start from.
 
     Attributes
     ----------
@@ -93,20 +120,14 @@ class SegmentSchedule:
     def __init__(
         self,
         shot: Shot,
-        begin: TrackState,
-        observed: ShotKeypoints,
-        pool: WorkerPool,
-        *,
+        start: ScheduleStart,
+        workers: SegmentWorkers,
         finished: KeptSegments,
-        threads: int,
-        helpers: WorkerPool | None = None,
         callbacks: ScheduleCallbacks = ScheduleCallbacks(),
-        earlier: EarlierTrack | None = None,
     ) -> None:
-        self.state, self.seconds = begin, Seconds()
-        self._begin, self._shot, self._observed, self._pool, self._threads = begin, shot, observed, pool, threads
-        self._helpers = helpers
-        self._segments, self._kept, self._earlier = segments(shot), finished, earlier
+        self.state, self.seconds = start.state, Seconds()
+        self._shot, self._start, self._workers, self._pool = shot, start, workers, workers.pool
+        self._segments, self._kept = segments(shot), finished
         self._observe, self._show = callbacks.observe, callbacks.show
         self._overall = ParallelProgress(callbacks.progress)
         whole = set(whole_keys(shot, 0, shot.length - 1).tolist())
@@ -129,8 +150,9 @@ class SegmentSchedule:
             if self._show is not None:
                 self._show(known.segment, known.motions)
         else:
-            state = self.state if self._continues[k] else self._begin
-            work = partial(solve_task, self._task(k, state), self._observed, self._earlier, watch=self._watcher(k))
+            start = self._start
+            state = self.state if self._continues[k] else start.state
+            work = partial(solve_task, self._task(k, state), start.observed, start.earlier, watch=self._watcher(k))
             solving: Future[SolvedSegment] = self._pool.submit(work, self._part(k, SOLVING_SHARE))
             solving.add_done_callback(lambda done: self._hand_out(done, k, lambda s: s.solution.motions))
             self._solving.append(solving)
@@ -152,7 +174,8 @@ class SegmentSchedule:
         return state, self._done
 
     def _task(self, k: int, state: TrackState) -> SegmentTask:
-        return SegmentTask(self._shot, self._segments[k], self._views[k], state, self._threads, self._helpers)
+        threads, helpers = self._workers.threads, self._workers.helpers
+        return SegmentTask(self._shot, self._segments[k], self._views[k], state, threads, helpers)
 
     def _part(self, k: int, work: float) -> Callable[[float], None]:
         """Return the callback for a part of the work on a segment."""

@@ -14,7 +14,6 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from ...body.motion import Motion
 from ...evidence.view_frames import ViewFrames
@@ -33,8 +32,8 @@ from ...shot.shot import Shot
 from ..footage_corrections.footage_gaps import with_timed_gaps
 from ..footage_reading.frames_ahead import decoding_ahead
 from ..footage_reading.picture_store import StoredView, fits_in_memory, picture_folder
-from ..footage_reading.segment_footage import SegmentFootage
-from ..footage_reading.turned_cameras import Turns, turns_since, with_measured_turns
+from ..footage_reading.segment_footage import ReadingResources, SegmentFootage
+from ..footage_reading.turned_cameras import turns_since, with_measured_turns
 from ..results.journal import FinishedSegment, KeptSegments
 from ..results.shot_result import result_of_segments
 from ..results.track_result import TrackResult
@@ -43,7 +42,7 @@ from ..segments import Segment
 from ..solvers.protocol import Solver
 from ..solvers.registry import solver_named
 from .run_context import RunContext, SolvedShot
-from .schedule import Observer, ScheduleCallbacks, SegmentSchedule
+from .schedule import Observer, ScheduleCallbacks, ScheduleStart, SegmentSchedule, SegmentWorkers
 from .shot_checks import footage_checked
 from .worker_counts import WORKER_MODULES, workers_of
 
@@ -103,22 +102,16 @@ def _tracked_once(
     begin = TrackState(tuple(own.motion for own in observed.performers) or curves, options.around)
     finished = KeptSegments.of(run.journal, shot, options.around).joined(known)
     with _pool_and_folder(shot, options) as (pool, folder):
-        schedule = _schedule(shot, begin, observed, pool, finished=finished, options=options)
+        start = ScheduleStart(begin, observed, _carried(begin, shot, options.earlier))
+        callbacks = ScheduleCallbacks(options.progress, options.observe, options.run.show)
+        schedule = SegmentSchedule(shot, start, _segment_workers(shot, pool, options), finished, callbacks)
         footage = _segment_footage(shot, observed, pool, folder, options)
         started = time.perf_counter()
         for views in _watched(shot, footage, begin.motions, finished.known, options=options, seconds=seconds):
             schedule.add(views)
-        turns = turns_since(shot, given)
-        solved = partial(
-            _hand_out_solved,
-            shot=shot,
-            options=options,
-            pool=pool,
-            pictures=footage.pictures,
-            observed=observed,
-            turns=turns,
-        )
-        state, done = schedule.finish(solved)
+        gaps = tuple(view.gaps for view in shot.views)
+        read = SolvedShot(footage.pictures, observed, 0.0, gaps, turns_since(shot, given))
+        state, done = schedule.finish(partial(_hand_out_solved, shot=shot, options=options, pool=pool, read=read))
         passed = time.perf_counter() - started - seconds["footage"]
     seconds.add(_scaled_to_elapsed(schedule.seconds, passed))
     observed = replace(observed, frames_off=frames_off_by_view(footage.movements))
@@ -126,9 +119,9 @@ def _tracked_once(
     result = replace(
         result_of_segments(shot, state, done, observed, tuple(tuple(frames) for frames in footage.torn)),
         seconds=seconds,
-        pictures=tuple({f: own[f] for f in options.pictures if f in own} for own in footage.pictures),
-        gaps=tuple(view.gaps for view in shot.views),
-        turns=turns,
+        pictures=tuple({f: own[f] for f in options.pictures if f in own} for own in read.pictures),
+        gaps=read.gaps,
+        turns=read.turns,
         rates=rates,
         patterns=footage.patterns,
     )
@@ -184,19 +177,20 @@ def _watched(
 
 
 def _hand_out_solved(
-    state: TrackState,
-    *,
-    shot: Shot,
-    options: TrackOptions,
-    pool: WorkerPool,
-    pictures: tuple[dict[int, Any], ...],
-    observed: ShotKeypoints,
-    turns: Turns,
+    state: TrackState, *, shot: Shot, options: TrackOptions, pool: WorkerPool, read: SolvedShot
 ) -> None:
-    """Hand out what is final once all segments are solved; see `RunContext.solved`."""
+    """Hand out what is final once all segments are solved; see `RunContext.solved`.
+
+    Parameters
+    ----------
+    state : TrackState
+        The shot with all segments solved, from which the offset of its footage follows.
+    shot, options, pool
+    read : SolvedShot
+        All but that offset.
+    """
     if options.run.solved is not None and pool.workers > 1:
-        gaps = tuple(view.gaps for view in shot.views)
-        found = SolvedShot(pictures, observed, state.footage_offset(shot), gaps, turns)
+        found = replace(read, footage_offset=state.footage_offset(shot))
         options.run.solved(pool, found.of_views(options.views_as_given))
 
 
@@ -221,29 +215,13 @@ def _pool_and_folder(shot: Shot, options: TrackOptions) -> Iterator[tuple[Worker
         yield pool, None if in_memory else stack.enter_context(picture_folder())
 
 
-def _schedule(
-    shot: Shot,
-    begin: TrackState,
-    observed: ShotKeypoints,
-    pool: WorkerPool,
-    *,
-    finished: KeptSegments,
-    options: TrackOptions,
-) -> SegmentSchedule:
-    """Return the schedule by which the segments of a shot are solved and refined."""
+def _segment_workers(shot: Shot, pool: WorkerPool, options: TrackOptions) -> SegmentWorkers:
+    """Return what solves the segments of a shot: the pool, or this process with the pool for its views."""
     workers = _workers(shot, options)
-    alone = workers == 1 < pool.workers  # a segment is solved in this process, its views in all
-    return SegmentSchedule(
-        shot,
-        begin,
-        observed,
-        WorkerPool(1) if alone else pool,
-        finished=finished,
-        threads=max(1, worker_count(shot.settings.threads) // workers),
-        helpers=pool if alone else None,
-        callbacks=ScheduleCallbacks(options.progress, options.observe, options.run.show),
-        earlier=_carried(begin, shot, options.earlier),
-    )
+    threads = max(1, worker_count(shot.settings.threads) // workers)
+    if workers == 1 < pool.workers:
+        return SegmentWorkers(WorkerPool(1), threads, helpers=pool)
+    return SegmentWorkers(pool, threads)
 
 
 def _segment_footage(
@@ -256,9 +234,7 @@ def _segment_footage(
         shot,
         solver_named(shot.settings.solver),
         {*options.pictures, *first_frames},
-        folder=folder,
-        pool=pool,
-        memory=run.memory,
+        ReadingResources(folder, pool, run.memory),
         keypoints=[own.factor.keypoints for own in observed.performers],
     )
 

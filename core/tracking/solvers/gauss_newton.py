@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from ...body import part_poses
 from ...body.motion import Motion
 from ...body.smoothness import limited
-from ...cameras.camera import Camera
 from ...evidence.segment_evidence import SegmentEvidence
 from ...numerics.arrays import Array
 from ...numerics.least_squares import Damping, LeastSquaresResult, StoppingRule, minimise
@@ -31,6 +30,7 @@ from .equations.plant_factor import PlantFactor, plants_of, with_plants
 from .equations.problem import SegmentProblem, SegmentSolution
 from .equations.segment_equations import SegmentNoise, evidence_equations, hidden_and_expected, with_priors
 from .equations.smoothness_factor import SegmentSmoothness
+from .view_subsets import view_subset, views_in_sight
 
 MAX_EXTRA_ITERATIONS = 6
 """Most iterations by which a tested stage goes on."""
@@ -253,16 +253,15 @@ def descend(
     with stage.seconds.measure("solve"):
         equations = result.linearised()
     seconds.add(stage.seconds)
-    return SegmentSolution.of(
+    solution = SegmentSolution.of(
         result.state,
         equations.measured.evidence,
         iterations=len(energies) + stage.trials,
         energy=(*energies, *result.cost_history),
         seconds=seconds,
-        variances=stage.smooth.variances,
         only=problem.only,
-        moved=joint_moves(problem, start, result.state),
     )
+    return replace(solution, variances=stage.smooth.variances, moved=joint_moves(problem, start, result.state))
 
 
 def approach(
@@ -329,24 +328,3 @@ def moved_by(motions: Sequence[Motion], increments: Mapping[int, Array]) -> tupl
 def _size(steps: Sequence[Array]) -> float:
     """Root mean square of all elements of steps."""
     return float(np.sqrt(np.mean(np.concatenate([step.ravel() for step in steps]) ** 2)))
-
-
-def views_in_sight(problem: SegmentProblem, motions: Sequence[Motion]) -> int:
-    """Return how many views have a joint of a performer in their picture on some frame."""
-    joints = np.concatenate([part_poses(body, m)[1] for body, m in zip(problem.bodies, motions, strict=True)], axis=1)
-    return sum(_in_picture(view.camera, joints, problem.first) for view in problem.views)
-
-
-def _in_picture(camera: Camera, points: Array, first: int) -> bool:
-    """Return whether any of the points (F, K, 3) of consecutive frames is in the picture of its frame."""
-    if camera.moving:
-        uv = np.stack([camera.project(own, first + f) for f, own in enumerate(points)])
-    else:
-        uv = camera.project(points)
-    return bool(camera.shows(uv).any())
-
-
-def view_subset(problem: SegmentProblem, least: int, turn: int) -> SegmentProblem:
-    """Return the problem with every k-th view, so that at least `least` remain; each turn takes the next subset."""
-    every = max(1, len(problem.views) // least)
-    return replace(problem, views=problem.views[turn % every :: every])

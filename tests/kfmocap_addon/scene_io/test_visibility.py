@@ -11,7 +11,8 @@ import pytest
 from kfmocap.core.body import Body, human
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.evidence.rendering.label_images import LabelImages, pixels_at, render_labels
+from kfmocap.core.evidence.rendering.label_images import LabelImages, render_labels
+from kfmocap.core.evidence.rendering.nearest_pixels import pixels_at
 from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.evidence.rendering.still_parts import StillParts
 from kfmocap.core.numerics import rotations

@@ -274,9 +274,7 @@ class SegmentSolution:
         iterations: int,
         energy: Sequence[float],
         seconds: dict[str, float] | None = None,
-        variances: tuple[AccelerationVariances, ...] = (),
         only: int | None = None,
-        moved: Array | None = None,
     ) -> SegmentSolution:
         """Build a solution from motions and the evidence that was measured at them."""
         return cls(
@@ -289,9 +287,7 @@ class SegmentSolution:
             residual=frame_residual(evidence),
             seconds={} if seconds is None else seconds,
             evidence=evidence,
-            variances=variances,
             only=only,
-            moved=np.zeros(0) if moved is None else moved,
         )
 
     def without_equations(self) -> SegmentSolution:

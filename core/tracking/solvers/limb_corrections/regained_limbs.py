@@ -21,7 +21,7 @@ from ....runtime.timing import Seconds
 from ..descent_stages import COARSE_RESTART, SETTLED
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
-from ..gauss_newton import continued, descend, views_in_sight
+from ..gauss_newton import continued, descend
 from ..judgement.limb_signs import (
     bent_limbs,
     faded_limbs,
@@ -35,6 +35,7 @@ from ..judgement.solution_doubts import others_hide
 from ..judgement.solution_ranking import likelihood, likelihood_decides
 from ..limb_evidence.limb_support import SupportOfLimb, evaluated, support_of_limbs
 from ..thinned_frames import ThinnedProblem
+from ..view_subsets import views_in_sight
 from .limb_groups import LimbGroup, continued_where_likelier, contradicted, least_gain, solved_from, with_limbs_found
 from .limb_search import views_of
 from .local_trials import Stretch, is_long, stretch_of, stretches_around

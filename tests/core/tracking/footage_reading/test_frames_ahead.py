@@ -21,7 +21,7 @@ from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import Shot, View
 from kfmocap.core.tracking.footage_reading import frames_ahead, reader
 from kfmocap.core.tracking.footage_reading.frames_ahead import FramesAhead, remember_ahead, taken_ahead
-from kfmocap.core.tracking.footage_reading.segment_footage import SegmentFootage
+from kfmocap.core.tracking.footage_reading.segment_footage import ReadingResources, SegmentFootage
 from kfmocap.core.tracking.solvers.registry import solver_named
 from synthetic import CAMERAS, figure, film, shot_of, swing
 
@@ -108,7 +108,7 @@ def test_the_tracker_reads_on_where_decoding_ahead_ended(filmed: Shot, monkeypat
     """All views are begun; none is decoded from its first frame once more."""
 
     def read(memory: WorkerMemory) -> list[bytes]:
-        footage = SegmentFootage(filmed, solver_named("relaxation"), {0, 4}, memory=memory)
+        footage = SegmentFootage(filmed, solver_named("relaxation"), {0, 4}, ReadingResources(memory=memory))
         segments = list(footage.by_segment([TRUTH], (), Seconds()))
         assert all(own.keys() == {0, 4} for own in footage.pictures)
         return [view.grey.tobytes() for views in segments for view in views]

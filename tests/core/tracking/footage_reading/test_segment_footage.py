@@ -25,7 +25,7 @@ from kfmocap.core.shot.footage_faults.continuity import block_change
 from kfmocap.core.shot.shot import View
 from kfmocap.core.tracking.footage_reading import reader
 from kfmocap.core.tracking.footage_reading.picture_store import StoredView
-from kfmocap.core.tracking.footage_reading.segment_footage import SegmentFootage
+from kfmocap.core.tracking.footage_reading.segment_footage import ReadingResources, SegmentFootage
 from kfmocap.core.tracking.solvers.registry import solver_named
 from synthetic import CAMERAS, figure, look_at, shot_of, swing
 from synthetic import film as pictured
@@ -63,7 +63,7 @@ def test_how_much_frames_change_is_measured_once_for_several_jobs(
     monkeypatch.setattr(reader, "block_change", lambda *of: compared.append(1) or block_change(*of))
 
     def torn(memory: WorkerMemory | None) -> tuple[list[int], ...]:
-        footage = SegmentFootage(shot, solver_named("relaxation"), (), memory=memory)
+        footage = SegmentFootage(shot, solver_named("relaxation"), (), ReadingResources(memory=memory))
         list(footage.by_segment([TRUTH], (), Seconds()))
         return footage.torn
 
@@ -105,7 +105,7 @@ def test_workers_make_the_foreground_images_that_the_threads_that_read_would_mak
     solver, pool = solver_named("gauss-newton"), Pool()
     [alone] = SegmentFootage(shot, solver, ()).by_segment([TRUTH], (), Seconds())
     (tmp_path / "files").mkdir()
-    footage = SegmentFootage(shot, solver, (), folder=tmp_path / "files", pool=cast(Any, pool))
+    footage = SegmentFootage(shot, solver, (), ReadingResources(tmp_path / "files", cast(Any, pool)))
     with ThreadPoolExecutor() as thread:
         reading = thread.submit(list, footage.by_segment([TRUTH], (), Seconds()))
         for number in range(len(shot.views)):
@@ -124,9 +124,8 @@ def test_reading_that_is_stopped_does_not_wait_for_workers(tmp_path: Path) -> No
     shot = shot_of(pictured(tmp_path, [BODY], [TRUTH], CAMERAS), [BODY], [TRUTH], (0, 6, FRAMES - 1))
     (tmp_path / "files").mkdir()
     pool = Pool()
-    footage = SegmentFootage(
-        shot, solver_named("gauss-newton"), (), folder=tmp_path / "files", pool=cast(Any, pool)
-    ).by_segment([TRUTH], (), Seconds())
+    resources = ReadingResources(tmp_path / "files", cast(Any, pool))
+    footage = SegmentFootage(shot, solver_named("gauss-newton"), (), resources).by_segment([TRUTH], (), Seconds())
     done = Event()
 
     def make() -> None:  # those of the first segment alone

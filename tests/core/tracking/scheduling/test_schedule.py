@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from kfmocap.core.keypoints.observations import ShotKeypoints
 from kfmocap.core.tracking.results.journal import KeptSegments
 from kfmocap.core.tracking.scheduling import schedule
-from kfmocap.core.tracking.scheduling.schedule import SegmentSchedule
+from kfmocap.core.tracking.scheduling.schedule import ScheduleStart, SegmentSchedule, SegmentWorkers
 from kfmocap.core.tracking.segment_stages import TrackState
 from kfmocap.core.tracking.segments import segments
 from synthetic import CAMERAS, figure, film, shot_of, swing
@@ -60,7 +59,7 @@ def test_while_one_worker_searches_for_a_limb_the_other_goes_on_with_the_segment
     monkeypatch.setattr(schedule, "refine_task", refine)
     pool: Any = Pool()
     kept = KeptSegments.of(None, shot, (None, None))
-    work = SegmentSchedule(shot, TrackState((TRUTH,)), ShotKeypoints(), pool, finished=kept, threads=1)
+    work = SegmentSchedule(shot, ScheduleStart(TrackState((TRUTH,))), SegmentWorkers(pool), kept)
     for _ in chosen:
         work.add(())
     state, done = work.finish()

@@ -36,6 +36,7 @@ from kfmocap.core.tracking.solvers.equations.measurement import MeasuredMotion, 
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, frame_residual
 from kfmocap.core.tracking.solvers.equations.smoothness_factor import SegmentSmoothness
 from kfmocap.core.tracking.solvers.equations.weighted_evidence import WeightedEvidence
+from kfmocap.core.tracking.solvers.view_subsets import view_subset
 from made_evidence import AlteredWorkspace, Landscape, no_evidence, with_share
 from numpy.typing import NDArray
 from synthetic import (
@@ -362,7 +363,7 @@ def test_where_a_part_is_seen_nothing_is_expected_of_it() -> None:
 def test_views_take_turns_and_are_never_fewer_than_asked() -> None:
     def turns(count: int) -> list[list[int]]:
         problem = SegmentProblem(tuple(range(count)), (BODY,), 0, FPS, (ends_held(BODY, 5),))
-        return [list(gauss_newton.view_subset(problem, 2, turn).views) for turn in range(3)]
+        return [list(view_subset(problem, 2, turn).views) for turn in range(3)]
 
     assert turns(1) == [[0]] * 3 and turns(3) == [[0, 1, 2]] * 3
     assert turns(4) == [[0, 2], [1, 3], [0, 2]]
