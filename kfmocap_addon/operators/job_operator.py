@@ -12,6 +12,7 @@ from ...core.runtime.job import Job
 from ...core.runtime.worker_process import Work, WorkerProcess
 from ..session import SESSION
 from ..viewports import viewport
+from ..viewports.navigation import navigates
 from .mixin import ReportingOperator
 from .reporting import progress_shown, reported
 
@@ -235,7 +236,8 @@ def _only_looks(window: bpy.types.Window, event: bpy.types.Event) -> bool:
     """Whether an event can only orbit, pan or zoom a 3D view."""
     if event.type in _PASSIVE:
         return True
-    if event.type not in _NAVIGATION or event.alt or (event.ctrl and event.type.startswith("NUMPAD")):
+    usual = event.type in _NAVIGATION and not event.alt and not (event.ctrl and event.type.startswith("NUMPAD"))
+    if not usual and not navigates(event):
         return False
     under = viewport.area_under(window, event.mouse_x, event.mouse_y)
     if under is None:

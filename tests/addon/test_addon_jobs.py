@@ -19,6 +19,7 @@ from kfmocap.core.runtime.worker_memory import Remembering  # noqa: E402
 from kfmocap.kfmocap_addon.operators import job_operator  # noqa: E402
 from kfmocap.kfmocap_addon.operators.job_operator import JobOperator  # noqa: E402
 from kfmocap.kfmocap_addon.session import SESSION  # noqa: E402
+from user_keymaps import orbiting_with_alt  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
 
@@ -63,7 +64,8 @@ def window():
 
 
 def event(kind, value="PRESS"):
-    return SimpleNamespace(type=kind, value=value, alt=False, ctrl=False, shift=False, mouse_x=5, mouse_y=5)
+    held = {"alt": False, "ctrl": False, "shift": False, "oskey": False}
+    return SimpleNamespace(type=kind, value=value, mouse_x=5, mouse_y=5, **held)
 
 
 def started(work, monkeypatch):
@@ -197,6 +199,9 @@ def test_nothing_but_looking_reaches_blender_while_a_job_runs(monkeypatch, tmp_p
     assert not passes("WHEELUPMOUSE", alt=True)  # goes to another frame
     assert not passes("WHEELUPMOUSE", mouse_x=90)  # over the sidebar, where it changes values
     assert not passes("MIDDLEMOUSE", mouse_x=200)
+    assert not passes("LEFTMOUSE", alt=True)
+    with orbiting_with_alt():
+        assert passes("LEFTMOUSE", alt=True) and not passes("LEFTMOUSE") and not passes("RIGHTMOUSE", alt=True)
     space.active.lock_camera = True
     assert not passes("MIDDLEMOUSE")  # would move the camera
     tool.modal(context, event("ESC"))

@@ -22,6 +22,7 @@ from kfmocap.kfmocap_addon.scene_io import joint_marks, scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import armature_landmarks, body_armature, shown_pose  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402
 from kfmocap.kfmocap_addon.viewports import key_list  # noqa: E402
+from user_keymaps import orbiting_with_alt  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
 
@@ -371,7 +372,7 @@ class Tool(PlacingTool):
         self.reports.append(text)
 
     def event(self, kind, value="PRESS", at=(50, 50), **held):
-        keys = {"ctrl": False, "shift": False, "oskey": False} | held
+        keys = {"alt": False, "ctrl": False, "shift": False, "oskey": False} | held
         given = SimpleNamespace(type=kind, value=value, mouse_x=at[0], mouse_y=at[1], **keys)
         area = SimpleNamespace(
             type="VIEW_3D", regions=[SimpleNamespace(type="WINDOW", x=0, y=0, width=100, height=100)]
@@ -412,6 +413,15 @@ def test_looking_and_going_through_the_frames_stay_possible_while_joints_are_pla
     kinds = ("N", "NUMPAD_1", "NUMPAD_PERIOD", "WHEELUPMOUSE", "MIDDLEMOUSE", "LEFT_ARROW", "MOUSEMOVE")
     assert {tool.event(kind) for kind in kinds} == {"PASS_THROUGH"}
     assert {tool.event(kind) for kind in ("G", "A", "I", "DEL")} == {"RUNNING_MODAL"}
+
+
+def test_what_orbits_in_the_users_keymap_places_no_joint(tool):
+    with orbiting_with_alt():
+        assert tool.event("LEFTMOUSE", alt=True) == "PASS_THROUGH"
+    assert len(tool._placing.marks) == 2
+    tool.event("LEFTMOUSE", alt=True)
+    tool.event("LEFTMOUSE", "RELEASE")
+    assert len(tool._placing.marks) == 3, "without such a key it is a click"
 
 
 def test_a_right_click_asks_before_it_discards_marks(tool):

@@ -7,6 +7,7 @@ import bpy
 from ....core.errors import KeypointError
 from ...scene_io import active_performer
 from ...viewports import viewport
+from ...viewports.navigation import navigates
 from ..conditions import Conditional, has_performer, outside_shot
 from ..footage.look_through import show_view
 from ..reporting import reported
@@ -121,7 +122,8 @@ class PlacingTool(Conditional):
         if kind == "Z" and (event.ctrl or event.oskey):
             self._placing.redo() if event.shift else self._placing.undo()
             return {"RUNNING_MODAL"}
-        if kind.startswith(_VIEW) or kind in _STEPS + _SIDEBARS or not self._is_over_3d_view(context):
+        only_looks = kind.startswith(_VIEW) or kind in _STEPS + _SIDEBARS or navigates(event)
+        if only_looks or not self._is_over_3d_view(context):
             return {"PASS_THROUGH"}
         self._asks_to_discard = kind == "RIGHTMOUSE" and not asked
         if kind == "RIGHTMOUSE" and (asked or not self._placing.is_changed()):
