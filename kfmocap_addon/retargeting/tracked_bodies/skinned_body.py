@@ -29,6 +29,7 @@ from .freed_limbs import freed_remarks, with_goals, without_goals
 from .part_roles import PART_ROLES, limb_bones, limbs_of, taken_in
 from .rig_landmarks import add_landmarks
 from .rigify_animals import animal_controls, goes_on_four, is_generated
+from .root_keys import keyed_on_body
 from .switched_key_poses import keep_freed_poses, keep_key_poses
 from .tracked_bones import movable_root, refuse_apart, refuse_following, refuse_moving_object, remove_parts, tied_bones
 
@@ -57,6 +58,7 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
         remarks = (*remarks, *freed_remarks(goals))
         if goals:
             remarks = (*remarks, *keep_freed_poses(taken, with_goals(taken, goals)))
+    remarks = (*remarks, *keyed_on_body(current, taken))
     add_landmarks(taken)
     if taken.animation_data is not None:
         fcurves.show_action(taken)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Any
 
 import bpy
 import numpy as np
@@ -24,13 +23,12 @@ _SCALED = 0.01
 
 
 def movable_root(armature: bpy.types.Object) -> tuple[str, ...]:
-    """Make the root of the body movable; returns remarks on that, and on poses that cannot be tracked."""
+    """Make the root of the body movable; returns remarks on that, and on poses that cannot be tracked.
+
+    What is keyed on bones above it is left to `keyed_on_body`.
+    """
     parts = body_armature.body_bones(armature)
-    names = {bone.name for bone in parts}
-    carrying = {above.name for bone in parts for above in bone.parent_recursive} - names
-    carrying |= {followed for name in carrying for followed in _followed(armature, name)} - names
-    said = [f"bone {n}: it is no part, and counts as it stands now: key the bones below it" for n in carrying]
-    said = [text for text, name in zip(said, carrying, strict=True) if _moves(armature, name, "")]
+    names, said = {bone.name for bone in parts}, list[str]()
     top = parts[0].name
     if parts[0].use_connect:
         if armature.data.library is not None or armature.data.override_library is not None:
@@ -46,26 +44,18 @@ def movable_root(armature: bpy.types.Object) -> tuple[str, ...]:
         if bone.name not in names:
             continue
         shifted = bone.name != top and (
-            bone.location.length > _STILL_TOLERANCE or _moves(armature, bone.name, "location")
+            bone.location.length > _STILL_TOLERANCE or moves(armature, bone.name, "location")
         )
         if shifted:
             said.append(
                 f"bone {bone.name}: its turns alone are tracked: clear its location (Alt G), and the keys of it"
             )
-        if np.abs(np.array(bone.scale) - 1).max() > _SCALED or _moves(armature, bone.name, "scale", _SCALED):
+        if np.abs(np.array(bone.scale) - 1).max() > _SCALED or moves(armature, bone.name, "scale", _SCALED):
             said.append(f"bone {bone.name}: it is scaled, and the body is not: clear its scale (Alt S) and its keys")
     return tuple(sorted(said))
 
 
-def _followed(armature: bpy.types.Object, name: str) -> list[str]:
-    """Return the bones of an armature that constraints of one of them follow."""
-    bone: Any = armature.pose.bones[name]
-    ends = [end for held in bone.constraints for end in (held, *getattr(held, "targets", ()))]
-    named = [getattr(end, "subtarget", "") for end in ends if getattr(end, "target", None) == armature]
-    return [name for name in named if name]
-
-
-def _moves(armature: bpy.types.Object, bone: str, attribute: str, still: float = _STILL_TOLERANCE) -> bool:
+def moves(armature: bpy.types.Object, bone: str, attribute: str, still: float = _STILL_TOLERANCE) -> bool:
     """Whether keys of a bone's attributes that begin so change anything."""
     bag = fcurves.find_channelbag(armature)
     path = fcurves.bone_path(bone, attribute)

@@ -17,6 +17,7 @@ from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
 from kfmocap.kfmocap_addon.operators.performers.fit_body import has_own_shape  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io import fcurves  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature, part_meshes  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.characters import skinned_parts, skins  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  # noqa: E402
@@ -156,14 +157,63 @@ def test_a_control_above_the_body_may_have_been_moved():
     assert joint_error(armature, body, motion) < 0.05
 
 
-def test_a_bone_with_keys_that_is_not_a_part_is_named():
+@pytest.mark.parametrize("mode", ["QUATERNION", "YZX"])
+def test_motion_of_a_root_above_the_body_becomes_that_of_its_topmost_bone(mode):
+    armature, scene = skinned(), bpy.context.scene
+    root, top = with_root(armature), armature.pose.bones["pelvis"]
+    for bone, frames in ((root, (1, 8, 9)), (top, (1, 7))):
+        bone.rotation_mode = mode
+        for frame in frames:
+            bone.location.x = 0.1 * frame
+            bone.keyframe_insert("location", frame=frame)
+        bone.matrix_basis @= Matrix.Rotation(0.7, 4, "Y")
+        bone.keyframe_insert(attribute(bone), frame=frames[-1])
+    scene.frame_set(3)
+    before, stored = shown_on(scene, armature, (1, 7, 8, 9)), keys_of(armature, "master")
+    _, remarks = use_as_body(scene, armature)
+    assert [text.split(":")[0] for text in remarks] == ["bone master"] and "pelvis is keyed on 4 frames" in remarks[0]
+    assert np.allclose(shown_on(scene, armature, (1, 7, 8, 9)), before, atol=1e-5)
+    assert scene.frame_current == 3
+    assert keys_of(armature, "master") == stored, "the keys of the root are muted, and stay"
+    body, motion = body_armature.body_from_armature(armature), made_motion(len(BODY))
+    motion_curves.write_motion(armature, motion, 2)
+    assert joint_error(armature, body, motion, first=2) < 0.05, "on all frames the tracked motion is shown where it is"
+
+
+def shown_on(scene, armature, frames):
+    """Matrices of all bones on scene frames, in the armature."""
+    now, found = scene.frame_current, []
+    for frame in frames:
+        scene.frame_set(frame)
+        found.append([np.array(bone.matrix) for bone in armature.pose.bones if bone.name != "master"])
+    scene.frame_set(now)
+    return np.array(found)
+
+
+def attribute(bone):
+    return "rotation_quaternion" if bone.rotation_mode == "QUATERNION" else "rotation_euler"
+
+
+def keys_of(armature, bone):
+    """The keys of a bone, by channel."""
+    bag = fcurves.find_channelbag(armature)
+    curves = [curve for curve in bag.fcurves if fcurves.bone_of(curve.data_path) == bone]
+    return {(c.data_path, c.array_index): [tuple(key.co) for key in c.keyframe_points] for c in curves}
+
+
+def test_a_bone_with_keys_between_parts_is_named():
     armature = skinned()
-    root = with_root(armature)
+    with body_armature.edit_bones(armature) as bones:
+        between = bones.new("between")
+        between.head, between.tail = bones["head"].head, bones["head"].tail
+        between.parent, bones["head"].parent = bones["head"].parent, between
+        bones["head"].use_connect = False
+    bone = armature.pose.bones["between"]
     for frame in (1, 9):
-        root.location.x = 0.1 * frame
-        root.keyframe_insert("location", frame=frame)
+        bone.location.x = 0.01 * frame
+        bone.keyframe_insert("location", frame=frame)
     _, remarks = use_as_body(bpy.context.scene, armature)
-    assert [text.split(":")[0] for text in remarks] == ["bone master"]
+    assert [text.split(":")[0] for text in remarks] == ["bone between"]
 
 
 def test_a_bone_that_does_not_turn_with_the_one_above_is_named():
