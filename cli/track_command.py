@@ -15,7 +15,7 @@ from ..core.cameras.camera import Camera
 from ..core.errors import ShotError
 from ..core.fitting.shot_cameras import camera_fits, refine_shot_cameras
 from ..core.formats.shot_toml import read_shot_spec
-from ..core.review.early_remarks import remarks_before_tracking
+from ..core.review.pretracking_warnings import warnings_before_tracking
 from ..core.review.report_text import report_lines
 from ..core.runtime.files import check_writable
 from ..core.runtime.interrupts import REPORT_FILE, results_are_written
@@ -77,7 +77,7 @@ def _run(
         rate = kept_rate(shot, view, memory)
         if rate is not None and rate.varies:  # it may not be worth the time then
             print(f"kfmocap: {view.camera.name}: {rate.text(shot.fps * view.every)}", file=sys.stderr)
-    for text in remarks_before_tracking(shot):
+    for text in warnings_before_tracking(shot):
         print(f"kfmocap: {text}", file=sys.stderr)
     refined = None
     with journal_beside(args.out, resume=args.resume) as journal, progress_bar() as progress:

@@ -105,7 +105,7 @@ def upward_axis(cameras: Sequence[Camera]) -> str:
     return axis if common[axis] > _MIN_COMMON else "z"
 
 
-def upward_doubt(cameras: Sequence[Camera]) -> str:
+def upward_axis_warning(cameras: Sequence[Camera]) -> str:
     """Return what speaks against a world of cameras whose z axis points up; "" if nothing does."""
     axis = upward_axis(cameras)
     return "" if axis == "z" else f"all cameras are tilted as if the world's {axis} axis, not z, pointed up"

@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
 from ..numerics.arrays import Array
-from .explained import explained_by_part
 from .foreground_images.foreground import background_share, log_ratio
+from .foreground_likelihood import explained_by_part
 from .gradient_evidence.compared_pixels import ComparedPixels, LabelledFrames, compare
 from .outline_evidence.outline_lines import LineSearch, outline_lines
 from .outline_evidence.outline_sums import OutlineSums, outline_sums
 from .rendering.label_images import LabelImages, render_labels
 from .rendering.part_geometry import PerformerParts
 from .sampling import Sampling
-from .still_evidence import StillEvidence, StillPartsCache
+from .static_evidence import StaticEvidence, StaticPartsCache
 from .view_frames import GradientImageCache, ViewFrames, is_cached
 
 MAX_CACHED_BYTES = 8 << 20
@@ -87,7 +87,7 @@ class Drawing:
     labels : LabelImages
     areas : ndarray of int, shape (2, P, n)
         Pixels of every part with the other performers and without them.
-    still : StillEvidence or None
+    still : StaticEvidence or None
         The performers whose motion is given, if there are any.
     hidden : LabelImages or None
         Pixels of these that are hidden by the performers that are solved for.
@@ -95,11 +95,11 @@ class Drawing:
 
     labels: LabelImages
     areas: NDArray[np.int64]
-    still: StillEvidence | None = None
+    still: StaticEvidence | None = None
     hidden: LabelImages | None = None
 
     @classmethod
-    def of(cls, frames: FramesInView, parts: PerformerParts, cache: StillPartsCache) -> Drawing:
+    def of(cls, frames: FramesInView, parts: PerformerParts, cache: StaticPartsCache) -> Drawing:
         """Draw the parts of all performers."""
         (R, T), stride, geometry = frames.poses, frames.sampling.stride, parts.geometry
         camera = frames.view.camera.subsampled(stride)
@@ -192,13 +192,13 @@ class EvidenceCaches:
     Attributes
     ----------
     images : GradientImageCache
-    still : StillPartsCache
+    still : StaticPartsCache
         Label images of performers whose motion is given.
     comparisons : ComparisonCache
     """
 
     images: GradientImageCache = field(default_factory=GradientImageCache)
-    still: StillPartsCache = field(default_factory=StillPartsCache)
+    still: StaticPartsCache = field(default_factory=StaticPartsCache)
     comparisons: ComparisonCache = field(default_factory=ComparisonCache)
 
 

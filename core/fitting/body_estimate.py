@@ -11,7 +11,7 @@ from ..body import Body, part_poses
 from ..body.measures.shaping import mirrored_parts, shaped
 from ..body.motion import Motion
 from ..evidence.part_shapes import SHIFT_SIGMA, STRETCH_SIGMA
-from ..keypoints.keypoint_places import Places
+from ..keypoints.keypoint_offsets import KeypointOffsets
 from ..keypoints.keypoint_rays import Keypoints
 from ..numerics.arrays import Array
 
@@ -24,7 +24,7 @@ STRETCH_ASYMMETRY, SHIFT_ASYMMETRY = 0.02, 0.004
 """Standard deviation of the difference between left and right parts: relative for lengths, in metres for shifts."""
 OFFSET_SIGMA, LIMB_OFFSET_SIGMA = 0.03, 0.01
 """Standard deviations of the offsets of keypoints from their landmarks, and along limbs, metres. Along limbs they are
-smaller than for a motion (`core.keypoints.keypoint_places`): a few frames cannot tell an offset from a limb's
+smaller than for a motion (`core.keypoints.keypoint_offsets`): a few frames cannot tell an offset from a limb's
 length."""
 PART_DOF = 6
 """Unknowns of a part: stretch and shift along its axes."""
@@ -42,7 +42,7 @@ class BodyEstimate:
         The K key poses, by the delay of the views that show them.
     keypoints : Keypoints
         On the K frames; L of them, none where there are none.
-    places : Places
+    places : KeypointOffsets
         Of the keypoints on the body.
     shape : ndarray, shape (1 + 6 P + 3 L,)
         Changes since the start: growth, stretch (beyond the growth) and shift of every part, the keypoints' offsets.
@@ -53,7 +53,7 @@ class BodyEstimate:
     body: Body
     motions: Mapping[float, Motion]
     keypoints: Keypoints
-    places: Places
+    places: KeypointOffsets
     shape: Array
     posed: Array
 
@@ -77,7 +77,7 @@ class BodyEstimate:
         changes = self.part_changes(step)
         body = shaped(self.body, changes[:, :3], changes[:, 3:])
         offsets = self.places.offsets + step[1 + PART_DOF * P : n].reshape(-1, 3)
-        places = replace(Places.on(body, names), offsets=offsets)
+        places = replace(KeypointOffsets.on(body, names), offsets=offsets)
         poses = step[n:].reshape(self.posed.shape)
         motions = {delay: motion.moved(poses) for delay, motion in self.motions.items()}
         return BodyEstimate(body, motions, self.keypoints, places, self.shape + step[:n], self.posed + poses)

@@ -27,7 +27,7 @@ from ..evidence.gradient_evidence.image_wrenches import camera_twist
 from ..evidence.outline_evidence.held_outlines import HeldOutlines
 from ..evidence.rendering.part_geometry import Geometry
 from ..formats.keypoint_files import read_shot_keypoints
-from ..keypoints.keypoint_places import Places
+from ..keypoints.keypoint_offsets import KeypointOffsets
 from ..keypoints.keypoint_rays import Keypoints
 from ..keypoints.keypoint_sigmas import USUAL_SIGMA, robust_weights
 from ..keypoints.left_right import correct_sides
@@ -120,7 +120,7 @@ def _start(shot: Shot, views: Sequence[KeyFrameView], frames: NDArray[np.int64])
     estimates = []
     for i, (performer, keypoints) in enumerate(zip(shot.performers, found, strict=True)):
         body, names = performer.body, keypoints.names
-        places = Places.on(body, names)
+        places = KeypointOffsets.on(body, names)
         shape = np.zeros(1 + PART_DOF * len(body) + 3 * len(names))
         posed = np.zeros((len(frames), body.dof))
         own = {delay: performers[i] for delay, performers in motions.items()}

@@ -13,7 +13,7 @@ _EXPOSE = (
 
 
 @dataclass(frozen=True)
-class Unmeasured:
+class FindingWithoutFigures:
     """A finding without figures.
 
     Attributes
@@ -39,7 +39,7 @@ class Unmeasured:
 
 
 @dataclass(frozen=True)
-class FadingPictures(Unmeasured):
+class FadingPictures(FindingWithoutFigures):
     """Footage that begins with a fade."""
 
     by: Literal["fade"] = "fade"
@@ -51,7 +51,7 @@ class FadingPictures(Unmeasured):
 
 
 @dataclass(frozen=True)
-class DissolvingPictures(Unmeasured):
+class DissolvingPictures(FindingWithoutFigures):
     """Footage that begins with a dissolve from another scene."""
 
     by: Literal["dissolve"] = "dissolve"

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Literal, TypeAlias
 from ..evidence.background_shift import BackgroundShift
 from ..evidence.movement_match import MIN_MATCH
 from .keypoint_cameras import PictureShift
-from .picture_findings import DissolvingPictures, FadingPictures, FlickeringLight, Strangers, Unmeasured
+from .picture_findings import DissolvingPictures, FadingPictures, FindingWithoutFigures, FlickeringLight, Strangers
 
 _MIRROR = "mirror its footage back, as with: ffmpeg -i FOOTAGE -vf hflip -crf 14 CONVERTED.mp4"
 _MIN_ZOOM = 0.02
@@ -224,7 +224,7 @@ def _is_zoom(background: BackgroundShift) -> bool:
 
 
 @dataclass(frozen=True)
-class PlainBackground(Unmeasured):
+class PlainBackground(FindingWithoutFigures):
     """A camera of which it cannot be seen whether it moved, as others of the shot did."""
 
     by: Literal["plain background"] = "plain background"

@@ -18,16 +18,9 @@ from ..body.joint_limits import habitual_prior
 from ..body.kinematics import Poses, motion_of_poses
 from ..numerics.arrays import Array, Ints
 from ..numerics.banded_blocks import BandedBlocks
-from .keypoint_places import Places, offset_precision
+from .keypoint_offsets import KeypointOffsets, offset_precision
 from .keypoint_rays import Keypoints
-from .keypoint_sigmas import (
-    GEMAN_MCCLURE_SCALE,
-    LIFTED_SIGMA,
-    USUAL_SIGMA,
-    robust_weights,
-    sigmas,
-    trusted_weights,
-)
+from .keypoint_sigmas import GEMAN_MCCLURE_SCALE, LIFTED_SIGMA, USUAL_SIGMA, robust_weights, sigmas, trusted_weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +46,13 @@ class KeypointSystem:
 
 
 def keypoint_system(
-    body: Body, poses: Poses, keypoints: Keypoints, places: Places, weights: Array, *, prior_weight: float = 1.0
+    body: Body,
+    poses: Poses,
+    keypoints: Keypoints,
+    places: KeypointOffsets,
+    weights: Array,
+    *,
+    prior_weight: float = 1.0,
 ) -> KeypointSystem:
     """Sum the evidence of keypoints around poses and offsets.
 
@@ -63,7 +62,7 @@ def keypoint_system(
     poses : tuple
         (R, T) of its P parts, F frames.
     keypoints : Keypoints
-    places : Places
+    places : KeypointOffsets
     weights : ndarray, shape (V, F, L)
     prior_weight : float
         Factor of the prior of the offsets.
@@ -102,7 +101,7 @@ class KeypointFactor:
     ----------
     keypoints : Keypoints
         On F frames.
-    places : Places
+    places : KeypointOffsets
     correlated : float
         How many neighbouring frames have the same error, and therefore count as one.
     sigma : ndarray, shape (V, L), optional
@@ -117,7 +116,7 @@ class KeypointFactor:
     """
 
     keypoints: Keypoints
-    places: Places
+    places: KeypointOffsets
     correlated: float
     sigma: Array | None = None
     agreed: Array | None = None

@@ -23,7 +23,7 @@ from .association.assignment import NOT_LOOKED_FOR, Identity, PerformerClues, as
 from .association.tracks import ViewDetections
 from .keypoint_factor import KeypointFactor
 from .keypoint_motion.first_pass import first_pass
-from .keypoint_places import Places, has_keypoint
+from .keypoint_offsets import KeypointOffsets, has_keypoint
 from .keypoint_rays import Keypoints
 from .seen_landmarks import habit_precision, usual_turns, with_usual_confidence, without_guesses
 
@@ -163,7 +163,7 @@ def fit_keypoints(shot: Shot, detections: Sequence[Detections], fixed: Sequence[
 def _unseen(shot: Shot, performer: Performer, keypoints: Keypoints, identity: Identity) -> PerformerKeypoints:
     """Return the keypoints of a performer that no detector looks for, such as a prop or an animal."""
     body, keys = performer.body, performer.key_poses
-    factor = KeypointFactor(keypoints, Places.on(body, ()), 1.0, np.zeros((len(shot.views), 0)))
+    factor = KeypointFactor(keypoints, KeypointOffsets.on(body, ()), 1.0, np.zeros((len(shot.views), 0)))
     nothing = np.zeros(keypoints.confidence.shape)
     typical = variances_from_key_poses(body, keys, shot.fps, shot.settings)
     return PerformerKeypoints(spline(keys, shot.length), factor, nothing > 0, nothing, typical, identity)
@@ -233,7 +233,7 @@ def _key_places(performer: Performer, names: Sequence[str], frames: int) -> Arra
     """World positions of the keypoints by the performer's key poses, metres, (F, L, 3); NaN on other frames."""
     places = np.full((frames, len(names), 3), np.nan)
     keys, body = performer.key_poses, performer.body
-    places[keys.frames] = Places.on(body, names).world(part_poses(body, keys.poses))
+    places[keys.frames] = KeypointOffsets.on(body, names).world(part_poses(body, keys.poses))
     return places
 
 

@@ -11,7 +11,7 @@ from ..body.motion import Motion
 from ..body.unknown_parts import resting_parts, unknown_parts
 from ..numerics import rotations
 from ..numerics.arrays import Array, Bools
-from .keypoint_places import Places
+from .keypoint_offsets import KeypointOffsets
 from .keypoint_rays import Keypoints
 
 MIN_CONFIDENCE = 0.3
@@ -64,7 +64,7 @@ def habit_precision(body: Body, keypoints: Keypoints, fps: float) -> Array:
     Without this prior, a limb that leaves the picture would keep turning as it did when it was last seen. Parts that no
     keypoint shows on any frame have no prior, nor have hands and feet if the detector does not find them.
     """
-    carried = body.ancestry[Places.on(body, keypoints.names).parts]  # (L, P): what a landmark shows
+    carried = body.ancestry[KeypointOffsets.on(body, keypoints.names).parts]  # (L, P): what a landmark shows
     shown = (keypoints.confidence.any(axis=0)[:, :, None] & carried).any(axis=1)
     return (~shown & shown.any(axis=0)) / (HABIT_SIGMA**2 * HABIT_TIME * fps)
 

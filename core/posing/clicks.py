@@ -23,7 +23,7 @@ from ..body.smoothness import limited
 from ..cameras.camera import Camera
 from ..errors import KeypointError
 from ..keypoints.keypoint_factor import keypoint_system
-from ..keypoints.keypoint_places import Places, has_keypoint
+from ..keypoints.keypoint_offsets import KeypointOffsets, has_keypoint
 from ..keypoints.keypoint_rays import Keypoints
 from ..keypoints.triangulation import triangulate
 from ..numerics import rotations
@@ -270,8 +270,8 @@ class _Problem:
         return replace(pose, translations=pose.translations - np.linalg.lstsq(H, g, rcond=1e-6)[0])
 
     @property
-    def _places(self) -> Places:
-        return Places.on(self.body, self.clicks.names)
+    def _places(self) -> KeypointOffsets:
+        return KeypointOffsets.on(self.body, self.clicks.names)
 
     @property
     def _seen(self) -> NDArray[np.bool_]:

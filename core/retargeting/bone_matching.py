@@ -10,7 +10,7 @@ import numpy as np
 from ..body.skeleton_motion import RestSkeleton
 from ..errors import BodyError
 from .bone_names import completed, roles_by_name
-from .bone_places import roles_by_place
+from .bone_positions import roles_by_position
 from .bone_presets import PRESETS, BonePreset
 from .bone_words import NAMESPACE, read_name
 from .rest_alignment import feet_point_back
@@ -56,7 +56,7 @@ def _found(rest: RestSkeleton, where: str) -> BoneMap:
     if whole:
         best = max(whole, key=lambda one: len(one.names()))
         return best if preset_of(best).follows else completed(best, roles_by_name(rest), rest)
-    by_names, places = roles_by_name(rest), roles_by_place(rest)
+    by_names, places = roles_by_name(rest), roles_by_position(rest)
     if not by_names.missing():
         return _with_placed(by_names, places, rest)
     if not places or _contradicted(places, by_names):

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..body import Body
-from ..keypoints.keypoint_places import FACE
+from ..keypoints.keypoint_offsets import FACE
 from ..numerics.arrays import Array
 
 _JOINTS = {

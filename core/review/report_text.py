@@ -16,7 +16,7 @@ from ..shot.footage_faults.frame_pattern import FramePattern
 from ..shot.frame_numbers import footage_offset_text
 from ..tracking.footage_corrections.footage_gaps import FoundGap
 from ..tracking.late_views import LateView
-from .early_remarks import exchanged_text, first_row_text, key_rate_text
+from .pretracking_warnings import exchanged_text, first_row_text, key_rate_text
 
 _MAX_LISTED = 10
 _MIN_AGREEMENT = 0.45

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..body.body_size import body_size
 from ..body.measures.measures_from_landmarks import limb_height
 from ..body.soles import Soles
-from ..cameras.world_axes import upward_doubt
+from ..cameras.world_axes import upward_axis_warning
 from ..evidence.occlusion import OCCLUDED_BELOW, intervals, occluded, unseen
 from ..numerics.arrays import Bools
 from ..runtime.program_version import program_version
@@ -26,7 +26,7 @@ from ..shot.footage_faults.frame_pattern import FramePattern
 from ..shot.shot import Performer, Shot
 from ..tracking.expected_errors.uncertainty import expected_errors, joint_parts
 from ..tracking.footage_corrections.footage_gaps import found_gaps, torn_frames
-from .early_remarks import exchanged_keyframes
+from .pretracking_warnings import exchanged_keyframes
 from .suggestions import suggest_keys_beside_hidden, suggest_keys_by_error
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def report(
             for segment in result.segments
         ],
         "footage_offset": round(result.footage_offset, 3),
-        "world": upward_doubt([view.camera for view in shot.views]),
+        "world": upward_axis_warning([view.camera for view in shot.views]),
         "performers": [_performer_values(shot, result, i) for i in range(len(shot.performers))],
         "settings": dataclasses.asdict(shot.settings),
         "views": [

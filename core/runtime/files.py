@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import OutputError
+from .atomic_placement import flush, put_file, put_folder
 from .interrupts import WRITTEN_NOTE, held_signals
-from .placing import flush, put_file, put_folder
-from .workplaces import RESULTS, in_workplace, remove_leftovers, workplace
+from .staging_folders import RESULTS, in_staging_folder, remove_leftovers, staging_folder
 
 
 @contextmanager
@@ -119,7 +119,7 @@ class Outputs:
 
     def _workplace(self, beside: Path, path: Path) -> Path:
         try:
-            return self._stack.enter_context(workplace(beside))
+            return self._stack.enter_context(staging_folder(beside))
         except OSError as error:
             raise _unwritable(path, error) from error
 
@@ -148,14 +148,14 @@ class Outputs:
                     with suppress(OSError):
                         flush(output.path.parent)
         except KeyboardInterrupt as interrupt:
-            if done and not any(in_workplace(output.path) for output in self._places):
+            if done and not any(in_staging_folder(output.path) for output in self._places):
                 interrupt.add_note(WRITTEN_NOTE)
             raise
 
 
 @dataclass(frozen=True)
 class _Output:
-    """An output in a workplace, which put(place, path) moves to its path."""
+    """An output in a staging folder, which put(place, path) moves to its path."""
 
     place: Path
     path: Path
@@ -233,7 +233,7 @@ def check_free(folder: Path, names: Sequence[str]) -> None:
 
 
 def _beside(folder: Path) -> Path:
-    """Return where to make a folder's workplace: in its parent, so that it can be exchanged, or else in the folder."""
+    """Return where to stage a folder's content: in its parent, so that it can be exchanged, or else in the folder."""
     if not folder.exists():
         return _existing(folder)
     parent = folder.absolute().parent
@@ -255,7 +255,7 @@ def _reported(path: Path) -> Iterator[None]:
         raise _unwritable(path, error) from error
     except OutputError as error:
         # Whoever wrote the file knows its temporary place alone.
-        if error.where is None or not in_workplace(Path(error.where)):
+        if error.where is None or not in_staging_folder(Path(error.where)):
             raise
         name = Path(error.where).name
         where = path if path.name == name else path / name
@@ -266,6 +266,6 @@ def _unwritable(path: Path, error: OSError | ValueError) -> OutputError:
     what = getattr(error, "strerror", None) or str(error)
     # Input files may vanish meanwhile.
     other = getattr(error, "filename", None)
-    if isinstance(other, str) and not in_workplace(Path(other)) and not Path(other).is_relative_to(path):
+    if isinstance(other, str) and not in_staging_folder(Path(other)) and not Path(other).is_relative_to(path):
         what = f"{what}: {other}"
     return OutputError(f"cannot be written: {what}", where=str(path))

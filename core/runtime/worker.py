@@ -84,7 +84,7 @@ def _answer(data: bytes, kept: ModuleType, memory: object, send: Callable[..., b
     """Do a task, and send its progress, then its result or the error that it raised; `kept` is `worker_memory`."""
     try:
         work = pickle.loads(data)
-        if isinstance(work, kept.Remembering):
+        if isinstance(work, kept.CachingTask):
             shown = {"show": lambda key, value: send("shown", (key, value))} if work.shows else {}
             work = partial(work.work, memory=memory, **shown)
         result = work(lambda what, fraction: send("progress", (what, fraction)))

@@ -1,6 +1,6 @@
 """A worker's cache from one task to the next: decoded pictures, small values, and a pool of processes.
 
-It never changes a result. Tasks that use it are wrapped in `Remembering`.
+It never changes a result. Tasks that use it are wrapped in `CachingTask`.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ class WorkerMemory:
 
 
 @dataclass(frozen=True)
-class Remembering:
+class CachingTask:
     """A task that uses its worker's cache.
 
     Attributes

@@ -107,7 +107,7 @@ class EarlierTrack:
     motions : tuple of Motion
         Per performer, every frame of the shot. On key frames these may be the key poses of then or of now.
     carried : TrackState
-        With these motions bent to pass through the key poses of now; see `core.shot.carried_motion.carried`.
+        With these motions bent to pass through the key poses of now; see `core.shot.motion_warping.carried`.
     """
 
     motions: tuple[Motion, ...]

@@ -17,8 +17,8 @@ from ..keypoints.keypoint_rays import Keypoints
 from ..keypoints.observations import PerformerKeypoints, ShotKeypoints
 from ..numerics.arrays import Array
 from ..runtime.worker_pool import WorkerPool
-from ..shot.carried_motion import with_keys
 from ..shot.grips import completed
+from ..shot.motion_warping import with_keys
 from ..shot.settings import Settings
 from ..shot.shot import Performer, Shot
 from .results.track_result import TrackResult

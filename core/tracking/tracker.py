@@ -12,12 +12,7 @@ from ..runtime.threads import one_library_thread
 from ..runtime.timing import Seconds
 from ..shot.grips import completed
 from ..shot.shot import Shot
-from .footage_corrections.damaged_footage import (
-    decoder_messages,
-    found_damage,
-    known_damage,
-    without_damaged,
-)
+from .footage_corrections.damaged_footage import decoder_messages, found_damage, known_damage, without_damaged
 from .footage_corrections.footage_gaps import (
     MAX_GAPS,
     fits_better,

@@ -14,9 +14,9 @@ from ...core.retargeting.bone_matching import preset_of
 from ...core.retargeting.bone_presets import BonePreset
 from ...core.retargeting.control_rig import MOVED, ControlRig, RigPoses, local_places, local_turns
 from ...core.retargeting.long_feet import long_feet
-from ...core.retargeting.rests_in_stride import as_at_rest, standing_rig
 from ...core.retargeting.retarget import Retargeted, retarget
 from ...core.retargeting.roles import SIDES, BoneMap
+from ...core.retargeting.standing_rests import as_at_rest, standing_rig
 from ...core.retargeting.transfer import RetargetOptions
 from .rigs.fk_controls import FkControls, through_controls
 from .rigs.held_bones import Driver, without_connections, without_drivers, without_holds

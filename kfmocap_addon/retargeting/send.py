@@ -14,9 +14,9 @@ from ...core.body.skeleton_motion import SkeletonMotion
 from ...core.errors import BodyError
 from ...core.numerics.arrays import Bools, Ints
 from ...core.retargeting.bone_matching import described, preset_of
-from ...core.retargeting.rests_in_stride import standing_source
 from ...core.retargeting.retarget import limb_changes, plant_intervals, prepared
 from ...core.retargeting.roles import BoneMap
+from ...core.retargeting.standing_rests import standing_source
 from ...core.retargeting.transfer import RetargetOptions
 from ..scene_io import fcurves
 from . import sent_actions

@@ -15,7 +15,7 @@ bpy = pytest.importorskip("bpy")
 import job_functions  # noqa: E402
 from kfmocap.core.errors import CancelledError, CaptureError  # noqa: E402
 from kfmocap.core.runtime.job import Job, duration  # noqa: E402
-from kfmocap.core.runtime.worker_memory import Remembering  # noqa: E402
+from kfmocap.core.runtime.worker_memory import CachingTask  # noqa: E402
 from kfmocap.kfmocap_addon.operators import job_operator  # noqa: E402
 from kfmocap.kfmocap_addon.operators.job_operator import JobOperator  # noqa: E402
 from kfmocap.kfmocap_addon.session import SESSION  # noqa: E402
@@ -164,7 +164,7 @@ def test_the_next_job_runs_in_the_process_of_the_last(monkeypatch):
 
 
 def test_interim_results_come_by_their_keys_each_once(tmp_path):
-    job = Job(Remembering(partial(job_functions.showing, tmp_path / "go"), shows=True))
+    job = Job(CachingTask(partial(job_functions.showing, tmp_path / "go"), shows=True))
     shown = {}
     deadline = time.monotonic() + 30
     while shown != {"a": 3, "b": 2} and time.monotonic() < deadline:

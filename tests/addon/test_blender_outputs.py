@@ -148,7 +148,7 @@ def test_a_shot_that_blender_shows_before_it_is_tracked_is_written_the_same(tmp_
     assert saved[0] == saved[1]
 
 
-@pytest.mark.parametrize("made", ["out", "workplace"])
+@pytest.mark.parametrize("made", ["out", "staged"])
 def test_footage_of_a_shot_that_is_shown_before_it_is_tracked_is_opened_once(blender, tmp_path, monkeypatch, made):
     """It has the path that is saved from the beginning: Blender opens footage again when its path changes."""
     changed = []
@@ -157,7 +157,7 @@ def test_footage_of_a_shot_that_is_shown_before_it_is_tracked_is_opened_once(ble
     )
     here = Path.cwd()
     (tmp_path / made).mkdir()
-    blender_outputs.show_shot(shot(tmp_path), tmp_path / "out", tmp_path / "workplace")
+    blender_outputs.show_shot(shot(tmp_path), tmp_path / "out", tmp_path / "staged")
     clips = list(bpy.data.movieclips)
     assert [clip.filepath for clip in clips] == ["//../cam01.mp4", "//../cam02.mp4"]
     assert [clip.frame_duration for clip in clips] == [30, 30]

@@ -11,7 +11,7 @@ from kfmocap.core.body import Body, human, landmark_positions, part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.formats.keypoint_layouts import BODY_25
-from kfmocap.core.keypoints.keypoint_places import Places
+from kfmocap.core.keypoints.keypoint_offsets import KeypointOffsets
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.numerics import rotations
 from synthetic import look_at
@@ -46,9 +46,9 @@ def strolling(body: Body, frames: int, place: Sequence[float] = (0, 0, 0), phase
 
 def seen_places(body: Body, motion: Motion, offsets: Array | None = None) -> Array:
     """What a detector means by its keypoints, in the world, shape (F, L, 3)."""
-    places = Places.on(body, NAMES)
+    places = KeypointOffsets.on(body, NAMES)
     if offsets is not None:
-        places = Places(places.parts, places.local, offsets)
+        places = KeypointOffsets(places.parts, places.local, offsets)
     return places.world(part_poses(body, motion))
 
 

@@ -18,18 +18,7 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
 import blender_screen as screen
-from blender_screen import (
-    Place,
-    Waits,
-    choose_file,
-    click,
-    click_at,
-    click_quickly,
-    find,
-    photograph,
-    press,
-    until,
-)
+from blender_screen import Place, Waits, choose_file, click, click_at, click_quickly, find, photograph, press, until
 
 WORK = Path(sys.argv[sys.argv.index("--") + 1])
 PICTURES = WORK / "pictures"

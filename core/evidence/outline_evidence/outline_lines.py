@@ -23,7 +23,7 @@ from ..gradient_evidence.image_wrenches import wrenches
 from ..rendering.label_images import LabelImages
 from ..rendering.nearest_pixels import pixels_at
 from ..smoothed_images import interpolated, stacked_places
-from .outline_pieces import OnOutlines, OutlinePieces, seen_pieces
+from .outline_pieces import OutlinePieces, OutlineSamples, seen_pieces
 
 CORRELATION_FACTOR = 0.5
 """Factor on log likelihood ratios along a line, as neighbouring pixels are correlated."""
@@ -64,7 +64,7 @@ class LineSearch:
 
 
 @dataclass(frozen=True, eq=False)
-class Lines(OnOutlines):
+class Lines(OutlineSamples):
     """N lines across outlines; each stands for a length in metres.
 
     Attributes

@@ -18,7 +18,7 @@ PIECE_SPACING = 1.5
 
 
 @dataclass(frozen=True, eq=False)
-class OnOutlines:
+class OutlineSamples:
     """Arrays with a row for each of N places on the outlines of the parts in n frames, sorted by frame and part.
 
     Attributes
@@ -44,7 +44,7 @@ class OnOutlines:
 
 
 @dataclass(frozen=True, eq=False)
-class OutlinePieces(OnOutlines):
+class OutlinePieces(OutlineSamples):
     """N visible pieces of outlines; lengths in pixels.
 
     Attributes

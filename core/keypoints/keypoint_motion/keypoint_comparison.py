@@ -19,7 +19,7 @@ SIDES_TOLERANCE = 2.0
 limbs are from each other."""
 
 
-class Counted(Enum):
+class CountedKeypoints(Enum):
     """Which keypoints count in an iteration."""
 
     AGREED = "those that views agree on: no limb is caught by another's keypoints"
@@ -36,7 +36,7 @@ class FitStep:
     """
 
     tolerance: float
-    counted: Counted
+    counted: CountedKeypoints
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +69,10 @@ class Comparison:
 
     def counting(self, step: FitStep) -> Array:
         """Weights of the keypoints, shape (V, F, L), in one iteration of the fit."""
-        if self.agreed is None or step.counted is Counted.FITTING:
+        if self.agreed is None or step.counted is CountedKeypoints.FITTING:
             return self.fitting(step.tolerance)
         trusted = trusted_weights(self.residual, self.agreed, self.sigma, step.tolerance)
-        return trusted if step.counted is Counted.AGREED else np.maximum(self.fitting(step.tolerance), trusted)
+        return trusted if step.counted is CountedKeypoints.AGREED else np.maximum(self.fitting(step.tolerance), trusted)
 
 
 def compared(agreement: ViewAgreement, points: Array, tolerance: float = 1.0) -> Comparison:

@@ -26,22 +26,22 @@ from ...numerics.banded import BandedFactor, bordered_solution
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.repeatable import on_grid
 from ..keypoint_factor import keypoint_system
-from ..keypoint_places import Places
+from ..keypoint_offsets import KeypointOffsets
 from ..keypoint_rays import Keypoints
 from ..keypoint_sigmas import USUAL_SIGMA, robust_energy
 from ..seen_landmarks import habit_precision, usual_turns
 from ..view_agreement import ViewAgreement
-from .keypoint_comparison import Counted, FitStep, compared
+from .keypoint_comparison import CountedKeypoints, FitStep, compared
 from .measures_fit import with_measures
 
 STEPS_FROM_START = (
-    *[FitStep(4.0, Counted.AGREED)] * 2,
-    *[FitStep(2.0, Counted.BOTH)] * 2,
-    *[FitStep(1.0, Counted.BOTH)] * 3,
-    *[FitStep(1.0, Counted.FITTING)] * 3,
+    *[FitStep(4.0, CountedKeypoints.AGREED)] * 2,
+    *[FitStep(2.0, CountedKeypoints.BOTH)] * 2,
+    *[FitStep(1.0, CountedKeypoints.BOTH)] * 3,
+    *[FitStep(1.0, CountedKeypoints.FITTING)] * 3,
 )
 """The iterations from a start that may be far off."""
-STEPS_CONTINUED = (FitStep(2.0, Counted.BOTH), *[FitStep(1.0, Counted.FITTING)] * 3)
+STEPS_CONTINUED = (FitStep(2.0, CountedKeypoints.BOTH), *[FitStep(1.0, CountedKeypoints.FITTING)] * 3)
 """The iterations from an earlier fit some of whose limbs were posed anew."""
 REPEATED_POSES = 4.0
 """A detector's errors repeat when a pose does. For unknowns that are the same on all frames (offsets, measures), the
@@ -118,7 +118,7 @@ class KeypointFit:
     body : Body
     motion : Motion
         F poses.
-    places : Places
+    places : KeypointOffsets
         Positions of the keypoints on the body, including their offsets.
     keypoints : Keypoints
         Left and right corrected.
@@ -144,7 +144,7 @@ class KeypointFit:
 
     body: Body
     motion: Motion
-    places: Places
+    places: KeypointOffsets
     keypoints: Keypoints
     changed: NDArray[np.bool_]
     sigma: Array
@@ -162,7 +162,7 @@ class _Estimate:
 
     body: Body
     motion: Motion
-    places: Places
+    places: KeypointOffsets
     variances: AccelerationVariances
     measures: BodyMeasures | None
 
@@ -203,7 +203,7 @@ def fit_motion(
     mobility = axis_mobility(body)
     if earlier is None:
         variances = problem.usual_variances(mobility, len(start))
-        found = _Estimate(body, start, Places.on(body, problem.keypoints.names), variances, measures)
+        found = _Estimate(body, start, KeypointOffsets.on(body, problem.keypoints.names), variances, measures)
     else:
         found = _Estimate(earlier.body, start, earlier.places, earlier.variances, earlier.measures)
     # This is plain Gauss-Newton rather than `core.numerics.least_squares`: the keypoints that count, their sides and

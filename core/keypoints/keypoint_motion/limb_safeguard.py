@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ...body import Body, part_poses
 from ...body.motion import Motion
 from ...numerics.arrays import Array
-from ..keypoint_places import Places
+from ..keypoint_offsets import KeypointOffsets
 from ..keypoint_rays import Keypoints
 from ..keypoint_sigmas import GEMAN_MCCLURE_SCALE
 from .closed_form import LIMB_CHAINS, closed_form_limb
@@ -24,7 +24,7 @@ LOST_WINDOW = 0.1
 def repose_lost_limbs(
     body: Body,
     motion: Motion,
-    places: Places,
+    places: KeypointOffsets,
     *,
     keypoints: Keypoints,
     points_world: Array,
@@ -38,7 +38,7 @@ def repose_lost_limbs(
     body : Body
     motion : Motion
         F poses.
-    places : Places
+    places : KeypointOffsets
     keypoints : Keypoints
     points_world : ndarray, shape (F, L, 3)
         The triangulated keypoints, metres; NaN where not known.

@@ -12,7 +12,7 @@ from ...body.measures.body_measures import BodyMeasures
 from ...body.motion import Motion
 from ...numerics.arrays import Array
 from ..keypoint_factor import KeypointSystem
-from ..keypoint_places import Places
+from ..keypoint_offsets import KeypointOffsets
 from ..keypoint_rays import Keypoints
 
 PROPORTION_SIGMA = 0.08
@@ -51,7 +51,7 @@ def with_measures(
     motion: Motion,
     *,
     keypoints: Keypoints,
-    places: Places,
+    places: KeypointOffsets,
     weights: Array,
     prior_weight: float = 1.0,
 ) -> KeypointSystem:
@@ -66,7 +66,7 @@ def with_measures(
     motion : Motion
         F poses.
     keypoints : Keypoints
-    places : Places
+    places : KeypointOffsets
     weights : ndarray, shape (V, F, L)
     prior_weight : float
         Factor of the prior of the measures.
@@ -101,13 +101,13 @@ def with_measures(
     )
 
 
-def _measure_columns(measures: BodyMeasures, motion: Motion, keypoints: Keypoints, places: Places) -> Array:
+def _measure_columns(measures: BodyMeasures, motion: Motion, keypoints: Keypoints, places: KeypointOffsets) -> Array:
     """Derivatives of the keypoints' world positions by the height's logarithm and every measure, (F, L, 3, 1 + M)."""
     base, step = places.world(part_poses(measures.body(solid=False), motion)), 1e-4
 
     def moved(changed: BodyMeasures) -> Array:
         body = changed.body(solid=False)
-        on_body = replace(Places.on(body, keypoints.names), offsets=places.offsets)
+        on_body = replace(KeypointOffsets.on(body, keypoints.names), offsets=places.offsets)
         return on_body.world(part_poses(body, motion))
 
     return np.stack(

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from ...body import Body, part_poses
 from ...body.motion import Motion
 from ...numerics.arrays import Array, Bools
-from ...shot.carried_motion import bent
+from ...shot.motion_warping import bent
 from ...shot.shot import KeyPoses
-from ..keypoint_places import Places
+from ..keypoint_offsets import KeypointOffsets
 from ..keypoint_rays import Keypoints
 from ..keypoint_sigmas import USUAL_SIGMA
 from ..seen_landmarks import with_resting
@@ -79,7 +79,7 @@ def corrected_fit(
     Parameters are those of `lifted_fit`.
     """
     own = without_midpoints(keypoints.of_views([view]))
-    points = Places.on(body, own.names).world(part_poses(body, start))
+    points = KeypointOffsets.on(body, own.names).world(part_poses(body, start))
     agreement = with_imagined_view(own, points, fps)
     fixed = fixed | _collar_bones(body)
     return _fitted(body, start, keypoints, view, agreement, fixed=fixed, precision=precision)

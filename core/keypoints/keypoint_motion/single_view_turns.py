@@ -14,7 +14,7 @@ import numpy as np
 from ...body import Body, part_poses
 from ...body.motion import Motion
 from ...numerics.arrays import Array
-from ...shot.carried_motion import turned
+from ...shot.motion_warping import turned
 from ..keypoint_sigmas import USUAL_SIGMA, robust_energy
 from .keypoint_comparison import Comparison, compared
 from .keypoint_fit import FitProblem, KeypointFit, fit_motion

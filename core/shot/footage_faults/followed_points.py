@@ -37,7 +37,7 @@ _MIN_POINTS = 12
 
 
 @dataclass(frozen=True, eq=False)
-class Ways:
+class PointTracks:
     """Ways of points across a pair of pictures, and across those before and after it.
 
     Attributes
@@ -76,7 +76,7 @@ def reduced(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def follow_points(pictures: Sequence[NDArray[np.uint8]]) -> Ways:
+def follow_points(pictures: Sequence[NDArray[np.uint8]]) -> PointTracks:
     """Follow what moves through six consecutive pictures, results of `reduced`; the pair is the two in the middle.
 
     No way is returned where motion is hardly faster across the pair than before or after it.
@@ -97,7 +97,7 @@ def follow_points(pictures: Sequence[NDArray[np.uint8]]) -> Ways:
     moving = length > max(_MIN_WAY, _MIN_WAY_SHARE * float(np.quantile(length, 0.95)))
     here, before, after = (np.linalg.norm(way, axis=-1)[moving] for way in (steps, returns, ahead))
     if not len(here) or float(np.quantile(here / np.maximum(before + after, 1e-6), 0.75)) < _MIN_SPEED_RATIO / 2:
-        return Ways(np.zeros(0), np.zeros((5, 0)))
+        return PointTracks(np.zeros(0), np.zeros((5, 0)))
     for origin, end, way, pair in (
         (places, there, steps, (3, 2)),
         (places, earlier, returns, (1, 2)),
@@ -108,7 +108,7 @@ def follow_points(pictures: Sequence[NDArray[np.uint8]]) -> Ways:
     ways = -_moved(earlier, field(1, 0))[1], -returns, steps, ahead, _moved(later, field(4, 5))[1]
     direction = total / np.maximum(length, 1e-6)[..., None]
     along = np.array([(way * direction).sum(axis=-1)[moving] for way in ways])
-    return Ways(length[moving], along)
+    return PointTracks(length[moving], along)
 
 
 def _moved(places: Array, field: Array) -> tuple[Array, Array]:

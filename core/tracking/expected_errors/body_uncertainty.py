@@ -11,7 +11,7 @@ from ...body.kinematics import tip_positions
 from ...body.limbs import limbs
 from ...body.motion import Motion
 from ...body.tip_landmarks import tip_landmarks
-from ...keypoints.keypoint_places import OFFSET_SIGMA, THINNESS, keypoint_on_body, offset_sigma
+from ...keypoints.keypoint_offsets import OFFSET_SIGMA, THINNESS, keypoint_on_body, offset_sigma
 from ...keypoints.observations import PerformerKeypoints
 from ...numerics.arrays import Array, Ints
 from ...shot.shot import KeyPoses, Performer

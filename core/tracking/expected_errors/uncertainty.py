@@ -22,11 +22,11 @@ from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.error_lengths import length_quantile
 from ...runtime.freed_memory import return_freed_memory
 from ..late_views import Lateness, segment_lateness
+from ..solvers.assessment.solution_doubts import misfit_at
 from ..solvers.equations.measurement import LONG, keypoint_instants, measured_at
 from ..solvers.equations.problem import SegmentProblem, SegmentSolution
 from ..solvers.equations.segment_equations import evidence_equations, hidden_and_expected, with_priors_at
 from ..solvers.equations.smoothness_factor import SegmentSmoothness
-from ..solvers.judgement.solution_doubts import misfit_at
 from ..solvers.limb_evidence.limb_support import support_of_parts
 from .held_out_keys import USUAL_RATIO, covariance_ratios, missed_key_poses
 from .joint_covariances import growth_by_speed, tip_covariances, tip_jacobian

@@ -15,12 +15,7 @@ import numpy as np
 
 from ...body.kinematics import scene_poses
 from ...evidence.background_shift import background_shift
-from ...evidence.movement_match import (
-    FINE_SIDE,
-    MIN_MATCH,
-    key_poses_of,
-    movement_match,
-)
+from ...evidence.movement_match import FINE_SIDE, MIN_MATCH, key_poses_of, movement_match
 from ...evidence.rendering.label_images import render_labels
 from ...evidence.rendering.part_geometry import Geometry
 from ...numerics.arrays import evenly_spaced
@@ -28,12 +23,7 @@ from ...shot.footage import frames_at, probe, working_factor
 from ...shot.footage_faults.continuity import COMPARED_PAIRS
 from ...shot.footage_faults.footage_checks import stored_frames
 from ...shot.footage_faults.footage_times import FootageRate, timed_gaps
-from ...shot.frame_numbers import (
-    across_gaps,
-    footage_index,
-    frames_damaged,
-    gap_frame,
-)
+from ...shot.frame_numbers import across_gaps, footage_index, frames_damaged, gap_frame
 from ...shot.shot import Gap, Shot, View
 from ..results.journal import FinishedSegment
 from ..results.track_result import TrackResult

@@ -24,12 +24,7 @@ from ...evidence.view_work import IN_THIS_THREAD, ViewWork
 from ...numerics.arrays import Array, Bools
 from ...runtime.shared_arrays import each_row
 from ..segments import PosedFrames
-from .picture_store import (
-    FOREGROUND,
-    GREY,
-    PALETTE,
-    PictureStore,
-)
+from .picture_store import FOREGROUND, GREY, PALETTE, PictureStore
 from .reader import ColourFrames
 
 KEY_POSE_REACH = 0.1

@@ -13,13 +13,7 @@ from ...errors import FootageError
 from ...runtime.threads import worker_count
 from ...runtime.worker_memory import WorkerMemory
 from ...shot.fingerprint import made_of
-from ...shot.footage import (
-    MAX_PICTURE_SIDE,
-    Album,
-    Image,
-    frames_at,
-    working_factor,
-)
+from ...shot.footage import MAX_PICTURE_SIDE, Album, Image, frames_at, working_factor
 from ...shot.settings import Settings
 from ...shot.shot import View
 

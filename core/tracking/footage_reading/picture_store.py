@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...errors import OutputError
 from ...evidence.view_frames import ViewFrames
 from ...runtime.shared_arrays import SharedArray
-from ...runtime.workplaces import RESULTS, workplace
+from ...runtime.staging_folders import RESULTS, staging_folder
 from ...shot.footage import working_factor
 from ...shot.shot import Shot
 from ..segments import segments
@@ -136,7 +136,7 @@ def picture_folder() -> Iterator[Path]:
     """
     folder = Path(tempfile.gettempdir())
     try:
-        with workplace(folder) as place:
+        with staging_folder(folder) as place:
             yield place / RESULTS
     except OSError as error:
         raise OutputError(f"the frames cannot be kept: {error.strerror or error}", where=str(folder)) from error

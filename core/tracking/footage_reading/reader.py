@@ -22,13 +22,7 @@ from ...runtime.threads import worker_count
 from ...runtime.worker_memory import WorkerMemory
 from ...shot.fingerprint import checksum, made_of, value_bytes
 from ...shot.footage import Album, frames_at, working_factor
-from ...shot.footage_faults.continuity import (
-    COMPARED_PAIRS,
-    block_change,
-    block_means,
-    most_changed,
-    torn_pairs,
-)
+from ...shot.footage_faults.continuity import COMPARED_PAIRS, block_change, block_means, most_changed, torn_pairs
 from ...shot.footage_faults.footage_times import FootageRate, footage_rate, frames_missing
 from ...shot.footage_faults.frame_pattern import FramePattern, repeated_every
 from ...shot.footage_faults.skipped_frames import PairChanges, PointsFollowed

@@ -16,15 +16,10 @@ from uuid import uuid4
 from ...errors import WorkerEndedError
 from ...evidence.frame_comparison import EvidenceCaches
 from ...evidence.view_frames import ViewFrames
-from ...evidence.view_work import (
-    IN_THIS_THREAD,
-    Result,
-    Task,
-    Work,
-)
+from ...evidence.view_work import IN_THIS_THREAD, Result, Task, Work
 from ...runtime.progress import Progress
 from ...runtime.threads import one_library_thread
-from ...runtime.worker_memory import Remembering, WorkerMemory
+from ...runtime.worker_memory import CachingTask, WorkerMemory
 from ...runtime.worker_process import WorkerProcess
 from .picture_store import StoredView
 
@@ -72,16 +67,16 @@ class SharedViews:
         for k in range(len(tasks)):
             yield found.pop(k)
 
-    def _there(self, work: Work[Any], tasks: Sequence[Task]) -> Remembering:
+    def _there(self, work: Work[Any], tasks: Sequence[Task]) -> CachingTask:
         numbered = [(self._number[view], asked) for view, asked in tasks]
-        return Remembering(partial(_done_there, self._key, self._stored, work, numbered))
+        return CachingTask(partial(_done_there, self._key, self._stored, work, numbered))
 
     def close(self) -> None:
         """Let the processes forget the views."""
         self._threads.shutdown()
         for process in self._processes:
             with suppress(WorkerEndedError):
-                process.call(Remembering(_forget))
+                process.call(CachingTask(_forget))
 
 
 @dataclass(frozen=True, eq=False)

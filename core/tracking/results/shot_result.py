@@ -15,7 +15,7 @@ from ...evidence.occlusion import unseen
 from ...keypoints.observations import ShotKeypoints
 from ...keypoints.seen_landmarks import found_landmarks
 from ...numerics.arrays import Array, Bools, slices_of
-from ...shot.carried_motion import with_keys
+from ...shot.motion_warping import with_keys
 from ...shot.shot import Performer, Shot
 from ..expected_errors.body_uncertainty import body_covariances
 from ..expected_errors.uncertainty import joint_errors

@@ -25,14 +25,7 @@ from ..footage_reading.picture_store import StoredView
 from ..results.journal import FinishedSegment, KeptSegments
 from ..segment_stages import EarlierTrack, TrackState
 from ..segments import Segment, segments, whole_keys
-from .segment_tasks import (
-    RefinedSegment,
-    SegmentTask,
-    SolvedSegment,
-    Watcher,
-    refine_task,
-    solve_task,
-)
+from .segment_tasks import RefinedSegment, SegmentTask, SolvedSegment, Watcher, refine_task, solve_task
 
 Observer = Callable[[Segment, int, Sequence[Motion]], None]
 SegmentShown = Callable[[Segment, tuple[Motion, ...]], None]

@@ -24,10 +24,10 @@ from ...runtime.progress import Progress, report_progress
 from ...runtime.threads import worker_count
 from ...runtime.timing import Seconds
 from ...runtime.worker_pool import WorkerPool
-from ...shot.carried_motion import carried
 from ...shot.fixed_degrees import fixed_degrees
 from ...shot.footage_faults.footage_times import FootageRate
 from ...shot.keypose_spline import spline
+from ...shot.motion_warping import carried
 from ...shot.shot import Shot
 from ..footage_corrections.footage_gaps import with_timed_gaps
 from ..footage_reading.frames_ahead import decoding_ahead

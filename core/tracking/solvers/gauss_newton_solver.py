@@ -4,11 +4,11 @@ Least squares finds only the minimum nearest to its start, and a lost arm or a b
 another minimum. Solving a segment is therefore a conversation of four:
 
 - `gauss_newton.descend` *solves*: it leads a start to its nearest minimum. Nobody else changes a motion to fit images.
-- `judgement.solution_doubts` *doubts*: it tests a solution against the images, and names the performers whom they
+- `assessment.solution_doubts` *doubts*: it tests a solution against the images, and names the performers whom they
   contradict. Where there are none, the first solution stands.
 - `starts` and `limb_corrections` *propose*: other motions of the whole body, or of a single limb, from which a descent
   may reach a better minimum. A proposal need not be good, only near the true motion.
-- `judgement.solution_ranking` *decides*: all solutions are measured under one noise, and the likeliest is taken.
+- `assessment.solution_ranking` *decides*: all solutions are measured under one noise, and the likeliest is taken.
 
 `multi_start.best_of_starts` holds that conversation for the whole body, in the order: the curve through the key poses,
 another turn, the motion followed frame by frame, and rounds of the search for limbs. Every module of `limb_corrections`
@@ -26,16 +26,16 @@ import numpy as np
 from ...body.motion import Motion
 from ...runtime.freed_memory import return_freed_memory
 from ...runtime.timing import Seconds
+from .assessment.settled_solutions import SettledSolution
+from .assessment.solution_doubts import doubted_performers, frames_in_doubt, misfit_at, performers_uncovered
+from .assessment.solution_ranking import clearly_likelier
 from .descent_stages import OUTLINE_REACH, POLISH, POLISHED_AT_ONCE, REFINEMENT, RESUMED, SETTLED, DescentStage
 from .equations.measurement import Workspace
 from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .gauss_newton import continued, descend, farthest_joint
-from .judgement.settled_solutions import SettledSolution
-from .judgement.solution_doubts import doubted_performers, frames_in_doubt, misfit_at, performers_uncovered
-from .judgement.solution_ranking import clearly_likelier
 from .limb_corrections.leaping_limbs import with_leaps_bridged
 from .limb_corrections.limb_exchange import with_crossed_limbs_exchanged
-from .limb_corrections.limb_search import pictures_find_limbs
+from .limb_corrections.limb_search import can_search_limbs
 from .limb_corrections.local_trials import HELD_FRAMES, Stretch, can_be_parted, stretch_of, stretches_around
 from .limb_corrections.regained_limbs import with_limbs_regained
 from .long_refinement import refine
@@ -175,7 +175,7 @@ def _with_corrections(
 
 def _with_limbs_put_right(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentSolution:
     """Exchange limbs that reach across each other, and bridge leaps."""
-    if not pictures_find_limbs(problem):
+    if not can_search_limbs(problem):
         return solution
     solution = with_crossed_limbs_exchanged(problem, solution, workspace.part(0.0, 0.5))
     if problem.among_others:  # leaps are few once all pixels count, in the refinement
@@ -213,7 +213,7 @@ def _refined_and_searched(
 ) -> tuple[SegmentSolution, SegmentSolution]:
     """Return a refined solution, and the one that a search for limbs leads to from there."""
     first = refine(problem, start, workspace.part(0.0, 0.3), stages)
-    if not pictures_find_limbs(problem):
+    if not can_search_limbs(problem):
         return first, first
     several = problem.among_others
     begin = with_crossed_limbs_exchanged(problem, first, workspace.silent()) if several else first

@@ -14,12 +14,8 @@ from dataclasses import replace
 
 from ...body.motion import Motion
 from ...runtime.timing import Seconds
-from .descent_stages import OUTLINE_REACH, POLISHED_AT_ONCE, SETTLED, STAGES
-from .equations.measurement import Workspace
-from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
-from .gauss_newton import continued, descend, farthest_joint
-from .judgement.settled_solutions import SettledSolution
-from .judgement.solution_doubts import (
+from .assessment.settled_solutions import SettledSolution
+from .assessment.solution_doubts import (
     doubted_performers,
     images_contradict,
     is_doubtful,
@@ -27,7 +23,11 @@ from .judgement.solution_doubts import (
     others_hide,
     worst_first,
 )
-from .judgement.solution_ranking import covering_most, settled_further
+from .assessment.solution_ranking import covering_most, settled_further
+from .descent_stages import OUTLINE_REACH, POLISHED_AT_ONCE, SETTLED, STAGES
+from .equations.measurement import Workspace
+from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
+from .gauss_newton import continued, descend, farthest_joint
 from .limb_corrections.limb_exchange import with_limbs_exchanged
 from .limb_corrections.mirrored_limbs import with_limbs_mirrored
 from .limb_corrections.search_rounds import TrialRound, searched, searched_among_others

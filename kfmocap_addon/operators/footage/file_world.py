@@ -50,13 +50,13 @@ class CalibrationReader(OperatorMixin):
         ------
         CalibrationError
         """
-        from ....core.cameras.world_axes import FileWorld, upward_doubt
+        from ....core.cameras.world_axes import FileWorld, upward_axis_warning
         from ....core.formats import load_cameras
 
         world = FileWorld(None if self.unit == _CHECKED else self.unit, self.up)
         cameras = {name: world.ours(camera) for name, camera in load_cameras(path).items()}
         with located(str(path)):
             world.check(tuple(cameras.values()), _STATE_UNIT)
-        if doubt := upward_doubt(tuple(cameras.values())):
+        if doubt := upward_axis_warning(tuple(cameras.values())):
             self.report({"WARNING"}, f"{doubt}: if so, import again, with it as Up")
         return cameras

@@ -18,7 +18,7 @@ class LoadShot(FileReader, bpy.types.Operator):
     filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
 
     def read(self, context: bpy.types.Context, path: Path) -> None:
-        from ....core.review.early_remarks import remarks_before_tracking
+        from ....core.review.pretracking_warnings import warnings_before_tracking
         from ....core.tracking.prepare import load_shot
         from ...scene_io import scene as scenes
 
@@ -33,7 +33,7 @@ class LoadShot(FileReader, bpy.types.Operator):
             screens.show_footage()
             timelines.show_keys(context)
         self.report({"INFO"}, f"{shot.name}: {len(shot.views)} views, {shot.length} frames")
-        for text in remarks_before_tracking(shot):
+        for text in warnings_before_tracking(shot):
             self.report({"WARNING"}, text)
 
 

@@ -10,15 +10,7 @@ import bpy
 from ....core.runtime.worker_process import Work
 from ...scene_io import active_performer, playback, unfinished_tracking
 from ...viewports.changed_segments import known_changes
-from ..conditions import (
-    Condition,
-    Conditional,
-    frame_is_in_shot,
-    has_footage,
-    has_shot,
-    has_tracked,
-    shot_frame,
-)
+from ..conditions import Condition, Conditional, frame_is_in_shot, has_footage, has_shot, has_tracked, shot_frame
 from ..job_operator import JobOperator
 from ..key_conditions import has_tracked_keys
 
@@ -80,7 +72,7 @@ class Tracking(Conditional, JobOperator):
         """Read the shot and choose what to track."""
         from ....core.errors import ShotError
         from ....core.fitting.shot_cameras import track_and_check
-        from ....core.runtime.worker_memory import Remembering
+        from ....core.runtime.worker_memory import CachingTask
         from ...scene_io import scene as scenes
         from ...scene_io import tracked_segments
 
@@ -95,7 +87,7 @@ class Tracking(Conditional, JobOperator):
         self._preview: TrackingPreview | None = None
         journal = unfinished_tracking.begun(context.scene, chosen, resume=self.resume)
         here = shot_frame(context.scene)
-        return Remembering(partial(track_and_check, asked.shot, parts, journal=journal, looking_at=here), shows=True)
+        return CachingTask(partial(track_and_check, asked.shot, parts, journal=journal, looking_at=here), shows=True)
 
     def kept(self, context: bpy.types.Context) -> str:
         """Return a message on how many segments were finished."""

@@ -21,10 +21,10 @@ from ....core.errors import BodyError
 from ....core.numerics import rotations
 from ....core.numerics.arrays import Array, Bools
 from ....core.retargeting.control_rig import MOVED, ControlRig, carriers_of_apart
-from ....core.retargeting.leaning import Lean, lean_of
 from ....core.retargeting.palms import axes_of_palm, palm_bones
 from ....core.retargeting.retarget import grounded
 from ....core.retargeting.roles import SIDES, BoneMap
+from ....core.retargeting.root_tilt import RootTilt, root_tilt
 from ...scene_io.body.body_armature import world_frame
 from ...scene_io.constraints import acts
 from .rig_at_rest import pose, posed_matrices, rest_orientations, rest_skeleton, shown_size, update
@@ -47,14 +47,14 @@ class RigReading:
         Controls that follow another one only in part: their rotation will differ from what is asked for.
     straight : ControlRig
         The rig as it stands upright where bones without a role lean.
-    lean : Lean, optional
+    lean : RootTilt, optional
         By how much they do.
     """
 
     rig: ControlRig
     unsteady: tuple[str, ...]
     straight: ControlRig
-    lean: Lean | None
+    lean: RootTilt | None
 
 
 def read_rig(
@@ -125,7 +125,7 @@ def read_rig(
         {} if fingers is None else _palms(armature, matrix, bones, fingers),
     )
     turned = rig.R_world_rest @ np.swapaxes(rest_orientations(armature, rig.rest.names), -1, -2)
-    lean = lean_of(rig, turned, origin)
+    lean = root_tilt(rig, turned, origin)
     straight = rig if lean is None else lean.straightened(rig, longer)
     return RigReading(rig, tuple(sorted(names[b] for b in np.flatnonzero(unsteady))), straight, lean)
 

@@ -10,12 +10,7 @@ from typing import Any
 import bpy
 
 from ....core.errors import FootageError
-from ....core.shot.frame_numbers import (
-    frames_per_file_frame,
-    gap_frame,
-    is_interlaced,
-    whole_offset,
-)
+from ....core.shot.frame_numbers import frames_per_file_frame, gap_frame, is_interlaced, whole_offset
 from ....core.shot.image_sequences import image_files
 
 _LONGEST = 220

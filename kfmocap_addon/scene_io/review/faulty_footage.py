@@ -7,13 +7,7 @@ from collections.abc import Iterator, Sequence
 import bpy
 
 from ....core.errors import listed
-from ....core.review.report_text import (
-    NO_KEYPOINTS_TEXT,
-    keypoint_numbers_text,
-    keypoints_text,
-    rate_text,
-    torn_text,
-)
+from ....core.review.report_text import NO_KEYPOINTS_TEXT, keypoint_numbers_text, keypoints_text, rate_text, torn_text
 from ....core.shot.footage import container_rate
 from ....core.shot.shot import Shot, View
 from ....core.tracking.footage_corrections.footage_gaps import found_gaps, torn_frames

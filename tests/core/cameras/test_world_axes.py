@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.cameras.world_axes import AXES, METRES, FileWorld, upward_axis, upward_doubt
+from kfmocap.core.cameras.world_axes import AXES, METRES, FileWorld, upward_axis, upward_axis_warning
 from kfmocap.core.errors import CalibrationError
 from kfmocap.core.numerics import rotations
 from synthetic import look_at
@@ -36,8 +36,8 @@ def test_the_axis_that_points_up_is_named(up: str) -> None:
     cameras = [filed(camera, "m", up) for camera in CAMERAS]
     assert upward_axis(cameras) == up
     assert FileWorld().ours(cameras[0]) is cameras[0]
-    assert upward_doubt(cameras).endswith("" if up == "z" else f"the world's {up} axis, not z, pointed up")
-    assert not upward_doubt([FileWorld(up=up).ours(camera) for camera in cameras])
+    assert upward_axis_warning(cameras).endswith("" if up == "z" else f"the world's {up} axis, not z, pointed up")
+    assert not upward_axis_warning([FileWorld(up=up).ours(camera) for camera in cameras])
 
 
 def test_millimetres_that_pass_for_metres_are_refused_unless_the_unit_is_given() -> None:
@@ -61,4 +61,4 @@ def test_cameras_that_look_down_or_stand_on_their_sides_in_different_ways_are_le
         for camera in CAMERAS
     ]
     for cameras in (CAMERAS, down, rolled, CAMERAS[:1], rolled[:1]):
-        assert not upward_doubt(cameras)
+        assert not upward_axis_warning(cameras)

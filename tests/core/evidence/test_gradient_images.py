@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 from kfmocap.core.evidence.smoothed_images import SmoothedImages
 from kfmocap.core.evidence.view_frames import GradientImageCache, ViewFrames
-from synthetic import (
-    look_at,
-)
+from synthetic import look_at
 
 Array = np.ndarray
 CAMERA = look_at("cam", (0.8, -2.2, 1.6))

@@ -10,12 +10,7 @@ from hypothesis import strategies as st
 from kfmocap.core.body import Body
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.evidence.occlusion import (
-    OCCLUDED_BELOW,
-    intervals,
-    occluded,
-    unseen,
-)
+from kfmocap.core.evidence.occlusion import OCCLUDED_BELOW, intervals, occluded, unseen
 from kfmocap.core.evidence.rendering.label_images import render_labels
 from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from synthetic import at_rest, figure, look_at, poses_of, swing

@@ -17,12 +17,7 @@ from kfmocap.core.fitting.early_check import early_frames, early_misfits
 from kfmocap.core.fitting.resection import adjusted
 from kfmocap.core.fitting.shared_cameras import FreeCameras
 from kfmocap.core.fitting.shared_keypoints import CameraEstimate, SharedKeypoints
-from kfmocap.core.fitting.shot_cameras import (
-    checked_frames,
-    fit_by_key_poses,
-    fit_by_keypoints,
-    refine_shot_cameras,
-)
+from kfmocap.core.fitting.shot_cameras import checked_frames, fit_by_key_poses, fit_by_keypoints, refine_shot_cameras
 from kfmocap.core.fitting.view_findings import CameraFit
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.shot.footage import frames_at

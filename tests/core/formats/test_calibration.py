@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.cameras.lens_doubt import lens_doubt
+from kfmocap.core.cameras.fisheye_warning import fisheye_warning
 from kfmocap.core.errors import CalibrationError
 from kfmocap.core.formats.calibrations.calibration_files import load_cameras
 from kfmocap.core.formats.calibrations.toml_cameras import save_cameras
@@ -424,4 +424,4 @@ def test_four_coefficients_that_may_be_a_fisheye_s_are_doubted(
     camera = Camera.create(
         "front", (640, 360), np.diag([500, 500, 1]), np.eye(3), np.zeros(3), distortions=distortions, fisheye=fisheye
     )
-    assert ("fisheye" in lens_doubt(camera)) == doubted
+    assert ("fisheye" in fisheye_warning(camera)) == doubted

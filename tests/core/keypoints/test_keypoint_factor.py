@@ -11,11 +11,11 @@ from kfmocap.core.body import Body, human, part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.keypoints import keypoint_factor as evidence
 from kfmocap.core.keypoints.keypoint_factor import KeypointFactor, keypoint_system
-from kfmocap.core.keypoints.keypoint_places import Places
+from kfmocap.core.keypoints.keypoint_offsets import KeypointOffsets
 from kfmocap.core.numerics.banded import BandedFactor
+from kfmocap.core.tracking.solvers.assessment.solution_doubts import confirmed_by_keypoints
+from kfmocap.core.tracking.solvers.assessment.solution_ranking import covering_most
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.judgement.solution_doubts import confirmed_by_keypoints
-from kfmocap.core.tracking.solvers.judgement.solution_ranking import covering_most
 from synthetic import numeric_jacobian, random_motion
 
 FPS = 30.0
@@ -33,7 +33,7 @@ def test_the_system_is_that_of_the_weighted_residuals() -> None:
     seen.rays[1, 0, 3] = np.nan
     seen.confidence[1, 0, 3] = 0
     weights = np.random.default_rng(0).uniform(1, 5, seen.confidence.shape) * (seen.confidence > 0)
-    places = replace(Places.on(body, NAMES), offsets=np.random.default_rng(1).normal(0, 0.02, (len(NAMES), 3)))
+    places = replace(KeypointOffsets.on(body, NAMES), offsets=np.random.default_rng(1).normal(0, 0.02, (len(NAMES), 3)))
     D, n = body.dof, 3 * len(NAMES)
     prior = np.linalg.cholesky(evidence.offset_precision(NAMES)).T
 
@@ -62,7 +62,7 @@ def test_a_keypoint_factor_pulls_towards_its_keypoints() -> None:
     body = human()
     motion = strolling(body, 3)
     seen = keypoints_of(cameras(3), seen_places(body, motion))
-    factor = KeypointFactor(seen, Places.on(body, NAMES), 1.0)
+    factor = KeypointFactor(seen, KeypointOffsets.on(body, NAMES), 1.0)
     start = Motion(motion.translations + [0.03, -0.02, 0.01], motion.rotations)
     for _ in range(3):
         blocks = factor.blocks(body, part_poses(body, start), 8.0)
@@ -73,7 +73,7 @@ def test_a_keypoint_factor_pulls_towards_its_keypoints() -> None:
 def test_a_keypoint_factor_is_cut_to_some_frames() -> None:
     body = human()
     seen = keypoints_of(cameras(2), seen_places(body, strolling(body, 6)))
-    cut = KeypointFactor(seen, Places.on(body, NAMES), 1.0)[2:5]
+    cut = KeypointFactor(seen, KeypointOffsets.on(body, NAMES), 1.0)[2:5]
     assert len(cut.keypoints) == 3
     np.testing.assert_array_equal(cut.keypoints.rays, seen.rays[:, 2:5])
 
@@ -84,7 +84,7 @@ def test_agreement_is_one_on_the_true_poses_and_falls_away_from_them() -> None:
     seen = keypoints_of(cameras(2), seen_places(body, motion))
     seen.rays[0, 1, 2] = np.nan
     seen.confidence[0, 1, 2] = 0
-    factor = KeypointFactor(seen, Places.on(body, NAMES), 9.0)
+    factor = KeypointFactor(seen, KeypointOffsets.on(body, NAMES), 9.0)
     beside = Motion(motion.translations + [0, 0, 0.06], motion.rotations)
     assert factor.agreement(part_poses(body, motion)) == pytest.approx(1)
     assert factor.agreement(part_poses(body, beside)) == pytest.approx(0.25, abs=0.03)
@@ -97,7 +97,9 @@ def test_the_solution_that_meets_the_keypoints_is_better_and_is_confirmed() -> N
     seen = keypoints_of(cameras(2), seen_places(body, motion))
     astray = Motion(motion.translations + [0.2, 0, 0], motion.rotations)
     fixed = (free(body, 5),)
-    problem = SegmentProblem((), (body,), 0, FPS, fixed, keypoints=(KeypointFactor(seen, Places.on(body, NAMES), 9.0),))
+    problem = SegmentProblem(
+        (), (body,), 0, FPS, fixed, keypoints=(KeypointFactor(seen, KeypointOffsets.on(body, NAMES), 9.0),)
+    )
 
     def solution(found: Motion, explained: float) -> SegmentSolution:
         nothing = np.zeros(0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from kfmocap.core.body import Body, human
 from kfmocap.core.body.soles import Soles
-from kfmocap.core.keypoints.keypoint_places import Places
+from kfmocap.core.keypoints.keypoint_offsets import KeypointOffsets
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.arrays import Array
 from kfmocap.core.retargeting.human_landmarks import human_landmarks
@@ -69,11 +69,11 @@ def test_soles_and_keypoints_of_the_face_are_those_of_the_default_body() -> None
     assert soles.leg == pytest.approx(own.leg)
     names = ["LEye", "REye", "LEar", "REar"]
     for body in (other, OWN):
-        assert set(Places.on(body, names).parts) == {OWN.index("head")}
+        assert set(KeypointOffsets.on(body, names).parts) == {OWN.index("head")}
     found, expected = (
         [body.parts[i].head_world + body.parts[i].R_world_rest @ p for i, p in zip(on.parts, on.local, strict=True)]
         for body in (other, OWN)
-        for on in [Places.on(body, names)]
+        for on in [KeypointOffsets.on(body, names)]
     )
     np.testing.assert_allclose(found, expected, atol=0.01)
 

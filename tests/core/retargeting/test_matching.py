@@ -14,7 +14,7 @@ from kfmocap.core.formats.bone_map_files import read_bone_map, write_bone_map
 from kfmocap.core.numerics import rotations
 from kfmocap.core.retargeting.bone_matching import match_bones, sides_exchanged
 from kfmocap.core.retargeting.bone_names import roles_by_name
-from kfmocap.core.retargeting.bone_places import roles_by_place
+from kfmocap.core.retargeting.bone_positions import roles_by_position
 from kfmocap.core.retargeting.bone_presets import PRESETS
 from kfmocap.core.retargeting.bone_words import read_name, shared_words
 from kfmocap.core.retargeting.rest_alignment import feet_point_back
@@ -177,7 +177,7 @@ def test_bones_without_telling_names_are_found_by_their_places(turn, droop):
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
     names = tuple(f"b{k}" for k in range(len(rig.rest.names)))
     rest = RestSkeleton(names, rig.rest.parents, rig.rest.heads @ R.T, rig.rest.tails @ R.T)
-    found = roles_by_place(rest)
+    found = roles_by_position(rest)
     meant = dict(zip(names, rig.rest.names, strict=True))
     for role, bones in found.items():
         if role not in CHAINS:
@@ -221,7 +221,7 @@ BESIDE = {
 @pytest.mark.parametrize("what", BESIDE)
 def test_limbs_that_are_least_human_are_no_arms_and_no_legs_where_places_decide(what, turn):
     rest, roles = nameless(BESIDE[what], turn)
-    found = roles_by_place(rest)
+    found = roles_by_position(rest)
     assert {role: found[role] for role in roles} == roles
 
 
@@ -242,7 +242,7 @@ def test_fingers_are_found_by_their_places(count, in_palm):
             joints = [wrist + [0.02, y / 3, 0.0], *joints] if in_palm else joints
         chains.append(("hand.{}", joints))
     rest, _ = nameless(chains, droop=0.0)
-    found = roles_by_place(rest)
+    found = roles_by_position(rest)
     place = len(plain.rest.names)
     for (finger, _), (_, joints) in zip(reversed(chosen), chains, strict=True):
         for side in "LR":
@@ -259,7 +259,7 @@ def test_an_animal_on_four_legs_is_no_human_where_places_decide():
             heads += [[x, y, top], [x, y + 0.04, 0.3], [x, y, 0.06]]
     names = tuple(str(k) for k in range(len(heads)))
     tails = np.array(heads) + [0.0, -0.05, 0.0]
-    assert roles_by_place(RestSkeleton(names, tuple(parents), np.array(heads), tails)) == {}
+    assert roles_by_position(RestSkeleton(names, tuple(parents), np.array(heads), tails)) == {}
 
 
 def stepping(rest, roles, turns):
@@ -283,7 +283,7 @@ def test_a_weapon_in_one_hand_and_a_step_forward_leave_a_skeleton_symmetrical():
         np.vstack([heads, blade]),
         np.vstack([tails, blade + [0.0, -0.1, 0.0]]),
     )
-    found = roles_by_place(armed)
+    found = roles_by_position(armed)
     assert {role: found[role] for role in roles} == roles
 
 
@@ -291,7 +291,7 @@ def test_a_wide_step_does_not_turn_a_skeleton_around_where_places_decide():
     """The foot behind stands on its toes: it does not show that the skeleton faces backward."""
     rest, roles = nameless()
     heads, tails = stepping(rest, roles, (-0.5, 0.45))
-    found = roles_by_place(replace(rest, heads=heads, tails=tails))
+    found = roles_by_position(replace(rest, heads=heads, tails=tails))
     assert {role: found[role] for role in roles} == roles
 
 
@@ -305,7 +305,7 @@ def test_an_arm_is_no_head_where_places_decide_and_there_is_none():
     neck = [j for j, p in enumerate(rest.parents) if p == chest and j not in tops]
     kept = [j for j in range(len(heads)) if j not in neck and not any(tree.is_above(k, j) for k in neck)]
     parents = tuple(kept.index(rest.parents[j]) if rest.parents[j] >= 0 else -1 for j in kept)
-    found = roles_by_place(RestSkeleton(tuple(rest.names[j] for j in kept), parents, heads[kept], rest.tails[kept]))
+    found = roles_by_position(RestSkeleton(tuple(rest.names[j] for j in kept), parents, heads[kept], rest.tails[kept]))
     assert found["forearm.L"] == roles["forearm.L"]
     assert "head" not in found
 
@@ -339,7 +339,7 @@ def test_a_bone_that_marks_the_end_of_the_head_is_not_the_head_where_places_deci
         np.vstack([rig.rest.heads, top]),
         np.vstack([rig.rest.tails, top + [0, 0, 0.05]]),
     )
-    assert roles_by_place(rest)["head"] == (names[head],)
+    assert roles_by_position(rest)["head"] == (names[head],)
 
 
 BIRD = {

@@ -12,7 +12,7 @@ from kfmocap.core.body import human
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.body.smoothness_estimate import ROOT_GROUPS
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.cameras.world_axes import AXES, upward_doubt
+from kfmocap.core.cameras.world_axes import AXES, upward_axis_warning
 from kfmocap.core.errors import LandmarkError
 from kfmocap.core.fitting.view_findings import CameraFit, FootageMatch
 from kfmocap.core.formats import Landmarks
@@ -157,7 +157,7 @@ def test_cameras_that_another_axis_than_z_is_upright_for_are_reported(tracked: t
         views = tuple(replace(view, camera=camera) for view, camera in zip(shot.views, filed, strict=True))
         lines = report_lines(report(replace(shot, views=views), result))
         said = [line for line in lines if "world's" in line]
-        assert [line.split(":")[0] for line in said] == ([] if up == "z" else [upward_doubt(filed)])
+        assert [line.split(":")[0] for line in said] == ([] if up == "z" else [upward_axis_warning(filed)])
 
 
 def test_keypoint_files_that_show_nobody_are_reported(tracked: tuple[Shot, type]) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from kfmocap.core.errors import OutputError
-from kfmocap.core.runtime import placing
+from kfmocap.core.runtime import atomic_placement
 from kfmocap.core.runtime.files import check_writable, replacing, staged, together
 from kfmocap.core.runtime.interrupts import WRITTEN_NOTE, Interruptions, held_signals
 
@@ -69,7 +69,7 @@ def test_results_replace_the_old_ones_and_leave_other_files(tmp_path: Path, kind
 def test_a_folder_of_plain_files_is_exchanged_in_one_step(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plain_folder(tmp_path / "out")
     (tmp_path / "out").chmod(0o750)
-    monkeypatch.setattr(placing, "move_files", lambda *_: pytest.fail("files were moved one by one"))
+    monkeypatch.setattr(atomic_placement, "move_files", lambda *_: pytest.fail("files were moved one by one"))
     write(tmp_path / "out", "new")
     assert contents(tmp_path / "out") == {**dict.fromkeys(RESULTS, "new"), "notes.txt": "old"}
     assert (tmp_path / "out").stat().st_mode & 0o777 == 0o750

@@ -7,7 +7,7 @@ from contextlib import closing
 import job_functions
 import numpy as np
 from kfmocap.core.runtime.job import Job
-from kfmocap.core.runtime.worker_memory import Remembering, WorkerMemory
+from kfmocap.core.runtime.worker_memory import CachingTask, WorkerMemory
 from kfmocap.core.runtime.worker_process import WorkerProcess
 
 
@@ -39,13 +39,13 @@ def test_a_worker_remembers_from_one_job_to_the_next() -> None:
     try:
         found = []
         for _ in range(2):
-            job = Job(Remembering(job_functions.counted), worker)
+            job = Job(CachingTask(job_functions.counted), worker)
             job._thread.join(30)
             found.append(job.result())
     finally:
         worker.close()
     assert found == [1, 2]
-    assert Remembering(job_functions.counted)(lambda *_: True) == 1  # where there is no worker
+    assert CachingTask(job_functions.counted)(lambda *_: True) == 1  # where there is no worker
 
 
 def test_processes_that_are_expected_are_those_of_the_pool() -> None:

@@ -17,13 +17,7 @@ from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import KeyPoses, Shot, View
 from kfmocap.core.tracking import retracking
 from kfmocap.core.tracking.results.track_result import TrackResult
-from kfmocap.core.tracking.retracking import (
-    PREVIEW_ITERATIONS,
-    Excerpt,
-    digest,
-    digests,
-    track_excerpts,
-)
+from kfmocap.core.tracking.retracking import PREVIEW_ITERATIONS, Excerpt, digest, digests, track_excerpts
 from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.tracker import track
 from synthetic import CAMERAS, figure, film, shot_of, swing

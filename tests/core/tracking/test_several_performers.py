@@ -24,13 +24,13 @@ from kfmocap.core.tracking.footage_reading.picture_store import PictureStore, St
 from kfmocap.core.tracking.footage_reading.reader import ColourFrames
 from kfmocap.core.tracking.segments import MAX_LENGTH, PosedFrames, posed_frames, segments
 from kfmocap.core.tracking.solvers import gauss_newton, multi_start
+from kfmocap.core.tracking.solvers.assessment import settled_solutions, solution_doubts, solution_ranking
 from kfmocap.core.tracking.solvers.descent_stages import POLISHED_AT_ONCE, STAGES, DescentStage
 from kfmocap.core.tracking.solvers.equations import segment_equations
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.judgement import settled_solutions, solution_doubts, solution_ranking
 from kfmocap.core.tracking.solvers.limb_corrections import limb_exchange, search_rounds
-from kfmocap.core.tracking.solvers.limb_corrections.like_limbs import Exchange
+from kfmocap.core.tracking.solvers.limb_corrections.swapped_limbs import Exchange
 from kfmocap.core.tracking.tracker import track
 from made_evidence import no_evidence
 from synthetic import at_rest, ends_held, figure, film, look_at, poses_of, shot_of, silhouette, swing

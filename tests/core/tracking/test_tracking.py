@@ -22,17 +22,7 @@ from kfmocap.core.shot.shot import KeyPoses, Shot, View
 from kfmocap.core.tracking.scheduling import segment_tasks
 from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.tracker import track
-from synthetic import (
-    CAMERAS,
-    at_rest,
-    figure,
-    film,
-    look_at,
-    rigidly_moved,
-    rigidly_moved_camera,
-    shot_of,
-    swing,
-)
+from synthetic import CAMERAS, at_rest, figure, film, look_at, rigidly_moved, rigidly_moved_camera, shot_of, swing
 
 BODY = figure()
 LENGTH = 11

@@ -14,7 +14,7 @@ from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.evidence.rendering.label_images import LabelImages, render_labels
 from kfmocap.core.evidence.rendering.nearest_pixels import pixels_at
 from kfmocap.core.evidence.rendering.part_geometry import Geometry
-from kfmocap.core.evidence.rendering.still_parts import StillParts
+from kfmocap.core.evidence.rendering.static_parts import StaticParts
 from kfmocap.core.numerics import rotations
 from synthetic import (
     at_rest,
@@ -290,7 +290,7 @@ def test_parts_that_are_drawn_once_are_seen_among_others_as_if_all_were_drawn_to
     camera, geometry, poses = NEARBY, Geometry.of(bodies), poses_of(bodies, motions)
     own, rest = (np.flatnonzero(mask) for mask in (geometry.performer == moving, geometry.performer != moving))
     whole = render_labels(geometry, camera, 0, *poses)
-    still = StillParts.drawn(geometry, rest, camera, 0, poses)
+    still = StaticParts.drawn(geometry, rest, camera, 0, poses)
     alone = render_labels(geometry.subset(own.tolist()), camera, 0, *(a[:, own] for a in poses))
     seen = still.among(alone, own)
     hidden = still.hidden(seen)

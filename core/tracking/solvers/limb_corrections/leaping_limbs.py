@@ -16,11 +16,11 @@ from ....body import part_poses
 from ....body.limbs import limbs
 from ....body.motion import Motion, with_motion
 from ....runtime.timing import Seconds
+from ..assessment.solution_ranking import noise_at
 from ..descent_stages import SETTLED
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import continued, descend
-from ..judgement.solution_ranking import noise_at
 from .bridges import BRIDGING, LEAP_RATIO, Leap, bridged_motion
 from .local_trials import likelier_after_change
 from .long_leaps import long_leaps, with_long_leaps_bridged

@@ -11,12 +11,7 @@ import numpy as np
 from ....body.limbs import limb_pairs
 from ....body.motion import with_motion
 from ....runtime.timing import Seconds
-from ..descent_stages import SETTLED, SETTLING
-from ..equations.measurement import Workspace
-from ..equations.problem import SegmentProblem, SegmentSolution
-from ..equations.segment_equations import SegmentNoise
-from ..gauss_newton import approach, continued, descend
-from ..judgement.solution_ranking import (
+from ..assessment.solution_ranking import (
     RESTING_GAIN,
     cover_at,
     likeliest_at_rest,
@@ -28,8 +23,13 @@ from ..judgement.solution_ranking import (
     same_solution,
     settled_further,
 )
-from .like_limbs import Exchange, Swap, exchanges, swaps
+from ..descent_stages import SETTLED, SETTLING
+from ..equations.measurement import Workspace
+from ..equations.problem import SegmentProblem, SegmentSolution
+from ..equations.segment_equations import SegmentNoise
+from ..gauss_newton import approach, continued, descend
 from .local_trials import LocalTrial
+from .swapped_limbs import Exchange, Swap, exchanges, swaps
 
 LENDER_TOLERANCE = 0.03
 """Relative difference of cover up to which a solution may lend its limbs to the best one."""

@@ -20,14 +20,14 @@ import numpy as np
 from ....body import Body
 from ....body.motion import Motion, with_motion
 from ....numerics.arrays import Bools
+from ..assessment.settled_solutions import SettledSolution, SettledSolutions
+from ..assessment.solution_doubts import MIN_DURATION
+from ..assessment.solution_ranking import RESTING_GAIN, likelihood, settled_further
 from ..descent_stages import SETTLED, UNCONVERGED_MOVE
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
 from ..gauss_newton import continued, descend, farthest_joint
-from ..judgement.settled_solutions import SettledSolution, SettledSolutions
-from ..judgement.solution_doubts import MIN_DURATION
-from ..judgement.solution_ranking import RESTING_GAIN, likelihood, settled_further
 from ..limb_evidence.limb_images import ViewRatios
 from ..limb_evidence.limb_model import FINE_POINTS, POINTS_PER_PART
 from ..thinned_frames import ThinnedProblem

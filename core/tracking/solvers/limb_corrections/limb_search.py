@@ -26,15 +26,15 @@ from ....evidence.view_frames import views_with_foreground
 from ....numerics import rotations
 from ....numerics.arrays import Array, Bools
 from ....numerics.frame_ranges import lasting
+from ..assessment.solution_doubts import MIN_DURATION
 from ..descent_stages import OUTLINE_REACH
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem
-from ..judgement.solution_doubts import MIN_DURATION
 from ..limb_evidence.limb_images import EVEN_LEVEL, UncoveredImages, ViewRatios
 from ..limb_evidence.limb_likelihood import MIN_GAIN, pixel_log_ratios, side_log_ratios, with_sides_learned
 from ..limb_evidence.limb_model import MIN_HELD_WEIGHT, POINTS_PER_PART, LimbModel, LimbOfPerformer, limb_of
-from .like_limbs import untangled_limbs
 from .limb_paths import likeliest_limb
+from .swapped_limbs import untangled_limbs
 
 MIN_SEEN_SHARE = 0.1
 """A limb of which a smaller share is seen on pixels of its own colours may be elsewhere."""
@@ -72,7 +72,7 @@ class LimbSearch:
     before: Motion | None = None
 
 
-def pictures_find_limbs(problem: SegmentProblem) -> bool:
+def can_search_limbs(problem: SegmentProblem) -> bool:
     """Whether limbs can be searched for: it needs foreground images, and with keypoints it is not done."""
     return not problem.keypoints and problem.settings.limb_search and bool(views_with_foreground(problem.views))
 

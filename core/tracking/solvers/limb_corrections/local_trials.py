@@ -11,12 +11,12 @@ import numpy as np
 from ....body.motion import Motion
 from ....numerics.arrays import Bools
 from ....numerics.frame_ranges import adjacent_joined, runs
+from ..assessment.solution_ranking import likeliest
 from ..descent_stages import SETTLED, DescentStage
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
 from ..gauss_newton import descend
-from ..judgement.solution_ranking import likeliest
 from ..starts.sequential_start import excerpt
 
 ADAPTATION_TIME = 0.3

@@ -18,11 +18,7 @@ from ....body.motion import Motion
 from ....numerics.arrays import Array
 from ....runtime.freed_memory import return_freed_memory
 from ....runtime.timing import Seconds
-from ..descent_stages import COARSE_RESTART, SETTLED
-from ..equations.measurement import Workspace
-from ..equations.problem import SegmentProblem, SegmentSolution
-from ..gauss_newton import continued, descend
-from ..judgement.limb_signs import (
+from ..assessment.limb_signs import (
     bent_limbs,
     faded_limbs,
     frames_weakly_shown,
@@ -30,9 +26,13 @@ from ..judgement.limb_signs import (
     unshown_limbs,
     weakly_shown_limbs,
 )
-from ..judgement.settled_solutions import SettledSolutions
-from ..judgement.solution_doubts import others_hide
-from ..judgement.solution_ranking import likelihood, likelihood_decides
+from ..assessment.settled_solutions import SettledSolutions
+from ..assessment.solution_doubts import others_hide
+from ..assessment.solution_ranking import likelihood, likelihood_decides
+from ..descent_stages import COARSE_RESTART, SETTLED
+from ..equations.measurement import Workspace
+from ..equations.problem import SegmentProblem, SegmentSolution
+from ..gauss_newton import continued, descend
 from ..limb_evidence.limb_support import SupportOfLimb, evaluated, support_of_limbs
 from ..thinned_frames import ThinnedProblem
 from ..view_subsets import views_in_sight

@@ -14,14 +14,9 @@ from itertools import islice
 import numpy as np
 
 from ....body.motion import Motion
-from ..descent_stages import SETTLED, SETTLING
-from ..equations.measurement import Workspace
-from ..equations.problem import SegmentProblem, SegmentSolution
-from ..equations.segment_equations import SegmentNoise
-from ..gauss_newton import approach, descend
-from ..judgement.settled_solutions import SettledSolution
-from ..judgement.solution_doubts import explains_little
-from ..judgement.solution_ranking import (
+from ..assessment.settled_solutions import SettledSolution
+from ..assessment.solution_doubts import explains_little
+from ..assessment.solution_ranking import (
     RESTING_GAIN,
     cover_at,
     covering_most,
@@ -31,9 +26,14 @@ from ..judgement.solution_ranking import (
     noise_at,
     same_solution,
 )
-from .like_limbs import untangled_limbs
+from ..descent_stages import SETTLED, SETTLING
+from ..equations.measurement import Workspace
+from ..equations.problem import SegmentProblem, SegmentSolution
+from ..equations.segment_equations import SegmentNoise
+from ..gauss_newton import approach, descend
 from .limb_exchange import recombined
 from .limb_search import found_limbs
+from .swapped_limbs import untangled_limbs
 
 MAX_SEARCH_ROUNDS = 5
 """Most rounds of the search for limbs."""

@@ -16,11 +16,11 @@ from ....body.kinematics import tip_positions
 from ....body.limbs import limbs, without_end
 from ....body.motion import Motion, with_motion
 from ....numerics.frame_ranges import lasting
+from ..assessment.solution_ranking import covering_most
 from ..descent_stages import SETTLED
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import continued, descend
-from ..judgement.solution_ranking import covering_most
 
 STRAYED_RATIO = 4.0
 """Ratio of a limb's distance from the first pass to the performer's median, from which on it has strayed."""

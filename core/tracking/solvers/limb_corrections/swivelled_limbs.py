@@ -17,10 +17,10 @@ from ....body.limbs import limbs
 from ....body.motion import Motion
 from ....numerics import rotations
 from ....numerics.arrays import Array, Bools
+from ..assessment.settled_solutions import SettledSolutions
 from ..descent_stages import OUTLINE_REACH
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
-from ..judgement.settled_solutions import SettledSolutions
 from .limb_groups import continued_where_likelier, solved_from
 from .local_trials import ADAPTATION_TIME
 

@@ -21,7 +21,7 @@ from ....evidence.foreground_images.part_colours import ColouredFrames
 from ....evidence.limb_sides import PartSides, SideRatios, SlopeImages
 from ....evidence.rendering.label_images import DEPTH_STEP, NEAR_PLANE, LabelImages, render_labels
 from ....evidence.rendering.part_geometry import Geometry
-from ....evidence.rendering.still_parts import StillParts
+from ....evidence.rendering.static_parts import StaticParts
 from ....evidence.view_frames import ViewFrames
 from ....numerics.arrays import Array, Bools
 from ....numerics.repeatable import transformed
@@ -54,7 +54,7 @@ class ViewRatios:
         The performer's foreground images, see `core.evidence.foreground_images.foreground`.
     coloured : ColouredFrames or None
         Colours of the performer's parts.
-    still : StillParts or None
+    still : StaticParts or None
         Label images of the other performers, where their motion is given.
     slopes : SlopeImages or None
         How brightness changes, at full resolution.
@@ -66,7 +66,7 @@ class ViewRatios:
     first: int
     foreground: NDArray[np.uint8]
     coloured: ColouredFrames | None
-    still: StillParts | None
+    still: StaticParts | None
     slopes: SlopeImages | None
     stride: int = MAX_STRIDE
 
@@ -91,7 +91,7 @@ class ViewRatios:
         if problem.only is not None:
             geometry = problem.geometry()
             others = np.flatnonzero(geometry.performer != performer)
-            still = StillParts.drawn(geometry, others, camera, problem.first, scene_poses(problem.bodies, motions))
+            still = StaticParts.drawn(geometry, others, camera, problem.first, scene_poses(problem.bodies, motions))
         slopes = None if coloured is None else _slopes_around(view, problem, foreground, stride)
         return cls(camera, problem.first, foreground, coloured, still, slopes, stride)
 

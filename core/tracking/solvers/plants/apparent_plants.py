@@ -53,7 +53,7 @@ class Plant:
 
 
 @dataclass(frozen=True, eq=False)
-class Seeming:
+class ApparentPlants:
     """The points that seem planted on a segment.
 
     Attributes
@@ -70,7 +70,7 @@ class Seeming:
     @classmethod
     def of(
         cls, problem: SegmentProblem, performer: int, motion: Motion, first: int, soles: Soles | None = None
-    ) -> Seeming | None:
+    ) -> ApparentPlants | None:
         """Find them in a motion that has `first` frames before the segment; None if there are none. See
         `PlantFactor.found` for the soles.
         """
@@ -81,7 +81,7 @@ class Seeming:
         before, after = (np.cumprod(s, axis=0).sum(axis=0) for s in (found.steps[:first][::-1], found.steps[last:]))
         return cls(replace(found, steps=steps), before, after)
 
-    def beside(self, point: int, earlier: Seeming | None) -> Bools:
+    def beside(self, point: int, earlier: ApparentPlants | None) -> Bools:
         """Return the steps, (F - 1,), on which the heel of the foot seems planted as well, now or earlier, if the point
         is a ball. A ball that is planted says nothing of the heel, which rises first.
         """

@@ -14,7 +14,7 @@ import numpy as np
 from ....body.soles import BALL_SHARE, Soles
 from ....numerics.arrays import Array
 from ....numerics.frame_ranges import runs
-from .apparent_plants import Plant, Seeming
+from .apparent_plants import ApparentPlants, Plant
 from .plant_evidence import PlantEvidence, most_by_chance
 
 SHARES = np.linspace(0.6, 1.0, 9)
@@ -23,7 +23,7 @@ SHARE_SIGMA = 0.1
 """Standard deviation of the place about the ball, before anything is known of the performer."""
 
 
-def with_forefoot_rockers(evidence: PlantEvidence, performer: int, seeming: Seeming, ratios: Array) -> Soles:
+def with_forefoot_rockers(evidence: PlantEvidence, performer: int, seeming: ApparentPlants, ratios: Array) -> Soles:
     """Return the soles with the balls where the feet roll: the likeliest place, the same for both feet.
 
     It minimises the sum of what keeping it still costs in all apparent plants of the balls, except those that the
@@ -33,7 +33,7 @@ def with_forefoot_rockers(evidence: PlantEvidence, performer: int, seeming: Seem
     ----------
     evidence : PlantEvidence
     performer : int
-    seeming : Seeming
+    seeming : ApparentPlants
         Apparent plants of the balls, among others.
     ratios : ndarray, shape (P,)
         See `standing_feet.with_standing_feet`.

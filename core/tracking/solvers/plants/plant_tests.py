@@ -14,18 +14,8 @@ from ....body.foot_plants import MIN_DURATION
 from ....evidence.standing_points import RADIUS
 from ....numerics.arrays import Bools
 from ....numerics.frame_ranges import runs
-from .apparent_plants import (
-    Plant,
-    Seeming,
-    joined,
-    overlapping,
-)
-from .plant_evidence import (
-    JOINING_SIGNIFICANCE,
-    SIGNIFICANCE,
-    PlantEvidence,
-    most_by_chance,
-)
+from .apparent_plants import ApparentPlants, Plant, joined, overlapping
+from .plant_evidence import JOINING_SIGNIFICANCE, SIGNIFICANCE, PlantEvidence, most_by_chance
 
 PICTURES_ODDS = 10.0
 """How many times likelier the pictures around a point must be if it stands than if it moves as it was tracked, for a
@@ -51,12 +41,14 @@ class PlantTests:
     ratio: float
     movable: Bools
 
-    def plants_of(self, seeming: Seeming, earlier: Seeming | None, performer: int, point: int) -> list[Plant]:
+    def plants_of(
+        self, seeming: ApparentPlants, earlier: ApparentPlants | None, performer: int, point: int
+    ) -> list[Plant]:
         """Return the plants of a point that pass the tests, with the frames beside them that do.
 
         Parameters
         ----------
-        seeming, earlier : Seeming
+        seeming, earlier : ApparentPlants
             As found now, and before the refinement.
         performer, point : int
         """

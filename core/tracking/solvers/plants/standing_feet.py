@@ -36,7 +36,7 @@ from ..equations.plant_factor import PlantFactor
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import equations_at
 from ..protocol import SettledMotions, SolvedFrames
-from .apparent_plants import Seeming
+from .apparent_plants import ApparentPlants
 from .forefoot_rocker import with_forefoot_rockers
 from .plant_evidence import PlantEvidence
 from .plant_tests import PlantTests
@@ -109,22 +109,22 @@ def with_plants_at_rest(
 
 def _apparent_plants(
     evidence: PlantEvidence, before: SolvedFrames, performer: int, ratios: Array
-) -> tuple[Seeming | None, Seeming | None]:
+) -> tuple[ApparentPlants | None, ApparentPlants | None]:
     """Return a member's apparent plants, with the balls where its feet roll: in its motion, and in the one before."""
     tracked = before.motions[performer].replaced(before.first, evidence.motions[performer])
-    seeming = Seeming.of(evidence.problem, performer, tracked, before.first)
+    seeming = ApparentPlants.of(evidence.problem, performer, tracked, before.first)
     if seeming is None:
         return None, None
     soles = with_forefoot_rockers(evidence, performer, seeming, ratios)
     now, earlier = (
-        Seeming.of(evidence.problem, performer, motion, before.first, soles)
+        ApparentPlants.of(evidence.problem, performer, motion, before.first, soles)
         for motion in (tracked, before.motions[performer])
     )
     return now, earlier
 
 
 def _plants_that_fit(
-    evidence: PlantEvidence, performer: int, seeming: Seeming, earlier: Seeming | None, ratios: Array
+    evidence: PlantEvidence, performer: int, seeming: ApparentPlants, earlier: ApparentPlants | None, ratios: Array
 ) -> tuple[PlantFactor, PlantFactor]:
     """Return the apparent plants of a member that are held: those between key poses on neighbouring frames, which
     nothing moves, and those that pass the tests, with the frames beside them that do, unless they are brief.
@@ -133,7 +133,7 @@ def _plants_that_fit(
     ----------
     evidence : PlantEvidence
     performer : int
-    seeming, earlier : Seeming
+    seeming, earlier : ApparentPlants
         As found now, and before the refinement.
     ratios : ndarray, shape (P,)
     """

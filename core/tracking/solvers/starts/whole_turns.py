@@ -12,12 +12,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from ....body.motion import Motion, with_motion
-from ....shot.carried_motion import turned
+from ....shot.motion_warping import turned
+from ..assessment.solution_doubts import is_doubtful
+from ..assessment.solution_ranking import cover_at, covering_most, is_hopeless
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import descend
-from ..judgement.solution_doubts import is_doubtful
-from ..judgement.solution_ranking import cover_at, covering_most, is_hopeless
 
 
 def with_whole_turn(

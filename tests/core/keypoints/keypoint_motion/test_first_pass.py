@@ -14,7 +14,7 @@ from kfmocap.core.keypoints.keypoint_motion.closed_form import closed_form_pose
 from kfmocap.core.keypoints.keypoint_motion.first_pass import scaled_first_pass
 from kfmocap.core.keypoints.keypoint_motion.first_pose import posed_start
 from kfmocap.core.keypoints.keypoint_motion.limb_safeguard import repose_lost_limbs
-from kfmocap.core.keypoints.keypoint_places import Places, offset_precision
+from kfmocap.core.keypoints.keypoint_offsets import KeypointOffsets, offset_precision
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.keypoints.left_right import swap_sides
 from kfmocap.core.keypoints.triangulation import triangulate
@@ -126,7 +126,7 @@ def test_frames_with_three_views_decide_which_of_two_views_exchanged_sides() -> 
 @pytest.mark.parametrize(("collar_bones", "carrier"), [(True, "shoulder.L"), (False, "chest")])
 def test_shoulders_and_hips_of_a_detector_stay_on_what_the_limbs_hang_on(collar_bones: bool, carrier: str) -> None:
     body = human(collar_bones=collar_bones)
-    places = Places.on(body, NAMES)
+    places = KeypointOffsets.on(body, NAMES)
     carriers = {n: body.names[places.parts[NAMES.index(n)]] for n in ("LShoulder", "RHip", "LElbow")}
     assert carriers == {"LShoulder": carrier, "RHip": "pelvis", "LElbow": "forearm.L"}
     motion = strolling(body, 4)
@@ -178,7 +178,7 @@ def test_lost_arms_are_posed_again() -> None:
     turns[10:20, arm[0], 1] += 2.0
     lost = Motion(motion.translations, rotations.exp(turns))
     usual = np.full((3, len(NAMES)), 0.01)
-    places = Places.on(body, NAMES)
+    places = KeypointOffsets.on(body, NAMES)
 
     def reposed(start: Motion) -> Motion | None:
         return repose_lost_limbs(body, start, places, keypoints=seen, points_world=points, sigma=usual, fps=FPS)
@@ -216,7 +216,7 @@ def test_the_tracker_does_not_take_a_stiff_motion_for_noise_either() -> None:
     body = human()
     motion = punching(body, 20)
     seen = keypoints_of(cameras(3), seen_places(body, motion), noise=0.004)
-    usual, places = np.full((3, len(NAMES)), 0.01), Places.on(body, NAMES)
+    usual, places = np.full((3, len(NAMES)), 0.01), KeypointOffsets.on(body, NAMES)
     turns = rotations.log(motion.rotations)
     turns[:, body.index("upper_arm.L"), 1] += 1.5
     lost = part_poses(body, Motion(motion.translations, rotations.exp(turns)))

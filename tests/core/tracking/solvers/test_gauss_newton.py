@@ -39,18 +39,7 @@ from kfmocap.core.tracking.solvers.equations.weighted_evidence import WeightedEv
 from kfmocap.core.tracking.solvers.view_subsets import view_subset
 from made_evidence import AlteredWorkspace, Landscape, no_evidence, with_share
 from numpy.typing import NDArray
-from synthetic import (
-    CAMERAS,
-    at_rest,
-    coloured,
-    dark,
-    ends_held,
-    figure,
-    picture,
-    poses_of,
-    random_motion,
-    swing,
-)
+from synthetic import CAMERAS, at_rest, coloured, dark, ends_held, figure, picture, poses_of, random_motion, swing
 
 BODY = figure()
 D = BODY.dof

@@ -17,13 +17,13 @@ from kfmocap.core.evidence.occlusion import LONG_GAP
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.solvers import gauss_newton_solver, long_refinement
+from kfmocap.core.tracking.solvers.assessment import solution_doubts
+from kfmocap.core.tracking.solvers.assessment.limb_signs import frames_weakly_shown
+from kfmocap.core.tracking.solvers.assessment.solution_doubts import frames_in_doubt
 from kfmocap.core.tracking.solvers.descent_stages import POLISHED_AT_ONCE, SETTLED, UNCONVERGED_MOVE, DescentStage
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.equations.segment_equations import SegmentNoise
-from kfmocap.core.tracking.solvers.judgement import solution_doubts
-from kfmocap.core.tracking.solvers.judgement.limb_signs import frames_weakly_shown
-from kfmocap.core.tracking.solvers.judgement.solution_doubts import frames_in_doubt
 from kfmocap.core.tracking.solvers.limb_corrections import local_trials, regained_limbs
 from kfmocap.core.tracking.solvers.limb_corrections.bridges import BRIDGING
 from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import LimbGroup
@@ -139,7 +139,7 @@ def test_around_frames_in_doubt_a_long_segment_is_solved_again_and_counts_as_dou
         monkeypatch.setattr(gauss_newton_solver, solving, lambda _problem, start, *_: result(start))
     monkeypatch.setattr(gauss_newton_solver, "doubted_performers", lambda *_: [0])
     monkeypatch.setattr(gauss_newton_solver, "frames_in_doubt", lambda few, _: some_frames(few.length, (40, 44)))
-    monkeypatch.setattr(gauss_newton_solver, "pictures_find_limbs", lambda _: False)
+    monkeypatch.setattr(gauss_newton_solver, "can_search_limbs", lambda _: False)
     monkeypatch.setattr(gauss_newton_solver, "_pursued", pursued)
     monkeypatch.setattr(gauss_newton_solver, "continued", lambda _, after: after)
     monkeypatch.setattr(

@@ -16,14 +16,14 @@ from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.tracking.solvers import gauss_newton, gauss_newton_solver, multi_start
+from kfmocap.core.tracking.solvers.assessment import solution_doubts, solution_ranking
+from kfmocap.core.tracking.solvers.assessment.settled_solutions import SettledSolution
 from kfmocap.core.tracking.solvers.descent_stages import SETTLED
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.judgement import solution_doubts, solution_ranking
-from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSolution
 from kfmocap.core.tracking.solvers.limb_corrections import limb_exchange, search_rounds
-from kfmocap.core.tracking.solvers.limb_corrections.like_limbs import exchanges, swaps
 from kfmocap.core.tracking.solvers.limb_corrections.local_trials import ADAPTATION_TIME, HELD_FRAMES
+from kfmocap.core.tracking.solvers.limb_corrections.swapped_limbs import exchanges, swaps
 from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import MIN_GAIN
 from made_evidence import Landscape
 from synthetic import CAMERAS, at_rest, coloured, dark, ends_held, figure, swing

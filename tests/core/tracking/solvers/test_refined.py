@@ -12,10 +12,10 @@ import pytest
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.tracking.solvers import gauss_newton, gauss_newton_solver
+from kfmocap.core.tracking.solvers.assessment import solution_ranking
 from kfmocap.core.tracking.solvers.descent_stages import POLISH, POLISHED_AT_ONCE, REFINEMENT, DescentStage
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import AccelerationSearch, SegmentProblem
-from kfmocap.core.tracking.solvers.judgement import solution_ranking
 from kfmocap.core.tracking.solvers.thinned_frames import ThinnedProblem
 from synthetic import at_rest, ends_held, figure, look_at
 
@@ -57,7 +57,7 @@ def test_several_performers_and_what_nothing_contradicted_are_polished_as_they_a
         return SimpleNamespace(motions=(at_rest(BODY, 5),) if elsewhere else found.motions, seconds={})
 
     monkeypatch.setattr(gauss_newton, "refine", descended)
-    monkeypatch.setattr(gauss_newton_solver, "pictures_find_limbs", lambda _: True)
+    monkeypatch.setattr(gauss_newton_solver, "can_search_limbs", lambda _: True)
     monkeypatch.setattr(gauss_newton_solver, "with_limbs_regained", searched)
     monkeypatch.setattr(gauss_newton_solver, "continued", lambda _, after: after)
     monkeypatch.setattr(gauss_newton_solver, "replace", lambda found, **_: found)
@@ -100,7 +100,7 @@ def test_whoever_is_doubted_is_searched_for_on_few_frames_and_polished_on_all(
         return found
 
     monkeypatch.setattr(gauss_newton, "refine", descended)
-    monkeypatch.setattr(gauss_newton_solver, "pictures_find_limbs", lambda _: True)
+    monkeypatch.setattr(gauss_newton_solver, "can_search_limbs", lambda _: True)
     monkeypatch.setattr(gauss_newton_solver, "with_limbs_regained", regained)
     monkeypatch.setattr(gauss_newton_solver, "continued", lambda _, after: after)
     monkeypatch.setattr(gauss_newton_solver, "replace", lambda found, **_: found)
@@ -181,7 +181,7 @@ def test_where_a_view_alone_shows_a_limb_beside_the_solution_estimated_accelerat
         return SimpleNamespace(kind=kind, doubted=doubted, motions=(), seconds={})
 
     monkeypatch.setattr(gauss_newton_solver, "best_of_starts", solved)
-    monkeypatch.setattr(gauss_newton_solver, "pictures_find_limbs", lambda _: False)
+    monkeypatch.setattr(gauss_newton_solver, "can_search_limbs", lambda _: False)
     monkeypatch.setattr(gauss_newton_solver, "performers_uncovered", lambda *_: uncovered)
     settled = SimpleNamespace(noise=None, solution=SimpleNamespace(kind="usual"))
     monkeypatch.setattr(gauss_newton_solver.SettledSolution, "after", lambda *_: settled)

@@ -11,8 +11,7 @@ import pytest
 from kfmocap.core.body.limbs import limbs
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
-from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
-from kfmocap.core.tracking.solvers.judgement.limb_signs import (
+from kfmocap.core.tracking.solvers.assessment.limb_signs import (
     bend_of,
     bent_limbs,
     faded_limbs,
@@ -20,6 +19,7 @@ from kfmocap.core.tracking.solvers.judgement.limb_signs import (
     unshown_limbs,
     weakly_shown_limbs,
 )
+from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
 from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import MIN_GAIN
 from kfmocap.core.tracking.solvers.limb_evidence.limb_support import SupportOfLimb
 from swinging_arm import ARM, BODY, FPS, FRAMES, TRUTH, WHOLE, astray

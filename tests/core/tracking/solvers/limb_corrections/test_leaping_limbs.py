@@ -12,11 +12,7 @@ from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.tracking.solvers import gauss_newton_solver
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
-from kfmocap.core.tracking.solvers.limb_corrections.leaping_limbs import (
-    bridged_motion,
-    leaps,
-    with_leaps_bridged,
-)
+from kfmocap.core.tracking.solvers.limb_corrections.leaping_limbs import bridged_motion, leaps, with_leaps_bridged
 from made_evidence import Landscape
 from synthetic import at_rest, ends_held
 

@@ -12,10 +12,10 @@ from kfmocap.core.body import human
 from kfmocap.core.body.limbs import limb_pairs
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
+from kfmocap.core.tracking.solvers.assessment.settled_solutions import SettledSolution, SettledSolutions
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.equations.segment_equations import SegmentNoise
-from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSolution, SettledSolutions
 from kfmocap.core.tracking.solvers.limb_corrections import limb_groups
 from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import LEAST_GAIN, LimbGroup, with_limbs_found
 from kfmocap.core.tracking.solvers.limb_corrections.local_trials import ADAPTATION_TIME, HELD_FRAMES

@@ -21,13 +21,14 @@ from kfmocap.core.shot.settings import Settings
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
 from kfmocap.core.tracking.solvers.limb_corrections import limb_search
-from kfmocap.core.tracking.solvers.limb_corrections.like_limbs import exchanges, swaps, untangled, with_places_exchanged
 from kfmocap.core.tracking.solvers.limb_corrections.limb_search import _seen_shares, found_limbs
-from kfmocap.core.tracking.solvers.limb_evidence.limb_images import (
-    UncoveredImages,
-    ViewRatios,
-    search_stride,
+from kfmocap.core.tracking.solvers.limb_corrections.swapped_limbs import (
+    exchanges,
+    swaps,
+    untangled,
+    with_places_exchanged,
 )
+from kfmocap.core.tracking.solvers.limb_evidence.limb_images import UncoveredImages, ViewRatios, search_stride
 from kfmocap.core.tracking.solvers.limb_evidence.limb_likelihood import PATCH_RADIUS, pixel_log_ratios
 from kfmocap.core.tracking.solvers.limb_evidence.limb_model import LimbModel, limb_of
 from synthetic import at_rest, coloured, ends_held, look_at, poses_of, silhouette

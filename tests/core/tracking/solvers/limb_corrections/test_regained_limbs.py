@@ -18,12 +18,12 @@ from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.arrays import Array
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.tracking.solvers import gauss_newton
+from kfmocap.core.tracking.solvers.assessment.limb_signs import bend_of
+from kfmocap.core.tracking.solvers.assessment.settled_solutions import SettledSolutions
+from kfmocap.core.tracking.solvers.assessment.solution_ranking import RESTING_GAIN
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.gauss_newton_solver import refined
-from kfmocap.core.tracking.solvers.judgement.limb_signs import bend_of
-from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSolutions
-from kfmocap.core.tracking.solvers.judgement.solution_ranking import RESTING_GAIN
 from kfmocap.core.tracking.solvers.limb_corrections import limb_groups, limb_paths, limb_search, regained_limbs
 from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import LimbGroup, with_limbs_found
 from kfmocap.core.tracking.solvers.limb_corrections.limb_search import MIN_GAIN_ELSEWHERE, LimbSearch, freed_limb
@@ -65,7 +65,7 @@ def without_descent(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("kfmocap.core.tracking.solvers.gauss_newton.refine", measured)
     monkeypatch.setattr(limb_groups, "LEAST_GAIN", RESTING_GAIN)
     limbs = ("limb_corrections.regained_limbs", "limb_corrections.limb_groups")
-    for module in (*limbs, "judgement.settled_solutions", "judgement.solution_ranking"):
+    for module in (*limbs, "assessment.settled_solutions", "assessment.solution_ranking"):
         monkeypatch.setattr(f"kfmocap.core.tracking.solvers.{module}.descend", measured)
 
 

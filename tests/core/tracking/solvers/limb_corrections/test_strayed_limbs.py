@@ -11,7 +11,7 @@ from kfmocap.core.body import human
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.keypoints.keypoint_factor import KeypointFactor
-from kfmocap.core.keypoints.keypoint_places import Places
+from kfmocap.core.keypoints.keypoint_offsets import KeypointOffsets
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace, keypoint_agreement
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
@@ -43,7 +43,7 @@ def noisy(motion: Motion) -> Motion:
 def problem() -> SegmentProblem:
     """Keypoints that show the true motion, and pictures that show nothing."""
     seen = keypoints_of(cameras(2), seen_places(BODY, TRUTH))
-    factor = KeypointFactor(seen, Places.on(BODY, NAMES), 9.0)
+    factor = KeypointFactor(seen, KeypointOffsets.on(BODY, NAMES), 9.0)
     camera = look_at("front", (0.5, -4.0, 1.3), (0, 0, 0.95), (160, 120), 140)
     return SegmentProblem(dark(camera, FRAMES), (BODY,), 0, FPS, (FREE,), keypoints=(factor,))
 
@@ -89,7 +89,7 @@ def test_limbs_are_held_and_no_more(problem: SegmentProblem) -> None:
 def test_each_performer_agrees_with_its_own_keypoints(problem: SegmentProblem) -> None:
     other = replace(TRUTH, translations=TRUTH.translations + [1.5, 0.0, 0.0])
     seen = keypoints_of(cameras(2), seen_places(BODY, other))
-    factors = (*problem.keypoints, KeypointFactor(seen, Places.on(BODY, NAMES), 9.0))
+    factors = (*problem.keypoints, KeypointFactor(seen, KeypointOffsets.on(BODY, NAMES), 9.0))
     both = replace(problem, bodies=(BODY, BODY), fixed=(FREE, FREE), keypoints=factors)
     motions = [TRUTH, replace(other, translations=other.translations + [0.0, 0.0, 0.3])]
     assert keypoint_agreement(both.alone(0), motions) == pytest.approx(1)

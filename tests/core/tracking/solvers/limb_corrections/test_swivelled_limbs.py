@@ -12,11 +12,11 @@ from kfmocap.core.body import human, part_poses
 from kfmocap.core.body.limbs import limbs
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
+from kfmocap.core.tracking.solvers.assessment.settled_solutions import SettledSolution, SettledSolutions
 from kfmocap.core.tracking.solvers.descent_stages import OUTLINE_REACH
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.equations.segment_equations import SegmentNoise
-from kfmocap.core.tracking.solvers.judgement.settled_solutions import SettledSolution, SettledSolutions
 from kfmocap.core.tracking.solvers.limb_corrections import limb_groups, regained_limbs, swivelled_limbs
 from kfmocap.core.tracking.solvers.limb_corrections.swivelled_limbs import swivelled, with_limbs_swivelled
 from made_evidence import Landscape

@@ -21,9 +21,7 @@ from kfmocap.core.tracking.solvers.paper_relaxation.gradient_following import (
     without_drift,
 )
 from kfmocap.core.tracking.solvers.paper_relaxation.motion_steps import Steps
-from kfmocap.core.tracking.solvers.paper_relaxation.relaxation import (
-    relaxed,
-)
+from kfmocap.core.tracking.solvers.paper_relaxation.relaxation import relaxed
 from made_evidence import AlteredWorkspace, with_share
 from synthetic import at_rest, ends_held, figure, look_at, picture, poses_of, random_motion
 

@@ -11,11 +11,7 @@ from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
 from kfmocap.core.tracking.solvers.paper_relaxation.motion_steps import StepEquations, Steps
-from kfmocap.core.tracking.solvers.paper_relaxation.relaxation import (
-    LENGTH_UNIT,
-    SMOOTHNESS,
-    relax,
-)
+from kfmocap.core.tracking.solvers.paper_relaxation.relaxation import LENGTH_UNIT, SMOOTHNESS, relax
 from kfmocap.core.tracking.solvers.paper_relaxation.step_rows import rows_of_steps
 from synthetic import ends_held, figure, look_at, numeric_jacobian, picture, poses_of, random_motion
 

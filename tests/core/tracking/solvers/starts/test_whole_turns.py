@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
-from kfmocap.core.shot.carried_motion import turned
+from kfmocap.core.shot.motion_warping import turned
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.starts import whole_turns
 from kfmocap.core.tracking.solvers.starts.whole_turns import with_whole_turn

@@ -16,7 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from .exchange import exchange_paths
-from .workplaces import MOVING, RESULTS, move_files
+from .staging_folders import MOVING, RESULTS, move_files
 
 _MAX_LINKED = 1000  # largest number of other files in a folder that is exchanged
 
@@ -33,13 +33,13 @@ def flush(path: Path) -> None:
 
 
 def put_file(place: Path, path: Path) -> None:
-    """Put a workplace's only result in the place of a file."""
+    """Put a staging folder's only result in the place of a file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     os.replace(place / RESULTS / path.name, path)
 
 
 def put_folder(place: Path, folder: Path) -> None:
-    """Put a workplace's results into a folder: by renaming, by exchange, or file by file."""
+    """Put a staging folder's results into a folder: by renaming, by exchange, or file by file."""
     if not folder.exists():
         folder.parent.mkdir(parents=True, exist_ok=True)
         os.rename(place / RESULTS, folder)

@@ -16,7 +16,7 @@ from .part_geometry import Geometry
 
 
 @dataclass(frozen=True, eq=False)
-class StillParts:
+class StaticParts:
     """Some of P parts that do not move: they are drawn once, while others move in front of and behind them.
 
     Attributes
@@ -34,7 +34,7 @@ class StillParts:
     performer: Ints
 
     @classmethod
-    def drawn(cls, geometry: Geometry, parts: Ints, camera: Camera, first: int, poses: Poses) -> StillParts:
+    def drawn(cls, geometry: Geometry, parts: Ints, camera: Camera, first: int, poses: Poses) -> StaticParts:
         """Draw some of the parts of a geometry; other parameters as in `render_labels`, with the poses of all parts."""
         R, T = poses
         alone = render_labels(geometry.subset(parts.tolist()), camera, first, R[:, parts], T[:, parts])

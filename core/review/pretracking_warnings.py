@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..body.exchanged_sides import exchanged_sides
-from ..cameras.lens_doubt import lens_doubt
+from ..body.swapped_sides import swapped_sides
+from ..cameras.fisheye_warning import fisheye_warning
 from ..shot.footage_faults.footage_checks import SAME_RATE
 from ..shot.shot import Performer, Shot
 
@@ -36,11 +36,11 @@ def first_row_text(rows: int, frames: Sequence[int]) -> str:
     )
 
 
-def remarks_before_tracking(shot: Shot) -> list[str]:
+def warnings_before_tracking(shot: Shot) -> list[str]:
     """Return what is to be asked about the cameras' lenses, and about the performers' key poses and their files, before
     a shot is tracked, as lines.
     """
-    lenses = [f"{view.camera.name}: {text}" for view in shot.views if (text := lens_doubt(view.camera))]
+    lenses = [f"{view.camera.name}: {text}" for view in shot.views if (text := fisheye_warning(view.camera))]
     return lenses + [
         f"{performer.name}: {text}"
         for performer in shot.performers
@@ -68,4 +68,4 @@ def exchanged_keyframes(shot: Shot, performer: Performer) -> list[int]:
     """Return the key frames on which a performer's left and right are exchanged, counted as in the shot file."""
     keys = performer.key_poses
     posed = keys.fixed.any(axis=1)
-    return [shot.frames[0] + int(f) for f in keys.frames[posed & exchanged_sides(performer.body, keys.poses)]]
+    return [shot.frames[0] + int(f) for f in keys.frames[posed & swapped_sides(performer.body, keys.poses)]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.shot.carried_motion import bent, carried
+from kfmocap.core.shot.motion_warping import bent, carried
 from kfmocap.core.shot.shot import KeyPoses
 from synthetic import at_rest, figure, swing
 

@@ -9,20 +9,20 @@ import numpy as np
 
 from ..body.kinematics import Poses
 from ..numerics.arrays import Array, Ints
-from .explained import explained_by_part
+from .foreground_likelihood import explained_by_part
 from .gradient_evidence.compared_pixels import LabelledFrames
 from .gradient_evidence.pixel_gains import PixelGains
 from .rendering.part_geometry import Geometry
-from .rendering.still_parts import StillParts
+from .rendering.static_parts import StaticParts
 from .sampling import Sampling
 from .view_frames import MAX_CACHED_BYTES, ViewFrames, is_cached
 
 
 @dataclass(frozen=True, eq=False)
-class StillEvidence:
+class StaticEvidence:
     """Parts that do not move, with what they explain by part and frame, (S, n), and what they were drawn from."""
 
-    still: StillParts
+    still: StaticParts
     explained: Array
     stride: int
     geometry: Geometry
@@ -49,18 +49,18 @@ class StillEvidence:
         )
 
 
-class StillPartsCache:
+class StaticPartsCache:
     """Label images of the performers whose motion is given, kept from one evaluation of the evidence to the next.
 
     Threads may share a cache; what it returns does not depend on their order.
     """
 
     def __init__(self) -> None:
-        self._kept: dict[ViewFrames, dict[tuple[int, int], StillEvidence]] = {}
+        self._kept: dict[ViewFrames, dict[tuple[int, int], StaticEvidence]] = {}
 
     def drawn(
         self, view: ViewFrames, geometry: Geometry, poses: Poses, parts: Ints, *, stride: int, first: int
-    ) -> StillEvidence:
+    ) -> StaticEvidence:
         """Return the evidence of some parts on F consecutive shot frames.
 
         Parameters
@@ -84,12 +84,12 @@ class StillPartsCache:
         if found is not None and found.matches(stride, geometry, own):
             return found
         camera = view.camera.subsampled(stride)
-        still = StillParts.drawn(geometry, parts, camera, first, poses)
+        still = StaticParts.drawn(geometry, parts, camera, first, poses)
         explained = np.zeros((len(parts), count))
         if view.foreground is not None:
             foreground = view.foreground_at(first, count)
             explained = explained_by_part(view, foreground, still.labels, parts, stride=stride, first=first)
-        found = StillEvidence(still, explained, stride, geometry, (own[0], own[1]))
+        found = StaticEvidence(still, explained, stride, geometry, (own[0], own[1]))
         for begin, length in list(kept):
             if min(begin + length, first + count) - max(begin, first) > 1:
                 kept.pop((begin, length), None)  # another thread may have done it

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kfmocap.core.body import human, landmark_positions
-from kfmocap.core.body.exchanged_sides import exchanged_sides
 from kfmocap.core.body.inverse_kinematics import fit_poses
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.review.early_remarks import remarks_before_tracking
+from kfmocap.core.body.swapped_sides import swapped_sides
+from kfmocap.core.review.pretracking_warnings import warnings_before_tracking
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot
 from scipy.spatial.transform import Rotation
 from synthetic import at_rest, figure
@@ -36,7 +36,7 @@ def bent(knees: float, hips: float, seed: int) -> Motion:
     ("knees", "hips"), [(0.0, 0.0), (2.0, 0.0), (-2.0, 0.0), (1.5, 1.5), (-1.5, -1.5), (2.0, -1.0)]
 )
 def test_legs_may_be_bent_in_any_way(knees: float, hips: float, seed: int) -> None:
-    assert not exchanged_sides(BODY, bent(knees, hips, seed)).any()
+    assert not swapped_sides(BODY, bent(knees, hips, seed)).any()
 
 
 def test_a_pose_fitted_to_exchanged_landmarks_is_told_and_named_before_tracking() -> None:
@@ -45,14 +45,14 @@ def test_a_pose_fitted_to_exchanged_landmarks_is_told_and_named_before_tracking(
     other = [{"R": "L", "L": "R"}.get(name[0], name[0]) + name[1:] for name in NAMES]
     points[1] = points[1, [NAMES.index(name if name in NAMES else own) for name, own in zip(other, NAMES, strict=True)]]
     fitted = fit_poses(BODY, NAMES, points)
-    assert exchanged_sides(BODY, fitted).tolist() == [False, True, False]
+    assert swapped_sides(BODY, fitted).tolist() == [False, True, False]
     shot = Shot("walk", 30.0, (100, 140), (), (Performer("woman", BODY, KeyPoses.whole([0, 20, 40], fitted)),))
-    [said] = remarks_before_tracking(shot)
+    [said] = warnings_before_tracking(shot)
     assert said.startswith("woman: left and right seem to be exchanged at key frames 120,")
-    assert not remarks_before_tracking(
+    assert not warnings_before_tracking(
         replace(shot, performers=(replace(shot.performers[0], key_poses=KeyPoses.proposed([0, 20, 40], fitted)),))
     )
 
 
 def test_a_body_without_toes_tells_nothing() -> None:
-    assert not exchanged_sides(figure(), at_rest(figure(), 2)).any()
+    assert not swapped_sides(figure(), at_rest(figure(), 2)).any()

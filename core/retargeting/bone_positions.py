@@ -40,7 +40,7 @@ _TRUNK = 8
 _Pair = tuple[int, int]
 
 
-def roles_by_place(rest: RestSkeleton) -> dict[str, tuple[str, ...]]:
+def roles_by_position(rest: RestSkeleton) -> dict[str, tuple[str, ...]]:
     """Return bones by role for an upright, symmetrical skeleton; empty if it is not human.
 
     Left and right are as the names of the limbs say, else as the feet point.

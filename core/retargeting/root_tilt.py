@@ -21,7 +21,7 @@ _LEAST = 1e-4  # sine of the least angle that counts as leaning
 
 
 @dataclass(frozen=True, eq=False)
-class Lean:
+class RootTilt:
     """How a rig leans.
 
     Attributes
@@ -63,7 +63,7 @@ class Lean:
         return replace(result, poses=self._leaned(result.poses), by_angles=self._leaned(result.by_angles))
 
 
-def lean_of(rig: ControlRig, turned: Array, pivot: Array) -> Lean | None:
+def root_tilt(rig: ControlRig, turned: Array, pivot: Array) -> RootTilt | None:
     """Return how a rig leans; None if it does not, or stands upright only because it was turned.
 
     Parameters
@@ -79,4 +79,4 @@ def lean_of(rig: ControlRig, turned: Array, pivot: Array) -> Lean | None:
     way = way_up(rig.rest, rig.bones)
     if np.linalg.norm(swing[:2, 2]) < _LEAST or (swing.T @ way)[2] <= way[2]:
         return None
-    return Lean(swing, pivot, np.abs(turned - np.eye(3)).max(axis=(1, 2)) > _LEAST)
+    return RootTilt(swing, pivot, np.abs(turned - np.eye(3)).max(axis=(1, 2)) > _LEAST)

@@ -15,7 +15,7 @@ on 96 key poses of 18 shots, kicks and cartwheels among them; exchanged, -0.6 to
 _LEG = ("Hip", "Knee", "Ankle", "BigToe")
 
 
-def exchanged_sides(body: Body, poses: Motion) -> Bools:
+def swapped_sides(body: Body, poses: Motion) -> Bools:
     """Return in which of K poses both feet point backwards, as far as the hips say where the front is, shape (K,).
 
     Whichever way a knee is bent, toes lie on the side of the shin that faces away from the calf: that of the right hip

@@ -10,7 +10,7 @@ _MAX_TANGENTIAL = 0.015
 """Largest tangential distortion of a lens that is mounted straight, several times that of usual ones."""
 
 
-def lens_doubt(camera: Camera) -> str:
+def fisheye_warning(camera: Camera) -> str:
     """Return a text that a camera's four coefficients may be those of OpenCV's fisheye model, whose third and fourth
     would be the tangential distortion of the usual one; empty if they need not be.
     """

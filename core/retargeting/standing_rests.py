@@ -101,14 +101,14 @@ def _sole_slope(profile: Array, usual: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Stood:
+class StandingRest:
     """Bones at rest as they would stand, and how each has been turned for that, shape (J, 3, 3)."""
 
     rest: RestSkeleton
     turns: Array
 
 
-def stood(rest: RestSkeleton, bones: BoneMap, turns: Mapping[str, Array], turn_parents: Sequence[int]) -> Stood:
+def stood(rest: RestSkeleton, bones: BoneMap, turns: Mapping[str, Array], turn_parents: Sequence[int]) -> StandingRest:
     """Return a skeleton with bones turned as `standing_turns` says; those without a role go along with the bone that
     they are turned by. Its ground is below the feet.
 
@@ -129,7 +129,7 @@ def stood(rest: RestSkeleton, bones: BoneMap, turns: Mapping[str, Array], turn_p
     ends = [f"{role}.{side}" for side in SIDES for role in ("foot", "toe")]
     feet = rest.indices([name for role in ends for name in bones.bones.get(role, ())])
     low = float(np.nanmin(np.concatenate([heads[feet, 2], tails[feet, 2]])))
-    return Stood(RestSkeleton(rest.names, rest.parents, heads, tails, low), R)
+    return StandingRest(RestSkeleton(rest.names, rest.parents, heads, tails, low), R)
 
 
 def _legs(rest: RestSkeleton, bones: BoneMap) -> dict[int, int]:

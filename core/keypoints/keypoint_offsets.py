@@ -31,7 +31,7 @@ FACE = {"Eye": (0.11, 0.62, 0.17), "Ear": (0.26, 0.55, 0.0)}
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class KeypointOffsets:
     """Positions of the keypoints on the body.
 
     Attributes
@@ -48,15 +48,15 @@ class Places:
     offsets: Array
 
     @classmethod
-    def on(cls, body: Body, names: Sequence[str]) -> Places:
+    def on(cls, body: Body, names: Sequence[str]) -> KeypointOffsets:
         """Return the positions of keypoints on a body, without offsets from their landmarks."""
         placed = [keypoint_on_body(body, name) for name in names]
         local = np.array([point for _, point in placed], float).reshape(-1, 3)
         return cls(np.array([part for part, _ in placed], np.int64), local, np.zeros_like(local))
 
-    def on_body(self, body: Body, names: Sequence[str]) -> Places:
+    def on_body(self, body: Body, names: Sequence[str]) -> KeypointOffsets:
         """Return the same offsets on another body."""
-        return replace(Places.on(body, names), offsets=self.offsets)
+        return replace(KeypointOffsets.on(body, names), offsets=self.offsets)
 
     def world(self, poses: Poses) -> Array:
         """World positions of the keypoints, metres, shape (F, L, 3)."""

@@ -1,6 +1,6 @@
-"""Workplaces: temporary folders beside results, with unpredictable names; if a run leaves one, the next run removes it.
+"""Staging folders: temporary folders beside results, with unpredictable names. The next run removes what one left.
 
-A workplace is a folder `.kfmocap-RANDOM` that contains
+A staging folder is a folder `.kfmocap-RANDOM` that contains
 
     lock      locked by the process that uses it, as long as that lives
     results/  the files being written
@@ -27,8 +27,8 @@ _ATTEMPTS = 10
 
 
 @contextmanager
-def workplace(beside: Path) -> Iterator[Path]:
-    """Make a workplace in a folder, with a folder `results` in it; it is removed when the block ends.
+def staging_folder(beside: Path) -> Iterator[Path]:
+    """Make a staging folder in a folder, with a folder `results` in it; it is removed when the block ends.
 
     Leftovers of killed processes are removed first.
 
@@ -50,13 +50,13 @@ def workplace(beside: Path) -> Iterator[Path]:
                 _remove(place)
 
 
-def in_workplace(path: Path) -> bool:
-    """Whether a path is in a workplace, where files are not final results."""
+def in_staging_folder(path: Path) -> bool:
+    """Whether a path is in a staging folder, where files are not final results."""
     return any(part.startswith(PREFIX) for part in path.absolute().parts)
 
 
 def _made(beside: Path) -> tuple[Path, IO[bytes]]:
-    """Create a workplace; returns it and its lock."""
+    """Create a staging folder; returns it and its lock."""
     for _ in range(_ATTEMPTS):
         place = Path(tempfile.mkdtemp(prefix=PREFIX, dir=beside))
         try:
@@ -73,7 +73,7 @@ def _made(beside: Path) -> tuple[Path, IO[bytes]]:
 
 
 def _remove(place: Path) -> None:
-    """Remove a workplace, its lock last: without a lock it counts as empty."""
+    """Remove a staging folder, its lock last: without a lock it counts as empty."""
     with suppress(OSError):
         for entry in place.iterdir():
             if entry.is_dir():
@@ -92,7 +92,7 @@ def remove_leftovers(folder: Path) -> None:
                 with suppress(OSError), held_signals():
                     _remove_leftover(Path(entry.path))
         for entry in os.scandir(folder):
-            # Files beside the workplace that they are named after: some must be written where they will be used.
+            # Files beside the staging folder that they are named after: some must be written where they will be used.
             ours = entry.name.startswith(PREFIX) and entry.is_file(follow_symlinks=False)
             if ours and not Path(entry.path).with_suffix("").exists():
                 Path(entry.path).unlink()
@@ -115,14 +115,14 @@ def _remove_leftover(place: Path) -> None:
 
 
 def _finish_moving(place: Path) -> None:
-    """Move a workplace's results into the folder named in its file `moving`: one beside it, or the one it is in."""
+    """Move results from a staging folder into the folder named in its file `moving`: one beside it, or its parent."""
     name = (place / MOVING).read_text(encoding="utf-8")
     if name == os.curdir or Path(name).name == name:
         move_files(place, place.parent / name)
 
 
 def move_files(place: Path, folder: Path) -> None:
-    """Move a workplace's results into a folder, one by one.
+    """Move a staging folder's results into a folder, one by one.
 
     Raises
     ------

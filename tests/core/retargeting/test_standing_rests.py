@@ -9,8 +9,8 @@ import pytest
 from kfmocap.core.body import human
 from kfmocap.core.body.skeleton_motion import RestSkeleton
 from kfmocap.core.numerics import rotations
-from kfmocap.core.retargeting.rests_in_stride import as_at_rest, standing_rig, standing_source, standing_turns
 from kfmocap.core.retargeting.retarget import grounded, prepared, retarget
+from kfmocap.core.retargeting.standing_rests import as_at_rest, standing_rig, standing_source, standing_turns
 from made_rigs import made_rig, moved_body
 from render.motions import MOTIONS
 
