@@ -31,7 +31,7 @@ MIN_DELAY, MIN_DELAY_SIGMAS, MIN_DELAY_TIMES_SIGMAS = 0.15, 7.0, 2.1
 """Smallest delay that is reported, frames, in standard deviations, and the product of both. A frame that is missing or
 there twice gives 0.17 to 0.74 frames, as outlines are farther away than their equations reach, and 8.7 to 26
 deviations. Where none is, delays of 0.2 frames have at most 5.4 deviations, and those of 7 a product of at most 1.7
-(docs/bench.md)."""
+(docs/studies.md)."""
 TORN_FACTOR, TORN_VIEW_FACTOR = 1.25, 1.5
 """How many times as sure a delay counts that begins where pictures do not continue from the one before: among those of
 its view, and against those of other views."""

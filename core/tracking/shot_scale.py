@@ -33,7 +33,7 @@ metres.
 """
 MIN_PROP_SIZE, PROP_SIZE = 0.2, 0.35
 """The same of a rigid prop: what is held in a hand moves far for its size. A hammer of 32 cm is tracked best with
-factors of 0.7 to 1, four times worse with 5 and six times worse with 0.4 (docs/bench.md).
+factors of 0.7 to 1, four times worse with 5 and six times worse with 0.4 (docs/studies.md).
 """
 
 

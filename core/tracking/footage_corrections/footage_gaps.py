@@ -34,7 +34,7 @@ MAX_GAPS = 4
 time."""
 SAME_GAP_FRAMES = 2
 """Distance in frames within which gaps are one: at most so far from its true place one was found, with one exception
-(docs/bench.md)."""
+(docs/studies.md)."""
 
 MAX_COMPARED_FRAMES = 8
 """How many frames, at most, beside those at a delay, show whether a camera moves before the delay is believed."""
