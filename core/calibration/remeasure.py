@@ -201,7 +201,7 @@ class _RemeasuredView:
         for f, image in enumerate(pictures(self.seen.videos.wand)):
             if f >= count:
                 break
-            report_progress(progress, f"{self.seen.videos.camera}: small balls", f / count)
+            report_progress(progress, f"small balls in {self.seen.videos.camera}", f / count)
             for end in np.flatnonzero(self.wand.small[f]):
                 ball = self._ball(image, plate, rows.points[f, end], (f, int(end), aside[end]), appearance)
                 aside[end] = 0.0 if ball is None else ball.centre - self.wand.centres[f, end]

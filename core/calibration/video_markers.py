@@ -169,7 +169,9 @@ def find_all(videos: CaptureVideos, progress: Progress | None = None, pool: Work
     pool = pool or WorkerPool(1)
     footages = [_footage(view) for view in videos.views]
     views = list(zip(videos.views, footages, strict=True))
-    looking = [(f"{view.camera}: L-frame", partial(find_lframe, view, videos, footage.size)) for view, footage in views]
+    looking = [
+        (f"L-frame in {view.camera}", partial(find_lframe, view, videos, footage.size)) for view, footage in views
+    ]
     lframes: list[SeenLFrame] = pool.do_all(looking, share(progress, 0.0, _LFRAME_WORK))
     missed = [lframe.unidentified for lframe in lframes if lframe.unidentified is not None]
     showing = [len(own.balls.markers) > 0 or len(own.candidates) >= _MIN_CANDIDATES for own in lframes]
@@ -188,7 +190,7 @@ def find_wands(
 ) -> list[SeenBalls]:
     """Find the wand's balls in all videos, each of which is one of the pool's tasks; see `find_wand`."""
     tasks = [
-        (f"{view.camera}: wand", partial(find_wand, view, videos, footage.count))
+        (f"wand in {view.camera}", partial(find_wand, view, videos, footage.count))
         for view, footage in zip(videos.views, footages, strict=True)
     ]
     return pool.do_all(tasks, progress)
@@ -217,7 +219,7 @@ def find_wand(view: CaptureVideoView, videos: CaptureVideos, count: int, progres
     appearance = WandAppearance.learned(list(spread_out(view.wand, _SAMPLED_FRAMES)), videos.wand_colours)
     seen: list[Pairs] = []
     for k, image in enumerate(pictures(view.wand)):
-        report_progress(progress, f"{view.camera}: wand", min(k / max(count, 1), 1.0))
+        report_progress(progress, f"wand in {view.camera}", min(k / max(count, 1), 1.0))
         seen.append(find_pairs(image, videos.wand_colours, longest, appearance))
     path = likeliest_pairs(seen, longest)
     frames = np.flatnonzero(path >= 0)

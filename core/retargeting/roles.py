@@ -110,7 +110,8 @@ class BoneMap:
             raise BodyError(
                 f"no bone was found for {', '.join(self.missing())}",
                 where=where,
-                todo="choose another preset, or name the bones in a bone map",
+                todo="choose another preset, or name the bones in a bone map: motion is sent to characters with two "
+                "legs and two arms",
             )
         return self
 

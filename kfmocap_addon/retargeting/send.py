@@ -24,6 +24,7 @@ from .live import LiveSource, follow, refuse_inverse_kinematics, remember, stop_
 from .rig_motion import RigMotion, Transfer, motion_on_rig
 from .rigs import rig_warnings
 from .rigs.ik_controls import forget_twists
+from .rigs.left_behind import left_behind
 from .rigs.rig_at_rest import leave_rest_position
 from .rigs.rig_curves import ControlChannel, CurveOptions, shifts_undone, write_channels
 from .rigs.rig_error import measured_errors
@@ -103,13 +104,14 @@ def send_to_rig(
     sent = motion_on_rig(armature, bones, Transfer(upright, of_source, asked, options.planted))
     frames = frame_start + np.arange(len(upright))
     shown_at_rest = leave_rest_position(armature)
-    keys = 0
+    keys, behind = 0, list[str]()
     if options.live is not None:
         link = (upright, of_source, options.live)
         follow(scene, armature, sent.straight, link, placement=sent.result.placement, root=asked.root)
         remember(armature, sent.holds, sent.settings, sent.muted)
     else:
         keys = _keyed(armature, sent, frames, f"{armature.name} {upright.name}", options.curves)
+        behind = left_behind(scene, armature, sent.rig, sent.result.poses, frames)
     errors = _errors(scene, armature, sent, frames)
     return {
         **_report(upright, of_source, armature, sent),
@@ -120,6 +122,7 @@ def send_to_rig(
             *shown_at_rest,
             *rig_warnings.moving_as_a_whole(scene, armature, (int(frames[0]), int(frames[-1]))),
             *_warnings(armature, sent, errors, live=options.live is not None),
+            *behind,
         ],
         "seconds": round(time.perf_counter() - started, 3),
     }

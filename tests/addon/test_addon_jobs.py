@@ -108,8 +108,8 @@ def test_a_job_that_ends_is_finished_once(monkeypatch):
 def test_names_in_a_jobs_status_keep_their_capitals(monkeypatch, tmp_path):
     tool, _ = started(partial(job_functions.halfway, 42), monkeypatch)
     tool.job._thread.join(10)
-    tool.job.state = ("cam04: L-frame", 0.001)
-    assert tool.job.status_text() == "Cam04: L-frame 0%"
+    tool.job.state = ("L-frame in cam04", 0.001)
+    assert tool.job.status_text() == "L-frame in cam04 0%"
 
 
 def test_what_a_job_shows_is_updated_ten_times_a_second_at_most(monkeypatch):

@@ -92,7 +92,7 @@ def find_lframe(
     """
     if view.lframe is None:
         return SeenLFrame(_nothing(), Balls.joined([]))
-    report_progress(progress, f"{view.camera}: L-frame", 0.0)
+    report_progress(progress, f"L-frame in {view.camera}", 0.0)
     known = view.focal if view.matrix is None else float(view.matrix[0, 0])
     focals = [known] if known else [share * max(size) for share in TRIED_FOCALS]
     frame = LFrameModel(videos.lframe_points, videos.lframe_diameter, (np.array(size) - 1) / 2, focals)

@@ -137,7 +137,11 @@ class UseArmature(Conditional, bpy.types.Operator):
 
         candidate = _candidate(context)
         if candidate.type == "MESH":
+            hung = len(candidate.children_recursive)
             select_only(context, use_as_prop(context.scene, candidate))
+            if hung:
+                what = f"what hangs on it ({hung} object{'s' if hung > 1 else ''}) belongs to its one rigid part"
+                self.report({"INFO"}, f"{candidate.name}: {what}. Limbs are tracked on the bones of an armature")
             return
         taken, remarks = use_as_body(context.scene, candidate)
         if context.mode == "OBJECT":

@@ -7,6 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 from addon_shots import joint_error  # noqa: E402
+from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import BodyError, OutputError  # noqa: E402
 from kfmocap.core.formats.bvh import read_bvh  # noqa: E402
@@ -21,7 +22,17 @@ from kfmocap.kfmocap_addon.scene_io.body import body_armature, part_meshes  # no
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
 from made_rigs import moved_body  # noqa: E402
 from mathutils import Matrix  # noqa: E402
-from odd_characters import BODY, CONTROL, controlled_human, shown_heads, skinned_human, switched_human, unreal_like  # noqa: E402
+from odd_characters import (  # noqa: E402
+    BODY,
+    CONTROL,
+    add_bones,
+    bind,
+    controlled_human,
+    shown_heads,
+    skinned_human,
+    switched_human,
+    unreal_like,
+)
 from render.motions import MOTIONS  # noqa: E402
 from synthetic import swing  # noqa: E402
 
@@ -166,6 +177,18 @@ def test_motion_is_sent_to_a_character_with_a_bone_of_another_size(name):
     assert report["warnings"] == []
     assert max(limb["worst_mm"] for limb in report["error"].values()) < 0.1
     assert tuple(armature.pose.bones[name].scale) == pytest.approx((1.3,) * 3)
+
+
+@pytest.mark.parametrize(("root", "named"), [("world", True), ("root-bone", False), ("in-place", False)])
+def test_skin_that_stays_where_it_is_while_the_hips_go_away_is_named(root, named):
+    armature = unreal_like()
+    add_bones(armature, [("board", "root", (0, 0, 0), (0, 0.2, 0))], deform=True)
+    bind(armature, "deck", [("board", np.random.default_rng(0).uniform(-0.2, 0.2, (30, 3)))])
+    here = swing(BODY, FRAMES, 0.3)
+    away = Motion(here.translations + np.linspace(0, 1, FRAMES)[:, None] * (1.0, 0.0, 0.0), here.rotations)
+    options = SendOptions(retarget=RetargetOptions(root=root))
+    report = send_to_rig(bpy.context.scene, motion_of_body(BODY, away, "man", 30.0), armature, 1, options)
+    assert [text.partition(":")[0] for text in report["warnings"]] == (["bone board"] if named else [])
 
 
 def test_a_bone_that_is_scaled_unevenly_is_named():

@@ -79,7 +79,7 @@ def test_looking_for_balls_can_be_cancelled(folder):
     film = load_wand(folder / "wand.toml")
     with pytest.raises(CancelledError):
         find_all(replace(film, views=film.views[:2]), progress)
-    assert told[0] == ("cam01: L-frame", 0.0) and told[-1][0] == "cam01: wand"
+    assert told[0] == ("L-frame in cam01", 0.0) and told[-1][0] == "wand in cam01"
 
 
 def test_a_colour_that_is_not_found_is_reported_with_its_video(folder):

@@ -1,0 +1,59 @@
+"""What of a character's skin stays where it is while its hips go away."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ....core.errors import listed
+from ....core.numerics.arrays import Array, Ints
+from ....core.retargeting.control_rig import ControlRig, RigPoses
+from ...scene_io.characters.skinned_parts import leading_bones
+from .rig_at_rest import evaluated
+from .rig_error import world_matrices
+
+_AWAY = 0.2
+"""How far hips must go for it to be told, in heights of the character."""
+_STILL = 0.01
+"""Share of the way of the hips that bones which stay behind may move."""
+_NAMED = 3
+
+
+def left_behind(
+    scene: bpy.types.Scene, armature: bpy.types.Object, rig: ControlRig, poses: RigPoses, frames: Ints
+) -> list[str]:
+    """Return a warning about bones that lead skin and stay where they are, though the motion takes the hips away: such
+    as the hindquarters of a centaur whose hips hang on them, or a board on the root of one who stands on it.
+
+    Parameters
+    ----------
+    frames : ndarray of int, shape (F,)
+        Scene frames of the poses.
+    """
+    way = np.linalg.norm(poses.places[:, rig.index("hips")] - poses.places[0, rig.index("hips")], axis=1)
+    farthest = int(way.argmax())
+    if way[farthest] < _AWAY * np.ptp(rig.rest.heads[:, 2]):
+        return []
+    names = [bone.name for bone in armature.data.bones if bone.use_deform]
+    first, last = _heads(scene, armature, names, frames[[0, farthest]])
+    still = np.linalg.norm(last - first, axis=1) < _STILL * way[farthest]
+    led = set(leading_bones(armature)) if still.any() else set()
+    staying = [name for name, stays in zip(names, still, strict=True) if stays and name in led]
+    if not staying:
+        return []
+    bones = "bone" if len(staying) == 1 else "bones"
+    return [
+        f"{bones} {listed(staying, _NAMED)}: no part of what moves, so the skin stays where it is while the hips move "
+        f"by {way[farthest]:.1f} m: choose another bone for the hips in the list of Find Bones, or key it yourself"
+    ]
+
+
+def _heads(scene: bpy.types.Scene, armature: bpy.types.Object, names: list[str], frames: Ints) -> list[Array]:
+    """Return where the heads of bones are shown on scene frames, (B, 3) each."""
+    now, found = scene.frame_current, []
+    with evaluated(armature):
+        for frame in frames.tolist():
+            scene.frame_set(frame)
+            found.append(world_matrices(armature, names)[1])
+    scene.frame_set(now)
+    return found
