@@ -7,10 +7,10 @@ from collections.abc import Collection
 import bpy
 import numpy as np
 
-from ....core.errors import BodyError
+from ....core.errors import BodyError, listed
 from ....core.retargeting.roles import BoneMap, parent_role
 from ...scene_io import fcurves
-from ...scene_io.body import body_armature, part_meshes
+from ...scene_io.body import body_armature, body_channels, part_meshes
 from ...scene_io.characters.followed_bones import A_DRIVER, leader_of
 from ...scene_io.characters.object_motion import what_moves
 
@@ -18,6 +18,7 @@ _LOWER = ("forearm", "hand", "shin", "foot")
 """Roles of bones that hang on those of the limb above."""
 _STILL_TOLERANCE = 1e-5
 """Largest difference between the keys of a channel that does not move."""
+_OTHER_TURNS, _NAMED = ("rotation_euler", "rotation_axis_angle"), 3
 _SCALED = 0.01
 """Least change of a bone's scale that importers' rounding cannot explain."""
 
@@ -28,7 +29,7 @@ def movable_root(armature: bpy.types.Object) -> tuple[str, ...]:
     What is keyed on bones above it is left to `keyed_on_body`.
     """
     parts = body_armature.body_bones(armature)
-    names, said = {bone.name for bone in parts}, list[str]()
+    names, said = {bone.name for bone in parts}, _keyed_in_vain(armature)
     top = parts[0].name
     if parts[0].use_connect:
         if armature.data.library is not None or armature.data.override_library is not None:
@@ -53,6 +54,19 @@ def movable_root(armature: bpy.types.Object) -> tuple[str, ...]:
         if np.abs(np.array(bone.scale) - 1).max() > _SCALED or moves(armature, bone.name, "scale", _SCALED):
             said.append(f"bone {bone.name}: it is scaled, and the body is not: clear its scale (Alt S) and its keys")
     return tuple(sorted(said))
+
+
+def _keyed_in_vain(armature: bpy.types.Object) -> list[str]:
+    """Return what to report of bones of the body whose turns have keys, but in another rotation mode than their own."""
+    bag = fcurves.find_channelbag(armature)
+    keyed = {curve.data_path for curve in bag.fcurves if len(curve.keyframe_points)} if bag is not None else set()
+    own = {c.bone: c.path for c in body_channels.list_channels(armature) if c.attribute == "rotation_quaternion"}
+    other = {bone: {fcurves.bone_path(bone, turn) for turn in _OTHER_TURNS} for bone in own}
+    bones = [bone for bone, path in own.items() if path not in keyed and other[bone] & keyed]
+    if not bones:
+        return []
+    what = "have keys of another rotation mode than theirs, which move nothing, and are no key poses"
+    return [f"bones {listed(bones, _NAMED)}: they {what}: undo, and set the mode back first"]
 
 
 def moves(armature: bpy.types.Object, bone: str, attribute: str, still: float = _STILL_TOLERANCE) -> bool:

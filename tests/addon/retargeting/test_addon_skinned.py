@@ -201,6 +201,17 @@ def keys_of(armature, bone):
     return {(c.data_path, c.array_index): [tuple(key.co) for key in c.keyframe_points] for c in curves}
 
 
+def test_keys_that_a_bones_rotation_mode_leaves_without_effect_are_named():
+    armature = skinned()
+    for name in ("head", "hand.L"):
+        bone = armature.pose.bones[name]
+        bone.rotation_mode = "XYZ"
+        bone.keyframe_insert("rotation_euler", frame=1)
+    armature.pose.bones["head"].rotation_mode = "QUATERNION"
+    _, [said] = use_as_body(bpy.context.scene, armature)
+    assert said.startswith("bones head: they have keys of another rotation mode")
+
+
 def test_a_bone_with_keys_between_parts_is_named():
     armature = skinned()
     with body_armature.edit_bones(armature) as bones:

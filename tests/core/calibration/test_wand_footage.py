@@ -74,7 +74,7 @@ def test_looking_for_balls_can_be_cancelled(folder):
 
     def progress(what: str, fraction: float) -> bool:
         told.append((what, fraction))
-        return what != "cam01: wand"
+        return what != "wand in cam01"
 
     film = load_wand(folder / "wand.toml")
     with pytest.raises(CancelledError):
