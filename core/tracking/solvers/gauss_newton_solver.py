@@ -216,7 +216,7 @@ def _refined_and_searched(
     if not can_search_limbs(problem):
         return first, first
     several = problem.among_others
-    begin = with_crossed_limbs_exchanged(problem, first, workspace.silent()) if several else first
+    begin = with_crossed_limbs_exchanged(problem, first, workspace.silent())
     bridged = with_leaps_bridged(problem, begin, workspace.part(0.3, 0.4), long_only=not several)
     if bridged.motions is not begin.motions:
         bridged = _after(bridged, refine(problem, bridged.motions, workspace.part(0.4, 0.5)))

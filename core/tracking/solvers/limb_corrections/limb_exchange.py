@@ -13,7 +13,6 @@ from ....body.motion import with_motion
 from ....runtime.timing import Seconds
 from ..assessment.solution_ranking import (
     RESTING_GAIN,
-    cover_at,
     likeliest_at_rest,
     likelihood,
     likelihood_decides,
@@ -129,10 +128,9 @@ def with_crossed_limbs_exchanged(
 ) -> SegmentSolution:
     """Exchange the places of limbs of a performer that reach across each other, where that is better.
 
-    Legs that pass each other may have followed each other's pictures so well that nothing contradicts the solution. The
-    exchange is solved only if it covers more at once, and only in several views: a single one does not show which limb
-    is in front. Limbs of one of several performers are exchanged wherever that hardly makes their motion rougher
-    (`exchanges`).
+    Legs that pass each other may have followed each other's pictures so well that nothing contradicts the solution. It
+    is done in several views only: a single one does not show which limb is in front. Limbs of one of several performers
+    are also exchanged where that hardly makes their motion rougher (`exchanges`).
 
     Parameters
     ----------
@@ -145,24 +143,21 @@ def with_crossed_limbs_exchanged(
     if problem.among_others:
         return _with_mistaken_limbs_exchanged(problem, best, workspace)
     crossed = [swap for swap in swaps(problem, best.motions) if swap.reaches_across(problem, best.motions)]
+    if not crossed:
+        return best
     seconds = Seconds(best.seconds)
     with seconds.measure("initial solution"):
-        covering = [
-            swap
-            for swap in crossed
-            if cover_at(problem, best, swap.of_places(problem, best.motions), workspace) > best.cover
-        ]
-        kept = _with_places_exchanged(problem, best, covering, workspace) if covering else best
-    return replace(kept, seconds=dict(seconds), doubted=best.doubted) if crossed else best
+        kept = _with_places_exchanged(problem, best, crossed, workspace)
+    return replace(kept, seconds=dict(seconds), doubted=best.doubted)
 
 
 def _with_places_exchanged(
-    problem: SegmentProblem, best: SegmentSolution, covering: Sequence[Swap], workspace: Workspace
+    problem: SegmentProblem, best: SegmentSolution, crossed: Sequence[Swap], workspace: Workspace
 ) -> SegmentSolution:
     noise = noise_at(problem, best, workspace)
     rest = _Rest(problem, noise, workspace)
     kept, settled = best, rest.of(best)
-    for swap in covering:
+    for swap in crossed:
         exchange = Exchange(swap.of_places(problem, settled.motions), places=True)
         found = _exchange_tried(problem, settled, exchange, rest, workspace)
         if found is not None and _exchange_counts(problem, settled, found, noise):

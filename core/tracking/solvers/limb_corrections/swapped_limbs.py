@@ -100,8 +100,8 @@ def exchanges(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[Ex
     change over near a meeting where that makes the motion smoothest. They exchange their directions. For a single
     performer in a single view, they also exchange their places: what followed the other limb's pictures is at the right
     place in the picture, and in a wrong one in depth. Limbs of one of several performers in several views exchange
-    their places if they reach across each other, and otherwise their directions, but only if that hardly makes the
-    motion rougher (`ROUGHNESS_RATIO`).
+    their places if they reach across each other, and otherwise their directions where that hardly makes the motion
+    rougher (`ROUGHNESS_RATIO`).
 
     Yields
     ------
@@ -111,7 +111,7 @@ def exchanges(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[Ex
         if _is_among_others(problem):
             places = swap.reaches_across(problem, motions)
             there = swap.of_places(problem, motions) if places else swap.of_directions(problem, motions)
-            if swap.roughness(problem, there) < ROUGHNESS_RATIO * swap.roughness(problem, motions):
+            if places or swap.roughness(problem, there) < ROUGHNESS_RATIO * swap.roughness(problem, motions):
                 yield Exchange(there, places)
             continue
         if _is_alone_in_one_view(problem):

@@ -642,13 +642,16 @@ def test_legs_are_exchanged_though_they_become_likelier_only_once_they_are_at_re
     assert np.abs(found.motions[0].difference(truth)).max() < 0.05
 
 
-def test_legs_of_one_performer_that_reach_across_each_other_come_back_to_their_places() -> None:
-    """They have followed each other's pictures, and nothing contradicts that. In one view depth is not known."""
+@pytest.mark.parametrize("cover", [1000.0, -1.0])
+def test_legs_of_one_performer_that_reach_across_each_other_come_back_to_their_places(cover: float) -> None:
+    """They have followed each other's pictures, and nothing contradicts that, even if they cover more there. In one
+    view depth is not known.
+    """
     truth = striding(40)
     views = (*dark(CAMERAS[0], 40), *dark(CAMERAS[1], 40))
     problem = SegmentProblem(views, (HUMAN,), 0, FPS, (ends_held(HUMAN, 40),))
     (wrong,) = next(swaps(problem, [truth])).of_places(problem, [truth])
-    landscape = Landscape(truth=truth)
+    landscape = Landscape(truth=truth, cover=cover)
     solution = replace(landscape.solution(problem, wrong), doubted=(0,))
     assert np.abs(wrong.difference(truth)).max() > 2 * landscape.reach
     found = limb_exchange.with_crossed_limbs_exchanged(problem, solution, landscape)

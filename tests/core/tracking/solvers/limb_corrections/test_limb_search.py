@@ -373,8 +373,8 @@ def test_legs_that_were_led_to_each_others_places_come_back() -> None:
 
 
 def test_limbs_exchange_directions_and_with_one_view_or_if_they_reach_across_places() -> None:
-    """Those of one of several performers only where that makes them no rougher: limbs that follow each other's pictures
-    leap there and back. In one view, depth is lost.
+    """Those of one of several performers exchange directions only where that makes them no rougher: limbs that follow
+    each other's pictures leap there and back. In one view, depth is lost.
     """
     truth = walk(20)
     (legs,) = [pair for pair in limb_pairs(BODY) if BODY.index("thigh.L") in pair[0]]
@@ -383,7 +383,9 @@ def test_limbs_exchange_directions_and_with_one_view_or_if_they_reach_across_pla
     alone = problem_of(truth, seen(truth), seen(truth))
     fixed = ends_held(BODY, len(truth))
     several = replace(alone, bodies=(BODY, BODY), fixed=(fixed, fixed)).alone(1)
+    across = with_places_exchanged(BODY, truth, legs, np.ones(20, dtype=bool))
     kinds = {
+        "across from key pose to key pose": [exchange.places for exchange in exchanges(several, [truth, across])],
         "several": [exchange.places for exchange in exchanges(several, [truth, truth])],
         "across": [exchange.places for exchange in exchanges(several, [truth, led_astray])],
         "mixed": [exchange.places for exchange in exchanges(several, [truth, mixed])],
@@ -396,6 +398,7 @@ def test_limbs_exchange_directions_and_with_one_view_or_if_they_reach_across_pla
         ],
     }
     assert not kinds["several"] and True in kinds["across"] and set(kinds["mixed"]) == {False}
+    assert True in kinds["across from key pose to key pose"]  # though they would leap beside the key poses
     one_view = kinds["alone in one view"]
     assert len(one_view) >= 2 * len(kinds["alone"]) and one_view == [True, False] * (len(one_view) // 2)
     assert kinds["one view"] == kinds["alone"] == [False] * len(kinds["alone"])
