@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +65,19 @@ def fit_poses(body: Body, names: Sequence[str], targets_world: Array, start: Mot
     LandmarkError
         If a pose has fewer than three landmarks.
     """
-    return searched_poses(body, names, targets_world, start, search=True, draw=start is None, tolerance=FINE_TOLERANCE)
+    search = PoseSearch.RANDOM if start is None else PoseSearch.ARMS
+    return searched_poses(body, names, targets_world, start, search, tolerance=FINE_TOLERANCE)
+
+
+class PoseSearch(Enum):
+    """What is tried where a pose does not fit its landmarks."""
+
+    NONE = "none"
+    """Nothing."""
+    ARMS = "arms"
+    """Starts with the arms turned."""
+    RANDOM = "random"
+    """The same, then random starts."""
 
 
 def searched_poses(
@@ -72,19 +85,15 @@ def searched_poses(
     names: Sequence[str],
     targets_world: Array,
     start: Motion | None,
+    search: PoseSearch,
     *,
-    search: bool,
-    draw: bool = False,
     tolerance: float = 1e-6,
 ) -> Motion:
     """Pose a body on landmarks as `fit_poses`, with a choice of what is tried where a pose does not fit.
 
     Parameters
     ----------
-    search : bool
-        Try starts with the arms turned.
-    draw : bool
-        Try random starts.
+    search : PoseSearch
     tolerance : float
         Relative change at which a pose has converged.
     """
@@ -99,26 +108,41 @@ def searched_poses(
     if start is None:
         return Motion(np.empty((0, 3)), np.empty((0, len(body), 3, 3)))
     poses = _descended(body, known, targets, start, tolerance)
-    for side in "LR" if search else "":
-        tried = np.flatnonzero(_misfits(body, known, targets, poses) > LANDMARK_SIGMA)
-        if not len(tried):
-            continue
-        turned = _elbow_turned(body, poses[tried], side)
-        rough = _descended(body, known, targets[tried], turned, COARSE_TOLERANCE)
-        better = pose_costs(body, known, targets[tried], rough) < pose_costs(body, known, targets[tried], poses[tried])
-        if better.any():
-            tried = tried[better]
-            _replace(poses, tried, _descended(body, known, targets[tried], rough[better], tolerance))
-    if draw and _limited(body).any():
-        misfit = _misfits(body, known, targets, poses)
-        for k in np.flatnonzero(misfit > ACCEPTED_MISFIT):
-            aims = np.repeat(targets[k : k + 1], RANDOM_STARTS, axis=0)
-            found = _descended(body, known, aims, _limbs_drawn(body, start[k : k + 1]), COARSE_TOLERANCE)
-            best = int(np.argmin(_misfits(body, known, aims, found)))
-            other = _descended(body, known, targets[k : k + 1], found[best : best + 1], tolerance)
-            if _misfits(body, known, targets[k : k + 1], other)[0] < MAX_MISFIT_RATIO * misfit[k]:
-                _replace(poses, np.array([k]), other)
+    if search is not PoseSearch.NONE:
+        for side in "LR":
+            _turn_arms(body, known, targets, poses, side, tolerance=tolerance)
+    if search is PoseSearch.RANDOM and _limited(body).any():
+        _draw_limbs(body, known, targets, poses, start, tolerance=tolerance)
     return poses
+
+
+def _turn_arms(body: Body, known: list[str], targets: Array, poses: Motion, side: str, *, tolerance: float) -> None:
+    """Replace those of K poses that do not fit by what a start with an arm turned leads to, if it costs less."""
+    tried = np.flatnonzero(_misfits(body, known, targets, poses) > LANDMARK_SIGMA)
+    if not len(tried):
+        return
+    turned = _elbow_turned(body, poses[tried], side)
+    rough = _descended(body, known, targets[tried], turned, COARSE_TOLERANCE)
+    better = pose_costs(body, known, targets[tried], rough) < pose_costs(body, known, targets[tried], poses[tried])
+    if better.any():
+        tried = tried[better]
+        _replace(poses, tried, _descended(body, known, targets[tried], rough[better], tolerance))
+
+
+def _draw_limbs(
+    body: Body, known: list[str], targets: Array, poses: Motion, start: Motion, *, tolerance: float
+) -> None:
+    """Replace those of K poses that do not fit by what the best of several random starts leads to, if it fits clearly
+    better.
+    """
+    misfit = _misfits(body, known, targets, poses)
+    for k in np.flatnonzero(misfit > ACCEPTED_MISFIT):
+        aims = np.repeat(targets[k : k + 1], RANDOM_STARTS, axis=0)
+        found = _descended(body, known, aims, _limbs_drawn(body, start[k : k + 1]), COARSE_TOLERANCE)
+        best = int(np.argmin(_misfits(body, known, aims, found)))
+        other = _descended(body, known, targets[k : k + 1], found[best : best + 1], tolerance)
+        if _misfits(body, known, targets[k : k + 1], other)[0] < MAX_MISFIT_RATIO * misfit[k]:
+            _replace(poses, np.array([k]), other)
 
 
 def _replace(poses: Motion, which: NDArray[np.intp], others: Motion) -> None:

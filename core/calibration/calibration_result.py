@@ -30,7 +30,6 @@ class CalibrationResult:
     lframe_world : ndarray, shape (4, 3)
     seen : BallObservations
         The wand's balls that were used, with swapped ends swapped back.
-    lframe_seen : BallObservations
     residual : ndarray, shape (n, 2)
         Predicted minus observed positions of the wand's balls, then the L-frame's, pixels.
     used : ndarray, shape (C,)
@@ -57,7 +56,6 @@ class CalibrationResult:
     wand: Wand
     lframe_world: Array
     seen: BallObservations
-    lframe_seen: BallObservations
     residual: Array
     used: Array
     free: Bools

@@ -283,7 +283,6 @@ def _finished(
         wand=scene.wand,
         lframe_world=scene.lframe_world,
         seen=seen,
-        lframe_seen=world.resting,
         residual=BallObservations.joined([seen, world.resting]).in_pixels(fit.residual),
         used=used,
         free=free,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import cv2
@@ -78,10 +78,6 @@ class Colour:
             return None
         middle = np.array([[[_STEPS * ((first + width / 2) % 360) / 360, _STEPS, _STEPS]]])
         return np.asarray(cv2.cvtColor(middle.round().astype(np.uint8), cv2.COLOR_HSV2BGR_FULL)[0, 0] / _STEPS)
-
-    def table(self) -> dict[str, list[float]]:
-        """Return the ranges as a table for TOML or JSON files, which `parsed` reads."""
-        return {name: [round(float(x), 4) for x in pair] for name, pair in asdict(self).items()}
 
 
 def _levels(hue: float, saturation: float, value: float, rounded: np.ufunc) -> tuple[int, int, int]:

@@ -79,28 +79,12 @@ def key_frame_offset(
     posed = [motion[np.asarray(keys)] for motion in motions]
     rates = [_rates(motion, keys) for motion in motions]
     frames = [first + key for key in keys]
-    delays = {view.delay for view in views}
-
-    def poses_at(offset: float) -> dict[float, list[Motion]]:
-        return {d: [pose.moved((d - offset) * rate) for pose, rate in zip(posed, rates, strict=True)] for d in delays}
-
-    def linearise(state: _OffsetState) -> ShapeEquations:
-        there = poses_at(state.offset)
-        poses = {d: scene_poses(bodies, motions) for d, motions in there.items()}
-        twists = {d: _twists(bodies, motions, rates) for d, motions in there.items()}
-        return shape_equations(
-            views, geometry, state.change, poses, frames, twists=twists, known=known[:, geometry.performer]
-        )
-
-    def trial_cost(state: _OffsetState, equations: ShapeEquations) -> float:
-        poses = {d: scene_poses(bodies, motions) for d, motions in poses_at(state.offset).items()}
-        return equations.cost_at(state.change, poses)
-
+    problem = _OffsetProblem(views, geometry, bodies, posed, rates, frames, known[:, geometry.performer])
     result = minimise(
         _OffsetState(0.0, np.zeros((len(geometry.spans), 6))),
-        linearise,
+        problem.linearise,
         _OffsetState.moved,
-        trial_cost=trial_cost,
+        trial_cost=problem.trial_cost,
         damping=GAUSS_NEWTON,
         stopping=StoppingRule(ITERATIONS, relative_gain=0.0),
     )
@@ -122,6 +106,54 @@ class _OffsetState:
         """Return the state after a step; parts that are ahead of the footage along their twists are early."""
         offset = float(np.clip(self.offset - step[-1], -1.0, 1.0))
         return _OffsetState(offset, compose(self.change, step[:-1]))
+
+
+@dataclass(frozen=True, eq=False)
+class _OffsetProblem:
+    """The outlines of K key frames, by which the offset and the shapes of the P parts are estimated.
+
+    Attributes
+    ----------
+    views, geometry, bodies
+        See `key_frame_offset`.
+    posed : sequence of Motion
+        K poses per performer.
+    rates : sequence of ndarray, shape (K, D)
+        Increments of these poses per frame.
+    frames : sequence of int
+        Their shot frames.
+    known : ndarray of bool, shape (K, P)
+        Which parts are of a performer with a key pose there.
+    """
+
+    views: Sequence[ViewFrames]
+    geometry: Geometry
+    bodies: Sequence[Body]
+    posed: Sequence[Motion]
+    rates: Sequence[Array]
+    frames: Sequence[int]
+    known: Bools
+
+    def poses_at(self, offset: float) -> dict[float, list[Motion]]:
+        """Return the poses that views show at an offset, by the delay of the views."""
+        return {
+            delay: [pose.moved((delay - offset) * rate) for pose, rate in zip(self.posed, self.rates, strict=True)]
+            for delay in {view.delay for view in self.views}
+        }
+
+    def linearise(self, state: _OffsetState) -> ShapeEquations:
+        """Return the normal equations at a state."""
+        there = self.poses_at(state.offset)
+        poses = {d: scene_poses(self.bodies, motions) for d, motions in there.items()}
+        twists = {d: _twists(self.bodies, motions, self.rates) for d, motions in there.items()}
+        return shape_equations(
+            self.views, self.geometry, state.change, poses, self.frames, twists=twists, known=self.known
+        )
+
+    def trial_cost(self, state: _OffsetState, equations: ShapeEquations) -> float:
+        """Return the cost of a state with the outlines held that the equations were made of."""
+        poses = {d: scene_poses(self.bodies, motions) for d, motions in self.poses_at(state.offset).items()}
+        return equations.cost_at(state.change, poses)
 
 
 def _rates(motion: Motion, frames: Sequence[int]) -> Array:

@@ -172,7 +172,7 @@ def with_footage_offset(scene: bpy.types.Scene, shot: Shot) -> Shot:
     return shot.with_footage_offset(_footage_offset(scene))
 
 
-def clear(scene: bpy.types.Scene, shot: Shot, chosen: Sequence[Segment]) -> int:
+def clear(scene: bpy.types.Scene, chosen: Sequence[Segment]) -> int:
     """Remove the tracked keys of some segments of a scene's shot; returns on how many frames there were any."""
     frames = [scene.kfmocap.frame_start + f for f in sorted({f for a, b in chosen for f in range(a, b + 1)})]
     cleared: set[int] = set()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import astuple
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
@@ -55,7 +56,7 @@ def same_capture(a: CaptureVideos, b: CaptureVideos) -> bool:
     colours = zip((a.lframe_colour, *a.wand_colours), (b.lframe_colour, *b.wand_colours), strict=True)
     return (
         np.allclose(a.lframe_points, b.lframe_points)
-        and all(np.allclose(x.table()[key], y.table()[key], atol=1e-4) for x, y in colours for key in x.table())
+        and all(np.allclose(astuple(x), astuple(y), atol=1e-4) for x, y in colours)
         and np.allclose(
             (a.lframe_diameter, a.wand_length, a.wand_diameter), (b.lframe_diameter, b.wand_length, b.wand_diameter)
         )

@@ -19,6 +19,7 @@ from ..inverse_kinematics import (
     COARSE_TOLERANCE,
     FINE_TOLERANCE,
     LANDMARK_SIGMA,
+    PoseSearch,
     pose_costs,
     posture_weights,
     searched_poses,
@@ -166,7 +167,8 @@ class _MeasureProblem:
         well.
         """
         body = human(self.stature, self.measures(values), solid=False)
-        poses = searched_poses(body, self.labels, self.targets, start, search=search, draw=search, tolerance=tolerance)
+        searched = PoseSearch.RANDOM if search else PoseSearch.NONE
+        poses = searched_poses(body, self.labels, self.targets, start, searched, tolerance=tolerance)
         return _MeasuredPoses(values, body, poses)
 
     def minimised(self, start: _MeasuredPoses, steps: int) -> _MeasuredPoses:

@@ -90,7 +90,7 @@ def first_rig(
         Called repeatedly; may raise.
     """
     best, most = None, 0.0
-    blank = _blank(names, tracks, lenses)
+    blank = _blank(names, lenses)
     for link in sorted(links, key=lambda link: -link.worth)[:_SEEDS]:
         if link.geometry is None:
             continue
@@ -132,7 +132,7 @@ def _thinned(tracks: Tracks, link: Link) -> Tracks:
     return tracks.take(np.unique(np.concatenate(chosen)))
 
 
-def _blank(names: Sequence[str], tracks: Tracks, lenses: Sequence[Lens]) -> Rig:
+def _blank(names: Sequence[str], lenses: Sequence[Lens]) -> Rig:
     """Return a rig of cameras whose poses are still unknown."""
     C = len(names)
     focal = np.array([np.median(lens.focals) for lens in lenses])[:, None] * np.ones((C, 2))

@@ -254,7 +254,7 @@ class ClearBetween(Conditional, bpy.types.Operator):
         from ...scene_io import tracked_segments
 
         shot = scenes.shot_from_scene(context.scene, footage=False)
-        cleared = tracked_segments.clear(context.scene, shot, _segments_on_side(context.scene, shot, self.where))
+        cleared = tracked_segments.clear(context.scene, _segments_on_side(context.scene, shot, self.where))
         if not cleared:
             raise ShotError("there are no tracked keys to remove", where=self.bl_label)
         self.report({"INFO"}, f"Removed tracked keys of {cleared} frames")

@@ -51,9 +51,9 @@ def test_paler_and_darker_pixels_are_of_small_things_of_a_colour():
     assert not matches(colour.paler(), 200, 160, 160)
 
 
-def test_a_colour_comes_back_from_its_table():
-    colour = Colour((350.0, 12.5), (0.45, 1.0), (0.1, 0.9))
-    assert parsed(colour.table(), "here") == colour
+def test_a_colour_may_be_given_by_its_ranges():
+    ranges = {"hue": [350.0, 12.5], "saturation": [0.45, 1.0], "value": [0.1, 0.9]}
+    assert parsed(ranges, "here") == Colour((350.0, 12.5), (0.45, 1.0), (0.1, 0.9))
 
 
 @pytest.mark.parametrize("wrong", ["crimsonish", "#12345", 7, {"hue": [1]}, {"shade": [0, 1]}, {"value": [0.5, 3]}])

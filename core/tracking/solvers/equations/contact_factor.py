@@ -123,15 +123,6 @@ class ContactFactor:
             for i, span in enumerate(self.spans)
         ]
 
-    def depths(self, poses: Poses) -> Array:
-        """Largest depth by which performers penetrate each other on each frame, metres, shape (F,)."""
-        deepest = np.zeros(len(poses[0]))
-        for i, j in permutations(range(len(self.spans)), 2):
-            for part, other, near in self._near(poses, i, j):
-                frames, depth, _ = self._deepest(poses, part, other, near)
-                deepest[frames] = np.maximum(deepest[frames], depth)
-        return deepest
-
     def _near(self, poses: Poses, performer: int, other: int) -> Iterator[tuple[int, int, Ints]]:
         """Generate the pairs of parts of two performers whose bounding spheres meet, with the frames on which they
         do.
