@@ -19,7 +19,7 @@ from ..evidence.view_frames import ViewFrames, views_with_foreground
 from ..evidence.view_work import IN_THIS_THREAD, ViewWork
 from ..keypoints.keypoint_factor import KeypointFactor
 from ..keypoints.observations import ShotKeypoints
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, Ints
 from ..shot.acceleration_prior import usual_variances, variances_from_key_poses
 from ..shot.fixed_degrees import fixed_degrees
 from ..shot.shot import Shot
@@ -71,14 +71,15 @@ class TrackState:
         given = shot.settings.footage_offset
         return Offset.likeliest(self.offsets).value if given is None else given
 
-    def beside(self, segment: Segment, ranges: Sequence[Segment]) -> SolvedFrames:
+    def beside(self, segment: Segment, ranges: Sequence[Segment], keys: Sequence[Ints] = ()) -> SolvedFrames:
         """Return the motions on a segment that is solved and on those next to it among all segments, as far as these
-        are.
+        are, and which of these frames are among each performer's key poses of the whole body, on shot frames `keys`.
         """
         k, (first, last) = ranges.index(segment), segment
         begin = ranges[max(k - 1, 0)][0]
         end = max(last, min(ranges[min(k + 1, len(ranges) - 1)][1], self.solved - 1))
-        return SolvedFrames(tuple(motion[begin : end + 1] for motion in self.motions), first - begin)
+        keyed = tuple(frames[(frames >= begin) & (frames <= end)] - begin for frames in keys)
+        return SolvedFrames(tuple(motion[begin : end + 1] for motion in self.motions), first - begin, keyed)
 
     def poses_at(self, frame: int) -> tuple[Motion, ...] | None:
         """Return the poses on a frame that is solved, or next to the shot and known; None otherwise."""

@@ -273,7 +273,9 @@ def _finished(
     settled = SettledMotions(solution.motions, (None,) * len(solution.motions))
     if (settle := solver_named(ended.problem.settings.solver).settle) is not None:
         ratios = [own.ratios(body) for own, body in zip(uncertainties, ended.problem.bodies, strict=True)]
-        before = task.state.with_solution(task.segment, first_motions).beside(task.segment, segments(task.shot))
+        state, shot = task.state.with_solution(task.segment, first_motions), task.shot
+        keys = [performer.key_poses.full() for performer in shot.performers]
+        before = state.beside(task.segment, segments(shot), keys)
         with seconds.measure("solve"):
             settled = settle(ended.problem, solution, before, ratios)
     return FinishedSegment(

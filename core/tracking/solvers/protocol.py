@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from ...body.motion import Motion
-from ...numerics.arrays import Array, Bools
+from ...numerics.arrays import Array, Bools, Ints
 from .equations.measurement import Workspace
 from .equations.problem import SegmentProblem, SegmentSolution
 
@@ -66,10 +66,13 @@ class SolvedFrames:
         One per performer.
     first : int
         Number of these frames before the segment.
+    keyed : tuple of ndarray of int
+        Per performer: those of the frames that have a key pose of the whole body. Empty if that is not known.
     """
 
     motions: tuple[Motion, ...]
     first: int = 0
+    keyed: tuple[Ints, ...] = ()
 
 
 class Settle(Protocol):

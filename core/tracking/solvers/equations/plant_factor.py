@@ -1,8 +1,8 @@
 """Plants as evidence: while a point of the sole is planted on the ground, it stands still.
 
-The residuals are the displacements of planted points from one frame to the next. During a descent, points count as
-planted that seem so in the present motion, and a robust kernel releases those that move after all. Which of them really
-stand is decided at the end (`standing_feet`).
+The residuals are the displacements of planted points from one frame to the next, and their heights above a floor that
+is known. During a descent, points count as planted that seem so in the present motion, and a robust kernel releases
+those that move after all. Which of them really stand, and on the floor, is decided at the end (`standing_feet`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ....body.kinematics import Poses, part_poses
 from ....body.motion import Motion
 from ....body.soles import Soles
 from ....numerics import rotations
-from ....numerics.arrays import Bools
+from ....numerics.arrays import Array, Bools
 from ....numerics.banded_blocks import BandedBlocks
 from ....numerics.robust_kernels import GemanMcClure, RobustKernel
 from .problem import SegmentProblem
@@ -44,12 +44,18 @@ class PlantFactor:
         Standard deviation of a displacement between two frames along each axis, metres.
     kernel : RobustKernel
         Applied to the length of a displacement.
+    level : float
+        Height of the floor, metres.
+    level_precision : ndarray, shape (F - 1, C), optional
+        Inverse variance of the mean height of a point on the two frames of a step about the floor, 1 / metres^2.
     """
 
     soles: Soles
     steps: Bools
     sigma: float
     kernel: RobustKernel
+    level: float = 0.0
+    level_precision: Array | None = None
 
     @property
     def frames(self) -> Bools:
@@ -76,7 +82,8 @@ class PlantFactor:
             return BandedBlocks.zeros(length, body.dof)
         first, end = int(planted[0]), int(planted[-1]) + 2  # of the frames that any plant is about
         if end - first < length:
-            some = replace(self, steps=self.steps[first : end - 1])
+            precision = None if self.level_precision is None else self.level_precision[first : end - 1]
+            some = replace(self, steps=self.steps[first : end - 1], level_precision=precision)
             return some.blocks(body, (poses[0][first:end], poses[1][first:end])).among(length, first)
         points = self.soles.world(poses)
         F, P, C = len(points), len(body), points.shape[1]
@@ -86,11 +93,19 @@ class PlantFactor:
         rows = np.concatenate([np.broadcast_to(np.eye(3), (F, C, 3, 3)), -rotations.skew(points)], axis=-1)
         J = np.concatenate([-rows[:-1], rows[1:]], axis=-1) / self.sigma
         weighted = np.swapaxes(J, -1, -2) * weight[..., None, None]
-        carrier = (self.soles.parts == np.arange(P)[:, None]).astype(float)
-        H = np.einsum("pc,fcab->fpab", carrier, weighted @ J)
-        g = np.einsum("pc,fca->fpa", carrier, (weighted @ r[..., None])[..., 0])
+        H, g = weighted @ J, (weighted @ r[..., None])[..., 0]
         energy = float(np.sum(np.where(self.steps, self.kernel.cost(squared), 0.0)))
-        return joint_blocks(body, poses, H, g, energy)
+        if self.level_precision is not None:
+            above = (points[:-1, :, 2] + points[1:, :, 2]) / 2 - self.level
+            up = np.concatenate([rows[:-1, :, 2], rows[1:, :, 2]], axis=-1) / 2
+            weighted_up = self.level_precision[..., None] * up
+            H += weighted_up[..., :, None] * up[..., None, :]
+            g += weighted_up * above[..., None]
+            energy += float(np.sum(self.level_precision * above**2))
+        carrier = (self.soles.parts == np.arange(P)[:, None]).astype(float)
+        return joint_blocks(
+            body, poses, np.einsum("pc,fcab->fpab", carrier, H), np.einsum("pc,fca->fpa", carrier, g), energy
+        )
 
 
 def plants_of(problem: SegmentProblem, motions: Sequence[Motion]) -> list[PlantFactor | None]:

@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ....body.motion import Motion
+from ....body.kinematics import part_poses
 from ....body.soles import Soles
 from ....numerics.arrays import Bools, Ints
 from ..equations.plant_factor import PlantFactor
 from ..equations.problem import SegmentProblem
+from ..protocol import SolvedFrames
+from .floor_height import FloorHeight
 
 SolePoint = tuple[int, int, tuple[float, float, float]]
 
@@ -61,25 +63,33 @@ class ApparentPlants:
     plants : PlantFactor
     before, after : ndarray of int, shape (C,)
         Number of steps in a row before and after the segment on which each of the points seems planted as well.
+    floor : FloorHeight or None
+        On which they stand on key poses, on the segment or beside it.
     """
 
     plants: PlantFactor
     before: Ints
     after: Ints
+    floor: FloorHeight | None = None
 
     @classmethod
     def of(
-        cls, problem: SegmentProblem, performer: int, motion: Motion, first: int, soles: Soles | None = None
+        cls, problem: SegmentProblem, performer: int, frames: SolvedFrames, soles: Soles | None = None
     ) -> ApparentPlants | None:
-        """Find them in a motion that has `first` frames before the segment; None if there are none. See
+        """Find them in a performer's motion on a segment and on those beside it; None if there are none. See
         `PlantFactor.found` for the soles.
         """
-        found = PlantFactor.found(problem.bodies[performer], motion, problem.fps, soles)
+        body, motion, first = problem.bodies[performer], frames.motions[performer], frames.first
+        found = PlantFactor.found(body, motion, problem.fps, soles)
         last = first + problem.length - 1
         if found is None or not (steps := found.steps[first:last]).any():
             return None
         before, after = (np.cumprod(s, axis=0).sum(axis=0) for s in (found.steps[:first][::-1], found.steps[last:]))
-        return cls(replace(found, steps=steps), before, after)
+        floor = None
+        if frames.keyed and len(keyed := frames.keyed[performer]):
+            heights = found.soles.world(part_poses(body, motion[keyed]))[..., 2]
+            floor = FloorHeight.of(heights[found.frames[keyed]])
+        return cls(replace(found, steps=steps), before, after, floor)
 
     def beside(self, point: int, earlier: ApparentPlants | None) -> Bools:
         """Return the steps, (F - 1,), on which the heel of the foot seems planted as well, now or earlier, if the point

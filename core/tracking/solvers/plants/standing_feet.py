@@ -111,15 +111,15 @@ def _apparent_plants(
     evidence: PlantEvidence, before: SolvedFrames, performer: int, ratios: Array
 ) -> tuple[ApparentPlants | None, ApparentPlants | None]:
     """Return a member's apparent plants, with the balls where its feet roll: in its motion, and in the one before."""
-    tracked = before.motions[performer].replaced(before.first, evidence.motions[performer])
-    seeming = ApparentPlants.of(evidence.problem, performer, tracked, before.first)
+    tracked = replace(
+        before,
+        motions=tuple(m.replaced(before.first, new) for m, new in zip(before.motions, evidence.motions, strict=True)),
+    )
+    seeming = ApparentPlants.of(evidence.problem, performer, tracked)
     if seeming is None:
         return None, None
     soles = with_forefoot_rockers(evidence, performer, seeming, ratios)
-    now, earlier = (
-        ApparentPlants.of(evidence.problem, performer, motion, before.first, soles)
-        for motion in (tracked, before.motions[performer])
-    )
+    now, earlier = (ApparentPlants.of(evidence.problem, performer, frames, soles) for frames in (tracked, before))
     return now, earlier
 
 
@@ -140,11 +140,16 @@ def _plants_that_fit(
     problem, plants = evidence.problem, seeming.plants
     held = problem.fixed[performer].all(axis=1)
     movable = ~(held[1:] & held[:-1])
-    found = np.zeros_like(plants.steps)
+    found, level_precision = np.zeros_like(plants.steps), np.zeros(plants.steps.shape)
+    floor = seeming.floor
     for point, part in enumerate(plants.soles.parts):
         ratio = evidence.ratio_of_errors(performer, part, ratios)
         for plant in PlantTests(evidence, ratio, movable).plants_of(seeming, earlier, performer, point):
             if seeming.steps_around(plant) >= MIN_DURATION * problem.fps:
-                found[plant.steps[0] : plant.steps[1] + 1, point] = True
+                steps = slice(plant.steps[0], plant.steps[1] + 1)
+                found[steps, point] = True
+                if floor is not None and floor.carries(evidence.path(plant)):
+                    level_precision[steps, point] = 1 / (len(plant) * floor.sigma**2)
     keyed = replace(plants, steps=plants.steps & ~movable[:, None])
-    return keyed, PlantFactor(plants.soles, found, REST_SPEED_SIGMA / problem.fps, Quadratic())
+    sigma, level = REST_SPEED_SIGMA / problem.fps, 0.0 if floor is None else floor.height
+    return keyed, PlantFactor(plants.soles, found, sigma, Quadratic(), level, level_precision)

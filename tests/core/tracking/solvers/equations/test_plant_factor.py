@@ -59,7 +59,10 @@ def test_planted_soles_come_to_rest_and_nearer_to_the_truth(tracked: Motion, fac
     assert errors[1] < 0.8 * errors[0]
 
 
-def test_its_gradient_is_the_slope_of_its_energy(tracked: Motion, factor: PlantFactor) -> None:
+@pytest.mark.parametrize("on_floor", [False, True])
+def test_its_gradient_is_the_slope_of_its_energy(tracked: Motion, factor: PlantFactor, on_floor: bool) -> None:
+    if on_floor:
+        factor = replace(factor, level=0.01, level_precision=factor.steps / 0.003**2)
     dice = np.random.default_rng(1)
     way = dice.normal(0, 1, (FRAMES, BODY.dof))
     step = 1e-6
@@ -74,12 +77,13 @@ def test_its_gradient_is_the_slope_of_its_energy(tracked: Motion, factor: PlantF
 
 def test_the_equations_of_plants_are_the_sum_of_those_of_each_step(tracked: Motion, factor: PlantFactor) -> None:
     """Wherever in the motion it is: a step is about two frames alone."""
+    factor = replace(factor, level=0.01, level_precision=factor.steps / 0.003**2)
     poses = part_poses(BODY, tracked)
     together, total = factor.blocks(BODY, poses), BandedBlocks.zeros(FRAMES, BODY.dof)
     for step in np.flatnonzero(factor.steps.any(axis=1)):
         alone = np.zeros_like(factor.steps)
         alone[step] = factor.steps[step]
-        own = replace(factor, steps=alone).blocks(BODY, poses)
+        own = replace(factor, steps=alone, level_precision=alone / 0.003**2).blocks(BODY, poses)
         assert {*np.flatnonzero(own.gradient.any(axis=1))} <= {step, step + 1}
         total += own
     for name in ("diagonal", "first", "second", "gradient"):

@@ -101,6 +101,36 @@ def test_they_stand_nearer_to_where_they_stood(walks: list[tuple[Motion, Motion]
     assert after < 0.9 * before
 
 
+def found_heights(motion: Motion, keyed: bool) -> Array:
+    """Heights of the soles once they stand, F x C, by evidence that leaves open a centimetre, with a key pose on the
+    first frame that shows the floor or not.
+    """
+    sure, fixed = evidence(), FIXED & (np.arange(FRAMES) == 0)[:, None]
+    vague = replace(sure, diagonal=sure.diagonal / 9, first=sure.first / 9)
+    before = SolvedFrames((motion,), keyed=(np.array([0]),) if keyed else ())
+    found = with_plants_at_rest(replace(problem_of(BODY), fixed=(fixed,)), [vague], (motion,), before, ratios=[EXACT])
+    return soles_of(found.motions[0])[..., 2]
+
+
+def test_they_stand_at_the_height_at_which_key_poses_have_them() -> None:
+    """All of the body is tracked ever higher, up to 2 cm; the right foot stands on what the left one stood on."""
+    high = 0.02 * np.sin(np.pi / 2 * np.arange(FRAMES) / (FRAMES - 1))[:, None] * [0.0, 0.0, 1.0]
+    motion = Motion(WALK.translations + high, WALK.rotations)
+    right = planted(WALK) & [name.endswith("R") for name in SOLES.names]
+    without, with_floor = (
+        np.abs(found_heights(motion, keyed) - soles_of(WALK)[..., 2])[right].mean() for keyed in (False, True)
+    )
+    assert without > 0.0025
+    assert with_floor < 0.6 * without
+
+
+def test_a_foot_that_stands_on_a_step_stays_there() -> None:
+    """The whole body is lifted by 0.1 m after the key pose."""
+    lifted = WALK.translations + 0.1 * (np.arange(FRAMES) > 4)[:, None] * [0.0, 0.0, 1.0]
+    motion = Motion(lifted, WALK.rotations)
+    np.testing.assert_array_equal(found_heights(motion, keyed=True), found_heights(motion, keyed=False))
+
+
 def test_key_poses_stay(walks: list[tuple[Motion, Motion]]) -> None:
     for before, after in walks:
         assert np.array_equal(after.translations[[0, -1]], before.translations[[0, -1]])
@@ -255,8 +285,10 @@ def test_the_segments_beside_show_whether_a_foot_that_pauses_stands() -> None:
 def test_what_is_known_beside_a_segment_are_the_segments_next_to_it_that_are_solved(
     segment: tuple[int, int], solved: int, known: tuple[int, int]
 ) -> None:
-    found = TrackState((WALK,), solved=solved).beside(segment, [(0, 10), (10, 20), (20, 30)])
+    keys = np.array([0, 10, 15, 20, 30])
+    found = TrackState((WALK,), solved=solved).beside(segment, [(0, 10), (10, 20), (20, 30)], [keys])
     assert found.first == segment[0] - known[0]
+    assert [known[0] + frame for frame in found.keyed[0]] == [k for k in keys if known[0] <= k <= known[1]]
     assert np.array_equal(found.motions[0].translations, WALK.translations[known[0] : known[1] + 1])
 
 
