@@ -19,14 +19,18 @@ from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import descend
 
+SOLVED_TURNS = 3
+"""Turned starts that are solved for somebody who is alone, those that cover most: how much a turn covers before it is
+solved says little, as limbs move along with it and the hips travel."""
+
 
 def with_whole_turn(
     problem: SegmentProblem, start: Sequence[Motion], first: SegmentSolution, workspace: Workspace
 ) -> tuple[Sequence[Motion], SegmentSolution]:
-    """Solve from the turned start that covers most, if the images contradict a solution between two whole key poses.
+    """Solve from turned starts, if the images contradict a solution between two whole key poses.
 
-    Nothing is solved if every turned start covers much less than the given one: a body that turns covers the performer
-    better with the turn, wherever its limbs are.
+    For one of several performers, only the start that covers most is solved, and none if all cover much less than the
+    given one: there, others who hide the performer often contradict a solution.
 
     Parameters are those of `multi_start.best_of_own_starts`.
 
@@ -34,17 +38,20 @@ def with_whole_turn(
     -------
     start : sequence of Motion
     solution : SegmentSolution
-        Those with the turn if they cover more, otherwise those that were given.
+        Those with the turn that covers most once it is solved, if it covers more than the given solution; otherwise
+        those that were given.
     """
     [performer] = problem.sought
     if problem.whole_keys(performer).tolist() != [0, problem.length - 1] or not is_doubtful(problem, first):
         return start, first
     ways = [turned(start[performer], problem.fixed[performer], axis) for axis in (*np.eye(3), *-np.eye(3))]
     starts = [with_motion(start, performer, way) for way in ways]
-    quiet = workspace.silent()
+    quiet, one_of_several = workspace.silent(), problem.only is not None
     covers = [cover_at(problem, first, motions, quiet) for motions in starts]
-    if is_hopeless(first, max(covers), cover_at(problem, first, start, quiet)):
+    if one_of_several and is_hopeless(first, max(covers), cover_at(problem, first, start, quiet)):
         return start, first
-    most = starts[int(np.argmax(covers))]
-    found = descend(problem, most, workspace)
-    return (most, found) if covering_most(problem, first, found) is found else (start, first)
+    for k in np.argsort(covers)[::-1][: 1 if one_of_several else SOLVED_TURNS]:
+        found = descend(problem, starts[k], quiet)
+        if covering_most(problem, first, found) is found:
+            start, first = starts[k], found
+    return start, first

@@ -64,9 +64,10 @@ def test_a_turn_that_covers_less_is_not_taken(monkeypatch: pytest.MonkeyPatch) -
     assert found is first and start is given and landscape.measured
 
 
-@pytest.mark.parametrize("only", [None, 0])
-def test_nobody_is_solved_from_a_turn_that_covers_much_less(monkeypatch: pytest.MonkeyPatch, only: int | None) -> None:
-    """Neither somebody alone nor one of several."""
+def test_a_turn_that_covers_much_less_is_solved_for_somebody_alone_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Limbs and hips that move along keep a start with the right turn from covering the performer; of several, others
+    do, too.
+    """
     landscape = Landscape(truth=REST)
     runs: list[int | None] = []
     first = landscape.solution(PROBLEM, REST)
@@ -78,9 +79,21 @@ def test_nobody_is_solved_from_a_turn_that_covers_much_less(monkeypatch: pytest.
 
     monkeypatch.setattr(whole_turns, "descend", descend)
     given = [REST]
-    start, found = with_whole_turn(replace(PROBLEM, only=only), given, first, landscape)
-    assert found is first and start is given
-    assert not runs
+    for problem in (replace(PROBLEM, only=0), PROBLEM):
+        start, found = with_whole_turn(problem, given, first, landscape)
+        assert found is first and start is given
+    assert runs == [None] * whole_turns.SOLVED_TURNS
+
+
+def test_of_solved_turns_the_one_that_covers_most_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It covers less than another turn before it is solved."""
+    landscape = Landscape(truth=spinning(1, 2 * np.pi), reach=0.7)
+    first = landscape.solution(PROBLEM, REST)
+    covers = iter([3.0, 2.0, 0.0, 0.0, 0.0, 0.0])
+    monkeypatch.setattr(whole_turns, "cover_at", lambda *_: next(covers))
+    start, found = with_whole_turn(PROBLEM, [REST], first, landscape)
+    assert farthest(start[0], landscape.truth) < 0.7
+    assert farthest(found.motions[0], landscape.truth) < 0.1
 
 
 def test_a_turned_start_keeps_what_key_poses_fix() -> None:
