@@ -70,7 +70,7 @@ def remeasured(
         `progress` returned False.
     """
     tasks = [
-        (f"{view.videos.camera}: small balls", partial(_measured_again, found, solution, c))
+        (f"small balls in {view.videos.camera}", partial(_measured_again, found, solution, c))
         for c, view in enumerate(found.views)
     ]
     views = (pool or WorkerPool(1)).do_all(tasks, progress)

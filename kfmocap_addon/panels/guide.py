@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 import bpy
 
+from ..operators.conditions import outside_shot
 from ..properties.section_properties import sections_of
 from ..scene_io import active_performer
 from ..scene_io.review import bone_visibility
@@ -46,11 +48,16 @@ def current_step(context: bpy.types.Context) -> str | None:
     keys = [key_list.known_keys().entries(slot.armature) for slot in shot.performers]
     if any(entries is None for entries in keys):
         return None
-    if any(len(entries) < LEAST_KEYS for entries in keys if entries is not None):
+    if any(len(in_shot(context.scene, entries)) < LEAST_KEYS for entries in keys if entries is not None):
         return "key_poses"
     if all(bone_visibility.is_tracked(slot.armature) for slot in shot.performers):
         return "review"
     return "key_poses" if any(entry.proposed for entries in keys if entries for entry in entries) else "track"
+
+
+def in_shot(scene: bpy.types.Scene, entries: Sequence[key_list.KeyPoseEntry]) -> list[key_list.KeyPoseEntry]:
+    """Return the key poses whose frames are the shot's: others count for nothing in tracking."""
+    return [entry for entry in entries if not outside_shot(scene, entry.frame)]
 
 
 def follow(context: bpy.types.Context) -> None:

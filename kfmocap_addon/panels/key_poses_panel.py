@@ -20,6 +20,7 @@ from ..scene_io.key_pictures import KeyPictures
 from ..session import SESSION
 from ..viewports import key_list
 from . import performer_rows
+from .guide import in_shot
 from .section import FoldedPart, PerformerPart, Section, draw_as_form
 from .texts import draw_hidden, draw_text
 
@@ -166,19 +167,21 @@ def _draw_advice(
         return
     if rows is None:
         return
-    own = [row.frame for row in rows if not row.proposed]
     scene, column = context.scene, layout.column(align=True)
-    if not rows:
+    inside = in_shot(scene, rows)
+    own = [row.frame for row in inside if not row.proposed]
+    if not inside:
         known = any(view.keypoints for view in scene.kfmocap.views)
         others = "From Keypoints below, or" if known else "on the first frame"
-        draw_text(column, context, f"No key pose yet: {others} Place Joints, or Set Key Pose", "INFO")
+        which = f"in the shot yet, {scene.kfmocap.scene_first} to {scene.kfmocap.scene_last}" if rows else "yet"
+        draw_text(column, context, f"No key pose {which}: {others} Place Joints, or Set Key Pose", "INFO")
         if "body" not in sections_of(context).shown:  # folded when the body was added
             column.prop(slot, "height")
         if scene.frame_current != scene.frame_start:
             column.operator(GoToFrame.bl_idname, text="To the First Frame", icon="REW").frame = scene.frame_start
     elif not own:
         draw_text(column, context, "Proposals only: correct them, then accept them, or just track", "INFO")
-    elif len(own) < len(rows):
+    elif len(own) < len(inside):
         draw_text(column, context, "Proposals are left: accept or refuse them, or just track", "INFO")
     elif (far := _open_end(scene, own)) is not None:
         count = "A second" if len(own) == 1 else "One more"

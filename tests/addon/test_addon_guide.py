@@ -87,15 +87,11 @@ def test_proposals_wait_to_be_accepted_or_refused_until_the_shot_is_tracked(tmp_
         assert step() == "track"
 
 
-def test_while_proposals_are_left_nobody_is_sent_to_the_other_end(tmp_path, monkeypatch):
-    original = shot(tmp_path)
-    [man] = original.performers
-    keys = KeyPoses.proposed(man.key_poses.frames, man.key_poses.poses)
-    built = scenes.build_scene(replace(original, performers=(replace(man, key_poses=keys),)), scene=bpy.context.scene)
-    [slot] = built.kfmocap.performers
+def advice_on(slot, monkeypatch):
+    """A function that returns the hint above a performer's key poses."""
     said = []
     monkeypatch.setattr(key_poses_panel, "draw_text", lambda _layout, _context, text, _icon: said.append(text))
-    button = SimpleNamespace(operator=lambda *_, **__: SimpleNamespace())
+    button = SimpleNamespace(operator=lambda *_, **__: SimpleNamespace(), prop=lambda *_: None)
     layout = SimpleNamespace(column=lambda align: button)
 
     def advised():
@@ -103,6 +99,27 @@ def test_while_proposals_are_left_nobody_is_sent_to_the_other_end(tmp_path, monk
         key_poses_panel._draw_advice(layout, bpy.context, slot, key_list.known_keys().entries(slot.armature))
         return said.pop()
 
+    return advised
+
+
+def test_key_poses_that_lie_outside_the_shot_do_not_complete_the_step(tmp_path, monkeypatch):
+    built = scenes.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    advised = advice_on(built.kfmocap.performers[0], monkeypatch)
+    assert step() == "track"
+    built.kfmocap.zero += 1000
+    assert step() == "key_poses"
+    first, last = built.kfmocap.scene_first, built.kfmocap.scene_last
+    assert first > 1000 and advised().startswith(f"No key pose in the shot yet, {first} to {last}:")
+    with pytest.raises(RuntimeError, match="performer man: there is no key pose on the shot's frames"):
+        bpy.ops.kfmocap.track()
+
+
+def test_while_proposals_are_left_nobody_is_sent_to_the_other_end(tmp_path, monkeypatch):
+    original = shot(tmp_path)
+    [man] = original.performers
+    keys = KeyPoses.proposed(man.key_poses.frames, man.key_poses.poses)
+    built = scenes.build_scene(replace(original, performers=(replace(man, key_poses=keys),)), scene=bpy.context.scene)
+    advised = advice_on(built.kfmocap.performers[0], monkeypatch)
     first, second, last = (built.kfmocap.frame_start + int(frame) for frame in keys.frames)
     assert advised().startswith("Proposals only")
     bpy.ops.kfmocap.accept_proposals(frame=first)

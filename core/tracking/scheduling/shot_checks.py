@@ -31,7 +31,11 @@ def check_shot(shot: Shot) -> None:
         raise ShotError(what, where=shot.holds[0].place, todo="use the solver gauss-newton, or remove the hold")
     for performer in shot.performers:
         if not len(performer.key_poses.frames):
-            raise ShotError("there is no key pose", where=f"performer {performer.name}", todo="set one to begin with")
+            raise ShotError(
+                "there is no key pose on the shot's frames",
+                where=f"performer {performer.name}",
+                todo="set one to begin with",
+            )
 
 
 @contextmanager
