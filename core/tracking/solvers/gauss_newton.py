@@ -168,7 +168,7 @@ def refine(
     workspace: Workspace,
     stages: Sequence[DescentStage] = REFINEMENT,
     *,
-    before_repeats: Callable[[SegmentSolution, Workspace], tuple[Motion, ...]] | None = None,
+    repeated: Callable[[SegmentSolution, Workspace], SegmentSolution] | None = None,
 ) -> SegmentSolution:
     """Refine a solution once the motion on both sides of the segment is known.
 
@@ -179,8 +179,8 @@ def refine(
     ----------
     problem, start, workspace, stages
         See `descend`.
-    before_repeats : callable, optional
-        Returns the motions from which the last stage is repeated; by default those of the solution so far.
+    repeated : callable, optional
+        Repeats the last stage from a solution; by default on all frames.
     """
     share = 1 / (1 + MAX_REPEATS)
     found = descend(problem, start, workspace.part(0.0, share), stages)
@@ -188,11 +188,9 @@ def refine(
     for again in range(1, 1 + MAX_REPEATS):
         if found.moved.max() < UNCONVERGED_MOVE:
             break
-        part, motions = workspace.part(again * share, (again + 1) * share), found.motions
+        part = workspace.part(again * share, (again + 1) * share)
         found = found.without_equations()  # those of a long segment are large, and new ones follow
-        if before_repeats is not None:
-            motions, part = before_repeats(found, part.part(0.0, 0.5)), part.part(0.5, 1.0)
-        further = descend(problem, motions, part, stages[-1:])
+        further = descend(problem, found.motions, part, stages[-1:]) if repeated is None else repeated(found, part)
         seconds.add(further.seconds)
         found = continued(found, further)
     return replace(found, seconds=seconds)

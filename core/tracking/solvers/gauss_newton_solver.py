@@ -38,7 +38,7 @@ from .limb_corrections.limb_exchange import with_crossed_limbs_exchanged
 from .limb_corrections.limb_search import can_search_limbs
 from .limb_corrections.local_trials import HELD_FRAMES, Stretch, can_be_parted, stretch_of, stretches_around
 from .limb_corrections.regained_limbs import with_limbs_regained
-from .long_refinement import refine
+from .long_refinement import polished_again, refine
 from .multi_start import best_of_starts, first_solution, with_sides_exchanged
 from .thinned_frames import ThinnedProblem
 
@@ -203,8 +203,11 @@ def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
         at_once = problem.shows_depth and (not problem.doubted or problem.among_others)
         stages = POLISHED_AT_ONCE if at_once else REFINEMENT
         first, found = _refined_and_searched(problem, start, workspace.part(0.0, 0.9), stages)
-        if stages is POLISHED_AT_ONCE and found.motions is first.motions:
-            return found
+        if stages is POLISHED_AT_ONCE:
+            if found.motions is first.motions:
+                return found
+            first, found = first.without_equations(), found.without_equations()  # those of a long segment are large
+            return _after(found, polished_again(problem, first, found.motions, workspace.part(0.9, 1.0)))
     return _after(found, refine(problem, found.motions, workspace.part(0.9, 1.0), POLISH))
 
 

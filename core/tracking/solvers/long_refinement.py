@@ -7,9 +7,10 @@ from dataclasses import replace
 from functools import partial
 
 from ...body.motion import Motion
+from ...numerics.arrays import Bools
 from ...runtime.freed_memory import return_freed_memory
 from . import gauss_newton
-from .descent_stages import REFINEMENT, UNCONVERGED_MOVE, DescentStage
+from .descent_stages import POLISH, REFINEMENT, UNCONVERGED_MOVE, DescentStage
 from .equations.measurement import Workspace
 from .equations.problem import SegmentProblem, SegmentSolution
 from .limb_corrections.local_trials import MAX_SHARE, can_be_parted, stretch_of, stretches_around
@@ -24,28 +25,58 @@ def refine(
     """Refine a solution, as `gauss_newton.refine` does.
 
     The longer a segment, the likelier it is that some limb still moves somewhere. So a long one is refined again around
-    the frames on which a joint moved by more than `UNCONVERGED_MOVE`, while the motion beside them stays, before the
-    last stage is repeated on all frames: most of them are at rest, and it ends by its first evaluation.
+    the frames on which a joint moved by more than `UNCONVERGED_MOVE`, while the motion beside them stays.
     """
     if not can_be_parted(problem):
         return gauss_newton.refine(problem, start, workspace, stages)
-    around = partial(_refined_around, problem, stages[-1:])
-    return gauss_newton.refine(problem, start, workspace, stages, before_repeats=around)
+    repeated = partial(_refined_where_it_moves, problem, stages[-1:])
+    return gauss_newton.refine(problem, start, workspace, stages, repeated=repeated)
+
+
+def polished_again(
+    problem: SegmentProblem, polished: SegmentSolution, motions: Sequence[Motion], workspace: Workspace
+) -> SegmentSolution:
+    """Polish motions; in a long segment, around the frames on which they differ from a solution that is polished.
+
+    Parameters
+    ----------
+    problem : SegmentProblem
+    polished : SegmentSolution
+    motions : sequence of Motion
+        F poses per performer.
+    workspace : Workspace
+    """
+    if not can_be_parted(problem):
+        return refine(problem, motions, workspace, POLISH)
+    differ = gauss_newton.joint_moves(problem, polished.motions, motions) > 0
+    return _refined_around(problem, POLISH, replace(polished, motions=tuple(motions)), differ, workspace)
+
+
+def _refined_where_it_moves(
+    problem: SegmentProblem, stages: Sequence[DescentStage], found: SegmentSolution, workspace: Workspace
+) -> SegmentSolution:
+    return _refined_around(problem, stages, found, found.moved >= UNCONVERGED_MOVE, workspace)
 
 
 def _refined_around(
-    problem: SegmentProblem, stages: Sequence[DescentStage], found: SegmentSolution, workspace: Workspace
-) -> tuple[Motion, ...]:
-    """Return the motions of a solution, refined around the frames on which it moved; the same if these are most."""
-    problem, motions = problem.with_smoothness(found.variances), found.motions
-    moving = found.moved >= UNCONVERGED_MOVE
+    problem: SegmentProblem,
+    stages: Sequence[DescentStage],
+    found: SegmentSolution,
+    moving: Bools,
+    workspace: Workspace,
+) -> SegmentSolution:
+    """Refine a solution around some frames (F,), and then all of it, unless that would move no joint by more than
+    `UNCONVERGED_MOVE`; on all frames at once if these are most of them.
+    """
     stretches = [replace(stretch, held=(True, True)) for stretch in stretches_around(problem, moving)]
     if sum(stretch.last + 1 - stretch.first for stretch in stretches) > MAX_SHARE * problem.length:
-        return motions
+        return gauss_newton.descend(problem, found.motions, workspace, stages)
+    smooth, motions = problem.with_smoothness(found.variances), found.motions
     for k, stretch in enumerate(stretches):
-        workspace.report(k / len(stretches), motions)
+        workspace.report(0.5 * k / len(stretches), motions)
         return_freed_memory(in_cycles=True)
         begin = [motion[stretch.first : stretch.last + 1] for motion in motions]
-        here = gauss_newton.refine(stretch_of(problem, stretch), begin, Workspace(workspace.by), stages)
+        here = gauss_newton.refine(stretch_of(smooth, stretch), begin, Workspace(workspace.by), stages)
         motions = tuple(m.replaced(stretch.first, own) for m, own in zip(motions, here.motions, strict=True))
-    return motions
+    at_rest = [replace(stage, negligible=UNCONVERGED_MOVE) for stage in stages]
+    return gauss_newton.descend(problem, motions, workspace.part(0.5, 1.0), at_rest)

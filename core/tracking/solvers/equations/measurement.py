@@ -110,6 +110,10 @@ class RecentEvidence:
         if self._kept:
             self._forget(CACHED_EVALUATIONS - 1, MAX_EVIDENCE_BYTES - self._kept[-1][2].gradients.H.nbytes)
 
+    def forget(self) -> None:
+        """Forget all evaluations."""
+        self._kept.clear()
+
     def _forget(self, most: int, nbytes: int) -> None:
         while len(self._kept) > most or self._nbytes() > nbytes:
             self._kept.popleft()

@@ -91,25 +91,129 @@ def with_limbs_found(
     ratios : sequence of ViewRatios, optional
         What the views show of one of several performers, if it is known (`views_of`).
     """
-    alone, i = problem.alone(group.performer), group.performer
+    alone = problem.alone(group.performer)
     thinned = None if problem.among_others else ThinnedProblem.of(alone, solution.motions)
     thinned = thinned or ThinnedProblem.with_all(alone)
-    if ratios is None:  # the others stay where they are
-        ratios = views_of(thinned.problem, thinned.of_motions(solution.motions), i)
-    best, vain, settled = solution, 0, None
-    for turn in range(1 + MAX_SEARCH_ROUNDS):
-        found = _proposed(thinned, best.motions, group, turn, ratios)
-        if found is None:
-            break
-        if settled is None:
-            settled = known.after(alone, solution, workspace.silent())
-            best = settled.solution
-        there = _likelier(alone, settled.noise, best, group, found, workspace=workspace.silent())
-        best, vain = (best, vain + 1) if there is None else (there, 0)
-        if vain == (1 if problem.among_others else MAX_VAIN_ROUNDS):
-            break
-    if settled is None or best is settled.solution:
+    search = _GroupSearch(thinned, group, workspace.silent(), only_elsewhere=alone.among_others)
+    settled, best = search.likeliest(solution, known, ratios)
+    return solution if settled is None else _if_likelier(problem, solution, group, settled, best)
+
+
+def likeliest_found(
+    problem: SegmentProblem, solution: SegmentSolution, group: LimbGroup, workspace: Workspace
+) -> SegmentSolution | None:
+    """Search for a group of limbs as `with_limbs_found` does, and return the likeliest solution, however little it
+    gains; None if the limbs are nowhere else in it. A round that leads back to where they were is in vain. Parameters
+    as there.
+    """
+    thinned = ThinnedProblem.with_all(problem.alone(group.performer))
+    search = _GroupSearch(thinned, group, workspace.silent(), only_elsewhere=True)
+    settled, best = search.likeliest(solution, SettledSolutions())
+    return None if settled is None or best is settled.solution else best
+
+
+def with_limbs_moved(
+    problem: SegmentProblem,
+    solution: SegmentSolution,
+    group: LimbGroup,
+    motions: Sequence[Motion],
+    workspace: Workspace,
+) -> SegmentSolution:
+    """Solve from motions with limbs elsewhere, and return that if it is likelier, as `with_limbs_found` does."""
+    alone = problem.alone(group.performer)
+    settled = SettledSolution.after(alone, solution, workspace.silent())
+    there = solved_from(alone, motions, settled.noise, workspace.silent())
+    rival = likelihood(alone, settled.noise, settled.solution) + least_gain(problem)
+    there = settled_further(alone, settled.noise, there, workspace.silent(), rival=rival)
+    return _if_likelier(problem, solution, group, settled, there)
+
+
+@dataclass(frozen=True, eq=False)
+class _GroupSearch:
+    """The rounds of the search for a group of limbs.
+
+    Attributes
+    ----------
+    thinned : ThinnedProblem
+        The problem of the limbs' performer alone, and the frames on which poses are drawn.
+    group : LimbGroup
+    workspace : Workspace
+    only_elsewhere : bool
+        Whether a round is in vain that leads the limbs back to where they were: they would stay there.
+    """
+
+    thinned: ThinnedProblem
+    group: LimbGroup
+    workspace: Workspace
+    only_elsewhere: bool
+
+    def likeliest(
+        self, solution: SegmentSolution, known: SettledSolutions, ratios: Sequence[ViewRatios] | None = None
+    ) -> tuple[SettledSolution | None, SegmentSolution]:
+        """Search round after round, and return the solution, solved further, and the likeliest one; none of the first
+        if the limbs are found where they are. Parameters as in `with_limbs_found`.
+        """
+        alone, thinned = self.thinned.whole, self.thinned
+        if ratios is None:  # the others stay where they are
+            ratios = views_of(thinned.problem, thinned.of_motions(solution.motions), self.group.performer)
+        best, vain, settled = solution, 0, None
+        for turn in range(1 + MAX_SEARCH_ROUNDS):
+            found = _proposed(thinned, best.motions, self.group, turn, ratios)
+            if found is None:
+                break
+            if settled is None:
+                settled = known.after(alone, solution, self.workspace)
+                best = settled.solution
+            there = self._likelier(settled.noise, best, found)
+            best, vain = (best, vain + 1) if there is None else (there, 0)
+            if vain == (1 if alone.among_others else MAX_VAIN_ROUNDS):
+                break
+        return settled, best
+
+    def _likelier(self, noise: SegmentNoise, best: SegmentSolution, found: Motion) -> SegmentSolution | None:
+        """Solve with limbs where they were found, until they are at rest; None if that is in vain.
+
+        Where they are elsewhere on few frames, it is solved on these and those beside them first, while the motion of
+        the others stays.
+        """
+        alone, group, workspace = self.thinned.whole, self.group, self.workspace
+        i = group.performer
+        away = _elsewhere(alone, group, best.motions[i], found)
+        moved = Motion(
+            found.translations, np.where(away[:, None, None, None], found.rotations, best.motions[i].rotations)
+        )
+        motions = with_motion(best.motions, i, found)
+        local = LocalTrial.around(alone, noise, best.motions, with_motion(best.motions, i, moved))
+        if local is not None:
+            here = solved_from(local.problem, local.of(best.motions), local.noise, workspace)
+            there = solved_from(local.problem, local.of(with_motion(best.motions, i, moved)), local.noise, workspace)
+            if (
+                likelihood(local.problem, local.noise, there)
+                <= likelihood(local.problem, local.noise, here) + RESTING_GAIN
+            ):
+                return None
+            motions = local.within(best.motions, there.motions)
+        rival = likelihood(alone, noise, best) + min(RESTING_GAIN, least_gain(alone))
+        there = solved_from(alone, motions, noise, workspace)
+        if self.only_elsewhere and not _elsewhere(alone, group, best.motions[i], there.motions[i]).any():
+            return None
+        there = settled_further(alone, noise, there, workspace, rival=rival)
+        return there if likelihood(alone, noise, there) > rival else None
+
+
+def _if_likelier(
+    problem: SegmentProblem,
+    solution: SegmentSolution,
+    group: LimbGroup,
+    settled: SettledSolution,
+    best: SegmentSolution,
+) -> SegmentSolution:
+    """Return a solution, continued by the best one if limbs of the group are elsewhere in that and it is likelier than
+    the solution, solved further, by the `least_gain`.
+    """
+    if best is settled.solution:
         return solution
+    alone, i = problem.alone(group.performer), group.performer
     gain = likelihood(alone, settled.noise, best) - likelihood(alone, settled.noise, settled.solution)
     moved = contradicted(problem) or _elsewhere(alone, group, settled.solution.motions[i], best.motions[i]).any()
     if gain <= least_gain(problem) or not moved:
@@ -175,40 +279,6 @@ def _elsewhere(alone: SegmentProblem, group: LimbGroup, before: Motion, after: M
         return np.ones(alone.length, bool)
     long = max(2, round(MIN_DURATION * alone.fps))
     return group.frames_elsewhere(alone.bodies[group.performer], before, after, long)
-
-
-def _likelier(
-    alone: SegmentProblem,
-    noise: SegmentNoise,
-    best: SegmentSolution,
-    group: LimbGroup,
-    found: Motion,
-    *,
-    workspace: Workspace,
-) -> SegmentSolution | None:
-    """Solve with limbs where they were found, until they are at rest; None if that makes the images no likelier, or
-    leads the limbs of one of several performers back to where they were: they would stay there.
-
-    Where they are elsewhere on few frames, it is solved on these and those beside them first, while the motion of the
-    others stays.
-    """
-    i = group.performer
-    away = _elsewhere(alone, group, best.motions[i], found)
-    moved = Motion(found.translations, np.where(away[:, None, None, None], found.rotations, best.motions[i].rotations))
-    motions = with_motion(best.motions, i, found)
-    local = LocalTrial.around(alone, noise, best.motions, with_motion(best.motions, i, moved))
-    if local is not None:
-        here = solved_from(local.problem, local.of(best.motions), local.noise, workspace)
-        there = solved_from(local.problem, local.of(with_motion(best.motions, i, moved)), local.noise, workspace)
-        if likelihood(local.problem, local.noise, there) <= likelihood(local.problem, local.noise, here) + RESTING_GAIN:
-            return None
-        motions = local.within(best.motions, there.motions)
-    rival = likelihood(alone, noise, best) + min(RESTING_GAIN, least_gain(alone))
-    there = solved_from(alone, motions, noise, workspace)
-    if alone.among_others and not _elsewhere(alone, group, best.motions[i], there.motions[i]).any():
-        return None
-    there = settled_further(alone, noise, there, workspace, rival=rival)
-    return there if likelihood(alone, noise, there) > rival else None
 
 
 def continued_where_likelier(

@@ -28,15 +28,22 @@ from ..assessment.limb_signs import (
 )
 from ..assessment.settled_solutions import SettledSolutions
 from ..assessment.solution_doubts import others_hide
-from ..assessment.solution_ranking import likelihood, likelihood_decides
+from ..assessment.solution_ranking import likelihood_decides
 from ..descent_stages import COARSE_RESTART, SETTLED
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
-from ..gauss_newton import continued, descend
+from ..gauss_newton import descend
 from ..limb_evidence.limb_support import SupportOfLimb, evaluated, support_of_limbs
 from ..thinned_frames import ThinnedProblem
 from ..view_subsets import views_in_sight
-from .limb_groups import LimbGroup, continued_where_likelier, contradicted, least_gain, solved_from, with_limbs_found
+from .limb_groups import (
+    LimbGroup,
+    continued_where_likelier,
+    contradicted,
+    likeliest_found,
+    with_limbs_found,
+    with_limbs_moved,
+)
 from .limb_search import views_of
 from .local_trials import Stretch, is_long, stretch_of, stretches_around
 from .swivelled_limbs import with_limbs_swivelled
@@ -57,29 +64,12 @@ def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, work
     seconds = Seconds(solution.seconds)
     with seconds.measure("initial solution"):
         support = _support_of(problem, solution)
-        groups, known = suspected_groups(problem, solution, support), SettledSolutions()
+        groups = suspected_groups(problem, solution, support)
         if stretches := _stretches_of(problem, groups, support):
-            motions = _found_in_stretches(problem, solution.motions, stretches, workspace)
-            solution = _if_likelier(problem, solution, motions, known, workspace)
+            solution = _searched_in_stretches(problem, solution, stretches, workspace)
         else:
-            solution = _searched(problem, solution, groups, known, workspace)
+            solution = _searched(problem, solution, groups, SettledSolutions(), workspace)
     return replace(solution, seconds=dict(seconds))
-
-
-def _if_likelier(
-    problem: SegmentProblem,
-    solution: SegmentSolution,
-    motions: Sequence[Motion],
-    known: SettledSolutions,
-    workspace: Workspace,
-) -> SegmentSolution:
-    """Solve from motions, and return that if it is likelier than a solution, otherwise the solution."""
-    if motions is solution.motions:
-        return solution
-    first = known.after(problem, solution, workspace)
-    there = solved_from(problem, motions, first.noise, workspace)
-    gain = likelihood(problem, first.noise, there) - likelihood(problem, first.noise, first.solution)
-    return continued(solution, there) if gain > least_gain(problem) else solution
 
 
 def _stretches_of(
@@ -99,24 +89,48 @@ def _stretches_of(
     return found
 
 
-def _found_in_stretches(
+def _searched_in_stretches(
     problem: SegmentProblem,
-    motions: tuple[Motion, ...],
+    solution: SegmentSolution,
     stretches: Sequence[tuple[LimbGroup, Sequence[Stretch]]],
     workspace: Workspace,
-) -> tuple[Motion, ...]:
-    """Search for groups of limbs on ranges of frames; return the motions, the same ones if nothing is found."""
-    found = motions
+) -> SegmentSolution:
+    """Search for groups of limbs on ranges of frames, and keep what makes the images likelier there; the solution
+    carries no evidence then.
+    """
+    workspace.recent.forget()  # the evaluations of a long segment are large
+    found = solution.motions
     for k, (group, ranges) in enumerate(stretches):
         for n, stretch in enumerate(ranges):
-            workspace.report((k + n / len(ranges)) / len(stretches), motions)
-            own, inner = stretch_of(problem, stretch), Workspace(workspace.by)
+            workspace.report((k + n / len(ranges)) / len(stretches), found)
             return_freed_memory(in_cycles=True)
-            here = _measured(own, [motion[stretch.first : stretch.last + 1] for motion in found], inner)
-            there = with_limbs_found(own, here, group, SettledSolutions(), inner)
-            if there.motions is not here.motions:
-                found = tuple(m.replaced(stretch.first, n) for m, n in zip(found, there.motions, strict=True))
-    return found
+            here = tuple(motion[stretch.first : stretch.last + 1] for motion in found)
+            there = _found_there(stretch_of(problem, stretch), here, group, workspace)
+            if there is not here:
+                found = tuple(m.replaced(stretch.first, own) for m, own in zip(found, there, strict=True))
+    return solution if found is solution.motions else replace(solution, motions=found, evidence=None)
+
+
+def _found_there(
+    problem: SegmentProblem, motions: tuple[Motion, ...], group: LimbGroup, workspace: Workspace
+) -> tuple[Motion, ...]:
+    """Search for a group of limbs on the frames of a stretch, and return the motions, the same ones if none is found.
+
+    Where frames follow each other closely, rounds are made on some of them: most are in vain. What is likelier on these
+    is solved for, and judged, on all, where more is to be gained.
+    """
+    inner = Workspace(workspace.by)
+    thinned = ThinnedProblem.of(problem, motions)
+    if thinned is None:
+        return with_limbs_found(problem, _measured(problem, motions, inner), group, SettledSolutions(), inner).motions
+    few = _measured(thinned.problem, tuple(thinned.of_motions(motions)), inner)
+    found = likeliest_found(thinned.problem, few, group, inner)
+    if found is None:
+        return motions
+    inner = Workspace(workspace.by)
+    return with_limbs_moved(
+        problem, _measured(problem, motions, inner), group, thinned.interpolated(found.motions), inner
+    ).motions
 
 
 def _measured(problem: SegmentProblem, motions: Sequence[Motion], workspace: Workspace) -> SegmentSolution:

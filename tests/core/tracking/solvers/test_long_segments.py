@@ -20,7 +20,13 @@ from kfmocap.core.tracking.solvers import gauss_newton_solver, long_refinement
 from kfmocap.core.tracking.solvers.assessment import solution_doubts
 from kfmocap.core.tracking.solvers.assessment.limb_signs import frames_weakly_shown
 from kfmocap.core.tracking.solvers.assessment.solution_doubts import frames_in_doubt
-from kfmocap.core.tracking.solvers.descent_stages import POLISHED_AT_ONCE, SETTLED, UNCONVERGED_MOVE, DescentStage
+from kfmocap.core.tracking.solvers.descent_stages import (
+    POLISH,
+    POLISHED_AT_ONCE,
+    SETTLED,
+    UNCONVERGED_MOVE,
+    DescentStage,
+)
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.equations.segment_equations import SegmentNoise
@@ -45,6 +51,7 @@ BODY, FPS, LONG = human(), 30.0, 300
 LIMBS, PAIR = limbs(BODY), limb_pairs(BODY)[0]
 BESIDE = HELD_FRAMES + round(ADAPTATION_TIME * FPS)
 SAMPLING = Sampling(1.0, 1.0, 2, 0.07)
+AT_REST = [replace(POLISH[0], iterations=POLISHED_AT_ONCE[-1].iterations, negligible=UNCONVERGED_MOVE)]
 
 
 def seen(frames: int, every: int = 1) -> SegmentProblem:
@@ -231,14 +238,45 @@ def test_in_a_long_segment_a_weakly_shown_limb_is_searched_for_around_that_momen
     monkeypatch.setattr(regained_limbs, "refuted_limbs", lambda *_: [])
     monkeypatch.setattr(regained_limbs, "_measured", solved)
     monkeypatch.setattr(regained_limbs, "with_limbs_found", searched)
-    monkeypatch.setattr(
-        regained_limbs, "_if_likelier", lambda _problem, one, motions, *_: replace(one, motions=tuple(motions))
-    )
     end = regained_limbs.with_limbs_regained(problem, begin, Workspace())
     assert asked == [LimbGroup(0, (PAIR[0],))]
+    assert (end.evidence is None) == found, "it would be that of other motions"
     moved = np.abs(end.motions[0].difference(rest)).max(axis=1) > 0.01
     assert moved[95:115].all() == found
     assert not moved[: 100 - BESIDE - 10].any() and not moved[110 + BESIDE + 10 :].any()
+
+
+@pytest.mark.parametrize("found", [True, False])
+def test_where_frames_follow_each_other_closely_rounds_are_made_on_some_of_them(
+    monkeypatch: pytest.MonkeyPatch, found: bool
+) -> None:
+    """Only what they find is solved for on all frames."""
+    problem, rest, turned = seen(LONG, 3), at_rest(BODY, LONG), 0.1 * np.ones(BODY.dof)
+    made: list[int] = []
+
+    def measured(_: SegmentProblem, motions: Sequence[Motion], __: object) -> SegmentSolution:
+        return replace(Landscape(truth=rest).solution(problem, rest), motions=tuple(motions))
+
+    def rounds(few: SegmentProblem, solution: SegmentSolution, *_: object) -> SegmentSolution | None:
+        made.append(few.length)
+        [kept] = solution.motions
+        return replace(solution, motions=(kept.moved(turned * np.ones((len(kept), 1))),)) if found else None
+
+    def moved(
+        _: SegmentProblem, solution: SegmentSolution, __: object, motions: Sequence[Motion], ___: object
+    ) -> SegmentSolution:
+        made.append(len(motions[0]))
+        assert solution.motions[0] is rest
+        return replace(solution, motions=tuple(motions))
+
+    monkeypatch.setattr(regained_limbs, "_measured", measured)
+    monkeypatch.setattr(regained_limbs, "likeliest_found", rounds)
+    monkeypatch.setattr(regained_limbs, "with_limbs_moved", moved)
+    [end] = regained_limbs._found_there(problem, (rest,), LimbGroup(0, (PAIR[0],)), Workspace())
+    some, *everything = made
+    assert some < 0.6 * LONG and everything == [LONG] * found and (end is rest) != found
+    if found:
+        np.testing.assert_allclose(rest.difference(end), np.tile(turned, (LONG, 1)), atol=1e-3)
 
 
 @pytest.mark.parametrize("better", [True, False])
@@ -272,7 +310,9 @@ def test_a_change_of_a_moment_is_solved_for_on_all_frames_only_if_it_is_better_t
 def test_a_long_segment_is_refined_again_only_around_frames_on_which_a_joint_still_moves(
     monkeypatch: pytest.MonkeyPatch, wide: bool
 ) -> None:
-    """Unless these are most of its frames; the last stage ends it on all frames either way."""
+    """Unless these are most of its frames. The last stage ends it on all frames either way, and goes on with what is
+    still far off only.
+    """
     problem, rest = seen(LONG), at_rest(BODY, LONG)
     moving = np.where(some_frames(LONG, (10, 290) if wide else (100, 104)), 2 * UNCONVERGED_MOVE, 0.0)
     asked: list[tuple[int, Sequence[DescentStage]]] = []
@@ -290,8 +330,30 @@ def test_a_long_segment_is_refined_again_only_around_frames_on_which_a_joint_sti
     monkeypatch.setattr(long_refinement.gauss_newton, "descend", descended)
     found = long_refinement.refine(problem, [rest], Workspace(), POLISHED_AT_ONCE)
     last = POLISHED_AT_ONCE[-1:]
-    around = [] if wide else [(5 + 2 * BESIDE, last)]
-    assert asked == [(LONG, POLISHED_AT_ONCE), *around, (LONG, last)]
+    again = [(LONG, last)] if wide else [(5 + 2 * BESIDE, last), (LONG, AT_REST)]
+    assert asked == [(LONG, POLISHED_AT_ONCE), *again]
     changed = np.flatnonzero(rest.difference(found.motions[0]).any(axis=1))
     kept = [] if wide else np.arange(100 - BESIDE + HELD_FRAMES, 105 + BESIDE - HELD_FRAMES)
     np.testing.assert_array_equal(changed, kept)
+
+
+@pytest.mark.parametrize("rate", [1, 40])
+def test_a_limb_that_was_found_in_a_polished_segment_is_polished_around_that_moment(
+    monkeypatch: pytest.MonkeyPatch, rate: int
+) -> None:
+    problem, rest = seen(LONG, rate), at_rest(BODY, LONG)
+    polished = replace(Landscape(truth=rest).solution(problem, rest), motions=(rest,), variances=())
+    found = rest.moved(np.where(some_frames(LONG, (100, 104))[:, None], 0.2, 0.0) * np.ones(BODY.dof))
+    asked: list[tuple[int, Sequence[DescentStage]]] = []
+
+    def descended(own: SegmentProblem, start: Sequence[Motion], _: object, stages: Sequence[DescentStage]) -> Any:
+        asked.append((own.length, stages))
+        return replace(polished, motions=tuple(start), moved=np.zeros(own.length))
+
+    monkeypatch.setattr(long_refinement.gauss_newton, "descend", descended)
+    end = long_refinement.polished_again(problem, polished, [found], Workspace())
+    np.testing.assert_array_equal(end.motions[0].rotations, found.rotations)
+    if is_long(problem):
+        assert asked == [(5 + 2 * BESIDE, POLISH), (LONG, [replace(POLISH[0], negligible=UNCONVERGED_MOVE)])]
+    else:
+        assert asked == [(LONG, POLISH)]

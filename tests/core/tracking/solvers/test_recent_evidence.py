@@ -58,3 +58,5 @@ def test_what_would_have_to_go_can_go_before_the_next_is_measured(monkeypatch: p
         recent.keep((name,), [POSES], no_evidence(1, 3, 2))
     recent.make_room()
     assert [recent.evidence((name,), [POSES]) is not None for name in ("first", "second")] == [False, True]
+    recent.forget()
+    assert recent.evidence(("second",), [POSES]) is None

@@ -23,6 +23,12 @@ BODY, CAMERA = figure(), look_at("front", (0.0, -3.0, 1.0))
 PROBLEM = SegmentProblem((), (BODY,), 0, 30.0, (ends_held(BODY, 5),))
 
 
+def solution(motions: Sequence[Motion]) -> Any:
+    found = SimpleNamespace(motions=tuple(motions), seconds={})
+    found.without_equations = lambda: found
+    return found
+
+
 @pytest.mark.parametrize(
     ("views", "performers", "doubted", "elsewhere", "made"),
     [
@@ -51,10 +57,10 @@ def test_several_performers_and_what_nothing_contradicted_are_polished_as_they_a
         _problem: SegmentProblem, start: Sequence[Motion], _workspace: Workspace, stages: Sequence[DescentStage]
     ) -> Any:
         asked.append(stages)
-        return SimpleNamespace(motions=tuple(start), seconds={})
+        return solution(start)
 
     def searched(_problem: SegmentProblem, found: Any, _workspace: Workspace) -> Any:
-        return SimpleNamespace(motions=(at_rest(BODY, 5),) if elsewhere else found.motions, seconds={})
+        return solution([at_rest(BODY, 5)] if elsewhere else found.motions)
 
     monkeypatch.setattr(gauss_newton, "refine", descended)
     monkeypatch.setattr(gauss_newton_solver, "can_search_limbs", lambda _: True)

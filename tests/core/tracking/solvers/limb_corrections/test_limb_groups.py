@@ -13,11 +13,18 @@ from kfmocap.core.body.limbs import limb_pairs
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.solvers.assessment.settled_solutions import SettledSolution, SettledSolutions
+from kfmocap.core.tracking.solvers.assessment.solution_ranking import RESTING_GAIN
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.equations.segment_equations import SegmentNoise
 from kfmocap.core.tracking.solvers.limb_corrections import limb_groups
-from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import LEAST_GAIN, LimbGroup, with_limbs_found
+from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import (
+    LEAST_GAIN,
+    LimbGroup,
+    likeliest_found,
+    with_limbs_found,
+    with_limbs_moved,
+)
 from kfmocap.core.tracking.solvers.limb_corrections.local_trials import ADAPTATION_TIME, HELD_FRAMES
 from kfmocap.core.tracking.solvers.limb_corrections.search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
 from kfmocap.core.tracking.solvers.thinned_frames import ThinnedProblem
@@ -79,6 +86,11 @@ class World:
 
     def after(self, monkeypatch: pytest.MonkeyPatch, problem: SegmentProblem, group: LimbGroup) -> SegmentSolution:
         """Search for a group of limbs, from a solution at rest."""
+        begin = self.begun(monkeypatch, problem)
+        return with_limbs_found(problem, begin, group, SettledSolutions(), Workspace())
+
+    def begun(self, monkeypatch: pytest.MonkeyPatch, problem: SegmentProblem) -> SegmentSolution:
+        """Put this world in the place of the images, and return a solution at rest."""
         rest = [at_rest(BODY, problem.length)] * len(problem.bodies)
         begin = Landscape(truth=rest[0]).solution(seen_by(2, problem.length), rest[0])
         begin = replace(begin, motions=tuple(rest))
@@ -99,7 +111,8 @@ class World:
         monkeypatch.setattr(limb_groups, "settled_further", self.settled_further)
         monkeypatch.setattr(limb_groups, "likelihood", lambda _p, _n, one: self.likelihood[angles(one.motions[0])])
         monkeypatch.setattr(SettledSolutions, "after", settled)
-        return with_limbs_found(problem, begin, group, SettledSolutions(), Workspace())
+        monkeypatch.setattr(SettledSolution, "after", settled)
+        return begin
 
 
 ONE, BOTH = LimbGroup(0, (PAIR[0],)), LimbGroup(0, PAIR)
@@ -155,6 +168,31 @@ def test_where_frames_follow_each_other_closely_a_limb_is_drawn_on_some_of_them_
     np.testing.assert_allclose(turned_by[3:13], 0.9, atol=0.1)
     others = np.setdiff1d(np.arange(len(BODY)), PAIR[0][0])
     np.testing.assert_array_equal(found.rotations[:, others], at_rest(BODY, problem.length).rotations[:, others])
+
+
+@pytest.mark.parametrize("gain", [-MUCH, 2 * RESTING_GAIN, MUCH])
+def test_the_likeliest_limb_is_returned_however_little_it_gains(monkeypatch: pytest.MonkeyPatch, gain: float) -> None:
+    world, problem = World({(0, 0): 0.0, (9, 0): gain, (18, 0): -MUCH}, PAIR[:1]), seen_by(2)
+    found = likeliest_found(problem, world.begun(monkeypatch, problem), ONE, Workspace())
+    assert (None if found is None else angles(found.motions[0])) == (None if gain < 0 else (9, 0))
+
+
+def test_where_the_likeliest_limb_is_sought_a_round_that_leads_back_is_in_vain(monkeypatch: pytest.MonkeyPatch) -> None:
+    world, problem = World(defaultdict(lambda: MUCH, {(0, 0): 0.0}), PAIR[:1], back=-0.85), seen_by(2)
+    assert likeliest_found(problem, world.begun(monkeypatch, problem), ONE, Workspace()) is None
+    assert len(world.tried) == MAX_VAIN_ROUNDS and not world.further
+
+
+@pytest.mark.parametrize("gain", [LEAST_GAIN / 2, MUCH])
+def test_a_limb_that_was_found_on_some_frames_is_moved_by_what_it_gains_on_all(
+    monkeypatch: pytest.MonkeyPatch, gain: float
+) -> None:
+    world, problem = World({(0, 0): 0.0, (9, 0): gain}), seen_by(2)
+    begin = world.begun(monkeypatch, problem)
+    elsewhere = [turned(begin.motions[0], PAIR[0], angle=0.9)]
+    found = with_limbs_moved(problem, begin, ONE, elsewhere, Workspace())
+    assert angles(found.motions[0]) == ((9, 0) if gain > LEAST_GAIN else (0, 0))
+    assert world.tried == [(9, 0)] and world.further
 
 
 def test_the_search_ends_after_some_rounds_though_each_gains(monkeypatch: pytest.MonkeyPatch) -> None:
