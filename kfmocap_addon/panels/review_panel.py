@@ -111,10 +111,11 @@ def _draw_plants(column: bpy.types.UILayout, context: bpy.types.Context) -> None
         row.operator(ForgetPlantEdits.bl_idname, text="", icon="X")
     for name in slot.plants_found.split():
         row = column.row(align=True)
-        place = row.split(factor=0.2, align=True)
-        place.label(text=name)
+        label = row.column()
+        label.ui_units_x = LABEL_UNITS
+        label.label(text=name)
         plants = [(plant.first, plant.last) for plant in slot.plants if plant.name == name]
-        _draw_bar(place, plants, (properties.frame_start, properties.frame_start + properties.length - 1))
+        _draw_bar(row, plants, (properties.frame_start, properties.frame_start + properties.length - 1))
         for planted, icon in ((True, "ADD"), (False, "REMOVE")):
             button = row.operator(SetPlant.bl_idname, text="", icon=icon)
             button.point, button.planted = name, planted
@@ -126,6 +127,8 @@ def _draw_plants(column: bpy.types.UILayout, context: bpy.types.Context) -> None
 
 LEAST_SHARE = 0.04
 """Least share of a bar that a plant takes up, as a button of less cannot be seen."""
+LABEL_UNITS = 2.6
+"""Width of the point's name before it, which a share of the row would cut off in a narrow sidebar."""
 BAR_UNITS = 5.0
 """Width that a bar asks for, in units of the interface; it is drawn as wide as there is room."""
 
