@@ -87,6 +87,19 @@ def test_tracking_again_replaces_tracked_keys_alone():
     assert key_pose_curves.read_key_poses(armature, START, FRAMES).frames.tolist() == KEYS
 
 
+def test_key_poses_of_the_trackers_type_are_the_animators_as_blender_lets_them_choose_it():
+    armature = build()
+    for curve in all_curves(armature).values():
+        for key in curve.keyframe_points:
+            key.type = "GENERATED"
+    before = {k: fcurves.get_keys(c)["co"] for k, c in all_curves(armature).items()}
+    for _ in range(2):  # before and after tracking
+        assert key_pose_curves.read_key_poses(armature, START, FRAMES).frames.tolist() == KEYS
+        motion_curves.write_motion(armature, motion(FRAMES, seed=7), START)
+        for k, c in all_curves(armature).items():
+            assert np.array_equal(fcurves.get_keys(c)["co"][KEYS], before[k])
+
+
 def test_proposals_are_breakdowns_and_hold_nothing():
     armature = build(key_frames=[])
     motion_curves.write_motion(armature, motion(FRAMES), START, START + np.array([2, 7]))

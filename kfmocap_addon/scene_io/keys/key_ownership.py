@@ -1,7 +1,7 @@
 """Which keys are the animator's, and which the tracker wrote.
 
-Keys of the type GENERATED that have the value which the tracker wrote are the tracker's; every other key is the
-animator's. Keys of the type BREAKDOWN are the tracker's, too, while they have that value: key poses that it proposes.
+Keys of the type GENERATED that have the value which the tracker wrote are the tracker's, and those of channels that it
+did not record, such as of bones that were renamed, if it recorded others; every other key is the animator's. Keys of the type BREAKDOWN are the tracker's, too, while they have that value: key poses that it proposes.
 """
 
 from __future__ import annotations
@@ -103,7 +103,8 @@ def are_animators(
     differ = (np.abs(places[:, 0] - frames) > _SAME_FRAME) | (places[:, 1] != written)
     proposed = types == fcurves.enum_value("type", PROPOSAL)
     generated = types == fcurves.enum_value("type", "GENERATED")
-    own = np.where(tracked, ~(generated | proposed) | differ, ~generated)
+    # Without any record the tracker has written nothing: animators may choose its type for their keys, too.
+    own = np.where(tracked, ~(generated | proposed) | differ, ~generated | (not record.values))
     return np.split(own, np.cumsum(counts)[:-1])
 
 
