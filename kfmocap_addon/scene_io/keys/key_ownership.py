@@ -1,7 +1,8 @@
 """Which keys are the animator's, and which the tracker wrote.
 
 Keys of the type GENERATED that have the value which the tracker wrote are the tracker's, and those of channels that it
-did not record, such as of bones that were renamed, if it recorded others; every other key is the animator's. Keys of the type BREAKDOWN are the tracker's, too, while they have that value: key poses that it proposes.
+did not record, such as of bones that were renamed, if it recorded others; every other key is the animator's. Keys of
+the type BREAKDOWN are the tracker's, too, while they have that value: key poses that it proposes.
 """
 
 from __future__ import annotations
