@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import CalibrationError
 from ..numerics.arrays import Array, Bools
+from .lens_turns import split, zooming
 
 _MIN_DEPTH = 0.5  # metres before the camera: nearer points have the scale of this distance
 _SAME_PLACE = 1e-4
@@ -43,6 +44,9 @@ class Camera:
     t_cam_world : ndarray, shape (N, 3)
         World to camera translation, metres.
     fisheye : bool
+    zooms : ndarray, shape (N,), optional
+        How many times as long as in the matrix the focal lengths are at each of the poses; 1 by default. Pictures are
+        shown as by the shortest of them, see `rectified`.
     """
 
     name: str
@@ -52,6 +56,7 @@ class Camera:
     R_cam_world: Array
     t_cam_world: Array
     fisheye: bool = False
+    zooms: Array | None = None
 
     @classmethod
     def create(
@@ -114,23 +119,25 @@ class Camera:
 
     @property
     def stands_still(self) -> bool:
-        """Whether all its poses, one or one per frame, are the same."""
-        return not (np.ptp(self.R_cam_world, axis=0).any() or np.ptp(self.t_cam_world, axis=0).any())
+        """Whether all its poses, one or one per frame, are the same, and it does not zoom."""
+        moves = np.ptp(self.R_cam_world, axis=0).any() or np.ptp(self.t_cam_world, axis=0).any()
+        return self.zooms is None and not moves
 
     def standing(self) -> Camera | None:
-        """Return the camera with the one of its poses to which all its pictures can be turned; None if it stands still,
-        or moves from its place, or turns farther than `MAX_TURN_SHARE`.
+        """Return the camera with the one of its poses to which all its pictures can be turned, and without zooms; None
+        if it stands still, or moves from its place, or turns farther than `MAX_TURN_SHARE`.
         """
         if self.stands_still or np.ptp(self.centres_world(0, len(self.R_cam_world)), axis=0).max() > _SAME_PLACE:
             return None
         axes = self.R_cam_world[:, 2]
         middle = int(np.argmax(axes @ axes.mean(axis=0)))
-        stood = replace(self, R_cam_world=self.R_cam_world[[middle]], t_cam_world=self.t_cam_world[[middle]])
-        way = self.displacements(self.turns_to(stood)).max()
+        stood = self.unzoomed()
+        stood = replace(stood, R_cam_world=self.R_cam_world[[middle]], t_cam_world=self.t_cam_world[[middle]])
+        way = self.displacements(stood.R_cam_world[0] @ np.swapaxes(self.R_cam_world, 1, 2)).max()
         return stood if way <= MAX_TURN_SHARE * max(self.size) else None
 
     def displacements(self, turns: Array) -> Array:
-        """Return how far rotations of its axes (N, 3, 3) displace its picture, without distortion: on average over the
+        """Return how far turns of its axes (N, 3, 3) displace its picture, without distortion: on average over the
         corners, the middles of the edges and the centre, pixels, shape (N,); infinite where one comes to lie behind it.
         """
         width, height = self.size
@@ -141,14 +148,37 @@ class Camera:
         return np.where((turned[..., 2] > 0).all(axis=1), way, np.inf)
 
     def turns_to(self, other: Camera) -> Array:
-        """Return the rotations, shape (N, 3, 3), from its axes at each of its poses to those of a camera that stands
-        still.
+        """Return the turns, shape (N, 3, 3), from its axes at each of its poses to those of a camera that stands still;
+        zooms are undone.
         """
-        return np.asarray(other.R_cam_world[0] @ np.swapaxes(self.R_cam_world, 1, 2))
+        rotations = np.asarray(other.R_cam_world[0] @ np.swapaxes(self.R_cam_world, 1, 2))
+        undone = self.unzooming(range(len(rotations)))
+        return rotations if undone is None else rotations @ undone
+
+    def turns_since(self, other: Camera) -> Array:
+        """Return the turns, shape (N, 3, 3), from a camera that stands still to its axes at each of its poses, and its
+        zooms; the inverse of `turned`.
+        """
+        rotations = np.asarray(self.R_cam_world @ other.R_cam_world[0].T)
+        return rotations if self.zooms is None else zooming(self.zooms) @ rotations
+
+    def unzooming(self, frames: Sequence[int]) -> Array | None:
+        """Return the turns, shape (n, 3, 3), that undo its zooms on some shot frames; None if it does not zoom."""
+        if self.zooms is None:
+            return None
+        return zooming(1 / self.zooms[np.clip(np.asarray(frames, int), 0, len(self.zooms) - 1)])
 
     def turned(self, turns: Array) -> Camera:
-        """Return this camera, which stands still, turned about its place by rotations of its axes (F, 3, 3)."""
-        return replace(self, R_cam_world=turns @ self.R_cam_world[0], t_cam_world=turns @ self.t_cam_world[0])
+        """Return this camera, which stands still, turned about its place by turns of its axes (F, 3, 3), which may zoom
+        (`core.cameras.lens_turns`).
+        """
+        R, zooms = split(turns)
+        return replace(
+            self,
+            R_cam_world=R @ self.R_cam_world[0],
+            t_cam_world=R @ self.t_cam_world[0],
+            zooms=None if (zooms == 1).all() else zooms,
+        )
 
     def pose(self, frame: int) -> tuple[Array, Array]:
         """Return the world to camera rotation (3, 3) and translation (3,), metres, at a shot frame."""
@@ -166,8 +196,9 @@ class Camera:
         """Return the camera of some shot frames, which become its frames 0, 1, 2, ..."""
         if not self.moving:
             return self
-        R, t = zip(*(self.pose(frame) for frame in frames), strict=True)
-        return replace(self, R_cam_world=np.stack(R), t_cam_world=np.stack(t))
+        i = np.clip(np.asarray(frames, int), 0, len(self.R_cam_world) - 1)
+        zooms = None if self.zooms is None or (self.zooms[i] == 1).all() else self.zooms[i]
+        return replace(self, R_cam_world=self.R_cam_world[i], t_cam_world=self.t_cam_world[i], zooms=zooms)
 
     def between(self, first: int, last: int) -> Camera:
         """Return the camera of an excerpt of its shot, shot frames first to last."""
@@ -202,6 +233,8 @@ class Camera:
         points = np.asarray(points_world, float)
         R, t = self.pose(frame)
         x = (points @ R.T + t).reshape(-1, 3)
+        if self.zooms is not None:
+            x[:, :2] *= self.zooms[min(max(frame, 0), len(self.zooms) - 1)]
         uv = np.full((len(x), 2), np.nan)
         front = x[:, 2] > 1e-9
         if front.any():
@@ -211,8 +244,14 @@ class Camera:
         return uv.reshape(*points.shape[:-1], 2)
 
     def rectified(self) -> Camera:
-        """Return the same camera without lens distortion (the geometry of `rectify_maps`)."""
-        return replace(self, distortions=np.zeros(4), fisheye=False)
+        """Return the same camera without lens distortion and zooms (the geometry of `rectify_maps`)."""
+        return replace(self.unzoomed(), distortions=np.zeros(4), fisheye=False)
+
+    def unzoomed(self) -> Camera:
+        """Return the same camera with the shortest of its focal lengths on all frames."""
+        if self.zooms is None:
+            return self
+        return replace(self, matrix=self.matrix @ zooming(self.zooms.min()), zooms=None)
 
     def reduced(self, factor: float) -> Camera:
         """Return the camera of footage reduced by `factor`, with pixel centres at integers."""
@@ -251,14 +290,14 @@ class Camera:
 
     def rectify_maps(self, turn: Array | None = None) -> tuple[NDArray[Any], NDArray[Any]] | None:
         """Return maps for `cv2.remap` from an image of this camera to `rectified()`, in its fixed-point form (h, w, 2)
-        and (h, w), with axes that are turned by a rotation (3, 3), if given; None without distortion and turn.
+        and (h, w), with axes that are turned (3, 3), if given; None without distortion and turn.
         """
         # OpenCV's fisheye model is not a pinhole even with zero coefficients.
         if turn is None and not self.fisheye and not self.distortions.any():
             return None
         init = cv2.fisheye.initUndistortRectifyMap if self.fisheye else cv2.initUndistortRectifyMap
         rotation = np.eye(3) if turn is None else turn
-        map1, map2 = init(self.matrix, self.distortions, rotation, self.matrix, self.size, cv2.CV_16SC2)
+        map1, map2 = init(self.matrix, self.distortions, rotation, self.rectified().matrix, self.size, cv2.CV_16SC2)
         return map1, map2
 
 

@@ -89,14 +89,6 @@ def largest_shift(shifts: Sequence[BackgroundShift | None], factor: float) -> Ba
     return largest if largest is not None and largest.pixels >= factor * MIN_SHIFT else None
 
 
-def largest_zoom(shifts: Sequence[BackgroundShift | None]) -> BackgroundShift | None:
-    """Return which of the shifts between a camera's pictures changes the size of the background most; None if it stands
-    still in all of them, or none tells.
-    """
-    moved = (own for own in shifts if own is not None and own.pixels)
-    return max(moved, key=lambda own: abs(np.log(own.enlarged)), default=None)
-
-
 def _shift(one: NDArray[np.uint8], other: NDArray[np.uint8], free: Bools) -> tuple[float, float] | None:
     """Return the median displacement of the background between two pictures, pixels, and how much larger it is on the
     second; 0 and 1 where most of it stays, None where too few corners or no common motion show it.

@@ -1,16 +1,17 @@
-"""How a camera that is held in the hand turns, by the background of its pictures.
+"""How a camera that is held in the hand turns, and how its lens zooms, by the background of its pictures.
 
 Corners of the first picture's background are followed into the next ones, there and back, from where the camera's turn
 in the picture before leads them. What stands still is displaced as if the camera had turned about its centre: the turn
 that most corners agree with is the camera's, whatever else moves. Where a turn leaves out many corners that agree with
 a turn and a zoom, the lens zooms: turns alone would then agree with corners here and there in one picture after
-another, as if the camera turned. Once many of the corners are hidden, those of the present picture take their place, so
-that errors add up only where somebody passes by.
+another, as if the camera turned. If it does so by 2 % or more, a turn and a zoom are found in every picture. Once
+many of the corners are hidden, those of the present picture take their place, so that errors add up only where somebody
+passes by.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..cameras.camera import Camera
+from ..cameras.lens_turns import zooming
 from ..numerics.arrays import Array, Bools
 from .background_shift import MAX_ERROR, MIN_CORNERS, MIN_SHARE, background_corners, beside, followed
 
@@ -28,15 +30,18 @@ _MIN_EXTENT = 0.1
 """Share of the picture that these must enclose."""
 _RENEWED_SHARE = 2 / 3
 """Share of the corners that agree below which others take their place."""
+MIN_ZOOM = 0.02
+"""Logarithm of the ratio of focal lengths from which a lens zooms."""
 _START_ERROR = 4.0
 """Distance up to which a corner agrees at first, in terms of that in the end."""
 
 
 def background_turns(
-    pictures: Iterator[NDArray[np.uint8]], camera: Camera, performers: Callable[[int], Bools]
+    pictures: Iterator[NDArray[np.uint8]], camera: Camera, performers: Callable[[int], Bools], calibrated: int = 0
 ) -> Array | None:
-    """Return the rotations, shape (N, 3, 3), from a camera's axes on the first of its pictures to those on each: NaN
-    where the background does not tell, None if the first picture shows too few corners.
+    """Return the turns, shape (N, 3, 3), from a camera's axes on the first of its pictures to those on each, which zoom
+    if its lens does (`core.cameras.lens_turns`): NaN where the background does not tell, None if the first picture
+    shows too few corners.
 
     Parameters
     ----------
@@ -46,28 +51,58 @@ def background_turns(
         That of the pictures; its pose does not matter.
     performers : callable
         Returns where they roughly are, shape (h, w), in the picture of a number.
+    calibrated : int
+        Number of the picture on which the camera has its calibrated focal length.
     """
-    K = camera.matrix
-    source = next(pictures)
+    source, origin = next(pictures), 0
     corners = background_corners(source, beside(performers(0)))
     if corners is None:
         return None
-    since = present = _TurnedLens(np.eye(3), K)
-    turns = [present.turn]
+    present = _TurnedLens(np.eye(3), camera.matrix)
+    views, every = list[_TurnedLens | None]([present]), list[_FollowedCorners]()
     for number, picture in enumerate(pictures, 1):
+        since = views[origin] or present
         start = corners[:, 0].astype(float)
         there, kept = followed(source, picture, corners, present.pixels(since.rays(start)))
-        found = _view(start, there.astype(float), kept, since)
+        every.append(_FollowedCorners(origin, start, there.astype(float), kept))
+        found = every[-1].view(since)
+        views.append(None if found is None else found[0])
         if found is None:
-            turns.append(np.full((3, 3), np.nan))
             continue
         present, agreeing = found
-        turns.append(present.turn)
         if agreeing.mean() < _RENEWED_SHARE:
             renewed = background_corners(picture, beside(performers(number)))
             if renewed is not None:
-                source, corners, since = picture, renewed, present
-    return np.stack(turns)
+                source, corners, origin = picture, renewed, number
+    if any(view is not None and view.K is not camera.matrix for view in views):
+        zoomed = _zoomed_views(every, camera.matrix, calibrated)
+        focal = [view.K[0, 0] for view in zoomed if view is not None]
+        if np.ptp(np.log(focal)) > MIN_ZOOM:
+            return np.stack([_matrix(view, zoomed[0]) for view in zoomed])
+    return np.stack([_matrix(view) for view in views])
+
+
+def _zoomed_views(every: Sequence[_FollowedCorners], K: Array, calibrated: int) -> list[_TurnedLens | None]:
+    """Return the views of a lens that zooms in all pictures; a camera's matrix is that on the calibrated one."""
+    first = K
+    for _ in range(2):  # the first round tells the focal length of the first picture
+        views: list[_TurnedLens | None] = [_TurnedLens(np.eye(3), first)]
+        for corners in every:
+            since = views[corners.origin]
+            found = None if since is None else corners.view(since, zooms=True)
+            views.append(None if found is None else found[0])
+        known = [number for number, view in enumerate(views) if view is not None]
+        nearest = views[min(known, key=lambda number: abs(number - calibrated))]
+        if nearest is not None:
+            first = K @ zooming(first[0, 0] / nearest.K[0, 0])
+    return views
+
+
+def _matrix(view: _TurnedLens | None, first: _TurnedLens | None = None) -> Array:
+    """Return the turn, (3, 3), since the first view, with its zoom if this is given; NaN where it is not known."""
+    if view is None:
+        return np.full((3, 3), np.nan)
+    return view.turn if first is None else zooming(view.K[0, 0] / first.K[0, 0]) @ view.turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,29 +131,50 @@ class _TurnedLens:
             return turned
         away, found = turned.pixels(rays) - self.K[:2, 2], there - self.K[:2, 2]
         factor = float(np.sum(away * found) / np.sum(away**2))
-        return replace(turned, K=self.K @ np.diag([factor, factor, 1.0]))
+        return replace(turned, K=self.K @ zooming(factor))
 
 
-def _view(start: Array, there: Array, kept: Bools, since: _TurnedLens) -> tuple[_TurnedLens, Bools] | None:
-    """Return the view from where most of the corners (n, 2) that were found are seen, and which agree with it; None if
-    too few do. A zoom is only allowed for where a turn leaves out many, as a turn is more exact without.
+@dataclass(frozen=True, eq=False)
+class _FollowedCorners:
+    """Corners of a picture's background that were followed into another one.
+
+    Attributes
+    ----------
+    origin : int
+        Number of the picture from which.
+    start, there : ndarray, shape (n, 2)
+        Where they lie in both, pixels.
+    kept : ndarray of bool, shape (n,)
+        Which were found there and back.
     """
-    if kept.sum() < MIN_CORNERS:
-        return None
-    similarity, inliers = cv2.estimateAffinePartial2D(start[kept], there[kept], ransacReprojThreshold=MAX_ERROR)
-    if similarity is None:
-        return None
-    rays, first, many = since.rays(start), kept.copy(), _RENEWED_SHARE * kept.sum()
-    first[kept] = inliers[:, 0] > 0
-    present, chosen = _agreeing(rays, there, kept, first, since, zooms=False)
-    if chosen.sum() < many:
-        zoomed, explained = _agreeing(rays, there, kept, first, since, zooms=True)
-        if explained.sum() >= many:
-            present, chosen = zoomed, explained
-    if chosen.sum() < max(MIN_CORNERS, MIN_SHARE * kept.sum()):
-        return None
-    hull = cv2.contourArea(cv2.convexHull(start[chosen].astype(np.float32)))
-    return (present, chosen) if hull > _MIN_EXTENT * 4 * since.K[0, 2] * since.K[1, 2] else None
+
+    origin: int
+    start: Array
+    there: Array
+    kept: Bools
+
+    def view(self, since: _TurnedLens, *, zooms: bool = False) -> tuple[_TurnedLens, Bools] | None:
+        """Return the view from where most of the corners that were found are seen, and which agree with it; None if too
+        few do. A zoom is only allowed for where a turn leaves out many, as a turn is more exact without, or if it is
+        known that the lens zooms.
+        """
+        start, there, kept = self.start, self.there, self.kept
+        if kept.sum() < MIN_CORNERS:
+            return None
+        similarity, inliers = cv2.estimateAffinePartial2D(start[kept], there[kept], ransacReprojThreshold=MAX_ERROR)
+        if similarity is None:
+            return None
+        rays, first, many = since.rays(start), kept.copy(), _RENEWED_SHARE * kept.sum()
+        first[kept] = inliers[:, 0] > 0
+        present, chosen = _agreeing(rays, there, kept, first, since, zooms=zooms)
+        if chosen.sum() < many and not zooms:
+            zoomed, explained = _agreeing(rays, there, kept, first, since, zooms=True)
+            if explained.sum() >= many:
+                present, chosen = zoomed, explained
+        if chosen.sum() < max(MIN_CORNERS, MIN_SHARE * kept.sum()):
+            return None
+        hull = cv2.contourArea(cv2.convexHull(start[chosen].astype(np.float32)))
+        return (present, chosen) if hull > _MIN_EXTENT * 4 * since.K[0, 2] * since.K[1, 2] else None
 
 
 def _agreeing(

@@ -10,7 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..evidence.background_shift import BackgroundShift, largest_shift, largest_zoom
+from ..cameras.lens_turns import split
+from ..evidence.background_shift import BackgroundShift, largest_shift
 from ..numerics.arrays import Array
 from ..shot.shot import Shot
 from .posed_views import PosedView
@@ -26,20 +27,22 @@ def moved_camera(posed: PosedView) -> MovedCamera | None:
 
 
 def followed_cameras(shot: Shot, turns: Sequence[Array | None]) -> tuple[MovedCamera, ...]:
-    """Return the cameras of a shot whose turns were measured; frames are counted as in the shot file."""
+    """Return the cameras of a shot whose turns and zooms were measured; frames are counted as in the shot file."""
     found = []
     for view, own in zip(shot.views, turns, strict=False):
         if own is not None:
-            ways, first = view.camera.displacements(own), shot.frames[0]
-            frames = first + int(np.argmin(ways)), first + int(np.argmax(ways))
-            found.append(MovedCamera(view.camera.name, BackgroundShift(float(ways.max()), frames), followed=True))
+            rotations, zooms = split(own)
+            ways = view.camera.displacements(rotations)
+            shift = BackgroundShift(float(ways.max()), _ends(ways, shot.frames[0]))
+            frames = _ends(zooms, shot.frames[0])
+            zoom = BackgroundShift(0.0, frames, float(zooms.max() / zooms.min())) if (zooms != 1).any() else None
+            found.append(MovedCamera(view.camera.name, shift, followed=True, zoom=zoom))
     return tuple(found)
 
 
-def with_zooms(followed: Sequence[MovedCamera], views: Sequence[PosedView]) -> tuple[MovedCamera, ...]:
-    """Return the cameras whose turns were measured, and of which of them the lens zooms, which is not allowed for."""
-    zooms = {posed.name: largest_zoom(posed.background) for posed in views if posed.name in _names(followed)}
-    return tuple(replace(own, zoom=zooms.get(own.camera)) for own in followed)
+def _ends(values: Array, first: int) -> tuple[int, int]:
+    """Return the frames with the least and the greatest of some values, counted from a first frame."""
+    return first + int(np.argmin(values)), first + int(np.argmax(values))
 
 
 def with_plain_backgrounds(

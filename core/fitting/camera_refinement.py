@@ -26,7 +26,7 @@ from ..runtime.progress import Progress
 from ..runtime.threads import one_library_thread
 from ..shot.keypose_spline import spline
 from ..shot.shot import Shot
-from .key_frame_views import KeyFrameView, on_frames, posed_key_frames, read_key_frames
+from .key_frame_views import KeyFrameView, posed_key_frames, read_key_frames
 from .outline_fit import OutlineProblem, RefinementStage, coarse_to_fine
 from .resection import CameraEquations, CameraState, camera_equations
 
@@ -191,7 +191,7 @@ def _start(shot: Shot, views: Sequence[KeyFrameView], frames: NDArray[np.int64])
 def _shift(before: CameraState, after: CameraState, view: KeyFrameView, v: int) -> float:
     """Return the root mean square distance between the projections of the same joints in two states, pixels."""
     joints = before.joints(view.delay)
-    cameras = [on_frames(state.cameras[v].rectified(), view.frames) for state in (before, after)]
+    cameras = [state.cameras[v].rectified().at(view.frames.tolist()) for state in (before, after)]
     one, other = (np.stack([c.project(points, k) for k, points in enumerate(joints)]) for c in cameras)
     squared = np.sum((one - other) ** 2, axis=-1)
     squared = squared[np.isfinite(squared)]  # of joints before both cameras
@@ -206,7 +206,7 @@ def _described(
     state = start if clearness < MIN_OUTLINE_SHARE else end
     columns = state.camera_columns(v)
     own = covariance[np.ix_(columns, columns)]
-    rows = _picture_rows(on_frames(state.cameras[v].rectified(), view.frames), state.joints(view.delay))
+    rows = _picture_rows(state.cameras[v].rectified().at(view.frames.tolist()), state.joints(view.delay))
     picture = np.einsum("nij,nik->jk", rows, rows) / max(len(rows), 1)
     shares = np.maximum(np.linalg.eigvals(picture @ own).real, 0)
     variance = float(shares.sum()) if len(rows) else np.inf

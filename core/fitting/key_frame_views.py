@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import repeat
 
 import cv2
 import numpy as np
@@ -42,23 +43,18 @@ class KeyFrameView:
 
     def rectified(self, camera: Camera) -> NDArray[np.uint8]:
         """Return the pictures as the camera would have taken them without distortion, of the same shape."""
-        maps = camera.reduced(self.factor).rectify_maps()
-        if maps is None:
-            return self.pictures
-        remapped = [cv2.remap(p, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for p in self.pictures]
+        own, undone = camera.reduced(self.factor), camera.unzooming(self.frames.tolist())
+        turns = repeat(None) if undone is None else undone
+        every = [own.rectify_maps(turn) for _, turn in zip(self.pictures, turns, strict=False)]
+        remapped = [
+            p if maps is None else cv2.remap(p, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            for p, maps in zip(self.pictures, every, strict=True)
+        ]
         return np.asarray(np.stack(remapped).astype(np.uint8, copy=False))
 
     def camera(self, camera: Camera) -> Camera:
         """Return the camera of the rectified pictures, whose frame k is the k-th key frame."""
-        return on_frames(camera, self.frames).reduced(self.factor).rectified()
-
-
-def on_frames(camera: Camera, frames: NDArray[np.int64]) -> Camera:
-    """Return the camera whose frame k is the k-th of some frames."""
-    if not camera.moving:
-        return camera
-    R, t = zip(*(camera.pose(int(f)) for f in frames), strict=True)
-    return replace(camera, R_cam_world=np.stack(R), t_cam_world=np.stack(t))
+        return camera.rectified().at(self.frames.tolist()).reduced(self.factor)
 
 
 def posed_key_frames(shot: Shot, missing: KFMocapError) -> NDArray[np.int64]:

@@ -32,7 +32,7 @@ from ..tracking.results.track_result import TrackResult
 from ..tracking.retracking import Excerpt, preview_segment, track_excerpts
 from ..tracking.scheduling.run_context import FirstPictures, RunContext, SolvedShot
 from ..tracking.segments import whole_keys
-from .background_checks import followed_cameras, moved_camera, with_plain_backgrounds, with_zooms
+from .background_checks import followed_cameras, moved_camera, with_plain_backgrounds
 from .camera_refinement import RefinedCamera, Refinement, refine_cameras
 from .early_check import EARLY_MISFITS, early_frames, early_misfits
 from .footage_match import footage_matches
@@ -117,7 +117,7 @@ def fit_by_key_poses(
     findings = attributed_findings(given.views, posed, footage_matches(posed, moved), rest)
     explained = {own.camera for own in (*moved, *findings) if own.off}
     strangers = strangers_in(posed, explained)
-    return (*with_zooms(followed, posed), *moved, *with_plain_backgrounds(findings, posed, followed), *strangers)
+    return (*followed, *moved, *with_plain_backgrounds(findings, posed, followed), *strangers)
 
 
 def camera_fits(shot: Shot, result: SolvedShot, progress: Progress | None = None) -> tuple[ViewFinding, ...]:

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, TypeAlias
 
 from ..evidence.background_shift import BackgroundShift
+from ..evidence.background_turn import MIN_ZOOM
 from ..evidence.movement_match import MIN_MATCH
 from .keypoint_cameras import PictureShift
 from .picture_findings import DissolvingPictures, FadingPictures, FindingWithoutFigures, FlickeringLight, Strangers
 
 _MIRROR = "mirror its footage back, as with: ffmpeg -i FOOTAGE -vf hflip -crf 14 CONVERTED.mp4"
-_MIN_ZOOM = 0.02
-"""Logarithm of how much larger the background gets from which the lens zooms, or the camera comes closer."""
 _ZOOM = (
     "a calibration holds for one focal length and place: film with a fixed zoom, leave the view out with --views, or "
     "solve the camera's motion, as in Blender"
@@ -149,7 +148,8 @@ class FootageMatch:
 
 @dataclass(frozen=True)
 class MovedCamera:
-    """A camera that was moved during the shot, or held in the hand, though its calibration has one pose.
+    """A camera that was moved during the shot, or held in the hand, or whose lens zooms, though its calibration has one
+    pose and one focal length.
 
     Attributes
     ----------
@@ -157,9 +157,9 @@ class MovedCamera:
     background : BackgroundShift
         How far the background lies elsewhere on one frame of the shot than on another.
     followed : bool
-        Whether how it turned was measured and is allowed for.
+        Whether how it turned and zoomed was measured and is allowed for.
     zoom : BackgroundShift, optional
-        Of one that was followed: where the size of the background differs most from that on the first key frame.
+        Of one that was followed and zooms: on which frames its background is smallest and largest.
     by, off
         As of other findings.
     """
@@ -177,26 +177,21 @@ class MovedCamera:
         if self._zooms:
             return f"its camera zooms, or moves: the background gets {self.background.enlarged:.0%} of its size"
         what = f"its camera moved: the background shifts by {self.background.pixels:.0f} px"
-        if self._zooms_too:
-            return f"{what} (allowed for), and it zooms, to {self._zooms_too.enlarged:.0%} (not allowed for)"
+        if self.zoom is not None:
+            what += f", and its lens zooms, to {self.zoom.enlarged:.0%}"
         return f"{what} (measured and allowed for)" if self.followed else what
 
     @property
     def figures(self) -> dict[str, Any]:
         """How the background lies elsewhere: pixels, on which frames, and a ratio."""
         moved = self.background
-        shift, enlarged = round(moved.pixels, 1), round(moved.enlarged, 3)
+        shift, enlarged = round(moved.pixels, 1), round((self.zoom or moved).enlarged, 3)
         return {"shift": shift, "frames": list(moved.frames), "enlarged": enlarged, "followed": self.followed}
 
     @property
     def _zooms(self) -> bool:
         """Whether turns do not explain how the background lies."""
-        return not self.followed and _is_zoom(self.background)
-
-    @property
-    def _zooms_too(self) -> BackgroundShift | None:
-        """Where the lens of a camera that was followed zooms most, if it does."""
-        return self.zoom if self.zoom is not None and _is_zoom(self.zoom) else None
+        return not self.followed and abs(math.log(self.background.enlarged)) > MIN_ZOOM
 
     @property
     def summary(self) -> str:
@@ -208,19 +203,18 @@ class MovedCamera:
                 f"frame {after}: its lens zooms, or the camera comes closer or goes away; {_ZOOM}"
             )
         done = "how it turned was measured in the pictures and is allowed for"
-        if (zoom := self._zooms_too) is not None:
-            done += (
-                f"; but on frame {zoom.frames[1]} the background is {zoom.enlarged:.0%} as large as on frame "
-                f"{zoom.frames[0]}: its lens zooms, or the camera comes closer or goes away, which is not: {_ZOOM}"
+        if self.zoom is not None:
+            smallest, largest = self.zoom.frames
+            return (
+                f"{self.camera}: its lens zooms, or the camera comes closer or goes away: the background is "
+                f"{self.zoom.enlarged:.0%} as large on frame {largest} as on frame {smallest}, and turns by up to "
+                f"{self.background.pixels:.0f} px, but the calibration has one focal length and one pose; how it "
+                "zoomed and turned was measured in the pictures and is allowed for, as if it had stayed in its place"
             )
         return (
             f"{self.camera}: its camera moved: the background lies {self.background.pixels:.0f} px elsewhere on frame "
             f"{after} than on frame {before}, but the calibration has one pose; {done if self.followed else _STABILISE}"
         )
-
-
-def _is_zoom(background: BackgroundShift) -> bool:
-    return abs(math.log(background.enlarged)) > _MIN_ZOOM
 
 
 @dataclass(frozen=True)

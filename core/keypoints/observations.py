@@ -225,6 +225,8 @@ def on_shot_frames(view: View, detections: Detections, names: Sequence[str], sho
     inside = view.camera.shows(pixels)
     # Some detectors guess the rest of a person beyond the edge of the picture, where they see nothing.
     rays[:, kept] = image_rays(view.camera, np.where(inside[..., None], pixels, np.nan))
+    if view.camera.zooms is not None:
+        rays /= view.camera.zooms[frames[rows], None, None]
     confidence[:, kept] = np.where(inside, detections.confidence[rows][:, used], 0.0)
     return ViewDetections(frames[rows], rays, confidence, detections.tracks[rows])
 

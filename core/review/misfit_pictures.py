@@ -79,7 +79,8 @@ def misfit_picture(shot: Shot, view: View, motions: Sequence[Motion], frame: int
     frames = sorted({*keys, frame})
     camera = view.camera.reduced(factor := working_factor(view, MAX_PICTURE_SIDE)).rectified()
     check_view(view, shot.frames[0], shot.length, shot.fps)
-    colour = np.stack(list(frames_at(view, [shot.frames[0] + f for f in frames], factor, grey=False)))
+    numbers, turns = [shot.frames[0] + f for f in frames], view.camera.unzooming(frames)
+    colour = np.stack(list(frames_at(view, numbers, factor, grey=False, turns=turns)))
     bodies = [performer.body for performer in shot.performers]
     R, T = scene_poses(bodies, poses_after(motions, shown_delay(view, shot.settings), frames))
     geometry = Geometry.of(bodies)

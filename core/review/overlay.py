@@ -160,7 +160,8 @@ class _Sheet:
         factors = [max(e[0] / width, e[1] / height, 1 / _MAX_ZOOM) for _, e in boxes]
         images: Iterable[Image]
         if pictures is None:
-            images = frames_at(view, [shot.frames[0] + f for f in frames], max(min(factors), 1.0), grey=False)
+            numbers, turns = [shot.frames[0] + f for f in frames], view.camera.unzooming(frames)
+            images = frames_at(view, numbers, max(min(factors), 1.0), grey=False, turns=turns)
         else:
             images = [pictures[frame] for frame in frames]
         keys = {int(f) for performer in shot.performers for f in performer.key_poses.frames}

@@ -130,5 +130,5 @@ def made_of(view: View, factor: float) -> bytes:
     states = [(str(file), file.stat().st_mtime_ns, file.stat().st_size) for file in files]
     camera = view.camera
     turning = camera.R_cam_world if camera.standing() else None
-    lens = camera.size, camera.matrix, camera.distortions, camera.fisheye, turning
+    lens = camera.size, camera.matrix, camera.distortions, camera.fisheye, turning, camera.zooms
     return pickle.dumps((states, lens, view.offset, view.fields, view.gaps, view.every, factor))

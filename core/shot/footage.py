@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras.camera import field_of_frame
+from ..cameras.lens_turns import undone_zoom
 from ..errors import FootageError
 from ..numerics.arrays import Array
 from .frame_numbers import FIRST_PARITY, footage_index, frames_per_file_frame
@@ -128,7 +129,8 @@ def frames_at(
     threads : int
         Number of decoding threads; 0 for one per core.
     turns : sequence of ndarray, shape (3, 3), optional
-        For each frame, a rotation of the camera's axes to those of the picture (`Camera.turns_to`); not for the album.
+        For each frame, the turn of the camera's axes to those of the picture (`Camera.turns_to`); pictures of the album
+        are not turned, but zooms are undone.
 
     Yields
     ------
@@ -141,13 +143,14 @@ def frames_at(
         The footage ends or breaks early; names the file and the frame.
     """
     camera = view.camera.reduced(factor)
-    maps = camera.rectify_maps()
+    maps = camera.rectify_maps() if turns is None else None
     near = None if album is None else view.camera.reduced(album.factor)
-    near_maps = None if near is None else near.rectify_maps()
+    near_maps = None if near is None or near.zooms is not None else near.rectify_maps()
     indices = [footage_index(view, f) for f in frames]
     for k, (frame, decoded) in enumerate(zip(frames, _decoded(view, indices, threads), strict=True)):
         if album is not None and near is not None and frame in album.frames:
-            album.pictures[frame] = _prepared(decoded, near.size, near_maps, grey=False)
+            own_maps = near_maps if near.zooms is None or turns is None else near.rectify_maps(undone_zoom(turns[k]))
+            album.pictures[frame] = _prepared(decoded, near.size, own_maps, grey=False)
             if decoded.parity is None:
                 album.fields.add(decoded.image, frame)
         yield _prepared(decoded, camera.size, maps if turns is None else camera.rectify_maps(turns[k]), grey)

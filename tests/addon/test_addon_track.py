@@ -12,6 +12,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import PARTS, keys_of, motion, shot, track_result  # noqa: E402
+from kfmocap.core.cameras import lens_turns  # noqa: E402
 from kfmocap.core.errors import CancelledError, ShotError  # noqa: E402
 from kfmocap.core.fitting.early_check import EARLY_MISFITS  # noqa: E402
 from kfmocap.core.fitting.view_findings import FootageMatch  # noqa: E402
@@ -472,6 +473,22 @@ def test_a_camera_that_tracking_finds_to_turn_gets_keys_and_nothing_is_out_of_da
     assert now.views[0].camera.moving and not now.views[0].camera.stands_still
     assert before.displacements(now.views[0].camera.turns_to(before.turned(turns[:1])) @ turns).max() < 0.01
     assert not tracked_segments.out_of_date(built, now)
+
+
+def test_a_camera_whose_lens_tracking_finds_to_zoom_gets_keys_of_its_focal_length(built, tracker):
+    before = scene.shot_from_scene(built).views[0].camera
+    axes = rotations.exp(np.linspace(0, 0.02, 12)[:, None] * [1.0, -2.0, 0.5])
+    turns = lens_turns.zooming(zooms := np.linspace(0.9, 1.2, 12)) @ axes
+    tracker.turns = (turns, None)
+    bpy.ops.kfmocap.track()
+    for frame in (FRAME, FRAME + 7):
+        built.frame_set(frame)
+        now = scene.shot_from_scene(built)
+        assert np.abs(now.views[0].camera.turns_since(before) - turns).max() < 1e-5
+        assert np.array_equal(now.views[0].camera.matrix, before.matrix) and now.views[1].camera.zooms is None
+        assert not tracked_segments.out_of_date(built, now)
+    lens = before.matrix[0, 0] * built.kfmocap.views[0].camera.data.sensor_width / before.size[0]
+    assert built.kfmocap.views[0].camera.data.lens == pytest.approx(lens * zooms[7], rel=1e-5)
 
 
 def test_segments_behind_a_gap_that_were_not_tracked_with_it_are_out_of_date(built, tracker):

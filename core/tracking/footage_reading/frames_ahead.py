@@ -50,7 +50,7 @@ class FramesAhead:
         """
         workers, stopped = worker_count(self._settings.threads), Event()
         for view in views:
-            if view.camera.standing() is None:
+            if view.camera.standing() is None and view.camera.zooms is None:
                 with suppress(OSError, FootageError):
                     self._begin(view, max(1, workers // len(views)))
         with ThreadPoolExecutor(max(1, workers - 1)) as pool:  # one core is busy with what the block does

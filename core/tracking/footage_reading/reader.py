@@ -7,7 +7,7 @@ stands still then.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import repeat
 from threading import Event
@@ -91,13 +91,15 @@ class SegmentReader:
     ) -> None:
         factor = working_factor(view, shot.settings.working_size)
         camera = view.camera.at(range(shot.length))  # it may have poses for other frames, too
+        view = replace(view, camera=camera)
         standing = camera.standing()
+        turned = camera.unzooming(range(shot.length)) if standing is None else camera.turns_to(standing)
         self._camera = (standing or camera).reduced(factor).rectified()
         self._delay = footage_delay(view)
         threads = max(1, worker_count(shot.settings.threads) // len(shot.views))  # the views are read side by side
         frames = range(shot.frames[0], shot.frames[1] + 1)
         self._damaged = frames_damaged(view, frames)
-        turns = None if standing is None else dict(zip(frames, camera.turns_to(standing), strict=True))
+        turns = None if turned is None else dict(zip(frames, turned, strict=True))
         decoded = _frames(view, frames, factor, album, memory=memory, threads=threads, turns=turns)
         self._stream = sound_pictures(decoded, self._damaged)
         self._album, self._stopped = album, stopped

@@ -1,9 +1,11 @@
-"""Cameras that are held in the hand, or whose tripod was kicked, though their calibration has one pose.
+"""Cameras that are held in the hand, or whose tripod was kicked, or whose lens zooms, though their calibration has one
+pose and one focal length.
 
-How they turn is measured in their pictures (`core.evidence.background_turn`), and they get a pose for every frame. All
-that is seen through a camera then uses that pose, and the pictures are read as if it had stood still (module `reader`).
-The calibrated pose is taken to be that on the first frame with a key pose, or on the first of all if key poses are only
-proposed; or, where key poses were set by eye as if the camera had stood still, that on every such frame.
+How they turn and zoom is measured in their pictures (`core.evidence.background_turn`), and they get a pose, and a zoom,
+for every frame. All that is seen through a camera then uses that pose, and the pictures are read as if it had stood
+still (module `reader`). The calibrated pose and focal length are taken to be those on the first frame with a key
+pose, or on the first of all if key poses are only proposed; or, where key poses were set by eye as if the camera had
+stood still, those on every such frame.
 """
 
 from __future__ import annotations
@@ -12,11 +14,11 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from ...body.kinematics import scene_poses
 from ...body.motion import Motion
 from ...cameras.camera import Camera
+from ...cameras.lens_turns import interpolated, since, split
 from ...errors import FootageError
 from ...evidence.background_shift import MIN_SHIFT, background_shift
 from ...evidence.background_turn import background_turns
@@ -43,7 +45,8 @@ _EARLY_FRAMES = range(0, 31, 10)
 """Frames on which backgrounds are compared before anything is tracked: what is held in the hand has moved by then."""
 
 Turns = tuple[Array | None, ...]
-"""Per view: rotations (F, 3, 3) from its calibrated axes to those on every frame; None if it is as calibrated."""
+"""Per view: turns (F, 3, 3) from its calibrated axes to those on every frame, which may zoom
+(`core.cameras.lens_turns`); None if it is as calibrated."""
 
 
 class BackgroundWatch:
@@ -134,7 +137,7 @@ def with_measured_turns(shot: Shot, views: Collection[int], calibrated: int | No
         calibrated = calibrated_frame(shot)
     turns = [_measured(shot, view, calibrated) if v in views else None for v, view in enumerate(shot.views)]
     if _set_by_eye(shot, turns):
-        turns = [None if own is None else own @ np.swapaxes(_between_keys(shot, own), 1, 2) for own in turns]
+        turns = [None if own is None else since(own, _between_keys(shot, own)) for own in turns]
     return with_turns(shot, turns)
 
 
@@ -150,9 +153,9 @@ def with_turns(shot: Shot, turns: Sequence[Array | None]) -> Shot:
 
 
 def turns_since(shot: Shot, given: Shot) -> Turns:
-    """Return how the cameras of a shot turn that stand still in the given one."""
+    """Return how the cameras of a shot turn and zoom that stand still in the given one."""
     return tuple(
-        None if own.camera is before.camera else own.camera.R_cam_world @ before.camera.R_cam_world[0].T
+        None if own.camera is before.camera else own.camera.turns_since(before.camera)
         for own, before in zip(shot.views, given.views, strict=True)
     )
 
@@ -189,21 +192,23 @@ def _posed_performers(shot: Shot, camera: Camera) -> Callable[[int], Bools]:
 
 
 def _measured(shot: Shot, view: View, calibrated: int) -> Array | None:
-    """Return how a view's camera turns since a frame, shape (F, 3, 3), if it clearly does and most frames tell."""
+    """Return how a view's camera turns and zooms since a frame, shape (F, 3, 3), if it clearly does and most frames
+    tell.
+    """
     if not view.camera.stands_still:
         return None
     factor = working_factor(view, shot.settings.working_size)
     camera = view.camera.reduced(factor).rectified()
     pictures = frames_at(view, range(shot.frames[0], shot.frames[1] + 1), factor)
-    found = background_turns(pictures, camera, _posed_performers(shot, camera))
+    found = background_turns(pictures, camera, _posed_performers(shot, camera), calibrated)
     if found is None:
         return None
     told = np.flatnonzero(np.isfinite(found[:, 0, 0]))
     if len(told) < _MIN_TOLD * shot.length:
         return None
     frames = np.clip(np.arange(shot.length), told[0], told[-1])
-    turns = Slerp(told, Rotation.from_matrix(found[told]))(frames)
-    turns = (turns * turns[calibrated].inv()).as_matrix()
+    turns = interpolated(told, found[told], frames)
+    turns = since(turns, turns[[calibrated]])
     shifted = np.count_nonzero(camera.displacements(turns) > MIN_SHIFT)
     return turns if shot.settings.stabilise or shifted >= _MIN_SHIFTED else None
 
@@ -220,7 +225,7 @@ def _set_by_eye(shot: Shot, turns: Sequence[Array | None]) -> bool:
     for view, own in zip(shot.views, turns, strict=True):
         if own is None:
             continue
-        factor, back = working_factor(view, shot.settings.working_size), np.swapaxes(own[frames], 1, 2)
+        factor, back = working_factor(view, shot.settings.working_size), np.swapaxes(split(own[frames])[0], 1, 2)
         read = frames_at(view, (shot.frames[0] + frames).tolist(), factor, grey=False, turns=[*back])
         pictures, camera = np.stack([*read]), view.camera.reduced(factor).rectified()
         matches = [movement_match(pictures, one, geometry, poses) for one in (camera, camera.turned(back))]
@@ -232,4 +237,4 @@ def _between_keys(shot: Shot, turns: Array) -> Array:
     """Return the turns (F, 3, 3) on the frames with key poses, interpolated on the others."""
     keys = whole_keys(shot, 0, shot.length - 1)
     frames = np.clip(np.arange(shot.length), keys[0], keys[-1])
-    return Slerp(keys, Rotation.from_matrix(turns[keys]))(frames).as_matrix()
+    return interpolated(keys, turns[keys], frames)

@@ -1,4 +1,6 @@
-"""Poses of camera objects: written as location, rotation and keys, read as Blender evaluates them."""
+"""Poses of camera objects: written as location, rotation and keys, read as Blender evaluates them. Lenses that zoom have
+keys, too.
+"""
 
 from __future__ import annotations
 
@@ -33,13 +35,33 @@ def place_camera(owner: bpy.types.Object, camera: Camera, frame_start: int) -> N
             quaternions[i] = -quaternions[i]
     owner.rotation_mode = "QUATERNION"
     owner.location, owner.rotation_quaternion = centres[0], quaternions[0]
+    frames = frame_start + np.arange(len(R))
     if camera.moving or owner.animation_data is not None:
         bag = fcurves.ensure_channelbag(owner, owner.name)
-        frames = frame_start + np.arange(len(R))
         for path, values in (("location", centres), ("rotation_quaternion", quaternions)):
             for k in range(values.shape[1]):
                 curve = fcurves.ensure_fcurve(bag, path, k, "Object Transforms")
                 fcurves.set_keys(curve, [fcurves.new_keys(frames, values[:, k], "KEYFRAME", "LINEAR")])
+    if camera.zooms is not None or _lens_curve(owner) is not None:
+        lens = owner.data.lens * (np.ones(len(R)) if camera.zooms is None else camera.zooms)
+        curve = fcurves.ensure_fcurve(fcurves.ensure_channelbag(owner.data, owner.name), "lens", 0, "")
+        fcurves.set_keys(curve, [fcurves.new_keys(frames, lens, "KEYFRAME", "LINEAR")])
+
+
+def read_zooms(camera: bpy.types.Object, frame_start: int, length: int) -> Array | None:
+    """Return how many times as long as now the focal length of a camera is on scene frames, shape (N,), by its keys;
+    None if it is the same on all.
+    """
+    curve = _lens_curve(camera)
+    if curve is None or curve.mute:
+        return None
+    lens = np.array([curve.evaluate(frame) for frame in range(frame_start, frame_start + length)])
+    return None if np.ptp(lens) < _SAME * lens.max() else lens / camera.data.lens
+
+
+def _lens_curve(camera: bpy.types.Object) -> bpy.types.FCurve | None:
+    bag = fcurves.find_channelbag(camera.data)
+    return None if bag is None else bag.fcurves.find("lens")
 
 
 def read_poses(

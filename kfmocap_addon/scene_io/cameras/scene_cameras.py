@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import bpy
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ....core.cameras.camera import Camera
+from ....core.cameras.lens_turns import zooming
 from ....core.numerics.arrays import Array
 from .. import lossless
 from . import camera_poses, distortion, footage_background
@@ -57,7 +59,8 @@ def read_cameras(
     if not owners:
         return []
     poses = camera_poses.read_poses(scene, list(owners), frame_start, length)
-    return [_read_camera(scene, owner, *pose) for owner, pose in zip(owners, poses, strict=True)]
+    zooms = [camera_poses.read_zooms(owner, frame_start, length) for owner in owners]
+    return [_read_camera(scene, *one) for one in zip(owners, poses, zooms, strict=True)]
 
 
 def is_built(owner: bpy.types.Object) -> bool:
@@ -87,17 +90,21 @@ def show_camera_on(owner: bpy.types.Object, camera: Camera, frame_start: int) ->
         distortion.set_clip_lens(clip, camera)
     for name in ("matrix", "distortions", "R_cam_world", "t_cam_world"):
         lossless.keep(owner, f"kfmocap_{name}", getattr(camera, name))
+    lossless.keep(owner, "kfmocap_zooms", [] if camera.zooms is None else camera.zooms)
     owner[_FRAME] = json.dumps([*frame.size, *frame.aspect])
     owner[DISTORTED] = packed_distortions(camera)
     return frame
 
 
-def _read_camera(scene: bpy.types.Scene, owner: bpy.types.Object, R_cam_world: Array, t_cam_world: Array) -> Camera:
+def _read_camera(
+    scene: bpy.types.Scene, owner: bpy.types.Object, pose: tuple[Array, Array], zooms: Array | None
+) -> Camera:
     clip = footage_background.clip_behind(owner)
     frame = frame_behind(scene, owner, clip)
     coefficients, fisheye, brown = built_distortion(owner)
     distortions = distortion.clip_distortions(clip) if clip is not None and brown else coefficients
-    return core_camera(owner.name, owner, frame, (R_cam_world, t_cam_world), distortions=distortions, fisheye=fisheye)
+    lens = {"distortions": distortions, "fisheye": fisheye, "zooms": zooms}
+    return core_camera(owner.name, owner, frame, pose, **lens)
 
 
 def built_distortion(owner: bpy.types.Object) -> tuple[list[float], bool, bool]:
@@ -119,18 +126,29 @@ def core_camera(
     *,
     distortions: ArrayLike,
     fisheye: bool,
+    zooms: Array | None = None,
 ) -> Camera:
-    """Return a camera object as a camera; what was built here and did not change is exact."""
+    """Return a camera object as a camera; what was built here and did not change is exact. `zooms` is how many times as
+    long as now its focal length is on every frame, shape (N,).
+    """
     R_cam_world, t_cam_world = pose
-    return Camera.create(
+    matrix = distortion.intrinsic_matrix(owner.data, frame)
+    if zooms is not None:
+        R_cam_world = np.broadcast_to(R_cam_world, (len(zooms), 3, 3))
+        t_cam_world = np.broadcast_to(t_cam_world, (len(zooms), 3))
+        # The matrix that was kept is that of another frame.
+        now = matrix[0, 0] / lossless.stored(owner["kfmocap_matrix"])[0, 0] if "kfmocap_matrix" in owner else 1.0
+        matrix, zooms = matrix @ zooming(1 / now), lossless.recall(owner, "kfmocap_zooms", now * zooms)
+    camera = Camera.create(
         name,
         frame.size,
-        lossless.recall(owner, "kfmocap_matrix", distortion.intrinsic_matrix(owner.data, frame), max(frame.size)),
+        lossless.recall(owner, "kfmocap_matrix", matrix, max(frame.size)),
         lossless.recall(owner, "kfmocap_R_cam_world", R_cam_world),
         lossless.recall(owner, "kfmocap_t_cam_world", t_cam_world, 1.0 + float(np.abs(t_cam_world).max())),
         distortions=lossless.recall(owner, "kfmocap_distortions", distortions, 1e-3),
         fisheye=fisheye,
     )
+    return replace(camera, zooms=zooms)
 
 
 def frame_behind(scene: bpy.types.Scene, owner: bpy.types.Object, clip: bpy.types.MovieClip | None) -> distortion.Frame:

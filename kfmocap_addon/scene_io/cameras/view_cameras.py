@@ -134,7 +134,8 @@ def read_views(scene: bpy.types.Scene, frame_start: int, length: int) -> tuple[V
                 "tick Calibrated",
             )
     poses = camera_poses.read_poses(scene, [slot.camera for slot in slots], frame_start, length)
-    return tuple(_read_view(slot, *pose) for slot, pose in zip(slots, poses, strict=True))
+    zooms = [camera_poses.read_zooms(slot.camera, frame_start, length) for slot in slots]
+    return tuple(_read_view(*one) for one in zip(slots, poses, zooms, strict=True))
 
 
 def set_keypoints(slot: bpy.types.PropertyGroup, path: Path) -> None:
@@ -164,12 +165,12 @@ def known_lenses(scene: bpy.types.Scene) -> dict[str, Camera]:
     """Return the cameras of those views whose lenses are known, by their names: wherever they stand."""
     slots = [slot for slot in scene.kfmocap.views if slot.lens_known]
     poses = camera_poses.read_poses(scene, [slot.camera for slot in slots], scene.frame_current, 1)
-    return {slot.name: _read_camera(slot, *pose) for slot, pose in zip(slots, poses, strict=True)}
+    return {slot.name: _read_camera(slot, pose, None) for slot, pose in zip(slots, poses, strict=True)}
 
 
-def _read_view(slot: bpy.types.PropertyGroup, R_cam_world: Array, t_cam_world: Array) -> View:
+def _read_view(slot: bpy.types.PropertyGroup, pose: tuple[Array, Array], zooms: Array | None) -> View:
     spec = _read_spec(slot)
-    camera = _read_camera(slot, R_cam_world, t_cam_world)
+    camera = _read_camera(slot, pose, zooms)
     return View(camera, spec.footage, spec.offset, spec.fields, spec.keypoints, spec.gaps, every=slot.every)
 
 
@@ -190,14 +191,12 @@ def _read_spec(slot: bpy.types.PropertyGroup) -> ViewSpec:
     )
 
 
-def _read_camera(slot: bpy.types.PropertyGroup, R_cam_world: Array, t_cam_world: Array) -> Camera:
+def _read_camera(slot: bpy.types.PropertyGroup, pose: tuple[Array, Array], zooms: Array | None) -> Camera:
     frame = distortion.Frame(tuple(slot.size), tuple(slot.aspect))
     packed = json.loads(slot.distortions) if slot.distortions else {"fisheye": False}
     distortions = packed.get("coefficients") or distortion.clip_distortions(footage_background.background_clip(slot))
-    pose = R_cam_world, t_cam_world
-    return scene_cameras.core_camera(
-        slot.name, slot.camera, frame, pose, distortions=distortions, fisheye=packed["fisheye"]
-    )
+    lens = {"distortions": distortions, "fisheye": packed["fisheye"], "zooms": zooms}
+    return scene_cameras.core_camera(slot.name, slot.camera, frame, pose, **lens)
 
 
 def _relative(path: Path, folder: Path) -> str:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from kfmocap.core.cameras.lens_turns import zooming
 from kfmocap.core.evidence.background_shift import BackgroundShift, background_shift
 from kfmocap.core.fitting.early_check import early_misfits
 from kfmocap.core.fitting.shot_cameras import camera_fits, fit_by_key_poses
@@ -100,16 +101,17 @@ def test_a_camera_that_zooms_is_said_to_zoom_and_not_to_be_stabilised(larger: fl
 
 @pytest.mark.parametrize("larger", [1.15, 1.0])
 def test_a_camera_that_turns_and_zooms_is_said_to_zoom_too(larger: float) -> None:
-    """Only its turns are allowed for."""
     shot = shot_of([View(FRONT, "front.mp4")], [BODY], [TRUTH], range(len(TRUTH)))
     still, count = wall(FRONT.size), len(TRUTH)
     pictures = {k: moved(still, 6.0 * k, -3.0 * k, larger=larger ** (k / (count - 1))) for k in range(count)}
     angles = np.arange(count)[:, None] / FRONT.matrix[0, 0] * [3.0, 6.0, 0.0]
-    turns = (Rotation.from_rotvec(angles).as_matrix(),)
+    zooms = larger ** (np.arange(count) / (count - 1))
+    turns = (zooming(zooms) @ Rotation.from_rotvec(angles).as_matrix(),)
     [said] = camera_fits(shot, SolvedShot((pictures,), ShotKeypoints(), 0.0, ((),), turns))[:1]
     assert isinstance(said, MovedCamera) and said.followed and "allowed for" in said.summary
     assert ("zooms" in said.summary) == ("zooms" in said.brief) == (larger > 1)
-    assert larger == 1 or "is 115% as large as on frame 0" in said.summary
+    assert larger == 1 or f"is 115% as large on frame {count - 1} as on frame 0" in said.summary
+    assert said.figures["enlarged"] == larger
 
 
 def test_a_plain_background_is_named_only_if_other_cameras_move() -> None:

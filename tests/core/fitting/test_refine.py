@@ -18,7 +18,7 @@ from kfmocap.core.errors import CalibrationError, CancelledError, FootageError
 from kfmocap.core.evidence.outline_evidence.outline_lines import Lines
 from kfmocap.core.fitting import resection
 from kfmocap.core.fitting.camera_refinement import Refinement, refine_cameras
-from kfmocap.core.fitting.key_frame_views import KeyFrameView, on_frames
+from kfmocap.core.fitting.key_frame_views import KeyFrameView
 from kfmocap.core.fitting.outline_fit import outline_products
 from kfmocap.core.fitting.resection import CAMERA_DOF, CameraState, adjusted
 from kfmocap.core.numerics import rotations
@@ -262,9 +262,9 @@ def test_rows_are_the_derivatives_of_the_pictures() -> None:
 def test_a_camera_on_some_frames_has_their_poses() -> None:
     R = rotations.exp(np.random.default_rng(0).normal(size=(5, 3)))
     camera = replace(CAMERAS[0], R_cam_world=R, t_cam_world=np.arange(15.0).reshape(5, 3))
-    picked = on_frames(camera, np.array([1, 4]))
+    picked = camera.at([1, 4])
     assert np.array_equal(picked.R_cam_world, R[[1, 4]]) and np.array_equal(picked.t_cam_world[1], [12, 13, 14])
-    assert on_frames(CAMERAS[0], np.array([1, 4])) is CAMERAS[0]
+    assert CAMERAS[0].at([1, 4]) is CAMERAS[0]
 
 
 def test_unknowns_do_not_overlap() -> None:

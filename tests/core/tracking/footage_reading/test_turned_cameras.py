@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from kfmocap.core.body.kinematics import part_poses, tip_positions
 from kfmocap.core.cameras.camera import Camera
+from kfmocap.core.cameras.lens_turns import split, zooming
 from kfmocap.core.fitting.background_checks import followed_cameras
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.shot.settings import Settings
@@ -27,6 +28,7 @@ SETTINGS = Settings(limb_search=False)
 WAYS = np.sin(FRAMES[:, None] * [0.9, 0.5, 0.3]) * [0.8, 1.3, 0.7]
 TURNS = Rotation.from_rotvec(np.radians(WAYS)).as_matrix()
 """From the camera's axes on the first frame, which has a key pose, to those on each."""
+FILMED = {"still": None, "held": TURNS, "zooming": zooming(1 + 0.012 * FRAMES) @ TURNS}
 
 
 def filmed(home: Path, camera: Camera, turns: np.ndarray | None) -> View:
@@ -48,7 +50,7 @@ def filmed(home: Path, camera: Camera, turns: np.ndarray | None) -> View:
 def shots(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Shot]:
     home, found = tmp_path_factory.mktemp("held"), {}
     side = filmed(home / "side", CAMERAS["side"], None)
-    for name, turns in (("still", None), ("held", TURNS)):
+    for name, turns in FILMED.items():
         views = [filmed(home / name, CAMERAS["front"], turns), side]
         found[name] = shot_of(views, [BODY], [TRUTH[FRAMES]], KEYS, SETTINGS)
     return found
@@ -72,9 +74,10 @@ def error(result: TrackResult) -> float:
 def test_it_is_tracked_nearly_as_well_as_if_it_had_stood_still(
     shots: dict[str, Shot], tracked: dict[str, TrackResult]
 ) -> None:
-    still, held = error(tracked["still"]), error(tracked["held"])
-    assert error(track(unmeasured(shots["held"]))) > 2 * still
-    assert held < 1.3 * still
+    still = error(tracked["still"])
+    for name, worse in (("held", 1.3), ("zooming", 1.6)):
+        assert error(track(unmeasured(shots[name]))) > 2 * still
+        assert error(tracked[name]) < worse * still
 
 
 def test_how_it_turned_is_found_to_within_a_third_of_a_pixel_and_told(
@@ -86,6 +89,18 @@ def test_how_it_turned_is_found_to_within_a_third_of_a_pixel_and_told(
     [said] = followed_cameras(shots["held"], tracked["held"].turns)
     assert said.camera == "front" and said.off and said.background.frames[0] == 0
     assert "front: its camera moved" in said.summary and "than on frame 0" in said.summary
+
+
+def test_how_its_lens_zooms_is_found_to_within_a_percent_and_told(
+    shots: dict[str, Shot], tracked: dict[str, TrackResult]
+) -> None:
+    front = tracked["zooming"].turns[0]
+    assert front is not None
+    R, zooms = split(front)
+    assert np.abs(zooms / (1 + 0.012 * FRAMES) - 1).max() < 0.01
+    assert CAMERAS["front"].displacements(R @ np.swapaxes(TURNS, 1, 2)).max() < 0.6
+    [said] = followed_cameras(shots["zooming"], tracked["zooming"].turns)
+    assert f"as large on frame {len(FRAMES) - 1} as on frame 0" in said.summary and "allowed for" in said.summary
 
 
 def test_cameras_that_stand_still_are_tracked_as_ever(shots: dict[str, Shot], tracked: dict[str, TrackResult]) -> None:
