@@ -226,8 +226,10 @@ def _set_by_eye(shot: Shot, turns: Sequence[Array | None]) -> bool:
         if own is None:
             continue
         factor, back = working_factor(view, shot.settings.working_size), np.swapaxes(split(own[frames])[0], 1, 2)
-        read = frames_at(view, (shot.frames[0] + frames).tolist(), factor, grey=False, turns=[*back])
-        pictures, camera = np.stack([*read]), view.camera.reduced(factor).rectified()
+        camera = view.camera.reduced(factor).rectified()
+        if camera.displacements(back).max() < MIN_SHIFT:  # a lens that only zooms tells nothing
+            continue
+        pictures = np.stack([*frames_at(view, (shot.frames[0] + frames).tolist(), factor, grey=False, turns=[*back])])
         matches = [movement_match(pictures, one, geometry, poses) for one in (camera, camera.turned(back))]
         lacks += [0.0 if match is None else 1 - match for match in matches]
     return bool(lacks[1] < lacks[0])

@@ -1,6 +1,4 @@
-"""Poses of camera objects: written as location, rotation and keys, read as Blender evaluates them. Lenses that zoom have
-keys, too.
-"""
+"""Poses of camera objects: written as location, rotation and keys, read as Blender evaluates them; keys of a lens."""
 
 from __future__ import annotations
 
