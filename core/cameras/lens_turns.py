@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation, Slerp
 
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, Ints
 
 _ROUNDING = 1e-9
 
@@ -39,7 +39,7 @@ def since(turns: Array, others: Array) -> Array:
     return np.asarray(zooming(zooms / other_zooms) @ R @ np.swapaxes(other_R, 1, 2))
 
 
-def interpolated(frames: ArrayLike, turns: Array, wanted: ArrayLike) -> Array:
+def interpolated(frames: Ints, turns: Array, wanted: Ints) -> Array:
     """Return the turns (F, 3, 3) on the wanted frames (F,) between those that are given, (K, 3, 3) on frames (K,)."""
     R, zooms = split(turns)
     between = np.exp(np.interp(wanted, frames, np.log(zooms)))

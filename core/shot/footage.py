@@ -110,7 +110,7 @@ def frames_at(
     grey: bool = True,
     album: Album | None = None,
     threads: int = 0,
-    turns: Sequence[Array] | None = None,
+    turns: Sequence[Array] | Array | None = None,
 ) -> Iterator[Image]:
     """Stream frames of a view that was checked: decoded once, in order, reduced and rectified.
 

@@ -103,8 +103,7 @@ def _read_camera(
     frame = frame_behind(scene, owner, clip)
     coefficients, fisheye, brown = built_distortion(owner)
     distortions = distortion.clip_distortions(clip) if clip is not None and brown else coefficients
-    lens = {"distortions": distortions, "fisheye": fisheye, "zooms": zooms}
-    return core_camera(owner.name, owner, frame, pose, **lens)
+    return core_camera(owner.name, owner, frame, pose, distortions=distortions, fisheye=fisheye, zooms=zooms)
 
 
 def built_distortion(owner: bpy.types.Object) -> tuple[list[float], bool, bool]:

@@ -195,8 +195,9 @@ def _read_camera(slot: bpy.types.PropertyGroup, pose: tuple[Array, Array], zooms
     frame = distortion.Frame(tuple(slot.size), tuple(slot.aspect))
     packed = json.loads(slot.distortions) if slot.distortions else {"fisheye": False}
     distortions = packed.get("coefficients") or distortion.clip_distortions(footage_background.background_clip(slot))
-    lens = {"distortions": distortions, "fisheye": packed["fisheye"], "zooms": zooms}
-    return scene_cameras.core_camera(slot.name, slot.camera, frame, pose, **lens)
+    return scene_cameras.core_camera(
+        slot.name, slot.camera, frame, pose, distortions=distortions, fisheye=packed["fisheye"], zooms=zooms
+    )
 
 
 def _relative(path: Path, folder: Path) -> str:
