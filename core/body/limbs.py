@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..numerics.arrays import Ints
 from .body import Body
 
 MAIN_JOINTS = ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle")
@@ -27,6 +28,17 @@ def limbs(body: Body) -> list[list[int]]:
         if len(chain) > 1:
             chains.append(chain)
     return chains
+
+
+def numbered_limbs(bodies: Sequence[Body]) -> Ints:
+    """Return a number for every part of some bodies, shape (P,): the same for all parts of a limb, and of a trunk."""
+    numbers, first, count = np.zeros(sum(len(body) for body in bodies), np.int64), 0, 0
+    for body in bodies:
+        own = numbers[first : first + len(body)]
+        for number, chain in enumerate(([*range(len(body))], *limbs(body)), count):
+            own[chain] = number
+        first, count = first + len(body), count + 1 + len(limbs(body))
+    return numbers
 
 
 def without_end(chain: Sequence[int]) -> list[int]:

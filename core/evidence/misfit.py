@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ..body.kinematics import Poses
-from ..numerics.arrays import Array
+from ..numerics.arrays import Array, Bools, Ints
 from .foreground_images.foreground import SURE_LOG_RATIO, background_share, log_ratio
 from .frame_comparison import EvidenceCaches
 from .rendering.label_images import render_labels
@@ -27,6 +28,9 @@ OUTSIDE_MARGIN = 0.04
 INSIDE_MARGIN = 0.02
 """Distance within the model's outline from which on pixels count as covered by a part, metres: the model is inexact."""
 _STRIDE = 4
+_FURNITURE_SHARE = 0.8
+"""Share of the frames on which a pixel is covered and shows background from which on something stands in front there:
+pictures of a limb where it is right look like background on 0.05 of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +46,8 @@ class Misfit:
         Area of foreground from `OUTSIDE_MARGIN` to `SEARCH_REACH` from a performer and farther than `OUTSIDE_MARGIN`
         from all others, square metres at the performer's distance.
     visible : ndarray, shape (V, F, P)
-        Visible area of each part without a margin along the outline, square metres.
+        Visible area of each part without a margin along the outline, square metres. Where something stands in front
+        that looks like background, nothing is visible.
     background : ndarray, shape (V, F, P)
         Share of that area that shows background, 0 to 1.
     pixels : ndarray, shape (V, F, P)
@@ -88,6 +93,7 @@ def measured_misfit(
     *,
     first: int,
     spans: Sequence[slice],
+    limb_of: Ints | None = None,
     by: ViewWork = IN_THIS_THREAD,
 ) -> Misfit:
     """Compare performers with the foreground images of the views that have any.
@@ -104,9 +110,11 @@ def measured_misfit(
         Shot frame of the first of them.
     spans : sequence of slice
         The parts of each of N performers.
+    limb_of : ndarray of int, shape (P,), optional
+        Number of the limb of each part, by which things in front are told from limbs that are lost.
     by : ViewWork, optional
     """
-    tasks = [(view, (geometry, poses[view.delay], first, spans)) for view in views_with_foreground(views)]
+    tasks = [(view, (geometry, poses[view.delay], first, spans, limb_of)) for view in views_with_foreground(views)]
     found = list(by.of_each(_view_misfit, tasks, EvidenceCaches()))
     F, P = next(iter(poses.values()))[1].shape[:2]
     shapes = [(len(spans), F), (len(spans), F), (F, P), (F, P), (F, P)]
@@ -155,10 +163,10 @@ def most_explained(
 
 
 def _view_misfit(
-    view: ViewFrames, _caches: EvidenceCaches, asked: tuple[Geometry, Poses, int, Sequence[slice]]
+    view: ViewFrames, _caches: EvidenceCaches, asked: tuple[Geometry, Poses, int, Sequence[slice], Ints | None]
 ) -> tuple[Array, ...]:
     """Compute the attributes of `Misfit` for one view; see `measured_misfit` for what is asked."""
-    geometry, (R, T), first, spans = asked
+    geometry, (R, T), first, spans, limb_of = asked
     P = T.shape[1]
     labels = render_labels(geometry, view.camera.subsampled(_STRIDE), first, R, T)
     scale = view.camera.pixels_per_metre(T.mean(axis=(0, 1)), first) / _STRIDE
@@ -173,6 +181,7 @@ def _view_misfit(
     foreground = view.foreground_at(first, len(T), _STRIDE)
     gaps, areas = np.full((len(spans), len(T)), np.nan), np.zeros((len(spans), len(T)))
     pixels, background = np.zeros((2, len(T), P))
+    covering = np.full_like(part, -1)
     # What hangs over the outline of one performer, hair or clothes, lies beside another one.
     nobody = background_share(log_ratio(foreground.max(axis=0)[window]))
     sound, _ = view.sound(first, len(T))
@@ -188,10 +197,27 @@ def _view_misfit(
             beside = apart[f] if apart is not None else beyond > OUTSIDE_MARGIN * scale
             areas[n, f] = float(shown[f][beside & (beyond < SEARCH_REACH * scale)].sum()) / scale**2
             within = cv2.distanceTransform(models[f].astype(np.uint8), cv2.DIST_L2, 3) > max(INSIDE_MARGIN * scale, 1.0)
-            whose = part[f][within]
-            pixels[f] += np.bincount(whose, minlength=P)
-            background[f] += np.bincount(whose, nobody[f][within], P)
+            covering[f][within] = part[f][within]
+    if limb_of is not None and view.camera.stands_still:
+        covering[:, _furniture(covering, nobody, limb_of)] = -1
+    for f in range(len(T)):
+        within = covering[f] >= 0
+        pixels[f] = np.bincount(covering[f][within], minlength=P)
+        background[f] = np.bincount(covering[f][within], nobody[f][within], P)
     return gaps, areas, pixels / scale**2, background / np.maximum(pixels, 1), pixels
+
+
+def _furniture(covering: NDArray[Any], nobody: Array, limb_of: Ints) -> Bools:
+    """Return where something stands in front of performers that looks like background, (h, w), by the parts that cover
+    pixels on F frames and the share of background there, (F, h, w): two limbs pass, and nothing is seen of either. One
+    may be lost.
+    """
+    covered = covering >= 0
+    limbs, seen = np.where(covered, limb_of[covering], -1), np.zeros(covering.shape[1:], int)
+    for limb in np.unique(limb_of):
+        seen += (limbs == limb).any(axis=0)
+    shares = (covered * nobody).sum(axis=0) / np.maximum(covered.sum(axis=0), 1)
+    return np.asarray((seen >= 2) & (shares > _FURNITURE_SHARE))
 
 
 def _distance(mask: NDArray[np.bool_]) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from kfmocap.core.body import part_poses
 from kfmocap.core.body.kinematics import tip_positions
+from kfmocap.core.body.limbs import numbered_limbs
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.misfit import Misfit, measured_misfit
 from kfmocap.core.evidence.rendering.part_geometry import Geometry
@@ -163,12 +164,13 @@ def arm_turned_away() -> Motion:
 
 def misfit_of(found: Motion, cameras: tuple = CAMERAS) -> Misfit:
     poses = poses_of([BODY], [at_rest(BODY)])
-    views = []
-    for camera in cameras:
-        seen = np.stack([silhouette([BODY], poses, 0, camera, samples=2)] * FRAMES)
-        views.append(ViewFrames(camera, np.zeros_like(seen), 0, foreground=seen[None]))
-    at = {0.0: poses_of([BODY], [found])}
-    return measured_misfit(views, Geometry.of([BODY]), at, first=0, spans=[slice(0, P)])
+    return misfit_in([np.stack([silhouette([BODY], poses, 0, c, samples=2)] * FRAMES) for c in cameras], found, cameras)
+
+
+def misfit_in(shown: list[Array], found: Motion, cameras: tuple = CAMERAS, furniture: bool = True) -> Misfit:
+    views = [ViewFrames(c, np.zeros_like(s), 0, foreground=s[None]) for c, s in zip(cameras, shown, strict=True)]
+    at, limb_of = {0.0: poses_of([BODY], [found])}, numbered_limbs([BODY]) if furniture else None
+    return measured_misfit(views, Geometry.of([BODY]), at, first=0, spans=[slice(0, P)], limb_of=limb_of)
 
 
 def lost_in(misfit: Misfit, held: Array | None = None, support: Array | None = None) -> Array:
@@ -201,6 +203,22 @@ def test_a_motion_that_is_right_has_no_lost_part_and_neither_has_one_that_key_po
     held = np.zeros((FRAMES, P), bool)
     held[:, ARM] = True
     assert not lost_in(misfit_of(arm_turned_away()), held)[:, ARM].any()
+
+
+def test_limbs_that_pass_behind_a_post_are_hidden_and_not_lost() -> None:
+    """It looks like background, whoever passes; nothing else shows where they are in these views."""
+    found = at_rest(BODY, FRAMES)
+    found.translations[:, 0] += np.linspace(-0.3, 0.3, FRAMES)
+    shown = []
+    for camera in CAMERAS:
+        seen = np.concatenate(
+            [silhouette([BODY], poses_of([BODY], [found[[f]]]), 0, camera, samples=2)[None] for f in range(FRAMES)]
+        )
+        middle = camera.size[0] // 2
+        seen[:, :, middle - 20 : middle + 20] = seen.min()
+        shown.append(seen)
+    assert lost_in(misfit_in(shown, found, furniture=False)).max() > 0.2
+    assert lost_in(misfit_in(shown, found)).max() < 0.05
 
 
 def test_a_part_of_a_few_pixels_is_not_lost_because_of_one_of_them() -> None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ....body.limbs import limbs, without_end
+from ....body.limbs import limbs, numbered_limbs, without_end
 from ....body.motion import Motion
 from ....evidence.misfit import Misfit, beyond_known, measured_misfit, most_explained
 from ....evidence.occlusion import LONG_GAP
@@ -221,7 +221,15 @@ def others_hide(unhidden: Array) -> bool:
 def misfit_at(problem: SegmentProblem, motions: Sequence[Motion], by: ViewWork = IN_THIS_THREAD) -> Misfit:
     """Compare motions of all performers with the foreground images."""
     poses = poses_by_delay(problem, view_instants(problem, motions))
-    return measured_misfit(problem.views, problem.geometry(), poses, first=problem.first, spans=problem.spans(), by=by)
+    return measured_misfit(
+        problem.views,
+        problem.geometry(),
+        poses,
+        first=problem.first,
+        spans=problem.spans(),
+        limb_of=numbered_limbs(problem.bodies),
+        by=by,
+    )
 
 
 def _areas_beside(problem: SegmentProblem, misfit: Misfit) -> Array:
