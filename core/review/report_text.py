@@ -174,7 +174,9 @@ def _key_pose_lines(performer: Mapping[str, Any]) -> list[str]:
     lines = []
     lost = [f"{part} {', '.join(f'{a}-{b}' for a, b in spans)}" for part, spans in performer["may_be_lost"].items()]
     if lost:
-        lines.append(f"may be lost, as the footage does not show them where they are: {'; '.join(lost)}")
+        lines.append(
+            f"may be lost, or hidden by something, as the footage does not show them where they are: {'; '.join(lost)}"
+        )
     helpful = [
         f"{key['frame']} ({' '.join(key['parts'])} some {key['expected_error']:.0f} mm)"
         for key in performer["helpful_keyframes"]

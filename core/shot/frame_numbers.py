@@ -14,6 +14,8 @@ from ..numerics.arrays import Bools, Ints
 from .settings import MAX_OFFSET, Settings
 from .shot import Gap, View
 
+_SURE_OFFSET = 0.4
+"""Measured shift of key poses, frames, from which they may be a whole frame off: 0.46 was measured of such."""
 FIRST_PARITY = {"top-first": 0, "bottom-first": 1}
 """Parity of the lines that belong to the first field."""
 
@@ -120,7 +122,13 @@ def footage_offset_text(offset: float) -> str:
     when = "later" if offset > 0 else "earlier"
     if abs(offset) < MAX_OFFSET:
         measured = f"{abs(offset):.2f} frames {when} than on their frames"
-        return f"the footage shows the key poses {measured}; tracking allows for it, nothing needs to be done"
+        done = "tracking allows for it"
+        if abs(offset) < _SURE_OFFSET:
+            return f"the footage shows the key poses {measured}; {done}, nothing needs to be done"
+        return (
+            f"the footage shows the key poses {measured}; {done}, but as little may be measured of key poses that are "
+            f"a whole frame off: if one fits its pictures one frame {when}, move all of them there"
+        )
     return (
         f"the footage shows the key poses half a frame or more {when} than on their frames; tracking allows for half a "
         f"frame only: if they fit the pictures one frame {when}, move them there"

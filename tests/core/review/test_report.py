@@ -139,7 +139,9 @@ def test_the_report_has_how_far_off_the_parts_may_be_and_where_one_more_key_pose
 def test_blind_spots_are_reported_in_one_line_each(tracked: tuple[Shot, type]) -> None:
     shot, result = tracked
     unseen, lost, helpful, suggested = report_lines(report(shot, result))
-    assert lost == "man: may be lost, as the footage does not show them where they are: forearm.L 114-116"
+    assert lost == (
+        "man: may be lost, or hidden by something, as the footage does not show them where they are: forearm.L 114-116"
+    )
     assert unseen == "man: frames on which no camera sees a part: shin.L 1, hand.R 7"
     assert suggested == "man: key poses would help at 107 (hand.R hidden 108-114), 115 (hand.R hidden 108-114)"
     assert helpful.startswith("man: where one more key pose would help most: ") and "(forearm.L some" in helpful
@@ -190,6 +192,10 @@ def test_a_footage_offset_is_reported_unless_it_was_given(tracked: tuple[Shot, t
     assert values["footage_offset"] == 0.38
     assert any("0.38 frames later" in line and "nothing needs to be done" in line for line in report_lines(values))
     assert not any("frames later" in line for line in report_lines(report(shot.with_footage_offset(0.38), result)))
+    result.footage_offset = 0.46  # as was measured of key poses that were a whole frame off
+    assert any(
+        "0.46 frames later" in line and "move all of them" in line for line in report_lines(report(shot, result))
+    )
     result.footage_offset = -0.5  # or more: that is as much as is allowed for
     assert any("move them" in line and "one frame earlier" in line for line in report_lines(report(shot, result)))
 
