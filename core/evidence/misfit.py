@@ -207,7 +207,7 @@ def _view_misfit(
     return gaps, areas, pixels / scale**2, background / np.maximum(pixels, 1), pixels
 
 
-def _furniture(covering: NDArray[Any], nobody: Array, limb_of: Ints) -> Bools:
+def _furniture(covering: NDArray[Any], nobody: NDArray[np.float32], limb_of: Ints) -> Bools:
     """Return where something stands in front of performers that looks like background, (h, w), by the parts that cover
     pixels on F frames and the share of background there, (F, h, w): two limbs pass, and nothing is seen of either. One
     may be lost.
