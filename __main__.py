@@ -67,7 +67,7 @@ class _BlenderProcess:
     def __init__(self) -> None:
         if find_spec("bpy") is None:
             import bpy  # noqa: F401  says that it is missing
-        from .core.runtime.worker_process import WorkerProcess
+        from ..core.runtime.processes.worker_process import WorkerProcess
 
         self._process = WorkerProcess(yields=False)
         self._thread = ThreadPoolExecutor(1)

@@ -18,7 +18,7 @@ from typing import Any
 from ..cli.example_footage import example_folder
 from ..cli.services import BenchmarkRequest
 from ..core.errors import FootageError, KFMocapError
-from ..core.runtime.files import check_writable, replacing, staged
+from ..core.runtime.output_files.files import check_writable, replacing, staged
 from ..core.shot.settings import Settings
 from . import tables
 from .corrections import measure_corrections

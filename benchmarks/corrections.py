@@ -12,7 +12,7 @@ from statistics import median
 
 import numpy as np
 
-from ..core.runtime.worker_memory import WorkerMemory
+from ..core.runtime.processes.worker_memory import WorkerMemory
 from ..core.shot.shot import Shot
 from ..core.tracking.prepare import load_shot
 from ..core.tracking.retracking import Excerpt, excerpt_at, track_excerpts

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..core.errors import KFMocapError
-from ..core.runtime.files import check_writable, replacing, staged
+from ..core.runtime.output_files.files import check_writable, replacing, staged
 from .experiments_pictures import write_jpeg
 from .experiments_runs import ExperimentResult, RenderedShot, say, throw, walk, whirl
 from .footage_renderer import ROOT, render

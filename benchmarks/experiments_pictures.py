@@ -18,7 +18,7 @@ from ..core.errors import OutputError
 from ..core.evidence.rendering.part_geometry import Geometry
 from ..core.formats import Landmarks
 from ..core.review.overlay import draw_outlines
-from ..core.runtime.files import replacing
+from ..core.runtime.output_files.files import replacing
 from ..core.shot.footage import frames_at
 from ..core.shot.shot import Shot, View
 

@@ -19,7 +19,7 @@ import cv2
 from ..core.calibration.charts import Chart, heat_colour, stacked_pictures, text
 from ..core.errors import KFMocapError, OutputError
 from ..core.formats.shot_toml import read_shot_spec
-from ..core.runtime.files import replacing
+from ..core.runtime.output_files.files import replacing
 from ..core.runtime.threads import worker_count
 from .command_cost import Cost, command_cost
 from .footage_renderer import render

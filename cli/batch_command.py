@@ -11,8 +11,8 @@ from functools import partial
 from pathlib import Path
 
 from ..core.errors import InputError, KFMocapError, ShotError, WorkerEndedError
-from ..core.runtime.files import check_writable
-from ..core.runtime.job import Job
+from ..core.runtime.output_files.files import check_writable
+from ..core.runtime.processes.job import Job
 from ..core.runtime.threads import worker_count
 from ..core.shot.settings import check_solver
 from .batch_display import BatchDisplay

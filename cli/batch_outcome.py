@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.runtime.files import write_json
+from ..core.runtime.output_files.files import write_json
 
 STATUS = "status"
 """The folder, beside those of the results, that contains the outcome of every shot."""

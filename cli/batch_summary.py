@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from ..core.formats.html_page import html_page
-from ..core.runtime.files import together
+from ..core.runtime.output_files.files import together
 from .batch_outcome import ShotOutcome, ShotState
 
 COLUMNS = ("shot", "state", "expected_error_mm", "seconds", "warnings", "message", "file")

@@ -14,14 +14,14 @@ from ..core.calibration.performer.performer_cameras import PerformerCalibration,
 from ..core.calibration.performer.single_camera import SingleViewCalibration
 from ..core.cameras.camera import Camera
 from ..core.errors import KFMocapError
-from ..core.fitting.camera_refinement import Refinement
+from ..core.fitting.camera_fits.camera_refinement import Refinement
 from ..core.fitting.shot_cameras import refine_shot_cameras
 from ..core.formats.calibrations.calibration_files import export_cameras, format_name, load_cameras
 from ..core.formats.marker_points import write_marker_points
 from ..core.formats.shot_toml import read_shot_spec
 from ..core.formats.wand_toml import load_wand
-from ..core.runtime.files import check_inputs_kept, replacing, together
 from ..core.runtime.interrupts import results_are_written
+from ..core.runtime.output_files.files import check_inputs_kept, replacing, together
 from ..core.runtime.progress import Progress
 from ..core.tracking.prepare import prepare_shot, read_shot_cameras
 from .printed import print_outcome

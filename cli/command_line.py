@@ -17,8 +17,8 @@ from ..core.errors import KFMocapError
 from ..core.runtime.decoder_log import DecoderLog
 from ..core.runtime.interrupts import Interruptions, interrupted_text, results_seen
 from ..core.runtime.loading import without_garbage_collection
-from ..core.runtime.worker_memory import WorkerMemory
-from ..core.runtime.worker_process import can_be_copied
+from ..core.runtime.processes.worker_memory import WorkerMemory
+from ..core.runtime.processes.worker_process import can_be_copied
 from .arguments import parser
 from .services import Services
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from ..core.errors import FootageError
 from ..core.formats import read_trc
 from ..core.review.scoring import joint_error
-from ..core.runtime.files import check_writable
 from ..core.runtime.interrupts import results_are_written
+from ..core.runtime.output_files.files import check_writable
 from ..core.shot.shot import Shot
 from ..core.tracking.prepare import load_shot
 from .example_footage import example_folder

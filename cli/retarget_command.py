@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ..core.errors import OutputError, ShotError
-from ..core.retargeting.roles import named_together
-from ..core.runtime.files import check_writable, write_json
+from ..core.retargeting.bone_roles.roles import named_together
+from ..core.runtime.output_files.files import check_writable, write_json
 from .printed import print_outcome
 from .services import RetargetRequest, Services
 

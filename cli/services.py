@@ -12,7 +12,7 @@ from ..core.errors import OutputError
 
 if TYPE_CHECKING:
     from ..core.numerics.arrays import Array
-    from ..core.runtime.worker_memory import WorkerMemory
+    from ..core.runtime.processes.worker_memory import WorkerMemory
     from ..core.shot.shot import Shot
     from ..core.tracking.results.track_result import TrackResult
 

@@ -17,13 +17,13 @@ from ..core.fitting.shot_cameras import camera_fits, refine_shot_cameras
 from ..core.formats.shot_toml import read_shot_spec
 from ..core.review.pretracking_warnings import warnings_before_tracking
 from ..core.review.report_text import report_lines
-from ..core.runtime.files import check_writable
 from ..core.runtime.interrupts import REPORT_FILE, results_are_written
+from ..core.runtime.output_files.files import check_writable
+from ..core.runtime.processes.worker_memory import WorkerMemory
+from ..core.runtime.processes.worker_process import can_be_copied
 from ..core.runtime.progress import share
 from ..core.runtime.threads import worker_count
 from ..core.runtime.timing import Seconds
-from ..core.runtime.worker_memory import WorkerMemory
-from ..core.runtime.worker_process import can_be_copied
 from ..core.shot.settings import Settings, check_threads
 from ..core.shot.shot import Shot
 from ..core.shot.shot_spec import ShotSpec

@@ -14,11 +14,11 @@ from typing import Any
 from ..core.body import landmark_positions
 from ..core.body.unknown_parts import known_landmarks
 from ..core.errors import InputError
-from ..core.fitting.camera_refinement import Refinement
-from ..core.fitting.early_check import early_frames, early_misfits
-from ..core.fitting.flicker import FLICKER_FRAMES
+from ..core.fitting.camera_fits.camera_refinement import Refinement
+from ..core.fitting.checks.early_check import early_frames, early_misfits
+from ..core.fitting.checks.flicker import FLICKER_FRAMES
+from ..core.fitting.checks.view_findings import ViewFinding
 from ..core.fitting.shot_cameras import camera_fits, checked_frames, for_camera_fits
-from ..core.fitting.view_findings import ViewFinding
 from ..core.formats.calibrations.toml_cameras import save_cameras
 from ..core.formats.keypoint_files import read_shot_keypoints
 from ..core.formats.trc import write_trc
@@ -27,13 +27,13 @@ from ..core.numerics.arrays import Array
 from ..core.review.overlay import contact_sheet, keys_and_middles, sheet_frames, write_contact_sheet
 from ..core.review.report_text import offset_text
 from ..core.review.track_report import report
-from ..core.runtime.files import check_inputs_kept, staged, write_json
 from ..core.runtime.interrupts import REPORT_FILE
+from ..core.runtime.output_files.files import check_inputs_kept, staged, write_json
+from ..core.runtime.processes.worker_memory import WorkerMemory
+from ..core.runtime.processes.worker_pool import WorkerPool
 from ..core.runtime.progress import Progress, share
 from ..core.runtime.threads import one_library_thread, worker_count
 from ..core.runtime.timing import Seconds
-from ..core.runtime.worker_memory import WorkerMemory
-from ..core.runtime.worker_pool import WorkerPool
 from ..core.shot.shot import Gap, Shot
 from ..core.shot.shot_spec import ShotSpec, result_names
 from ..core.tracking.footage_reading.frames_ahead import FramesAhead

@@ -36,9 +36,9 @@ from unittest import mock
 from kfmocap.__main__ import main as run_command
 from kfmocap.cli import batch_command, calibrate_command, track_command  # noqa: F401  loaded once, for all runs
 from kfmocap.cli.batch_outcome import STATUS
-from kfmocap.core.runtime import worker, worker_process
-from kfmocap.core.runtime.files import check_writable
 from kfmocap.core.runtime.interrupts import WRITTEN_NOTE
+from kfmocap.core.runtime.output_files.files import check_writable
+from kfmocap.core.runtime.processes import worker, worker_process
 from kfmocap.core.tracking.results.journal import JOURNAL_SUFFIX, journal_beside
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)

@@ -16,8 +16,8 @@ import numpy as np
 
 from ...cli.example_footage import example_folder
 from ...core.cameras.camera import Camera
-from ...core.fitting.camera_refinement import refine_cameras
-from ...core.fitting.resection import adjusted
+from ...core.fitting.camera_fits.camera_refinement import refine_cameras
+from ...core.fitting.camera_fits.resection import adjusted
 from ...core.formats import Landmarks, load_cameras, read_trc
 from ...core.shot.shot import Shot
 from ...core.tracking.prepare import load_shot

@@ -28,7 +28,7 @@ from ...core.capture.capture import Capture
 from ...core.errors import KFMocapError
 from ...core.numerics import rotations
 from ...core.numerics.arrays import Array
-from ...core.runtime.files import replacing
+from ...core.runtime.output_files.files import replacing
 from .wand_captures import FPS, HARD, LFRAME, WAND_LENGTH, Faults, capture, ring, scattered, waved
 
 CAMERAS = 4

@@ -12,9 +12,9 @@ from ..capture.calibration_objects import LFRAME_BALLS
 from ..capture.capture import Capture, CaptureView, Markers
 from ..capture.capture_videos import CaptureVideos
 from ..errors import CaptureError
+from ..runtime.processes.worker_pool import WorkerPool
 from ..runtime.progress import Progress, share
 from ..runtime.threads import worker_count
-from ..runtime.worker_pool import WorkerPool
 from ..shot.footage import Footage, probe
 from ..shot.footage_faults.footage_times import video_rate
 from .calibration_result import CalibrationResult

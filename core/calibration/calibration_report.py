@@ -16,7 +16,7 @@ from ..capture.calibration_objects import LFRAME_ARMS
 from ..errors import OutputError
 from ..formats.html_page import html_page
 from ..numerics.arrays import Array
-from ..runtime.files import replacing, write_json
+from ..runtime.output_files.files import replacing, write_json
 from .charts import GREY, INK, Chart, Image, blank, heat_colour, stacked_pictures, text
 from .quality import measured_lengths, quality_numbers
 

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from ..capture.calibration_objects import LFRAME_ARMS, LFRAME_BALLS
 from ..capture.capture import Markers
 from ..numerics.arrays import Array
+from ..runtime.processes.worker_pool import WorkerPool
 from ..runtime.progress import Progress, report_progress
 from ..runtime.threads import one_library_thread
-from ..runtime.worker_pool import WorkerPool
 from ..shot.footage import pictures
 from .balls.ball_appearance import BallAppearance, BallGuess, BallImage
 from .balls.ball_images import fit_ball

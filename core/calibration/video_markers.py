@@ -14,9 +14,9 @@ from ..capture.capture import Capture, CaptureView, Markers
 from ..capture.capture_videos import CaptureVideos, CaptureVideoView
 from ..errors import CalibrationError
 from ..numerics.arrays import Array
+from ..runtime.processes.worker_pool import WorkerPool
 from ..runtime.progress import Progress, report_progress, share
 from ..runtime.threads import one_library_thread
-from ..runtime.worker_pool import WorkerPool
 from ..shot.footage import Footage, pictures, probe
 from .balls.ball_centres import centres_of
 from .balls.found_balls import Balls

@@ -18,7 +18,7 @@ from ..body import Part
 from ..cameras.camera import Camera
 from ..numerics.arrays import Bools
 from ..numerics.repeatable import transformed
-from ..runtime.shared_arrays import collected, each_row
+from ..runtime.processes.shared_arrays import collected, each_row
 from .rendering.label_images import NEAR_PLANE
 from .smoothed_images import smoothed_slopes
 

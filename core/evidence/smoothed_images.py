@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.shared_arrays import each_row
+from ..runtime.processes.shared_arrays import each_row
 
 Image = NDArray[np.float32]
 

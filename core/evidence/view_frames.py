@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
-from ..runtime.shared_arrays import copied_from_map
+from ..runtime.processes.shared_arrays import copied_from_map
 from ..shot.footage_faults.continuity import single_frames
 from .foreground_images.part_colours import ColouredFrames, PartColours
 from .smoothed_images import SmoothedImages

@@ -30,7 +30,7 @@ from ..formats.keypoint_files import read_shot_keypoints
 from ..keypoints.keypoint_offsets import KeypointOffsets
 from ..keypoints.keypoint_rays import Keypoints
 from ..keypoints.keypoint_sigmas import USUAL_SIGMA, robust_weights
-from ..keypoints.left_right import correct_sides
+from ..keypoints.left_and_right.left_right import correct_sides
 from ..keypoints.observations import performer_keypoints
 from ..numerics.arrays import Array, slices_of
 from ..numerics.normal_equations import DenseEquations, IndependentEquations

@@ -1,8 +1,8 @@
 """Checking whether a shot's cameras fit one another and the key poses, and refining those that do not.
 
 There are two kinds of evidence. If three or more views share 2D keypoints, each camera is compared with the others
-(`core.fitting.keypoint_cameras`). On frames with a key pose of the whole body, the performers' outlines in each picture
-are compared with the model's (`core.fitting.camera_refinement`). The deviation that a camera is allowed is estimated
+(`camera_fits.keypoint_cameras`). On frames with a key pose of the whole body, the performers' outlines in each picture
+are compared with the model's (`camera_fits.camera_refinement`). The deviation that a camera is allowed is estimated
 from the shot: from the scatter of the keypoints, and from how exactly the outlines determine the camera.
 """
 
@@ -19,10 +19,10 @@ from ..keypoints.keypoint_rays import Keypoints
 from ..keypoints.observations import correlated_frames, performer_keypoints
 from ..keypoints.view_agreement import without_midpoints
 from ..numerics.arrays import evenly_spaced
+from ..runtime.processes.worker_memory import WorkerMemory
+from ..runtime.processes.worker_process import Show
 from ..runtime.progress import Progress, share
 from ..runtime.threads import one_library_thread
-from ..runtime.worker_memory import WorkerMemory
-from ..runtime.worker_process import Show
 from ..shot.shot import Shot
 from ..tracking.footage_corrections.footage_gaps import with_found_gaps
 from ..tracking.footage_reading.reader import is_kept
@@ -32,19 +32,19 @@ from ..tracking.results.track_result import TrackResult
 from ..tracking.retracking import Excerpt, preview_segment, track_excerpts
 from ..tracking.scheduling.run_context import FirstPictures, RunContext, SolvedShot
 from ..tracking.segments import whole_keys
-from .background_checks import followed_cameras, moved_camera, with_plain_backgrounds
-from .camera_refinement import RefinedCamera, Refinement, refine_cameras
-from .early_check import EARLY_MISFITS, early_frames, early_misfits
-from .footage_match import footage_matches
+from .camera_fits.camera_refinement import RefinedCamera, Refinement, refine_cameras
+from .camera_fits.keypoint_cameras import PictureShift, contradictions
+from .camera_fits.shared_keypoints import CameraEstimate, SharedKeypoints
+from .checks.background_checks import followed_cameras, moved_camera, with_plain_backgrounds
+from .checks.early_check import EARLY_MISFITS, early_frames, early_misfits
+from .checks.footage_match import footage_matches
+from .checks.misfit_causes import attributed_findings
+from .checks.outline_check import outline_fits
+from .checks.picture_findings import Strangers
+from .checks.posed_views import posed_views
+from .checks.stranger_check import strangers_in
+from .checks.view_findings import CameraFit, MovedCamera, ViewFinding
 from .key_frame_views import pictured_key_frames, read_key_frames
-from .keypoint_cameras import PictureShift, contradictions
-from .misfit_causes import attributed_findings
-from .outline_check import outline_fits
-from .picture_findings import Strangers
-from .posed_views import posed_views
-from .shared_keypoints import CameraEstimate, SharedKeypoints
-from .stranger_check import strangers_in
-from .view_findings import CameraFit, MovedCamera, ViewFinding
 
 MAX_CHECKED_KEYS = 8
 """Largest number of key frames that cameras are compared with, evenly spaced over the shot."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import BodyError
-from ..runtime.files import write_json
+from ..runtime.output_files.files import write_json
 from .reading import read_bytes, reading
 
 _MAX_NAME_LENGTH = 100  # characters of a preset's name

@@ -17,7 +17,7 @@ import numpy as np
 from ..capture.calibration_objects import LFRAME_BALLS, PERFORMER_POINTS, WAND_BALLS
 from ..capture.capture import Capture, Markers
 from ..errors import CalibrationError
-from ..runtime.files import replacing
+from ..runtime.output_files.files import replacing
 from .reading import NUMBER_LIMIT, read_text, reading
 
 TAKES = {"lframe": LFRAME_BALLS, "wand": WAND_BALLS, "performer": PERFORMER_POINTS}

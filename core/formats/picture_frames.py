@@ -11,7 +11,7 @@ from pathlib import Path, PureWindowsPath
 
 from ..errors import FootageError
 from ..shot.footage import probe
-from ..shot.image_sequences import image_files
+from ..shot.footage_files.image_sequences import image_files
 
 
 def frames_by_name(footage: Path) -> dict[str, int]:

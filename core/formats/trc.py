@@ -15,7 +15,7 @@ import numpy as np
 from ..cameras.world_axes import METRES
 from ..errors import LandmarkError
 from ..numerics.arrays import Array
-from ..runtime.files import replacing
+from ..runtime.output_files.files import replacing
 from .reading import NUMBER_LIMIT, first_repeated, read_text, reading
 
 WORLD_OF_Y_UP = [2, 0, 1]

@@ -17,8 +17,8 @@ from ..numerics.arrays import Array
 from ..numerics.resampling import gaps_filled
 from .keypoint_rays import Keypoints
 from .keypoint_sigmas import sigmas_of_lengths
-from .left_right import correct_sides, swap_sides, with_exchanged
-from .side_paths import likeliest_sides
+from .left_and_right.left_right import correct_sides, swap_sides, with_exchanged
+from .left_and_right.side_paths import likeliest_sides
 from .triangulation import LEAP_DISTANCE, triangulate
 
 COMPARISON_WINDOW = 0.1

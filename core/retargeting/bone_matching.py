@@ -9,13 +9,13 @@ import numpy as np
 
 from ..body.skeleton_motion import RestSkeleton
 from ..errors import BodyError
-from .bone_names import completed, roles_by_name
-from .bone_positions import roles_by_position
-from .bone_presets import PRESETS, BonePreset
-from .bone_words import NAMESPACE, read_name
-from .rest_alignment import feet_point_back
-from .roles import FINGERS, SIDES, BoneMap, parent_role
-from .skeleton_tree import SkeletonTree
+from .bone_roles.bone_names import completed, roles_by_name
+from .bone_roles.bone_positions import roles_by_position
+from .bone_roles.bone_presets import PRESETS, BonePreset
+from .bone_roles.bone_words import NAMESPACE, read_name
+from .bone_roles.roles import FINGERS, SIDES, BoneMap, parent_role
+from .bone_roles.skeleton_tree import SkeletonTree
+from .rest_poses.rest_alignment import feet_point_back
 
 _ENDS = {"forearm": "hand", "shin": "foot"}
 _CALLED_END = re.compile(r"(?<![a-z])end(?![a-z])", re.IGNORECASE)

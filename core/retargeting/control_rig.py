@@ -10,7 +10,7 @@ import numpy as np
 
 from ..body.skeleton_motion import RestSkeleton
 from ..numerics.arrays import Array, Bools
-from .roles import FINGERS, BoneMap, parent_role
+from .bone_roles.roles import FINGERS, BoneMap, parent_role
 
 MOVED = ("root", "hips")
 """Roles of the bones that move through the world."""
@@ -39,7 +39,7 @@ class ControlRig:
         Horizontal distance at rest from the ankle to the tips of the toes, metres, 0 where it is unknown, for the sides
         ("L", "R") on which it is known from more than the foot's control, and the motion has no toes.
     palms : mapping of str to ndarray, shape (3, 3)
-        By side, the axes of the palms at rest, see `core.retargeting.palms.palm_axes`, where fingers that are
+        By side, the axes of the palms at rest, see `rest_poses.palms.palm_axes`, where fingers that are
         not controlled show them.
     """
 

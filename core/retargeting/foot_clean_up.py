@@ -1,6 +1,6 @@
 """Cleaning up the feet of a tracked motion: planted points stand still, and key poses are not changed.
 
-The method is that of `core.retargeting.foot_keeping`, with the body as its own target.
+The method is that of `core.retargeting.contacts.foot_keeping`, with the body as its own target.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from ..body.skeleton_motion import motion_of_body
 from ..errors import BodyError
 from ..numerics.arrays import Array, Bools
 from ..shot.shot import KeyPoses
+from .bone_roles.roles import BoneMap
 from .control_rig import ControlRig
 from .retarget import prepared, retarget
-from .roles import BoneMap
 from .transfer import RetargetOptions
 
 
@@ -44,7 +44,7 @@ def with_clean_feet(
         frames between, so that a foot stands where the key poses have it, and moves between these places if they
         differ.
     planted : mapping of str to ndarray of bool, shape (F,), optional
-        See `core.retargeting.foot_keeping.foot_paths`.
+        See `core.retargeting.contacts.foot_keeping.foot_paths`.
 
     Raises
     ------

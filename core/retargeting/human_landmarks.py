@@ -41,7 +41,7 @@ def human_landmarks(body: Body, parts: Mapping[str, int]) -> dict[str, tuple[int
     ----------
     body : Body
     parts : mapping of str to int
-        Index of the part that has each role of `core.retargeting.roles`; roles may be missing.
+        Index of the part that has each role of `core.retargeting.bone_roles.roles`; roles may be missing.
 
     Returns
     -------

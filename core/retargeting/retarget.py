@@ -13,10 +13,10 @@ from ..numerics import rotations
 from ..numerics.arrays import Array, Bools
 from ..numerics.frame_ranges import runs
 from .bone_matching import match_bones
+from .bone_roles.roles import LIMBS, SIDES, BoneMap
+from .contacts.foot_keeping import BALL, HEEL, FootPath, foot_goals, foot_paths, hand_goals
+from .contacts.limb_goals import LimbGoal, reach_goals
 from .control_rig import ControlRig, RigPoses
-from .foot_keeping import BALL, HEEL, FootPath, foot_goals, foot_paths, hand_goals
-from .limb_goals import LimbGoal, reach_goals
-from .roles import LIMBS, SIDES, BoneMap
 from .transfer import Placement, RetargetOptions, leg_length, place, transfer
 
 DEFAULTS = RetargetOptions()

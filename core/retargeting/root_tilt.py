@@ -13,7 +13,7 @@ import numpy as np
 from ..body.skeleton_motion import RestSkeleton
 from ..numerics.arrays import Array, Bools
 from .control_rig import ControlRig, RigPoses
-from .rest_alignment import shortest_turn
+from .rest_poses.rest_alignment import shortest_turn
 from .retarget import Retargeted, grounded, way_up
 
 _UP = np.array([0.0, 0.0, 1.0])

@@ -17,10 +17,10 @@ from scipy.spatial.transform import Rotation
 
 from ..body.skeleton_motion import RestSkeleton, SkeletonMotion
 from ..numerics.arrays import Array
+from .bone_roles.roles import SIDES, BoneMap
 from .control_rig import ControlRig, RigPoses
-from .rest_alignment import direction, facing, knee_axes, shortest_turn, to_ball
+from .rest_poses.rest_alignment import direction, facing, knee_axes, shortest_turn, to_ball
 from .retarget import Retargeted, way_up
-from .roles import SIDES, BoneMap
 
 _UP = np.array([0.0, 0.0, 1.0])
 _LEVEL = 0.06

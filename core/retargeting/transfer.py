@@ -11,9 +11,9 @@ from ..choices import FEET, ROOT_MOTIONS
 from ..errors import BodyError
 from ..numerics import rotations
 from ..numerics.arrays import Array
+from .bone_roles.roles import SIDES, BoneMap, parent_role
 from .control_rig import ControlRig, RigPoses, control_poses
-from .rest_alignment import alignments
-from .roles import SIDES, BoneMap, parent_role
+from .rest_poses.rest_alignment import alignments
 
 
 @dataclass(frozen=True)

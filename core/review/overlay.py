@@ -23,7 +23,7 @@ from ..evidence.rendering.label_images import render_labels
 from ..evidence.rendering.part_geometry import Geometry
 from ..numerics.arrays import Array, evenly_spaced
 from ..numerics.frame_ranges import runs
-from ..runtime.files import replacing
+from ..runtime.output_files.files import replacing
 from ..runtime.progress import Progress, report_progress
 from ..runtime.threads import worker_count
 from ..shot.footage import frames_at

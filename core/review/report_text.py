@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import listed
-from ..fitting.misfit_causes import common_shift
+from ..fitting.checks.misfit_causes import common_shift
 from ..shot.footage_faults.footage_checks import SAME_RATE
 from ..shot.footage_faults.footage_damage import FootageDamage
 from ..shot.footage_faults.footage_times import FootageRate

@@ -30,8 +30,8 @@ from .pretracking_warnings import exchanged_keyframes
 from .suggestions import suggest_keys_beside_hidden, suggest_keys_by_error
 
 if TYPE_CHECKING:
-    from ..fitting.camera_refinement import RefinedCamera, Refinement
-    from ..fitting.view_findings import ViewFinding
+    from ..fitting.camera_fits.camera_refinement import RefinedCamera, Refinement
+    from ..fitting.checks.view_findings import ViewFinding
     from ..keypoints.observations import PerformerKeypoints
     from ..tracking.expected_errors.uncertainty import JointErrors
     from ..tracking.results.track_result import TrackResult

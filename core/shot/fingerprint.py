@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..body import Body
-from .image_sequences import image_files
+from .footage_files.image_sequences import image_files
 from .shot import View
 
 _PIECE = 65536

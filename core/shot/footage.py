@@ -17,11 +17,8 @@ from ..cameras.camera import field_of_frame
 from ..cameras.lens_turns import undone_zoom
 from ..errors import FootageError
 from ..numerics.arrays import Array
-from .frame_numbers import FIRST_PARITY, footage_index, frames_per_file_frame
-from .image_sequences import image_files, read_image
-from .interlacing import FieldWatch
-from .shot import View
-from .stored_frames import (
+from .footage_files.image_sequences import image_files, read_image
+from .footage_files.stored_frames import (
     StoredFrame,
     codec_of,
     opened_video,
@@ -30,7 +27,10 @@ from .stored_frames import (
     stored_frames,
     undecodable,
 )
-from .video_edits import shown_share
+from .footage_files.video_edits import shown_share
+from .frame_numbers import FIRST_PARITY, footage_index, frames_per_file_frame
+from .interlacing import FieldWatch
+from .shot import View
 
 Image = NDArray[Any]
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from pathlib import Path
 
-from .image_sequences import IMAGE_SUFFIXES
+from .footage_files.image_sequences import IMAGE_SUFFIXES
 
 _GENERIC_NAMES = {"frame", "frames", "im", "image", "images", "img", "imgs", "out", "output", "pic", "picture", "still"}
 """Names of images that say nothing of the camera, so that their folder names it."""

@@ -25,8 +25,8 @@ from ..runtime.progress import Progress, report_progress, share
 from ..runtime.threads import one_library_thread, worker_count
 from ..shot.footage import probe
 from ..shot.footage_faults.footage_checks import camera_at_size, check_rates, check_view
+from ..shot.footage_files.image_sequences import named_footage
 from ..shot.grips import shot_with_grips
-from ..shot.image_sequences import named_footage
 from ..shot.performer_request import PerformerRequest
 from ..shot.shot import Performer, Shot, View
 from ..shot.shot_spec import ShotSpec, ViewSpec

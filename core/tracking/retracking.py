@@ -12,8 +12,8 @@ import numpy as np
 
 from ..body.motion import Motion
 from ..errors import KFMocapError, ShotError
+from ..runtime.processes.worker_memory import WorkerMemory
 from ..runtime.progress import Progress, report_progress, share
-from ..runtime.worker_memory import WorkerMemory
 from ..shot.fingerprint import ValueBytes, checksum
 from ..shot.frame_numbers import without_gaps_beyond
 from ..shot.shot import KeyPoses, Performer, Shot

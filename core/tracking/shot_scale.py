@@ -16,7 +16,7 @@ from ..body.motion import Motion
 from ..keypoints.keypoint_rays import Keypoints
 from ..keypoints.observations import PerformerKeypoints, ShotKeypoints
 from ..numerics.arrays import Array
-from ..runtime.worker_pool import WorkerPool
+from ..runtime.processes.worker_pool import WorkerPool
 from ..shot.grips import completed
 from ..shot.motion_warping import with_keys
 from ..shot.settings import Settings

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from ...core.retargeting import bone_presets
+from ...core.retargeting.bone_roles import bone_presets
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ import bpy
 import numpy as np
 
 from ...core.errors import BodyError
-from ...core.retargeting.bone_presets import PRESETS
-from ...core.retargeting.roles import PARENTS
+from ...core.retargeting.bone_roles.bone_presets import PRESETS
+from ...core.retargeting.bone_roles.roles import PARENTS
 from ..retargeting.target_armatures import target_bones
 from .glb_animation import add_turns_between, packed
 

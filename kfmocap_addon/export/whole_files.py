@@ -13,7 +13,7 @@ from typing import Any
 import bpy
 
 from ...core.errors import OutputError
-from ...core.runtime.files import replacing
+from ...core.runtime.output_files.files import replacing
 
 _BLEND, _BLEND_END = b"BLENDER", b"ENDB"
 _END_LENGTHS = (20, 24, 32)  # of the last block, which is but a header: before 5.0 of 32 and of 64 bits, and since

@@ -8,8 +8,8 @@ from typing import Any
 
 import bpy
 
-from ...core.runtime.job import Job
-from ...core.runtime.worker_process import Work, WorkerProcess
+from ...core.runtime.processes.job import Job
+from ...core.runtime.processes.worker_process import Work, WorkerProcess
 from ..session import SESSION
 from ..viewports import viewport
 from ..viewports.navigation import navigates

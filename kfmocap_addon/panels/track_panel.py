@@ -2,7 +2,7 @@
 
 import bpy
 
-from ...core.runtime.job import Job
+from ...core.runtime.processes.job import Job
 from ..operators.job_operator import draw_progress, running_job
 from ..operators.key_conditions import is_tracked_around
 from ..operators.tracking.track_motion import (

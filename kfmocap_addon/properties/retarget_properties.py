@@ -3,7 +3,7 @@
 import bpy
 
 from ...core.choices import FEET, ROOT_MOTIONS
-from ...core.retargeting.bone_presets import PRESETS
+from ...core.retargeting.bone_roles.bone_presets import PRESETS
 from .choice_items import choice_items
 from .pointer_polls import is_armature, is_character
 from .tolerance_fields import shift_tolerance, turn_tolerance

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...core.retargeting.hand_shapes import finger_turns
+from ...core.retargeting.hands.hand_shapes import finger_turns
 from .rigs.rig_at_rest import rest_orientations, rest_skeleton
 from .rigs.rig_curves import rotation_channel
 from .target_armatures import target_bones

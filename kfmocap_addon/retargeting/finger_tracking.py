@@ -14,8 +14,8 @@ from ...core.formats.keypoint_files import read_shot_keypoints
 from ...core.keypoints.hand_points import hand_points
 from ...core.numerics.arrays import Array
 from ...core.retargeting.bone_matching import match_bones
-from ...core.retargeting.finger_motion import finger_motion
-from ...core.retargeting.roles import FINGERS, SIDES, BoneMap
+from ...core.retargeting.bone_roles.roles import FINGERS, SIDES, BoneMap
+from ...core.retargeting.hands.finger_motion import finger_motion
 from ..scene_io import fcurves, scene
 from ..scene_io.body import body_armature
 from .rigs.rig_at_rest import rest_orientations, rest_skeleton

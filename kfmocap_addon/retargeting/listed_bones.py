@@ -8,8 +8,8 @@ import bpy
 
 from ...core.errors import BodyError
 from ...core.formats.bone_map_files import read_bone_map
-from ...core.retargeting.bone_presets import PRESETS
-from ...core.retargeting.roles import BoneMap
+from ...core.retargeting.bone_roles.bone_presets import PRESETS
+from ...core.retargeting.bone_roles.roles import BoneMap
 
 
 def list_bones(settings: bpy.types.PropertyGroup, bones: BoneMap) -> None:

@@ -1,7 +1,7 @@
 """Making a rig follow a source live, by constraints instead of keys, so that every change of the source shows at once.
 
 A hidden helper armature has a bone for every control. The source's bones move it (by Armature constraints), so that it
-has the orientation that the control needs: D A R0 of `core.retargeting.rest_alignment`. The control copies its
+has the orientation that the control needs: D A R0 of `rest_poses.rest_alignment`. The control copies its
 rotation. The hips, and the root bone, copy a location in the space of an empty with the placement's scale.
 """
 
@@ -20,9 +20,9 @@ from mathutils import Matrix
 from ...core.body.skeleton_motion import SkeletonMotion
 from ...core.errors import BodyError
 from ...core.numerics.arrays import Array
+from ...core.retargeting.bone_roles.roles import BoneMap
 from ...core.retargeting.control_rig import ControlRig
-from ...core.retargeting.rest_alignment import alignments
-from ...core.retargeting.roles import BoneMap
+from ...core.retargeting.rest_poses.rest_alignment import alignments
 from ...core.retargeting.transfer import Placement, hip_centre, hip_path, source_blends
 from ..properties.pointer_polls import LIVE_CHANGES
 from ..scene_io.body import body_armature

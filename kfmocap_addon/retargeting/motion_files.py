@@ -10,7 +10,7 @@ import bpy
 from ...core.body.skeleton_motion import SkeletonMotion
 from ...core.errors import BodyError, ShotError
 from ...core.formats.bvh import read_bvh
-from ...core.retargeting.roles import BoneMap
+from ...core.retargeting.bone_roles.roles import BoneMap
 from ..scene_io.body import body_armature
 from .imported_files import import_alone
 from .source_motion import motion_of_armature

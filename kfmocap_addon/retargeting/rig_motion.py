@@ -11,11 +11,11 @@ import bpy
 from ...core.body.skeleton_motion import SkeletonMotion
 from ...core.numerics.arrays import Array, Bools
 from ...core.retargeting.bone_matching import preset_of
-from ...core.retargeting.bone_presets import BonePreset
+from ...core.retargeting.bone_roles.bone_presets import BonePreset
+from ...core.retargeting.bone_roles.roles import SIDES, BoneMap
+from ...core.retargeting.contacts.long_feet import long_feet
 from ...core.retargeting.control_rig import MOVED, ControlRig, RigPoses, local_places, local_turns
-from ...core.retargeting.long_feet import long_feet
 from ...core.retargeting.retarget import Retargeted, retarget
-from ...core.retargeting.roles import SIDES, BoneMap
 from ...core.retargeting.standing_rests import as_at_rest, standing_rig
 from ...core.retargeting.transfer import RetargetOptions
 from .rigs.fk_controls import FkControls, through_controls
@@ -80,7 +80,7 @@ class Transfer:
         The roles of its bones.
     options : RetargetOptions
     planted : mapping of str to ndarray of bool, shape (F,), optional
-        When points of the source's soles are planted, see `core.retargeting.foot_keeping.foot_paths`.
+        When points of the source's soles are planted, see `core.retargeting.contacts.foot_keeping.foot_paths`.
     """
 
     motion: SkeletonMotion

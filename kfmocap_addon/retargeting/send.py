@@ -14,8 +14,8 @@ from ...core.body.skeleton_motion import SkeletonMotion
 from ...core.errors import BodyError
 from ...core.numerics.arrays import Bools, Ints
 from ...core.retargeting.bone_matching import described, preset_of
+from ...core.retargeting.bone_roles.roles import BoneMap
 from ...core.retargeting.retarget import limb_changes, plant_intervals, prepared
-from ...core.retargeting.roles import BoneMap
 from ...core.retargeting.standing_rests import standing_source
 from ...core.retargeting.transfer import RetargetOptions
 from ..scene_io import fcurves
@@ -50,7 +50,7 @@ class SendOptions:
         If given, the character follows this armature by constraints, instead of getting keys: only joint angles and the
         path of the hips, without keeping feet and hands in place.
     planted : mapping of str to ndarray of bool, shape (F,), optional
-        When points of the source's soles are planted, see `core.retargeting.foot_keeping.foot_paths`.
+        When points of the source's soles are planted, see `core.retargeting.contacts.foot_keeping.foot_paths`.
     """
 
     preset: str | None = None

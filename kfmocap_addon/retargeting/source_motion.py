@@ -12,7 +12,7 @@ from ...core.body.skeleton_motion import RestSkeleton, SkeletonMotion, motion_of
 from ...core.errors import ShotError
 from ...core.numerics.arrays import Array
 from ...core.retargeting.bone_matching import preset_of
-from ...core.retargeting.roles import SIDES, BoneMap, parent_role
+from ...core.retargeting.bone_roles.roles import SIDES, BoneMap, parent_role
 from ..scene_io import fcurves
 from ..scene_io.body import body_armature
 from ..scene_io.keys import motion_curves

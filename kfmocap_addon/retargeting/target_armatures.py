@@ -6,7 +6,7 @@ import bpy
 
 from ...core.errors import BodyError
 from ...core.retargeting.bone_matching import match_bones
-from ...core.retargeting.roles import BoneMap
+from ...core.retargeting.bone_roles.roles import BoneMap
 from ..scene_io.characters.followed_bones import skeletons_following
 from .rigs.rig_at_rest import rest_skeleton
 

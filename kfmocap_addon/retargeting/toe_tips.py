@@ -9,8 +9,8 @@ import numpy as np
 
 from ...core.body.skeleton_motion import RestSkeleton
 from ...core.numerics.arrays import Array
-from ...core.retargeting.rest_alignment import ankle_to_ball, facing, toe_reach
-from ...core.retargeting.roles import SIDES, BoneMap
+from ...core.retargeting.bone_roles.roles import SIDES, BoneMap
+from ...core.retargeting.rest_poses.rest_alignment import ankle_to_ball, facing, toe_reach
 from ...core.retargeting.standing_rests import standing_turns, stood
 from ..scene_io.body.body_armature import world_frame
 from ..scene_io.characters.skins import Skin, read_skin

@@ -15,7 +15,7 @@ from ...core.cameras.camera import Camera
 from ...core.errors import CalibrationError, FootageError, ShotError, located
 from ...core.shot.footage import Footage, probe
 from ...core.shot.footage_faults.footage_checks import camera_at_size, frames_for_each
-from ...core.shot.image_sequences import footage_of
+from ...core.shot.footage_files.image_sequences import footage_of
 from ...core.shot.name_matching import footage_name, paired
 from ...core.shot.shot import View
 from . import scene, solved_cameras

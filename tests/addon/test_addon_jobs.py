@@ -14,8 +14,8 @@ bpy = pytest.importorskip("bpy")
 
 import job_functions  # noqa: E402
 from kfmocap.core.errors import CancelledError, CaptureError  # noqa: E402
-from kfmocap.core.runtime.job import Job, duration  # noqa: E402
-from kfmocap.core.runtime.worker_memory import CachingTask  # noqa: E402
+from kfmocap.core.runtime.processes.job import Job, duration  # noqa: E402
+from kfmocap.core.runtime.processes.worker_memory import CachingTask  # noqa: E402
 from kfmocap.kfmocap_addon.operators import job_operator  # noqa: E402
 from kfmocap.kfmocap_addon.operators.job_operator import JobOperator  # noqa: E402
 from kfmocap.kfmocap_addon.session import SESSION  # noqa: E402

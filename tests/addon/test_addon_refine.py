@@ -13,9 +13,9 @@ from kfmocap.__main__ import main
 from kfmocap.cli import calibrate_command
 from kfmocap.core import fitting
 from kfmocap.core.errors import CalibrationError, CancelledError
-from kfmocap.core.fitting.camera_refinement import RefinedCamera, Refinement
-from kfmocap.core.fitting.resection import adjusted
-from kfmocap.core.fitting.view_findings import CameraFit, FootageMatch
+from kfmocap.core.fitting.camera_fits.camera_refinement import RefinedCamera, Refinement
+from kfmocap.core.fitting.camera_fits.resection import adjusted
+from kfmocap.core.fitting.checks.view_findings import CameraFit, FootageMatch
 from kfmocap.core.formats import load_cameras, save_cameras
 from kfmocap.core.shot.shot import Shot
 

@@ -16,7 +16,7 @@ from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.body.body import REST_SIGMA  # noqa: E402
 from kfmocap.core.choices import FEET, HAND_SHAPES, ROOT_MOTIONS, SOLVERS  # noqa: E402
 from kfmocap.core.errors import CancelledError, FootageError, ShotError  # noqa: E402
-from kfmocap.core.retargeting.hand_shapes import FLEXIONS  # noqa: E402
+from kfmocap.core.retargeting.hands.hand_shapes import FLEXIONS  # noqa: E402
 from kfmocap.core.shot.settings import Settings  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses, View  # noqa: E402
 from kfmocap.kfmocap_addon import registration  # noqa: E402

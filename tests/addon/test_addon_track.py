@@ -14,10 +14,10 @@ bpy = pytest.importorskip("bpy")
 from addon_shots import PARTS, keys_of, motion, shot, track_result  # noqa: E402
 from kfmocap.core.cameras import lens_turns  # noqa: E402
 from kfmocap.core.errors import CancelledError, ShotError  # noqa: E402
-from kfmocap.core.fitting.early_check import EARLY_MISFITS  # noqa: E402
-from kfmocap.core.fitting.view_findings import FootageMatch  # noqa: E402
+from kfmocap.core.fitting.checks.early_check import EARLY_MISFITS  # noqa: E402
+from kfmocap.core.fitting.checks.view_findings import FootageMatch  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
-from kfmocap.core.runtime.job import Job  # noqa: E402
+from kfmocap.core.runtime.processes.job import Job  # noqa: E402
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate  # noqa: E402
 from kfmocap.core.shot.settings import Settings  # noqa: E402
 from kfmocap.core.shot.shot import Gap  # noqa: E402

@@ -25,7 +25,7 @@ from kfmocap.cli.batch_shot import BatchOptions, shot_digest
 from kfmocap.cli.batch_summary import write_summary
 from kfmocap.cli.command_line import main
 from kfmocap.core.errors import FootageError, OutputError, ShotError, WorkerEndedError
-from kfmocap.core.runtime.job import Job
+from kfmocap.core.runtime.processes.job import Job
 from kfmocap.core.shot.fingerprint import file_bytes
 from tiny_shot import SHOT
 

@@ -81,7 +81,7 @@ def test_a_worker_is_started_before_the_libraries_are_loaded_unless_one_thread_i
 import sys
 from contextlib import closing
 from kfmocap.cli import command_line
-from kfmocap.core.runtime.worker_memory import WorkerMemory
+from kfmocap.core.runtime.processes.worker_memory import WorkerMemory
 
 started, closed = [], []
 WorkerMemory.start_workers = lambda memory, workers, imports: started.append((workers, imports, "numpy" in sys.modules))

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from kfmocap.cli import track_command, tracked_files
 from kfmocap.core.errors import CancelledError, FootageError
-from kfmocap.core.runtime import files
+from kfmocap.core.runtime.output_files import files
 from kfmocap.core.tracking.results import journal
 from tiny_shot import assert_refused, broken, track
 

@@ -11,9 +11,9 @@ import pytest
 from kfmocap.cli import track_command, tracked_files
 from kfmocap.core.body import human
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.fitting.camera_refinement import RefinedCamera, Refinement
-from kfmocap.core.fitting.resection import adjusted
-from kfmocap.core.fitting.view_findings import CameraFit, FootageMatch
+from kfmocap.core.fitting.camera_fits.camera_refinement import RefinedCamera, Refinement
+from kfmocap.core.fitting.camera_fits.resection import adjusted
+from kfmocap.core.fitting.checks.view_findings import CameraFit, FootageMatch
 from kfmocap.core.formats import load_cameras, read_trc
 from kfmocap.core.review.suggestions import KeySuggestion
 from kfmocap.core.shot.footage_faults.footage_damage import FootageDamage

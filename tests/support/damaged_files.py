@@ -28,7 +28,7 @@ from kfmocap.core.formats.obj_vertices import read_obj_vertices
 from kfmocap.core.formats.shot_toml import read_shot_spec
 from kfmocap.core.formats.trc import read_trc, write_trc
 from kfmocap.core.formats.wand_toml import load_wand
-from kfmocap.core.shot.image_sequences import read_image
+from kfmocap.core.shot.footage_files.image_sequences import read_image
 
 NASTY = [
     *("0", "-1", "1e300", "-1e999", "nan", "inf", "9" * 400, "9" * 5000, "2147483648", "1e9", "0x7fffffff", "1_0"),

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 from kfmocap.core.errors import CaptureError
-from kfmocap.core.runtime.worker_memory import WorkerMemory
-from kfmocap.core.runtime.worker_pool import WorkerPool
+from kfmocap.core.runtime.processes.worker_memory import WorkerMemory
+from kfmocap.core.runtime.processes.worker_pool import WorkerPool
 
 Progress = Callable[[str, float], bool]
 

@@ -10,10 +10,10 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.body.skeleton_motion import RestSkeleton, SkeletonMotion, motion_of_body
 from kfmocap.core.numerics import rotations
 from kfmocap.core.retargeting.bone_matching import by_preset
-from kfmocap.core.retargeting.bone_presets import PRESETS
+from kfmocap.core.retargeting.bone_roles.bone_presets import PRESETS
+from kfmocap.core.retargeting.bone_roles.roles import PARENTS, BoneMap, parent_role
 from kfmocap.core.retargeting.control_rig import ControlRig, RigPoses
 from kfmocap.core.retargeting.retarget import grounded
-from kfmocap.core.retargeting.roles import PARENTS, BoneMap, parent_role
 
 JOINTS = {"pelvis": "hips", "spine": "spine", "chest": "spine", "head": "head"}
 LONGER_LEGS = {"thigh": 1.2 * 0.245 * 1.75, "shin": 1.2 * 0.246 * 1.75}

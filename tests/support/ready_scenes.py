@@ -17,7 +17,7 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import BodyError, CaptureError
 from kfmocap.core.fitting.body_fit import BodyFit
-from kfmocap.core.fitting.camera_refinement import RefinedCamera, Refinement
+from kfmocap.core.fitting.camera_fits.camera_refinement import RefinedCamera, Refinement
 from kfmocap.core.fitting.key_frame_views import posed_key_frames
 from kfmocap.core.formats.calibrations.calibration_files import save_cameras
 from kfmocap.core.shot.shot import Shot

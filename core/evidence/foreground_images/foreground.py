@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...numerics.arrays import Bools
 from ...numerics.robust_kernels import NORMAL_MAD
-from ...runtime.shared_arrays import each_row
+from ...runtime.processes.shared_arrays import each_row
 from .cast_shadows import CastShadows
 from .known_pixels import KnownPixels
 from .strangers import strangers_on, without_strangers

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from ...numerics.arrays import Bools, Ints
-from ...runtime.shared_arrays import each_row
+from ...runtime.processes.shared_arrays import each_row
 from .foreground import HISTOGRAM_BINS, MAX_LOG_RATIO, bins, smoothed
 from .masks import box_around, interior
 

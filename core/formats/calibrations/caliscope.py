@@ -10,7 +10,7 @@ import numpy as np
 
 from ...cameras.camera import Camera
 from ...numerics import rotations
-from ...runtime.files import replacing
+from ...runtime.output_files.files import replacing
 
 _COEFFICIENTS = 5  # of distortion, in a file
 

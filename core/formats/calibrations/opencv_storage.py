@@ -21,7 +21,7 @@ import numpy as np
 from ...cameras.camera import Camera
 from ...errors import CalibrationError
 from ...numerics.arrays import Array
-from ...runtime.files import replacing
+from ...runtime.output_files.files import replacing
 from ..reading import check_depth, read_text, reading
 from .lens_fields import is_fisheye
 from .pose_fields import camera_poses

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...cameras.camera import Camera
 from ...errors import CalibrationError
-from ...runtime.files import replacing
+from ...runtime.output_files.files import replacing
 from ..reading import NUMBER_LIMIT, read_bytes, reading
 
 _SUBPIXELS = 64.0  # to a pixel: units of the lengths in the file

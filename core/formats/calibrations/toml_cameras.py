@@ -19,7 +19,7 @@ from ...cameras.camera import Camera
 from ...errors import CalibrationError
 from ...numerics import rotations
 from ...numerics.arrays import Array
-from ...runtime.files import replacing
+from ...runtime.output_files.files import replacing
 from ..toml_tables import check_kind, read_toml
 from .lens_fields import is_fisheye
 from .pose_fields import camera_poses

@@ -18,7 +18,7 @@ import scipy  # its parts are loaded when they are used
 from ...errors import KeypointError
 from ...numerics.arrays import Array
 from ..keypoint_rays import Keypoints
-from ..left_right import swap_sides
+from ..left_and_right.left_right import swap_sides
 from ..triangulation import triangulate
 from .located_people import MAX_TRACK_DISTANCE, find_people
 from .person import LocatedPerson, distance_to, prominence

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...numerics.arrays import Array
 from ..keypoint_rays import Keypoints
 from ..keypoint_sigmas import robust_weights, sigmas, trusted_weights
-from ..left_right import correct_sides
+from ..left_and_right.left_right import correct_sides
 from ..view_agreement import ViewAgreement
 
 SIDES_TOLERANCE = 2.0

@@ -8,8 +8,8 @@ from dataclasses import replace
 from ...cameras.camera import Camera, same_proportions
 from ...errors import FootageError, located
 from ..footage import Footage, decodable, probe
+from ..footage_files.image_sequences import check_images, footage_of, image_files
 from ..frame_numbers import footage_index, frames_per_file_frame, is_interlaced
-from ..image_sequences import check_images, footage_of, image_files
 from ..shot import View
 from .footage_times import timed_gaps, video_rate
 

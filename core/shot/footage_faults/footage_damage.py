@@ -12,8 +12,8 @@ import numpy as np
 from ...errors import listed
 from ...numerics.frame_ranges import adjacent_joined
 from ...runtime.decoder_log import DecoderLog
+from ..footage_files.image_sequences import image_files
 from ..frame_numbers import file_index
-from ..image_sequences import image_files
 from ..shot import Shot, View
 from .footage_times import made_from, whole_pictures
 

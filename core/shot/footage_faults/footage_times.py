@@ -14,8 +14,8 @@ import numpy as np
 from ...errors import listed
 from ...numerics.arrays import Array, Bools, Ints
 from ...numerics.frame_ranges import runs
+from ..footage_files.image_sequences import image_files
 from ..frame_numbers import file_index, frames_per_file_frame
-from ..image_sequences import image_files
 from ..shot import Gap, Shot, View
 
 MAX_DEVIATION = 0.5

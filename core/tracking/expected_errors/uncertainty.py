@@ -20,7 +20,7 @@ from ...evidence.view_work import IN_THIS_THREAD, ViewWork
 from ...numerics.arrays import Array, Bools
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.error_lengths import length_quantile
-from ...runtime.freed_memory import return_freed_memory
+from ...runtime.processes.freed_memory import return_freed_memory
 from ..late_views import Lateness, segment_lateness
 from ..solvers.assessment.solution_doubts import misfit_at
 from ..solvers.equations.measurement import LONG, keypoint_instants, measured_at

@@ -13,7 +13,7 @@ from itertools import zip_longest
 
 from ...errors import FootageError
 from ...runtime.decoder_log import DecoderLog
-from ...runtime.worker_memory import WorkerMemory
+from ...runtime.processes.worker_memory import WorkerMemory
 from ...shot.fingerprint import made_of
 from ...shot.footage import working_factor
 from ...shot.footage_faults.footage_damage import FootageDamage, shot_damage

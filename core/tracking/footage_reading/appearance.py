@@ -22,7 +22,7 @@ from ...evidence.rendering.part_geometry import Geometry
 from ...evidence.view_frames import ViewFrames, views_with_foreground
 from ...evidence.view_work import IN_THIS_THREAD, ViewWork
 from ...numerics.arrays import Array, Bools
-from ...runtime.shared_arrays import each_row
+from ...runtime.processes.shared_arrays import each_row
 from ..segments import PosedFrames
 from .picture_store import FOREGROUND, GREY, PALETTE, PictureStore
 from .reader import ColourFrames

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from threading import Event
 
 from ...errors import FootageError
+from ...runtime.processes.worker_memory import WorkerMemory
 from ...runtime.threads import worker_count
-from ...runtime.worker_memory import WorkerMemory
 from ...shot.fingerprint import made_of
 from ...shot.footage import MAX_PICTURE_SIDE, Album, Image, frames_at, working_factor
 from ...shot.settings import Settings

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ...errors import OutputError
 from ...evidence.view_frames import ViewFrames
-from ...runtime.shared_arrays import SharedArray
-from ...runtime.staging_folders import RESULTS, staging_folder
+from ...runtime.output_files.staging_folders import RESULTS, staging_folder
+from ...runtime.processes.shared_arrays import SharedArray
 from ...shot.footage import working_factor
 from ...shot.shot import Shot
 from ..segments import segments

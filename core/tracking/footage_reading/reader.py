@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from ...cameras.camera import Camera
 from ...errors import CancelledError, FootageError
 from ...numerics.arrays import Array, Bools
+from ...runtime.processes.worker_memory import WorkerMemory
 from ...runtime.threads import worker_count
-from ...runtime.worker_memory import WorkerMemory
 from ...shot.fingerprint import checksum, made_of, value_bytes
 from ...shot.footage import Album, frames_at, working_factor
 from ...shot.footage_faults.continuity import COMPARED_PAIRS, block_change, block_means, most_changed, torn_pairs

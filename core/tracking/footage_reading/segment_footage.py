@@ -18,12 +18,12 @@ from ...evidence.view_frames import ViewFrames
 from ...keypoints.keypoint_delay import ENOUGH_MOVEMENTS, KeypointMovements, keypoint_movements
 from ...keypoints.keypoint_rays import Keypoints
 from ...numerics.arrays import Bools
+from ...runtime.processes.shared_arrays import SharedArray
+from ...runtime.processes.worker_memory import WorkerMemory
+from ...runtime.processes.worker_pool import WorkerPool
 from ...runtime.progress import Progress
-from ...runtime.shared_arrays import SharedArray
 from ...runtime.threads import one_library_thread, worker_count
 from ...runtime.timing import Seconds
-from ...runtime.worker_memory import WorkerMemory
-from ...runtime.worker_pool import WorkerPool
 from ...shot.footage import MAX_PICTURE_SIDE, Album, Image, working_factor
 from ...shot.footage_faults.frame_pattern import FramePattern
 from ...shot.footage_faults.skipped_frames import PairChanges, skipped_pairs

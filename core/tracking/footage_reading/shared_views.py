@@ -17,10 +17,10 @@ from ...errors import WorkerEndedError
 from ...evidence.frame_comparison import EvidenceCaches
 from ...evidence.view_frames import ViewFrames
 from ...evidence.view_work import IN_THIS_THREAD, Result, Task, Work
+from ...runtime.processes.worker_memory import CachingTask, WorkerMemory
+from ...runtime.processes.worker_process import WorkerProcess
 from ...runtime.progress import Progress
 from ...runtime.threads import one_library_thread
-from ...runtime.worker_memory import CachingTask, WorkerMemory
-from ...runtime.worker_process import WorkerProcess
 from .picture_store import StoredView
 
 _KEY = "shared views"

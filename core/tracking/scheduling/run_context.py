@@ -8,8 +8,8 @@ from typing import Any
 
 from ...keypoints.observations import ShotKeypoints
 from ...numerics.arrays import Array
-from ...runtime.worker_memory import WorkerMemory
-from ...runtime.worker_pool import WorkerPool
+from ...runtime.processes.worker_memory import WorkerMemory
+from ...runtime.processes.worker_pool import WorkerPool
 from ...shot.shot import Gap
 from ..results.journal import Journal
 from .schedule import SegmentShown

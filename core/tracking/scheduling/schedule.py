@@ -17,9 +17,9 @@ from ...body.motion import Motion
 from ...evidence.part_shapes import ShapeEvidence
 from ...evidence.view_frames import ViewFrames
 from ...keypoints.observations import ShotKeypoints
+from ...runtime.processes.worker_pool import WorkerPool
 from ...runtime.progress import ParallelProgress, Progress
 from ...runtime.timing import Seconds
-from ...runtime.worker_pool import WorkerPool
 from ...shot.shot import Shot
 from ..footage_reading.picture_store import StoredView
 from ..results.journal import FinishedSegment, KeptSegments

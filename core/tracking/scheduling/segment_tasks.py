@@ -1,4 +1,4 @@
-"""Solving and refining a segment as tasks for `core.runtime.worker_pool`, with values that can be pickled."""
+"""Solving and refining a segment as tasks for `core.runtime.processes.worker_pool`, with values that can be pickled."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from ...evidence.view_frames import ViewFrames
 from ...evidence.view_work import InThreads, ViewWork
 from ...keypoints.observations import ShotKeypoints
 from ...numerics.arrays import Array
+from ...runtime.processes.worker_pool import WorkerPool
 from ...runtime.progress import Progress, report_progress
 from ...runtime.threads import one_library_thread
 from ...runtime.timing import Seconds
-from ...runtime.worker_pool import WorkerPool
 from ...shot.acceleration_prior import usual_variances
 from ...shot.shot import Shot
 from ..expected_errors.uncertainty import segment_uncertainties

@@ -20,10 +20,10 @@ from ...evidence.view_frames import ViewFrames
 from ...formats.keypoint_files import read_shot_keypoints
 from ...keypoints.keypoint_delay import frames_off_by_view
 from ...keypoints.observations import ShotKeypoints, fit_keypoints
+from ...runtime.processes.worker_pool import WorkerPool
 from ...runtime.progress import Progress, report_progress
 from ...runtime.threads import worker_count
 from ...runtime.timing import Seconds
-from ...runtime.worker_pool import WorkerPool
 from ...shot.fixed_degrees import fixed_degrees
 from ...shot.footage_faults.footage_times import FootageRate
 from ...shot.keypose_spline import spline

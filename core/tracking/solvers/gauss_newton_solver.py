@@ -24,7 +24,7 @@ from functools import partial
 import numpy as np
 
 from ...body.motion import Motion
-from ...runtime.freed_memory import return_freed_memory
+from ...runtime.processes.freed_memory import return_freed_memory
 from ...runtime.timing import Seconds
 from .assessment.settled_solutions import SettledSolution
 from .assessment.solution_doubts import doubted_performers, frames_in_doubt, misfit_at, performers_uncovered

@@ -8,7 +8,7 @@ from functools import partial
 
 from ...body.motion import Motion
 from ...numerics.arrays import Bools
-from ...runtime.freed_memory import return_freed_memory
+from ...runtime.processes.freed_memory import return_freed_memory
 from . import gauss_newton
 from .descent_stages import POLISH, REFINEMENT, UNCONVERGED_MOVE, DescentStage
 from .equations.measurement import Workspace

@@ -22,7 +22,7 @@ from ...evidence.view_frames import ViewFrames
 from ...numerics import rotations
 from ...numerics.arrays import Array, Ints
 from ...numerics.resampling import places_between
-from ...runtime.shared_arrays import picked_rows
+from ...runtime.processes.shared_arrays import picked_rows
 from ...shot.acceleration_prior import usual_variances
 from ...shot.keypose_spline import natural_spline
 from .equations.measurement import Workspace

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ....core.errors import OutputError
-from ....core.runtime.worker_process import Work
+from ....core.runtime.processes.worker_process import Work
 from ...scene_io import capture_scene as captures
 from ..conditions import Conditional
 from ..job_operator import JobOperator

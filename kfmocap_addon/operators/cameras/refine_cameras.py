@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ....core.runtime.worker_process import Work
+from ....core.runtime.processes.worker_process import Work
 from ..conditions import Conditional, has_footage, has_shot
 from ..job_operator import JobOperator
 
 if TYPE_CHECKING:
-    from ....core.fitting.camera_refinement import Refinement
+    from ....core.fitting.camera_fits.camera_refinement import Refinement
 
 
 class RefineCameras(Conditional, JobOperator, bpy.types.Operator):

@@ -65,7 +65,7 @@ class SendToRig(Conditional, bpy.types.Operator):
     conditions = (has_source, has_target)
 
     def act(self, context: bpy.types.Context) -> None:
-        from ....core.retargeting.roles import named_together
+        from ....core.retargeting.bone_roles.roles import named_together
         from ...retargeting import send, sole_plants, source_motion
         from ...retargeting.live import LiveSource
         from ...retargeting.rigs.overrides import editable

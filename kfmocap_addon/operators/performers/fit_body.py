@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ....core.runtime.worker_process import Work
+from ....core.runtime.processes.worker_process import Work
 from ..conditions import Conditional, has_footage, has_shot
 from ..job_operator import JobOperator
 from ..key_conditions import has_whole_key_pose

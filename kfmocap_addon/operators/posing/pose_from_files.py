@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ....core.runtime.worker_process import Work
+from ....core.runtime.processes.worker_process import Work
 from ...scene_io import active_performer
 from ..conditions import (
     Condition,

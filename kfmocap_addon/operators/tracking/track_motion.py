@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ....core.runtime.worker_process import Work
+from ....core.runtime.processes.worker_process import Work
 from ...scene_io import active_performer, playback, unfinished_tracking
 from ...viewports.changed_segments import known_changes
 from ..conditions import Condition, Conditional, frame_is_in_shot, has_footage, has_shot, has_tracked, shot_frame
@@ -72,7 +72,7 @@ class Tracking(Conditional, JobOperator):
         """Read the shot and choose what to track."""
         from ....core.errors import ShotError
         from ....core.fitting.shot_cameras import track_and_check
-        from ....core.runtime.worker_memory import CachingTask
+        from ....core.runtime.processes.worker_memory import CachingTask
         from ...scene_io import scene as scenes
         from ...scene_io import tracked_segments
 
@@ -96,7 +96,7 @@ class Tracking(Conditional, JobOperator):
 
     def show(self, _context: bpy.types.Context, shown: dict[Any, Any]) -> None:
         """Show the frames tracked so far, and which footage does not match the key poses."""
-        from ....core.fitting.early_check import EARLY_MISFITS
+        from ....core.fitting.checks.early_check import EARLY_MISFITS
         from ...scene_io.cameras import view_cameras
         from ...scene_io.keys.tracking_preview import TrackingPreview
 

@@ -17,7 +17,7 @@ from mathutils import Matrix
 from ....core.errors import BodyError
 from ....core.numerics import rotations
 from ....core.numerics.arrays import Array
-from ....core.retargeting.roles import SIDES, BoneMap
+from ....core.retargeting.bone_roles.roles import SIDES, BoneMap
 from ...scene_io.body import body_armature
 from ...scene_io.characters.followed_bones import following, solved_bones
 from .held_bones import without_limits

@@ -10,7 +10,7 @@ from mathutils import Matrix
 
 from ....core.numerics import rotations
 from ....core.numerics.arrays import Array
-from ....core.retargeting.bone_presets import PRESETS, BonePreset, IkLimb
+from ....core.retargeting.bone_roles.bone_presets import PRESETS, BonePreset, IkLimb
 from ....core.retargeting.control_rig import ControlRig, RigPoses
 from ...scene_io import fcurves
 from .rig_curves import ControlChannel, rotation_channel

@@ -10,8 +10,8 @@ import numpy as np
 
 from ....core.numerics import rotations
 from ....core.numerics.arrays import Array, Ints
+from ....core.retargeting.bone_roles.roles import LIMBS
 from ....core.retargeting.control_rig import ControlRig, RigPoses
-from ....core.retargeting.roles import LIMBS
 from ...scene_io.body.body_armature import world_frame
 from .rig_at_rest import evaluated
 

@@ -20,10 +20,10 @@ from ....core.body.skeleton_motion import RestSkeleton
 from ....core.errors import BodyError
 from ....core.numerics import rotations
 from ....core.numerics.arrays import Array, Bools
+from ....core.retargeting.bone_roles.roles import SIDES, BoneMap
 from ....core.retargeting.control_rig import MOVED, ControlRig, carriers_of_apart
-from ....core.retargeting.palms import axes_of_palm, palm_bones
+from ....core.retargeting.rest_poses.palms import axes_of_palm, palm_bones
 from ....core.retargeting.retarget import grounded
-from ....core.retargeting.roles import SIDES, BoneMap
 from ....core.retargeting.root_tilt import RootTilt, root_tilt
 from ...scene_io.body.body_armature import world_frame
 from ...scene_io.constraints import acts

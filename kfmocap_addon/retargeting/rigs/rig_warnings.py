@@ -10,7 +10,7 @@ import numpy as np
 
 from ....core.retargeting.bone_matching import sides_exchanged
 from ....core.retargeting.control_rig import ControlRig
-from ....core.retargeting.rest_alignment import feet_point_back
+from ....core.retargeting.rest_poses.rest_alignment import feet_point_back
 from ....core.retargeting.retarget import upright_turn
 from ...scene_io.characters.object_motion import what_moves
 from .held_bones import Driver

@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 
 from ....core.retargeting.bone_matching import preset_of
-from ....core.retargeting.roles import SIDES
+from ....core.retargeting.bone_roles.roles import SIDES
 from ...scene_io import fcurves
 from ...scene_io.characters.followed_bones import following
 from ...scene_io.constraints import acts

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from ....core.errors import BodyError
-from ....core.retargeting.roles import SIDES, BoneMap
+from ....core.retargeting.bone_roles.roles import SIDES, BoneMap
 from ..target_armatures import target_bones
 
 PART_ROLES = ("hips", "spine", "neck", "head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")

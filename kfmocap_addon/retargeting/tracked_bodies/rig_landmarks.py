@@ -9,8 +9,8 @@ import numpy as np
 
 from ....core.body import Body
 from ....core.errors import BodyError
+from ....core.retargeting.bone_roles.roles import BoneMap
 from ....core.retargeting.human_landmarks import human_landmarks
-from ....core.retargeting.roles import BoneMap
 from ...scene_io.body import armature_landmarks, body_armature
 from ..target_armatures import target_bones
 from .part_roles import PART_ROLES

@@ -17,7 +17,7 @@ import numpy as np
 
 from ....core.numerics import rotations
 from ....core.numerics.arrays import Array, Bools
-from ....core.retargeting.roles import BoneMap
+from ....core.retargeting.bone_roles.roles import BoneMap
 from ..rigs.fk_controls import FkControls, alike
 from ..rigs.rig_at_rest import at_rest, posed_matrices, rest_skeleton, update
 from ..rigs.rig_reading import moved_matrices

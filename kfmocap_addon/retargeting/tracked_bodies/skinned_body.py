@@ -10,7 +10,7 @@ import numpy as np
 from ....core.errors import BodyError
 from ....core.numerics import rotations
 from ....core.retargeting.bone_matching import preset_of
-from ....core.retargeting.roles import SIDES, BoneMap
+from ....core.retargeting.bone_roles.roles import SIDES, BoneMap
 from ...scene_io import fcurves, performers, scene
 from ...scene_io.body import body_armature, part_meshes
 from ...scene_io.characters import skinned_parts

@@ -15,7 +15,7 @@ from ....core.body.kinematics import Poses, motion_of_poses, part_poses
 from ....core.body.motion import Motion
 from ....core.numerics import rotations
 from ....core.numerics.arrays import Array, Ints
-from ....core.retargeting.limb_goals import two_bone_turns
+from ....core.retargeting.contacts.limb_goals import two_bone_turns
 from ....core.shot.shot import KeyPoses
 from ...scene_io import fcurves
 from ...scene_io.body import body_armature, body_channels

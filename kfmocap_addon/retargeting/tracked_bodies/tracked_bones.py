@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from ....core.errors import BodyError, listed
-from ....core.retargeting.roles import BoneMap, parent_role
+from ....core.retargeting.bone_roles.roles import BoneMap, parent_role
 from ...scene_io import fcurves
 from ...scene_io.body import body_armature, body_channels, part_meshes
 from ...scene_io.characters.followed_bones import A_DRIVER, leader_of

@@ -10,8 +10,8 @@ from typing import Any
 import bpy
 
 from ....core.errors import FootageError
+from ....core.shot.footage_files.image_sequences import image_files
 from ....core.shot.frame_numbers import frames_per_file_frame, gap_frame, is_interlaced, whole_offset
-from ....core.shot.image_sequences import image_files
 
 _LONGEST = 220
 """Number of characters that Blender stores of a driver's expression, 255, without those around."""

@@ -14,14 +14,14 @@ import bpy
 from ....core.cameras.camera import Camera
 from ....core.errors import CalibrationError
 from ....core.numerics.arrays import Array
-from ....core.shot.image_sequences import image_files
+from ....core.shot.footage_files.image_sequences import image_files
 from ....core.shot.shot import Shot, View
 from ....core.shot.shot_spec import ViewSpec
 from . import camera_poses, distortion, footage_background, scene_cameras
 from .view_gaps import packed_gaps
 
 if TYPE_CHECKING:
-    from ....core.fitting.view_findings import ViewFinding
+    from ....core.fitting.checks.view_findings import ViewFinding
 
 
 def build_view(

@@ -19,7 +19,7 @@ from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.formats.bvh import read_bvh  # noqa: E402
 from kfmocap.core.formats.keypoint_layouts import HAND_POINTS  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
-from kfmocap.core.retargeting.roles import FINGERS  # noqa: E402
+from kfmocap.core.retargeting.bone_roles.roles import FINGERS  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting import finger_tracking  # noqa: E402

@@ -14,7 +14,7 @@ from addon_shots import metarig, shot  # noqa: E402
 from kfmocap.__main__ import main  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.errors import BodyError, ShotError  # noqa: E402
-from kfmocap.core.retargeting.bone_presets import PRESETS  # noqa: E402
+from kfmocap.core.retargeting.bone_roles.bone_presets import PRESETS  # noqa: E402
 from kfmocap.core.retargeting.retarget import prepared  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402

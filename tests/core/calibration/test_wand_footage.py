@@ -17,7 +17,7 @@ from kfmocap.core.calibration.wand_calibration import solve_capture
 from kfmocap.core.capture.capture import Markers
 from kfmocap.core.errors import CalibrationError, CancelledError, CaptureError
 from kfmocap.core.formats.wand_toml import load_wand
-from kfmocap.core.runtime.worker_pool import WorkerPool
+from kfmocap.core.runtime.processes.worker_pool import WorkerPool
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate
 from render.waving import CAMERAS, OFFSETS, WandTake
 from render_wand import write_take

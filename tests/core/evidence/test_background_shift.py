@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from kfmocap.core.cameras.lens_turns import zooming
 from kfmocap.core.evidence.background_shift import BackgroundShift, background_shift
-from kfmocap.core.fitting.early_check import early_misfits
+from kfmocap.core.fitting.checks.early_check import early_misfits
+from kfmocap.core.fitting.checks.view_findings import MovedCamera, PlainBackground
 from kfmocap.core.fitting.shot_cameras import camera_fits, fit_by_key_poses
-from kfmocap.core.fitting.view_findings import MovedCamera, PlainBackground
 from kfmocap.core.keypoints.observations import ShotKeypoints
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import View

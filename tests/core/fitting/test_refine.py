@@ -16,11 +16,11 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import CalibrationError, CancelledError, FootageError
 from kfmocap.core.evidence.outline_evidence.outline_lines import Lines
-from kfmocap.core.fitting import resection
-from kfmocap.core.fitting.camera_refinement import Refinement, refine_cameras
+from kfmocap.core.fitting.camera_fits import resection
+from kfmocap.core.fitting.camera_fits.camera_refinement import Refinement, refine_cameras
+from kfmocap.core.fitting.camera_fits.resection import CAMERA_DOF, CameraState, adjusted
 from kfmocap.core.fitting.key_frame_views import KeyFrameView
 from kfmocap.core.fitting.outline_fit import outline_products
-from kfmocap.core.fitting.resection import CAMERA_DOF, CameraState, adjusted
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.footage import frames_at
 from kfmocap.core.shot.shot import KeyPoses, Shot, View

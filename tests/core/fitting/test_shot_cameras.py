@@ -13,12 +13,12 @@ from keypoint_shots import NAMES, cameras, keypoints_of, person, seen_places, st
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import CalibrationError
 from kfmocap.core.fitting import shot_cameras
-from kfmocap.core.fitting.early_check import early_frames, early_misfits
-from kfmocap.core.fitting.resection import adjusted
-from kfmocap.core.fitting.shared_cameras import FreeCameras
-from kfmocap.core.fitting.shared_keypoints import CameraEstimate, SharedKeypoints
+from kfmocap.core.fitting.camera_fits.resection import adjusted
+from kfmocap.core.fitting.camera_fits.shared_cameras import FreeCameras
+from kfmocap.core.fitting.camera_fits.shared_keypoints import CameraEstimate, SharedKeypoints
+from kfmocap.core.fitting.checks.early_check import early_frames, early_misfits
+from kfmocap.core.fitting.checks.view_findings import CameraFit
 from kfmocap.core.fitting.shot_cameras import checked_frames, fit_by_key_poses, fit_by_keypoints, refine_shot_cameras
-from kfmocap.core.fitting.view_findings import CameraFit
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.shot.footage import frames_at
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View

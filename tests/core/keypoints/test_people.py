@@ -12,7 +12,7 @@ from kfmocap.core.errors import KeypointError
 from kfmocap.core.keypoints.association.assignment import Identity, PerformerClues, assign_detections
 from kfmocap.core.keypoints.association.tracks import ViewDetections, detection_tracks
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
-from kfmocap.core.keypoints.left_right import swap_sides
+from kfmocap.core.keypoints.left_and_right.left_right import swap_sides
 
 Array = np.ndarray
 FPS, FRAMES = 30.0, 30

@@ -9,7 +9,7 @@ import pytest
 from keypoint_shots import NAMES, cameras, keypoints_of, seen_places, strolling
 from kfmocap.core.body import human
 from kfmocap.core.keypoints.keypoint_sigmas import robust_weights, sigmas
-from kfmocap.core.keypoints.left_right import correct_sides, swap_sides
+from kfmocap.core.keypoints.left_and_right.left_right import correct_sides, swap_sides
 from kfmocap.core.keypoints.triangulation import triangulate
 from kfmocap.core.keypoints.view_agreement import without_leaps
 

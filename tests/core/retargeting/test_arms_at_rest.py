@@ -9,9 +9,9 @@ import pytest
 from kfmocap.core.body import human
 from kfmocap.core.body.skeleton_motion import RestSkeleton
 from kfmocap.core.numerics import rotations
-from kfmocap.core.retargeting.palms import axes_of_palm, palm_axes
-from kfmocap.core.retargeting.rest_alignment import alignments
-from kfmocap.core.retargeting.roles import SIDES, BoneMap
+from kfmocap.core.retargeting.bone_roles.roles import SIDES, BoneMap
+from kfmocap.core.retargeting.rest_poses.palms import axes_of_palm, palm_axes
+from kfmocap.core.retargeting.rest_poses.rest_alignment import alignments
 from made_rigs import made_rig
 
 PLAIN = made_rig("kfmocap", human(1.75))

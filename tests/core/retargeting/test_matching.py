@@ -13,13 +13,13 @@ from kfmocap.core.errors import BodyError
 from kfmocap.core.formats.bone_map_files import read_bone_map, write_bone_map
 from kfmocap.core.numerics import rotations
 from kfmocap.core.retargeting.bone_matching import match_bones, sides_exchanged
-from kfmocap.core.retargeting.bone_names import roles_by_name
-from kfmocap.core.retargeting.bone_positions import roles_by_position
-from kfmocap.core.retargeting.bone_presets import PRESETS
-from kfmocap.core.retargeting.bone_words import read_name, shared_words
-from kfmocap.core.retargeting.rest_alignment import feet_point_back
-from kfmocap.core.retargeting.roles import CHAINS, FINGERS, BoneMap, named_together
-from kfmocap.core.retargeting.skeleton_tree import SkeletonTree
+from kfmocap.core.retargeting.bone_roles.bone_names import roles_by_name
+from kfmocap.core.retargeting.bone_roles.bone_positions import roles_by_position
+from kfmocap.core.retargeting.bone_roles.bone_presets import PRESETS
+from kfmocap.core.retargeting.bone_roles.bone_words import read_name, shared_words
+from kfmocap.core.retargeting.bone_roles.roles import CHAINS, FINGERS, BoneMap, named_together
+from kfmocap.core.retargeting.bone_roles.skeleton_tree import SkeletonTree
+from kfmocap.core.retargeting.rest_poses.rest_alignment import feet_point_back
 from made_rigs import made_rig
 
 BODY = human(1.75)

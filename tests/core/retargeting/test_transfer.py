@@ -11,11 +11,11 @@ from kfmocap.core.body import human
 from kfmocap.core.body.skeleton_motion import RestSkeleton
 from kfmocap.core.errors import BodyError
 from kfmocap.core.numerics import rotations
-from kfmocap.core.retargeting.bone_presets import PRESETS
+from kfmocap.core.retargeting.bone_roles.bone_presets import PRESETS
+from kfmocap.core.retargeting.bone_roles.roles import BoneMap
 from kfmocap.core.retargeting.control_rig import local_places, local_turns
-from kfmocap.core.retargeting.rest_alignment import alignments, toe_reach
+from kfmocap.core.retargeting.rest_poses.rest_alignment import alignments, toe_reach
 from kfmocap.core.retargeting.retarget import grounded, prepared, retarget, upright_turn
-from kfmocap.core.retargeting.roles import BoneMap
 from kfmocap.core.retargeting.transfer import BoneBlend, RetargetOptions, chain_blends, source_blends
 from made_rigs import LONGER_LEGS, SHORTER_ARMS, made_rig, moved_body, moved_rig, wild_motion
 from render.motions import MOTIONS

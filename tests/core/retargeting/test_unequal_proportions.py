@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kfmocap.core.body import human
-from kfmocap.core.retargeting import foot_keeping
-from kfmocap.core.retargeting.long_feet import Sole
+from kfmocap.core.retargeting.contacts import foot_keeping
+from kfmocap.core.retargeting.contacts.long_feet import Sole
 from kfmocap.core.retargeting.retarget import Retargeted, prepared, retarget
 from made_rigs import LONGER_LEGS, SHORTER_ARMS, made_rig, moved_body, moved_rig
 from render.benchmark_shots import PLANS

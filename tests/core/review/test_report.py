@@ -14,13 +14,13 @@ from kfmocap.core.body.smoothness_estimate import ROOT_GROUPS
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.cameras.world_axes import AXES, upward_axis_warning
 from kfmocap.core.errors import LandmarkError
-from kfmocap.core.fitting.view_findings import CameraFit, FootageMatch
+from kfmocap.core.fitting.checks.view_findings import CameraFit, FootageMatch
 from kfmocap.core.formats import Landmarks
 from kfmocap.core.keypoints.observations import ShotKeypoints
 from kfmocap.core.review.report_text import rate_text, report_lines
 from kfmocap.core.review.scoring import joint_error
 from kfmocap.core.review.track_report import report
-from kfmocap.core.runtime.files import write_json
+from kfmocap.core.runtime.output_files.files import write_json
 from kfmocap.core.shot.footage_faults.footage_damage import FootageDamage
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate
 from kfmocap.core.shot.footage_faults.frame_pattern import FramePattern

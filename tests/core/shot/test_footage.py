@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.errors import FootageError
-from kfmocap.core.shot import image_sequences, image_sizes
 from kfmocap.core.shot.footage import Footage, decodable, frames_at, pictures, probe
 from kfmocap.core.shot.footage_faults.footage_checks import check_rates, check_view
+from kfmocap.core.shot.footage_files import image_sequences, image_sizes
+from kfmocap.core.shot.footage_files.image_sequences import named_footage
+from kfmocap.core.shot.footage_files.video_edits import shown_share
 from kfmocap.core.shot.frame_numbers import footage_index
-from kfmocap.core.shot.image_sequences import named_footage
 from kfmocap.core.shot.shot import View
-from kfmocap.core.shot.video_edits import shown_share
 
 SIZE = (64, 48)
 COUNT = 12

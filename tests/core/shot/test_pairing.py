@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from kfmocap.core.shot.image_sequences import footage_of
+from kfmocap.core.shot.footage_files.image_sequences import footage_of
 from kfmocap.core.shot.name_matching import footage_name, paired
 
 

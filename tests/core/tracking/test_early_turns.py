@@ -12,7 +12,7 @@ import pytest
 from keypoint_shots import cameras, joint_errors, person, seen_places, strolling, write_openpose
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
-from kfmocap.core.fitting.resection import adjusted
+from kfmocap.core.fitting.camera_fits.resection import adjusted
 from kfmocap.core.fitting.shot_cameras import refine_shot_cameras
 from kfmocap.core.shot.performer_request import PerformerRequest
 from kfmocap.core.shot.settings import Settings

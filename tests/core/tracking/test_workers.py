@@ -18,11 +18,11 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.errors import WorkerEndedError
 from kfmocap.core.evidence import segment_evidence
 from kfmocap.core.formats.shot_toml import read_shot_spec
-from kfmocap.core.runtime.worker_memory import WorkerMemory
-from kfmocap.core.runtime.worker_pool import WorkerPool
+from kfmocap.core.runtime.processes.worker_memory import WorkerMemory
+from kfmocap.core.runtime.processes.worker_pool import WorkerPool
 from kfmocap.core.shot.fingerprint import made_of
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate
-from kfmocap.core.shot.image_sequences import image_files
+from kfmocap.core.shot.footage_files.image_sequences import image_files
 from kfmocap.core.shot.shot import Shot, View
 from kfmocap.core.tracking import tracker
 from kfmocap.core.tracking.footage_reading import reader

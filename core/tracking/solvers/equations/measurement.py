@@ -20,7 +20,7 @@ from ....evidence.segment_evidence import SegmentEvidence, accumulate_evidence
 from ....evidence.view_work import IN_THIS_THREAD, ViewWork
 from ....numerics.arrays import Array
 from ....numerics.banded_blocks import BandedBlocks
-from ....runtime.freed_memory import return_freed_memory
+from ....runtime.processes.freed_memory import return_freed_memory
 from ....runtime.progress import step_share
 from .problem import SegmentProblem, SegmentSolution
 

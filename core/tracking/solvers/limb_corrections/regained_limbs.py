@@ -16,7 +16,7 @@ import numpy as np
 from ....body.limbs import limb_pairs, limbs
 from ....body.motion import Motion
 from ....numerics.arrays import Array
-from ....runtime.freed_memory import return_freed_memory
+from ....runtime.processes.freed_memory import return_freed_memory
 from ....runtime.timing import Seconds
 from ..assessment.limb_signs import (
     bent_limbs,

@@ -16,7 +16,7 @@ from kfmocap.core.keypoints.keypoint_motion.first_pose import posed_start
 from kfmocap.core.keypoints.keypoint_motion.limb_safeguard import repose_lost_limbs
 from kfmocap.core.keypoints.keypoint_offsets import KeypointOffsets, offset_precision
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
-from kfmocap.core.keypoints.left_right import swap_sides
+from kfmocap.core.keypoints.left_and_right.left_right import swap_sides
 from kfmocap.core.keypoints.triangulation import triangulate
 from kfmocap.core.keypoints.view_agreement import ViewAgreement, averaged, view_sigmas, without_midpoints
 from kfmocap.core.numerics import rotations

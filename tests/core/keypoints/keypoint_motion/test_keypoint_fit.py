@@ -12,7 +12,7 @@ from kfmocap.core.keypoints.keypoint_motion.first_pass import first_pass, scaled
 from kfmocap.core.keypoints.keypoint_motion.keypoint_fit import FitProblem, KeypointFit, fit_motion
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.keypoints.keypoint_sigmas import robust_weights, sigmas
-from kfmocap.core.keypoints.left_right import swap_sides
+from kfmocap.core.keypoints.left_and_right.left_right import swap_sides
 from kfmocap.core.keypoints.view_agreement import ViewAgreement
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.acceleration_prior import acceleration_precision

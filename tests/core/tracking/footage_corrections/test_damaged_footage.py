@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.body.kinematics import part_poses, tip_positions
-from kfmocap.core.runtime.worker_memory import WorkerMemory
+from kfmocap.core.runtime.processes.worker_memory import WorkerMemory
 from kfmocap.core.shot.footage_faults.footage_times import whole_pictures
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import Shot, View

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 import pytest
 from kfmocap.core.errors import FootageError
+from kfmocap.core.runtime.processes.worker_memory import WorkerMemory
 from kfmocap.core.runtime.timing import Seconds
-from kfmocap.core.runtime.worker_memory import WorkerMemory
 from kfmocap.core.shot.fingerprint import made_of
 from kfmocap.core.shot.footage import Album, frames_at
 from kfmocap.core.shot.interlacing import FieldWatch

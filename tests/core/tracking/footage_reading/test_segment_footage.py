@@ -19,8 +19,8 @@ from kfmocap.core.body.kinematics import part_poses, tip_positions
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.keypoints.keypoint_delay import frames_off_by_view
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
+from kfmocap.core.runtime.processes.worker_memory import WorkerMemory
 from kfmocap.core.runtime.timing import Seconds
-from kfmocap.core.runtime.worker_memory import WorkerMemory
 from kfmocap.core.shot.footage_faults.continuity import block_change
 from kfmocap.core.shot.shot import View
 from kfmocap.core.tracking.footage_reading import reader

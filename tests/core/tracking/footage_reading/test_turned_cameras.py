@@ -11,7 +11,7 @@ import pytest
 from kfmocap.core.body.kinematics import part_poses, tip_positions
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.cameras.lens_turns import split, zooming
-from kfmocap.core.fitting.background_checks import followed_cameras
+from kfmocap.core.fitting.checks.background_checks import followed_cameras
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import Shot, View

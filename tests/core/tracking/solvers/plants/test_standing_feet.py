@@ -10,7 +10,7 @@ import pytest
 from kfmocap.core.body import part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics.frame_ranges import runs
-from kfmocap.core.retargeting import foot_keeping
+from kfmocap.core.retargeting.contacts import foot_keeping
 from kfmocap.core.retargeting.foot_clean_up import with_clean_feet
 from kfmocap.core.shot.shot import KeyPoses
 from kfmocap.core.tracking.segment_stages import TrackState

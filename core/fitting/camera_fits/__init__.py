@@ -1,0 +1,1 @@
+"""Cameras fitted to outlines of the performers, or to shared keypoints."""

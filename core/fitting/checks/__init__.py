@@ -1,0 +1,1 @@
+"""Checks of cameras and footage against key poses, and what they find."""

@@ -1,0 +1,1 @@
+"""Left and right of keypoints, which detectors confuse."""

@@ -1,0 +1,322 @@
+"""Keeping feet and hands in place, whatever the proportions of the character.
+
+After L. Kovar, J. Schreiner, M. Gleicher, Footskate Cleanup for Motion Capture Editing (SCA 2002): while a foot is
+planted, the point of the sole that touches the ground moves as the source's does, and not as the same joint angles
+would move it on legs of another length. The correction fades over the frames before and after.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ...body.foot_plants import find_plants, with_ends
+from ...body.skeleton_motion import RestSkeleton, SkeletonMotion
+from ...body.soles import BALL_SHARE
+from ...numerics.arrays import Array, Bools
+from ...numerics.frame_ranges import runs
+from ..bone_roles.roles import SIDES, BoneMap
+from ..control_rig import ControlRig, RigPoses
+from ..rest_poses.rest_alignment import alignments, ankle_to_ball, facing, foot_ends_at_ball
+from ..transfer import Placement, leg_length
+from .limb_goals import LimbGoal, limb_controls
+from .long_feet import LIKELY_FOOT, Sole
+
+HEEL, BALL = 0, 1
+"""Indices of a sole's points."""
+_HEEL_BACK = 0.3  # of the horizontal distance from ankle to ball: from the ankle back to the heel, if it is unknown
+_FOOT_LENGTH = 0.17  # of the leg length: from the ankle to the ball, if it is unknown
+_SAME_FOOT = 0.03  # relative: foot lengths this close to proportional to the legs are taken to be exactly so
+_FADE_TIME = 0.25  # seconds over which a correction fades
+_MAX_BRIDGED_TIME = 1.0  # seconds: over shorter swings a correction is interpolated to the next plant's
+_FLOOR_TOLERANCE = 0.06  # of the leg length: plants within this height stand on the floor
+
+
+@dataclass(frozen=True, eq=False)
+class FootPath:
+    """One foot of the source.
+
+    Attributes
+    ----------
+    side : str
+    points : ndarray, shape (F, 2, 3)
+        Heel and ball on the sole, in the source's world frame and unit. Where the bone of the foot ends at the tips of
+        the toes, these are in the ball's place, as the foot rolls over them.
+    offsets : ndarray, shape (2, 3)
+        The same points relative to the ankle, at rest.
+    planted : ndarray of bool, shape (F, 2)
+        When each of them is planted.
+    floor : float
+        Height of planted points, in the source's unit.
+    ball : float
+        Place of the ball, as a share of the way from the first point to the second: plants are about it.
+    """
+
+    side: str
+    points: Array
+    offsets: Array
+    planted: Bools
+    floor: float
+    ball: float
+
+    @property
+    def heel_and_ball(self) -> Array:
+        """What plants are about, shape (F, 2, 3)."""
+        return _with_ball(self.points, self.ball)
+
+
+def foot_paths(
+    source: SkeletonMotion,
+    of_source: BoneMap,
+    deviation: Array | None = None,
+    planted: Mapping[str, Bools] | None = None,
+) -> list[FootPath]:
+    """Return the paths of the source's soles, and when they are planted.
+
+    Parameters
+    ----------
+    deviation : ndarray, shape (F, J), optional
+        Standard deviation of the position of every bone of the source, in its unit.
+    planted : mapping of str to ndarray of bool, shape (F,), optional
+        When points of the soles are planted, by their names in `core.body.soles.SOLE_POINTS`, where that is known; for
+        other points it is detected from the motion.
+    """
+    given = planted or {}
+    leg = leg_length(source.rest, of_source)
+    found = []
+    for side in SIDES:
+        if f"foot.{side}" not in of_source.bones:
+            continue
+        [ankle] = source.rest.indices(of_source.bones[f"foot.{side}"])
+        offsets = sole_offsets(source.rest, of_source, side)
+        rolls = offsets is not None and not foot_ends_at_ball(source.rest, of_source, side)
+        if offsets is None:
+            forward = _FOOT_LENGTH * leg * (facing(source.rest, of_source) @ [0.0, -1.0, 0.0])
+            down = np.array([0.0, 0.0, source.rest.ground - source.rest.heads[ankle, 2]])
+            offsets = np.stack([down - _HEEL_BACK * forward, down + forward])
+        points = source.positions[:, None, ankle] + np.einsum("fij,cj->fci", source.turns[:, ankle], offsets)
+        ball = BALL_SHARE if rolls else 1.0
+        soles = _with_ball(points, ball)
+        doubt = None if deviation is None else np.repeat(deviation[:, ankle, None], 2, axis=1)
+        plants = find_plants(soles, source.fps, leg, doubt)
+        seen = with_ends(plants.planted, soles, plants.speed, source.fps)
+        columns = [given.get(f"{point}.{side}", seen[:, c]) for c, point in enumerate(("heel", "ball"))]
+        found.append(FootPath(side, points, offsets, np.stack(columns, axis=1), plants.floor, ball))
+    return found
+
+
+def _with_ball(points: Array, share: float) -> Array:
+    """Return points (F, 2, 3) with the second at a share of the way from the first."""
+    along = points[:, BALL] - points[:, HEEL]
+    return np.stack([points[:, HEEL], points[:, HEEL] + share * along], axis=1)
+
+
+def sole_offsets(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
+    """Return heel and ball on the ground relative to the ankle, at rest, shape (2, 3); None if they are unknown."""
+    ahead = ankle_to_ball(rest, bones, side)
+    if ahead is None:
+        return None
+    [j] = rest.indices(bones.bones[f"foot.{side}"])
+    down = np.array([0.0, 0.0, rest.ground - rest.heads[j, 2]])
+    return np.stack([down - _HEEL_BACK * ahead, down + ahead])
+
+
+def foot_goals(
+    paths: list[FootPath],
+    source: tuple[SkeletonMotion, BoneMap],
+    rig: ControlRig,
+    poses: RigPoses,
+    *,
+    placement: Placement,
+    clean: bool = False,
+) -> tuple[list[LimbGoal], RigPoses]:
+    """Return goals for the target's ankles, and its poses with planted feet turned flat, and toes of long feet bent.
+
+    Parameters
+    ----------
+    paths : list of FootPath
+    source : SkeletonMotion and BoneMap
+    rig : ControlRig
+    poses : RigPoses
+        The result of `transfer`.
+    placement : Placement
+    clean : bool
+        Whether planted feet stand completely still and flat; if not, they move as the source's do.
+    """
+    motion, of_source = source
+    A = alignments(motion.rest, of_source, rig.rest, rig.bones, rig.palms)
+    turns, driven = poses.turns.copy(), poses.driven.copy()
+    goals = []
+    for path in paths:
+        roles = tuple(f"{role}.{path.side}" for role in ("thigh", "shin", "foot"))
+        controls = limb_controls(rig, roles, poses.driven)
+        if controls is None:
+            continue
+        ankle = controls[2]
+        offsets = _target_offsets(path, (motion.rest, of_source), rig, placement, A[roles[2]][0])
+        points = placement.moved(path.points)
+        if clean:
+            floor = float(placement.moved(np.array([0.0, 0.0, path.floor]))[2])
+            leg = leg_length(rig.rest, rig.bones)
+            snap = _FLOOR_TOLERANCE * leg
+            turns[:, ankle] = _flattened(turns[:, ankle], path.planted.all(axis=1), offsets, snap=snap, fps=motion.fps)
+            stood = _still(placement.moved(path.heel_and_ball), path.planted, floor, snap)
+            stood[:, BALL] += turns[:, ankle] @ ((1 - path.ball) * (offsets[BALL] - offsets[HEEL]))
+            points = np.where(path.planted[..., None], stood, points)
+        lowest = np.where(path.planted[:, BALL], points[:, BALL, 2], _least_height(points, placement))
+        hip, foot = (poses.places[:, b] for b in (controls[0], ankle))
+        toe = _bending_toe(of_source, rig, path.side)
+        joint = None if toe is None else rig.rest.heads[toe] - rig.rest.heads[ankle]
+        sole = Sole(offsets[HEEL], offsets[BALL], joint)
+        turns[:, ankle] = sole.with_lower_heel(turns[:, ankle], lowest, hip, foot, leg_length(rig.rest, rig.bones))
+        bends = sole.toe_bends(turns[:, ankle], foot[:, 2] - lowest)
+        if toe is not None:
+            turns[:, toe], driven[toe] = turns[:, ankle] @ sole.bent(bends), True
+        ways = sole.ends(turns[:, ankle], bends)
+        wanted = _ankle_path(points, path.planted, ways, poses.places[:, ankle])
+        held = path.planted.any(axis=1)
+        shift = spread_shifts(np.where(held[:, None], wanted - poses.places[:, ankle], 0.0), held, motion.fps)
+        shift[:, 2] += _lift(poses.places[:, ankle, None] + shift[:, None] + ways, points, held, placement)
+        goals.append(LimbGoal(*controls, shift, held))
+    return goals, RigPoses(turns, poses.places, driven)
+
+
+def _bending_toe(of_source: BoneMap, rig: ControlRig, side: str) -> int | None:
+    """Return the control of toes for which the source has no motion, and whose tips are known; None without one."""
+    role = f"toe.{side}"
+    there = role in rig.bones.bones and role not in of_source.bones and side in rig.toe_tips
+    return rig.index(role) if there else None
+
+
+def _target_offsets(
+    path: FootPath, source: tuple[RestSkeleton, BoneMap], rig: ControlRig, placement: Placement, A: Array
+) -> Array:
+    """Return heel and ball relative to the target's ankle at rest, (2, 3): the source's, scaled to the target's foot.
+
+    The foot of a source without toe bones rolls over the tips of the toes. So does the target's then, which its foot
+    bone ends before, with straight toes unless it is long for its leg.
+    """
+    own = sole_offsets(rig.rest, rig.bones, path.side)
+    ratio = placement.scale
+    both = [f"toe.{path.side}" in bones.bones for bones in (source[1], rig.bones)]
+    reach = 0.0 if own is None else float(np.linalg.norm(own[BALL, :2]))
+    if not both[0] and path.side in rig.toe_tips:
+        reach = rig.toe_tips[path.side]
+    if reach > 0 and (both[0] == both[1] or path.side in rig.toe_tips):
+        found = reach / float(np.linalg.norm(path.offsets[BALL, :2]))
+        known = both[0] or path.side in rig.toe_tips or LIKELY_FOOT[0] < found / ratio < LIKELY_FOOT[1]
+        ratio = found if known and abs(found / ratio - 1) >= _SAME_FOOT else ratio
+    ankle = rig.rest.heads[rig.index(f"foot.{path.side}")]
+    offsets = ratio * (path.offsets * [1.0, 1.0, 0.0]) @ A
+    offsets[:, 2] = rig.rest.ground - ankle[2]
+    return np.asarray(offsets)
+
+
+def _ankle_path(points: Array, planted: Bools, ways: Array, ankle: Array) -> Array:
+    """Return the goal of the ankle while the foot is planted, (F, 3).
+
+    Its height follows from the planted point; its horizontal position is on average the one that joint angles alone
+    give, and moves with the planted point.
+    """
+    wanted = ankle.copy()
+    for first, last in runs(planted.any(axis=1)):
+        frames = np.arange(first, last + 1)
+        point = np.where(planted[frames, BALL], BALL, HEEL)
+        by_point = points[frames] - ways[frames]  # the ankle, as each of the points has it
+        path = by_point[np.arange(len(frames)), point].copy()
+        change = np.flatnonzero(np.diff(point)) + 1
+        for k in change:  # the foot rolls over to the other point, and the ankle must not jump
+            path[k:, :2] += by_point[k, point[k - 1], :2] - by_point[k, point[k], :2]
+        path[:, :2] += (ankle[frames, :2] - path[:, :2]).mean(axis=0)
+        wanted[frames] = path
+    return wanted
+
+
+def spread_shifts(shift: Array, held: Bools, fps: float) -> Array:
+    """Return shifts (F, 3) that are given on held frames, and on the frames between interpolated or faded out."""
+    if held.all() or not held.any():
+        return shift
+    found = np.where(held[:, None], shift, 0.0)
+    fade = max(_FADE_TIME * fps, 1.0)
+    for first, last in runs(~held):
+        frames = np.arange(first, last + 1)
+        before = shift[first - 1] if first > 0 else None
+        after = shift[last + 1] if last + 1 < len(shift) else None
+        if before is not None and after is not None and len(frames) <= _MAX_BRIDGED_TIME * fps:
+            w = _ease((frames - first + 1) / (len(frames) + 1))[:, None]
+            found[frames] = (1 - w) * before + w * after
+            continue
+        if before is not None:
+            found[frames] += (1 - _ease((frames - first + 1) / fade))[:, None] * before
+        if after is not None:
+            found[frames] += (1 - _ease((last + 1 - frames) / fade))[:, None] * after
+    return found
+
+
+def _ease(t: Array) -> Array:
+    t = np.clip(t, 0.0, 1.0)
+    return np.asarray(t * t * (3 - 2 * t))
+
+
+def _lift(soles: Array, points: Array, held: Bools, placement: Placement) -> Array:
+    """Return how far a swinging foot must be raised to be no deeper in the ground than the source's, (F,)."""
+    return np.where(held, 0.0, np.maximum(_least_height(points, placement) - soles[..., 2].min(axis=1), 0.0))
+
+
+def _least_height(points: Array, placement: Placement) -> Array:
+    """Return the height that a sole must have: that of the ground, or of the source's (F, 2, 3), if that is deeper."""
+    return np.minimum(points[..., 2].min(axis=1), placement.ground[2])
+
+
+def _still(points: Array, planted: Bools, floor: float, snap: float) -> Array:
+    """Return points (F, 2, 3) that stand at their mean position during each plant, and on the floor if that is near."""
+    found = points.copy()
+    for c in range(points.shape[1]):
+        for first, last in runs(planted[:, c]):
+            middle = points[first : last + 1, c].mean(axis=0)
+            if abs(middle[2] - floor) < snap:
+                middle[2] = floor
+            found[first : last + 1, c] = middle
+    return found
+
+
+def _flattened(turns: Array, flat: Bools, offsets: Array, *, snap: float, fps: float) -> Array:
+    """Return rotations (F, 3, 3) of a foot that is level and still while heel and ball are planted, unless one of them
+    is higher than the other by `snap`: a foot may stand on its ball for a while, with a raised heel.
+    """
+    found = turns.copy()
+    shift = np.zeros((len(turns), 3))
+    for first, last in runs(flat):
+        mean = Rotation.from_matrix(turns[first : last + 1]).mean().as_matrix()
+        along = mean @ (offsets[BALL] - offsets[HEEL])
+        level = along * [1.0, 1.0, 0.0]
+        if abs(along[2]) > snap:
+            continue
+        pitch = Rotation.align_vectors(level[None], along[None])[0].as_matrix()
+        wanted = pitch @ mean
+        shift[first : last + 1] = Rotation.from_matrix(
+            wanted @ np.swapaxes(turns[first : last + 1], -1, -2)
+        ).as_rotvec()
+    eased = spread_shifts(shift, flat, fps)
+    return np.asarray(Rotation.from_rotvec(eased).as_matrix() @ found)
+
+
+def hand_goals(
+    source: SkeletonMotion, of_source: BoneMap, rig: ControlRig, poses: RigPoses, placement: Placement
+) -> list[LimbGoal]:
+    """Return goals for hands that stand still in the world: the same position, at the target's scale."""
+    leg = leg_length(source.rest, of_source)
+    goals = []
+    for side in SIDES:
+        roles = tuple(f"{role}.{side}" for role in ("upper_arm", "forearm", "hand"))
+        controls = limb_controls(rig, roles, poses.driven)
+        if controls is None or roles[2] not in of_source.bones:
+            continue
+        path = source.positions[:, source.rest.indices(of_source.bones[roles[2]])[0]]
+        held = find_plants(path[:, None], source.fps, leg, by_height=False).planted[:, 0]
+        shift = np.where(held[:, None], placement.moved(path) - poses.places[:, controls[2]], 0.0)
+        goals.append(LimbGoal(*controls, spread_shifts(shift, held, source.fps), np.zeros(len(held), bool)))
+    return goals

@@ -1,0 +1,1 @@
+"""Fingers: hand shapes, and motion from tracked points."""

@@ -1,0 +1,1 @@
+"""Rest poses of two skeletons, aligned with each other."""

@@ -1,0 +1,1 @@
+"""Writing files so that results are all old or all new, whatever happens."""

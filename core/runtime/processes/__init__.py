@@ -1,0 +1,1 @@
+"""Work in other processes: jobs, workers, pools, and what they share."""

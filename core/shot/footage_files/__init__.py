@@ -1,0 +1,1 @@
+"""Files of footage: videos and image sequences, checked before they are decoded."""
