@@ -41,6 +41,8 @@ def since(turns: Array, others: Array) -> Array:
 
 def interpolated(frames: Ints, turns: Array, wanted: Ints) -> Array:
     """Return the turns (F, 3, 3) on the wanted frames (F,) between those that are given, (K, 3, 3) on frames (K,)."""
+    if len(turns) == 1:
+        return np.repeat(turns, len(wanted), axis=0)
     R, zooms = split(turns)
     between = np.exp(np.interp(wanted, frames, np.log(zooms)))
     return np.asarray(zooming(between) @ Slerp(frames, Rotation.from_matrix(R))(wanted).as_matrix())
