@@ -40,7 +40,7 @@ class CalibrationFormat:
     write : callable
         Called with a path and a sequence of Camera.
     moving, fisheye : bool
-        Whether it can store moving cameras, and fisheye lenses.
+        Whether it can store moving cameras, also those that zoom, and fisheye lenses.
     coefficients : int or None
         Number of distortion coefficients that it can store; None for any number.
     """
@@ -165,6 +165,8 @@ def _check_storable(camera: Camera, name: str) -> None:
     known, where = FORMATS[name], f"camera {camera.name}"
     if camera.moving and not known.moving:
         raise CalibrationError(f"{name} has no moving cameras", where=where)
+    if camera.zooms is not None and not known.moving:
+        raise CalibrationError(f"{name} has no lenses that zoom", where=where)
     if camera.fisheye and not known.fisheye:
         raise CalibrationError(f"{name} has no fisheye lenses", where=where)
     if known.coefficients is not None and camera.distortions[known.coefficients :].any():

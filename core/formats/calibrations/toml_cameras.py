@@ -1,8 +1,9 @@
 """KF Mocap's own calibration files (.toml), in the format of aniposelib and Pose2Sim; Caliscope's are read as well.
 
 A camera is a table with name, size, matrix, distortions, rotation (Rodrigues vector) and translation (metres). A moving
-camera's rotation and translation are lists of such vectors, one per frame of the shot. Other programs' files may give a
-rotation as a 3x3 matrix: see `core.formats.calibrations.pose_fields`.
+camera's rotation and translation are lists of such vectors, one per frame of the shot; if its lens zooms, zooms says
+how many times as long as in the matrix the focal lengths are on each. Other programs' files may give a rotation as a
+3x3 matrix: see `core.formats.calibrations.pose_fields`.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +59,7 @@ def _toml_camera(key: str, table: Mapping[str, Any], path: Path) -> Camera:
     for field in ("rotation", "translation"):
         if field not in table:
             raise CalibrationError(f"'{field}' is missing", where=where)
-    return Camera.create(
+    camera = Camera.create(
         name,
         (int(size[0]), int(size[1])),
         _numbers(table, "matrix", where, (3, 3)),
@@ -65,6 +67,14 @@ def _toml_camera(key: str, table: Mapping[str, Any], path: Path) -> Camera:
         distortions=_numbers(table, "distortions", where, None) if "distortions" in table else (0.0, 0.0, 0.0, 0.0),
         fisheye=is_fisheye(table, where),
     )
+    return replace(camera, zooms=_zooms(table, where, len(camera.R_cam_world))) if "zooms" in table else camera
+
+
+def _zooms(table: Mapping[str, Any], where: str, poses: int) -> Array:
+    zooms = _numbers(table, "zooms", where, (poses,))
+    if not ((zooms >= 0.01) & (zooms <= 100)).all():
+        raise CalibrationError("'zooms' must lie between 0.01 and 100", where=where)
+    return zooms
 
 
 def _numbers(table: Mapping[str, Any], key: str, where: str, shape: tuple[int, ...] | None) -> Array:
@@ -114,7 +124,7 @@ def _toml_table(camera: Camera) -> str:
         f"matrix = {camera.matrix.tolist()}\ndistortions = {camera.distortions.tolist()}\n"
         f"rotation = {rotation.tolist()}\ntranslation = {translation.tolist()}\n"
         f"fisheye = {str(camera.fisheye).lower()}\n"
-    )
+    ) + ("" if camera.zooms is None else f"zooms = {camera.zooms.tolist()}\n")
 
 
 def _quoted(text: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
@@ -63,14 +64,15 @@ def test_what_goes_out_comes_back(
 
 
 def plain(**changes: object) -> Camera:
-    values = {"R_cam_world": np.eye(3), "t_cam_world": np.zeros(3)} | changes
-    return Camera.create("front", (64, 48), np.diag([50.0, 50, 1]), **values)  # type: ignore[arg-type]
+    values = {"name": "front", "R_cam_world": np.eye(3), "t_cam_world": np.zeros(3)} | changes
+    return Camera.create(size=(64, 48), matrix=np.diag([50.0, 50, 1]), **values)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
     ("camera", "kind", "message"),
     [
         (plain(R_cam_world=np.stack([np.eye(3)] * 2), t_cam_world=np.zeros((2, 3))), "qualisys", "moving"),
+        (replace(plain(), zooms=np.array([1.2])), "opencv", "zoom"),
         (plain(fisheye=True), "caliscope", "fisheye"),
         (plain(distortions=[0, 0, 0, 0, 0, 0.1, 0, 0]), "qualisys", "coefficients"),
         (plain(), "nothing", "unknown kind of calibration 'nothing'"),
@@ -80,6 +82,18 @@ def test_what_a_kind_has_no_place_for_is_refused(tmp_path: Path, camera: Camera,
     with pytest.raises(CalibrationError, match=message):
         export_cameras(tmp_path / "out", [camera], kind)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_lens_that_zooms_comes_back_from_our_own_format(tmp_path: Path) -> None:
+    turned = replace(plain(), R_cam_world=np.stack([np.eye(3)] * 3), t_cam_world=np.ones((3, 3)))
+    zooming = replace(turned, zooms=np.array([1.0, 1.1, 1 / 3]))
+    export_cameras(path := tmp_path / "cameras.toml", [zooming, plain(name="fixed")])
+    back = load_cameras(path)
+    np.testing.assert_array_equal(back["front"].zooms, zooming.zooms)
+    assert back["fixed"].zooms is None
+    path.write_text(path.read_text().replace("zooms = [1.0, ", "zooms = ["))
+    with pytest.raises(CalibrationError, match=r"front: 'zooms' has shape \(2,\), not 3"):
+        load_cameras(path)
 
 
 def test_an_unknown_ending_is_refused(tmp_path: Path) -> None:
