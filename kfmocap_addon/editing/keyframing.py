@@ -150,7 +150,8 @@ def mark_keypoints(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> int
     for v, k in zip(*np.nonzero(keypoints.confidence[:, frame] > 0), strict=True):
         name = keypoints.names[k]
         if name in shot.performers[number].body.landmarks:
-            x, y = pixel(shot.views[v].camera.matrix, keypoints.rays[v, frame, k])
+            lens = shot.views[v].camera.at([frame]).unzoomed()  # marks are places in the picture of this frame
+            x, y = pixel(lens.matrix, keypoints.rays[v, frame, k])
             found.setdefault((shot.views[v].camera.name, name), (float(x), float(y)))
     if len(found) == before:
         todo = "import keypoints first, or choose another frame"

@@ -240,6 +240,27 @@ def test_a_camera_that_blenders_tracker_moves_is_exported_frame_by_frame(blender
         np.testing.assert_allclose(ahead, (np.array(SIZE) - 1) / 2, atol=1e-3)
 
 
+def test_a_camera_that_zooms_is_exported_with_its_zoom_and_imported_again(blender, tmp_path):
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end = 1, 10
+    owner = bpy.data.objects.new("zooming", bpy.data.cameras.new("zooming"))
+    scene.collection.objects.link(owner)
+    for frame, length in ((1, 30.0), (10, 45.0)):
+        owner.data.lens = length
+        owner.data.keyframe_insert("lens", frame=frame)
+    bpy.ops.kfmocap.export_cameras(filepath=str(tmp_path / "out.toml"))
+    [written] = load_cameras(tmp_path / "out.toml").values()
+    assert len(written.R_cam_world) == 10 and written.zooms[[0, 9]] == pytest.approx([1, 1.5])
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    bpy.ops.kfmocap.import_cameras(filepath=str(tmp_path / "out.toml"))
+    bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, 10
+    bpy.context.scene.frame_set(6)
+    bpy.ops.kfmocap.export_cameras(filepath=str(tmp_path / "again.toml"))
+    [again] = load_cameras(tmp_path / "again.toml").values()
+    np.testing.assert_array_equal(again.zooms, written.zooms)
+    np.testing.assert_array_equal(again.matrix, written.matrix)
+
+
 def test_cameras_can_be_written_while_there_are_any(blender, tmp_path):
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     assert not bpy.ops.kfmocap.export_cameras.poll()

@@ -130,6 +130,19 @@ def test_keypoints_become_marks_that_place_joints_poses(blender, tmp_path):
     assert error(slot, WALK[[12]]) < 0.02
 
 
+def test_marks_lie_on_the_keypoints_of_a_picture_that_is_zoomed(blender, tmp_path):
+    slot = keypoint_scene(tmp_path)
+    lens = bpy.context.scene.kfmocap.views["cam01"].camera.data
+    for frame, zoom in ((1, 1.0), (30, 1.5)):
+        lens.lens *= zoom
+        lens.keyframe_insert("lens", frame=frame)
+    bpy.context.scene.frame_set(20)
+    assert bpy.ops.kfmocap.mark_keypoints() == {"FINISHED"}
+    found = joint_marks.on_frame(slot, 20)
+    places = cameras(1)[0].project(landmark_positions(BODY, WALK[[19]], LIMBS)[0])
+    assert np.abs(places - [found["cam01", name] for name in LIMBS]).max() < 3
+
+
 def landmark_file(folder, step: int = 1, fps: float = 30.0):
     names = [name for name in BODY.landmarks if "Hand" not in name]
     points = landmark_positions(BODY, WALK, names)

@@ -491,6 +491,20 @@ def test_a_camera_whose_lens_tracking_finds_to_zoom_gets_keys_of_its_focal_lengt
     assert built.kfmocap.views[0].camera.data.lens == pytest.approx(lens * zooms[7], rel=1e-5)
 
 
+def test_a_lens_with_keys_of_the_user_is_the_same_on_whichever_frame_the_scene_is(built, tracker):
+    owner = built.kfmocap.views[0].camera
+    del owner["kfmocap_matrix"]  # as of a camera that was not built here
+    for frame, length in ((FRAME, 30.0), (FRAME + 11, 41.0)):
+        owner.data.lens = length
+        owner.data.keyframe_insert("lens", frame=frame)
+    built.frame_set(FRAME)
+    bpy.ops.kfmocap.track()
+    built.frame_set(FRAME + 7)
+    now = scene.shot_from_scene(built)
+    assert now.views[0].camera.zooms[[0, 11]] == pytest.approx([1, 41 / 30])
+    assert not tracked_segments.out_of_date(built, now)
+
+
 def test_segments_behind_a_gap_that_were_not_tracked_with_it_are_out_of_date(built, tracker):
     bpy.ops.kfmocap.track()
     zero = scene.shot_from_scene(built).frames[0]

@@ -60,8 +60,10 @@ def set_lens(data: bpy.types.Camera, camera: Camera) -> Frame:
     return frame
 
 
-def intrinsic_matrix(data: bpy.types.Camera, frame: Frame) -> Array:
-    """OpenCV's matrix (3, 3), pixels, of a Blender camera of any sensor fit; inverse of `set_lens`."""
+def intrinsic_matrix(data: bpy.types.Camera, frame: Frame, lens: float | None = None) -> Array:
+    """OpenCV's matrix (3, 3), pixels, of a Blender camera of any sensor fit, with its focal length as it is now or
+    another one, millimetres; inverse of `set_lens`.
+    """
     if data.type != "PERSP":
         raise CalibrationError("the camera is not a perspective one", where=f"camera {data.name}")
     width, height = frame.size
@@ -71,7 +73,7 @@ def intrinsic_matrix(data: bpy.types.Camera, frame: Frame) -> Array:
         fit = "HORIZONTAL" if width >= height * ratio else "VERTICAL"
     sensor = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
     unit = width if fit == "HORIZONTAL" else height * ratio  # what one sensor spans, in pixel widths
-    fx = data.lens / sensor * unit
+    fx = (data.lens if lens is None else lens) / sensor * unit
     cx = width / 2 - data.shift_x * unit - 0.5
     cy = height / 2 + data.shift_y * unit / ratio - 0.5
     return np.array([[fx, 0.0, cx], [0.0, fx / ratio, cy], [0.0, 0.0, 1.0]])

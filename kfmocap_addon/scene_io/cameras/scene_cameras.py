@@ -59,8 +59,8 @@ def read_cameras(
     if not owners:
         return []
     poses = camera_poses.read_poses(scene, list(owners), frame_start, length)
-    zooms = [camera_poses.read_zooms(owner, frame_start, length) for owner in owners]
-    return [_read_camera(scene, *one) for one in zip(owners, poses, zooms, strict=True)]
+    lenses = [camera_poses.read_zooming_lens(owner, frame_start, length) for owner in owners]
+    return [_read_camera(scene, *one) for one in zip(owners, poses, lenses, strict=True)]
 
 
 def is_built(owner: bpy.types.Object) -> bool:
@@ -97,13 +97,13 @@ def show_camera_on(owner: bpy.types.Object, camera: Camera, frame_start: int) ->
 
 
 def _read_camera(
-    scene: bpy.types.Scene, owner: bpy.types.Object, pose: tuple[Array, Array], zooms: Array | None
+    scene: bpy.types.Scene, owner: bpy.types.Object, pose: tuple[Array, Array], lens: Array | None
 ) -> Camera:
     clip = footage_background.clip_behind(owner)
     frame = frame_behind(scene, owner, clip)
     coefficients, fisheye, brown = built_distortion(owner)
     distortions = distortion.clip_distortions(clip) if clip is not None and brown else coefficients
-    return core_camera(owner.name, owner, frame, pose, distortions=distortions, fisheye=fisheye, zooms=zooms)
+    return core_camera(owner.name, owner, frame, pose, distortions=distortions, fisheye=fisheye, lens=lens)
 
 
 def built_distortion(owner: bpy.types.Object) -> tuple[list[float], bool, bool]:
@@ -125,19 +125,21 @@ def core_camera(
     *,
     distortions: ArrayLike,
     fisheye: bool,
-    zooms: Array | None = None,
+    lens: Array | None = None,
 ) -> Camera:
-    """Return a camera object as a camera; what was built here and did not change is exact. `zooms` is how many times as
-    long as now its focal length is on every frame, shape (N,).
+    """Return a camera object as a camera; what was built here and did not change is exact. If it zooms, `lens` is its
+    focal length on every frame, millimetres, shape (N,), and that of the matrix is the one that it was built with, or
+    the first: on whichever frame the scene is, the camera is the same.
     """
     R_cam_world, t_cam_world = pose
-    matrix = distortion.intrinsic_matrix(owner.data, frame)
-    if zooms is not None:
-        R_cam_world = np.broadcast_to(R_cam_world, (len(zooms), 3, 3))
-        t_cam_world = np.broadcast_to(t_cam_world, (len(zooms), 3))
-        # The matrix that was kept is that of another frame.
-        now = matrix[0, 0] / lossless.stored(owner["kfmocap_matrix"])[0, 0] if "kfmocap_matrix" in owner else 1.0
-        matrix, zooms = matrix @ zooming(1 / now), lossless.recall(owner, "kfmocap_zooms", now * zooms)
+    zooms, matrix = None, distortion.intrinsic_matrix(owner.data, frame, None if lens is None else float(lens[0]))
+    if lens is not None:
+        zooms = lens / lens[0]
+        R_cam_world = np.broadcast_to(R_cam_world, (len(lens), 3, 3))
+        t_cam_world = np.broadcast_to(t_cam_world, (len(lens), 3))
+        if "kfmocap_matrix" in owner:  # that of another frame than the first
+            first = matrix[0, 0] / lossless.stored(owner["kfmocap_matrix"])[0, 0]
+            matrix, zooms = matrix @ zooming(1 / first), lossless.recall(owner, "kfmocap_zooms", first * zooms)
     camera = Camera.create(
         name,
         frame.size,

@@ -134,8 +134,8 @@ def read_views(scene: bpy.types.Scene, frame_start: int, length: int) -> tuple[V
                 "tick Calibrated",
             )
     poses = camera_poses.read_poses(scene, [slot.camera for slot in slots], frame_start, length)
-    zooms = [camera_poses.read_zooms(slot.camera, frame_start, length) for slot in slots]
-    return tuple(_read_view(*one) for one in zip(slots, poses, zooms, strict=True))
+    lenses = [camera_poses.read_zooming_lens(slot.camera, frame_start, length) for slot in slots]
+    return tuple(_read_view(*one) for one in zip(slots, poses, lenses, strict=True))
 
 
 def set_keypoints(slot: bpy.types.PropertyGroup, path: Path) -> None:
@@ -168,9 +168,9 @@ def known_lenses(scene: bpy.types.Scene) -> dict[str, Camera]:
     return {slot.name: _read_camera(slot, pose, None) for slot, pose in zip(slots, poses, strict=True)}
 
 
-def _read_view(slot: bpy.types.PropertyGroup, pose: tuple[Array, Array], zooms: Array | None) -> View:
+def _read_view(slot: bpy.types.PropertyGroup, pose: tuple[Array, Array], lens: Array | None) -> View:
     spec = _read_spec(slot)
-    camera = _read_camera(slot, pose, zooms)
+    camera = _read_camera(slot, pose, lens)
     return View(camera, spec.footage, spec.offset, spec.fields, spec.keypoints, spec.gaps, every=slot.every)
 
 
@@ -191,12 +191,12 @@ def _read_spec(slot: bpy.types.PropertyGroup) -> ViewSpec:
     )
 
 
-def _read_camera(slot: bpy.types.PropertyGroup, pose: tuple[Array, Array], zooms: Array | None) -> Camera:
+def _read_camera(slot: bpy.types.PropertyGroup, pose: tuple[Array, Array], lens: Array | None) -> Camera:
     frame = distortion.Frame(tuple(slot.size), tuple(slot.aspect))
     packed = json.loads(slot.distortions) if slot.distortions else {"fisheye": False}
     distortions = packed.get("coefficients") or distortion.clip_distortions(footage_background.background_clip(slot))
     return scene_cameras.core_camera(
-        slot.name, slot.camera, frame, pose, distortions=distortions, fisheye=packed["fisheye"], zooms=zooms
+        slot.name, slot.camera, frame, pose, distortions=distortions, fisheye=packed["fisheye"], lens=lens
     )
 
 
