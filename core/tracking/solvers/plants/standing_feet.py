@@ -13,7 +13,8 @@ stands, if the evidence or the pictures of these agree: a flicker of the evidenc
 the moments at which a foot lands and leaves, so plants also take in the frames beside them on which the point may
 stand, too: the evidence has nothing against it, or the pictures show the point in its place. Two plants of a point with
 no time for a step between them become one if that passes as well. Those that are brief all the same are left out. Then
-all are held together, on the same normal equations.
+all are held together, on the same normal equations; those that are near the floor on which key poses have such points
+are held at its height, too (`floor_height`).
 
 A single view hardly contradicts any plant. With one view, candidates are kept still during the refinement already, and
 nothing is tested here.
