@@ -24,7 +24,7 @@ from .assessment.solution_doubts import (
     worst_first,
 )
 from .assessment.solution_ranking import covering_most, settled_further
-from .descent_stages import OUTLINE_REACH, POLISHED_AT_ONCE, SETTLED, STAGES
+from .descent_stages import OUTLINE_REACH, SETTLED, STAGES, STAGES_AMONG_OTHERS
 from .equations.measurement import Workspace
 from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .gauss_newton import continued, descend, farthest_joint
@@ -76,7 +76,7 @@ def first_solution(problem: SegmentProblem, start: Sequence[Motion], workspace: 
         return descend(problem, start, workspace, STAGES)
     roughly = STAGES[0].sampling_of(len(problem.views))
     hidden = others_hide(workspace.measure(problem, start, roughly).evidence.unhidden)
-    return descend(problem, start, workspace, (*STAGES[:-1], *POLISHED_AT_ONCE) if hidden else STAGES)
+    return descend(problem, start, workspace, STAGES_AMONG_OTHERS if hidden else STAGES)
 
 
 def _best_among_others(

@@ -73,7 +73,7 @@ def frames_in_doubt(problem: SegmentProblem, solution: SegmentSolution) -> Bools
     """Return on which frames the images contradict a solution for a single performer without keypoints, shape (F,)."""
     [performer] = problem.sought
     found = _frames_on_background(problem, solution) | _frames_hidden(problem, solution)
-    found[_unexplained(problem, solution, performer)] = True
+    found[frames_unexplained(problem, solution, performer)] = True
     if views_with_foreground(problem.views):
         areas = _areas_beside(problem, solution.misfit or misfit_at(problem, solution.motions))
         found |= _frames_beside_limb(problem, performer, areas[:, performer])
@@ -100,7 +100,7 @@ def is_doubtful(problem: SegmentProblem, solution: SegmentSolution) -> bool:
 
     Somebody who bends towards the camera shows less than on the key poses: no search would find more.
     """
-    return any(len(_unexplained(problem, solution, i)) > 0 for i in problem.sought)
+    return any(len(frames_unexplained(problem, solution, i)) > 0 for i in problem.sought)
 
 
 def explains_little(problem: SegmentProblem, solution: SegmentSolution) -> bool:
@@ -119,7 +119,7 @@ def _frames_explained_little(problem: SegmentProblem, solution: SegmentSolution,
     return np.flatnonzero(explained_share(problem, solution, performer) < MIN_EXPLAINED_RATIO)
 
 
-def _unexplained(problem: SegmentProblem, solution: SegmentSolution, performer: int) -> Ints:
+def frames_unexplained(problem: SegmentProblem, solution: SegmentSolution, performer: int) -> Ints:
     """Return the frames on which a performer explains too little of what there is to explain (`most_explained`)."""
     keys, low = problem.whole_keys(performer), _frames_explained_little(problem, solution, performer)
     views = views_with_foreground(problem.views)

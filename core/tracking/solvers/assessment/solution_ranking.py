@@ -24,8 +24,6 @@ MAX_REPEATS = 4
 """Most repetitions of that, for each of them."""
 RESTING_GAIN = 10.0
 """A solution is at rest once solving it further raises the log likelihood of the images by less, in natural units."""
-HOPELESS_LOSS = 0.06
-"""Relative loss of cover from which on another motion, for one of several performers, is not solved further."""
 
 
 def covering_most(problem: SegmentProblem, *solutions: SegmentSolution) -> SegmentSolution:
@@ -60,11 +58,6 @@ def cover_at(
     """Measure the cover (`SegmentSolution.cover`) of motions, sampling the images as for a solution."""
     assert solution.evidence is not None
     return float(workspace.measure(problem, motions, solution.evidence.sampling).evidence.explained.sum())
-
-
-def is_hopeless(solution: SegmentSolution, cover: float, usual: float) -> bool:
-    """Whether a motion that covers so much less than usual cannot lead to a better solution (`HOPELESS_LOSS`)."""
-    return cover < usual - HOPELESS_LOSS * abs(solution.sought_cover)
 
 
 def noise_at(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentNoise:

@@ -13,24 +13,25 @@ import numpy as np
 
 from ....body.motion import Motion, with_motion
 from ....shot.motion_warping import turned
-from ..assessment.solution_doubts import is_doubtful
-from ..assessment.solution_ranking import cover_at, covering_most, is_hopeless
+from ..assessment.solution_doubts import frames_unexplained
+from ..assessment.solution_ranking import cover_at, covering_most
+from ..descent_stages import STAGES, STAGES_AMONG_OTHERS
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import descend
 
 SOLVED_TURNS = 3
-"""Turned starts that are solved for somebody who is alone, those that cover most: how much a turn covers before it is
-solved says little, as limbs move along with it and the hips travel."""
+"""Turned starts that are solved, those that cover most: how much a turn covers before it is solved says little, as
+limbs move along with it and the hips travel."""
+LEAST_UNEXPLAINED = 0.25
+"""Share of the frames on which one of several performers must be unexplained for a turn to be tried. Without the turn
+the body is turned away by more than a right angle on about half of them; whom others hide is unexplained on a few."""
 
 
 def with_whole_turn(
     problem: SegmentProblem, start: Sequence[Motion], first: SegmentSolution, workspace: Workspace
 ) -> tuple[Sequence[Motion], SegmentSolution]:
     """Solve from turned starts, if the images contradict a solution between two whole key poses.
-
-    For one of several performers, only the start that covers most is solved, and none if all cover much less than the
-    given one: there, others who hide the performer often contradict a solution.
 
     Parameters are those of `multi_start.best_of_own_starts`.
 
@@ -42,16 +43,19 @@ def with_whole_turn(
         those that were given.
     """
     [performer] = problem.sought
-    if problem.whole_keys(performer).tolist() != [0, problem.length - 1] or not is_doubtful(problem, first):
+    one_of_several = problem.only is not None
+    least = LEAST_UNEXPLAINED * problem.length if one_of_several else 1
+    if problem.whole_keys(performer).tolist() != [0, problem.length - 1]:
+        return start, first
+    if len(frames_unexplained(problem, first, performer)) < least:
         return start, first
     ways = [turned(start[performer], problem.fixed[performer], axis) for axis in (*np.eye(3), *-np.eye(3))]
     starts = [with_motion(start, performer, way) for way in ways]
-    quiet, one_of_several = workspace.silent(), problem.only is not None
+    quiet = workspace.silent()
     covers = [cover_at(problem, first, motions, quiet) for motions in starts]
-    if one_of_several and is_hopeless(first, max(covers), cover_at(problem, first, start, quiet)):
-        return start, first
-    for k in np.argsort(covers)[::-1][: 1 if one_of_several else SOLVED_TURNS]:
-        found = descend(problem, starts[k], quiet)
+    stages = STAGES_AMONG_OTHERS if one_of_several and problem.shows_depth else STAGES
+    for k in np.argsort(covers)[::-1][:SOLVED_TURNS]:
+        found = descend(problem, starts[k], quiet, stages)
         if covering_most(problem, first, found) is found:
             start, first = starts[k], found
     return start, first

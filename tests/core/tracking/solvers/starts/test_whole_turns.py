@@ -56,7 +56,7 @@ def test_a_solution_that_the_images_agree_with_stands_without_another_look() -> 
 
 
 def test_a_turn_that_covers_less_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(whole_turns, "is_doubtful", lambda *_: True)
+    monkeypatch.setattr(whole_turns, "frames_unexplained", lambda *_: np.arange(4))
     landscape = Landscape(truth=REST, reach=0.2)
     first = landscape.solution(PROBLEM, REST)
     given = [REST]
@@ -64,25 +64,25 @@ def test_a_turn_that_covers_less_is_not_taken(monkeypatch: pytest.MonkeyPatch) -
     assert found is first and start is given and landscape.measured
 
 
-def test_a_turn_that_covers_much_less_is_solved_for_somebody_alone_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Limbs and hips that move along keep a start with the right turn from covering the performer; of several, others
-    do, too.
-    """
+@pytest.mark.parametrize(("frames", "only", "solved"), [(1, None, True), (3, 0, False), (4, 0, True)])
+def test_turns_of_one_of_several_are_solved_only_where_many_frames_are_unexplained(
+    monkeypatch: pytest.MonkeyPatch, frames: int, only: int | None, solved: bool
+) -> None:
+    """Whom others hide is unexplained on a few of 13 frames. They are solved even if they cover much less at first."""
     landscape = Landscape(truth=REST)
     runs: list[int | None] = []
     first = landscape.solution(PROBLEM, REST)
-    monkeypatch.setattr(whole_turns, "is_doubtful", lambda *_: True)
+    monkeypatch.setattr(whole_turns, "frames_unexplained", lambda *_: np.arange(frames))
 
-    def descend(problem: SegmentProblem, motions: Sequence[Motion], _: object) -> SegmentSolution:
+    def descend(problem: SegmentProblem, motions: Sequence[Motion], *_: object) -> SegmentSolution:
         runs.append(problem.only)
         return landscape.solution(problem, motions[0])
 
     monkeypatch.setattr(whole_turns, "descend", descend)
     given = [REST]
-    for problem in (replace(PROBLEM, only=0), PROBLEM):
-        start, found = with_whole_turn(problem, given, first, landscape)
-        assert found is first and start is given
-    assert runs == [None] * whole_turns.SOLVED_TURNS
+    start, found = with_whole_turn(replace(PROBLEM, only=only), given, first, landscape)
+    assert found is first and start is given
+    assert runs == [only] * whole_turns.SOLVED_TURNS * solved
 
 
 def test_of_solved_turns_the_one_that_covers_most_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
