@@ -43,24 +43,24 @@ class SecondDifferences:
 
     def normal_equations(self, weights: Array, expected: Array | None = None) -> BandedBlocks:
         """Normal equations of the weighted squared accelerations; parameters as in `smoothness`."""
-        J, D = self.jacobians, weights.shape[-1]
+        J, D = self.jacobians, self.values.shape[1]
         F = len(self.values) + 2
         blocks = BandedBlocks.zeros(F, D)
-        residual = self.values - (0.0 if expected is None else expected)
-        weighted: list[Array] = [weights.reshape(*weights.shape[:-1], -1, 3, 1) * x for x in J]
+        residual = (self.values - (0.0 if expected is None else expected)).reshape(F - 2, -1, 3, 1)
+        weighted = [_weighted(weights, x) for x in J]
 
         def product(a: int, b: int) -> Array:
             block: Array = np.swapaxes(J[a], -1, -2) @ weighted[b]
             return block_diagonal(block)
 
         for a in range(3):
-            gradient = np.swapaxes(weighted[a], -1, -2) @ residual.reshape(F - 2, -1, 3, 1)
+            gradient = np.swapaxes(weighted[a], -1, -2) @ residual
             blocks.gradient[a : F - 2 + a] += gradient.reshape(F - 2, D)
             blocks.diagonal[a : F - 2 + a] += product(a, a)
         blocks.first[:-1] += product(1, 0)
         blocks.first[1:] += product(2, 1)
         blocks.second[:] = product(2, 0)
-        energy = float(np.sum(weights * residual**2))
+        energy = float(np.sum(residual * _weighted(weights, residual)))
         return BandedBlocks(blocks.diagonal, blocks.first, blocks.second, blocks.gradient, energy)
 
     def variances(self, band: tuple[Array, Array, Array]) -> Array:
@@ -80,6 +80,13 @@ class SecondDifferences:
         alone = part(0, at[:-2], 0) + part(1, at[1:-1], 1) + part(2, at[2:], 2)
         joint = part(1, near[:-1], 0) + part(2, near[1:], 1) + part(2, far, 0)
         return np.maximum(alone + 2 * joint, 0).reshape(self.values.shape)
+
+
+def _weighted(weights: Array, rows: Array) -> Array:
+    """Multiply rows (F - 2, 1 + P, 3, k) with weights as in `smoothness`."""
+    if weights.ndim == 4:
+        return np.asarray(weights @ rows)
+    return np.asarray(weights.reshape(*weights.shape[:-1], -1, 3, 1) * rows)
 
 
 def acceleration(motion: Motion, steps: Array | None = None) -> Array:
@@ -131,15 +138,16 @@ def smoothness(
     ----------
     motion : Motion
         F poses.
-    weights : ndarray, shape (D,) or (F - 2, D)
-        Inverse variance of the acceleration of each degree of freedom, 1/(m/frame^2)^2 and 1/(rad/frame^2)^2.
+    weights : ndarray, shape (D,), (F - 2, D) or (F - 2, 1 + P, 3, 3)
+        Inverse variance of the acceleration of each degree of freedom, 1/(m/frame^2)^2 and 1/(rad/frame^2)^2, or
+        inverse covariances of those of the root's place and of each part's turn.
     expected : ndarray, shape (F - 2, D), optional
         Expected accelerations, which cost nothing; by default zero.
     steps : ndarray, shape (F - 1,), optional
         See `acceleration`.
     """
     if len(motion) < 3:
-        return BandedBlocks.zeros(len(motion), weights.shape[-1])
+        return BandedBlocks.zeros(len(motion), 3 + 3 * motion.rotations.shape[1])
     return SecondDifferences.of(motion, steps).normal_equations(weights, expected)
 
 
