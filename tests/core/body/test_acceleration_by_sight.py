@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from kfmocap.core.body import part_poses
@@ -86,13 +84,13 @@ def leaning(axis: np.ndarray) -> Motion:
 @pytest.mark.parametrize(
     ("views", "search", "faster"),
     [
-        (1, AccelerationSearch.SCALE_THEN_JOINTS, True),
+        (1, AccelerationSearch.SCALE_THEN_JOINTS, False),
         (1, AccelerationSearch.KEPT, True),
         (1, AccelerationSearch.JOINTS, False),
         (2, AccelerationSearch.KEPT, False),
     ],
 )
-def test_usual_accelerations_are_larger_across_the_line_of_sight_of_a_single_view(
+def test_settled_accelerations_are_larger_across_the_line_of_sight_of_a_single_view(
     views: int, search: AccelerationSearch, faster: bool
 ) -> None:
     camera = look_at("front", EYE, (0.0, 0.0, 1.0))
@@ -113,25 +111,3 @@ def test_usual_accelerations_are_larger_across_the_line_of_sight_of_a_single_vie
         known = float(np.sum(precision * SecondDifferences.of(motion).values ** 2))
         found = smooth.blocks(problem, 0, motion).energy
         assert found == pytest.approx(known / (ratio**2 if faster else 1.0), rel=0.1)
-
-
-def test_estimated_accelerations_stay_the_same_in_all_directions() -> None:
-    camera = look_at("front", EYE, (0.0, 0.0, 1.0))
-    usual = usual_variances(BODY, 30.0, Settings())
-    problem = SegmentProblem(
-        dark(camera, FRAMES),
-        (BODY,),
-        0,
-        30.0,
-        (np.zeros((FRAMES, BODY.dof), bool),),
-        typical_variances=(usual,),
-        search=AccelerationSearch.SCALE_THEN_JOINTS,
-    )
-    start = SegmentSmoothness.start(problem)
-    scaled = SegmentSmoothness(
-        tuple(replace(own, typical=4 * own.typical, local=4 * own.local) for own in start.variances)
-    )
-    motion = leaning(np.array([0.0, 1.0, 0.0]))
-    precision = 1 / np.repeat(4 * usual, group_sizes(BODY.dof)) / axis_mobility(BODY) ** 2
-    known = float(np.sum(precision * SecondDifferences.of(motion).values ** 2))
-    assert scaled.blocks(problem, 0, motion).energy == pytest.approx(known)

@@ -126,7 +126,7 @@ class SegmentSmoothness:
         known, start = _with_known(problem, performer, motion)
         if self.variances:
             precision = self.variances[performer].precision(axis_mobility(problem.bodies[performer]))
-            if len(problem.views) == 1 and len(known) > 2 and self._are_usual(problem, performer):
+            if len(problem.views) == 1 and len(known) > 2 and problem.search is AccelerationSearch.KEPT:
                 precision = _by_sight(problem, performer, known, start, precision)
         else:
             precision = problem.precision(performer)
@@ -137,15 +137,12 @@ class SegmentSmoothness:
             expected = _among_known(problem, expected, start, len(known))
         return smoothness(known, precision, expected, problem.known_steps(performer)).cut(start, start + problem.length)
 
-    def _are_usual(self, problem: SegmentProblem, performer: int) -> bool:
-        """Whether the accelerations are the usual ones, and not estimated."""
-        usual = np.array_equal(self.variances[performer].typical, problem.variances(performer))
-        return usual and problem.search is not AccelerationSearch.JOINTS
-
 
 def _by_sight(problem: SegmentProblem, performer: int, known: Motion, start: int, precision: Array) -> Array:
     """Inverse covariances of the accelerations of known poses, of which the first of the segment is at index `start`,
     across the line of sight of the only view and along it.
+
+    They hold once usual accelerations are settled: before that, a limb that is lost would go faster to where it is not.
     """
     within = known[1:-1]
     eye = problem.views[0].camera.centres_world(problem.first + 1 - start, len(within))
