@@ -20,7 +20,7 @@ from .core.runtime.standard_streams import make_streams_safe
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ..core.tracking.results.track_result import TrackResult
+    from .core.tracking.results.track_result import TrackResult
     from .cli.services import OutputRequest, RetargetRequest
     from .core.runtime.progress import Progress
     from .core.shot.shot import Shot
@@ -67,7 +67,7 @@ class _BlenderProcess:
     def __init__(self) -> None:
         if find_spec("bpy") is None:
             import bpy  # noqa: F401  says that it is missing
-        from ..core.runtime.processes.worker_process import WorkerProcess
+        from .core.runtime.processes.worker_process import WorkerProcess
 
         self._process = WorkerProcess(yields=False)
         self._thread = ThreadPoolExecutor(1)

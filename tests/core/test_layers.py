@@ -87,6 +87,24 @@ def test_every_module_is_in_a_layer() -> None:
     assert [name for name in sorted(MODULES - {"core"}) if not layer(name)] == []
 
 
+def test_every_relative_import_leads_to_a_module() -> None:
+    """Also one inside a function, which no other test may run."""
+    astray = [
+        f"{path.relative_to(ROOT)}:{node.lineno}"
+        for path in (*sorted(ROOT.glob("*.py")), *SOURCES)
+        for node in nodes(path)
+        if isinstance(node, ast.ImportFrom) and node.level and not leads_to_a_module(path, node)
+    ]
+    assert astray == []
+
+
+def leads_to_a_module(path: Path, node: ast.ImportFrom) -> bool:
+    package = path.relative_to(ROOT).parts[:-1]
+    above = len(package) - node.level + 1
+    place = ROOT.joinpath(*package[: max(above, 0)], *(node.module or "").split("."))
+    return above >= 0 and (place.is_dir() or place.with_suffix(".py").is_file())
+
+
 def test_imports_point_downward() -> None:
     upward = [
         f"{path.relative_to(ROOT)}:{line}: {layer(dotted(path))} imports {name}"
