@@ -20,10 +20,10 @@ from .core.runtime.standard_streams import make_streams_safe
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from .core.tracking.results.track_result import TrackResult
     from .cli.services import OutputRequest, RetargetRequest
     from .core.runtime.progress import Progress
     from .core.shot.shot import Shot
+    from .core.tracking.results.track_result import TrackResult
     from .kfmocap_addon.batch import BatchSession
 
 
