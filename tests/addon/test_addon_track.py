@@ -505,6 +505,17 @@ def test_a_lens_with_keys_of_the_user_is_the_same_on_whichever_frame_the_scene_i
     assert not tracked_segments.out_of_date(built, now)
 
 
+def test_a_lens_that_zooms_after_the_shot_is_that_of_the_shot(built):
+    owner = built.kfmocap.views[0].camera
+    before = scene.shot_from_scene(built).views[0].camera
+    for frame, zoom in ((FRAME + 11, 1.0), (FRAME + 30, 1.5)):
+        owner.data.lens *= zoom
+        owner.data.keyframe_insert("lens", frame=frame)
+    built.frame_set(FRAME + 30)
+    now = scene.shot_from_scene(built).views[0].camera
+    assert now.zooms is None and np.array_equal(now.matrix, before.matrix)
+
+
 def test_segments_behind_a_gap_that_were_not_tracked_with_it_are_out_of_date(built, tracker):
     bpy.ops.kfmocap.track()
     zero = scene.shot_from_scene(built).frames[0]

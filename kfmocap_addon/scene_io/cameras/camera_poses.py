@@ -46,15 +46,15 @@ def place_camera(owner: bpy.types.Object, camera: Camera, frame_start: int) -> N
         fcurves.set_keys(curve, [fcurves.new_keys(frames, lens, "KEYFRAME", "LINEAR")])
 
 
-def read_zooming_lens(camera: bpy.types.Object, frame_start: int, length: int) -> Array | None:
-    """Return the focal length of a camera on each of some scene frames, millimetres, shape (N,), by its keys; None if
-    it is the same on all.
+def read_lens(camera: bpy.types.Object, frame_start: int, length: int) -> Array | None:
+    """Return the focal length of a camera on each of some scene frames, millimetres, shape (N,), by its keys: one where
+    it is the same on all; None if it has no keys.
     """
     curve = _lens_curve(camera)
     if curve is None or curve.mute:
         return None
     lens = np.array([curve.evaluate(frame) for frame in range(frame_start, frame_start + length)])
-    return None if np.ptp(lens) < _SAME * lens.max() else lens
+    return lens[:1] if np.ptp(lens) < _SAME * lens.max() else lens
 
 
 def _lens_curve(camera: bpy.types.Object) -> bpy.types.FCurve | None:

@@ -59,7 +59,7 @@ def read_cameras(
     if not owners:
         return []
     poses = camera_poses.read_poses(scene, list(owners), frame_start, length)
-    lenses = [camera_poses.read_zooming_lens(owner, frame_start, length) for owner in owners]
+    lenses = [camera_poses.read_lens(owner, frame_start, length) for owner in owners]
     return [_read_camera(scene, *one) for one in zip(owners, poses, lenses, strict=True)]
 
 
@@ -127,13 +127,13 @@ def core_camera(
     fisheye: bool,
     lens: Array | None = None,
 ) -> Camera:
-    """Return a camera object as a camera; what was built here and did not change is exact. If it zooms, `lens` is its
-    focal length on every frame, millimetres, shape (N,), and that of the matrix is the one that it was built with, or
-    the first: on whichever frame the scene is, the camera is the same.
+    """Return a camera object as a camera; what was built here and did not change is exact. `lens` is its focal length,
+    millimetres, shape (N,), if that has keys: one, or one per frame if it zooms. The matrix then has that with which it
+    was built, or the first one: on whichever frame the scene is, the camera is the same.
     """
     R_cam_world, t_cam_world = pose
     zooms, matrix = None, distortion.intrinsic_matrix(owner.data, frame, None if lens is None else float(lens[0]))
-    if lens is not None:
+    if lens is not None and len(lens) > 1:
         zooms = lens / lens[0]
         R_cam_world = np.broadcast_to(R_cam_world, (len(lens), 3, 3))
         t_cam_world = np.broadcast_to(t_cam_world, (len(lens), 3))

@@ -134,7 +134,7 @@ def read_views(scene: bpy.types.Scene, frame_start: int, length: int) -> tuple[V
                 "tick Calibrated",
             )
     poses = camera_poses.read_poses(scene, [slot.camera for slot in slots], frame_start, length)
-    lenses = [camera_poses.read_zooming_lens(slot.camera, frame_start, length) for slot in slots]
+    lenses = [camera_poses.read_lens(slot.camera, frame_start, length) for slot in slots]
     return tuple(_read_view(*one) for one in zip(slots, poses, lenses, strict=True))
 
 
