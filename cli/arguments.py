@@ -67,7 +67,7 @@ def _add_track(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--stabilise",
         action=argparse.BooleanOptionalAction,
-        help="measure how cameras turn that the calibration holds still (default: where the background shifts)",
+        help="measure how cameras turn and zoom that the calibration holds still (default: where backgrounds shift)",
     )
     command.add_argument("--refine", action="store_true", help="refine the cameras first, and write them as well")
     command.add_argument("--threads", type=int, metavar="N", help="use N cores (default: all)")

@@ -66,8 +66,8 @@ class Settings:
         Whether views that turn out to be early or late from some frame on are tracked again with that corrected, see
         `core.tracking.footage_corrections.footage_gaps`.
     stabilise : bool, optional
-        Whether cameras that stand still by their calibration turn as the background of their pictures shows, see
-        `core.tracking.footage_reading.turned_cameras`. None: those in whose pictures it clearly shifts.
+        Whether cameras that stand still by their calibration turn and zoom as the background of their pictures shows,
+        see `core.tracking.footage_reading.turned_cameras`. None: those in whose pictures it clearly shifts.
     search_seed : int
         Random seed of the poses sampled in the search for limbs.
     keypoint_correlation : float

@@ -183,10 +183,12 @@ class MovedCamera:
 
     @property
     def figures(self) -> dict[str, Any]:
-        """How the background lies elsewhere: pixels, on which frames, and a ratio."""
-        moved = self.background
-        shift, enlarged = round(moved.pixels, 1), round((self.zoom or moved).enlarged, 3)
-        return {"shift": shift, "frames": list(moved.frames), "enlarged": enlarged, "followed": self.followed}
+        """How the background lies elsewhere: pixels, a ratio, and on which frames; of a lens that zooms, those of the
+        ratio.
+        """
+        told = self.zoom or self.background
+        shift, enlarged = round(self.background.pixels, 1), round(told.enlarged, 3)
+        return {"shift": shift, "frames": list(told.frames), "enlarged": enlarged, "followed": self.followed}
 
     @property
     def _zooms(self) -> bool:

@@ -1,7 +1,7 @@
 """Reading footage segment by segment: frames are decoded once and in order, reduced in size, and rectified.
 
 Pictures of a camera that only turns, as one that is held in the hand, are turned to one of its poses: its background
-stands still then.
+stands still then. Those of a lens that zooms are reduced to its shortest focal length.
 """
 
 from __future__ import annotations

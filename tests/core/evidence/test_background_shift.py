@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from kfmocap.core.cameras.lens_turns import zooming
 from kfmocap.core.evidence.background_shift import BackgroundShift, background_shift
+from kfmocap.core.fitting.checks.background_checks import followed_cameras
 from kfmocap.core.fitting.checks.early_check import early_misfits
 from kfmocap.core.fitting.checks.view_findings import MovedCamera, PlainBackground
 from kfmocap.core.fitting.shot_cameras import camera_fits, fit_by_key_poses
@@ -111,7 +112,14 @@ def test_a_camera_that_turns_and_zooms_is_said_to_zoom_too(larger: float) -> Non
     assert isinstance(said, MovedCamera) and said.followed and "allowed for" in said.summary
     assert ("zooms" in said.summary) == ("zooms" in said.brief) == (larger > 1)
     assert larger == 1 or f"is 115% as large on frame {count - 1} as on frame 0" in said.summary
-    assert said.figures["enlarged"] == larger
+    assert said.figures["enlarged"] == larger and said.figures["frames"] == [0, count - 1]
+
+
+def test_of_a_camera_that_only_zooms_the_frames_are_told_between_which_it_does() -> None:
+    shot = shot_of([View(FRONT, "front.mp4")], [BODY], [TRUTH], range(len(TRUTH)))
+    turns = zooming(np.linspace(1.2, 1.0, len(TRUTH)))
+    [said] = followed_cameras(shot, [turns])
+    assert said.figures == {"shift": 0.0, "frames": [len(TRUTH) - 1, 0], "enlarged": 1.2, "followed": True}
 
 
 def test_a_plain_background_is_named_only_if_other_cameras_move() -> None:
