@@ -50,10 +50,10 @@ def left_behind(
 
 def _heads(scene: bpy.types.Scene, armature: bpy.types.Object, names: list[str], frames: Ints) -> list[Array]:
     """Return where the heads of bones are shown on scene frames, (B, 3) each."""
-    now, found = scene.frame_current, []
+    now, part, found = scene.frame_current, scene.frame_subframe, []
     with evaluated(armature):
         for frame in frames.tolist():
             scene.frame_set(frame)
             found.append(world_matrices(armature, names)[1])
-    scene.frame_set(now)
+    scene.frame_set(now, subframe=part)
     return found

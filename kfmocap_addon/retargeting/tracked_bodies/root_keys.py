@@ -46,7 +46,6 @@ def keyed_on_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple
     for frame, matrix, _ in zip(frames, shown, _on_frames(current, armature, top, frames), strict=True):
         posed.matrix = matrix
         key_pose_curves.key_current_pose(armature, frame, {top})
-    current.frame_set(current.frame_current)
     said_of = f"bone {moving[0]}" if len(moving) == 1 else f"bones {listed(moving, _NAMED)}"
     what = f"above the body, so its keys are muted, and {top} is keyed on {len(frames)} frames where it was"
     return (*said, f"{said_of}: {what}")

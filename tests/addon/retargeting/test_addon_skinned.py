@@ -168,12 +168,12 @@ def test_motion_of_a_root_above_the_body_becomes_that_of_its_topmost_bone(mode):
             bone.keyframe_insert("location", frame=frame)
         bone.matrix_basis @= Matrix.Rotation(0.7, 4, "Y")
         bone.keyframe_insert(attribute(bone), frame=frames[-1])
-    scene.frame_set(3)
     before, stored = shown_on(scene, armature, (1, 7, 8, 9)), keys_of(armature, "master")
+    scene.frame_set(3, subframe=0.25)
     _, remarks = use_as_body(scene, armature)
     assert [text.split(":")[0] for text in remarks] == ["bone master"] and "pelvis is keyed on 4 frames" in remarks[0]
+    assert (scene.frame_current, scene.frame_subframe) == (3, 0.25)
     assert np.allclose(shown_on(scene, armature, (1, 7, 8, 9)), before, atol=1e-5)
-    assert scene.frame_current == 3
     assert keys_of(armature, "master") == stored, "the keys of the root are muted, and stay"
     body, motion = body_armature.body_from_armature(armature), made_motion(len(BODY))
     motion_curves.write_motion(armature, motion, 2)
