@@ -79,7 +79,7 @@ def test_what_tracking_has_tested_is_shown_and_not_what_seems_to_stand(dancer):
     shot_scene, start = bpy.context.scene, frame_start()
     body = body_armature.body_from_armature(dancer.armature)
     assert bpy.ops.kfmocap.find_plants() == {"FINISHED"}
-    seeming = flags_of(dancer)
+    apparent = flags_of(dancer)
     held = np.zeros((FRAMES, len(SOLE_POINTS)), bool)
     held[5:20, 0] = held[15:, 3] = True
     plant_lists.write_tested(shot_scene, dancer, body, held, range(start, start + FRAMES))
@@ -97,7 +97,7 @@ def test_what_tracking_has_tested_is_shown_and_not_what_seems_to_stand(dancer):
     assert bpy.ops.kfmocap.forget_plant_edits() == {"FINISHED"}
     assert np.array_equal(flags_of(dancer)["heel.L"], held[:, 0])
     assert bpy.ops.kfmocap.find_plants() == {"FINISHED"}
-    assert all(np.array_equal(flags_of(dancer)[name], seeming[name]) for name in seeming)
+    assert all(np.array_equal(flags_of(dancer)[name], apparent[name]) for name in apparent)
 
 
 def test_frames_that_are_tracked_without_a_test_are_no_longer_tested(dancer):
@@ -115,15 +115,15 @@ def test_a_foot_that_creeps_is_on_the_ground_for_a_character_unless_the_animator
     body = body_armature.body_from_armature(dancer.armature)
     assert sole_plants.on_ground(shot_scene, dancer) is None
     assert bpy.ops.kfmocap.find_plants() == {"FINISHED"}
-    seeming = flags_of(dancer)
+    apparent = flags_of(dancer)
     none = np.zeros((FRAMES, len(SOLE_POINTS)), bool)
     plant_lists.write_tested(shot_scene, dancer, body, none, range(start, start + FRAMES))
     frames = {"first": start, "last": start + 12}
     bpy.ops.kfmocap.set_plant("EXEC_DEFAULT", point="heel.L", planted=False, **frames)
     found = sole_plants.on_ground(shot_scene, dancer)
     assert not any(flags.any() for flags in flags_of(dancer).values())
-    assert np.array_equal(found["heel.L"][13:], seeming["heel.L"][13:]) and not found["heel.L"][:13].any()
-    assert np.array_equal(found["ball.R"], seeming["ball.R"])
+    assert np.array_equal(found["heel.L"][13:], apparent["heel.L"][13:]) and not found["heel.L"][:13].any()
+    assert np.array_equal(found["ball.R"], apparent["ball.R"])
 
 
 def test_clean_feet_stand_still_and_the_animators_keys_stay(dancer):

@@ -24,14 +24,14 @@ class Plant:
 
     Attributes
     ----------
-    seeming : PlantFactor
+    apparent : PlantFactor
         All apparent plants of the performer.
     performer, point : int
     steps : tuple of int
         First and last step between two frames.
     """
 
-    seeming: PlantFactor
+    apparent: PlantFactor
     performer: int
     point: int
     steps: tuple[int, int]
@@ -39,7 +39,7 @@ class Plant:
     @property
     def sole_point(self) -> SolePoint:
         """The performer, the part, and the point in the part's frame, metres."""
-        soles = self.seeming.soles
+        soles = self.apparent.soles
         x, y, z = soles.local[self.point].tolist()
         return self.performer, int(soles.parts[self.point]), (x, y, z)
 

@@ -23,7 +23,7 @@ SHARE_SIGMA = 0.1
 """Standard deviation of the place about the ball, before anything is known of the performer."""
 
 
-def with_forefoot_rockers(evidence: PlantEvidence, performer: int, seeming: ApparentPlants, ratios: Array) -> Soles:
+def with_forefoot_rockers(evidence: PlantEvidence, performer: int, apparent: ApparentPlants, ratios: Array) -> Soles:
     """Return the soles with the balls where the feet roll: the likeliest place, the same for both feet.
 
     It minimises the sum of what keeping it still costs in all apparent plants of the balls, except those that the
@@ -33,17 +33,17 @@ def with_forefoot_rockers(evidence: PlantEvidence, performer: int, seeming: Appa
     ----------
     evidence : PlantEvidence
     performer : int
-    seeming : ApparentPlants
+    apparent : ApparentPlants
         Apparent plants of the balls, among others.
     ratios : ndarray, shape (P,)
         See `standing_feet.with_standing_feet`.
     """
-    soles = seeming.plants.soles
-    there = [replace(seeming.plants, soles=soles.with_balls_at(share)) for share in SHARES]
+    soles = apparent.plants.soles
+    there = [replace(apparent.plants, soles=soles.with_balls_at(share)) for share in SHARES]
     costs = ((SHARES - BALL_SHARE) / SHARE_SIGMA) ** 2
     for point in (c for c, name in enumerate(soles.names) if name.startswith("ball")):
         ratio = evidence.ratio_of_errors(performer, int(soles.parts[point]), ratios)
-        for steps in runs(seeming.plants.steps[:, point]):
+        for steps in runs(apparent.plants.steps[:, point]):
             own = [evidence.cost(Plant(plants, performer, point, steps), ratio) for plants in there]
             if min(own) < most_by_chance(3 * (steps[1] + 1 - steps[0])):
                 costs += own

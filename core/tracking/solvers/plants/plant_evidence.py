@@ -79,7 +79,7 @@ class PlantEvidence:
         if len(keyed) < 2:
             return True
         drift = np.diff(self.path(plant)[keyed[[0, -1]]], axis=0)
-        return bool(np.sum(drift**2) < np.ptp(keyed) * plant.seeming.sigma**2 * chdtri(3, SIGNIFICANCE))
+        return bool(np.sum(drift**2) < np.ptp(keyed) * plant.apparent.sigma**2 * chdtri(3, SIGNIFICANCE))
 
     def path(self, plant: Plant) -> Array:
         """Where a plant's point was tracked, shape (F, 3)."""
@@ -133,7 +133,7 @@ class PlantEvidence:
         point's steps alone.
         """
         steps, covariance = self._place(plant).steps(*plant.steps)
-        covariance = ratio * covariance + plant.seeming.sigma**2 * np.eye(len(steps))
+        covariance = ratio * covariance + plant.apparent.sigma**2 * np.eye(len(steps))
         return float(steps @ cho_solve(cho_factor(covariance, check_finite=False), steps, check_finite=False))
 
     def ratio_of_errors(self, performer: int, part: int, ratios: Array) -> float:

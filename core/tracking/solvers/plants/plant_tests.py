@@ -42,21 +42,21 @@ class PlantTests:
     movable: Bools
 
     def plants_of(
-        self, seeming: ApparentPlants, earlier: ApparentPlants | None, performer: int, point: int
+        self, apparent: ApparentPlants, earlier: ApparentPlants | None, performer: int, point: int
     ) -> list[Plant]:
         """Return the plants of a point that pass the tests, with the frames beside them that do.
 
         Parameters
         ----------
-        seeming, earlier : ApparentPlants
+        apparent, earlier : ApparentPlants
             As found now, and before the refinement.
         performer, point : int
         """
         longer = [] if earlier is None else runs(earlier.plants.steps[:, point] & self.movable)
-        beside = runs(seeming.beside(point, earlier) & self.movable)
-        now = runs(seeming.plants.steps[:, point] & self.movable)
+        beside = runs(apparent.beside(point, earlier) & self.movable)
+        now = runs(apparent.plants.steps[:, point] & self.movable)
         gone = [run for run in longer if not overlapping(run, now)]
-        plant_on = partial(Plant, seeming.plants, performer, point)
+        plant_on = partial(Plant, apparent.plants, performer, point)
         passed: list[Plant] = []
         for run in sorted([*now, *gone]):
             lengths = list(dict.fromkeys([joined(run, longer), run])) if run in now else []

@@ -95,9 +95,9 @@ def with_plants_at_rest(
         evidence = PlantEvidence(problem, members, systems, motions)
         standing = {}
         for i in members:
-            seeming, earlier = _apparent_plants(evidence, before, i, ratios[i])
-            if seeming is not None:
-                keyed, fitting = _plants_that_fit(evidence, i, seeming, earlier, ratios[i])
+            apparent, earlier = _apparent_plants(evidence, before, i, ratios[i])
+            if apparent is not None:
+                keyed, fitting = _plants_that_fit(evidence, i, apparent, earlier, ratios[i])
                 planted[i] = keyed.frames | fitting.frames
                 if fitting.steps.any():
                     standing[i] = fitting
@@ -116,16 +116,16 @@ def _apparent_plants(
         before,
         motions=tuple(m.replaced(before.first, new) for m, new in zip(before.motions, evidence.motions, strict=True)),
     )
-    seeming = ApparentPlants.of(evidence.problem, performer, tracked)
-    if seeming is None:
+    apparent = ApparentPlants.of(evidence.problem, performer, tracked)
+    if apparent is None:
         return None, None
-    soles = with_forefoot_rockers(evidence, performer, seeming, ratios)
+    soles = with_forefoot_rockers(evidence, performer, apparent, ratios)
     now, earlier = (ApparentPlants.of(evidence.problem, performer, frames, soles) for frames in (tracked, before))
     return now, earlier
 
 
 def _plants_that_fit(
-    evidence: PlantEvidence, performer: int, seeming: ApparentPlants, earlier: ApparentPlants | None, ratios: Array
+    evidence: PlantEvidence, performer: int, apparent: ApparentPlants, earlier: ApparentPlants | None, ratios: Array
 ) -> tuple[PlantFactor, PlantFactor]:
     """Return the apparent plants of a member that are held: those between key poses on neighbouring frames, which
     nothing moves, and those that pass the tests, with the frames beside them that do, unless they are brief.
@@ -134,19 +134,19 @@ def _plants_that_fit(
     ----------
     evidence : PlantEvidence
     performer : int
-    seeming, earlier : ApparentPlants
+    apparent, earlier : ApparentPlants
         As found now, and before the refinement.
     ratios : ndarray, shape (P,)
     """
-    problem, plants = evidence.problem, seeming.plants
+    problem, plants = evidence.problem, apparent.plants
     held = problem.fixed[performer].all(axis=1)
     movable = ~(held[1:] & held[:-1])
     found, level_precision = np.zeros_like(plants.steps), np.zeros(plants.steps.shape)
-    floor = seeming.floor
+    floor = apparent.floor
     for point, part in enumerate(plants.soles.parts):
         ratio = evidence.ratio_of_errors(performer, part, ratios)
-        for plant in PlantTests(evidence, ratio, movable).plants_of(seeming, earlier, performer, point):
-            if seeming.steps_around(plant) >= MIN_DURATION * problem.fps:
+        for plant in PlantTests(evidence, ratio, movable).plants_of(apparent, earlier, performer, point):
+            if apparent.steps_around(plant) >= MIN_DURATION * problem.fps:
                 steps = slice(plant.steps[0], plant.steps[1] + 1)
                 found[steps, point] = True
                 if floor is not None and floor.carries(evidence.path(plant)):

@@ -61,7 +61,7 @@ def test_feet_that_roll_over_a_place_in_front_of_the_ball_are_held_there(monkeyp
     tracks = [tracked(truth, seed) for seed in range(6)]
     rolls = [rested(motion) for motion in tracks]
     with monkeypatch.context() as patch:
-        patch.setattr(standing_feet, "with_forefoot_rockers", lambda _evidence, _i, seeming, _: seeming.plants.soles)
+        patch.setattr(standing_feet, "with_forefoot_rockers", lambda _evidence, _i, apparent, _: apparent.plants.soles)
         balls = [rested(motion) for motion in tracks]
     mean = [np.mean([error(found.motions[0], truth) for found in each]) for each in (rolls, balls)]
     assert mean[0] < 0.5 * mean[1] and mean[0] < 0.8 * np.mean([error(motion, truth) for motion in tracks])

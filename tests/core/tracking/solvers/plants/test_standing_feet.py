@@ -234,8 +234,8 @@ def test_a_point_that_flickers_stands_on_with_the_other_one_if_the_pictures_say_
     motion = tracked(rest, 1).moved(turns)
     heel, ball = soles_of(motion)[:, 0], soles_of(motion)[:, 1]
     assert np.linalg.norm(np.diff(ball - heel, axis=0), axis=1).max() > 0.008
-    seeming = planted(motion)
-    assert seeming[:, 0].all() and not seeming[:, 1].all()
+    apparent = planted(motion)
+    assert apparent[:, 0].all() and not apparent[:, 1].all()
 
     def odds(_view: object, _first: int, path: Array) -> float:
         """Say that a point stands, on each of a plant's frames, or nothing."""
