@@ -16,9 +16,9 @@ from ..core.body.motion import Motion
 from ..core.formats import read_trc
 from ..core.review.scoring import Score, motion_error
 from ..core.shot.keypose_spline import spline
+from ..core.shot.segments import Segment
 from ..core.shot.shot import Shot
 from ..core.tracking.prepare import load_shot
-from ..core.tracking.segments import Segment
 from ..core.tracking.tracker import track
 from .shot_scores import interval_cover, plants_found, plants_moved, triangulated_error
 

@@ -16,8 +16,8 @@ from ..runtime.progress import Progress, report_progress
 from ..shot.footage import frames_at, working_factor
 from ..shot.footage_faults.footage_checks import check_view
 from ..shot.frame_numbers import shown_delay
+from ..shot.segments import whole_keys
 from ..shot.shot import Shot, View
-from ..tracking.segments import whole_keys
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,7 @@ from ..runtime.processes.worker_memory import WorkerMemory
 from ..runtime.processes.worker_process import Show
 from ..runtime.progress import Progress, share
 from ..runtime.threads import one_library_thread
+from ..shot.segments import whole_keys
 from ..shot.shot import Shot
 from ..tracking.footage_corrections.footage_gaps import with_found_gaps
 from ..tracking.footage_reading.reader import is_kept
@@ -31,7 +32,6 @@ from ..tracking.results.journal import Journal
 from ..tracking.results.track_result import TrackResult
 from ..tracking.retracking import Excerpt, preview_segment, track_excerpts
 from ..tracking.scheduling.run_context import FirstPictures, RunContext, SolvedShot
-from ..tracking.segments import whole_keys
 from .camera_fits.camera_refinement import RefinedCamera, Refinement, refine_cameras
 from .camera_fits.keypoint_cameras import PictureShift, contradictions
 from .camera_fits.shared_keypoints import CameraEstimate, SharedKeypoints

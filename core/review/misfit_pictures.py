@@ -20,8 +20,8 @@ from ..evidence.rendering.part_geometry import Geometry
 from ..shot.footage import MAX_PICTURE_SIDE, frames_at, working_factor
 from ..shot.footage_faults.footage_checks import check_view
 from ..shot.frame_numbers import shown_delay
+from ..shot.segments import posed_frames, segments
 from ..shot.shot import Shot, View
-from ..tracking.segments import posed_frames, segments
 
 Image = NDArray[np.uint8]
 

@@ -15,7 +15,7 @@ from ..shot.footage_faults.footage_times import FootageRate
 from ..shot.footage_faults.frame_pattern import FramePattern
 from ..shot.frame_numbers import footage_offset_text
 from ..tracking.footage_corrections.footage_gaps import FoundGap
-from ..tracking.late_views import LateView
+from ..tracking.results.late_views import LateView
 from .pretracking_warnings import exchanged_text, first_row_text, key_rate_text
 
 _MAX_LISTED = 10

@@ -16,14 +16,14 @@ from ..runtime.processes.worker_memory import WorkerMemory
 from ..runtime.progress import Progress, report_progress, share
 from ..shot.fingerprint import ValueBytes, checksum
 from ..shot.frame_numbers import without_gaps_beyond
+from ..shot.segments import Segment, segments
 from ..shot.shot import KeyPoses, Performer, Shot
 from .footage_corrections.footage_gaps import with_found_gaps
 from .results.track_result import TrackResult
 from .scheduling.run_context import PLAIN_RUN, RunContext
 from .scheduling.schedule import SegmentShown
-from .segment_stages import Around
-from .segments import Segment, segments
 from .shot_scale import ShotScale
+from .track_state import Around
 from .tracker import track
 
 PREVIEW_ITERATIONS = 4

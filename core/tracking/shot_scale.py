@@ -19,13 +19,13 @@ from ..numerics.arrays import Array
 from ..runtime.processes.worker_pool import WorkerPool
 from ..shot.grips import completed
 from ..shot.motion_warping import with_keys
+from ..shot.segments import Segment
 from ..shot.settings import Settings
 from ..shot.shot import Performer, Shot
 from .results.track_result import TrackResult
 from .scheduling.run_context import RunContext, SolvedShot
 from .scheduling.schedule import Observer
-from .segment_stages import Around
-from .segments import Segment
+from .track_state import Around
 
 HUMAN_SIZES, HUMAN_SIZE = (1.0, 2.6), 1.7
 """Sizes of bodies that are tracked as they are, those of people, children included; and the size that others get,

@@ -27,8 +27,8 @@ from .scheduling.run_context import PLAIN_RUN, RunContext
 from .scheduling.schedule import Observer
 from .scheduling.segment_tracking import TrackOptions, track_segments
 from .scheduling.shot_checks import check_shot
-from .segment_stages import Around
 from .shot_scale import ShotScale
+from .track_state import Around
 
 
 @one_library_thread()

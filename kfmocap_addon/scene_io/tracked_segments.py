@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from ...core.body.motion import Motion
 from ...core.errors import ShotError
 from ...core.numerics.frame_ranges import segments_joined
+from ...core.shot.segments import Segment, segments
 from ...core.shot.shot import KeyPoses, Performer, Shot
 from ...core.tracking.footage_corrections.footage_gaps import with_found_gaps
 from ...core.tracking.footage_reading.turned_cameras import with_turns
 from ...core.tracking.results.track_result import TrackResult
 from ...core.tracking.retracking import Excerpt, digests
-from ...core.tracking.segments import Segment, segments
 from . import lossless, prop_holds
 from . import scene as scenes
 from .cameras import view_cameras

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import bpy
 
 if TYPE_CHECKING:
+    from ...core.shot.segments import Segment
     from ...core.tracking.results.journal import Journal
-    from ...core.tracking.segments import Segment
 
 _REQUEST_FILE = "asked.json"
 _ENDING = ".segment"

@@ -21,7 +21,7 @@ from kfmocap.core.runtime.processes.job import Job  # noqa: E402
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate  # noqa: E402
 from kfmocap.core.shot.settings import Settings  # noqa: E402
 from kfmocap.core.shot.shot import Gap  # noqa: E402
-from kfmocap.core.tracking.late_views import LateView  # noqa: E402
+from kfmocap.core.tracking.results.late_views import LateView  # noqa: E402
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts  # noqa: E402
 from kfmocap.kfmocap_addon.operators import job_operator  # noqa: E402
 from kfmocap.kfmocap_addon.operators.tracking.track_motion import Tracking  # noqa: E402

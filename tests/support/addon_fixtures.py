@@ -13,7 +13,7 @@ from kfmocap.core.fitting import shot_cameras
 from kfmocap.core.runtime.progress import Progress, report_progress
 from kfmocap.core.shot.shot import Shot
 from kfmocap.core.tracking import retracking
-from kfmocap.core.tracking.segment_stages import Around
+from kfmocap.core.tracking.track_state import Around
 from kfmocap.kfmocap_addon.properties.section_properties import sections_of
 
 

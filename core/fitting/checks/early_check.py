@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...runtime.threads import one_library_thread
+from ...shot.segments import whole_keys
 from ...shot.shot import Shot
-from ...tracking.segments import whole_keys
 from ..key_frame_views import pictured_key_frames
 from .background_checks import background_is_plain, moved_camera, with_plain_backgrounds
 from .dissolve import DISSOLVE_SIZE, dissolves

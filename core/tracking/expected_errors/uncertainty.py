@@ -21,12 +21,12 @@ from ...numerics.arrays import Array, Bools
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.error_lengths import length_quantile
 from ...runtime.processes.freed_memory import return_freed_memory
-from ..late_views import Lateness, segment_lateness
 from ..solvers.assessment.solution_doubts import misfit_at
 from ..solvers.equations.measurement import LONG, keypoint_instants, measured_at
 from ..solvers.equations.problem import SegmentProblem, SegmentSolution
 from ..solvers.equations.segment_equations import evidence_equations, hidden_and_expected, with_priors_at
 from ..solvers.equations.smoothness_factor import SegmentSmoothness
+from ..solvers.equations.view_delays import DelayEvidence, delay_evidence
 from ..solvers.limb_evidence.limb_support import support_of_parts
 from .held_out_keys import USUAL_RATIO, covariance_ratios, missed_key_poses
 from .joint_covariances import growth_by_speed, tip_covariances, tip_jacobian
@@ -111,7 +111,7 @@ class JointErrors:
 
 def segment_uncertainties(
     problem: SegmentProblem, solution: SegmentSolution, by: ViewWork = IN_THIS_THREAD
-) -> tuple[list[SegmentUncertainty], Lateness]:
+) -> tuple[list[SegmentUncertainty], DelayEvidence]:
     """Return the uncertainty of a segment's solution for every performer, and what its footage says about delays.
 
     Parameters
@@ -153,7 +153,7 @@ def segment_uncertainties(
             )
         )
     minimised = whole.tied(with_priors_at(whole, solution, images, expected), motions)
-    return uncertainties, segment_lateness(problem, measured, hidden, minimised)
+    return uncertainties, delay_evidence(problem, measured, hidden, minimised)
 
 
 def _pose_covariances(

@@ -1,8 +1,8 @@
 """Correcting the frame numbers of a view that is early or late from some frame on.
 
-Everything behind a missing frame is early by one (`core.tracking.late_views`). Once that is found, the count of the
-view's frames is corrected, pairs of pictures across the gap get no weight, and the segments that this affects are
-tracked again.
+Everything behind a missing frame is early by one (`core.tracking.results.late_views`). Once that is found, the count
+of the view's frames is corrected, pairs of pictures across the gap get no weight, and the segments that this affects
+are tracked again.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from ...shot.footage_faults.continuity import COMPARED_PAIRS
 from ...shot.footage_faults.footage_checks import stored_frames
 from ...shot.footage_faults.footage_times import FootageRate, timed_gaps
 from ...shot.frame_numbers import across_gaps, footage_index, frames_damaged, gap_frame
+from ...shot.segments import whole_keys
 from ...shot.shot import Gap, Shot, View
 from ..results.journal import FinishedSegment
 from ..results.track_result import TrackResult
-from ..segments import whole_keys
 
 MAX_GAPS = 4
 """How often a shot is tracked again with one more gap, at most: of several frames that are missing, one is found at a

@@ -23,7 +23,7 @@ from ...evidence.view_frames import ViewFrames, views_with_foreground
 from ...evidence.view_work import IN_THIS_THREAD, ViewWork
 from ...numerics.arrays import Array, Bools
 from ...runtime.processes.shared_arrays import each_row
-from ..segments import PosedFrames
+from ...shot.segments import PosedFrames
 from .picture_store import FOREGROUND, GREY, PALETTE, PictureStore
 from .reader import ColourFrames
 

@@ -16,8 +16,8 @@ from ...evidence.view_frames import ViewFrames
 from ...runtime.output_files.staging_folders import RESULTS, staging_folder
 from ...runtime.processes.shared_arrays import SharedArray
 from ...shot.footage import working_factor
+from ...shot.segments import segments
 from ...shot.shot import Shot
-from ..segments import segments
 
 Images = NDArray[np.uint8]
 

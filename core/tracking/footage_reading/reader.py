@@ -27,8 +27,8 @@ from ...shot.footage_faults.footage_times import FootageRate, footage_rate, fram
 from ...shot.footage_faults.frame_pattern import FramePattern, repeated_every
 from ...shot.footage_faults.skipped_frames import PairChanges, PointsFollowed
 from ...shot.frame_numbers import across_gaps, footage_delay, frames_damaged
+from ...shot.segments import Segment
 from ...shot.shot import Shot, View
-from ..segments import Segment
 from .frames_ahead import taken_ahead
 from .picture_store import COLOUR, PictureStore
 

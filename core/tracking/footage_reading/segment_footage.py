@@ -27,8 +27,8 @@ from ...runtime.timing import Seconds
 from ...shot.footage import MAX_PICTURE_SIDE, Album, Image, working_factor
 from ...shot.footage_faults.frame_pattern import FramePattern
 from ...shot.footage_faults.skipped_frames import PairChanges, skipped_pairs
+from ...shot.segments import PosedFrames, Segment, posed_frames, segments
 from ...shot.shot import Shot
-from ..segments import PosedFrames, Segment, posed_frames, segments
 from ..solvers.protocol import Solver
 from .appearance import frames_with_foreground, grey_frames
 from .picture_store import COLOUR, PictureStore, StoredView

@@ -28,8 +28,8 @@ from ...evidence.rendering.part_geometry import Geometry
 from ...numerics.arrays import Array, Bools, evenly_spaced
 from ...shot.footage import frames_at, working_factor
 from ...shot.keypose_spline import spline
+from ...shot.segments import Segment, posed_frames, whole_keys
 from ...shot.shot import Shot, View
-from ..segments import Segment, posed_frames, whole_keys
 from .reader import ColourFrames, Image
 
 _LOOK_EVERY = 40

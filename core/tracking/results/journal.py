@@ -26,10 +26,10 @@ from ...evidence.time_offset import Offset
 from ...numerics.arrays import Array, Bools
 from ...runtime.interrupts import WRITTEN_NOTE
 from ...shot.fingerprint import checksum, file_bytes, value_bytes
+from ...shot.segments import Segment, segments
 from ...shot.shot import Shot
 from ..expected_errors.uncertainty import SegmentUncertainty
-from ..late_views import Lateness
-from ..segments import Segment, segments
+from ..solvers.equations.view_delays import DelayEvidence
 from .track_result import SegmentResult
 
 JOURNAL_SUFFIX = ".unfinished"
@@ -60,7 +60,7 @@ class FinishedSegment:
         Per performer.
     planted : tuple of (ndarray of bool, shape (F, C), or None)
         Per performer: when points of the soles are planted, see `core.tracking.solvers.protocol.SettledMotions`.
-    lateness : Lateness
+    delays : DelayEvidence
         What its footage says about delays of the views.
     shape : ShapeEvidence, optional
         What its key frames say about the shapes of all performers' parts.
@@ -74,7 +74,7 @@ class FinishedSegment:
     residual: Array
     uncertainties: tuple[SegmentUncertainty, ...]
     planted: tuple[Bools | None, ...]
-    lateness: Lateness
+    delays: DelayEvidence
     shape: ShapeEvidence | None = None
 
     @property
@@ -229,7 +229,7 @@ def _bytes_of(finished: FinishedSegment, key: str) -> bytes:
         "offset": np.array([] if offset is None else [offset.value, offset.precision], float),
         "share": finished.share,
         "residual": finished.residual,
-        **{f"lateness {f.name}": getattr(finished.lateness, f.name) for f in fields(Lateness)},
+        **{f"delays {f.name}": getattr(finished.delays, f.name) for f in fields(DelayEvidence)},
     }
     for i, (before, motion) in enumerate(zip(finished.first_motions, finished.motions, strict=True)):
         arrays |= {f"first translations {i}": before.translations, f"first rotations {i}": before.rotations}
@@ -281,9 +281,9 @@ def _of_bytes(data: bytes, key: str, segment: Segment) -> FinishedSegment:
         residual=arrays["residual"],
         uncertainties=tuple(map(SegmentUncertainty, *(each(f"doubt {f.name}") for f in fields(SegmentUncertainty)))),
         planted=tuple(arrays[name].astype(bool) if (name := f"planted {i}") in arrays else None for i in range(count)),
-        lateness=Lateness(
-            arrays["lateness places"].astype(int),
-            *(arrays[f"lateness {name}"] for name in ("gradient", "precision", "coupling")),
+        delays=DelayEvidence(
+            arrays["delays places"].astype(int),
+            *(arrays[f"delays {name}"] for name in ("gradient", "precision", "coupling")),
         ),
         shape=ShapeEvidence(
             arrays["shape frames"].astype(int),

@@ -19,9 +19,9 @@ from ...shot.motion_warping import with_keys
 from ...shot.shot import Performer, Shot
 from ..expected_errors.body_uncertainty import body_covariances
 from ..expected_errors.uncertainty import joint_errors
-from ..late_views import late_views
-from ..segment_stages import TrackState
+from ..track_state import TrackState
 from .journal import FinishedSegment
+from .late_views import late_views
 from .track_result import TrackResult
 
 
@@ -45,7 +45,7 @@ def result_of_segments(
     torn : tuple of tuple of int
         See `TrackResult`.
     """
-    late = late_views([(one.result.first, one.lateness) for one in done], torn)
+    late = late_views([(one.result.first, one.delays) for one in done], torn)
     return replace(_with_unknown_parts(_joined(shot, state, done, observed), shot), torn=torn, late=late)
 
 

@@ -16,7 +16,7 @@ from ...shot.footage_faults.footage_times import FootageRate
 from ...shot.footage_faults.frame_pattern import FramePattern
 from ...shot.shot import Gap
 from ..expected_errors.uncertainty import JointErrors
-from ..late_views import LateView
+from .late_views import LateView
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,11 +20,11 @@ from ...keypoints.observations import ShotKeypoints
 from ...runtime.processes.worker_pool import WorkerPool
 from ...runtime.progress import ParallelProgress, Progress
 from ...runtime.timing import Seconds
+from ...shot.segments import Segment, segments, whole_keys
 from ...shot.shot import Shot
 from ..footage_reading.picture_store import StoredView
 from ..results.journal import FinishedSegment, KeptSegments
-from ..segment_stages import EarlierTrack, TrackState
-from ..segments import Segment, segments, whole_keys
+from ..track_state import EarlierTrack, TrackState
 from .segment_tasks import RefinedSegment, SegmentTask, SolvedSegment, Watcher, refine_task, solve_task
 
 Observer = Callable[[Segment, int, Sequence[Motion]], None]

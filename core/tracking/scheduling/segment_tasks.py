@@ -20,17 +20,21 @@ from ...runtime.progress import Progress, report_progress
 from ...runtime.threads import one_library_thread
 from ...runtime.timing import Seconds
 from ...shot.acceleration_prior import usual_variances
+from ...shot.segments import Segment, segments
 from ...shot.shot import Shot
 from ..expected_errors.uncertainty import segment_uncertainties
 from ..footage_reading.picture_store import StoredView
 from ..footage_reading.shared_views import SharedViews
 from ..results.journal import FinishedSegment
 from ..results.track_result import SegmentResult
-from ..segment_stages import (
-    EarlierTrack,
+from ..solvers.equations.measurement import StepCallback, Workspace
+from ..solvers.equations.problem import SegmentSolution
+from ..solvers.protocol import SettledMotions
+from ..solvers.registry import solver_named
+from ..track_state import EarlierTrack, TrackState
+from .segment_stages import (
     SegmentData,
     SegmentState,
-    TrackState,
     measured_offset,
     refine_segment,
     resume_segment,
@@ -38,11 +42,6 @@ from ..segment_stages import (
     solve_segment,
     with_shape_beside,
 )
-from ..segments import Segment, segments
-from ..solvers.equations.measurement import StepCallback, Workspace
-from ..solvers.equations.problem import SegmentSolution
-from ..solvers.protocol import SettledMotions
-from ..solvers.registry import solver_named
 
 Watcher = Callable[[int, Sequence[Motion]], None]
 """Called with the number of an iteration and the motions before it."""
@@ -269,7 +268,7 @@ def _finished(
     found = _found_accelerations(ended)
     result = SegmentResult(*ended.data.segment, ended.iterations, energy, found)
     with seconds.measure("uncertainty"):
-        uncertainties, lateness = segment_uncertainties(ended.problem, solution, by)
+        uncertainties, delays = segment_uncertainties(ended.problem, solution, by)
     settled = SettledMotions(solution.motions, (None,) * len(solution.motions))
     if (settle := solver_named(ended.problem.settings.solver).settle) is not None:
         ratios = [own.ratios(body) for own, body in zip(uncertainties, ended.problem.bodies, strict=True)]
@@ -287,6 +286,6 @@ def _finished(
         residual=solution.residual,
         uncertainties=tuple(uncertainties),
         planted=settled.planted,
-        lateness=lateness,
+        delays=delays,
         shape=None if ended.data.shape is None else ended.data.shape.evidence,
     )

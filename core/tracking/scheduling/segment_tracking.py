@@ -28,6 +28,7 @@ from ...shot.fixed_degrees import fixed_degrees
 from ...shot.footage_faults.footage_times import FootageRate
 from ...shot.keypose_spline import spline
 from ...shot.motion_warping import carried
+from ...shot.segments import Segment
 from ...shot.shot import Shot
 from ..footage_corrections.footage_gaps import with_timed_gaps
 from ..footage_reading.frames_ahead import decoding_ahead
@@ -37,10 +38,9 @@ from ..footage_reading.turned_cameras import turns_since, with_measured_turns
 from ..results.journal import FinishedSegment, KeptSegments
 from ..results.shot_result import result_of_segments
 from ..results.track_result import TrackResult
-from ..segment_stages import Around, EarlierTrack, TrackState
-from ..segments import Segment
 from ..solvers.protocol import Solver
 from ..solvers.registry import solver_named
+from ..track_state import Around, EarlierTrack, TrackState
 from .run_context import RunContext, SolvedShot
 from .schedule import Observer, ScheduleCallbacks, ScheduleStart, SegmentSchedule, SegmentWorkers
 from .shot_checks import footage_checked

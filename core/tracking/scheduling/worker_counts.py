@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...runtime.threads import worker_count
+from ...shot.segments import segments
 from ...shot.shot import Shot
 from ...shot.shot_spec import ShotSpec
-from ..segments import segments
 from .segment_tasks import solve_task
 
 MIN_PARALLEL_WORK = 80

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ....core.fitting.shot_cameras import CheckedTrack
+    from ....core.shot.segments import Segment
     from ....core.shot.shot import Shot
-    from ....core.tracking.segments import Segment
     from ...scene_io.keys.tracking_preview import TrackingPreview
     from ...scene_io.tracked_segments import AskedTracking
 
@@ -194,7 +194,7 @@ class ContinueTracking(Tracking, bpy.types.Operator):
 
     def segments(self, scene: bpy.types.Scene, asked: AskedTracking) -> Sequence[Segment]:
         """Choose the segments that were requested then, if they still exist."""
-        from ....core.tracking.segments import segments
+        from ....core.shot.segments import segments
 
         before, every = unfinished_tracking.asked_segments(scene), segments(asked.shot)
         return [segment for segment in every if segment in before] or every
@@ -282,8 +282,8 @@ def _is_animated(armature: bpy.types.Object | None) -> bool:
 
 
 def _segments_on_side(scene: bpy.types.Scene, shot: Shot, side: str) -> Sequence[Segment]:
+    from ....core.shot.segments import segments
     from ....core.tracking.retracking import segments_after, segments_at, segments_before
-    from ....core.tracking.segments import segments
 
     every, frame = segments(shot), shot_frame(scene)
     if side == "HERE":

@@ -26,7 +26,7 @@ from kfmocap.core.shot.footage_faults.footage_times import FootageRate
 from kfmocap.core.shot.footage_faults.frame_pattern import FramePattern
 from kfmocap.core.shot.shot import Gap, KeyPoses, Performer, Shot, View
 from kfmocap.core.tracking.expected_errors.uncertainty import JointErrors
-from kfmocap.core.tracking.late_views import LateView
+from kfmocap.core.tracking.results.late_views import LateView
 from synthetic import look_at
 
 

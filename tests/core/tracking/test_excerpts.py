@@ -13,12 +13,12 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.body.smoothness import acceleration
 from kfmocap.core.errors import CancelledError, ShotError
 from kfmocap.core.fitting.shot_cameras import track_and_check
+from kfmocap.core.shot.segments import segments
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import KeyPoses, Shot, View
 from kfmocap.core.tracking import retracking
 from kfmocap.core.tracking.results.track_result import TrackResult
 from kfmocap.core.tracking.retracking import PREVIEW_ITERATIONS, Excerpt, digest, digests, track_excerpts
-from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.tracker import track
 from synthetic import CAMERAS, figure, film, shot_of, swing
 

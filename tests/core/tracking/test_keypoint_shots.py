@@ -24,10 +24,10 @@ from kfmocap.core.review.track_report import report
 from kfmocap.core.shot.fixed_degrees import fixed_degrees
 from kfmocap.core.shot.keypose_spline import spline
 from kfmocap.core.shot.performer_request import PerformerRequest
+from kfmocap.core.shot.segments import segments
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot, View
 from kfmocap.core.tracking.prepare import load_shot, pose_by_keypoint_files
-from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.selection import selected
 from kfmocap.core.tracking.shot_scale import ShotScale
 from kfmocap.core.tracking.tracker import track

@@ -18,11 +18,11 @@ from kfmocap.core.evidence.rendering.label_images import render_labels
 from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.view_frames import ViewFrames
+from kfmocap.core.shot.segments import MAX_LENGTH, PosedFrames, posed_frames, segments
 from kfmocap.core.shot.shot import KeyPoses
 from kfmocap.core.tracking.footage_reading.appearance import frames_with_foreground, key_frame_shape
 from kfmocap.core.tracking.footage_reading.picture_store import PictureStore, StoredView
 from kfmocap.core.tracking.footage_reading.reader import ColourFrames
-from kfmocap.core.tracking.segments import MAX_LENGTH, PosedFrames, posed_frames, segments
 from kfmocap.core.tracking.solvers import gauss_newton, multi_start
 from kfmocap.core.tracking.solvers.assessment import settled_solutions, solution_doubts, solution_ranking
 from kfmocap.core.tracking.solvers.descent_stages import POLISHED_AT_ONCE, STAGES, DescentStage

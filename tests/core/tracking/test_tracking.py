@@ -17,10 +17,10 @@ from kfmocap.core.errors import CancelledError, ShotError
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.fixed_degrees import fixed_degrees
 from kfmocap.core.shot.keypose_spline import spline
+from kfmocap.core.shot.segments import segments
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import KeyPoses, Shot, View
 from kfmocap.core.tracking.scheduling import segment_tasks
-from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.tracker import track
 from synthetic import CAMERAS, at_rest, figure, film, look_at, rigidly_moved, rigidly_moved_camera, shot_of, swing
 

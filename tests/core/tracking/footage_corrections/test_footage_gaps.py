@@ -11,6 +11,7 @@ import pytest
 from kfmocap.core.body.kinematics import part_poses, tip_positions
 from kfmocap.core.shot.footage_faults.footage_times import FootageRate
 from kfmocap.core.shot.footage_faults.frame_pattern import FramePattern
+from kfmocap.core.shot.segments import segments
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import Gap, Shot, View
 from kfmocap.core.tracking import tracker
@@ -21,12 +22,11 @@ from kfmocap.core.tracking.footage_corrections.footage_gaps import (
     with_timed_gaps,
     without_false_delays,
 )
-from kfmocap.core.tracking.late_views import LateView
 from kfmocap.core.tracking.results.journal import Journal
+from kfmocap.core.tracking.results.late_views import LateView
 from kfmocap.core.tracking.results.track_result import TrackResult
 from kfmocap.core.tracking.retracking import Excerpt, digests, track_excerpts
 from kfmocap.core.tracking.scheduling.run_context import RunContext
-from kfmocap.core.tracking.segments import segments
 from kfmocap.core.tracking.tracker import track
 from late_footage import BODY, CAMERAS, FRAMES, LENGTH, PLACE, SHIFTS, TRUTH, late_film, pictures
 from retimed_videos import retimed

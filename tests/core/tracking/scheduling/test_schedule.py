@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from kfmocap.core.shot.segments import segments
 from kfmocap.core.tracking.results.journal import KeptSegments
 from kfmocap.core.tracking.scheduling import schedule
 from kfmocap.core.tracking.scheduling.schedule import ScheduleStart, SegmentSchedule, SegmentWorkers
-from kfmocap.core.tracking.segment_stages import TrackState
-from kfmocap.core.tracking.segments import segments
+from kfmocap.core.tracking.track_state import TrackState
 from synthetic import CAMERAS, figure, film, shot_of, swing
 
 BODY, LENGTH = figure(), 13

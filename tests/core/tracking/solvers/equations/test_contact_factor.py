@@ -15,8 +15,9 @@ from kfmocap.core.numerics.banded import BandedFactor
 from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot
-from kfmocap.core.tracking.segment_stages import SegmentData, TrackState, segment_problem
+from kfmocap.core.tracking.scheduling.segment_stages import SegmentData, segment_problem
 from kfmocap.core.tracking.solvers.equations.contact_factor import FREE_DEPTH, ContactFactor
+from kfmocap.core.tracking.track_state import TrackState
 
 Array = np.ndarray
 BODIES = (human(1.8), human(1.65))

@@ -17,7 +17,7 @@ from kfmocap.core.shot.grips import relative_pose, shot_with_grips, with_grips
 from kfmocap.core.shot.holds import Grip, Hold
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot
 from kfmocap.core.tracking.retracking import digest
-from kfmocap.core.tracking.segment_stages import SegmentData, TrackState, segment_problem
+from kfmocap.core.tracking.scheduling.segment_stages import SegmentData, segment_problem
 from kfmocap.core.tracking.solvers.equations.hold_factor import (
     GRIP_POSITION_SIGMA,
     GRIP_ROTATION_SIGMA,
@@ -26,6 +26,7 @@ from kfmocap.core.tracking.solvers.equations.hold_factor import (
     tied_systems,
 )
 from kfmocap.core.tracking.solvers.starts.sequential_start import excerpt
+from kfmocap.core.tracking.track_state import TrackState
 from kfmocap.core.tracking.tracker import track
 from synthetic import box, figure, film, look_at, random_motion, shot_of, swing
 

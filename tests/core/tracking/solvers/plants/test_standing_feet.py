@@ -13,11 +13,11 @@ from kfmocap.core.numerics.frame_ranges import runs
 from kfmocap.core.retargeting.contacts import foot_keeping
 from kfmocap.core.retargeting.foot_clean_up import with_clean_feet
 from kfmocap.core.shot.shot import KeyPoses
-from kfmocap.core.tracking.segment_stages import TrackState
 from kfmocap.core.tracking.solvers.equations.problem import SegmentSolution
 from kfmocap.core.tracking.solvers.plants import plant_evidence
 from kfmocap.core.tracking.solvers.plants.standing_feet import with_plants_at_rest, with_standing_feet
 from kfmocap.core.tracking.solvers.protocol import SolvedFrames
+from kfmocap.core.tracking.track_state import TrackState
 from kfmocap.core.tracking.tracker import track
 from made_evidence import no_evidence
 from render.motions import MOTIONS

@@ -1,4 +1,4 @@
-"""A frame that one camera lost, or stored twice, is told by all that follows, and by nothing where none is."""
+"""A frame that one camera lost, or stored twice, is found from all that follows it, and nothing is found where none is."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import Shot
-from kfmocap.core.tracking.late_views import Lateness, LateView, late_views
+from kfmocap.core.tracking.results.late_views import LateView, late_views
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
+from kfmocap.core.tracking.solvers.equations.view_delays import DelayEvidence
 from kfmocap.core.tracking.tracker import track
 from late_footage import CAMERAS, LENGTH, PLACE, SHIFTS, late_film
 
@@ -37,14 +38,14 @@ def test_the_view_and_the_frame_are_told(filmed: tuple[int, Shot]) -> None:
         assert ("missing" in one.text) == (shift > 0)
 
 
-def lateness(delays: list[float], deviations: list[float]) -> Lateness:
+def delays_of(delays: list[float], deviations: list[float]) -> DelayEvidence:
     """What a segment of ten frames says if views are off by some delays from frame 5 on, that many deviations sure."""
     precision = np.full((len(delays), 10), 400.0)
     gradient, coupling = np.zeros_like(precision), np.zeros_like(precision)
     precision[:, 0] = 0.0
     precision[:, 5] = (np.array(deviations) / delays) ** 2
     gradient[:, 5] = -precision[:, 5] * delays
-    return Lateness(np.arange(10), gradient, precision, coupling)
+    return DelayEvidence(np.arange(10), gradient, precision, coupling)
 
 
 @pytest.mark.parametrize(
@@ -54,7 +55,7 @@ def lateness(delays: list[float], deviations: list[float]) -> Lateness:
 def test_it_is_clear_which_of_two_views_is_wrong_only_where_one_is_likelier(
     other: float, torn: list[tuple[int, ...]], view: int, clear: bool
 ) -> None:
-    late = late_views([(20, lateness([0.5, -0.5], [10.0, other]))], [tuple(20 + f for f in frames) for frames in torn])
+    late = late_views([(20, delays_of([0.5, -0.5], [10.0, other]))], [tuple(20 + f for f in frames) for frames in torn])
     assert [own is not None for own in late] == [view == 0, view == 1]
     own = late[view]
     assert own is not None
@@ -78,7 +79,7 @@ def test_it_is_clear_which_of_two_views_is_wrong_only_where_one_is_likelier(
 def test_a_small_delay_must_be_surer_and_may_be_less_sure_where_pictures_do_not_continue(
     delay: float, deviations: float, torn: tuple[int, ...], told: bool
 ) -> None:
-    said = lateness([delay, 0.01], [deviations, 0.1])
+    said = delays_of([delay, 0.01], [deviations, 0.1])
     [own, other] = late_views([(20, said)], [torn, ()])
     assert (own is not None, other is not None) == (told, False)
 

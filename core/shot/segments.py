@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..numerics.arrays import Bools, Ints
-from ..shot.shot import Shot
+from .shot import Shot
 
 Segment = tuple[int, int]
 """First and last shot frame of a range that is solved together."""
