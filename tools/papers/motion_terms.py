@@ -296,7 +296,7 @@ MOTION_TERMS = (
     ),
     Term(
         "paper 1, section 6: more key poses divide the shot",
-        "core/tracking/segments.py",
+        "core/shot/segments.py",
         "reduce(set.intersection",
         "reduce(set.union",
         "tests/core/tracking/test_tracking.py::test_segments_meet_where_every_performer_has_a_whole_key_pose",
