@@ -1,4 +1,4 @@
-"""A frame that one camera lost, or stored twice, is found from all that follows it, and nothing is found where none is."""
+"""A frame that one camera lost, or stored twice, is found from all that follows it; nothing is found where none is."""
 
 from __future__ import annotations
 
