@@ -15,6 +15,7 @@ from ...core.cameras.camera import Camera
 from ...core.errors import CalibrationError, FootageError, ShotError, located
 from ...core.shot.footage import Footage, probe
 from ...core.shot.footage_faults.footage_checks import camera_at_size, frames_for_each
+from ...core.shot.footage_faults.footage_times import video_rate
 from ...core.shot.footage_files.image_sequences import footage_of
 from ...core.shot.name_matching import footage_name, paired
 from ...core.shot.shot import View
@@ -23,6 +24,8 @@ from .cameras import camera_poses, footage_background, scene_cameras, view_camer
 
 _USUAL_FOCAL = 1.1
 """Focal length of a camera about which nothing is known, relative to the longer side of its picture."""
+_EQUAL_RATE = 1e-5
+"""Relative difference up to which two frame rates of a file are rounded differently at most."""
 _UNNAMED = "shot"
 _STARTUP_CUBE = "Cube"
 _CORNERS = set(product((-1.0, 1.0), repeat=3))
@@ -66,6 +69,7 @@ def add_footage(current: bpy.types.Scene, files: Sequence[Path]) -> list[str]:
             raise FootageError("the scene shows this footage already", where=str(path))
     probed = [probe(path) for path in paths]
     clips = scene.load_clips(paths)
+    probed = [_with_missing(footage, clip) for footage, clip in zip(probed, clips, strict=True)]
     if not current.kfmocap.views:
         _begin_shot(current, probed)
     collection = scene.ensure_collection(current, "Views")
@@ -88,6 +92,20 @@ def add_footage(current: bpy.types.Scene, files: Sequence[Path]) -> list[str]:
         footage_background.look_through(current, current.kfmocap.views[0])
     footage_background.refresh(current)
     return names
+
+
+def _with_missing(footage: Footage, clip: bpy.types.MovieClip) -> Footage:
+    """Return footage with the rate and number of frames that it would have if none was missing by their times.
+
+    Files state their mean rate, as do phones that skip frames; Blender shows frames by their times at the usual rate.
+    """
+    if clip.source != "MOVIE" or abs(clip.fps - footage.fps) < _EQUAL_RATE * footage.fps:
+        return footage
+    rate = video_rate(footage.path, footage.count)
+    if rate is None or not rate.missing:
+        return footage
+    missing = sum(count for _, count in rate.missing)
+    return replace(footage, fps=round(rate.rate, 3), count=footage.count + missing)
 
 
 def _every(current: bpy.types.Scene, footage: Footage) -> int:
@@ -265,8 +283,10 @@ def _adopted(current: bpy.types.Scene, owners: Sequence[bpy.types.Object]) -> Ca
         raise ShotError("no camera of the scene has footage behind it", where=f"scene {current.name}", todo=todo)
     properties = current.kfmocap
     properties.shot = properties.shot or Path(bpy.data.filepath).stem or _UNNAMED
-    properties.zero, last = current.frame_start, current.frame_end - current.frame_start
-    properties.first, properties.last = 0, last
+    clips = [footage_background.clip_behind(owner) for owner in with_footage]
+    ends = [clip.frame_start + clip.frame_duration - 1 for clip in clips if clip.frame_duration > 1]
+    start, end = current.frame_start, min([current.frame_end, *ends])
+    properties.zero, properties.first, properties.last = start, 0, max(end - start, 0)
     for owner in with_footage:
         view_cameras.adopt(properties.views.add(), owner, current)
     footage_background.look_through(current, properties.views[0])

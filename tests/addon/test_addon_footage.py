@@ -24,6 +24,7 @@ from kfmocap.kfmocap_addon.panels import footage_panel  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene, solved_cameras  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.cameras import footage_background, view_cameras  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.cameras.view_gaps import packed_gaps  # noqa: E402
+from retimed_videos import retimed  # noqa: E402
 from test_addon_views import largest_difference  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
@@ -74,6 +75,15 @@ def test_the_cube_that_blender_starts_with_is_hidden_unless_it_was_changed(take,
     cube.hide_set(False)
     add(take, "walk_cam02.mp4")
     assert not cube.hide_get()
+
+
+def test_a_phone_that_skipped_frames_gives_the_scene_its_own_rate_and_length(take):
+    """Otherwise Blender, which shows frames by their times, would show others than those that are tracked."""
+    whole = take / "walk_cam01.mp4"
+    whole.write_bytes(retimed(whole.read_bytes(), [2 if frame in (6, 13) else 1 for frame in range(30)]))
+    add(take, whole.name)
+    assert bpy.context.scene.kfmocap.frame_rate == pytest.approx(25.0)
+    assert shot().last == 30 + 2 - 1
 
 
 def test_a_single_camera_is_offered_a_way_without_calibration(take, monkeypatch):
@@ -268,6 +278,14 @@ def test_a_camera_with_footage_behind_it_becomes_a_view_as_it_stands(take):
     (view,) = view_cameras.read_views(current, shot().frame_start, shot().length)
     assert largest_difference(camera(1), view.camera) < 1e-4
     assert (view.offset, shot().frame_start, shot().length) == (3.0, 11, 20)
+
+
+def test_a_view_of_footage_that_is_shorter_than_the_scene_ends_with_it(take):
+    current = bpy.context.scene
+    current.frame_start, current.frame_end = 11, 250
+    solved_cameras.show_cameras(current, {"cam01": camera(1)}, {"cam01": take / "walk_cam01.mp4"}, {"cam01": 3.0})
+    bpy.ops.kfmocap.use_scene_cameras()
+    assert (shot().frame_start, shot().length) == (11, 27)
 
 
 def test_moving_a_views_offset_moves_its_footage(take):

@@ -12,7 +12,8 @@ import cv2
 from numpy.typing import NDArray
 
 from ...errors import FootageError
-from .image_sequences import check_size, image_files, read_image
+from .image_sequences import PATTERNS, check_size, image_files, read_image
+from .video_edits import has_sound_alone
 from .video_file import check_video_file
 
 Image = NDArray[Any]
@@ -92,6 +93,8 @@ def opened_video(path: Path, threads: int = 0) -> Iterator[cv2.VideoCapture]:
     video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, threads])
     try:
         if not video.isOpened() or video.get(cv2.CAP_PROP_FRAME_WIDTH) <= 0:
+            if has_sound_alone(path):
+                raise FootageError("it has sound, but no pictures", where=str(path), todo=f"name {PATTERNS}")
             raise FootageError("the footage cannot be read as a video", where=str(path), todo=_CONVERT)
         # OpenCV's builds differ in whether they rotate frames themselves; rotating reduced frames is cheaper, too.
         video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)

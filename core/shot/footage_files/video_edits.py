@@ -1,4 +1,4 @@
-"""How much of a video its edit list shows.
+"""What an MP4 or QuickTime file says of its tracks: whether there are pictures, and how much of them is shown.
 
 Programs trim an MP4 or QuickTime file without encoding it again by an edit list: the frames before and after stay in
 the file and are counted, but are not decoded (ISO/IEC 14496-12, 8.6.6).
@@ -15,6 +15,16 @@ from typing import BinaryIO
 _MAX_BOXES, _MAX_EDITS = 4096, 64
 
 
+def has_sound_alone(path: Path) -> bool:
+    """Whether a file has a track of sound and none of pictures."""
+    try:
+        with path.open("rb") as file:
+            kinds = {_handler(file, media) for _, _, media in _tracks(file)}
+    except (OSError, struct.error):
+        return False
+    return b"soun" in kinds and b"vide" not in kinds
+
+
 def shown_share(path: Path) -> float:
     """Return which share of its frames a video shows, 0 to 1; 1 for a file without an edit list."""
     try:
@@ -25,13 +35,8 @@ def shown_share(path: Path) -> float:
 
 
 def _shown_share(file: BinaryIO) -> float:
-    top = _Box(b"", 0, file.seek(0, 2))
-    if next(iter(_boxes(file, top)), top).kind not in (b"ftyp", b"wide", b"moov", b"mdat", b"free", b"skip"):
-        return 1.0
-    movie = _first(file, top, b"moov")
-    for track in [] if movie is None else _boxes(file, movie):
-        media = _first(file, track, b"mdia") if track.kind == b"trak" else None
-        if movie is not None and media is not None and _handler(file, media) == b"vide":
+    for movie, track, media in _tracks(file):
+        if _handler(file, media) == b"vide":
             edits = _edits(file, track)
             whole, shown = _seconds(file, media, b"mdhd"), sum(edits) / (_timescale(file, movie, b"mvhd") or 1)
             return min(shown / whole, 1.0) if whole > 0 and shown > 0 and all(edits) else 1.0
@@ -45,6 +50,18 @@ class _Box:
     kind: bytes
     begin: int
     end: int
+
+
+def _tracks(file: BinaryIO) -> Iterator[tuple[_Box, _Box, _Box]]:
+    """Generate the movie of a file, each of its tracks, and that track's media; nothing for other kinds of files."""
+    top = _Box(b"", 0, file.seek(0, 2))
+    if next(iter(_boxes(file, top)), top).kind not in (b"ftyp", b"wide", b"moov", b"mdat", b"free", b"skip"):
+        return
+    movie = _first(file, top, b"moov")
+    for track in [] if movie is None else _boxes(file, movie):
+        media = _first(file, track, b"mdia") if track.kind == b"trak" else None
+        if movie is not None and media is not None:
+            yield movie, track, media
 
 
 def _boxes(file: BinaryIO, parent: _Box) -> Iterator[_Box]:

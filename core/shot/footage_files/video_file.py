@@ -19,7 +19,12 @@ _ADDRESS = re.compile(r"(^|/)(smb|afp|nfs|ftp|sftp|https?|file):/")
 """What begins an address; a path has one slash where that has two."""
 _LIKENESS = 0.8
 """Similarity, 0 to 1, from which a file's name may be what a misspelt one meant."""
-_OTHERS = {b"BLENDER": "a Blender file", b"\x28\xb5\x2f\xfd": "a compressed Blender file", b"PK\3\4": "a ZIP archive"}
+_OTHERS = {
+    rb"BLENDER": "a Blender file",
+    rb"\x28\xb5\x2f\xfd": "a compressed Blender file",
+    rb"PK\x03\x04": "a ZIP archive",
+    rb"RIFF.{4}WAVE|ID3|fLaC": "a sound recording",
+}
 """What begins like this, and is no video."""
 
 
@@ -62,7 +67,7 @@ def check_video_file(path: Path) -> None:
         what = "the footage cannot be read as a video: it is a text, such as a playlist"
         raise FootageError(what, where=str(path), todo=f"name {PATTERNS}")
     for begin, kind in _OTHERS.items():
-        if head.startswith(begin):
+        if re.match(begin, head, re.DOTALL):
             raise FootageError(f"this is {kind}, not a video", where=str(path), todo=f"name {PATTERNS}")
 
 

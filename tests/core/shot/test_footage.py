@@ -436,12 +436,23 @@ def test_a_playlist_is_refused_and_opens_no_other_file(video: Path, ending: str,
         (b"BLENDER-v405REND\0\0\0\0\x80\xff", "a Blender file"),
         (b"\x28\xb5\x2f\xfd\x04\0\xff", "a compressed Blender file"),
         (b"PK\3\4\x14\0\0\0", "a ZIP archive"),
+        (b"RIFF\x24\0\0\0WAVEfmt ", "a sound recording"),
+        (b"ID3\4\0\0\0\0\0\0", "a sound recording"),
     ],
 )
 def test_what_is_no_video_is_called_by_its_name(tmp_path: Path, data: bytes, kind: str) -> None:
     (tmp_path / "cam01.mp4").write_bytes(data)
     with pytest.raises(FootageError, match=f"cam01.mp4: this is {kind}, not a video"):
         probe(tmp_path / "cam01.mp4")
+
+
+def test_a_recording_of_sound_alone_is_not_said_to_need_another_codec(video: Path) -> None:
+    place = video.read_bytes().index(b"vide", video.read_bytes().index(b"hdlr"))
+    data = bytearray(video.read_bytes())
+    data[place : place + 4] = b"soun"
+    video.write_bytes(data)
+    with pytest.raises(FootageError, match=r"it has sound, but no pictures \(name"):
+        probe(video)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes")
