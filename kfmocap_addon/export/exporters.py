@@ -24,6 +24,7 @@ from . import destinations, vrm_animation
 from .export_formats import EXPORT_FORMATS
 from .export_options import DEFAULTS, ExportOptions
 from .export_stage import stage_in_metres, stage_of
+from .glb_animation import with_scaled_times
 from .whole_files import writing
 
 _ASIDE = 2e-5
@@ -207,8 +208,8 @@ def export_glb(path: Path, armature: bpy.types.Object, scene: bpy.types.Scene, o
     OutputError
         If the file cannot be written.
     """
-    with writing(path) as target, stage_in_metres(armature, scene, options):
-        _write_glb(target)
+    with writing(path) as target, stage_in_metres(armature, scene, options) as stage:
+        _write_glb(target, stage)
 
 
 def export_vrma(path: Path, armature: bpy.types.Object, scene: bpy.types.Scene, options: ExportOptions) -> None:
@@ -228,15 +229,19 @@ def export_vrma(path: Path, armature: bpy.types.Object, scene: bpy.types.Scene, 
     with writing(path) as target:
         whole = target.with_suffix(".glb")
         try:
-            with stage_of(armature, scene, Matrix.Identity(4), plain):
-                _write_glb(whole)
+            with stage_of(armature, scene, Matrix.Identity(4), plain) as stage:
+                _write_glb(whole, stage)
             target.write_bytes(vrm_animation.as_vrm_animation(whole.read_bytes(), bones))
         finally:
             whole.unlink(missing_ok=True)
 
 
-def _write_glb(target: Path) -> None:
-    """Write the stage's armature as glTF in one file."""
+def _write_glb(target: Path, stage: bpy.types.Scene) -> None:
+    """Write the stage's armature as glTF in one file.
+
+    Blender's exporter takes rates such as 29.97, a whole number over a base, as the number times the base.
+    """
+    base, stage.render.fps_base = stage.render.fps_base, 1.0
     bpy.ops.export_scene.gltf(
         filepath=str(target),
         export_format="GLB",
@@ -250,6 +255,8 @@ def _write_glb(target: Path) -> None:
         export_optimize_animation_size=False,
         export_leaf_bone=False,
     )
+    if base != 1.0:
+        target.write_bytes(with_scaled_times(target.read_bytes(), base))
 
 
 def export_usd(path: Path, armature: bpy.types.Object, scene: bpy.types.Scene, options: ExportOptions) -> None:

@@ -22,6 +22,12 @@ Curves = Mapping[tuple[int, str], Array]
 """The values (F, C) of animated properties, by node and path."""
 
 
+def unpacked(glb: bytes) -> tuple[dict[str, Any], bytearray]:
+    """Return the two parts of a .glb file: its JSON and its binary data."""
+    (size,) = struct.unpack_from("<I", glb, 12)
+    return json.loads(glb[20 : 20 + size]), bytearray(glb[28 + size :])
+
+
 def packed(content: Mapping[str, Any], binary: bytes | bytearray) -> bytes:
     """Return a .glb file of its two parts."""
     text = json.dumps(content, separators=(",", ":")).encode()
@@ -29,6 +35,17 @@ def packed(content: Mapping[str, Any], binary: bytes | bytearray) -> bytes:
     binary += bytes(-len(binary) % 4)
     head = struct.pack("<III", _MAGIC, 2, 28 + len(text) + len(binary))
     return head + struct.pack("<II", len(text), _JSON) + text + struct.pack("<II", len(binary), _BINARY) + binary
+
+
+def with_scaled_times(glb: bytes, factor: float) -> bytes:
+    """Return the content of a .glb file with all times of its animations multiplied by a factor."""
+    content, binary = unpacked(glb)
+    for accessor in {sampler["input"] for each in content.get("animations", ()) for sampler in each["samplers"]}:
+        one, times = content["accessors"][accessor], _values(content, binary, accessor)
+        scaled, start = np.float32(factor * times), _start(content, one)
+        binary[start : start + scaled.nbytes] = scaled.tobytes()
+        one["min"], one["max"] = [float(scaled.min())], [float(scaled.max())]
+    return packed(content, binary)
 
 
 def add_turns_between(
@@ -92,9 +109,15 @@ def _matrices(content: Mapping[str, Any], curves: Curves, node: int, length: int
 def _values(content: Mapping[str, Any], binary: bytes | bytearray, accessor: int) -> Array:
     """Return the values (F, C) of an accessor of floating-point numbers."""
     one = content["accessors"][accessor]
-    view = content["bufferViews"][one["bufferView"]]
-    start, columns = view.get("byteOffset", 0) + one.get("byteOffset", 0), _COLUMNS[one["type"]]
-    return np.frombuffer(binary, np.float32, one["count"] * columns, start).reshape(-1, columns).astype(float)
+    columns = _COLUMNS[one["type"]]
+    values = np.frombuffer(binary, np.float32, one["count"] * columns, _start(content, one))
+    return values.reshape(-1, columns).astype(float)
+
+
+def _start(content: Mapping[str, Any], accessor: Mapping[str, Any]) -> int:
+    """Return where the values of an accessor begin in the binary data, bytes."""
+    view = content["bufferViews"][accessor["bufferView"]]
+    return int(view.get("byteOffset", 0) + accessor.get("byteOffset", 0))
 
 
 def _added(content: dict[str, Any], binary: bytearray, values: Array) -> int:

@@ -5,10 +5,7 @@ https://github.com/vrm-c/vrm-specification/tree/master/specification/VRMC_vrm_an
 
 from __future__ import annotations
 
-import json
-import struct
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import bpy
 import numpy as np
@@ -17,7 +14,7 @@ from ...core.errors import BodyError
 from ...core.retargeting.bone_roles.bone_presets import PRESETS
 from ...core.retargeting.bone_roles.roles import PARENTS
 from ..retargeting.target_armatures import target_bones
-from .glb_animation import add_turns_between, packed
+from .glb_animation import add_turns_between, packed, unpacked
 
 _EXTENSION = "VRMC_vrm_animation"
 _REQUIRED = ("hips", "spine", "head", *(f"{s}{b}" for s in ("left", "right") for b in ("UpperArm", "UpperLeg")))
@@ -66,9 +63,7 @@ def as_vrm_animation(glb: bytes, bones: Mapping[str, str]) -> bytes:
     bones : mapping of str to str
         Names of nodes by VRM's names of bones.
     """
-    (size,) = struct.unpack_from("<I", glb, 12)
-    content: dict[str, Any] = json.loads(glb[20 : 20 + size])
-    binary = bytearray(glb[28 + size :])
+    content, binary = unpacked(glb)
     nodes = {node.get("name", ""): n for n, node in enumerate(content["nodes"])}
     humans = {bone: {"node": nodes[name]} for bone, name in bones.items() if name in nodes}
     content["extensionsUsed"] = sorted({*content.get("extensionsUsed", ()), _EXTENSION})

@@ -37,6 +37,20 @@ def test_gltf_holds_the_motion_in_metres_with_y_up(blender, tmp_path, preset):
     assert np.allclose(np.diff(seconds), 1 / 60, atol=1e-5)
 
 
+@pytest.mark.parametrize("suffix", ["glb", "vrma"])
+@pytest.mark.parametrize("fps", [29.97, 23.976])
+def test_frames_last_as_long_as_the_rate_says_also_if_it_is_not_whole(blender, tmp_path, suffix, fps):
+    original = shot(tmp_path)
+    built = scene.build_scene(original, result_of(original).motions, bpy.context.scene)
+    [path] = exporters.export_performers(built, tmp_path, ExportOptions(formats=(suffix,), fps=fps))
+    content, binary = glb_content(path)
+    for sampler in content["animations"][0]["samplers"]:
+        seconds = glb_values(content, binary, sampler["input"])[:, 0]
+        assert np.allclose(np.diff(seconds), 1 / fps, rtol=1e-5)
+        accessor = content["accessors"][sampler["input"]]
+        assert (accessor["min"], accessor["max"]) == ([seconds[0]], [seconds[-1]])
+
+
 def test_a_vrm_animation_says_which_joints_are_which_bones(blender, tmp_path):
     original = shot(tmp_path)
     built = scene.build_scene(original, result_of(original).motions, bpy.context.scene)
