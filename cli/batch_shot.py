@@ -50,7 +50,7 @@ def track_shot(path: Path, out: Path, options: BatchOptions, progress: Progress)
         shot = replace(shot, settings=replace(shot.settings, threads=options.threads))
     blender = None if options.load_blender is None else options.load_blender()
     with journal_beside(out, resume=True) as journal:
-        run_track(shot, out, ResultFiles(blender), progress=progress, seconds=seconds, journal=journal)
+        run_track(shot, out, ResultFiles(blender, seconds=seconds), progress=progress, journal=journal)
     report = json.loads((out / "report.json").read_text(encoding="utf-8"))
     errors = [error for performer in report["performers"] for error in performer["expected_error"] if error is not None]
     return {

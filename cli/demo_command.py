@@ -35,7 +35,7 @@ def _run(args: argparse.Namespace, blender: BlenderWriter | None) -> int:
     shot = load_shot(folder / "shot.toml", solver=args.solver)
     seconds = {"shot": time.perf_counter() - begin}
     with progress_bar() as progress:
-        files = run_track(shot, args.out, ResultFiles(blender), progress=progress, seconds=seconds)
+        files = run_track(shot, args.out, ResultFiles(blender, seconds=seconds), progress=progress)
     with results_are_written():
         print(*files, sep="\n")
         print(_summary(shot, args.out, folder, time.perf_counter() - begin))

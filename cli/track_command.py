@@ -88,9 +88,8 @@ def _run(
         files = run_track(
             shot,
             args.out,
-            ResultFiles(blender, args.shot is None, refined, args.leave_out_unknown),
+            ResultFiles(blender, args.shot is None, refined, args.leave_out_unknown, seconds),
             progress=share(progress, REFINING, 1.0) if args.refine else progress,
-            seconds=seconds,
             journal=journal,
             memory=memory,
         )

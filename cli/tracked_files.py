@@ -6,7 +6,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -64,12 +64,15 @@ class ResultFiles:
         The refinement of the shot's cameras, if any; they are then written as refined.toml.
     leave_out_unknown : bool
         Whether the files leave out landmarks and bones of parts that nothing shows.
+    seconds : mapping of str to float
+        Seconds of the stages before tracking, for the report.
     """
 
     blender: BlenderWriter | None = None
     open_scene: bool = False
     refined: Refinement | None = None
     leave_out_unknown: bool = False
+    seconds: Mapping[str, float] = field(default_factory=dict)
 
 
 def check_shot_kept(spec: ShotSpec, out: Path) -> None:
@@ -111,7 +114,6 @@ def run_track(
     files: ResultFiles | None = None,
     *,
     progress: Progress | None = None,
-    seconds: Mapping[str, float] | None = None,
     journal: Journal | None = None,
     memory: WorkerMemory | None = None,
 ) -> list[Path]:
@@ -125,8 +127,6 @@ def run_track(
     files : ResultFiles, optional
         By default the files that need Blender are left out.
     progress : callable, optional
-    seconds : mapping of str to float, optional
-        Seconds of earlier stages, for the report.
     journal : Journal, optional
         Stores finished segments, and provides those of an earlier run; see `core.tracking.results.journal`.
     memory : WorkerMemory, optional
@@ -149,21 +149,15 @@ def run_track(
         `progress` returned False.
     """
     files = files or ResultFiles()
-    blender, refined = files.blender, files.refined
-    motions = result_names(shot.name, [performer.name for performer in shot.performers])
-    names = _file_names(motions, blender=blender is not None, refined=refined is not None)
-    times = Seconds(seconds or {})
+    names = _file_names(_motion_names(shot), blender=files.blender is not None, refined=files.refined is not None)
+    times = Seconds(files.seconds)
     with staged(out_dir, names) as stage, ExitStack() as stack:
-        if blender is not None and not files.open_scene:
-            blender.prepare(shot, out_dir, stage.parent)
+        if files.blender is not None and not files.open_scene:
+            files.blender.prepare(shot, out_dir, stage.parent)
         if memory is None:
             memory = stack.enter_context(closing(WorkerMemory(limit=0)))
         check = _CameraCheck(shot)
-        # A shot's reader has just checked its footage.
-        early = FirstPictures(early_frames(shot), partial(_print_misfits, shot))
-        context = RunContext(
-            journal, memory, solved=check.begin, first_pictures=early, footage_checked=not files.open_scene
-        )
+        context = _run_context(shot, files, check, journal, memory)
         pictures = sorted({*sheet_frames(shot), *checked_frames(shot)})
         result = track(shot, share(progress, 0.0, 0.9), pictures=pictures, run=context)
         # Blender keeps one core busy, in this thread; meanwhile the others draw, and check the cameras if still needed.
@@ -171,21 +165,29 @@ def run_track(
             check.begin(pool, result)
             shot = with_turns(shot, result.turns)
             drawing = beside.submit(_draw_overlay, shot, result, stage / OVERLAY, share(progress, 0.95, 1.0), times)
-            landmarks = [stage / f"{name}.trc" for name in motions]
-            _write_landmarks(shot, result, landmarks, leave_out_unknown=files.leave_out_unknown)
-            if blender is not None:
-                with times.measure("Blender"):
-                    hands = _hands(shot, result)
-                    request = OutputRequest(stage, out_dir, files.open_scene, files.leave_out_unknown, hands)
-                    blender.write_outputs(shot, result, request)
+            _write_motions(shot, result, files, times, stage=stage, out_dir=out_dir)
             drawing.result()
             with times.measure("camera check"):
                 fits = check.result()
-        if refined is not None:
-            save_cameras(stage / REFINED, refined.cameras)
-        write_json(stage / REPORT_FILE, report(shot, result, times, fits=fits, refined=refined))
+        if files.refined is not None:
+            save_cameras(stage / REFINED, files.refined.cameras)
+        write_json(stage / REPORT_FILE, report(shot, result, times, fits=fits, refined=files.refined))
         written = sorted(file.name for file in stage.iterdir())
     return [out_dir / name for name in written]
+
+
+def _motion_names(shot: Shot) -> list[str]:
+    """Return the name of every performer's files, without their endings."""
+    return result_names(shot.name, [performer.name for performer in shot.performers])
+
+
+def _run_context(
+    shot: Shot, files: ResultFiles, check: _CameraCheck, journal: Journal | None, memory: WorkerMemory
+) -> RunContext:
+    """Return what goes on beside tracking: the first key frames and the cameras are checked."""
+    early = FirstPictures(early_frames(shot), partial(_print_misfits, shot))
+    checked = not files.open_scene  # the reader of a shot file has just checked its footage
+    return RunContext(journal, memory, solved=check.begin, first_pictures=early, footage_checked=checked)
 
 
 def _print_misfits(shot: Shot, pictures: Sequence[Mapping[int, Any]]) -> None:
@@ -240,9 +242,16 @@ def _hands(shot: Shot, result: TrackResult) -> tuple[Array | None, ...]:
     return tuple(found)
 
 
-def _write_landmarks(shot: Shot, result: TrackResult, files: Sequence[Path], *, leave_out_unknown: bool) -> None:
-    """Write every performer's landmarks."""
-    for i, file in enumerate(files):
+def _write_motions(
+    shot: Shot, result: TrackResult, files: ResultFiles, times: Seconds, *, stage: Path, out_dir: Path
+) -> None:
+    """Write every performer's landmarks into the folder `stage`, and with Blender the motions and the scene."""
+    for i, name in enumerate(_motion_names(shot)):
         body, motion = shot.performers[i].body, result.motions[i]
-        names = known_landmarks(body, result.unknown[i] if leave_out_unknown else ())
-        write_trc(file, names, landmark_positions(body, motion, names), shot.fps)
+        landmarks = known_landmarks(body, result.unknown[i] if files.leave_out_unknown else ())
+        write_trc(stage / f"{name}.trc", landmarks, landmark_positions(body, motion, landmarks), shot.fps)
+    if files.blender is None:
+        return
+    with times.measure("Blender"):
+        request = OutputRequest(stage, out_dir, files.open_scene, files.leave_out_unknown, _hands(shot, result))
+        files.blender.write_outputs(shot, result, request)

@@ -188,11 +188,8 @@ def minimise(
         trial = move(state, step)
         if converged := stopping.negligible is not None and stopping.negligible(state, trial):
             break
-        if trial_cost is None:
-            ahead = linearise(trial)
-            cost = ahead.cost
-        else:
-            ahead, cost = equations, trial_cost(trial, equations)
+        ahead = linearise(trial) if trial_cost is None else equations
+        cost = ahead.cost if trial_cost is None else trial_cost(trial, equations)
         if cost <= equations.cost:
             converged = stopping.converged(state, trial, equations.cost, cost)
             state, equations, stale = trial, ahead, trial_cost is not None

@@ -1,4 +1,4 @@
-"""Rigs that a bone without a role, such as a root, has been posed to lean.
+"""Rigs that a bone without a role, such as a root, has been posed to lean: their tilt.
 
 Motion is upright whatever the rig leans by: rest poses are aligned as if it stood straight, and the poses found are
 then expressed relative to the rig as it leans.
@@ -54,13 +54,13 @@ class RootTilt:
             palms={side: back[rig.index(f"hand.{side}")] @ axes for side, axes in rig.palms.items()},
         )
 
-    def _leaned(self, poses: RigPoses) -> RigPoses:
+    def _tilted(self, poses: RigPoses) -> RigPoses:
         turns = np.where(self.leaning[:, None, None], poses.turns @ self.turn.T, poses.turns)
         return replace(poses, turns=turns)
 
-    def leaned(self, result: Retargeted) -> Retargeted:
+    def tilted(self, result: Retargeted) -> Retargeted:
         """Return poses of the straightened rig relative to the rest pose of the rig as it leans."""
-        return replace(result, poses=self._leaned(result.poses), by_angles=self._leaned(result.by_angles))
+        return replace(result, poses=self._tilted(result.poses), by_angles=self._tilted(result.by_angles))
 
 
 def root_tilt(rig: ControlRig, turned: Array, pivot: Array) -> RootTilt | None:

@@ -143,7 +143,7 @@ def _transferred(
     result = retarget(transfer.motion, transfer.bones, straight, transfer.options, transfer.planted)
     if turned is not None:
         result = as_at_rest(result, turned)
-    return straight, result if reading.lean is None else reading.lean.leaned(result)
+    return straight, result if reading.tilt is None else reading.tilt.tilted(result)
 
 
 def _channels(

@@ -90,31 +90,26 @@ def send_to_rig(
     started = time.perf_counter()
     if armature.mode == "EDIT":
         raise BodyError("it is in edit mode", where=f"armature {armature.name}", todo="leave it first (Tab)")
-    upright, of_source = prepared(source, options.source_bones)
+    transfer = _transfer(source, options)
     bones = options.bones or target_bones(armature, options.preset)
     bones.checked([bone.name for bone in armature.data.bones], f"armature {armature.name}")
-    asked = options.retarget
     if options.live is not None:
-        _refuse_lying(source, upright)
         refuse_inverse_kinematics(bones.preset, preset_of(bones).ik)
-        asked = replace(asked, feet="off", hands=False)
-    else:
-        upright = standing_source(upright, of_source)
     stop_following(armature)
-    sent = motion_on_rig(armature, bones, Transfer(upright, of_source, asked, options.planted))
-    frames = frame_start + np.arange(len(upright))
+    sent = motion_on_rig(armature, bones, transfer)
+    frames = frame_start + np.arange(len(source))
     shown_at_rest = leave_rest_position(armature)
     keys, behind = 0, list[str]()
     if options.live is not None:
-        link = (upright, of_source, options.live)
-        follow(scene, armature, sent.straight, link, placement=sent.result.placement, root=asked.root)
+        link = (transfer.motion, transfer.bones, options.live)
+        follow(scene, armature, sent.straight, link, placement=sent.result.placement, root=options.retarget.root)
         remember(armature, sent.holds, sent.settings, sent.muted)
     else:
-        keys = _keyed(armature, sent, frames, f"{armature.name} {upright.name}", options.curves)
+        keys = _keyed(armature, sent, frames, f"{armature.name} {source.name}", options.curves)
         behind = left_behind(scene, armature, sent.rig, sent.result.poses, frames)
     errors = _errors(scene, armature, sent, frames)
     return {
-        **_report(upright, of_source, armature, sent),
+        **_report(transfer.motion, transfer.bones, armature, sent),
         "error": errors,
         "keys": keys,
         "frames": [int(frames[0]), int(frames[-1])],
@@ -126,6 +121,17 @@ def send_to_rig(
         ],
         "seconds": round(time.perf_counter() - started, 3),
     }
+
+
+def _transfer(source: SkeletonMotion, options: SendOptions) -> Transfer:
+    """Return what is sent: the source, upright and as it stands. If it is followed live, it is only upright, and feet
+    and hands are as joint angles have them.
+    """
+    upright, of_source = prepared(source, options.source_bones)
+    if options.live is None:
+        return Transfer(standing_source(upright, of_source), of_source, options.retarget, options.planted)
+    _refuse_lying(source, upright)
+    return Transfer(upright, of_source, replace(options.retarget, feet="off", hands=False), options.planted)
 
 
 def _errors(scene: bpy.types.Scene, armature: bpy.types.Object, sent: RigMotion, frames: Ints) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -164,6 +165,27 @@ class CameraEquations(DenseEquations):
     cost_at: Callable[[CameraState], float]
 
 
+@dataclass(frozen=True, eq=False)
+class _SeenOutlines:
+    """The outlines that a view shows near the model's.
+
+    Attributes
+    ----------
+    camera : Camera
+        The view's, on the key frames.
+    poses : tuple of ndarray
+        Of all parts on the key frames, as the view shows them.
+    lines : Lines
+    products : ndarray, shape (K, P, 11, 11)
+        See `outline_products`; divided by the variance of the distances.
+    """
+
+    camera: Camera
+    poses: Poses
+    lines: Lines
+    products: Array
+
+
 def camera_equations(
     state: CameraState,
     stage: RefinementStage,
@@ -181,43 +203,54 @@ def camera_equations(
         Foreground images by the index of the view; those that are missing are made, and added if the stage learns once.
     """
     n, precision = len(state.change), stage.precision()
-    H, g, clearness = np.zeros((n, n)), np.zeros(n), np.zeros(len(views))
-    held = []
-
-    def seen(v: int) -> tuple[Camera, Poses, Lines, Array]:
-        view = views[v]
-        camera, poses = view.camera(state.cameras[v]), scene_poses(state.bodies, state.motions[view.delay])
-        if (foreground := learned.get(v)) is None:
-            pictures = view.rectified(state.cameras[v])
-            foreground = key_foreground(pictures, camera, state.geometry, poses, stage)
-            if stage.learns_once:
-                learned[v] = foreground
-        lines = key_outlines(foreground, camera, state.geometry, poses, stage)
-        return camera, poses, lines, outline_products(lines, camera, poses)
-
     with ThreadPoolExecutor(worker_count()) as pool:
-        found = list(pool.map(seen, range(len(views))))
-    for v, (camera, (R, T), lines, products) in enumerate(found):
-        clearness[v] = _clearness(lines, camera)
-        held.append(HeldOutlines.at(lines, camera, (R, T), precision))
-        sums = precision * products
-        for body, span, pose in zip(state.bodies, state.spans(), state.pose_columns(), strict=True):
-            B = _jacobian(body, camera, (R[:, span], T[:, span]))
-            B_t, own = np.swapaxes(B, -1, -2), sums[:, span]
-            columns = _columns(state.camera_columns(v), state.shape_columns()[span], pose)
-            np.add.at(H, (columns[..., :, None], columns[..., None, :]), B_t @ own[..., :-1, :-1] @ B)
-            np.add.at(g, columns, -(B_t @ own[..., :-1, -1:])[..., 0])
-
-    def cost_at(other: CameraState) -> float:
-        parts = (other.change - state.change)[state.shape_columns()]
-        cost = float(other.prior() @ other.change**2)
-        for outlines, view, camera in zip(held, views, other.cameras, strict=True):
-            poses = scene_poses(other.bodies, other.motions[view.delay])
-            cost += outlines.cost(view.camera(camera), poses, parts)
-        return cost
-
+        seen = list(pool.map(lambda v: _seen_outlines(state, stage, v, views[v], learned), range(len(views))))
+    H, g = np.zeros((n, n)), np.zeros(n)
+    for v, outlines in enumerate(seen):
+        _add_outlines(H, g, state, v, outlines)
     prior = state.prior()
+    held = [HeldOutlines.at(own.lines, own.camera, own.poses, precision) for own in seen]
+    cost_at = partial(_cost, state, views, held)
+    clearness = np.array([_clearness(own.lines, own.camera) for own in seen])
     return CameraEquations(H + np.diag(prior), g + prior * state.change, cost_at(state), clearness, cost_at)
+
+
+def _seen_outlines(
+    state: CameraState,
+    stage: RefinementStage,
+    v: int,
+    view: KeyFrameView,
+    learned: MutableMapping[int, NDArray[np.uint8]],
+) -> _SeenOutlines:
+    """Look for the outlines that view v shows."""
+    camera, poses = view.camera(state.cameras[v]), scene_poses(state.bodies, state.motions[view.delay])
+    if (foreground := learned.get(v)) is None:
+        pictures = view.rectified(state.cameras[v])
+        foreground = key_foreground(pictures, camera, state.geometry, poses, stage)
+        if stage.learns_once:
+            learned[v] = foreground
+    lines = key_outlines(foreground, camera, state.geometry, poses, stage)
+    return _SeenOutlines(camera, poses, lines, stage.precision() * outline_products(lines, camera, poses))
+
+
+def _add_outlines(H: Array, g: Array, state: CameraState, v: int, outlines: _SeenOutlines) -> None:
+    """Add what view v shows to the matrix, shape (n, n), and the gradient, shape (n,), of the normal equations."""
+    R, T = outlines.poses
+    for body, span, pose in zip(state.bodies, state.spans(), state.pose_columns(), strict=True):
+        B = _jacobian(body, outlines.camera, (R[:, span], T[:, span]))
+        B_t, own = np.swapaxes(B, -1, -2), outlines.products[:, span]
+        columns = _columns(state.camera_columns(v), state.shape_columns()[span], pose)
+        np.add.at(H, (columns[..., :, None], columns[..., None, :]), B_t @ own[..., :-1, :-1] @ B)
+        np.add.at(g, columns, -(B_t @ own[..., :-1, -1:])[..., 0])
+
+
+def _cost(state: CameraState, views: Sequence[KeyFrameView], held: Sequence[HeldOutlines], other: CameraState) -> float:
+    """Return the cost of another state with the outlines that were found at this one."""
+    parts = (other.change - state.change)[state.shape_columns()]
+    cost = float(other.prior() @ other.change**2)
+    for outlines, view, camera in zip(held, views, other.cameras, strict=True):
+        cost += outlines.cost(view.camera(camera), scene_poses(other.bodies, other.motions[view.delay]), parts)
+    return cost
 
 
 def _columns(camera: Columns, shape: Columns, pose: Columns) -> Columns:

@@ -149,6 +149,7 @@ def foot_goals(
     motion, of_source = source
     A = alignments(motion.rest, of_source, rig.rest, rig.bones, rig.palms)
     turns, driven = poses.turns.copy(), poses.driven.copy()
+    leg = leg_length(rig.rest, rig.bones)
     goals = []
     for path in paths:
         roles = tuple(f"{role}.{path.side}" for role in ("thigh", "shin", "foot"))
@@ -159,29 +160,35 @@ def foot_goals(
         offsets = _target_offsets(path, (motion.rest, of_source), rig, placement, A[roles[2]][0])
         points = placement.moved(path.points)
         if clean:
-            floor = float(placement.moved(np.array([0.0, 0.0, path.floor]))[2])
-            leg = leg_length(rig.rest, rig.bones)
             snap = _FLOOR_TOLERANCE * leg
             turns[:, ankle] = _flattened(turns[:, ankle], path.planted.all(axis=1), offsets, snap=snap, fps=motion.fps)
-            stood = _still(placement.moved(path.heel_and_ball), path.planted, floor, snap)
-            stood[:, BALL] += turns[:, ankle] @ ((1 - path.ball) * (offsets[BALL] - offsets[HEEL]))
-            points = np.where(path.planted[..., None], stood, points)
+            points = _standing_points(path, placement, offsets, turns[:, ankle], snap)
         lowest = np.where(path.planted[:, BALL], points[:, BALL, 2], _least_height(points, placement))
         hip, foot = (poses.places[:, b] for b in (controls[0], ankle))
         toe = _bending_toe(of_source, rig, path.side)
         joint = None if toe is None else rig.rest.heads[toe] - rig.rest.heads[ankle]
         sole = Sole(offsets[HEEL], offsets[BALL], joint)
-        turns[:, ankle] = sole.with_lower_heel(turns[:, ankle], lowest, hip, foot, leg_length(rig.rest, rig.bones))
+        turns[:, ankle] = sole.with_lower_heel(turns[:, ankle], lowest, hip, foot, leg)
         bends = sole.toe_bends(turns[:, ankle], foot[:, 2] - lowest)
         if toe is not None:
             turns[:, toe], driven[toe] = turns[:, ankle] @ sole.bent(bends), True
         ways = sole.ends(turns[:, ankle], bends)
-        wanted = _ankle_path(points, path.planted, ways, poses.places[:, ankle])
         held = path.planted.any(axis=1)
-        shift = spread_shifts(np.where(held[:, None], wanted - poses.places[:, ankle], 0.0), held, motion.fps)
-        shift[:, 2] += _lift(poses.places[:, ankle, None] + shift[:, None] + ways, points, held, placement)
+        wanted = _ankle_path(points, path.planted, ways, foot)
+        shift = spread_shifts(np.where(held[:, None], wanted - foot, 0.0), held, motion.fps)
+        shift[:, 2] += _lift(foot[:, None] + shift[:, None] + ways, points, held, placement)
         goals.append(LimbGoal(*controls, shift, held))
     return goals, RigPoses(turns, poses.places, driven)
+
+
+def _standing_points(path: FootPath, placement: Placement, offsets: Array, turns: Array, snap: float) -> Array:
+    """Return heel and ball of the target (F, 2, 3), which stand completely still while they are planted, and on the
+    floor if they are as near to it as `snap`.
+    """
+    floor = float(placement.moved(np.array([0.0, 0.0, path.floor]))[2])
+    stood = _still(placement.moved(path.heel_and_ball), path.planted, floor, snap)
+    stood[:, BALL] += turns @ ((1 - path.ball) * (offsets[BALL] - offsets[HEEL]))
+    return np.where(path.planted[..., None], stood, placement.moved(path.points))
 
 
 def _bending_toe(of_source: BoneMap, rig: ControlRig, side: str) -> int | None:

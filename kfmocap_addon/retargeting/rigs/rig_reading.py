@@ -47,14 +47,14 @@ class RigReading:
         Controls that follow another one only in part: their rotation will differ from what is asked for.
     straight : ControlRig
         The rig as it stands upright where bones without a role lean.
-    lean : RootTilt, optional
-        By how much they do.
+    tilt : RootTilt, optional
+        How much they lean.
     """
 
     rig: ControlRig
     unsteady: tuple[str, ...]
     straight: ControlRig
-    lean: RootTilt | None
+    tilt: RootTilt | None
 
 
 def read_rig(
@@ -91,19 +91,8 @@ def read_rig(
     names = bones.names()
     matrix, scale = world_frame(armature)
     rest = posed_matrices(armature, names)
-    size = float(np.ptp(rest[:, :3, 3], axis=0).max()) or 1.0
-    refuse_mirrored(armature, names)
-    moved = [moved_matrices(armature, name, names, 0.1 * size) for name in names]
-    update()
-    for k, name in enumerate(names):
-        _refuse_held(armature, name, rest[k], moved[k][k])
-    turns_with, goes_with, unsteady = _followers(rest, np.array(moved), size)
-    turn_parents, place_parents = ([_nearest(own, each) for own in each] for each in (turns_with, goes_with))
-    lengths = np.array([armature.data.bones[name].length for name in names])
-    tips = rest[:, :3, 3] + lengths[:, None] * rest[:, :3, 1]
-    for name, end in ends.items():
-        tips[names.index(name)] = armature.pose.bones[end].head
-    heads, tails = (points @ matrix[:3, :3].T + matrix[:3, 3] for points in (rest[:, :3, 3], tips))
+    turn_parents, place_parents, unsteady = _followed_controls(armature, names, rest)
+    heads, tails = (points @ matrix[:3, :3].T + matrix[:3, 3] for points in _bone_ends(armature, names, rest, ends))
     carriers = carriers_of_apart(RestSkeleton(tuple(names), tuple(place_parents), heads, tails), bones)
     order = _parents_first(names, turn_parents, place_parents, [carriers.get(b, -1) for b in range(len(names))])
     place = {b: i for i, b in enumerate(order)} | {-1: -1}
@@ -125,9 +114,37 @@ def read_rig(
         {} if fingers is None else _palms(armature, matrix, bones, fingers),
     )
     turned = rig.R_world_rest @ np.swapaxes(rest_orientations(armature, rig.rest.names), -1, -2)
-    lean = root_tilt(rig, turned, origin)
-    straight = rig if lean is None else lean.straightened(rig, longer)
-    return RigReading(rig, tuple(sorted(names[b] for b in np.flatnonzero(unsteady))), straight, lean)
+    tilt = root_tilt(rig, turned, origin)
+    straight = rig if tilt is None else tilt.straightened(rig, longer)
+    return RigReading(rig, tuple(sorted(names[b] for b in np.flatnonzero(unsteady))), straight, tilt)
+
+
+def _followed_controls(
+    armature: bpy.types.Object, names: Sequence[str], rest: Array
+) -> tuple[list[int], list[int], Bools]:
+    """Turn and shift each of B controls a little, and return which one each of them turns with, which one it goes with
+    (-1 for none), and which turn with another one in part, shape (B,).
+    """
+    size = float(np.ptp(rest[:, :3, 3], axis=0).max()) or 1.0
+    refuse_mirrored(armature, names)
+    moved = [moved_matrices(armature, name, names, 0.1 * size) for name in names]
+    update()
+    for k, name in enumerate(names):
+        _refuse_held(armature, name, rest[k], moved[k][k])
+    turns_with, goes_with, unsteady = _followers(rest, np.array(moved), size)
+    turn_parents, place_parents = ([_nearest(own, each) for own in each] for each in (turns_with, goes_with))
+    return turn_parents, place_parents, unsteady
+
+
+def _bone_ends(
+    armature: bpy.types.Object, names: Sequence[str], rest: Array, ends: Mapping[str, str]
+) -> tuple[Array, Array]:
+    """Return heads and tails of bones, shape (B, 3), in the armature's frame; `ends` as for `read_rig`."""
+    lengths = np.array([armature.data.bones[name].length for name in names])
+    tails = rest[:, :3, 3] + lengths[:, None] * rest[:, :3, 1]
+    for name, end in ends.items():
+        tails[names.index(name)] = armature.pose.bones[end].head
+    return rest[:, :3, 3], tails
 
 
 def _longer_legs(armature: bpy.types.Object, bones: BoneMap, posed: RestSkeleton) -> float:
