@@ -38,6 +38,7 @@ from .operators.tracking import bake, go_to_frame, plants, show_residual, simpli
 from .panels import guide
 from .scene_io.cameras import missing_footage
 from .session import SESSION
+from .untranslated import keep_words
 from .viewports import changed_segments, key_list, see_through
 
 OPERATOR_MODULES = (
@@ -92,6 +93,7 @@ _register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLAS
 def register() -> None:
     """Add everything to Blender; `unregister` removes it in reverse order."""
     _unwrap_docstrings()
+    keep_words(CLASSES)
     _register_classes()
     SESSION.on_end(_unregister_classes)
     properties.register()

@@ -1,0 +1,35 @@
+"""Keeps the add-on's words as they are written, in any language of Blender's interface.
+
+Blender would translate those that it knows, and some of them wrongly, as *Feet* by the unit of length: half of the tab
+would be in one language, half in the other, and nothing would have the names that the documents give.
+"""
+
+from __future__ import annotations
+
+import typing
+from collections.abc import Sequence
+from typing import Any
+
+import bpy
+
+CONTEXT = "KF Mocap"
+"""Of translations: Blender knows none in it."""
+
+
+def keep_words(classes: Sequence[type]) -> None:
+    """Have Blender translate neither labels of classes that are about to be registered nor those of their properties.
+
+    What they inherit from Blender's classes becomes their own, as others have these, too.
+    """
+    for cls in classes:
+        if not issubclass(cls, bpy.types.PropertyGroup):
+            cls.bl_translation_context = CONTEXT
+        hints = typing.get_type_hints(cls).items()
+        cls.__annotations__ = {name: _in_context(hint) for name, hint in hints}
+
+
+def _in_context(hint: Any) -> Any:
+    """Return a property that is yet to be registered, in the context; any other annotation as it is."""
+    if not isinstance(hint, bpy.props._PropertyDeferred):
+        return hint
+    return hint.function(**{**hint.keywords, "translation_context": CONTEXT})
