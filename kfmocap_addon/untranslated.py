@@ -16,7 +16,7 @@ CONTEXT = "KF Mocap"
 """Of translations: Blender knows none in it."""
 
 
-def keep_words(classes: Sequence[type]) -> None:
+def keep_words(classes: Sequence[Any]) -> None:
     """Have Blender translate neither labels of classes that are about to be registered nor those of their properties.
 
     What they inherit from Blender's classes becomes their own, as others have these, too.
@@ -30,6 +30,6 @@ def keep_words(classes: Sequence[type]) -> None:
 
 def _in_context(hint: Any) -> Any:
     """Return a property that is yet to be registered, in the context; any other annotation as it is."""
-    if not isinstance(hint, bpy.props._PropertyDeferred):
+    if not hasattr(hint, "keywords"):
         return hint
     return hint.function(**{**hint.keywords, "translation_context": CONTEXT})

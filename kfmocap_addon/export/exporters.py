@@ -82,7 +82,8 @@ def _naming(written: Sequence[Path]) -> Iterator[None]:
     except OutputError as error:
         if not written:
             raise
-        what = f"{error.what}; before it, {', '.join(path.name for path in written)} was written"
+        verb = "was" if len(written) == 1 else "were"
+        what = f"{error.what}; before it, {', '.join(path.name for path in written)} {verb} written"
         raise OutputError(what, where=error.where, todo=error.todo) from error
 
 
