@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..body import Body
+from ..errors import FootageError
 from .footage_files.image_sequences import image_files
 from .shot import View
 
@@ -125,10 +126,25 @@ def _content(file: Path) -> bytes:
 
 
 def made_of(view: View, factor: float) -> bytes:
-    """Hash of everything that a view's reduced frames depend on: its files as they are now, and how they are read."""
+    """Hash of everything that a view's reduced frames depend on: its files as they are now, and how they are read.
+
+    Raises
+    ------
+    FootageError
+        A file is gone, as when a drive was disconnected after the footage was read.
+    """
     files = sorted((image_files(view.footage) or {0: view.footage}).values())
-    states = [(str(file), file.stat().st_mtime_ns, file.stat().st_size) for file in files]
+    states = [(str(file), *_state(file)) for file in files]
     camera = view.camera
     turning = camera.R_cam_world if camera.standing() else None
     lens = camera.size, camera.matrix, camera.distortions, camera.fisheye, turning, camera.zooms
     return pickle.dumps((states, lens, view.offset, view.fields, view.gaps, view.every, factor))
+
+
+def _state(file: Path) -> tuple[int, int]:
+    try:
+        found = file.stat()
+    except OSError as error:
+        todo = "connect the drive that it is on, or put it back"
+        raise FootageError(f"it cannot be read any more: {error.strerror}", where=str(file), todo=todo) from error
+    return found.st_mtime_ns, found.st_size

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ...core.errors import CancelledError, KFMocapError
+from ...core.errors import CancelledError, FootageError, KFMocapError
+from ..scene_io.cameras import missing_footage
 
 if TYPE_CHECKING:
     from ...core.runtime.progress import Progress
@@ -27,7 +28,10 @@ class Outcome:
 
 @contextmanager
 def reported(operator: bpy.types.Operator) -> Iterator[Outcome]:
-    """Run an operator's body; a KFMocapError or a NothingToDoError is reported and makes the outcome CANCELLED."""
+    """Run an operator's body; a KFMocapError or a NothingToDoError is reported and makes the outcome CANCELLED.
+
+    If footage is missing that was there when the file was opened, its views say so from then on.
+    """
     outcome = Outcome()
     try:
         yield outcome
@@ -37,6 +41,8 @@ def reported(operator: bpy.types.Operator) -> Iterator[Outcome]:
     except KFMocapError as error:
         operator.report({"ERROR"}, str(error))
         outcome.value = {"CANCELLED"}
+        if isinstance(error, FootageError):
+            missing_footage.find(bpy.context.scene)
 
 
 @contextmanager

@@ -10,6 +10,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import shot  # noqa: E402
+from kfmocap.core.errors import FootageError  # noqa: E402
 from kfmocap.kfmocap_addon.operators.posing.place_joints import PlaceJoints  # noqa: E402
 from kfmocap.kfmocap_addon.operators.tracking.track_motion import TrackAll  # noqa: E402
 from kfmocap.kfmocap_addon.panels import body_panel, footage_panel, guide, key_poses_panel, texts  # noqa: E402
@@ -72,6 +73,17 @@ def test_footage_that_was_moved_is_found_again_in_a_folder_above(moved, tracker)
     assert [footage_background.footage_path(view) for view in views] == [moved / "cam01.mp4", moved / "cam02.mp4"]
     assert not bpy.ops.kfmocap.relink_footage.poll()
     assert bpy.ops.kfmocap.track() == {"FINISHED"}
+
+
+def test_footage_that_vanishes_while_the_file_is_open_can_be_relinked_after_the_error(blender, tmp_path, tracker):
+    """As when a drive is disconnected: until then, no view misses anything."""
+    scenes.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    (tmp_path / "cam02.mp4").rename(tmp_path / "away.mp4")
+    tracker.error = FootageError("there is no such footage", where="cam02.mp4")
+    with pytest.raises(RuntimeError, match=r"cam02\.mp4: there is no such footage"):
+        bpy.ops.kfmocap.track()
+    assert [view.missing for view in bpy.context.scene.kfmocap.views] == [False, True]
+    assert enabled(NEED_FOOTAGE) == [] and bpy.ops.kfmocap.relink_footage.poll()
 
 
 def test_of_several_files_of_a_name_that_in_the_folder_of_that_name_is_taken(moved):

@@ -5,7 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from kfmocap.core.shot.fingerprint import checksum, value_bytes
+import pytest
+from keypoint_shots import cameras
+from kfmocap.core.errors import FootageError
+from kfmocap.core.shot.fingerprint import checksum, made_of, value_bytes
+from kfmocap.core.shot.shot import View
 
 
 def sum_of(value: object) -> str:
@@ -27,6 +31,13 @@ def test_a_field_that_is_added_changes_no_checksum_while_it_has_its_default():
 
     assert sum_of((Then(2.0), Then(2.0, 3))) == sum_of((Now(2.0), Now(2.0, 3)))
     assert len({sum_of(now) for now in (Now(2.0), Now(2.0, seed=1), Now(2.0, names=("a",)), Now(1.0))}) == 4
+
+
+def test_footage_that_is_gone_is_named(tmp_path):
+    """A drive may be disconnected while its footage is tracked."""
+    view = View(cameras(1)[0], tmp_path / "cam01.mp4")
+    with pytest.raises(FootageError, match=r"cam01\.mp4: it cannot be read any more"):
+        made_of(view, 1.0)
 
 
 def test_values_differ_if_any_of_their_fields_does():
