@@ -64,7 +64,7 @@ def background_turns(
         since = views[origin] or present
         start = corners[:, 0].astype(float)
         there, kept = followed(source, picture, corners, present.pixels(since.rays(start)))
-        every.append(_FollowedCorners(origin, start, there.astype(float), kept))
+        every.append(_FollowedCorners(origin, since, start, there.astype(float), kept))
         found = every[-1].view(since)
         views.append(None if found is None else found[0])
         if found is None:
@@ -83,13 +83,17 @@ def background_turns(
 
 
 def _zoomed_views(every: Sequence[_FollowedCorners], K: Array, calibrated: int) -> list[_TurnedLens | None]:
-    """Return the views of a lens that zooms in all pictures; a camera's matrix is that on the calibrated one."""
+    """Return the views of a lens that zooms in all pictures; a camera's matrix is that on the calibrated one.
+
+    Where no zoom is found in a picture whose corners took the place of others, its view is the one it had then:
+    otherwise all pictures into which these were followed would be lost.
+    """
     first = K
     for _ in range(2):  # the first round tells the focal length of the first picture
         views: list[_TurnedLens | None] = [_TurnedLens(np.eye(3), first)]
         for corners in every:
-            since = views[corners.origin]
-            found = None if since is None else corners.view(since, zooms=True)
+            earlier = replace(corners.since, K=corners.since.K @ zooming(first[0, 0] / K[0, 0]))
+            found = corners.view(views[corners.origin] or earlier, zooms=True)
             views.append(None if found is None else found[0])
         known = [number for number, view in enumerate(views) if view is not None]
         nearest = views[min(known, key=lambda number: abs(number - calibrated))]
@@ -142,6 +146,8 @@ class _FollowedCorners:
     ----------
     origin : int
         Number of the picture from which.
+    since : _TurnedLens
+        The view of that picture, as far as it was known then.
     start, there : ndarray, shape (n, 2)
         Where they lie in both, pixels.
     kept : ndarray of bool, shape (n,)
@@ -149,6 +155,7 @@ class _FollowedCorners:
     """
 
     origin: int
+    since: _TurnedLens
     start: Array
     there: Array
     kept: Bools

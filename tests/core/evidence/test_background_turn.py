@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from kfmocap.core.cameras.camera import Camera
 from kfmocap.core.cameras.lens_turns import since, split, zooming
+from kfmocap.core.evidence import background_turn
 from kfmocap.core.evidence.background_turn import background_turns
 from scipy.spatial.transform import Rotation
 from synthetic import look_at
@@ -125,3 +126,22 @@ def test_of_a_lens_that_zooms_the_focal_lengths_are_found_and_no_turns_in_their_
 def test_a_lens_that_hardly_zooms_does_not() -> None:
     found = background_turns(iter(zoomed(filmed(TURNS), np.array([1.0, 1.004, 1.008, 1.012]))), CAMERA, nobody)
     assert found is not None and (split(found)[1] == 1).all()
+
+
+def test_a_picture_in_which_no_zoom_is_found_takes_no_others_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Somebody passes by, so that corners of the third picture take the place of earlier ones."""
+    zooms, view = 1 + 0.02 * np.arange(8), background_turn._FollowedCorners.view
+
+    def found() -> np.ndarray:
+        pictures = zoomed(passed_by(filmed(np.repeat(TURNS, 2, axis=0))), zooms)
+        turns = background_turns(iter(pictures), CAMERA, walker)
+        assert turns is not None
+        return split(turns)[1][:5]
+
+    def failing(self: background_turn._FollowedCorners, *given: object, zooms: bool = False) -> object:
+        return None if zooms and self.origin == 1 else view(self, *given, zooms=zooms)  # type: ignore[arg-type]
+
+    whole = found()
+    monkeypatch.setattr(background_turn._FollowedCorners, "view", failing)
+    assert np.flatnonzero(np.isnan(found())).tolist() == [2]
+    np.testing.assert_allclose(np.delete(found(), 2), np.delete(whole, 2), rtol=0.02)
