@@ -33,14 +33,14 @@ class FloorHeight:
 
     @classmethod
     def of(cls, heights: Array) -> FloorHeight | None:
-        """Estimate it from the heights (n,) of standing points; None if there are none.
+        """Estimate it from the heights (n,) of standing points; None if there are none, or none is near their median.
 
         How much they vary is estimated as well: where key poses are posed by hand, or the floor is not level, they say
         little of other points.
         """
-        if not len(heights):
+        on = heights[np.abs(heights - np.median(heights)) < EVEN] if len(heights) else heights
+        if not len(on):
             return None
-        on = heights[np.abs(heights - np.median(heights)) < EVEN]
         mean, n = float(on.mean()), len(on)
         variance = (USUAL_COUNT * USUAL_SIGMA**2 + float(np.sum((on - mean) ** 2))) / (USUAL_COUNT + n - 1)
         return cls(mean, float(np.sqrt(variance * (1 + 1 / n))))

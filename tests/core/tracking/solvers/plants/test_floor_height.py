@@ -25,8 +25,10 @@ def test_heights_that_vary_say_little_of_others() -> None:
     assert np.all(np.diff([floor.sigma for floor in known if floor]) < 0)
 
 
-def test_no_heights_show_no_floor() -> None:
-    assert FloorHeight.of(np.zeros(0)) is None
+@pytest.mark.parametrize("heights", [[], [0.0, 0.3], [0.0, 0.01, 0.3, 0.31]])
+def test_no_heights_show_no_floor_nor_do_as_many_on_another_one(heights: list[float]) -> None:
+    """Somebody stands with one foot on a step, or gets up from hands and toes."""
+    assert FloorHeight.of(np.array(heights)) is None
 
 
 def test_it_carries_what_is_tracked_a_little_above_it_but_no_step() -> None:
