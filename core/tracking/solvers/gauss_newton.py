@@ -49,6 +49,8 @@ small share of it would suppress slow corrections over many frames."""
 
 HopelessTest = Callable[[SegmentEvidence, int], bool]
 """Told the evidence and the number of steps that are left at most, returns whether these cannot be worth their time."""
+VainTest = Callable[[Sequence[Motion]], bool]
+"""Told motions of F poses per performer, returns whether any further step is in vain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +76,7 @@ class _TestedStage:
         noise: SegmentNoise | None,
         *,
         hopeless: HopelessTest | None = None,
+        vain: VainTest | None = None,
     ) -> None:
         self.smooth = smooth
         self.seconds, self.trials = Seconds(), 0
@@ -83,7 +86,7 @@ class _TestedStage:
         self._plants: list[PlantFactor | None] = [None] * len(problem.bodies)
         self._tied: TiedSystems | None = None
         self._pace = OVERRELAXATION
-        self._hopeless, self._done = hopeless, 0
+        self._hopeless, self._vain, self._done = hopeless, vain, 0
         self._evidence: SegmentEvidence | None = None
 
     def minimise(self, start: tuple[Motion, ...]) -> LeastSquaresResult[tuple[Motion, ...], MeasuredEquations]:
@@ -98,7 +101,7 @@ class _TestedStage:
             # A step's gain is the square of its length in standard deviations.
             least_promise=stage.noticed**2
             * sum(np.count_nonzero(~self._problem.fixed[i]) for i in self._problem.sought),
-            negligible=self._not_worth_it if stage.negligible or self._hopeless else None,
+            negligible=self._not_worth_it if stage.negligible or self._hopeless or self._vain else None,
         )
         return minimise(
             start, self._linearise, self._moved, damping=DAMPING, stopping=stopping, on_iteration=self._begin_step
@@ -148,9 +151,11 @@ class _TestedStage:
         return _size([before[i].difference(after[i]) for i in self._problem.sought])
 
     def _not_worth_it(self, before: tuple[Motion, ...], after: tuple[Motion, ...]) -> bool:
-        """Whether a step would hardly move anything or, once the stage's iterations are over, is hopeless."""
+        """Whether a step would hardly move anything, is in vain or, once the stage's iterations are over, hopeless."""
         stage, left = self._stage, self._stage.iterations + MAX_EXTRA_ITERATIONS - self._done
         if stage.negligible and farthest_joint(self._problem, before, after) < stage.negligible:
+            return True
+        if self._vain is not None and self._vain(before):
             return True
         if self._hopeless is None:
             return False
@@ -222,6 +227,7 @@ def descend(
     noise: SegmentNoise | None = None,
     *,
     hopeless: HopelessTest | None = None,
+    vain: VainTest | None = None,
 ) -> SegmentSolution:
     """Descend from a start to the nearest minimum, in stages from coarse to fine images.
 
@@ -241,12 +247,14 @@ def descend(
         stage.
     hopeless : HopelessTest, optional
         Asked before every step of the last stage, which ends by it once its iterations are over.
+    vain : callable, optional
+        The same, but the stage ends by it at once.
     """
     *coarse, last = stages
     share = 1 - last.iterations / sum(stage.iterations for stage in stages)
     start, energies, seconds, smooth = approach(problem, start, workspace.part(0.0, share), coarse)
     last = replace(last, sampling=last.sampling_of(views_in_sight(problem, start)))
-    stage = _TestedStage(problem, last, workspace.part(share, 1.0), smooth, noise, hopeless=hopeless)
+    stage = _TestedStage(problem, last, workspace.part(share, 1.0), smooth, noise, hopeless=hopeless, vain=vain)
     result = stage.minimise(start)
     with stage.seconds.measure("solve"):
         equations = result.linearised()

@@ -24,7 +24,7 @@ from .assessment.solution_doubts import (
     worst_first,
 )
 from .assessment.solution_ranking import covering_most, settled_further
-from .descent_stages import OUTLINE_REACH, SETTLED, STAGES, STAGES_AMONG_OTHERS
+from .descent_stages import OUTLINE_REACH, SETTLED, STAGES, STAGES_AMONG_OTHERS, DescentStage
 from .equations.measurement import Workspace
 from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .gauss_newton import continued, descend, farthest_joint
@@ -91,6 +91,8 @@ def _best_among_others(
     Parameters and `seconds` as in `best_of_own_starts`.
     """
     seconds, motions = Seconds(), first.motions
+    assert first.evidence is not None
+    stages = STAGES_AMONG_OTHERS if first.evidence.sampling.by_part else STAGES
     for k, i in enumerate(worst_first(problem, first, doubted)):
         own_start = [start[j] if j == i else motion for j, motion in enumerate(motions)]
         part = workspace.part(k / len(doubted), (k + 1) / len(doubted))
@@ -102,7 +104,7 @@ def _best_among_others(
             motions = before.motions
             if not doubted_performers(alone, own_start, before):
                 continue
-        own = turned_and_searched(alone, own_start, before, part)
+        own = turned_and_searched(alone, own_start, before, part, stages)
         seconds.add(own.seconds)
         motions = own.motions
     if motions is first.motions:
@@ -113,17 +115,21 @@ def _best_among_others(
 
 
 def turned_and_searched(
-    problem: SegmentProblem, start: Sequence[Motion], first: SegmentSolution, workspace: Workspace
+    problem: SegmentProblem,
+    start: Sequence[Motion],
+    first: SegmentSolution,
+    workspace: Workspace,
+    stages: Sequence[DescentStage] = STAGES,
 ) -> SegmentSolution:
-    """Solve for one of several performers from another turn of the body (`whole_turns`), and search it for limbs once
-    (`searched_among_others`). Parameters as in `best_of_own_starts`; `seconds` is the time spent here.
+    """Solve for one of several performers from another turn of the body (`whole_turns`, by these stages), and search it
+    for limbs once (`searched_among_others`). Parameters as in `best_of_own_starts`; `seconds` is the time spent here.
     """
     seconds = Seconds()
     if not _can_be_searched(problem):
         best = covering_most(problem, first, _followed(problem, start, workspace, seconds))
         return replace(best, seconds=seconds)
     with seconds.measure("initial solution"):
-        _, turned = with_whole_turn(problem, start, first, workspace.part(0.0, 0.05))
+        _, turned = with_whole_turn(problem, start, first, workspace.part(0.0, 0.05), stages)
         best = searched_among_others(problem, turned, workspace.part(0.35, 1.0))
     return replace(best, seconds=seconds)
 

@@ -74,6 +74,14 @@ class ThinnedProblem:
         return None
 
     @classmethod
+    def at_rate(cls, whole: SegmentProblem, rate: float) -> ThinnedProblem | None:
+        """Keep at least so many of a problem's frames per second; None if too few would be kept or left out."""
+        frames = kept_frames(whole, every := min(WIDEST_STEP, int(whole.fps / rate)))
+        if whole.steps is not None or not MIN_KEPT <= len(frames) <= MAX_KEPT_SHARE * whole.length:
+            return None
+        return cls.at(whole, frames, every)
+
+    @classmethod
     def with_all(cls, whole: SegmentProblem) -> ThinnedProblem:
         """Keep all frames."""
         return cls(whole, np.arange(whole.length), 1, whole)
@@ -167,8 +175,10 @@ def _known_beside(whole: SegmentProblem, end: int, every: int) -> tuple[tuple[Mo
 
 
 def kept_frames(problem: SegmentProblem, every: int) -> Ints:
-    """Return which frames are kept: those with keys, the ends, and between them as many as keep all steps at most k."""
-    keyed = np.any([fixed.any(axis=1) for fixed in problem.fixed], axis=0)
+    """Return which frames are kept: those with keys of performers that are solved for, the ends, and between them as
+    many as keep all steps at most k.
+    """
+    keyed = np.any([problem.fixed[i].any(axis=1) for i in problem.sought], axis=0)
     keyed[[0, -1]] = True
     keys = np.flatnonzero(keyed)
     between = [

@@ -22,12 +22,12 @@ from ....body.motion import Motion, with_motion
 from ....numerics.arrays import Bools
 from ..assessment.settled_solutions import SettledSolution, SettledSolutions
 from ..assessment.solution_doubts import MIN_DURATION
-from ..assessment.solution_ranking import RESTING_GAIN, likelihood, settled_further
+from ..assessment.solution_ranking import RESTING_GAIN, likelihood, noise_at, settled_further
 from ..descent_stages import SETTLED, UNCONVERGED_MOVE
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
-from ..gauss_newton import continued, descend, farthest_joint
+from ..gauss_newton import VainTest, continued, descend, farthest_joint
 from ..limb_evidence.limb_images import ViewRatios
 from ..limb_evidence.limb_model import FINE_POINTS, POINTS_PER_PART
 from ..thinned_frames import ThinnedProblem
@@ -39,6 +39,9 @@ from .search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
 LEAST_GAIN = 100.0
 """Smallest gain in log likelihood, in natural units, for which limbs are moved that the images do not contradict, or
 those of one of several performers: solving a limb that is right once more from elsewhere gains up to 60 by chance."""
+SEARCH_RATE = 12.0
+"""Fewest frames per second on which poses of limbs of one of several performers are drawn. Most of these limbs are where
+they should be, and where one is that is not changes slowly."""
 
 
 @dataclass(frozen=True)
@@ -92,11 +95,19 @@ def with_limbs_found(
         What the views show of one of several performers, if it is known (`views_of`).
     """
     alone = problem.alone(group.performer)
-    thinned = None if problem.among_others else ThinnedProblem.of(alone, solution.motions)
-    thinned = thinned or ThinnedProblem.with_all(alone)
+    thinned = frames_searched(alone, solution.motions)
     search = _GroupSearch(thinned, group, workspace.silent(), only_elsewhere=alone.among_others)
     settled, best = search.likeliest(solution, known, ratios)
     return solution if settled is None else _if_likelier(problem, solution, group, settled, best)
+
+
+def frames_searched(alone: SegmentProblem, motions: Sequence[Motion]) -> ThinnedProblem:
+    """Return the problem of a performer, and the frames on which poses of its limbs are drawn; `motions` has F poses
+    per performer.
+    """
+    several = alone.among_others
+    some = ThinnedProblem.at_rate(alone, SEARCH_RATE) if several else ThinnedProblem.of(alone, motions)
+    return some or ThinnedProblem.with_all(alone)
 
 
 def likeliest_found(
@@ -161,17 +172,25 @@ class _GroupSearch:
             found = _proposed(thinned, best.motions, self.group, turn, ratios)
             if found is None:
                 break
+            there = None
+            if settled is None and alone.among_others:  # most limbs that are found elsewhere come back
+                there = self._solved(noise_at(alone, solution, self.workspace), solution, found)
+                if there is None:
+                    break
             if settled is None:
                 settled = known.after(alone, solution, self.workspace)
                 best = settled.solution
-            there = self._likelier(settled.noise, best, found)
-            best, vain = (best, vain + 1) if there is None else (there, 0)
+            there = there or self._solved(settled.noise, best, found)
+            if there is not None and (there := self._likelier(settled.noise, best, there)) is not None:
+                best, vain = there, 0
+            else:
+                vain += 1
             if vain == (1 if alone.among_others else MAX_VAIN_ROUNDS):
                 break
         return settled, best
 
-    def _likelier(self, noise: SegmentNoise, best: SegmentSolution, found: Motion) -> SegmentSolution | None:
-        """Solve with limbs where they were found, until they are at rest; None if that is in vain.
+    def _solved(self, noise: SegmentNoise, best: SegmentSolution, found: Motion) -> SegmentSolution | None:
+        """Solve with limbs where they were found; None if that is in vain.
 
         Where they are elsewhere on few frames, it is solved on these and those beside them first, while the motion of
         the others stays.
@@ -193,11 +212,20 @@ class _GroupSearch:
             ):
                 return None
             motions = local.within(best.motions, there.motions)
+        if not self.only_elsewhere:
+            return solved_from(alone, motions, noise, workspace)
+
+        def back(motions: Sequence[Motion]) -> bool:
+            return not _elsewhere(alone, group, best.motions[i], motions[i]).any()
+
+        there = solved_from(alone, motions, noise, workspace, vain=back)
+        return None if back(there.motions) else there
+
+    def _likelier(self, noise: SegmentNoise, best: SegmentSolution, there: SegmentSolution) -> SegmentSolution | None:
+        """Solve further with limbs elsewhere, until they are at rest; None if that is no likelier."""
+        alone = self.thinned.whole
         rival = likelihood(alone, noise, best) + min(RESTING_GAIN, least_gain(alone))
-        there = solved_from(alone, motions, noise, workspace)
-        if self.only_elsewhere and not _elsewhere(alone, group, best.motions[i], there.motions[i]).any():
-            return None
-        there = settled_further(alone, noise, there, workspace, rival=rival)
+        there = settled_further(alone, noise, there, self.workspace, rival=rival)
         return there if likelihood(alone, noise, there) > rival else None
 
 
@@ -253,9 +281,10 @@ def _proposed(
     before = around = some[i]
     for chain in group.chains if turn == 0 and alone.shows_depth else ():
         around = evenly_led(alone, i, around, chain)
+    share = len(thinned.frames) / thinned.whole.length
     search = LimbSearch(
         points=POINTS_PER_PART if len(group.chains) == 1 else FINE_POINTS,
-        least_gain=MIN_GAIN_ELSEWHERE if alone.among_others else -np.inf,
+        least_gain=share * MIN_GAIN_ELSEWHERE if alone.among_others else -np.inf,
         before=before,
     )
     found = around
@@ -309,7 +338,12 @@ def continued_where_likelier(
 
 
 def solved_from(
-    problem: SegmentProblem, motions: Sequence[Motion], noise: SegmentNoise, workspace: Workspace
+    problem: SegmentProblem,
+    motions: Sequence[Motion],
+    noise: SegmentNoise,
+    workspace: Workspace,
+    *,
+    vain: VainTest | None = None,
 ) -> SegmentSolution:
-    """Solve from motions; the result is only to be compared with others."""
-    return descend(problem, motions, workspace, SETTLED, noise).without_equations()
+    """Solve from motions, until that is in vain; the result is only to be compared with others."""
+    return descend(problem, motions, workspace, SETTLED, noise, vain=vain).without_equations()

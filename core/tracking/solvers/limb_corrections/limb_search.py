@@ -159,6 +159,16 @@ def frames_elsewhere(body: Body, chain: Sequence[int], before: Motion, after: Mo
     return lasting(away, frames)
 
 
+def limbs_elsewhere(problem: SegmentProblem, before: Sequence[Motion], after: Sequence[Motion]) -> bool:
+    """Whether some limb of the performers that are solved for is elsewhere for `MIN_DURATION`."""
+    frames = max(2, round(MIN_DURATION * problem.fps))
+    return any(
+        is_elsewhere(problem.bodies[i], chain, before[i], after[i], frames)
+        for i in problem.sought
+        for chain in limbs(problem.bodies[i])
+    )
+
+
 def _gain_elsewhere(
     limb: LimbModel, uncovered: Sequence[UncoveredImages], seen: Array, before: Motion, found: Motion
 ) -> float:

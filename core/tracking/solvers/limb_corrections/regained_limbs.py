@@ -33,6 +33,7 @@ from ..descent_stages import COARSE_RESTART, SETTLED
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import descend
+from ..limb_evidence.limb_images import ViewRatios
 from ..limb_evidence.limb_support import SupportOfLimb, evaluated, support_of_limbs
 from ..thinned_frames import ThinnedProblem
 from ..view_subsets import views_in_sight
@@ -40,6 +41,7 @@ from .limb_groups import (
     LimbGroup,
     continued_where_likelier,
     contradicted,
+    frames_searched,
     likeliest_found,
     with_limbs_found,
     with_limbs_moved,
@@ -200,7 +202,7 @@ def _searched(
         solution = _stirred(problem, solution, known, workspace.silent())
     several, done = problem.among_others, 0
     for performer in dict.fromkeys(group.performer for group in groups):
-        ratios = views_of(problem.alone(performer), solution.motions, performer) if several else None
+        ratios = _views_searched(problem.alone(performer), solution.motions, performer) if several else None
         for group in (group for group in groups if group.performer == performer):
             part = workspace.part(done / len(groups), (done + 1) / len(groups))
             solution = with_limbs_found(problem, solution, group, known, part, ratios=ratios)
@@ -208,6 +210,12 @@ def _searched(
     if groups and contradicted(problem) and problem.shows_depth:
         solution = with_limbs_swivelled(problem, solution, known, workspace.silent())
     return solution
+
+
+def _views_searched(alone: SegmentProblem, motions: Sequence[Motion], performer: int) -> list[ViewRatios]:
+    """Collect what the views show of one of several performers on the frames on which its limbs are searched for."""
+    thinned = frames_searched(alone, motions)
+    return views_of(thinned.problem, thinned.of_motions(motions), performer)
 
 
 def _support_on_some_frames(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[SupportOfLimb]:

@@ -30,9 +30,9 @@ from ..descent_stages import SETTLED, SETTLING
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
-from ..gauss_newton import approach, descend
+from ..gauss_newton import VainTest, approach, descend
 from .limb_exchange import recombined
-from .limb_search import found_limbs
+from .limb_search import found_limbs, limbs_elsewhere
 from .swapped_limbs import untangled_limbs
 
 MAX_SEARCH_ROUNDS = 5
@@ -182,14 +182,21 @@ def _begins(
 
 def searched_among_others(problem: SegmentProblem, first: SegmentSolution, workspace: Workspace) -> SegmentSolution:
     """Search once for the limbs of one of several performers that are hardly seen where they are, and solve from where
-    they are found; what is still lost is searched for limb by limb later. Parameters as in `searched`.
+    they are found; what is still lost is searched for limb by limb later. If that leads all of them back to where they
+    were, the first solution stands. Parameters as in `searched`.
     """
     begin = found_limbs(problem, first.motions, 0, workspace.part(0.0, 0.4))
     if all(found is motion for found, motion in zip(begin, first.motions, strict=True)):
         return first
     noise = noise_at(problem, first, workspace)
+
+    def back(motions: Sequence[Motion]) -> bool:
+        return not limbs_elsewhere(problem, first.motions, motions)
+
+    found = _solved_from(problem, problem, begin, workspace.part(0.4, 0.8), noise, vain=back)
+    if back(found.motions):
+        return first
     rested = descend(problem, first.motions, workspace.silent(), SETTLED, noise).without_equations()
-    found = _solved_from(problem, problem, begin, workspace.part(0.4, 0.8), noise)
     best = likeliest_at_rest(problem, noise, rested, found, workspace=workspace)
     return recombined(problem, best, [rested, found], noise, workspace.part(0.8, 1.0))
 
@@ -238,7 +245,9 @@ def _solved_from(
     begin: Sequence[Motion],
     workspace: Workspace,
     noise: SegmentNoise | None,
+    *,
+    vain: VainTest | None = None,
 ) -> SegmentSolution:
     settled, *_ = approach(around, begin, workspace.part(0.0, 0.5), SETTLING)
-    found = descend(problem, untangled_limbs(problem, settled), workspace.part(0.5, 1.0), SETTLED, noise)
+    found = descend(problem, untangled_limbs(problem, settled), workspace.part(0.5, 1.0), SETTLED, noise, vain=vain)
     return found.without_equations()

@@ -15,7 +15,7 @@ from ....body.motion import Motion, with_motion
 from ....shot.motion_warping import turned
 from ..assessment.solution_doubts import frames_unexplained
 from ..assessment.solution_ranking import cover_at, covering_most
-from ..descent_stages import STAGES, STAGES_AMONG_OTHERS
+from ..descent_stages import STAGES, DescentStage
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import descend
@@ -29,11 +29,16 @@ the body is turned away by more than a right angle on about half of them; whom o
 
 
 def with_whole_turn(
-    problem: SegmentProblem, start: Sequence[Motion], first: SegmentSolution, workspace: Workspace
+    problem: SegmentProblem,
+    start: Sequence[Motion],
+    first: SegmentSolution,
+    workspace: Workspace,
+    stages: Sequence[DescentStage] = STAGES,
 ) -> tuple[Sequence[Motion], SegmentSolution]:
     """Solve from turned starts, if the images contradict a solution between two whole key poses.
 
-    Parameters are those of `multi_start.best_of_own_starts`.
+    Parameters are those of `multi_start.best_of_own_starts`, and the stages by which turns are solved: those by which
+    the first solution was found, as what is solved further covers more.
 
     Returns
     -------
@@ -53,7 +58,6 @@ def with_whole_turn(
     starts = [with_motion(start, performer, way) for way in ways]
     quiet = workspace.silent()
     covers = [cover_at(problem, first, motions, quiet) for motions in starts]
-    stages = STAGES_AMONG_OTHERS if one_of_several and problem.shows_depth else STAGES
     for k in np.argsort(covers)[::-1][:SOLVED_TURNS]:
         found = descend(problem, starts[k], quiet, stages)
         if covering_most(problem, first, found) is found:

@@ -446,16 +446,17 @@ def test_a_search_ends_after_rounds_without_success() -> None:
     assert seeds == list(range(search_rounds.MAX_VAIN_ROUNDS))
 
 
-@pytest.mark.parametrize("lost", [True, False])
+@pytest.mark.parametrize(("lost", "back"), [(True, False), (False, False), (True, True)])
 def test_for_one_among_others_a_single_search_decides_and_nothing_is_solved_if_it_finds_no_limb(
-    monkeypatch: pytest.MonkeyPatch, lost: bool
+    monkeypatch: pytest.MonkeyPatch, lost: bool, back: bool
 ) -> None:
+    """Where limbs that it finds elsewhere are led back, the first solution stands, too."""
     landscape, solved = Landscape(truth=TRUTH, reach=0.0), list[object]()
     first = landscape.solution(PROBLEM, off(TRUTH, ARMS, LOST))
 
     def descend(problem: SegmentProblem, motions: Sequence[Motion], *_: object, **__: object) -> SegmentSolution:
         solved.append(motions)
-        return landscape.solution(problem, motions[0])
+        return landscape.solution(problem, first.motions[0] if back else motions[0])
 
     monkeypatch.setattr(search_rounds, "descend", descend)
     monkeypatch.setattr(search_rounds, "approach", lambda _problem, motions, *_: (tuple(motions), [], {}, None))
@@ -463,7 +464,7 @@ def test_for_one_among_others_a_single_search_decides_and_nothing_is_solved_if_i
     monkeypatch.setattr(search_rounds, "likeliest_at_rest", lambda *given, **_: given[-1])
     monkeypatch.setattr(search_rounds, "recombined", lambda _problem, best, *_: best)
     found = search_rounds.searched_among_others(PROBLEM, first, landscape)
-    assert (error(found) < 1) if lost else (found is first and not solved)
+    assert (error(found) < 1) if lost and not back else (found is first and len(solved) == lost)
 
 
 @pytest.mark.parametrize(("share", "held"), [(1.2, True), (0.8, False)])
@@ -752,6 +753,14 @@ def test_a_hopeless_descent_ends_with_the_iterations_of_its_stage(hopeless: bool
     assert asked[0] == 1 + gauss_newton.MAX_EXTRA_ITERATIONS
     assert len(told.energy) == (2 if hopeless else len(free.energy))
     assert len(free.energy) > 2
+
+
+def test_a_descent_that_is_in_vain_ends_at_once() -> None:
+    landscape, start = Landscape(truth=TRUTH, reach=2.0), off(TRUTH, ARMS, 1.2)
+    stage = replace(SETTLED[0], still=0.0, small=0.0)
+    begun = [False, True]  # before the first step and before the second
+    found = gauss_newton.descend(PROBLEM, [start], landscape, (stage,), vain=lambda _: begun.pop(0))
+    assert len(found.energy) == 2 < len(gauss_newton.descend(PROBLEM, [start], landscape, (stage,)).energy)
 
 
 def test_motions_are_alike_only_if_those_of_every_performer_are() -> None:

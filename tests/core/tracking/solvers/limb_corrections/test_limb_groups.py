@@ -17,10 +17,13 @@ from kfmocap.core.tracking.solvers.assessment.solution_ranking import RESTING_GA
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.equations.segment_equations import SegmentNoise
+from kfmocap.core.tracking.solvers.gauss_newton import VainTest
 from kfmocap.core.tracking.solvers.limb_corrections import limb_groups
 from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import (
     LEAST_GAIN,
+    SEARCH_RATE,
     LimbGroup,
+    frames_searched,
     likeliest_found,
     with_limbs_found,
     with_limbs_moved,
@@ -96,7 +99,7 @@ class World:
         begin = replace(begin, motions=tuple(rest))
         noise = SegmentNoise(*(np.ones((2, problem.length - 1, *more)) for more in ((1,), ())), np.ones(2))
 
-        def solved(some: SegmentProblem, motions: Sequence[Motion], *_: object) -> SegmentSolution:
+        def solved(some: SegmentProblem, motions: Sequence[Motion], *_: object, **__: object) -> SegmentSolution:
             self.solved.append((some.first, some.length))
             self.tried.append(angles(motions[0]))
             return replace(begin, motions=(turned(motions[0], PAIR[0], angle=self.back), *motions[1:]))
@@ -108,6 +111,8 @@ class World:
         monkeypatch.setattr(limb_groups, "freed_limb", self.search)
         monkeypatch.setattr(limb_groups, "solved_from", solved)
         monkeypatch.setattr(limb_groups, "views_of", lambda *_: [])
+        monkeypatch.setattr(limb_groups, "noise_at", lambda *_: noise)
+        monkeypatch.setattr(ThinnedProblem, "at_rate", lambda *_: None)
         monkeypatch.setattr(limb_groups, "settled_further", self.settled_further)
         monkeypatch.setattr(limb_groups, "likelihood", lambda _p, _n, one: self.likelihood[angles(one.motions[0])])
         monkeypatch.setattr(SettledSolutions, "after", settled)
@@ -235,11 +240,39 @@ def test_a_single_view_moves_limbs_for_a_small_gain(monkeypatch: pytest.MonkeyPa
 def test_a_limb_of_one_of_several_performers_that_is_led_back_is_solved_no_further(
     monkeypatch: pytest.MonkeyPatch, performers: int, further: bool
 ) -> None:
-    """It would stay where it was, however likely that is."""
+    """It would stay where it was, however likely that is, so that nothing is compared with it."""
     gains = {(0, 0): 0.0, (round(10 * (0.9 - 0.85)), 0): MUCH, (1, 0): MUCH}
     world = World(gains, PAIR[:1], back=-0.85)
     solution = world.after(monkeypatch, seen_by(2, performers=performers), ONE)
-    assert angles(solution.motions[0]) == (0, 0) and bool(world.further) is further
+    assert angles(solution.motions[0]) == (0, 0)
+    assert bool(world.further) is further and bool(world.settled) is further
+
+
+@pytest.mark.parametrize("back", [False, True])
+def test_a_limb_of_one_of_several_performers_is_solved_for_until_it_is_led_back(
+    monkeypatch: pytest.MonkeyPatch, back: bool
+) -> None:
+    world, problem, asked = World(defaultdict(float), PAIR[:1]), seen_by(2, performers=2), list[bool]()
+    begin = world.begun(monkeypatch, problem)
+
+    def solved(_: object, motions: Sequence[Motion], *__: object, vain: VainTest) -> SegmentSolution:
+        led = turned(motions[0], PAIR[0], angle=-0.85 if back else -0.1)
+        asked.extend(vain(own) for own in (motions, [led, *motions[1:]]))
+        return begin
+
+    monkeypatch.setattr(limb_groups, "solved_from", solved)
+    with_limbs_found(problem, begin, ONE, SettledSolutions(), Workspace())
+    assert asked == [False, back]
+
+
+@pytest.mark.parametrize(("fps", "every"), [(20.0, 1), (25.0, 2), (30.0, 2), (60.0, 4)])
+def test_limbs_of_one_of_several_are_drawn_on_at_least_twelve_frames_per_second(fps: float, every: int) -> None:
+    """Key poses of the others do not matter for them."""
+    problem = replace(seen_by(2, 41, performers=2), fps=fps)
+    keyed = replace(problem, fixed=(problem.fixed[0], np.ones_like(problem.fixed[1])))
+    for each in (problem, keyed):
+        frames = frames_searched(each.alone(0), [at_rest(BODY, 41)] * 2).frames
+        assert np.diff(frames).max() == every and fps / every >= SEARCH_RATE
 
 
 LONG, AWAY = 80, slice(40, 46)

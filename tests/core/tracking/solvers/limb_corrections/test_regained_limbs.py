@@ -58,7 +58,7 @@ def error_mm(motion: Motion, true: Motion = TRUTH) -> float:
 def without_descent(monkeypatch: pytest.MonkeyPatch) -> None:
     """Motions stay what they are, so that looking for limbs does all the work. So small pictures gain little."""
 
-    def measured(problem: SegmentProblem, motions: Sequence[Motion], *_: object) -> SegmentSolution:
+    def measured(problem: SegmentProblem, motions: Sequence[Motion], *_: object, **__: object) -> SegmentSolution:
         evidence = Workspace().measure(problem, motions, Sampling(1.0, 1.0, 3, 0.07)).evidence
         return SegmentSolution.of(motions, evidence, iterations=1, energy=[0.0])
 

@@ -10,6 +10,7 @@ import pytest
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.motion_warping import turned
+from kfmocap.core.tracking.solvers.descent_stages import STAGES, STAGES_AMONG_OTHERS
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.starts import whole_turns
 from kfmocap.core.tracking.solvers.starts.whole_turns import with_whole_turn
@@ -62,6 +63,22 @@ def test_a_turn_that_covers_less_is_not_taken(monkeypatch: pytest.MonkeyPatch) -
     given = [REST]
     start, found = with_whole_turn(PROBLEM, given, first, landscape)
     assert found is first and start is given and landscape.measured
+
+
+def test_turns_are_solved_as_far_as_the_first_solution(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is solved further covers more."""
+    landscape, used = Landscape(truth=spinning(1, 2 * np.pi), reach=0.7), list[object]()
+    first = landscape.solution(PROBLEM, REST)
+
+    def descend(problem: SegmentProblem, motions: Sequence[Motion], _: object, stages: object) -> SegmentSolution:
+        used.append(stages)
+        return landscape.solution(problem, motions[0])
+
+    monkeypatch.setattr(whole_turns, "descend", descend)
+    for stages in (STAGES, STAGES_AMONG_OTHERS):
+        used.clear()
+        with_whole_turn(replace(PROBLEM, only=0), [REST], first, landscape, stages)
+        assert used == [stages] * whole_turns.SOLVED_TURNS
 
 
 @pytest.mark.parametrize(("frames", "only", "solved"), [(1, None, True), (3, 0, False), (4, 0, True)])
