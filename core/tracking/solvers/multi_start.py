@@ -30,7 +30,7 @@ from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSoluti
 from .gauss_newton import continued, descend, farthest_joint
 from .limb_corrections.limb_exchange import with_limbs_exchanged
 from .limb_corrections.mirrored_limbs import with_limbs_mirrored
-from .limb_corrections.search_rounds import TrialRound, searched, searched_among_others
+from .limb_corrections.search_rounds import MAX_SEARCH_ROUNDS, TrialRound, searched, searched_among_others
 from .limb_corrections.strayed_limbs import with_limbs_returned
 from .starts.sequential_start import follow_both_ways
 from .starts.whole_turns import with_whole_turn
@@ -122,15 +122,21 @@ def turned_and_searched(
     stages: Sequence[DescentStage] = STAGES,
 ) -> SegmentSolution:
     """Solve for one of several performers from another turn of the body (`whole_turns`, by these stages), and search it
-    for limbs once (`searched_among_others`). Parameters as in `best_of_own_starts`; `seconds` is the time spent here.
+    for limbs (`searched_among_others`), again as long as limbs are found and the images contradict the solution.
+    Parameters as in `best_of_own_starts`; `seconds` is the time spent here.
     """
     seconds = Seconds()
     if not _can_be_searched(problem):
         best = covering_most(problem, first, _followed(problem, start, workspace, seconds))
         return replace(best, seconds=seconds)
     with seconds.measure("initial solution"):
-        _, turned = with_whole_turn(problem, start, first, workspace.part(0.0, 0.05), stages)
-        best = searched_among_others(problem, turned, workspace.part(0.35, 1.0))
+        _, best = with_whole_turn(problem, start, first, workspace.part(0.0, 0.05), stages)
+        searching = workspace.part(0.35, 1.0)
+        for k in range(MAX_SEARCH_ROUNDS):
+            part = searching.part(k / MAX_SEARCH_ROUNDS, (k + 1) / MAX_SEARCH_ROUNDS)
+            before, best = best, searched_among_others(problem, best, k, part)
+            if best is before or not doubted_performers(problem, start, best):
+                break
     return replace(best, seconds=seconds)
 
 

@@ -506,3 +506,25 @@ def test_the_motion_of_one_of_several_performers_is_not_followed(monkeypatch: py
     monkeypatch.setattr(multi_start, "with_whole_turn", lambda _problem, start, first, *_: (start, first))
     found = multi_start.turned_and_searched(alone, WRONG, first, Workspace())
     assert searches == [first] and found.motions is first.motions
+
+
+@pytest.mark.parametrize(
+    ("finds", "doubted", "rounds"), [(0, 9, 1), (2, 9, 3), (9, 1, 2), (9, 9, multi_start.MAX_SEARCH_ROUNDS)]
+)
+def test_one_of_several_performers_is_searched_as_long_as_limbs_are_found_and_the_images_contradict(
+    monkeypatch: pytest.MonkeyPatch, told: Told, finds: int, doubted: int, rounds: int
+) -> None:
+    """A fast arm may be found in one round and its other in the next, by other random poses."""
+    seeds: list[int] = []
+    doubts = iter([[1]] * doubted + [[]] * 9)
+
+    def search(_: object, best: SegmentSolution, seed: int, *__: object) -> SegmentSolution:
+        seeds.append(seed)
+        return replace(best) if seed < finds else best
+
+    monkeypatch.setattr(multi_start, "searched_among_others", search)
+    monkeypatch.setattr(multi_start, "doubted_performers", lambda *_: next(doubts))
+    monkeypatch.setattr(multi_start, "with_whole_turn", lambda _problem, start, first, *_: (start, first))
+    alone = BOTH.alone(1)
+    multi_start.turned_and_searched(alone, WRONG, told.found(alone, WRONG), Workspace())
+    assert seeds == list(range(rounds))

@@ -145,8 +145,8 @@ class SegmentProblem:
     @property
     def among_others(self) -> bool:
         """Whether there are several performers. Others then hide much of each, and much that seems lost is not: all
-        pixels count before anybody is doubted, each performer is searched for limbs once, and is corrected limb by limb
-        in the refinement.
+        pixels count before anybody is doubted, each performer is searched for limbs only as long as any are found, and
+        is corrected limb by limb in the refinement.
         """
         return len(self.bodies) > 1
 

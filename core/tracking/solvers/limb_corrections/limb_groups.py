@@ -40,8 +40,8 @@ LEAST_GAIN = 100.0
 """Smallest gain in log likelihood, in natural units, for which limbs are moved that the images do not contradict, or
 those of one of several performers: solving a limb that is right once more from elsewhere gains up to 60 by chance."""
 SEARCH_RATE = 12.0
-"""Fewest frames per second on which poses of limbs of one of several performers are drawn. Most of these limbs are where
-they should be, and where one is that is not changes slowly."""
+"""Fewest frames per second on which poses of limbs of one of several performers are drawn. Most of these are right
+where they are, and how far off the others are changes slowly."""
 
 
 @dataclass(frozen=True)

@@ -180,12 +180,14 @@ def _begins(
         yield around, motions
 
 
-def searched_among_others(problem: SegmentProblem, first: SegmentSolution, workspace: Workspace) -> SegmentSolution:
+def searched_among_others(
+    problem: SegmentProblem, first: SegmentSolution, seed: int, workspace: Workspace
+) -> SegmentSolution:
     """Search once for the limbs of one of several performers that are hardly seen where they are, and solve from where
     they are found; what is still lost is searched for limb by limb later. If that leads all of them back to where they
-    were, the first solution stands. Parameters as in `searched`.
+    were, the first solution stands. Parameters as in `searched`; the seed selects the random poses.
     """
-    begin = found_limbs(problem, first.motions, 0, workspace.part(0.0, 0.4))
+    begin = found_limbs(problem, first.motions, seed, workspace.part(0.0, 0.4))
     if all(found is motion for found, motion in zip(begin, first.motions, strict=True)):
         return first
     noise = noise_at(problem, first, workspace)

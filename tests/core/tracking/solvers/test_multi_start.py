@@ -463,7 +463,7 @@ def test_for_one_among_others_a_single_search_decides_and_nothing_is_solved_if_i
     monkeypatch.setattr(search_rounds, "found_limbs", lambda _problem, motions, *_: [TRUTH] if lost else list(motions))
     monkeypatch.setattr(search_rounds, "likeliest_at_rest", lambda *given, **_: given[-1])
     monkeypatch.setattr(search_rounds, "recombined", lambda _problem, best, *_: best)
-    found = search_rounds.searched_among_others(PROBLEM, first, landscape)
+    found = search_rounds.searched_among_others(PROBLEM, first, 0, landscape)
     assert (error(found) < 1) if lost and not back else (found is first and len(solved) == lost)
 
 
