@@ -29,6 +29,7 @@ from .equations.measurement import Workspace
 from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .gauss_newton import continued, descend, farthest_joint
 from .limb_corrections.limb_exchange import with_limbs_exchanged
+from .limb_corrections.limb_search import limbs_elsewhere
 from .limb_corrections.mirrored_limbs import with_limbs_mirrored
 from .limb_corrections.search_rounds import MAX_SEARCH_ROUNDS, TrialRound, searched, searched_among_others
 from .limb_corrections.strayed_limbs import with_limbs_returned
@@ -135,7 +136,8 @@ def turned_and_searched(
         for k in range(MAX_SEARCH_ROUNDS):
             part = searching.part(k / MAX_SEARCH_ROUNDS, (k + 1) / MAX_SEARCH_ROUNDS)
             before, best = best, searched_among_others(problem, best, k, part)
-            if best is before or not doubted_performers(problem, start, best):
+            found = limbs_elsewhere(problem, before.motions, best.motions)
+            if not found or not doubted_performers(problem, start, best):
                 break
     return replace(best, seconds=seconds)
 

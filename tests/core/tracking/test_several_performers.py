@@ -520,9 +520,13 @@ def test_one_of_several_performers_is_searched_as_long_as_limbs_are_found_and_th
 
     def search(_: object, best: SegmentSolution, seed: int, *__: object) -> SegmentSolution:
         seeds.append(seed)
-        return replace(best) if seed < finds else best
+        return replace(best)  # solved further, at least
+
+    def elsewhere(*_: object) -> bool:
+        return seeds[-1] < finds
 
     monkeypatch.setattr(multi_start, "searched_among_others", search)
+    monkeypatch.setattr(multi_start, "limbs_elsewhere", elsewhere)
     monkeypatch.setattr(multi_start, "doubted_performers", lambda *_: next(doubts))
     monkeypatch.setattr(multi_start, "with_whole_turn", lambda _problem, start, first, *_: (start, first))
     alone = BOTH.alone(1)
