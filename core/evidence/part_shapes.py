@@ -123,10 +123,10 @@ def fitted_shape(
         Parts whose poses are known on each frame; outlines of others are not used. By default all are known.
     by : ViewWork, optional
     """
-    start = np.zeros((len(geometry.spans), 6))
+    start, posed = np.zeros((len(geometry.spans), 6)), KeyFramePoses(frames, poses, known)
     result = minimise(
         start,
-        lambda change: shape_equations(views, geometry, change, poses, frames, known=known, by=by),
+        lambda change: shape_equations(views, geometry, change, posed, by),
         compose,
         trial_cost=lambda change, equations: equations.cost_at(change, poses),
         damping=GAUSS_NEWTON,
@@ -135,6 +135,29 @@ def fitted_shape(
     at_end = result.linearised().by_frame
     evidence = ShapeEvidence(np.array(frames), result.state, at_end[..., :6, :6], at_end[..., :6, -1])
     return FittedShape(stretched(geometry, result.state), evidence)
+
+
+@dataclass(frozen=True, eq=False)
+class KeyFramePoses:
+    """Poses of all parts on the key frames.
+
+    Attributes
+    ----------
+    frames, poses, known
+        See `fitted_shape`.
+    twists : mapping of float to ndarray, optional
+        Twists of the parts about the world's origin per frame, (K, P, 6), by the delay of the views. With them there is
+        one more unknown, the last: the time in frames by which all parts move along their twists.
+    """
+
+    frames: Sequence[int]
+    poses: Mapping[float, Poses]
+    known: Bools | None = None
+    twists: Mapping[float, Array] | None = None
+
+    def of_view(self, view: ViewFrames) -> tuple[Poses, Sequence[int], Array | None, Bools | None]:
+        """Return what a view shows: poses, frames, twists, and which parts are known."""
+        return self.poses[view.delay], self.frames, None if self.twists is None else self.twists[view.delay], self.known
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,35 +202,26 @@ def shape_equations(
     views: Sequence[ViewFrames],
     geometry: Geometry,
     change: Array,
-    poses: Mapping[float, Poses],
-    frames: Sequence[int],
-    *,
-    twists: Mapping[float, Array] | None = None,
-    known: Bools | None = None,
+    posed: KeyFramePoses,
     by: ViewWork = IN_THIS_THREAD,
 ) -> ShapeEquations:
     """Build the normal equations from the outlines of all views.
 
     Parameters
     ----------
-    views, geometry, poses, frames, known, by
+    views, geometry, by
         See `fitted_shape`.
     change : ndarray, shape (P, 6)
         Present stretches and shifts of the parts.
-    twists : mapping of float to ndarray, optional
-        Twists of the parts about the world's origin per frame, (K, P, 6), by the delay of the views. With them there is
-        one more unknown, the last: the time in frames by which all parts move along their twists.
+    posed : KeyFramePoses
     """
-    P, own = len(geometry.spans), 6 if twists is None else 7
+    P, own = len(geometry.spans), 6 if posed.twists is None else 7
     shape = stretched(geometry, change)
-    tasks = [
-        (view, (shape, poses[view.delay], frames, None if twists is None else twists[view.delay], known))
-        for view in views
-    ]
-    by_frame, held = np.zeros((len(frames), P, own + 1, own + 1)), []
+    tasks = [(view, (shape, *posed.of_view(view))) for view in views]
+    by_frame, held = np.zeros((len(posed.frames), P, own + 1, own + 1)), []
     for view, (products, outlines) in zip(views, by.of_each(_view_products, tasks, EvidenceCaches()), strict=True):
         by_frame += products
-        held.append((outlines, view.camera.at(frames), view.delay))
+        held.append((outlines, view.camera.at(posed.frames), view.delay))
     sums = by_frame.sum(axis=0)
     H, g = sums[:, :-1, :-1], sums[:, :-1, -1]
     n = 6 * P

@@ -19,7 +19,7 @@ from ..numerics.arrays import Array, Bools
 from ..numerics.least_squares import GAUSS_NEWTON, StoppingRule, minimise
 from ..shot.settings import MAX_OFFSET
 from .outline_evidence.outline_lines import KEY_FRAME_PIECE
-from .part_shapes import ShapeEquations, compose, shape_equations
+from .part_shapes import KeyFramePoses, ShapeEquations, compose, shape_equations
 from .rendering.part_geometry import Geometry
 from .view_frames import ViewFrames
 
@@ -146,9 +146,8 @@ class _OffsetProblem:
         there = self.poses_at(state.offset)
         poses = {d: scene_poses(self.bodies, motions) for d, motions in there.items()}
         twists = {d: _twists(self.bodies, motions, self.rates) for d, motions in there.items()}
-        return shape_equations(
-            self.views, self.geometry, state.change, poses, self.frames, twists=twists, known=self.known
-        )
+        posed = KeyFramePoses(self.frames, poses, self.known, twists)
+        return shape_equations(self.views, self.geometry, state.change, posed)
 
     def trial_cost(self, state: _OffsetState, equations: ShapeEquations) -> float:
         """Return the cost of a state with the outlines held that the equations were made of."""

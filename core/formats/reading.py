@@ -105,8 +105,8 @@ def read_text(path: Path, what: str, error: type[KFMocapError]) -> str:
     try:
         text = read_bytes(path, what, error).decode("utf-8-sig")
     except UnicodeDecodeError as problem:
-        said = f"{what} cannot be read: it is not a text file in UTF-8"
-        raise error(said, where=str(path), todo="save it in a text editor with that encoding") from problem
+        message = f"{what} cannot be read: it is not a text file in UTF-8"
+        raise error(message, where=str(path), todo="save it in a text editor with that encoding") from problem
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 

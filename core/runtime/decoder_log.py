@@ -42,9 +42,9 @@ class DecoderLog:
         """Return FFmpeg's messages since the last call."""
         lines = self._new_lines()
         self._show(line for line in lines if not _MESSAGE_LINE.match(line))
-        said = [m[1].decode(errors="replace").strip() for m in map(_MESSAGE_LINE.match, lines) if m]
-        self.complaints += said
-        return said
+        messages = [m[1].decode(errors="replace").strip() for m in map(_MESSAGE_LINE.match, lines) if m]
+        self.complaints += messages
+        return messages
 
     def __exit__(self, *_: object) -> None:
         os.dup2(self._kept, 2)

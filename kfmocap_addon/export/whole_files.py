@@ -125,5 +125,5 @@ def _reason(error: RuntimeError) -> str:
     """Return what an operator failed with: where that was an exception in Python, Blender gives its traceback
     instead.
     """
-    said = str(error).partition("\nLocation:")[0].strip()
-    return said.splitlines()[-1] if "Traceback" in said else said
+    message = str(error).partition("\nLocation:")[0].strip()
+    return message.splitlines()[-1] if "Traceback" in message else message

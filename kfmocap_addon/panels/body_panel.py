@@ -116,8 +116,8 @@ class HoldsPanel(SectionPart, bpy.types.Panel):
             row = column.row(align=True)
             row.prop(hold, "first")
             row.prop(hold, "last")
-            if said := hold_checks.why_unused(scene, hold):
-                draw_text(column, context, said, "ERROR")
+            if reason := hold_checks.why_unused(scene, hold):
+                draw_text(column, context, reason, "ERROR")
         layout.operator(HoldProp.bl_idname, icon="CONSTRAINT_BONE")
 
 

@@ -54,11 +54,11 @@ def with_plain_backgrounds(
     off = _names(own for own in findings if isinstance(own, CameraFit) and own.off)
     doubted = [posed for posed in views if followed or posed.name in off]
     plain = [posed.name for posed in doubted if background_is_plain(posed)]
-    said = [
+    marked = [
         replace(own, plain=True) if isinstance(own, CameraFit) and own.off and own.camera in plain else own
         for own in findings
     ]
-    return (*(PlainBackground(name) for name in plain if name not in off), *said)
+    return (*(PlainBackground(name) for name in plain if name not in off), *marked)
 
 
 def background_is_plain(posed: PosedView) -> bool:

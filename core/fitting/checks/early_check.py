@@ -60,16 +60,16 @@ def early_misfits(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]
     views = posed_views(rectified, pictured, frames)
     moved = [found for posed in views if (found := moved_camera(posed)) is not None]
     blended = [own for own in light if isinstance(own, DissolvingPictures)]
-    told = moved if shot.settings.stabilise is False else ()  # else it is measured how they move
+    unmeasured = moved if shot.settings.stabilise is False else ()  # else it is measured how they move
     # A background that cannot show whether its camera was held in the hand leaves the performers' outlines.
     fits = outline_fits(rectified, pictured) if any(background_is_plain(posed) for posed in views) else ()
     unlike = attributed_findings(shot.views, views, footage_matches(views, [*moved, *blended]), fits)
-    said = [
+    mismatches = [
         own
         for own in with_plain_backgrounds(unlike, views, ())
         if isinstance(own, FootageMatch) or (isinstance(own, CameraFit) and own.off and own.plain)
     ]
-    return [*light, *told, *said]
+    return [*light, *unmeasured, *mismatches]
 
 
 def _light_findings(shot: Shot, pictures: Sequence[Mapping[int, NDArray[np.uint8]]]) -> list[ViewFinding]:

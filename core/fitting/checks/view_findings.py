@@ -186,9 +186,9 @@ class MovedCamera:
         """How the background lies elsewhere: pixels, a ratio, and on which frames; of a lens that zooms, those of the
         ratio.
         """
-        told = self.zoom or self.background
-        shift, enlarged = round(self.background.pixels, 1), round(told.enlarged, 3)
-        return {"shift": shift, "frames": list(told.frames), "enlarged": enlarged, "followed": self.followed}
+        scaling = self.zoom or self.background
+        shift, enlarged = round(self.background.pixels, 1), round(scaling.enlarged, 3)
+        return {"shift": shift, "frames": list(scaling.frames), "enlarged": enlarged, "followed": self.followed}
 
     @property
     def _zooms(self) -> bool:

@@ -112,9 +112,11 @@ def unreported_damage(shot: Shot, view: View, torn: Sequence[int]) -> FootageDam
             ends.append(here)
     if not ends:
         return None
-    said = f"they do not continue to frame {listed(ends, _MAX_SHOWN)}, which {'are' if ends[1:] else 'is'} stored whole"
+    fault = (
+        f"they do not continue to frame {listed(ends, _MAX_SHOWN)}, which {'are' if ends[1:] else 'is'} stored whole"
+    )
     frames = tuple(frame for stretch in stretches for frame in stretch)
-    return FootageDamage(frames, said, reported=False, stretches=tuple(stretches))
+    return FootageDamage(frames, fault, reported=False, stretches=tuple(stretches))
 
 
 def footage_damage(shot: Shot, view: View) -> FootageDamage | None:
@@ -127,22 +129,24 @@ def footage_damage(shot: Shot, view: View) -> FootageDamage | None:
         return None
     last = file_index(view, shot.frames[-1])
     frames: list[int] = []
-    said: list[str] = []
+    messages: list[str] = []
     with DecoderLog() as log:
         # A single thread reads no frames ahead, except for those stored in another order.
         video = cv2.VideoCapture(str(view.footage), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
         try:
-            said += log.new()  # it looks at some frames when it opens the file, and says so again when it returns them
+            messages += (
+                log.new()
+            )  # it looks at some frames when it opens the file, and says so again when it returns them
             for number in range(last + 1):
                 going = video.grab()
                 if new := log.new():
                     frames.append(number)
-                    said += new
+                    messages += new
                 if not going:
                     break
         finally:
             video.release()
-    if not said:
+    if not messages:
         return None
     stretches = made_from(view.footage, frames, last + 1)
-    return FootageDamage(tuple(frames) or (0,), said[0], stretches=stretches)
+    return FootageDamage(tuple(frames) or (0,), messages[0], stretches=stretches)

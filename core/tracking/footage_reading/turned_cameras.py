@@ -35,8 +35,8 @@ from .reader import ColourFrames, Image
 _LOOK_EVERY = 40
 """Distance in frames at which backgrounds are compared at least; else only on frames with key poses, as it takes as
 long as decoding some frames."""
-_MIN_TOLD = 0.8
-"""Share of the frames on which the background must tell how a camera turned; it is interpolated on the others."""
+_MIN_MEASURED = 0.8
+"""Share of the frames on which the background must show how a camera turned; the turn is interpolated on the others."""
 _MAX_COMPARED_KEYS = 5
 """Greatest number of key frames that show whether key poses were set by eye."""
 _MIN_SHIFTED = 3
@@ -193,7 +193,7 @@ def _posed_performers(shot: Shot, camera: Camera) -> Callable[[int], Bools]:
 
 def _measured(shot: Shot, view: View, calibrated: int) -> Array | None:
     """Return how a view's camera turns and zooms since a frame, shape (F, 3, 3), if it clearly does and most frames
-    tell.
+    show it.
     """
     if not view.camera.stands_still:
         return None
@@ -203,11 +203,11 @@ def _measured(shot: Shot, view: View, calibrated: int) -> Array | None:
     found = background_turns(pictures, camera, _posed_performers(shot, camera), calibrated)
     if found is None:
         return None
-    told = np.flatnonzero(np.isfinite(found[:, 0, 0]))
-    if len(told) < _MIN_TOLD * shot.length:
+    measured = np.flatnonzero(np.isfinite(found[:, 0, 0]))
+    if len(measured) < _MIN_MEASURED * shot.length:
         return None
-    frames = np.clip(np.arange(shot.length), told[0], told[-1])
-    turns = interpolated(told, found[told], frames)
+    frames = np.clip(np.arange(shot.length), measured[0], measured[-1])
+    turns = interpolated(measured, found[measured], frames)
     turns = since(turns, turns[[calibrated]])
     shifted = np.count_nonzero(camera.displacements(turns) > MIN_SHIFT)
     return turns if shot.settings.stabilise or shifted >= _MIN_SHIFTED else None

@@ -63,11 +63,11 @@ class AddFootage(bpy.types.Operator, ImportHelper):
             screens.look(context)
             screens.show_footage()
             timelines.show_keys(context)
-            said = f"; calibrated {', '.join(known)}" if known else ""
-            said += f". {hidden} is hidden, it stood before the footage: Alt H shows it" if hidden else ""
+            remarks = f"; calibrated {', '.join(known)}" if known else ""
+            remarks += f". {hidden} is hidden, it stood before the footage: Alt H shows it" if hidden else ""
             if begins and scene.kfmocap.views[0].sequence:
-                said += f". Images have no frame rate: enter it, if it is not {scene.kfmocap.frame_rate:g}"
-            self.report({"INFO"}, f"Added {', '.join(names)}{said}")
+                remarks += f". Images have no frame rate: enter it, if it is not {scene.kfmocap.frame_rate:g}"
+            self.report({"INFO"}, f"Added {', '.join(names)}{remarks}")
         return outcome.value
 
     def _chosen(self) -> list[Path]:

@@ -17,8 +17,8 @@ class PlantOperator(Conditional):
     def act(self, context: bpy.types.Context) -> None:
         """Make the change, and report its result."""
         slot = active_performer.chosen(context)
-        if said := self.change(context.scene, slot):
-            self.report({"INFO"}, f"{slot.name}: {said}")
+        if message := self.change(context.scene, slot):
+            self.report({"INFO"}, f"{slot.name}: {message}")
         viewport.redraw(context)  # after a dialog Blender does not
 
     def change(self, scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> str:

@@ -1,4 +1,4 @@
-"""What keeps the bones of an armature from being tracked: refused by name, put right, or said."""
+"""What keeps the bones of an armature from being tracked: refused by name, put right, or remarked on."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def movable_root(armature: bpy.types.Object) -> tuple[str, ...]:
     What is keyed on bones above it is left to `keyed_on_body`.
     """
     parts = body_armature.body_bones(armature)
-    names, said = {bone.name for bone in parts}, _keyed_in_vain(armature)
+    names, remarks = {bone.name for bone in parts}, _keyed_in_vain(armature)
     top = parts[0].name
     if parts[0].use_connect:
         if armature.data.library is not None or armature.data.override_library is not None:
@@ -40,7 +40,7 @@ def movable_root(armature: bpy.types.Object) -> tuple[str, ...]:
             )
         with body_armature.edit_bones(armature) as bones:
             bones[top].use_connect = False
-        said.append(f"bone {top}: it was connected to the bone above, which kept it from moving, and is no longer")
+        remarks.append(f"bone {top}: it was connected to the bone above, which kept it from moving, and is no longer")
     for bone in armature.pose.bones:
         if bone.name not in names:
             continue
@@ -48,12 +48,12 @@ def movable_root(armature: bpy.types.Object) -> tuple[str, ...]:
             bone.location.length > _STILL_TOLERANCE or moves(armature, bone.name, "location")
         )
         if shifted:
-            said.append(
+            remarks.append(
                 f"bone {bone.name}: its turns alone are tracked: clear its location (Alt G), and the keys of it"
             )
         if np.abs(np.array(bone.scale) - 1).max() > _SCALED or moves(armature, bone.name, "scale", _SCALED):
-            said.append(f"bone {bone.name}: it is scaled, and the body is not: clear its scale (Alt S) and its keys")
-    return tuple(sorted(said))
+            remarks.append(f"bone {bone.name}: it is scaled, and the body is not: clear its scale (Alt S) and its keys")
+    return tuple(sorted(remarks))
 
 
 def _keyed_in_vain(armature: bpy.types.Object) -> list[str]:
