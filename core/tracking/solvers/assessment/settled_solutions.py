@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..descent_stages import SETTLED
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
 from ..gauss_newton import descend
-from .solution_ranking import noise_at
+from .solution_ranking import clearly_likelier, noise_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,10 +31,30 @@ class SettledSolution:
 
     @classmethod
     def after(cls, problem: SegmentProblem, begin: SegmentSolution, workspace: Workspace) -> SettledSolution:
-        """Solve a solution further."""
+        """Solve a solution further; in a single view, only unless that leads it astray (`_unless_astray`)."""
         noise = noise_at(problem, begin, workspace)
         settled = descend(problem, begin.motions, workspace, SETTLED, noise)
+        if not problem.shows_depth:
+            settled = _unless_astray(problem, noise, begin, settled, workspace)
         return cls(begin, noise, settled.without_equations())
+
+
+def _unless_astray(
+    problem: SegmentProblem,
+    noise: SegmentNoise,
+    begin: SegmentSolution,
+    settled: SegmentSolution,
+    workspace: Workspace,
+) -> SegmentSolution:
+    """Return a solution that was solved further, or as it was before if it was clearly likelier then.
+
+    A single view says little, so that smoothness may draw a limb back from where a search has found it: the further
+    back, the smoother the motion seems, and the more it is drawn.
+    """
+    assert settled.evidence is not None
+    before = workspace.measure(problem, begin.motions, settled.evidence.sampling, noise.sigma).evidence
+    same = SegmentSolution.of(begin.motions, before, iterations=0, energy=(), only=problem.only)
+    return replace(same, variances=begin.variances) if clearly_likelier(problem, noise, same, settled) else settled
 
 
 class SettledSolutions:
