@@ -41,6 +41,11 @@ REPORTED_PROBABILITY = 0.5
 ERRORS_T_DOF = 20.0
 """Degrees of freedom of the errors' t distribution, as the ratio estimated from key poses is a mean over frames with
 smaller and larger errors."""
+ONE_VIEW_RATIO = 0.35
+"""Ratio of squared errors to those that the solver expects in a single view without keypoints. Most of these errors are
+in depth, and key poses that are predicted without themselves hardly tell how large they are."""
+ONE_VIEW_T_DOF = 4.0
+"""Degrees of freedom there: most joints are right, and some are far off along the line of sight."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +171,9 @@ def _pose_covariances(
     return tied.by_performer([system.factor().covariances() for system in tied.systems])
 
 
-def joint_errors(body: Body, uncertainties: Sequence[SegmentUncertainty], beside: Array) -> JointErrors:
+def joint_errors(
+    body: Body, uncertainties: Sequence[SegmentUncertainty], beside: Array, *, one_view: bool = False
+) -> JointErrors:
     """Return the expected errors of one performer over a whole shot.
 
     Parameters
@@ -177,9 +184,14 @@ def joint_errors(body: Body, uncertainties: Sequence[SegmentUncertainty], beside
     beside : ndarray, shape (F, P, 3, 3)
         Additional covariances, metres squared, of what the footage cannot show: the distances of the fitted body's
         joints from the performer's.
+    one_view : bool
+        Whether a single view without keypoints shows the performer.
     """
     F, P = beside.shape[:2]
-    ratios = covariance_ratios(np.concatenate([one.misses for one in uncertainties]), joint_parts(body.parents))
+    misses, tails = np.concatenate([one.misses for one in uncertainties]), ERRORS_T_DOF
+    ratios = covariance_ratios(misses, joint_parts(body.parents))
+    if one_view:
+        ratios, tails = np.full(P, ONE_VIEW_RATIO), ONE_VIEW_T_DOF
     covariances, lost, held = beside.copy(), np.zeros((F, P)), np.zeros(F, bool)
     for one in uncertainties:
         frames = slice(int(one.first), int(one.first) + len(one.held))
@@ -193,7 +205,7 @@ def joint_errors(body: Body, uncertainties: Sequence[SegmentUncertainty], beside
     near = np.sqrt(np.maximum(np.trace(covariances, axis1=2, axis2=3), 0.0))
     return JointErrors(
         (1 - lost) * near + lost * reach,
-        length_quantile(covariances, COVERAGE, tails=ERRORS_T_DOF, gross=lost, gross_length=reach),
+        length_quantile(covariances, COVERAGE, tails=tails, gross=lost, gross_length=reach),
         lost,
     )
 

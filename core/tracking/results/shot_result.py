@@ -62,7 +62,8 @@ def _joined(shot: Shot, state: TrackState, done: Sequence[FinishedSegment], obse
     for i, (performer, motion) in enumerate(zip(performers, state.motions, strict=True)):
         own = observed.performers[i] if observed.performers else None
         beside = body_covariances(performer, motion, shot.fps, own, eye)
-        errors.append(joint_errors(performer.body, [one.uncertainties[i] for one in done], beside))
+        uncertainties = [one.uncertainties[i] for one in done]
+        errors.append(joint_errors(performer.body, uncertainties, beside, one_view=eye is not None and own is None))
     return TrackResult(
         motions=tuple(with_keys(m, p.key_poses) for m, p in zip(state.motions, performers, strict=True)),
         seconds={},

@@ -23,6 +23,8 @@ from kfmocap.core.tracking.expected_errors.joint_covariances import DOUBLING_DIS
 from kfmocap.core.tracking.expected_errors.lost_limbs import PATCH_SIDE, limb_reach, lost_probabilities
 from kfmocap.core.tracking.expected_errors.uncertainty import (
     ERRORS_T_DOF,
+    ONE_VIEW_RATIO,
+    ONE_VIEW_T_DOF,
     REPORTED_PROBABILITY,
     SegmentUncertainty,
     joint_errors,
@@ -69,6 +71,18 @@ def test_errors_larger_than_the_solver_expects_are_covered_as_key_poses_show_the
     rows = np.setdiff1d(np.arange(F), [0, F // 2 - 1, F // 2, F - 1])
     assert np.mean(errors[rows] <= found.interval[rows]) == pytest.approx(0.9, abs=0.025)
     assert not found.interval[[0, F - 1]].any() and not found.deviation[[0, F - 1]].any()
+
+
+def test_in_one_view_most_errors_are_smaller_than_expected_and_some_are_far_larger_whatever_key_poses_show() -> None:
+    rng, F = np.random.default_rng(1), 400
+    A = rng.normal(0, 0.01, (F, P, 3, 3))
+    once, often = (uncertainty_of(0, A @ np.swapaxes(A, -1, -2), np.full((4, P), 3 * miss)) for miss in (0.1, 30.0))
+    found, other = (joint_errors(BODY, [one], np.zeros((F, P, 3, 3)), one_view=True) for one in (once, often))
+    np.testing.assert_array_equal(found.interval, other.interval)
+    spread = np.sqrt(ONE_VIEW_RATIO / (rng.chisquare(ONE_VIEW_T_DOF, (F, P)) / ONE_VIEW_T_DOF))
+    errors = spread * np.linalg.norm((A @ rng.normal(size=(F, P, 3, 1)))[..., 0], axis=-1)
+    assert np.mean(errors[1:-1] <= found.interval[1:-1]) == pytest.approx(0.9, abs=0.025)
+    assert np.median(errors[1:-1] / found.deviation[1:-1]) < 1 < np.quantile(errors[1:-1] / found.deviation[1:-1], 0.8)
 
 
 @pytest.mark.parametrize("keypoints", [True, False])
