@@ -41,7 +41,7 @@ REPORTED_PROBABILITY = 0.5
 ERRORS_T_DOF = 20.0
 """Degrees of freedom of the errors' t distribution, as the ratio estimated from key poses is a mean over frames with
 smaller and larger errors."""
-ONE_VIEW_RATIO = 0.35
+ONE_VIEW_RATIO = 0.25
 """Ratio of squared errors to those that the solver expects in a single view without keypoints. Most of these errors are
 in depth, and key poses that are predicted without themselves hardly tell how large they are."""
 ONE_VIEW_T_DOF = 4.0
