@@ -26,7 +26,7 @@ LIFTED_DISTANCE_SHARE = 0.04
 """Standard deviation of the person's distance from that view's camera, as a share of it."""
 LIFTED_WITHIN = 0.5
 """Time from a key pose of the whole body within which these errors are smaller, seconds."""
-LIMB_DEPTH_SHARE = 0.25
+LIMB_DEPTH_SHARE = 0.35
 """Standard deviation of a joint's depth per distance that it has moved against the beginning of its limb since a key
 pose: without keypoints, a single view hardly shows whether a limb has moved towards it or away."""
 DEPTH_DRIFT = 0.04
