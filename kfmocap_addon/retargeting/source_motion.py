@@ -17,6 +17,7 @@ from ..scene_io import fcurves
 from ..scene_io.body import body_armature
 from ..scene_io.keys import motion_curves
 from ..scene_io.scene import frame_rate
+from ..scene_io.visited_frames import same_time
 from .rig_motion import shown_bone
 from .rigs.rig_at_rest import posed_matrices, rest_orientations, rest_skeleton
 from .rigs.rig_error import world_matrices
@@ -88,15 +89,14 @@ def motion_of_armature(
     R_rest = rest_orientations(armature, shown)
     turns = np.empty((last - first + 1, len(names), 3, 3))
     places = np.empty(turns.shape[:3])
-    now = scene.frame_current
-    for f in range(len(turns)):
-        scene.frame_set(first + f)
-        if f == 0:
-            sizes = _sizes(armature, shown)
-        R, T = world_matrices(armature, shown)
-        turns[f] = R @ np.swapaxes(R_rest, -1, -2)
-        places[f] = T + np.einsum("bij,bj->bi", turns[f], whole.heads[own] - whole.heads[others])
-    scene.frame_set(now)
+    with same_time(scene):
+        for f in range(len(turns)):
+            scene.frame_set(first + f)
+            if f == 0:
+                sizes = _sizes(armature, shown)
+            R, T = world_matrices(armature, shown)
+            turns[f] = R @ np.swapaxes(R_rest, -1, -2)
+            places[f] = T + np.einsum("bij,bj->bi", turns[f], whole.heads[own] - whole.heads[others])
     rest = RestSkeleton(tuple(names), (-1,) * len(names), whole.heads[own], whole.tails[own])
     rest = _sized(rest, bones, R_rest, sizes)
     return SkeletonMotion(armature.name, rest, turns, places, frame_rate(scene)), bones

@@ -9,6 +9,7 @@ from ....core.errors import listed
 from ....core.numerics.arrays import Array, Ints
 from ....core.retargeting.control_rig import ControlRig, RigPoses
 from ...scene_io.characters.skinned_parts import leading_bones
+from ...scene_io.visited_frames import same_time
 from .rig_at_rest import evaluated
 from .rig_error import world_matrices
 
@@ -50,10 +51,9 @@ def left_behind(
 
 def _heads(scene: bpy.types.Scene, armature: bpy.types.Object, names: list[str], frames: Ints) -> list[Array]:
     """Return where the heads of bones are shown on scene frames, (B, 3) each."""
-    now, part, found = scene.frame_current, scene.frame_subframe, []
-    with evaluated(armature):
+    found = []
+    with same_time(scene), evaluated(armature):
         for frame in frames.tolist():
             scene.frame_set(frame)
             found.append(world_matrices(armature, names)[1])
-    scene.frame_set(now, subframe=part)
     return found

@@ -13,6 +13,7 @@ from ....core.numerics.arrays import Array, Ints
 from ....core.retargeting.bone_roles.roles import LIMBS
 from ....core.retargeting.control_rig import ControlRig, RigPoses
 from ...scene_io.body.body_armature import world_frame
+from ...scene_io.visited_frames import same_time
 from .rig_at_rest import evaluated
 
 
@@ -69,10 +70,10 @@ def measured_errors(
     sample : ndarray of int
         Indices of the frames that are compared.
     """
-    now, standing = scene.frame_current, np.array(armature.matrix_world, float)
+    standing = np.array(armature.matrix_world, float)
     angles = np.empty((len(sample), len(shown.names)))
     apart = np.empty_like(angles)
-    with evaluated(armature):
+    with same_time(scene), evaluated(armature):
         for i, f in enumerate(sample):
             scene.frame_set(int(frames[f]))
             R, T = world_matrices(armature, shown.names)
@@ -84,7 +85,6 @@ def measured_errors(
             places = poses.places[f] + np.einsum("bij,bj->bi", poses.turns[f], off)
             angles[i] = np.degrees(np.linalg.norm(rotations.log(np.swapaxes(R, -1, -2) @ wanted), axis=-1))
             apart[i] = 1000 * np.linalg.norm(T - places, axis=-1)
-    scene.frame_set(now)
     return _by_limb(rig, poses, angles, apart)
 
 

@@ -12,6 +12,7 @@ from ...scene_io import fcurves
 from ...scene_io.body import body_armature
 from ...scene_io.constraints import acts
 from ...scene_io.keys import key_pose_curves
+from ...scene_io.visited_frames import same_time
 from .skinned_body import use_as_body
 
 _MIN_VERTICES = 8
@@ -76,7 +77,7 @@ def use_as_prop(current: bpy.types.Scene, mesh: bpy.types.Object) -> bpy.types.O
     for frame, matrix in keyed.items():
         posed.matrix = matrix
         key_pose_curves.key_current_pose(armature, frame)
-    current.frame_set(current.frame_current)
+    current.frame_set(current.frame_current, subframe=current.frame_subframe)
     return armature
 
 
@@ -131,11 +132,12 @@ def _keyed_places(current: bpy.types.Scene, mesh: bpy.types.Object) -> dict[int,
     bag = fcurves.find_channelbag(mesh)
     curves = [fcurves.get_keys(curve) for curve in bag.fcurves] if bag else []
     frames = sorted({int(frame) for keys in curves for frame in fcurves.frames_of(keys)})
-    here, found = current.frame_current, {}
-    for frame in frames:
-        current.frame_set(frame)
-        place, turn, _ = mesh.matrix_world.decompose()
-        found[frame] = Matrix.LocRotScale(place, turn, None)
-    if frames:
-        current.frame_set(here)
+    if not frames:
+        return {}
+    found = {}
+    with same_time(current):
+        for frame in frames:
+            current.frame_set(frame)
+            place, turn, _ = mesh.matrix_world.decompose()
+            found[frame] = Matrix.LocRotScale(place, turn, None)
     return found

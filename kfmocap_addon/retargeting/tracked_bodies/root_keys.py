@@ -13,6 +13,7 @@ from ....core.errors import listed
 from ...scene_io import fcurves
 from ...scene_io.body import body_armature
 from ...scene_io.keys import key_pose_curves
+from ...scene_io.visited_frames import same_time
 from .tracked_bones import moves
 
 _PLACES = ("location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale")
@@ -55,11 +56,10 @@ def _on_frames(
     current: bpy.types.Scene, armature: bpy.types.Object, bone: str, frames: Collection[int]
 ) -> Iterator[Matrix]:
     """Go to scene frames in turn, and back after the last; gives the bone's matrix in the armature on each."""
-    now, part = current.frame_current, current.frame_subframe
-    for frame in frames:
-        current.frame_set(frame)
-        yield armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones[bone].matrix.copy()
-    current.frame_set(now, subframe=part)
+    with same_time(current):
+        for frame in frames:
+            current.frame_set(frame)
+            yield armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones[bone].matrix.copy()
 
 
 def _moving(armature: bpy.types.Object, names: Collection[str]) -> list[str]:

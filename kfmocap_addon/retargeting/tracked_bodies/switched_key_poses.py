@@ -20,6 +20,7 @@ from ....core.shot.shot import KeyPoses
 from ...scene_io import fcurves
 from ...scene_io.body import body_armature, body_channels
 from ...scene_io.keys import key_pose_curves
+from ...scene_io.visited_frames import same_time
 from ..rigs.rig_settings import Owner, setting_curves, trying_settings
 
 _SAME_PLACE = 0.01
@@ -65,12 +66,11 @@ class _Limbs:
     def shown(self, armature: bpy.types.Object, frames: Ints) -> Array:
         """Return axes and heads of the bones on scene frames, in the armature, shape (F, B, 3, 4)."""
         current, shown = bpy.context.scene, []
-        now = current.frame_current
-        for frame in frames.tolist():
-            current.frame_set(frame)
-            posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones
-            shown.append([np.array(posed[name].matrix)[:3] for name in self.bones])
-        current.frame_set(now)
+        with same_time(current):
+            for frame in frames.tolist():
+                current.frame_set(frame)
+                posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones
+                shown.append([np.array(posed[name].matrix)[:3] for name in self.bones])
         return np.array(shown).reshape(len(frames), len(self.bones), 3, 4)
 
     def axes(self, shown: Array) -> Array:

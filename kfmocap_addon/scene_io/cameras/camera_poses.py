@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
 import bpy
 import numpy as np
@@ -15,11 +15,11 @@ from ....core.errors import CalibrationError
 from ....core.numerics import rotations
 from ....core.numerics.arrays import Array
 from .. import fcurves
+from ..visited_frames import same_time_and_poses
 
 _FLIP = np.diag([1.0, -1.0, -1.0])  # Blender's cameras look along -z with y up, OpenCV's along z with y down
 
 
-_POSED = ("location", "rotation_quaternion", "rotation_euler", "scale")
 _SAME = 1e-6  # metres, and differences of rotations: a camera that moves by less is fixed
 
 
@@ -76,7 +76,7 @@ def read_poses(
         frames = [scene.frame_current]
     matrices = np.empty((len(frames), len(cameras), 4, 4))
     layer = _view_layer(scene, cameras)
-    with coming_back(scene) if len(frames) > 1 else contextlib.nullcontext():
+    with same_time_and_poses(scene) if len(frames) > 1 else contextlib.nullcontext():
         for i, frame in enumerate(frames):
             if len(frames) > 1:
                 scene.frame_set(frame)
@@ -84,20 +84,6 @@ def read_poses(
             for c, camera in enumerate(cameras):
                 matrices[i, c] = np.array(camera.evaluated_get(layer.depsgraph).matrix_world)
     return [_cv_poses(matrices[:, c] if keyed is None else keyed) for c, keyed in enumerate(followed)]
-
-
-@contextlib.contextmanager
-def coming_back(scene: bpy.types.Scene) -> Iterator[None]:
-    """Restore the frame, and poses that have not been keyed, after the block has visited other frames."""
-    before = scene.frame_current, scene.frame_subframe
-    bones = [bone for thing in scene.objects if thing.pose for bone in thing.pose.bones]
-    posed = [(bone, name, getattr(bone, name).copy()) for bone in bones for name in _POSED]
-    try:
-        yield
-    finally:
-        scene.frame_set(before[0], subframe=before[1])
-        for bone, name, value in posed:
-            setattr(bone, name, value)
 
 
 def _stands_still(camera: bpy.types.Object) -> bool:

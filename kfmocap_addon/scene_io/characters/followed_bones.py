@@ -10,9 +10,9 @@ import numpy as np
 
 from ....core.numerics import rotations
 from ....core.numerics.arrays import Array
-from ..cameras.camera_poses import coming_back
 from ..constraints import acts
 from ..fcurves import bone_of
+from ..visited_frames import same_time_and_poses
 
 _LIMIT_CONSTRAINTS = ("LIMIT_ROTATION", "LIMIT_LOCATION", "LIMIT_SCALE")
 _CHAINS = ("IK", "SPLINE_IK")
@@ -96,7 +96,7 @@ def read_followed(
     """
     found = {name: (np.empty((len(times), 3)), np.empty((len(times), 4)), np.empty((len(times), 3))) for name in bones}
     layer = scene.view_layers[0]
-    with coming_back(scene):
+    with same_time_and_poses(scene):
         for k, time in enumerate(times):
             whole, part = divmod(float(time), 1.0)
             scene.frame_set(int(whole), subframe=part)

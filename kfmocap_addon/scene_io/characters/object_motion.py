@@ -8,8 +8,8 @@ import bpy
 import numpy as np
 
 from .. import fcurves
-from ..cameras.camera_poses import coming_back
 from ..constraints import acts
+from ..visited_frames import same_time_and_poses
 
 _STILL_TOLERANCE = 1e-4
 """Largest change of the object's matrix, metres or radians, of one that stays."""
@@ -25,7 +25,7 @@ def what_moves(scene: bpy.types.Scene, armature: bpy.types.Object, frames: tuple
     if armature.parent is None and not holds and not _is_keyed(armature):
         return None
     layer, places = scene.view_layers[0], []
-    with coming_back(scene):
+    with same_time_and_poses(scene):
         for frame in np.unique(np.linspace(*frames, _SAMPLE).astype(int)):
             scene.frame_set(int(frame))
             places.append(np.array(armature.evaluated_get(layer.depsgraph).matrix_world))

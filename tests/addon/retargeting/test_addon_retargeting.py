@@ -425,6 +425,17 @@ def test_motion_comes_from_any_armature(blender):
     assert joint_errors(second, report, given) < 1e-4
 
 
+def test_a_time_between_two_frames_stays_shown(blender):
+    current, first, second = bpy.context.scene, built("mixamo", np.radians(45)), built("unreal", name="other")
+    current.frame_set(3, subframe=0.25)
+    send_to_rig(current, source(), first, 1)
+    assert (current.frame_current, current.frame_subframe) == (3, 0.25)
+    motion, bones = motion_of_armature(current, first, (1, FRAMES))
+    assert (current.frame_current, current.frame_subframe) == (3, 0.25)
+    send_to_rig(current, motion, second, 1, SendOptions(source_bones=bones))
+    assert (current.frame_current, current.frame_subframe) == (3, 0.25)
+
+
 def test_the_operator_sends_another_armatures_motion(tracked):
     settings = bpy.context.scene.kfmocap.retarget
     assert bpy.ops.kfmocap.send_to_rig() == {"FINISHED"}

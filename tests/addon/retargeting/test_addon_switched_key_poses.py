@@ -59,7 +59,9 @@ def test_key_poses_of_goals_become_those_of_fk_controls():
     keyed_goals(armature, {"IK-hand.L": ARM, "IK-foot.R": LEG})
     wanted = shown_heads(armature, KEYED[-1], LIMBS)[[frame - 1 for frame in KEYED]]
     assert np.ptp(wanted, axis=0).max() > 0.2
+    bpy.context.scene.frame_set(3, subframe=0.25)
     taken, remarks = use_as_body(bpy.context.scene, armature)
+    assert (bpy.context.scene.frame_current, bpy.context.scene.frame_subframe) == (3, 0.25)
     found = shown_heads(taken, KEYED[-1], LIMBS)[[frame - 1 for frame in KEYED]]
     assert np.linalg.norm(found - wanted, axis=-1).max() < 2e-3
     [said] = [text for text in remarks if "key poses" in text]
