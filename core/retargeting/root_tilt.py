@@ -12,6 +12,7 @@ import numpy as np
 
 from ..body.skeleton_motion import RestSkeleton
 from ..numerics.arrays import Array, Bools
+from .bone_roles.roles import BoneMap
 from .control_rig import ControlRig, RigPoses
 from .rest_poses.rest_alignment import shortest_turn
 from .retarget import Retargeted, grounded, way_up
@@ -75,8 +76,28 @@ def root_tilt(rig: ControlRig, turned: Array, pivot: Array) -> RootTilt | None:
     pivot : ndarray, shape (3,)
         Where what has turned them has carried the rig's origin, metres.
     """
-    swing = shortest_turn(_UP, turned[rig.index("hips")] @ _UP)
-    way = way_up(rig.rest, rig.bones)
-    if np.linalg.norm(swing[:2, 2]) < _LEAST or (swing.T @ way)[2] <= way[2]:
+    swing = _lean(turned[rig.index("hips")], way_up(rig.rest, rig.bones))
+    if swing is None:
         return None
     return RootTilt(swing, pivot, np.abs(turned - np.eye(3)).max(axis=(1, 2)) > _LEAST)
+
+
+def straight_turn(rest: RestSkeleton, bones: BoneMap, turned: Array) -> Array:
+    """Return how a rig's rest pose is turned where it stands upright, (3, 3), by what turns its hips by `turned`."""
+    swing = _lean(turned, turned @ way_up(rest, bones))
+    return turned if swing is None else swing.T @ turned
+
+
+def _lean(turned: Array, way: Array) -> Array | None:
+    """Return how a rig that has been turned leans, (3, 3), None if it does not, or is only upright by that.
+
+    Parameters
+    ----------
+    turned : ndarray, shape (3, 3)
+    way : ndarray, shape (3,)
+        From the knees to the shoulders.
+    """
+    swing = shortest_turn(_UP, turned @ _UP)
+    if np.linalg.norm(swing[:2, 2]) < _LEAST or (swing.T @ way)[2] <= way[2]:
+        return None
+    return swing

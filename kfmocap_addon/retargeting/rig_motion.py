@@ -24,7 +24,7 @@ from .rigs.ik_controls import ik_bones, ik_channels, ik_roles
 from .rigs.rig_at_rest import at_rest, shown_size
 from .rigs.rig_curves import ControlChannel, rotation_channel
 from .rigs.rig_error import ShownBones
-from .rigs.rig_reading import RigReading, read_rig
+from .rigs.rig_reading import RigReading, read_rig, turn_from_rest
 from .rigs.rig_settings import Owner, setting_channels, with_settings
 from .toe_tips import sole_below_ankle, standing_feet, toe_tips
 
@@ -99,8 +99,9 @@ def motion_on_rig(armature: bpy.types.Object, bones: BoneMap, transfer: Transfer
         bones, controls = through_controls(armature, bones)
     follows = {**preset.follows, **{control: bone for bone, control in controls.by_bone.items()}}
     used = _used(bones, transfer.bones, options)
-    standing, resting, skins = standing_feet(armature, bones, follows)
-    tips, sole = toe_tips(resting, bones, used, skins), sole_below_ankle(armature, bones, follows, skins)
+    turn = turn_from_rest(armature, bones)
+    standing, resting, skins = standing_feet(armature, bones, follows, turn)
+    tips, sole = toe_tips(resting, bones, used, skins), sole_below_ankle(armature, bones, follows, skins, turn)
     if options.feet != "off" and options.root != "in-place" and not preset.ik:
         used = _with_toes(bones, used, long_feet((transfer.motion.rest, transfer.bones), (resting, bones), tips))
     names, ik = used.names(), [name for name in ik_bones(preset) if name in armature.pose.bones]

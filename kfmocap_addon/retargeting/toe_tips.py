@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -57,29 +58,29 @@ def toe_tips(rest: RestSkeleton, bones: BoneMap, used: BoneMap, skins: Mapping[s
 
 
 def sole_below_ankle(
-    armature: bpy.types.Object, bones: BoneMap, shown: Mapping[str, str], skins: Mapping[str, Array]
+    armature: bpy.types.Object, bones: BoneMap, shown: Mapping[str, str], skins: Mapping[str, Array], turn: Array
 ) -> float | None:
     """Return how far feet on the ground reach below the ankles, metres: their skin, see `standing_feet`, or what hangs
     on their bones at rest where there is no such skin; None without either.
 
-    `shown` is the deforming bone, by the control that it follows.
+    `shown` is the deforming bone, by the control that it follows; `turn` as for `standing_feet`.
     """
     depths = [float(-points[:, 2].min()) for points in skins.values() if len(points)]
     feet = [shown.get(name, name) for side in skins for name in bones.bones[f"foot.{side}"]]
-    return max(depths or [depth for foot in feet if (depth := _depth_of_bones(armature, foot)) > 0], default=None)
+    return max(depths or [depth for foot in feet if (depth := _depth_of_bones(armature, foot, turn)) > 0], default=None)
 
 
-def _depth_of_bones(armature: bpy.types.Object, foot: str) -> float:
+def _depth_of_bones(armature: bpy.types.Object, foot: str, turn: Array) -> float:
     """Return how far the bones that hang on a foot's bone reach below it at rest, metres."""
     matrix, _ = world_frame(armature)
     ankle = armature.data.bones[foot]
     ends = [end for bone in ankle.children_recursive for end in (bone.head_local, bone.tail_local)]
-    ways = (np.array([*ends, ankle.head_local]) - np.array(ankle.head_local)) @ matrix[:3, :3].T
+    ways = (np.array([*ends, ankle.head_local]) - np.array(ankle.head_local)) @ (turn @ matrix[:3, :3]).T
     return float(-ways[:, 2].min())
 
 
 def standing_feet(
-    armature: bpy.types.Object, bones: BoneMap, shown: Mapping[str, str]
+    armature: bpy.types.Object, bones: BoneMap, shown: Mapping[str, str], turn: Array
 ) -> tuple[dict[str, Array], RestSkeleton, dict[str, Array]]:
     """Return how the legs must be turned from rest to stand, see `standing_turns`; the skeleton as it stands; and by
     side the skin of each foot then, from the ankle, in the world's axes, shape (V, 3).
@@ -90,10 +91,13 @@ def standing_feet(
     bones : BoneMap
     shown : mapping of str to str
         The deforming bone, by the control that it follows.
+    turn : ndarray, shape (3, 3)
+        How the rest pose is turned in the world, such as by a root, see `root_tilt.straight_turn`.
     """
     skin, rest = read_skin(armature), rest_skeleton(armature)
+    rest = replace(rest, heads=rest.heads @ turn.T, tails=rest.tails @ turn.T)
     skins = {
-        side: _foot_skin(armature, skin, *(_shown(bones, f"{role}.{side}", shown) for role in ("foot", "toe")))
+        side: _foot_skin(armature, skin, *(_shown(bones, f"{role}.{side}", shown) for role in ("foot", "toe"))) @ turn.T
         for side in SIDES
         if f"foot.{side}" in bones.bones
     }

@@ -24,10 +24,10 @@ from ....core.retargeting.bone_roles.roles import SIDES, BoneMap
 from ....core.retargeting.control_rig import MOVED, ControlRig, carriers_of_apart
 from ....core.retargeting.rest_poses.palms import axes_of_palm, palm_bones
 from ....core.retargeting.retarget import grounded
-from ....core.retargeting.root_tilt import RootTilt, root_tilt
+from ....core.retargeting.root_tilt import RootTilt, root_tilt, straight_turn
 from ...scene_io.body.body_armature import world_frame
 from ...scene_io.constraints import acts
-from .rig_at_rest import pose, posed_matrices, rest_orientations, rest_skeleton, shown_size, update
+from .rig_at_rest import at_rest, pose, posed_matrices, rest_orientations, rest_skeleton, shown_size, update
 
 _PROBE = Quaternion((0.9553, 0.1837, 0.1342, 0.1885)).normalized()
 """How a control is turned to see what follows it: by 34 degrees about an axis that is none of its own."""
@@ -145,6 +145,19 @@ def _bone_ends(
     for name, end in ends.items():
         tails[names.index(name)] = armature.pose.bones[end].head
     return rest[:, :3, 3], tails
+
+
+def turn_from_rest(armature: bpy.types.Object, bones: BoneMap) -> Array:
+    """Return how what has placed a character, such as a root, turns its rest pose in the world, apart from making it
+    lean, shape (3, 3).
+    """
+    hips = bones.bones["hips"][:1]
+    matrix, scale = world_frame(armature)
+    with at_rest(armature, hips):
+        posed = rotations.orthonormal(matrix[:3, :3] / scale @ posed_matrices(armature, hips)[:, :3, :3])
+    return straight_turn(
+        rest_skeleton(armature), bones, (posed @ np.swapaxes(rest_orientations(armature, hips), 1, 2))[0]
+    )
 
 
 def _longer_legs(armature: bpy.types.Object, bones: BoneMap, posed: RestSkeleton) -> float:

@@ -168,6 +168,54 @@ def test_a_character_that_its_root_has_raised_from_lying_is_left_standing():
     assert np.abs(sent_shape(armature, "world", None) - wanted).max() < 1e-3
 
 
+def sent_walk(armature):
+    """Send a walk that keeps its feet; returns where the hips and the joints of the legs are shown."""
+    report = send_to_rig(bpy.context.scene, moved_body(BODY, MOTIONS["walk"](BODY, 30, 30.0)), armature, 1)
+    bones = report["target"]["bones"]
+    legs = [bones[f"{part}.{side}"][0] for side in "LR" for part in ("thigh", "shin", "foot")]
+    return shown_heads(armature, 30, [*bones["hips"], *legs])
+
+
+def skins_of(armature):
+    return [thing for thing in bpy.data.objects if thing.type == "MESH" and thing.modifiers[0].object == armature]
+
+
+def in_a_step(armature):
+    """Have a character stand in a step at rest, the left leg ahead, with its skin."""
+    for name, angle in (("thigh_l", -0.5), ("calf_l", 0.4), ("thigh_r", 0.3)):
+        bone = armature.pose.bones[name]
+        bone.matrix = (
+            Matrix.Translation(bone.head) @ Matrix.Rotation(angle, 4, "X") @ Matrix.Translation(-bone.head) @ bone.matrix
+        )
+        bpy.context.view_layer.update()
+    bpy.context.view_layer.objects.active = armature
+    skins = skins_of(armature)
+    for skin in skins:
+        with bpy.context.temp_override(object=skin, active_object=skin):
+            bpy.ops.object.modifier_apply(modifier=skin.modifiers[0].name)
+    bpy.ops.object.mode_set(mode="POSE")
+    bpy.ops.pose.armature_apply()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    for skin in skins:
+        skin.modifiers.new("Armature", "ARMATURE").object = armature
+    return armature
+
+
+@pytest.mark.parametrize("made", [unreal_like, lambda: in_a_step(unreal_like())])
+@pytest.mark.parametrize(("axis", "angle"), [("X", 90), ("Z", 90)])
+def test_feet_are_kept_on_a_character_that_its_root_has_turned_as_on_one_that_stands_at_rest(made, axis, angle):
+    wanted = sent_walk(made())
+    turn = Matrix.Rotation(np.radians(angle), 4, axis)
+    armature = made()
+    armature.data.transform(turn.inverted())
+    for skin in skins_of(armature):
+        skin.data.transform(turn.inverted())
+    root = armature.pose.bones["root"]
+    root.matrix = turn @ root.bone.matrix_local
+    bpy.context.view_layer.update()
+    assert np.abs(sent_walk(armature) - wanted).max() < 2e-3
+
+
 @pytest.mark.parametrize("name", ["pelvis", "upper_arm.L", "head"])
 def test_motion_is_sent_to_a_character_with_a_bone_of_another_size(name):
     armature = skinned_human()
