@@ -76,7 +76,7 @@ def root_tilt(rig: ControlRig, turned: Array, pivot: Array) -> RootTilt | None:
     pivot : ndarray, shape (3,)
         Where what has turned them has carried the rig's origin, metres.
     """
-    swing = _lean(turned[rig.index("hips")], way_up(rig.rest, rig.bones))
+    swing = _tilt_of(turned[rig.index("hips")], way_up(rig.rest, rig.bones))
     if swing is None:
         return None
     return RootTilt(swing, pivot, np.abs(turned - np.eye(3)).max(axis=(1, 2)) > _LEAST)
@@ -84,11 +84,11 @@ def root_tilt(rig: ControlRig, turned: Array, pivot: Array) -> RootTilt | None:
 
 def straight_turn(rest: RestSkeleton, bones: BoneMap, turned: Array) -> Array:
     """Return how a rig's rest pose is turned where it stands upright, (3, 3), by what turns its hips by `turned`."""
-    swing = _lean(turned, turned @ way_up(rest, bones))
+    swing = _tilt_of(turned, turned @ way_up(rest, bones))
     return turned if swing is None else swing.T @ turned
 
 
-def _lean(turned: Array, way: Array) -> Array | None:
+def _tilt_of(turned: Array, way: Array) -> Array | None:
     """Return how a rig that has been turned leans, (3, 3), None if it does not, or is only upright by that.
 
     Parameters

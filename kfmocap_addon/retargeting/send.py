@@ -29,7 +29,7 @@ from .rigs.rig_at_rest import leave_rest_position
 from .rigs.rig_curves import ControlChannel, CurveOptions, shifts_undone, write_channels
 from .rigs.rig_error import measured_errors
 from .rigs.rig_settings import setting_channels
-from .target_armatures import target_bones
+from .target_armatures import moved_bones
 
 _SAMPLE = 60  # frames on which the remaining error is measured
 
@@ -91,7 +91,7 @@ def send_to_rig(
     if armature.mode == "EDIT":
         raise BodyError("it is in edit mode", where=f"armature {armature.name}", todo="leave it first (Tab)")
     transfer = _transfer(source, options)
-    bones = options.bones or target_bones(armature, options.preset)
+    bones, other_hips = (options.bones, ()) if options.bones else moved_bones(armature, options.preset)
     bones.checked([bone.name for bone in armature.data.bones], f"armature {armature.name}")
     if options.live is not None:
         refuse_inverse_kinematics(bones.preset, preset_of(bones).ik)
@@ -115,6 +115,7 @@ def send_to_rig(
         "frames": [int(frames[0]), int(frames[-1])],
         "warnings": [
             *shown_at_rest,
+            *other_hips,
             *rig_warnings.moving_as_a_whole(scene, armature, (int(frames[0]), int(frames[-1]))),
             *_warnings(armature, sent, errors, live=options.live is not None),
             *behind,

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import bpy
+import numpy as np
 
 from ...core.errors import BodyError
-from ...core.retargeting.bone_matching import match_bones
-from ...core.retargeting.bone_roles.roles import BoneMap
+from ...core.retargeting.bone_matching import match_bones, preset_of
+from ...core.retargeting.bone_roles.roles import SIDES, BoneMap
+from ...core.retargeting.retarget import way_up
+from ..scene_io.body.body_armature import world_frame
 from ..scene_io.characters.followed_bones import skeletons_following
+from ..scene_io.characters.skins import read_skin
 from .rigs.rig_at_rest import rest_skeleton
+
+_BODY_SHARE = 0.05
+"""Share of the skin from which on it belongs to the body, and is no board or stray vertices."""
 
 
 def target_bones(armature: bpy.types.Object, preset: str | None = None) -> BoneMap:
@@ -20,6 +27,37 @@ def target_bones(armature: bpy.types.Object, preset: str | None = None) -> BoneM
         It is not human, or lacks bones of the preset.
     """
     return match_bones(rest_skeleton(armature), preset, f"armature {armature.name}")
+
+
+def moved_bones(armature: bpy.types.Object, preset: str | None = None) -> tuple[BoneMap, tuple[str, ...]]:
+    """Return the roles of an armature's bones for a motion that takes all of the body along, and what to report: where
+    much of the skin hangs on a bone above the hips, such as the hindquarters of a centaur, that bone is the hips.
+
+    Raises
+    ------
+    BodyError
+        As `target_bones`.
+    """
+    bones = target_bones(armature, preset)
+    hips = armature.data.bones[bones.bones["hips"][0]]
+    above = [bone.name for bone in hips.parent_recursive if bone.use_deform]
+    if not above or preset_of(bones).follows:
+        return bones, ()
+    skin, rest = read_skin(armature), rest_skeleton(armature)
+    knees = rest.heads[rest.indices([bones.bones[f"shin.{side}"][0] for side in SIDES])].mean(axis=0)
+    rise, (matrix, _) = way_up(rest, bones), world_frame(armature)
+    heights = (skin.points @ matrix[:3, :3].T + matrix[:3, 3] - knees) @ rise
+    carried = {hips.name, *(bone.name for bone in hips.children_recursive)}
+    for name in reversed(above):
+        hung = {name, *(bone.name for bone in armature.data.bones[name].children_recursive)} - carried
+        led = np.isin(skin.leaders, [i for i, one in enumerate(skin.names) if one in hung])
+        own = heights[skin.leaders == skin.names.index(name)]
+        if led.sum() > _BODY_SHARE * len(led) and len(own) and own.mean() > 0:
+            roles = {role: played for role, played in bones.bones.items() if name not in played}
+            whole = BoneMap(roles | {"hips": (name,)}, bones.preset, bones.found_by)
+            said = f"bone {name}: it leads skin above {hips.name}, and moves as the hips instead"
+            return whole, (f"{said}: choose another bone for the hips in the list of Find Bones if that is wrong",)
+    return bones, ()
 
 
 def find_target(name: str | None, preset: str | None = None) -> bpy.types.Object:

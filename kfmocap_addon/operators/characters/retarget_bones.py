@@ -36,7 +36,7 @@ class FindBones(Conditional, bpy.types.Operator):
         settings = context.scene.kfmocap.retarget
         preset = None if settings.preset == "auto" else settings.preset
         settings.target = chosen_character(context.scene)
-        bones = target_armatures.target_bones(settings.target, preset)
+        bones, _ = target_armatures.moved_bones(settings.target, preset)
         listed_bones.list_bones(settings, bones)
         how = f"preset {bones.preset}" if bones.preset else f"their {bones.found_by}"
         self.report({"INFO"}, f"{len(bones.names())} bones by {how}")

@@ -23,8 +23,8 @@ _NAMED = 3
 def left_behind(
     scene: bpy.types.Scene, armature: bpy.types.Object, rig: ControlRig, poses: RigPoses, frames: Ints
 ) -> list[str]:
-    """Return a warning about bones that lead skin and stay where they are, though the motion takes the hips away: such
-    as the hindquarters of a centaur whose hips hang on them, or a board on the root of one who stands on it.
+    """Return a warning about bones that lead skin and stay where they are, though the motion takes the hips away, such
+    as a board on the root of somebody who stands on it.
 
     Parameters
     ----------

@@ -185,7 +185,10 @@ def in_a_step(armature):
     for name, angle in (("thigh_l", -0.5), ("calf_l", 0.4), ("thigh_r", 0.3)):
         bone = armature.pose.bones[name]
         bone.matrix = (
-            Matrix.Translation(bone.head) @ Matrix.Rotation(angle, 4, "X") @ Matrix.Translation(-bone.head) @ bone.matrix
+            Matrix.Translation(bone.head)
+            @ Matrix.Rotation(angle, 4, "X")
+            @ Matrix.Translation(-bone.head)
+            @ bone.matrix
         )
         bpy.context.view_layer.update()
     bpy.context.view_layer.objects.active = armature
@@ -237,6 +240,26 @@ def test_skin_that_stays_where_it_is_while_the_hips_go_away_is_named(root, named
     options = SendOptions(retarget=RetargetOptions(root=root))
     report = send_to_rig(bpy.context.scene, motion_of_body(BODY, away, "man", 30.0), armature, 1, options)
     assert [text.partition(":")[0] for text in report["warnings"]] == (["bone board"] if named else [])
+
+
+def test_the_hindquarters_of_a_centaur_go_along():
+    """The hips of its human half hang on the bone that leads them, as another pair of legs does."""
+    armature = unreal_like()
+    hind = [(f"hind.{s}", "croup", (x, 0.6, 0.9), (x, 0.6, 0.1)) for s, x in (("L", 0.15), ("R", -0.15))]
+    add_bones(armature, [("croup", "root", (0, 0.7, 0.95), (0, 0.1, 0.95)), *hind], deform=True)
+    with body_armature.edit_bones(armature) as bones:
+        bones["pelvis"].parent = bones["croup"]
+    dice = np.random.default_rng(0)
+    clouds = [(name, dice.uniform(-0.1, 0.1, (400, 3)) + (0, 0.6, z)) for name, z in (("croup", 0.9), ("hind.L", 0.5))]
+    bind(armature, "horse", clouds)
+    here = swing(BODY, FRAMES, 0.3)
+    away = Motion(here.translations + np.linspace(0, 1, FRAMES)[:, None] * (1.0, 0.0, 0.0), here.rotations)
+    report = send_to_rig(bpy.context.scene, motion_of_body(BODY, away, "man", 30.0), armature, 1)
+    assert report["target"]["bones"]["hips"] == ["croup"]
+    assert [text.partition(":")[0] for text in report["warnings"]] == ["bone croup"]
+    assert max(limb["worst_mm"] for limb in report["error"].values()) < 0.1
+    hips, hoof = np.moveaxis(shown_heads(armature, FRAMES, ["pelvis", "hind.L"]), 1, 0)
+    assert np.linalg.norm(hoof - hips, axis=1) == pytest.approx(np.full(FRAMES, np.linalg.norm(hoof[0] - hips[0])))
 
 
 def test_a_bone_that_is_scaled_unevenly_is_named():
