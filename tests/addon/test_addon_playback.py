@@ -7,8 +7,9 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import keys_of, shot  # noqa: E402
-from kfmocap.core.errors import ShotError  # noqa: E402
+from kfmocap.core.errors import BodyError, ShotError  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import fcurves, scene  # noqa: E402
+from kfmocap.kfmocap_addon.scene_io.body import performer_size  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body.disturbances import disturbances  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
@@ -92,8 +93,8 @@ def test_a_linked_action_is_refused_as_no_key_of_it_would_be_saved(built, tmp_pa
         assert "its action is linked from library.blend" in why_disabled(tool)
 
 
-def test_a_performer_that_is_overridden_gets_an_action_of_its_own(built, tmp_path):
-    """With the keys of the linked one, and the tracked ones are saved."""
+def overridden(built, tmp_path):
+    """A scene whose performer is the override of one that is linked from library.blend."""
     library = saved_with_its_action(built, tmp_path)
     with bpy.data.libraries.load(library, link=True) as (_, here):
         here.collections = ["Performers"]
@@ -106,6 +107,21 @@ def test_a_performer_that_is_overridden_gets_an_action_of_its_own(built, tmp_pat
         view.calibrated = True
     current.kfmocap.last = 11
     assert bpy.ops.kfmocap.use_armature() == {"FINISHED"}
+    return current
+
+
+def test_the_bones_of_a_performer_that_is_overridden_keep_their_lengths(built, tmp_path):
+    """Blender cannot change them here. It is said before the body is fitted for minutes."""
+    current = overridden(built, tmp_path)
+    bpy.ops.kfmocap.set_key_pose()
+    assert "are linked from library.blend" in why_disabled("fit_body")
+    with pytest.raises(BodyError, match=r"linked from library\.blend, and cannot be changed in this file"):
+        performer_size.set_height(armature_of(current), 1.5)
+
+
+def test_a_performer_that_is_overridden_gets_an_action_of_its_own(built, tmp_path):
+    """With the keys of the linked one, and the tracked ones are saved."""
+    current = overridden(built, tmp_path)
     assert armature_of(current).override_library and armature_of(current).animation_data.action.library is None
     assert bpy.ops.kfmocap.track() == {"FINISHED"}
     tracked = keys_of(armature_of(current))

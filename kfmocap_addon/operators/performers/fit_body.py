@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ....core.runtime.processes.worker_process import Work
+from ...scene_io.linked import linked_file
 from ..conditions import Conditional, has_footage, has_shot
 from ..job_operator import JobOperator
 from ..key_conditions import has_whole_key_pose
@@ -19,11 +20,17 @@ if TYPE_CHECKING:
 def has_own_shape(context: bpy.types.Context) -> str:
     """The body of a performer may get other proportions: it is no character's skin."""
     armatures = [slot.armature for slot in context.scene.kfmocap.performers if slot.armature is not None]
-    if not armatures:
-        return ""
+    fixed = [why for armature in armatures if (why := _why_fixed(armature))]
+    return fixed[0] if fixed and len(fixed) == len(armatures) else ""
+
+
+def _why_fixed(armature: bpy.types.Object) -> str:
+    """Return why a body keeps its proportions; empty where they can be changed."""
+    if file := linked_file(armature.data):
+        return f"The bones of {armature.name} are linked from {file}, and keep their lengths: change them there"
     from ...scene_io.body.part_meshes import is_of_skin  # loads NumPy, which must not slow down Blender's start
 
-    return _OF_SKIN if all(map(is_of_skin, armatures)) else ""
+    return _OF_SKIN if is_of_skin(armature) else ""
 
 
 _OF_SKIN = "A skinned character keeps its proportions: set its height instead"
@@ -57,13 +64,13 @@ class FitBody(Conditional, JobOperator, bpy.types.Operator):
 
     def finish(self, context: bpy.types.Context, result: BodyFit) -> None:
         from ....core.shot.shot import KeyPoses
-        from ...scene_io.body import body_armature, part_meshes
+        from ...scene_io.body import body_armature
         from ...scene_io.keys import key_pose_curves
 
         shot = context.scene.kfmocap
         for slot, body, poses, growth in zip(shot.performers, result.bodies, result.poses, result.growth, strict=True):
-            if part_meshes.is_of_skin(slot.armature):
-                self.report({"INFO"}, f"{slot.name}: a skinned character keeps its proportions")
+            if why := _why_fixed(slot.armature):
+                self.report({"INFO"}, f"{slot.name}: {why}")
                 continue
             body_armature.reshape(slot.armature, body)
             if self.adjust_poses:

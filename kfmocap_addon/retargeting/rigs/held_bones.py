@@ -11,6 +11,7 @@ import bpy
 from ...scene_io import fcurves
 from ...scene_io.body.body_armature import edit_bones
 from ...scene_io.constraints import acts
+from ...scene_io.linked import linked_file
 from .rig_at_rest import update
 
 _HOLDS = (
@@ -126,7 +127,7 @@ def without_connections(armature: bpy.types.Object, moved: Collection[str]) -> I
     are connected again. Gives those that were connected, and whether they still are, as in a linked armature.
     """
     connected = [name for name in moved if armature.data.bones[name].use_connect]
-    linked = armature.data.library is not None or armature.data.override_library is not None
+    linked = bool(linked_file(armature.data))
     connect(armature, [] if linked else connected, to_parent=False)
     try:
         yield dict.fromkeys(connected, linked)

@@ -16,6 +16,7 @@ from ...scene_io.body import body_armature, part_meshes
 from ...scene_io.characters import skinned_parts
 from ...scene_io.characters.followed_bones import following
 from ...scene_io.characters.merged_clouds import says_twist
+from ...scene_io.linked import linked_file
 from ..rigs import fk_controls
 from ..rigs.fk_controls import FkControls
 from ..rigs.held_bones import with_drivers, without_drivers
@@ -134,8 +135,7 @@ def _with_shoulders(
     """
     hung = {f"upper_arm.{side}": f"shoulder.{side}" for side in SIDES}
     there = {mechanism.bones[a][0]: mechanism.bones[s][0] for a, s in hung.items() if s in mechanism.bones}
-    stored = armature.data.library is None and armature.data.override_library is None
-    if not there or not stored:
+    if not there or linked_file(armature.data):
         return None
     made = _parts_of(armature, collection, mechanism, (*PART_ROLES, "shoulder"))
     for arm, shoulder in there.items():

@@ -13,6 +13,7 @@ from ...scene_io import fcurves
 from ...scene_io.body import body_armature, body_channels, part_meshes
 from ...scene_io.characters.followed_bones import A_DRIVER, leader_of
 from ...scene_io.characters.object_motion import what_moves
+from ...scene_io.linked import linked_file
 
 _LOWER = ("forearm", "hand", "shin", "foot")
 """Roles of bones that hang on those of the limb above."""
@@ -32,7 +33,7 @@ def movable_root(armature: bpy.types.Object) -> tuple[str, ...]:
     names, remarks = {bone.name for bone in parts}, _keyed_in_vain(armature)
     top = parts[0].name
     if parts[0].use_connect:
-        if armature.data.library is not None or armature.data.override_library is not None:
+        if linked_file(armature.data):
             raise BodyError(
                 "it is connected to the bone above, which keeps it from moving, and its armature is linked",
                 where=f"armature {armature.name}, bone {top}",

@@ -10,6 +10,7 @@ import numpy as np
 
 from ....core.body import Body
 from ....core.numerics.arrays import Array
+from ..linked import linked_file
 from . import part_meshes
 
 LANDMARKS = "kfmocap_landmarks"
@@ -31,14 +32,9 @@ def keep_landmarks(armature: bpy.types.Object, body: Body) -> None:
             if owner == rank
         }
         bone = armature.data.bones[part.name]
-        keepers = [each for each in (bone, *meshes.get(part.name, ())) if _is_local(each.id_data)]
+        keepers = [each for each in (bone, *meshes.get(part.name, ())) if not linked_file(each.id_data)]
         if keepers:
             keepers[0][LANDMARKS] = json.dumps(owned)
-
-
-def _is_local(block: bpy.types.ID) -> bool:
-    """Whether what is stored in a data block is saved with this file."""
-    return block.library is None and block.override_library is None
 
 
 def has_landmarks(armature: bpy.types.Object) -> bool:

@@ -18,6 +18,7 @@ from ....core.numerics import rotations
 from ....core.numerics.arrays import Array
 from .. import lossless
 from ..constraints import acts
+from ..linked import linked_file
 from . import part_meshes
 from .armature_landmarks import keep_landmarks, landmarks_of
 from .sides import SIDES, colour_of, side_of
@@ -89,7 +90,16 @@ def show_colour(armature: bpy.types.Object, colour: Sequence[float]) -> None:
 def edit_bones(armature: bpy.types.Object) -> Iterator[bpy.types.ArmatureEditBones]:
     """Provide the edit bones of an armature, which is put into the active view layer meanwhile, as edit mode
     requires.
+
+    Raises
+    ------
+    BodyError
+        It is linked from another file.
     """
+    if file := linked_file(armature.data):
+        what = f"its bones are linked from {file}, and cannot be changed in this file"
+        todo = "change them in that file, or append the character instead of linking it"
+        raise BodyError(what, where=f"armature {armature.name}", todo=todo)
     layer, home = bpy.context.view_layer, bpy.context.scene.collection
     before, there = layer.objects.active, armature.name in home.objects
     mode = "OBJECT" if before is None else before.mode
