@@ -49,10 +49,11 @@ from .limb_groups import (
 from .limb_search import views_of
 from .local_trials import Stretch, is_long, stretch_of, stretches_around
 from .swivelled_limbs import with_limbs_swivelled
+from .wound_heads import with_heads_unwound
 
 
 def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentSolution:
-    """Search again for limbs of a refined solution that may be lost.
+    """Search again for limbs of a refined solution that may be lost, once heads are unwound (`wound_heads`).
 
     In a long segment, limbs that the images show weakly for a moment are searched for around it, while the motion
     beside it stays.
@@ -65,6 +66,7 @@ def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, work
     """
     seconds = Seconds(solution.seconds)
     with seconds.measure("initial solution"):
+        solution = with_heads_unwound(problem, solution, workspace.silent())
         support = _support_of(problem, solution)
         groups = suspected_groups(problem, solution, support)
         if stretches := _stretches_of(problem, groups, support):
