@@ -178,7 +178,7 @@ def _key_pose_lines(performer: Mapping[str, Any]) -> list[str]:
             f"may be lost, or hidden by something, as the footage does not show them where they are: {'; '.join(lost)}"
         )
     helpful = [
-        f"{key['frame']} ({' '.join(key['parts'])} some {key['expected_error']:.0f} mm)"
+        f"{key['frame']} ({' '.join(key['parts'])} some {key['worst_error']:.0f} mm)"
         for key in performer["helpful_keyframes"]
     ]
     if helpful:

@@ -52,6 +52,8 @@ class KeySuggestion:
         First and last frame on which the first of the parts is hidden, if that is the reason.
     deviation : float
         Expected error on the frame, mean over the joints, metres; 0 if that is not the reason.
+    worst : float
+        Expected error of the first of the parts on the frame, metres; 0 if that is not the reason.
     gain : float
         How much a key pose there, in addition to those earlier in the list, would lower the expected error, mean over
         joints and frames of the shot, metres; 0 if that is not the reason.
@@ -61,6 +63,7 @@ class KeySuggestion:
     parts: tuple[int, ...]
     hidden: tuple[int, int] | None = None
     deviation: float = 0.0
+    worst: float = 0.0
     gain: float = 0.0
 
 
@@ -142,8 +145,8 @@ def suggest_keys_by_error(
             for p in np.argsort(-row, kind="stable")[:MAX_NAMED_PARTS]
             if row[p] >= NAMED_ERROR_SHARE * row.max()
         ]
-        gain = float(gains[best]) / len(expected)
-        found.append(KeySuggestion(best, tuple(worst), deviation=float(row.mean()), gain=gain))
+        gain, most = float(gains[best]) / len(expected), float(row.max())
+        found.append(KeySuggestion(best, tuple(worst), deviation=float(row.mean()), worst=most, gain=gain))
         a, b = next((a, b) for a, b in _gaps(keyed, len(expected)) if a < best < b)
         frames = _between(a, b, len(expected))
         expected[frames] *= _kept(best, a, b, frames)

@@ -217,6 +217,7 @@ def _expected_errors(shot: Shot, performer: Performer, errors: JointErrors, unkn
             {
                 "frame": first + key.frame,
                 "expected_error": round(1000 * key.deviation, 1),
+                "worst_error": round(1000 * key.worst, 1),
                 "gain": round(1000 * key.gain, 2),
                 "parts": [names[part] for part in key.parts],
             }

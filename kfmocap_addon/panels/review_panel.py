@@ -74,7 +74,7 @@ def _draw_helpful(column: bpy.types.UILayout, slot: bpy.types.PropertyGroup) -> 
         button = column.operator(GoToFrame.bl_idname, text=text, icon="KEY_HLT")
         button.frame = key.frame
         button.reason = (
-            f"Jump there and correct the pose: its bones may be {key.error:.0f} mm off, most of all {key.name}. A key "
+            f"Jump there and correct the pose: {key.name} may be {key.error:.0f} mm off. A key "
             f"pose would lower the expected error of the whole shot by {key.gain:.1f} mm"
         )
 

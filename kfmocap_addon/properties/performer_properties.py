@@ -74,7 +74,9 @@ class KFMocapHelpfulKey(bpy.types.PropertyGroup):
     """A key frame that would help most; its name is that of the parts which are expected to be farthest off there."""
 
     frame: bpy.props.IntProperty(name="Frame", description="Scene frame")
-    error: bpy.props.FloatProperty(name="Error", description="Expected error of the bones there, mean, mm")
+    error: bpy.props.FloatProperty(
+        name="Error", description="Expected error there of the bone that may be farthest off, mm"
+    )
     gain: bpy.props.FloatProperty(
         name="Gain", description="By how much a key pose there would lower the expected error over the shot, mean, mm"
     )

@@ -11,7 +11,7 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import motion, shot, sights  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
-from kfmocap.core.tracking.expected_errors.uncertainty import JointErrors, expected_errors  # noqa: E402
+from kfmocap.core.tracking.expected_errors.uncertainty import JointErrors  # noqa: E402
 from kfmocap.kfmocap_addon.overlays import misfit_backgrounds  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import fcurves, scene  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body.sides import colour_of  # noqa: E402
@@ -109,7 +109,7 @@ def test_the_most_helpful_frame_is_listed_first_with_its_parts(built):
     first, *_ = made.kfmocap.performers[0].helpful
     assert abs(first.frame - (START + 15)) <= 1
     assert first.name == "forearm.L"
-    assert first.error == pytest.approx(1000 * expected_errors(errors(), BODY.parents)[first.frame - START], rel=1e-5)
+    assert first.error == pytest.approx(1000 * errors()[first.frame - START, FOREARM], rel=1e-5)
     assert first.gain > 0
 
 

@@ -146,7 +146,7 @@ def _write_helpful(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup, keys: 
         item = slot.helpful.add()
         item.name = ", ".join(names[part] for part in key.parts)
         item.frame = start + key.frame
-        item.error, item.gain = _MILLIMETRES * key.deviation, _MILLIMETRES * key.gain
+        item.error, item.gain = _MILLIMETRES * key.worst, _MILLIMETRES * key.gain
 
 
 def _colour_bone(bone: bpy.types.PoseBone, limit: float | None) -> None:

@@ -133,6 +133,9 @@ def test_the_report_has_how_far_off_the_parts_may_be_and_where_one_more_key_pose
     first, *others = man["helpful_keyframes"]
     assert 114 <= first["frame"] <= 116 and first["parts"] == ["forearm.L"]
     assert first["expected_error"] == man["expected_error"][first["frame"] - 100]
+    assert first["worst_error"] == pytest.approx(
+        man["joint_errors_90"]["forearm.L"][first["frame"] - 100] / 1.5, abs=0.1
+    )
     assert all(first["gain"] >= other["gain"] > 0 for other in others)
 
 
@@ -144,7 +147,7 @@ def test_blind_spots_are_reported_in_one_line_each(tracked: tuple[Shot, type]) -
     )
     assert unseen == "man: frames on which no camera sees a part: shin.L 1, hand.R 7"
     assert suggested == "man: key poses would help at 107 (hand.R hidden 108-114), 115 (hand.R hidden 108-114)"
-    assert helpful.startswith("man: where one more key pose would help most: ") and "(forearm.L some" in helpful
+    assert helpful.startswith("man: where one more key pose would help most: ") and "(forearm.L some 200 mm)" in helpful
     result.visible = tuple(np.ones_like(visible) for visible in result.visible)
     nothing = np.zeros_like(result.errors[0].lost)
     result.errors = (JointErrors(nothing, nothing, nothing),)

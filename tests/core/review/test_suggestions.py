@@ -131,6 +131,7 @@ def test_the_first_suggestion_is_where_most_is_wrong() -> None:
     first, second, *_ = suggest_keys_by_error(deviation, keys_at(0, 18, 39))
     assert abs(first.frame - 27) <= 2 and abs(second.frame - 9) <= 2
     assert first.deviation == pytest.approx(deviation[first.frame].mean())
+    assert first.worst == deviation[first.frame, first.parts[0]] == deviation[first.frame].max()
 
 
 def test_the_ends_of_limbs_do_not_count() -> None:
