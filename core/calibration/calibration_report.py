@@ -17,7 +17,7 @@ from ..errors import OutputError
 from ..formats.html_page import html_page
 from ..numerics.arrays import Array
 from ..runtime.output_files.files import replacing, write_json
-from .charts import GREY, INK, Chart, Image, blank, heat_colour, stacked_pictures, text
+from .charts import GREY, INK, Chart, Image, blank, heat_colour, joined_pictures, stacked_pictures, text
 from .quality import measured_lengths, quality_numbers
 
 if TYPE_CHECKING:
@@ -116,10 +116,10 @@ def sheet(solution: CalibrationResult) -> Image:
     """
     names = list(solution.cameras)
     pictures = [_coverage(solution, c, name, _WIDTH // min(len(names), 4)) for c, name in enumerate(names)]
-    rows = [np.hstack(pictures[k : k + 4]) for k in range(0, len(pictures), 4)]
+    rows = [joined_pictures(pictures[k : k + 4]) for k in range(0, len(pictures), 4)]
     half = _WIDTH // 2
-    histograms = np.hstack([_residuals(solution, names, half), _lengths(solution, half)])
-    views = np.hstack([_space(solution, view, half) for view in (_from_above, _from_aside)])
+    histograms = joined_pictures([_residuals(solution, names, half), _lengths(solution, half)])
+    views = joined_pictures([_space(solution, view, half) for view in (_from_above, _from_aside)])
     return stacked_pictures([*rows, histograms, views])
 
 

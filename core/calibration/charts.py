@@ -46,6 +46,14 @@ def stacked_pictures(rows: Sequence[Image]) -> Image:
     )
 
 
+def joined_pictures(columns: Sequence[Image]) -> Image:
+    """Pictures side by side, the lower ones filled up."""
+    height = max(column.shape[0] for column in columns)
+    return np.hstack(
+        [cv2.copyMakeBorder(c, 0, height - c.shape[0], 0, 0, cv2.BORDER_CONSTANT, value=PAPER) for c in columns]
+    )
+
+
 def ticks(low: float, high: float, most: int = 6) -> Array:
     """Round numbers between two others."""
     rough = (high - low) / most

@@ -77,6 +77,25 @@ def cheapest_path(costs: Array, change: Callable[[int], Array]) -> Ints:
     return np.array(chosen[::-1], np.intp)
 
 
+def state_probabilities(costs: Array, change: Callable[[int], Array]) -> tuple[Array, float]:
+    """Return the posterior probability of every state, (S, F), if that of a path is proportional to exp(-its cost), by
+    the forward-backward algorithm; and the cost of all paths together, minus the logarithm of the sum.
+
+    Parameters are those of `cheapest_path`.
+    """
+    frames = costs.shape[1]
+    ahead, behind = -costs, np.zeros(costs.shape)
+    changes = [np.exp(-change(f)) for f in range(1, frames)]
+    for f in range(1, frames):
+        ahead[:, f] += _log_sum(ahead[:, f - 1], changes[f - 1])
+    for f in range(frames - 2, -1, -1):
+        behind[:, f] = _log_sum(behind[:, f + 1] - costs[:, f + 1], changes[f].T)
+    log = ahead + behind
+    share = np.exp(log - log.max(axis=0))
+    top = ahead[:, -1].max()
+    return share / share.sum(axis=0), -float(top + np.log(np.exp(ahead[:, -1] - top).sum()))
+
+
 def steadiest_path(begin: Array, step: Callable[[int], Array], frames: int) -> Ints:
     """Return the cheapest path through S states on each of two frames or more by dynamic programming over pairs of
     neighbouring frames: a state per frame, shape (frames,).

@@ -46,6 +46,15 @@ def test_the_report_has_numbers_pictures_and_a_page_of_both(solution, tmp_path: 
     assert "cam02: the wand &lt;moved&gt; in a plane (tilt it)." in page
 
 
+def test_upright_and_level_pictures_stand_in_one_report(solution):
+    """A phone on its end beside other cameras."""
+    low = calibration_report.sheet(solution)
+    rig = replace(solution.rig, sizes=np.array([(540, 960), *solution.rig.sizes[1:]]))
+    high = calibration_report.sheet(replace(solution, rig=rig))
+    assert high.shape[1] == low.shape[1] == calibration_report._WIDTH
+    assert high.shape[0] > low.shape[0] + 100
+
+
 def test_a_twentieth_of_the_wands_places_is_nearer_than_near_and_one_farther_than_far(solution):
     for numbers in quality_numbers(solution)["cameras"]:
         camera = solution.cameras[numbers["camera"]]

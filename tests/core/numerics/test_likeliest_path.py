@@ -6,7 +6,13 @@ from itertools import product
 
 import numpy as np
 import pytest
-from kfmocap.core.numerics.likeliest_path import cheapest_path, likeliest_path, place_probabilities, steadiest_path
+from kfmocap.core.numerics.likeliest_path import (
+    cheapest_path,
+    likeliest_path,
+    place_probabilities,
+    state_probabilities,
+    steadiest_path,
+)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -32,6 +38,20 @@ def test_the_cheapest_path_is_the_cheapest_of_all(seed: int) -> None:
     ways = np.array(list(product(range(3), repeat=5)))
     values = [costs[w, range(5)].sum() + sum(changes[f, w[f - 1], w[f]] for f in range(1, 5)) for w in ways]
     np.testing.assert_array_equal(cheapest_path(costs, lambda f: changes[f]), ways[np.argmin(values)])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_states_are_as_likely_as_all_paths_through_them(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    costs, changes = rng.normal(size=(3, 5)), rng.normal(size=(5, 3, 3))
+    ways = np.array(list(product(range(3), repeat=5)))
+    values = [costs[w, range(5)].sum() + sum(changes[f, w[f - 1], w[f]] for f in range(1, 5)) for w in ways]
+    share = np.zeros((3, 5))
+    for w, value in zip(ways, values, strict=True):
+        share[w, range(5)] += np.exp(-value)
+    probability, together = state_probabilities(costs, lambda f: changes[f])
+    np.testing.assert_allclose(probability, share / share.sum(axis=0), atol=1e-12)
+    assert together == pytest.approx(-np.log(np.exp(-np.array(values)).sum()))
 
 
 @pytest.mark.parametrize("seed", range(3))
