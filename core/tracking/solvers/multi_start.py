@@ -23,7 +23,7 @@ from .assessment.solution_doubts import (
     others_hide,
     worst_first,
 )
-from .assessment.solution_ranking import covering_most, settled_further
+from .assessment.solution_ranking import covering_most, likeliest_at_rest, noise_at, settled_further
 from .descent_stages import OUTLINE_REACH, SETTLED, STAGES, STAGES_AMONG_OTHERS, DescentStage
 from .equations.measurement import Workspace
 from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
@@ -123,23 +123,36 @@ def turned_and_searched(
     stages: Sequence[DescentStage] = STAGES,
 ) -> SegmentSolution:
     """Solve for one of several performers from another turn of the body (`whole_turns`, by these stages), and search it
-    for limbs (`searched_among_others`), again as long as limbs are found and the images contradict the solution.
-    Parameters as in `best_of_own_starts`; `seconds` is the time spent here.
+    for limbs (`_searched_again`). With lost limbs a wrong turn may cover more than none, so where one does, limbs are
+    searched for without it, too, and the likelier solution is taken. Parameters as in `best_of_own_starts`; `seconds`
+    is the time spent here.
     """
     seconds = Seconds()
     if not _can_be_searched(problem):
         best = covering_most(problem, first, _followed(problem, start, workspace, seconds))
         return replace(best, seconds=seconds)
     with seconds.measure("initial solution"):
-        _, best = with_whole_turn(problem, start, first, workspace.part(0.0, 0.05), stages)
-        searching = workspace.part(0.35, 1.0)
-        for k in range(MAX_SEARCH_ROUNDS):
-            part = searching.part(k / MAX_SEARCH_ROUNDS, (k + 1) / MAX_SEARCH_ROUNDS)
-            before, best = best, searched_among_others(problem, best, k, part)
-            found = limbs_elsewhere(problem, before.motions, best.motions)
-            if not found or not doubted_performers(problem, start, best):
-                break
+        _, turned = with_whole_turn(problem, start, first, workspace.part(0.0, 0.05), stages)
+        best = _searched_again(problem, start, turned, workspace.part(0.35, 1.0))
+        if turned is not first:
+            straight = _searched_again(problem, start, first, workspace.silent())
+            noise = noise_at(problem, first, workspace)
+            both = [descend(problem, one.motions, workspace.silent(), SETTLED, noise) for one in (best, straight)]
+            best = likeliest_at_rest(problem, noise, *both, workspace=workspace)
     return replace(best, seconds=seconds)
+
+
+def _searched_again(
+    problem: SegmentProblem, start: Sequence[Motion], best: SegmentSolution, workspace: Workspace
+) -> SegmentSolution:
+    """Search for limbs of one of several performers as long as some are found and the images contradict the result."""
+    for k in range(MAX_SEARCH_ROUNDS):
+        part = workspace.part(k / MAX_SEARCH_ROUNDS, (k + 1) / MAX_SEARCH_ROUNDS)
+        before, best = best, searched_among_others(problem, best, k, part)
+        found = limbs_elsewhere(problem, before.motions, best.motions)
+        if not found or not doubted_performers(problem, start, best):
+            break
+    return best
 
 
 def _best_alone(

@@ -532,3 +532,27 @@ def test_one_of_several_performers_is_searched_as_long_as_limbs_are_found_and_th
     alone = BOTH.alone(1)
     multi_start.turned_and_searched(alone, WRONG, told.found(alone, WRONG), Workspace())
     assert seeds == list(range(rounds))
+
+
+@pytest.mark.parametrize("right", ["turned", "straight"])
+def test_a_turn_of_one_of_several_performers_is_taken_only_if_it_is_likelier_once_limbs_are_searched_for(
+    monkeypatch: pytest.MonkeyPatch, told: Told, right: str
+) -> None:
+    """As long as limbs are lost, a wrong turn may cover more than none."""
+    alone, far = BOTH.alone(1), [moved(truth, np.array([0.3, 0.0, 0.0])) for truth in TRUTHS]
+    first, turned = told.found(alone, far), told.found(alone, WRONG)
+    found = {"straight": first, "turned": turned}[right]
+
+    def search(_: object, best: SegmentSolution, *__: object) -> SegmentSolution:
+        return told.found(alone, TRUTHS) if best is found else best
+
+    def likeliest(_: object, __: object, *solutions: SegmentSolution, workspace: Workspace) -> SegmentSolution:
+        return max(solutions, key=lambda one: one.cover)
+
+    monkeypatch.setattr(multi_start, "with_whole_turn", lambda _problem, start, *_: (start, turned))
+    monkeypatch.setattr(multi_start, "searched_among_others", search)
+    monkeypatch.setattr(multi_start, "doubted_performers", lambda *_: [])
+    monkeypatch.setattr(multi_start, "noise_at", lambda *_: None)
+    monkeypatch.setattr(multi_start, "likeliest_at_rest", likeliest)
+    best = multi_start.turned_and_searched(alone, far, first, Workspace())
+    assert list(best.motions) == list(TRUTHS)
