@@ -116,8 +116,9 @@ class JointErrors:
 
 def segment_uncertainties(
     problem: SegmentProblem, solution: SegmentSolution, by: ViewWork = IN_THIS_THREAD
-) -> tuple[list[SegmentUncertainty], DelayEvidence]:
-    """Return the uncertainty of a segment's solution for every performer, and what its footage says about delays.
+) -> tuple[list[SegmentUncertainty], DelayEvidence, list[BandedBlocks]]:
+    """Return the uncertainty of a segment's solution for every performer, what its footage says about delays, and the
+    normal equations of every performer at the solution, without those of plants and holds.
 
     Parameters
     ----------
@@ -157,8 +158,8 @@ def segment_uncertainties(
                 ),
             )
         )
-    minimised = whole.tied(with_priors_at(whole, solution, images, expected), motions)
-    return uncertainties, delay_evidence(problem, measured, hidden, minimised)
+    equations = with_priors_at(whole, solution, images, expected)
+    return uncertainties, delay_evidence(problem, measured, hidden, whole.tied(equations, motions)), equations
 
 
 def _pose_covariances(

@@ -268,7 +268,7 @@ def _finished(
     found = _found_accelerations(ended)
     result = SegmentResult(*ended.data.segment, ended.iterations, energy, found)
     with seconds.measure("uncertainty"):
-        uncertainties, delays = segment_uncertainties(ended.problem, solution, by)
+        uncertainties, delays, equations = segment_uncertainties(ended.problem, solution, by)
     settled = SettledMotions(solution.motions, (None,) * len(solution.motions))
     if (settle := solver_named(ended.problem.settings.solver).settle) is not None:
         ratios = [own.ratios(body) for own, body in zip(uncertainties, ended.problem.bodies, strict=True)]
@@ -276,7 +276,7 @@ def _finished(
         keys = [performer.key_poses.full() for performer in shot.performers]
         before = state.beside(task.segment, segments(shot), keys)
         with seconds.measure("solve"):
-            settled = settle(ended.problem, solution, before, ratios)
+            settled = settle(ended.problem, solution, equations, before, ratios)
     return FinishedSegment(
         result=result,
         first_motions=first_motions,

@@ -8,6 +8,7 @@ from typing import Protocol
 
 from ...body.motion import Motion
 from ...numerics.arrays import Array, Bools, Ints
+from ...numerics.banded_blocks import BandedBlocks
 from .equations.measurement import Workspace
 from .equations.problem import SegmentProblem, SegmentSolution
 
@@ -79,7 +80,12 @@ class Settle(Protocol):
     """Corrects a refined solution so that standing feet are at rest."""
 
     def __call__(
-        self, problem: SegmentProblem, solution: SegmentSolution, before: SolvedFrames, ratios: Sequence[Array]
+        self,
+        problem: SegmentProblem,
+        solution: SegmentSolution,
+        equations: Sequence[BandedBlocks],
+        before: SolvedFrames,
+        ratios: Sequence[Array],
     ) -> SettledMotions:
         """Return the corrected poses, and which points of the soles are held.
 
@@ -88,6 +94,8 @@ class Settle(Protocol):
         problem : SegmentProblem
         solution : SegmentSolution
             After refinement. Degrees of freedom that key poses fix keep its values.
+        equations : sequence of BandedBlocks
+            Normal equations of every performer at the solution, without those of plants and holds.
         before : SolvedFrames
             The motions before refinement.
         ratios : sequence of ndarray, shape (P,)

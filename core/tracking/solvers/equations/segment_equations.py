@@ -24,7 +24,7 @@ from ....shot.settings import Settings
 from ..unseen_parts.prediction import predict_unseen
 from .contact_factor import with_contact
 from .curve_factor import with_curves
-from .measurement import Instants, MeasuredMotion, hidden_parts, keypoint_instants, measured_at
+from .measurement import Instants, MeasuredMotion, hidden_parts, keypoint_instants
 from .problem import SegmentProblem, SegmentSolution
 from .smoothness_factor import SegmentSmoothness
 from .weighted_evidence import WeightedEvidence, pixel_precision
@@ -84,15 +84,6 @@ def with_priors(
     for i in problem.sought:
         systems[i] = images[i].add(smooth.blocks(problem, i, motions[i], expected[i] if expected else None))
     return with_curves(problem, systems, tuple(motions))
-
-
-def equations_at(problem: SegmentProblem, solution: SegmentSolution) -> list[BandedBlocks]:
-    """Return the normal equations of every performer at a solution that carries its evidence, without those of plants
-    and holds.
-    """
-    measured = measured_at(problem, solution)
-    hidden, expected = hidden_and_expected(problem, solution.motions, measured.evidence)
-    return with_priors_at(problem, solution, evidence_equations(problem, measured, hidden), expected)
 
 
 def with_priors_at(

@@ -114,8 +114,8 @@ def likeliest_found(
     problem: SegmentProblem, solution: SegmentSolution, group: LimbGroup, workspace: Workspace
 ) -> SegmentSolution | None:
     """Search for a group of limbs as `with_limbs_found` does, and return the likeliest solution, however little it
-    gains; None if the limbs are nowhere else in it. A round that leads back to where they were is in vain. Parameters
-    as there.
+    gains; None if the limbs are nowhere else in it. A round that leads back to where they were is in vain, and the
+    search ends with the first that is. Parameters as there.
     """
     thinned = ThinnedProblem.with_all(problem.alone(group.performer))
     search = _GroupSearch(thinned, group, workspace.silent(), only_elsewhere=True)
@@ -150,7 +150,8 @@ class _GroupSearch:
     group : LimbGroup
     workspace : Workspace
     only_elsewhere : bool
-        Whether a round is in vain that leads the limbs back to where they were: they would stay there.
+        Whether a round is in vain that leads the limbs back to where they were, as they would stay there, and the
+        search ends with the first round in vain.
     """
 
     thinned: ThinnedProblem
@@ -185,7 +186,7 @@ class _GroupSearch:
                 best, vain = there, 0
             else:
                 vain += 1
-            if vain == (1 if alone.among_others else MAX_VAIN_ROUNDS):
+            if vain == (1 if self.only_elsewhere else MAX_VAIN_ROUNDS):
                 break
         return settled, best
 

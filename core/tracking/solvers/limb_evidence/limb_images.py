@@ -249,9 +249,11 @@ class UncoveredImages:
         R, T = poses
         if (areas == areas[0]).all():
             return np.broadcast_to(areas[0], T.shape[:2])
-        ray = T - self._centre(frames, poses)[:, None]
-        along = np.einsum("mkij,mki->mkj", R, np.broadcast_to(ray, R.shape[:-1])) * areas
-        return np.asarray(np.linalg.norm(along, axis=-1) / np.linalg.norm(ray, axis=-1))
+        # Coordinate by coordinate: long rows take half the time.
+        x, y, z = np.moveaxis(T - self._centre(frames, poses)[:, None], 2, 0)
+        along = (a * x + b * y + c * z for a, b, c in np.moveaxis(R, (3, 2), (0, 1)))
+        squared = sum((area * own) ** 2 for area, own in zip(areas, along, strict=True))
+        return np.asarray(np.sqrt(squared / (x * x + y * y + z * z)))
 
     def _centre(self, frames: slice, poses: PartPoses) -> Array:
         """Positions of the camera on the frames of poses, (m, 3)."""

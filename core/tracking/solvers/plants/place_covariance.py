@@ -57,7 +57,7 @@ class TwistCovariance:
             self._solve(asked[begin : begin + FRAMES_AT_ONCE], known)
 
     def _solve(self, frames: list[int], known: int) -> None:
-        begin = 0 if len(self.jacobian) <= LONG else frames[0]  # those before follow by symmetry
+        begin = frames[0]  # covariances with those before follow by symmetry
         factor = self.factor.between(begin, known)
         right = np.zeros((*factor.free.shape, len(frames), 6))
         for k, frame in enumerate(frames):

@@ -35,7 +35,6 @@ from ....numerics.banded_blocks import BandedBlocks
 from ....numerics.robust_kernels import Quadratic
 from ..equations.plant_factor import PlantFactor
 from ..equations.problem import SegmentProblem, SegmentSolution
-from ..equations.segment_equations import equations_at
 from ..protocol import SettledMotions, SolvedFrames
 from .apparent_plants import ApparentPlants
 from .forefoot_rocker import with_forefoot_rockers
@@ -47,7 +46,11 @@ REST_SPEED_SIGMA = 0.005
 
 
 def with_standing_feet(
-    problem: SegmentProblem, solution: SegmentSolution, before: SolvedFrames, ratios: Sequence[Array]
+    problem: SegmentProblem,
+    solution: SegmentSolution,
+    equations: Sequence[BandedBlocks],
+    before: SolvedFrames,
+    ratios: Sequence[Array],
 ) -> SettledMotions:
     """Correct the motions of a solution so that standing feet are at rest; the `settle` of Gauss-Newton.
 
@@ -58,7 +61,8 @@ def with_standing_feet(
     problem : SegmentProblem
         The problem that was solved.
     solution : SegmentSolution
-        With its evidence.
+    equations : sequence of BandedBlocks
+        Normal equations of each performer at the solution, without those of plants and holds.
     before : SolvedFrames
         The motions before refinement: plants that are broken up in the solution may have their full length there. What
         the feet do on the segments beside shows how fast a standing one is at most, and whether a plant at an end of
@@ -69,7 +73,7 @@ def with_standing_feet(
     """
     if not problem.settings.plants or not problem.shows_depth:
         return SettledMotions(solution.motions, (None,) * len(solution.motions))
-    return with_plants_at_rest(problem, equations_at(problem, solution), solution.motions, before, ratios=ratios)
+    return with_plants_at_rest(problem, equations, solution.motions, before, ratios=ratios)
 
 
 def with_plants_at_rest(

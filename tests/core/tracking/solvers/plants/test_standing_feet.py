@@ -373,7 +373,7 @@ def test_feet_stay_without_plants_in_the_settings_and_in_one_view(case: str) -> 
     problem = replace(problem, views=problem.views[: 1 if case == "one view" else 2])
     evidence_there = no_evidence(len(problem.views), FRAMES, len(BODY))
     solution = SegmentSolution.of([motion], evidence_there, iterations=1, energy=[0.0])
-    found = with_standing_feet(problem, solution, SolvedFrames((motion,)), [EXACT])
+    found = with_standing_feet(problem, solution, [], SolvedFrames((motion,)), [EXACT])
     assert found.motions[0] is motion
     assert found.planted == (None,)
 
