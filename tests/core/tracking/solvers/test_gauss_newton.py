@@ -548,7 +548,7 @@ def test_a_polish_and_a_correction_end_before_a_step_that_hardly_moves_any_joint
         if angle < 0.1:
             assert found.motions[0] is start[0] and len(landscape.measured) == 1
         else:
-            assert left < MIN_JOINT_MOVE < gauss_newton.farthest_joint(problem, start, found.motions)
+            assert left < stages[-1].negligible < gauss_newton.farthest_joint(problem, start, found.motions)
 
 
 def test_coarse_stages_end_early_and_the_last_looks_at_every_view() -> None:
