@@ -256,15 +256,19 @@ def checked_file_name(name: str, where: str) -> str:
     return name
 
 
-def result_names(shot: str, performers: Sequence[str], where: str = "[[performer]]") -> list[str]:
+def result_names(
+    shot: str, performers: Sequence[str], where: str = "[[performer]]", shot_where: str = "[shot]"
+) -> list[str]:
     """Return the names, without endings, of the files with the performers' motions.
+
+    Errors name the places where the performers' names and the shot's are written.
 
     Raises
     ------
     ShotError
         One of them is not a valid file name, or two differ only in case, which some systems do not distinguish.
     """
-    checked_file_name(shot, "[shot]")
+    checked_file_name(shot, shot_where)
     if len(performers) == 1:
         return [shot]
     folded = [name.casefold() for name in performers]

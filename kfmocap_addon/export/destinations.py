@@ -53,7 +53,8 @@ def stems(scene: bpy.types.Scene, whose: Sequence[Named], name: str = "") -> lis
     base = name.strip()
     for suffix in EXPORT_FORMATS:  # written along, or clicked on in the file browser
         base = base.removesuffix(f".{suffix}")
-    return result_names(base or scene.kfmocap.shot, [owner for owner, _ in whose], f"scene {scene.name}")
+    here, owners = f"scene {scene.name}", [owner for owner, _ in whose]
+    return result_names(base or scene.kfmocap.shot, owners, f"{here}, performer's", f"{here}, shot's")
 
 
 def proposed(scene: bpy.types.Scene) -> Path:

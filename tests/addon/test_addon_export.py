@@ -381,3 +381,15 @@ def test_windows_show_the_scene_that_they_showed_before(blender, tmp_path, kind)
     armature = shown.kfmocap.performers[0].armature
     getattr(exporters, f"export_{kind}")(tmp_path / f"walk.{kind}", armature, shown, ExportOptions())
     assert window.scene == shown
+
+
+@pytest.mark.parametrize("whose", ["shot", "performer"])
+def test_a_name_that_cannot_be_a_files_is_named_as_the_scene_has_it(blender, tmp_path, whose):
+    """Not as a shot file would, which there is none of."""
+    built = scene.build_scene(shot(tmp_path, ("man", "woman")), scene=bpy.context.scene)
+    if whose == "shot":
+        built.kfmocap.shot = "a/b"
+    else:
+        built.kfmocap.performers[1].name = "a/b"
+    with pytest.raises(ShotError, match=rf"scene {built.name}, {whose}'s name: 'a/b' cannot be a file's name"):
+        exporters.export_performers(built, tmp_path)

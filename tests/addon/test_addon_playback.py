@@ -192,6 +192,11 @@ def shake(armature):
     return "modifiers of curves change what was tracked: upper_arm.L"
 
 
+def drive(armature):
+    armature.driver_add('pose.bones["upper_arm.L"].rotation_quaternion', 1).driver.expression = "0.5"
+    return "drivers stand in the place of keys, and what was tracked there is not shown: upper_arm.L"
+
+
 def blend(armature):
     other = bpy.data.actions.new("other")
     armature.animation_data.nla_tracks.new().strips.new("other", 1, other)
@@ -203,7 +208,7 @@ def arm_curves(armature):
     return [c for c in fcurves.find_channelbag(armature).fcurves if "upper_arm.L" in c.data_path]
 
 
-@pytest.mark.parametrize("change", [constrain, shift, scale, rest, mute, shake, blend])
+@pytest.mark.parametrize("change", [constrain, shift, scale, rest, mute, shake, drive, blend])
 def test_what_keeps_a_tracked_pose_from_being_shown_is_named(built, change):
     armature = armature_of(built)
     read = scene.shot_from_scene(built).performers[0].body

@@ -22,7 +22,7 @@ def disturbances(armature: bpy.types.Object, body: Body) -> list[str]:
     """Return what to report of an armature that shows another pose than its channels say, or shows them otherwise on
     other frames; `body` is the body that it was read as.
     """
-    found = [_displaced(armature, body), *_muted_and_modified(armature), _blended(armature)]
+    found = [_displaced(armature, body), *_muted_and_modified(armature), _driven(armature), _blended(armature)]
     return [text for text in found if text]
 
 
@@ -64,6 +64,15 @@ def _muted_and_modified(armature: bpy.types.Object) -> list[str]:
         f"channels are muted, and what was tracked of them is not shown: {listed(muted, _NAMED)}" if muted else "",
         f"modifiers of curves change what was tracked: {listed(modified, _NAMED)}" if modified else "",
     ]
+
+
+def _driven(armature: bpy.types.Object) -> str:
+    """Return which of the body's channels have drivers, which Blender plays instead of keys."""
+    paths = {channel.path for channel in body_channels.list_channels(armature)}
+    drivers = armature.animation_data.drivers if armature.animation_data is not None else ()
+    driven = _bones(driver for driver in drivers if driver.data_path in paths and not driver.mute)
+    what = "drivers stand in the place of keys, and what was tracked there is not shown"
+    return f"{what}: {listed(driven, _NAMED)}" if driven else ""
 
 
 def _bones(curves: Any) -> list[str]:
