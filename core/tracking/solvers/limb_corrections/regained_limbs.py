@@ -53,7 +53,7 @@ from .wound_heads import with_heads_unwound
 
 
 def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentSolution:
-    """Search again for limbs of a refined solution that may be lost, once heads are unwound (`wound_heads`).
+    """Search again for limbs of a refined solution that may be lost; then heads are unwound (`wound_heads`).
 
     In a long segment, limbs that the images show weakly for a moment are searched for around it, while the motion
     beside it stays.
@@ -66,13 +66,13 @@ def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, work
     """
     seconds = Seconds(solution.seconds)
     with seconds.measure("initial solution"):
-        solution = with_heads_unwound(problem, solution, workspace.silent())
         support = _support_of(problem, solution)
         groups = suspected_groups(problem, solution, support)
         if stretches := _stretches_of(problem, groups, support):
             solution = _searched_in_stretches(problem, solution, stretches, workspace)
         else:
             solution = _searched(problem, solution, groups, SettledSolutions(), workspace)
+        solution = with_heads_unwound(problem, solution, workspace.silent())
     return replace(solution, seconds=dict(seconds))
 
 
