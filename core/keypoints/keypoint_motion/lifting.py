@@ -3,9 +3,9 @@
 If the length of a bone is roughly known and its ends are seen on two rays, its second joint is at one of two depths,
 nearer or farther than the first. For the trunk, a state says which hip and which shoulder is nearer and whether it
 leans forward; a shortest path over the frames (Viterbi) chooses the sides, and the lean is the mean by the states'
-probabilities. Limbs follow, see `limb_depths`. What people
-hardly do has a cost: to exceed joint limits, to lean, to have the nose where the head does not face, to have the feet
-beside the hips, to sink into the floor, to raise a foot from it, and to leap.
+probabilities. Limbs follow, see `limb_depths`. What people hardly do has a cost: to exceed joint limits, to lean, to
+have the nose where the head does not face, to have the feet beside the hips, to sink into the floor, to raise a foot
+from it, and to leap.
 """
 
 from __future__ import annotations

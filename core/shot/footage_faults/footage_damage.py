@@ -134,9 +134,8 @@ def footage_damage(shot: Shot, view: View) -> FootageDamage | None:
         # A single thread reads no frames ahead, except for those stored in another order.
         video = cv2.VideoCapture(str(view.footage), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
         try:
-            messages += (
-                log.new()
-            )  # it looks at some frames when it opens the file, and says so again when it returns them
+            # It looks at some frames when it opens the file, and says so again when it returns them.
+            messages += log.new()
             for number in range(last + 1):
                 going = video.grab()
                 if new := log.new():

@@ -189,10 +189,11 @@ def joint_errors(
         Whether a single view without keypoints shows the performer.
     """
     F, P = beside.shape[:2]
-    misses, tails = np.concatenate([one.misses for one in uncertainties]), ERRORS_T_DOF
-    ratios = covariance_ratios(misses, joint_parts(body.parents))
     if one_view:
         ratios, tails = np.full(P, ONE_VIEW_RATIO), ONE_VIEW_T_DOF
+    else:
+        misses = np.concatenate([one.misses for one in uncertainties])
+        ratios, tails = covariance_ratios(misses, joint_parts(body.parents)), ERRORS_T_DOF
     covariances, lost, held = beside.copy(), np.zeros((F, P)), np.zeros(F, bool)
     for one in uncertainties:
         frames = slice(int(one.first), int(one.first) + len(one.held))

@@ -247,8 +247,8 @@ def descend(
         stage.
     hopeless : HopelessTest, optional
         Asked before every step of the last stage, which ends by it once its iterations are over.
-    vain : callable, optional
-        The same, but the stage ends by it at once.
+    vain : VainTest, optional
+        Asked before every step of the last stage, which ends by it at once.
     """
     *coarse, last = stages
     share = 1 - last.iterations / sum(stage.iterations for stage in stages)

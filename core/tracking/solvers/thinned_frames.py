@@ -49,7 +49,8 @@ class ThinnedProblem:
     whole : SegmentProblem
         The problem on all frames.
     frames : ndarray of int, shape (K,)
-        The frames that are kept, among them the first, the last, and all on which a key pose fixes anything.
+        The frames that are kept, among them the first, the last, and all on which a key pose fixes anything of
+        performers that are solved for.
     every : int
         The usual step between them, which is the frame of the reduced problem.
     problem : SegmentProblem
@@ -76,10 +77,11 @@ class ThinnedProblem:
     @classmethod
     def at_rate(cls, whole: SegmentProblem, rate: float) -> ThinnedProblem | None:
         """Keep at least so many of a problem's frames per second; None if too few would be kept or left out."""
-        frames = kept_frames(whole, every := min(WIDEST_STEP, int(whole.fps / rate)))
-        if whole.steps is not None or not MIN_KEPT <= len(frames) <= MAX_KEPT_SHARE * whole.length:
+        every = min(WIDEST_STEP, int(whole.fps / rate))
+        if every < 2 or whole.steps is not None:
             return None
-        return cls.at(whole, frames, every)
+        frames = kept_frames(whole, every)
+        return cls.at(whole, frames, every) if MIN_KEPT <= len(frames) <= MAX_KEPT_SHARE * whole.length else None
 
     @classmethod
     def with_all(cls, whole: SegmentProblem) -> ThinnedProblem:
@@ -176,7 +178,7 @@ def _known_beside(whole: SegmentProblem, end: int, every: int) -> tuple[tuple[Mo
 
 def kept_frames(problem: SegmentProblem, every: int) -> Ints:
     """Return which frames are kept: those with keys of performers that are solved for, the ends, and between them as
-    many as keep all steps at most k.
+    many as keep all steps at most `every`.
     """
     keyed = np.any([problem.fixed[i].any(axis=1) for i in problem.sought], axis=0)
     keyed[[0, -1]] = True

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from ....body.motion import Motion
 from ..descent_stages import SETTLED
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
 from ..gauss_newton import descend
+from ..view_subsets import views_in_sight
 from .solution_ranking import clearly_likelier, noise_at
 
 
@@ -31,12 +34,19 @@ class SettledSolution:
 
     @classmethod
     def after(cls, problem: SegmentProblem, begin: SegmentSolution, workspace: Workspace) -> SettledSolution:
-        """Solve a solution further; in a single view, only unless that leads it astray (`_unless_astray`)."""
+        """Solve a solution further; in a single view, unless that leads it astray (`_unless_astray`)."""
         noise = noise_at(problem, begin, workspace)
         settled = descend(problem, begin.motions, workspace, SETTLED, noise)
         if not problem.shows_depth:
             settled = _unless_astray(problem, noise, begin, settled, workspace)
         return cls(begin, noise, settled.without_equations())
+
+
+def unsettled(problem: SegmentProblem, motions: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
+    """Return motions as a solution that is still to be settled."""
+    sampling = SETTLED[-1].sampling_of(views_in_sight(problem, motions))
+    evidence = workspace.measure(problem, motions, sampling).evidence
+    return SegmentSolution.of(motions, evidence, iterations=0, energy=(), only=problem.only)
 
 
 def _unless_astray(

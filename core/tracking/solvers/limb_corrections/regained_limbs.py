@@ -26,7 +26,7 @@ from ..assessment.limb_signs import (
     unshown_limbs,
     weakly_shown_limbs,
 )
-from ..assessment.settled_solutions import SettledSolutions
+from ..assessment.settled_solutions import SettledSolutions, unsettled
 from ..assessment.solution_doubts import others_hide
 from ..assessment.solution_ranking import likelihood_decides
 from ..descent_stages import COARSE_RESTART, SETTLED
@@ -36,7 +36,6 @@ from ..gauss_newton import descend
 from ..limb_evidence.limb_images import ViewRatios
 from ..limb_evidence.limb_support import SupportOfLimb, evaluated, support_of_limbs
 from ..thinned_frames import ThinnedProblem
-from ..view_subsets import views_in_sight
 from .limb_groups import (
     LimbGroup,
     continued_where_likelier,
@@ -126,22 +125,15 @@ def _found_there(
     inner = Workspace(workspace.by)
     thinned = ThinnedProblem.of(problem, motions)
     if thinned is None:
-        return with_limbs_found(problem, _measured(problem, motions, inner), group, SettledSolutions(), inner).motions
-    few = _measured(thinned.problem, tuple(thinned.of_motions(motions)), inner)
+        return with_limbs_found(problem, unsettled(problem, motions, inner), group, SettledSolutions(), inner).motions
+    few = unsettled(thinned.problem, tuple(thinned.of_motions(motions)), inner)
     found = likeliest_found(thinned.problem, few, group, inner)
     if found is None:
         return motions
     inner = Workspace(workspace.by)
     return with_limbs_moved(
-        problem, _measured(problem, motions, inner), group, thinned.interpolated(found.motions), inner
+        problem, unsettled(problem, motions, inner), group, thinned.interpolated(found.motions), inner
     ).motions
-
-
-def _measured(problem: SegmentProblem, motions: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
-    """Return motions as a solution that is still to be settled."""
-    sampling = SETTLED[-1].sampling_of(views_in_sight(problem, motions))
-    evidence = workspace.measure(problem, motions, sampling).evidence
-    return SegmentSolution.of(motions, evidence, iterations=0, energy=())
 
 
 def suspected_groups(

@@ -16,7 +16,7 @@ from ....body.motion import Motion, with_motion
 from ....numerics import rotations
 from ....numerics.arrays import Array
 from ....numerics.frame_ranges import lasting
-from ..assessment.settled_solutions import SettledSolution
+from ..assessment.settled_solutions import SettledSolution, unsettled
 from ..assessment.solution_doubts import MIN_DURATION
 from ..assessment.solution_ranking import likelihood
 from ..equations.measurement import Workspace
@@ -69,7 +69,10 @@ def _likelier_led(
 ) -> SegmentSolution:
     """Solve with a head that is led evenly, and return the likelier of both solutions."""
     alone = problem.alone(performer)
-    first = SettledSolution.after(alone, replace(before, only=alone.only), workspace)
+    if evenly_led(alone, performer, before.motions[performer], [head]) is before.motions[performer]:
+        return before  # no key poses on both sides
+    begin = before if before.evidence is not None else unsettled(alone, before.motions, workspace)
+    first = SettledSolution.after(alone, replace(begin, only=alone.only), workspace)
     led = evenly_led(alone, performer, first.solution.motions[performer], [head])
     found = solved_from(alone, with_motion(first.solution.motions, performer, led), first.noise, workspace)
 

@@ -94,9 +94,10 @@ class PlantTests:
         give what is left wherever no drift explains its pictures better than it would by chance every other time. Key
         poses within the plant must have the point in one place: it drifts to those at its ends, too.
         """
-        most = max(round(MAX_OVERHANG * self.evidence.problem.fps), 1) if self.evidence.key_poses_agree(plant) else 0
+        if not self.evidence.key_poses_agree(plant):
+            return
         cost = self._cost(plant)
-        for _ in range(most):
+        for _ in range(max(round(MAX_OVERHANG * self.evidence.problem.fps), 1)):
             first, last = plant.steps
             if last - first < 2:
                 return

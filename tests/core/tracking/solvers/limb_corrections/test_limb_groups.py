@@ -265,14 +265,15 @@ def test_a_limb_of_one_of_several_performers_is_solved_for_until_it_is_led_back(
     assert asked == [False, back]
 
 
-@pytest.mark.parametrize(("fps", "every"), [(20.0, 1), (25.0, 2), (30.0, 2), (60.0, 4)])
+@pytest.mark.parametrize(("fps", "every"), [(10.0, 1), (20.0, 1), (25.0, 2), (30.0, 2), (60.0, 4)])
 def test_limbs_of_one_of_several_are_drawn_on_at_least_twelve_frames_per_second(fps: float, every: int) -> None:
-    """Key poses of the others do not matter for them."""
+    """Or on all, if there are fewer. Key poses of the others do not matter for them."""
     problem = replace(seen_by(2, 41, performers=2), fps=fps)
     keyed = replace(problem, fixed=(problem.fixed[0], np.ones_like(problem.fixed[1])))
     for each in (problem, keyed):
-        frames = frames_searched(each.alone(0), [at_rest(BODY, 41)] * 2).frames
-        assert np.diff(frames).max() == every and fps / every >= SEARCH_RATE
+        with np.errstate(all="raise"):
+            frames = frames_searched(each.alone(0), [at_rest(BODY, 41)] * 2).frames
+        assert np.diff(frames).max() == every and (fps / every >= SEARCH_RATE or every == 1)
 
 
 LONG, AWAY = 80, slice(40, 46)

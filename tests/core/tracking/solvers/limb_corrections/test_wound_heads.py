@@ -59,6 +59,22 @@ def test_a_head_that_looks_backward_is_led_evenly_where_images_say_nothing(perfo
     assert found.only is None
 
 
+def test_it_is_led_evenly_after_the_search_in_a_long_segment_which_leaves_no_evidence() -> None:
+    given = problem()
+    before = replace(solution(given, looking(150, 20)), evidence=None)
+    found = with_heads_unwound(given, before, Workspace())
+    np.testing.assert_allclose(turn(found.motions[0]), 20, atol=1)
+
+
+def test_nothing_is_solved_without_key_poses_on_both_sides(monkeypatch: pytest.MonkeyPatch) -> None:
+    held = ends_held(BODY, FRAMES)
+    held[-1] = False
+    given = replace(problem(), fixed=(held,))
+    before = solution(given, looking(150, 5))
+    monkeypatch.setattr(wound_heads, "solved_from", lambda *_: pytest.fail("solved"))
+    assert with_heads_unwound(given, before, Workspace()) is before
+
+
 def test_it_stays_where_the_images_say_clearly_more_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
     given = problem()
     before = solution(given, looking(150))
