@@ -12,10 +12,8 @@ ROUGH_STEP = 0.025
 """The same for stages that another one follows, which will move joints by more than what remains."""
 MIN_JOINT_MOVE = 0.005
 """Largest motion of any joint in a step, metres, below which a refinement ends: the next step would be a fraction of
-it. A polish ends before such a step: it would cost another evaluation of the pictures, and leads away from the true
-motion as often as to it."""
-MIN_CORRECTION_MOVE = 0.01
-"""The same for a correction of key poses, metres, whose first step has done most of what there is to do."""
+it. A polish and a correction end before such a step: it would cost another evaluation of the pictures, and leads away
+from the true motion as often as to it."""
 UNCONVERGED_MOVE = 0.02
 """Metres. While steps still move some joint by more than this, a fast limb has not arrived: a tested stage goes on
 beyond its iterations, a refinement is repeated, and a polish does not begin."""
@@ -117,7 +115,7 @@ RESUMED = (
         5,
         small=0.003,
         small_refused=True,
-        negligible=MIN_CORRECTION_MOVE,
+        negligible=MIN_JOINT_MOVE,
         noticed=MIN_STEP_SIGMAS,
     ),
 )
