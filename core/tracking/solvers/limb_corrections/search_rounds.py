@@ -185,7 +185,8 @@ def searched_among_others(
 ) -> SegmentSolution:
     """Search once for the limbs of one of several performers that are hardly seen where they are, and solve from where
     they are found; what is still lost is searched for limb by limb later. If that leads all of them back to where they
-    were, the first solution stands. Parameters as in `searched`; the seed selects the random poses.
+    were, the first solution stands; in a single view, which hardly shows how far away they are, the likelier one does.
+    Parameters as in `searched`; the seed selects the random poses.
     """
     begin = found_limbs(problem, first.motions, seed, workspace.part(0.0, 0.4))
     if all(found is motion for found, motion in zip(begin, first.motions, strict=True)):
@@ -193,7 +194,7 @@ def searched_among_others(
     noise = noise_at(problem, first, workspace)
 
     def back(motions: Sequence[Motion]) -> bool:
-        return not limbs_elsewhere(problem, first.motions, motions)
+        return problem.shows_depth and not limbs_elsewhere(problem, first.motions, motions)
 
     found = _solved_from(problem, problem, begin, workspace.part(0.4, 0.8), noise, vain=back)
     if back(found.motions):

@@ -50,7 +50,9 @@ def with_heads_unwound(problem: SegmentProblem, solution: SegmentSolution, works
 
 
 def heads(body: Body) -> list[int]:
-    """Return the parts at the tips of a body's tree that belong to no limb, as indices."""
+    """Return the parts at the tips of a body's tree that belong to no limb, as indices: a head on a
+    neck that is a part of its own is a limb, and not among them.
+    """
     of_limbs = [part for chain in limbs(body) for part in chain]
     return [part for part in range(1, len(body)) if part not in body.parents and part not in of_limbs]
 
