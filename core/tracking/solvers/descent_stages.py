@@ -50,6 +50,9 @@ class DescentStage:
         It also ends before a step that is shorter, see `MIN_STEP_SIGMAS`.
     thinned : bool
         Whether fewer pixels of each view are used the more views there are, see `sampling_of`.
+    plants : bool
+        Soles that seem planted are kept still. That guides a descent, but would also hold feet that creep, so it is off
+        in stages that are the last; with a single view, which hardly shows creeping, plants are used all the same.
     """
 
     sampling: Sampling
@@ -61,6 +64,7 @@ class DescentStage:
     negligible: float = 0.0
     noticed: float = 0.0
     thinned: bool = True
+    plants: bool = True
 
     def sampling_of(self, views: int) -> Sampling:
         """Return the sampling for a number of views: the more there are, the fewer pixels of each are needed on the
@@ -78,7 +82,9 @@ STAGES = (
 )
 """From the curve through the key poses to the solution."""
 REFINEMENT = (
-    DescentStage(Sampling(1.0, 1.0, 2, OUTLINE_REACH), 6, small=0.004, small_refused=True, still=MIN_JOINT_MOVE),
+    DescentStage(
+        Sampling(1.0, 1.0, 2, OUTLINE_REACH), 6, small=0.004, small_refused=True, still=MIN_JOINT_MOVE, plants=False
+    ),
 )
 """From a solution to the better one that motion known on both sides allows."""
 POLISH = (
@@ -89,6 +95,7 @@ POLISH = (
         small_refused=True,
         negligible=MIN_JOINT_MOVE,
         thinned=False,
+        plants=False,
     ),
 )
 """The last stage, once limbs are where they belong: a limb elsewhere would pass for one with much noise, which counts
@@ -117,6 +124,7 @@ RESUMED = (
         small_refused=True,
         negligible=MIN_JOINT_MOVE,
         noticed=MIN_STEP_SIGMAS,
+        plants=False,
     ),
 )
 """From the motion that was found before key poses changed to the one with the present key poses."""

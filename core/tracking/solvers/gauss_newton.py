@@ -122,7 +122,7 @@ class _TestedStage:
             begins = self._hidden is None
             if self._hidden is None:
                 self._hidden, self._expected = hidden_and_expected(problem, motions, evidence)
-                if not problem.shows_depth:
+                if self._stage.plants or not problem.shows_depth:
                     self._plants = plants_of(problem, motions)
             images = evidence_equations(problem, measured, self._hidden, self._noise)
             if begins:

@@ -1,9 +1,8 @@
 """Plants as evidence: while a point of the sole is planted on the ground, it stands still.
 
 The residuals are the displacements of planted points from one frame to the next, and their heights above a floor that
-is known. Which points stand, and on the floor, is decided at the end (`standing_feet`). With a single view, points
-count as planted during all descents that seem so in the present motion, and a robust kernel releases those that move
-after all.
+is known. During a descent, points count as planted that seem so in the present motion, and a robust kernel releases
+those that move after all. Which of them really stand, and on the floor, is decided at the end (`standing_feet`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Standing feet: points of the soles that may be standing, by the evidence, are brought to rest.
 
 As the heel rises, a foot rolls over a place of its sole that need not be the ball; it is found first, and held instead
-of the ball (`forefoot_rocker`). Candidate plants are found in a motion that was solved without plants. A foot that
+of the ball (`forefoot_rocker`). Candidate plants are found in a motion that was refined without plants. A foot that
 creeps slowly is a candidate, too, but must not be held, so each plant is tested as a whole: the increase of the least
 cost of the normal equations, if the point stands still throughout, has a chi-squared distribution with three degrees of
 freedom per step. It takes the full covariance of the steps into account, in which a drift over many frames weighs more
@@ -16,7 +16,7 @@ no time for a step between them become one if that passes as well. Those that ar
 all are held together, on the same normal equations; those that are near the floor on which key poses have such points
 are held at its height, too (`floor_height`).
 
-A single view hardly contradicts any plant. With one view, candidates are kept still during all descents already, and
+A single view hardly contradicts any plant. With one view, candidates are kept still during the refinement already, and
 nothing is tested here.
 """
 
@@ -64,9 +64,9 @@ def with_standing_feet(
     equations : sequence of BandedBlocks
         Normal equations of each performer at the solution, without those of plants and holds.
     before : SolvedFrames
-        The motions before refinement: plants that are broken up in the solution may have their full length there. What
-        the feet do on the segments beside shows how fast a standing one is at most, and whether a plant at an end of
-        the segment goes on.
+        The motions before refinement, which were solved with plants: there plants have their full length, while in the
+        solution they may be broken up. What the feet do on the segments beside shows how fast a standing one is at
+        most, and whether a plant at an end of the segment goes on.
     ratios : sequence of ndarray, shape (P,)
         Per performer: squared errors of the parts' tips over those that the normal equations predict, see
         `core.tracking.expected_errors.held_out_keys`.
