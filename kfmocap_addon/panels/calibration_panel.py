@@ -98,7 +98,7 @@ class BallsPanel(SectionPart, bpy.types.Panel):
         for name in ("corner", "middle", "end", "side"):
             column = box.column(align=True)
             column.use_property_split = False
-            column.label(text=capture.bl_rna.properties[name].name)
+            column.label(text=capture.bl_rna.properties[name].name, translate=False)
             column.row(align=True).prop(capture, name, text="")
         box.prop(capture, "lframe_diameter", text="Ball Diameter")
         _draw_colour(box, capture, "lframe")
@@ -152,7 +152,7 @@ def _draw_view(layout: bpy.types.UILayout, view: bpy.types.PropertyGroup) -> Non
     column.prop(view, "lframe")
     column.prop(view, "wand")
     for name, heading in (("focal", "Focal Length"), ("offset", "Offset")):
-        row = column.row(align=True, heading=heading)
+        row = column.row(align=True, heading=heading, translate=False)
         row.prop(view, f"knows_{name}", text="")
         field = row.row()
         field.enabled = getattr(view, f"knows_{name}")

@@ -87,7 +87,7 @@ def _draw_single(column: bpy.types.UILayout, context: bpy.types.Context, view: b
     """
     text = "Or, as it is one camera: set its lens, turn it until the grid lies on the floor, and tick Calibrated"
     draw_text(column, context, text, "BLANK1")
-    column.prop(view.camera.data, "lens", text="Lens")
+    column.prop(view.camera.data, "lens", text="Lens", translate=False)
     column.prop(view, "calibrated")
 
 

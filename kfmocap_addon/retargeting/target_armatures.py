@@ -15,7 +15,9 @@ from ..scene_io.characters.skins import read_skin
 from .rigs.rig_at_rest import rest_skeleton
 
 _BODY_SHARE = 0.05
-"""Share of the skin from which on it belongs to the body, and is no board or stray vertices."""
+"""Share of the skin from which on it belongs to the body, and is no board."""
+_OWN_SHARE = 0.01
+"""Share of the skin from which on what a bone leads itself is more than stray vertices."""
 
 
 def target_bones(armature: bpy.types.Object, preset: str | None = None) -> BoneMap:
@@ -52,7 +54,7 @@ def moved_bones(armature: bpy.types.Object, preset: str | None = None) -> tuple[
         hung = {name, *(bone.name for bone in armature.data.bones[name].children_recursive)} - carried
         led = np.isin(skin.leaders, [i for i, one in enumerate(skin.names) if one in hung])
         own = heights[skin.leaders == skin.names.index(name)]
-        if led.sum() > _BODY_SHARE * len(led) and len(own) and own.mean() > 0:
+        if led.sum() > _BODY_SHARE * len(led) and len(own) > _OWN_SHARE * len(led) and own.mean() > 0:
             roles = {role: played for role, played in bones.bones.items() if name not in played}
             whole = BoneMap(roles | {"hips": (name,)}, bones.preset, bones.found_by)
             said = f"bone {name}: it leads skin above {hips.name}, and moves as the hips instead"

@@ -285,7 +285,8 @@ def _adopted(current: bpy.types.Scene, owners: Sequence[bpy.types.Object]) -> Ca
     properties.shot = properties.shot or Path(bpy.data.filepath).stem or _UNNAMED
     clips = [footage_background.clip_behind(owner) for owner in with_footage]
     ends = [clip.frame_start + clip.frame_duration - 1 for clip in clips if clip.frame_duration > 1]
-    start, end = current.frame_start, min([current.frame_end, *ends])
+    start = current.frame_start
+    end = min([current.frame_end, *(end for end in ends if end > start)])
     properties.zero, properties.first, properties.last = start, 0, max(end - start, 0)
     for owner in with_footage:
         view_cameras.adopt(properties.views.add(), owner, current)

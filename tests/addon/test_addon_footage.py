@@ -288,6 +288,15 @@ def test_a_view_of_footage_that_is_shorter_than_the_scene_ends_with_it(take):
     assert (shot().frame_start, shot().length) == (11, 27)
 
 
+def test_footage_that_ends_before_the_scene_begins_leaves_it_its_length(take):
+    current = bpy.context.scene
+    current.frame_start, current.frame_end = 1001, 1100
+    solved_cameras.show_cameras(current, {"cam01": camera(1)}, {"cam01": take / "walk_cam01.mp4"}, {"cam01": 0.0})
+    bpy.data.movieclips[0].frame_start = 1
+    bpy.ops.kfmocap.use_scene_cameras()
+    assert (shot().frame_start, shot().length) == (1001, 100)
+
+
 def test_moving_a_views_offset_moves_its_footage(take):
     add(take, "walk_cam01.mp4", "walk_cam02.mp4")
     view = shot().views[1]

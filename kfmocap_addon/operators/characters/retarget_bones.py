@@ -36,10 +36,12 @@ class FindBones(Conditional, bpy.types.Operator):
         settings = context.scene.kfmocap.retarget
         preset = None if settings.preset == "auto" else settings.preset
         settings.target = chosen_character(context.scene)
-        bones, _ = target_armatures.moved_bones(settings.target, preset)
+        bones, other_hips = target_armatures.moved_bones(settings.target, preset)
         listed_bones.list_bones(settings, bones)
         how = f"preset {bones.preset}" if bones.preset else f"their {bones.found_by}"
         self.report({"INFO"}, f"{len(bones.names())} bones by {how}")
+        for text in other_hips:
+            self.report({"WARNING"}, text)
 
 
 class ForgetBones(Conditional, bpy.types.Operator):

@@ -262,6 +262,20 @@ def test_the_hindquarters_of_a_centaur_go_along():
     assert np.linalg.norm(hoof - hips, axis=1) == pytest.approx(np.full(FRAMES, np.linalg.norm(hoof[0] - hips[0])))
 
 
+def test_a_stray_vertex_of_the_root_makes_it_no_hips():
+    armature = unreal_like()
+    add_bones(armature, [("cape", "root", (0, 0.2, 1.4), (0, 0.3, 0.6))], deform=True)
+    armature.data.bones["root"].use_deform = True
+    dice = np.random.default_rng(0)
+    cape = dice.uniform(-0.1, 0.1, (400, 3)) + (0, 0.3, 1)
+    trunk = dice.uniform(-0.1, 0.1, (1000, 3)) + (0, 0, 1.1)
+    bind(armature, "skin", [("cape", cape), ("pelvis", trunk), ("root", np.array([[0, 0, 1.2]]))])
+    motion = motion_of_body(BODY, swing(BODY, FRAMES, 0.3), "man", 30.0)
+    report = send_to_rig(bpy.context.scene, motion, armature, 1)
+    assert report["target"]["bones"]["hips"] == ["pelvis"]
+    assert report["warnings"] == []
+
+
 def test_a_bone_that_is_scaled_unevenly_is_named():
     armature = skinned_human()
     armature.pose.bones["upper_arm.L"].scale = (1.0, 1.3, 1.0)
