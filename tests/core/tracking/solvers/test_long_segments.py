@@ -236,7 +236,7 @@ def test_in_a_long_segment_a_weakly_shown_limb_is_searched_for_around_that_momen
     monkeypatch.setattr(regained_limbs, "_support_of", lambda *_: supports((LIMBS.index(PAIR[0]), 100, 109)))
     monkeypatch.setattr(regained_limbs, "bent_limbs", lambda *_: [])
     monkeypatch.setattr(regained_limbs, "refuted_limbs", lambda *_: [])
-    monkeypatch.setattr(regained_limbs, "_measured", solved)
+    monkeypatch.setattr(regained_limbs, "unsettled", solved)
     monkeypatch.setattr(regained_limbs, "with_limbs_found", searched)
     end = regained_limbs.with_limbs_regained(problem, begin, Workspace())
     assert asked == [LimbGroup(0, (PAIR[0],))]
@@ -269,7 +269,7 @@ def test_where_frames_follow_each_other_closely_rounds_are_made_on_some_of_them(
         assert solution.motions[0] is rest
         return replace(solution, motions=tuple(motions))
 
-    monkeypatch.setattr(regained_limbs, "_measured", measured)
+    monkeypatch.setattr(regained_limbs, "unsettled", measured)
     monkeypatch.setattr(regained_limbs, "likeliest_found", rounds)
     monkeypatch.setattr(regained_limbs, "with_limbs_moved", moved)
     [end] = regained_limbs._found_there(problem, (rest,), LimbGroup(0, (PAIR[0],)), Workspace())

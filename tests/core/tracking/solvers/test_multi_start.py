@@ -446,11 +446,16 @@ def test_a_search_ends_after_rounds_without_success() -> None:
     assert seeds == list(range(search_rounds.MAX_VAIN_ROUNDS))
 
 
-@pytest.mark.parametrize(("lost", "back"), [(True, False), (False, False), (True, True)])
+@pytest.mark.parametrize(
+    ("lost", "back", "depth"), [(True, False, True), (False, False, True), (True, True, True), (True, True, False)]
+)
 def test_for_one_among_others_a_single_search_decides_and_nothing_is_solved_if_it_finds_no_limb(
-    monkeypatch: pytest.MonkeyPatch, lost: bool, back: bool
+    monkeypatch: pytest.MonkeyPatch, lost: bool, back: bool, depth: bool
 ) -> None:
-    """Where limbs that it finds elsewhere are led back, the first solution stands, too."""
+    """Where limbs that it finds elsewhere are led back, the first solution stands, too; not in a single view, in which
+    they may be elsewhere in depth.
+    """
+    monkeypatch.setattr(SegmentProblem, "shows_depth", depth)
     landscape, solved = Landscape(truth=TRUTH, reach=0.0), list[object]()
     first = landscape.solution(PROBLEM, off(TRUTH, ARMS, LOST))
 
@@ -464,7 +469,10 @@ def test_for_one_among_others_a_single_search_decides_and_nothing_is_solved_if_i
     monkeypatch.setattr(search_rounds, "likeliest_at_rest", lambda *given, **_: given[-1])
     monkeypatch.setattr(search_rounds, "recombined", lambda _problem, best, *_: best)
     found = search_rounds.searched_among_others(PROBLEM, first, 0, landscape)
-    assert (error(found) < 1) if lost and not back else (found is first and len(solved) == lost)
+    if back and not depth:
+        assert found is not first and len(solved) == 2
+    else:
+        assert (error(found) < 1) if lost and not back else (found is first and len(solved) == lost)
 
 
 @pytest.mark.parametrize(("share", "held"), [(1.2, True), (0.8, False)])
