@@ -8,14 +8,14 @@ the frames): where nothing tells which place is right, one between them is neare
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
 from ...body import Body
 from ...numerics import rotations
-from ...numerics.arrays import Array
+from ...numerics.arrays import Array, Ints
 from ...numerics.likeliest_path import state_probabilities
 from .closed_form import LimbChain, limb_orientations
 from .person_depth import Rays
@@ -96,9 +96,9 @@ class LimbPlaces:
     limb : Limb
     start : ndarray, shape (F, 3)
         The first joint, metres, world.
-    middles, ends : ndarray, shape (4, F, 3)
-        The others.
-    cost : ndarray, shape (4, F)
+    middles, ends : ndarray, shape (S, F, 3)
+        The others, in four states or as `in_states` says.
+    cost : ndarray, shape (S, F)
         In units of the variance.
     """
 
@@ -108,9 +108,13 @@ class LimbPlaces:
     ends: Array
     cost: Array
 
+    def in_states(self, which: Ints) -> LimbPlaces:
+        """Return the limb in S states, of which each is one of the four."""
+        return replace(self, middles=self.middles[which], ends=self.ends[which], cost=self.cost[which])
+
     @property
     def relative(self) -> Array:
-        """The middle and last joints relative to the first, shape (4, F, 6)."""
+        """The middle and last joints relative to the first, shape (S, F, 6)."""
         return np.concatenate([self.middles - self.start, self.ends - self.start], axis=-1)
 
 
@@ -155,18 +159,18 @@ def expected_joints(limbs: Sequence[LimbPlaces], hips: Array, fps: float) -> tup
     cost : float
         Of all paths together, in units of the variance.
     """
-    states = np.array(list(product(range(4), repeat=len(limbs)))).T  # (limbs, S)
-    cost = sum(places.cost[which] for places, which in zip(limbs, states, strict=True))
-    if len(limbs) == 2:
-        left, right = (places.ends[which] for places, which in zip(limbs, states, strict=True))
-        cost = cost + _balance_cost(0.5 * (left + right), hips)
-    leaps = leap_costs([places.relative[which] for places, which in zip(limbs, states, strict=True)], fps)
-    probability, total = believed_states(cost, leaps)
+    states = np.array(list(product(range(4), repeat=len(limbs)))).T
+    together = [places.in_states(which) for places, which in zip(limbs, states, strict=True)]
+    cost = np.sum([places.cost for places in together], axis=0)
+    if len(together) == 2:
+        left, right = together
+        cost = cost + _balance_cost(0.5 * (left.ends + right.ends), hips)
+    probability, total = believed_states(cost, leap_costs([places.relative for places in together], fps))
     joints = {}
-    for places, which in zip(limbs, states, strict=True):
+    for places in together:
         _, middle, last = places.limb.joints
         for name, options in ((middle, places.middles), (last, places.ends)):
-            joints[name] = np.einsum("sf,sfk->fk", probability, options[which])
+            joints[name] = np.einsum("sf,sfk->fk", probability, options)
     return joints, total
 
 

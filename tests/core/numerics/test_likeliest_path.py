@@ -31,27 +31,30 @@ def test_the_way_is_the_best_of_all_and_its_places_are_as_likely_as_they_are(see
     np.testing.assert_allclose(place_probabilities(score, places), share, atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_cheapest_path_is_the_cheapest_of_all(seed: int) -> None:
+def all_paths(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Random costs of three states on five frames and of passing between them; all paths, and what each costs."""
     rng = np.random.default_rng(seed)
     costs, changes = rng.normal(size=(3, 5)), rng.normal(size=(5, 3, 3))
     ways = np.array(list(product(range(3), repeat=5)))
     values = [costs[w, range(5)].sum() + sum(changes[f, w[f - 1], w[f]] for f in range(1, 5)) for w in ways]
+    return costs, changes, ways, np.array(values)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_cheapest_path_is_the_cheapest_of_all(seed: int) -> None:
+    costs, changes, ways, values = all_paths(seed)
     np.testing.assert_array_equal(cheapest_path(costs, lambda f: changes[f]), ways[np.argmin(values)])
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_states_are_as_likely_as_all_paths_through_them(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    costs, changes = rng.normal(size=(3, 5)), rng.normal(size=(5, 3, 3))
-    ways = np.array(list(product(range(3), repeat=5)))
-    values = [costs[w, range(5)].sum() + sum(changes[f, w[f - 1], w[f]] for f in range(1, 5)) for w in ways]
+    costs, changes, ways, values = all_paths(seed)
     share = np.zeros((3, 5))
     for w, value in zip(ways, values, strict=True):
         share[w, range(5)] += np.exp(-value)
     probability, together = state_probabilities(costs, lambda f: changes[f])
     np.testing.assert_allclose(probability, share / share.sum(axis=0), atol=1e-12)
-    assert together == pytest.approx(-np.log(np.exp(-np.array(values)).sum()))
+    assert together == pytest.approx(-np.log(np.exp(-values).sum()))
 
 
 @pytest.mark.parametrize("seed", range(3))

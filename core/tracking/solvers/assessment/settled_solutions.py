@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from ....body.motion import Motion
 from ..descent_stages import SETTLED
-from ..equations.measurement import Workspace
+from ..equations.measurement import Workspace, solution_at
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
 from ..gauss_newton import descend
@@ -45,8 +45,7 @@ class SettledSolution:
 def unsettled(problem: SegmentProblem, motions: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
     """Return motions as a solution that is still to be settled."""
     sampling = SETTLED[-1].sampling_of(views_in_sight(problem, motions))
-    evidence = workspace.measure(problem, motions, sampling).evidence
-    return SegmentSolution.of(motions, evidence, iterations=0, energy=(), only=problem.only)
+    return solution_at(problem, motions, sampling, workspace)
 
 
 def _unless_astray(
@@ -62,8 +61,7 @@ def _unless_astray(
     back, the smoother the motion seems, and the more it is drawn.
     """
     assert settled.evidence is not None
-    before = workspace.measure(problem, begin.motions, settled.evidence.sampling, noise.sigma).evidence
-    same = SegmentSolution.of(begin.motions, before, iterations=0, energy=(), only=problem.only)
+    same = solution_at(problem, begin.motions, settled.evidence.sampling, workspace, noise.sigma)
     return replace(same, variances=begin.variances) if clearly_likelier(problem, noise, same, settled) else settled
 
 

@@ -69,6 +69,11 @@ def doubted_performers(
     return [i for i, alone in each.items() if i in missed or limb_hidden_for_long(alone, solution)]
 
 
+def least_frames(fps: float) -> int:
+    """Return the number of frames in a row that `MIN_DURATION` takes, two or more."""
+    return max(2, round(MIN_DURATION * fps))
+
+
 def frames_in_doubt(problem: SegmentProblem, solution: SegmentSolution) -> Bools:
     """Return on which frames the images contradict a solution for a single performer without keypoints, shape (F,)."""
     [performer] = problem.sought
@@ -174,7 +179,7 @@ def _frames_on_background(problem: SegmentProblem, solution: SegmentSolution) ->
         return found
     unlike = solution.evidence.share * (1 - solution.evidence.agreeing)
     geometry, spans = problem.geometry(), problem.spans()
-    long = max(2, round(MIN_DURATION * problem.fps))
+    long = least_frames(problem.fps)
     for i in problem.sought:
         keys = problem.whole_keys(i)
         if len(keys) < 2:

@@ -203,6 +203,20 @@ def measured_at(problem: SegmentProblem, solution: SegmentSolution) -> MeasuredM
     return MeasuredMotion(solution.motions, view_instants(problem, solution.motions), solution.evidence)
 
 
+def solution_at(
+    problem: SegmentProblem,
+    motions: Sequence[Motion],
+    sampling: Sampling,
+    workspace: Workspace,
+    noise: Array | None = None,
+) -> SegmentSolution:
+    """Return motions as a solution that carries the evidence of the images there, without solving anything; see
+    `Workspace.measure`.
+    """
+    evidence = workspace.measure(problem, motions, sampling, noise).evidence
+    return SegmentSolution.of(motions, evidence, iterations=0, energy=(), only=problem.only)
+
+
 def keypoint_instants(problem: SegmentProblem, motions: Sequence[Motion]) -> Instants:
     """Return the instants of footage without a delay of its own, at which keypoints are given."""
     return _instants(problem, motions, (), -problem.footage_offset)

@@ -21,7 +21,7 @@ from ....body import Body
 from ....body.motion import Motion, with_motion
 from ....numerics.arrays import Bools
 from ..assessment.settled_solutions import SettledSolution, SettledSolutions
-from ..assessment.solution_doubts import MIN_DURATION
+from ..assessment.solution_doubts import least_frames
 from ..assessment.solution_ranking import RESTING_GAIN, likelihood, noise_at, settled_further
 from ..descent_stages import SETTLED, UNCONVERGED_MOVE
 from ..equations.measurement import Workspace
@@ -307,7 +307,7 @@ def _elsewhere(alone: SegmentProblem, group: LimbGroup, before: Motion, after: M
     """
     if not alone.shows_depth:
         return np.ones(alone.length, bool)
-    long = max(2, round(MIN_DURATION * alone.fps))
+    long = least_frames(alone.fps)
     return group.frames_elsewhere(alone.bodies[group.performer], before, after, long)
 
 

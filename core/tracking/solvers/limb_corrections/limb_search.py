@@ -26,7 +26,7 @@ from ....evidence.view_frames import views_with_foreground
 from ....numerics import rotations
 from ....numerics.arrays import Array, Bools
 from ....numerics.frame_ranges import lasting
-from ..assessment.solution_doubts import MIN_DURATION
+from ..assessment.solution_doubts import least_frames
 from ..descent_stages import OUTLINE_REACH
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem
@@ -160,8 +160,8 @@ def frames_elsewhere(body: Body, chain: Sequence[int], before: Motion, after: Mo
 
 
 def limbs_elsewhere(problem: SegmentProblem, before: Sequence[Motion], after: Sequence[Motion]) -> bool:
-    """Whether some limb of the performers that are solved for is elsewhere for `MIN_DURATION`."""
-    frames = max(2, round(MIN_DURATION * problem.fps))
+    """Whether some limb of the performers that are solved for is elsewhere for `least_frames` in a row."""
+    frames = least_frames(problem.fps)
     return any(
         is_elsewhere(problem.bodies[i], chain, before[i], after[i], frames)
         for i in problem.sought
@@ -270,7 +270,7 @@ class _LimbDraws:
         """Return the motion that two searches find, if they agree: where little shows a limb, each finds another.
 
         They agree if the limb is elsewhere than before in both, and in the same place, as near as a descent reaches,
-        for `MIN_DURATION`.
+        for `least_frames` in a row.
         """
         both: list[Motion] = []
         for _ in range(2):
@@ -280,7 +280,7 @@ class _LimbDraws:
             both.append(found)
         pairs = ((before, both[0]), (before, both[1]), (both[0], both[1]))
         away, away_again, apart = (frames_elsewhere(self.limb.body, self.limb.chain, *pair) for pair in pairs)
-        agreed = lasting(away & away_again & ~apart, max(2, round(MIN_DURATION * self.fps)))
+        agreed = lasting(away & away_again & ~apart, least_frames(self.fps))
         return both[0] if agreed.any() else None
 
     def _posed(self, path: Array) -> Motion:

@@ -21,7 +21,7 @@ from ....numerics import rotations
 from ....numerics.arrays import Array, Bools
 from ..assessment.solution_ranking import likelihood, noise_at
 from ..descent_stages import SETTLED, SETTLING
-from ..equations.measurement import Workspace
+from ..equations.measurement import Workspace, solution_at
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
 from ..gauss_newton import approach, continued, descend
@@ -93,8 +93,7 @@ def _nearly_solved(
     begin = with_motion(before.motions, performer, motion)
     motions, *_ = approach(problem, begin, workspace.silent(), SETTLING)
     sampling = SETTLED[0].sampling_of(len(problem.views))
-    evidence = workspace.measure(problem, motions, sampling, noise.sigma).evidence
-    return SegmentSolution.of(motions, evidence, iterations=0, energy=(), only=problem.only)
+    return solution_at(problem, motions, sampling, workspace, noise.sigma)
 
 
 def mirror_images(problem: SegmentProblem, performer: int, motion: Motion) -> Iterator[Motion]:

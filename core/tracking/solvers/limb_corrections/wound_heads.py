@@ -17,7 +17,7 @@ from ....numerics import rotations
 from ....numerics.arrays import Array
 from ....numerics.frame_ranges import lasting
 from ..assessment.settled_solutions import SettledSolution, unsettled
-from ..assessment.solution_doubts import MIN_DURATION
+from ..assessment.solution_doubts import least_frames
 from ..assessment.solution_ranking import likelihood
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
@@ -44,7 +44,7 @@ def with_heads_unwound(problem: SegmentProblem, solution: SegmentSolution, works
     for i in problem.sought:
         for head in heads(problem.bodies[i]):
             away = turned_too_far(problem, i, head, solution.motions[i]).any(axis=1)
-            if lasting(away, max(2, round(MIN_DURATION * problem.fps))).any():
+            if lasting(away, least_frames(problem.fps)).any():
                 solution = _likelier_led(problem, i, head, solution, workspace.silent())
     return solution
 
