@@ -15,6 +15,7 @@ bpy = pytest.importorskip("bpy")
 from addon_shots import SIZE, camera, video  # noqa: E402
 from bpy_extras.io_utils import ImportHelper  # noqa: E402
 from kfmocap.core.cameras.world_axes import METRES  # noqa: E402
+from kfmocap.core.errors import FootageError  # noqa: E402
 from kfmocap.core.formats.calibrations.toml_cameras import save_cameras  # noqa: E402
 from kfmocap.core.shot.frame_numbers import file_index  # noqa: E402
 from kfmocap.core.shot.shot import Gap  # noqa: E402
@@ -297,6 +298,14 @@ def test_footage_that_ends_before_the_scene_begins_leaves_it_its_length(take):
     assert (shot().frame_start, shot().length) == (1001, 100)
 
 
+def test_cameras_of_the_scene_become_views_with_their_clips_where_these_are(take):
+    current = bpy.context.scene
+    solved_cameras.show_cameras(current, {"cam01": camera(1)}, {"cam01": take / "walk_cam01.mp4"}, {"cam01": 0.0})
+    bpy.data.movieclips[0].frame_start, bpy.data.movieclips[0].frame_offset = 3, 7
+    bpy.ops.kfmocap.use_scene_cameras()
+    assert view_cameras.read_views(current, 1, 10)[0].offset == 1 - 3 + 7
+
+
 def test_moving_a_views_offset_moves_its_footage(take):
     add(take, "walk_cam01.mp4", "walk_cam02.mp4")
     view = shot().views[1]
@@ -309,6 +318,41 @@ def test_moving_a_views_offset_moves_its_footage(take):
     assert 6 - clip.frame_start == (5 + 2) // 2
     view.fields = "progressive"
     assert clip.animation_data is None or not clip.animation_data.drivers
+
+
+def test_pictures_are_read_anew_where_a_clip_begins_on_another_frame(take, monkeypatch):
+    # Blender would show those of the old start on frames that were shown already.
+    anew = MagicMock(wraps=footage_background.forget_pictures)
+    monkeypatch.setattr(footage_background, "forget_pictures", anew)
+    add(take, "walk_cam01.mp4")
+    (view,) = shot().views
+    anew.reset_mock()
+    for offset, times in ((4.0, 1), (4.2, 1), (5.0, 2)):
+        view.offset = offset
+        assert anew.call_count == times
+
+
+def test_a_clip_that_was_moved_in_blender_is_refused_until_its_offset_is_entered(take):
+    add(take, "walk_cam01.mp4")
+    bpy.ops.kfmocap.import_calibration(filepath=str(take / "calibration.toml"))
+    current, (view,) = bpy.context.scene, shot().views
+    clip = footage_background.clip_behind(view.camera)
+    clip.frame_start, clip.frame_offset = 0, 2
+    with pytest.raises(FootageError, match=r"cam01: its pictures are shown 3 frames earlier .*enter the Offset 3"):
+        view_cameras.read_views(current, 1, 10)
+    view.offset = 3.0
+    assert (clip.frame_start, clip.frame_offset) == (-2, 0)
+    assert view_cameras.read_views(current, 1, 10)[0].offset == 3.0
+
+
+def test_an_offset_in_a_copy_of_a_scene_leaves_the_footage_of_the_original(take):
+    add(take, "walk_cam01.mp4")
+    bpy.ops.scene.new(type="FULL_COPY")
+    original, copied = (next(s for s in bpy.data.scenes if (s == bpy.context.scene) is new) for new in (False, True))
+    (view,) = copied.kfmocap.views
+    view.offset = 4.0
+    clips = [footage_background.clip_behind(one.kfmocap.views[0].camera) for one in (original, copied)]
+    assert [clip.frame_start for clip in clips] == [1, -3]
 
 
 def test_footage_of_twice_the_frame_rate_shows_every_second_frame(take):

@@ -32,6 +32,10 @@ _ALIKE = 0.8
 """Minimum correlation of a label with the screen: a label that is there exceeds it on any background."""
 
 
+WORK_SECONDS = 7200.0
+"""How long work may take that is slow on a busy machine: `tools/tutorial.py --seconds` ends the whole run earlier."""
+
+
 class NotShownError(RuntimeError):
     """A label is not on the screen."""
 

@@ -114,7 +114,7 @@ def tracking() -> Waits:
     """Frames fill in, can be gone through, and a click on Cancel takes everything back."""
     yield from only("Track")
     yield from click("Track All")
-    yield from until(lambda: idle() or tutorial.tracked_keys(), 600)
+    yield from until(lambda: idle() or tutorial.tracked_keys(), screen.WORK_SECONDS)
     expect(not idle(), "frames fill in while it tracks")
     yield from tutorial.to_frame(20)
     expect(not idle() and scene().frame_current == 20, "other frames can be shown meanwhile")
@@ -123,7 +123,7 @@ def tracking() -> Waits:
     yield from click("Cancel", within=(0, height - 40, width, height))
     expect(idle() and not tutorial.tracked_keys(), "Cancel in the status bar takes everything back")
     yield from click("Track All")
-    yield from until(lambda: idle() and tutorial.tracked_keys(), 600)
+    yield from until(lambda: idle() and tutorial.tracked_keys(), screen.WORK_SECONDS)
 
 
 def planting() -> Waits:
@@ -212,7 +212,7 @@ def proposing() -> Waits:
     yield from click("From Keypoints and Landmarks", within=sidebar())
     yield from picture("from_keypoints")
     yield from click("Pose from Keypoints")
-    yield from until(lambda: idle() and proposals(), 300)
+    yield from until(lambda: idle() and proposals(), screen.WORK_SECONDS)
     proposed = proposals()
     yield from screen.settled()  # the list of key poses has grown
     yield from click("Pictures", within=sidebar())

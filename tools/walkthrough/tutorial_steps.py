@@ -183,7 +183,7 @@ def key_poses() -> Waits:
     yield from only("Body")
     before = bone_lengths()
     yield from click("Fit Body")
-    yield from until(lambda: idle() and bone_lengths() != before, 300)
+    yield from until(lambda: idle() and bone_lengths() != before, screen.WORK_SECONDS)
     yield from picture("fitted")
 
 
@@ -212,9 +212,9 @@ def track() -> Waits:
     """Track the frames between the key poses."""
     yield from only("Track")
     yield from click("Track All")
-    yield from until(lambda: idle() or window().modal_operators[0].job.state[1] > SHOWN, 600)
+    yield from until(lambda: idle() or window().modal_operators[0].job.state[1] > SHOWN, screen.WORK_SECONDS)
     yield from picture("tracking")
-    yield from until(lambda: idle() and tracked_keys(), 600)
+    yield from until(lambda: idle() and tracked_keys(), screen.WORK_SECONDS)
     yield from to_frame(30)
     yield from picture("tracked")
 
@@ -245,7 +245,7 @@ def correct() -> Waits:
     yield from only("Track")
     yield from click("Track Changes")
     yield 2.0
-    yield from until(idle, 600)
+    yield from until(idle, screen.WORK_SECONDS)
     yield from picture("tracked_again")
 
 
@@ -278,7 +278,7 @@ def real_shot() -> Waits:
     yield 2.0
     yield from only("Track")
     yield from click("Track All")
-    yield from until(lambda: idle() and tracked_keys(), 600)
+    yield from until(lambda: idle() and tracked_keys(), screen.WORK_SECONDS)
     yield from to_frame(50)
     yield from only("Review")
     yield from picture("beam_tracked")

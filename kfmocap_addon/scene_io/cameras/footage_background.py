@@ -120,11 +120,74 @@ def show_in_time(slot: Any, first: int, frame_start: int) -> None:
     clip = clip_behind(slot.camera) if slot.camera is not None else None
     if clip is None:
         return
+    start, expression = _plain_start(slot, first, frame_start), ""
+    if _is_driven(slot):
+        expression = _start(slot, first - frame_start)
+    if (start, 0, expression) == (clip.frame_start, clip.frame_offset, _driver_of(clip)):
+        return
+    clip = _own_clip(slot, clip)
     clip.driver_remove("frame_start")
-    clip.frame_start = frame_start - (first + whole_offset(slot)) // frames_per_file_frame(slot)
-    if slot.every > 1 or is_interlaced(slot) or not all(gap.timed for gap in slot.gaps):
+    clip.frame_start, clip.frame_offset = start, 0
+    if expression:
         # Of functions that Blender evaluates itself: a file may drive it where Python is not trusted.
-        clip.driver_add("frame_start").driver.expression = _start(slot, first - frame_start)
+        clip.driver_add("frame_start").driver.expression = expression
+    forget_pictures(clip)
+
+
+def forget_pictures(clip: bpy.types.MovieClip) -> None:
+    """Have Blender read the pictures of a clip anew: it keeps some by the frames of the scene on which they were shown,
+    wherever the clip begins by now.
+    """
+    clip.filepath = str(clip.filepath)
+
+
+def moved_by(slot: Any, first: int, frame_start: int) -> int:
+    """Return by how many frames the pictures behind a view's camera are ahead of those that its offset says: somebody
+    may have moved the clip in Blender's editor of clips.
+
+    Parameters
+    ----------
+    first, frame_start : int
+        See `show_in_time`.
+    """
+    clip = clip_behind(slot.camera) if slot.camera is not None else None
+    if clip is None:
+        return 0
+    start = clip.frame_start if _is_driven(slot) else _plain_start(slot, first, frame_start)
+    return int(start - clip.frame_start + clip.frame_offset)
+
+
+def moved_offset(slot: Any, moved: int) -> float:
+    """Return the offset with which a clip that is ahead by so many frames of its file shows what it shows."""
+    return float(slot.offset + moved * frames_per_file_frame(slot))
+
+
+def _plain_start(slot: Any, first: int, frame_start: int) -> int:
+    """Return the scene frame on which a view's clip begins, where no driver says it."""
+    return int(frame_start - (first + whole_offset(slot)) // frames_per_file_frame(slot))
+
+
+def _is_driven(slot: Any) -> bool:
+    """Whether a view's clip begins on another frame for each of the scene, to be shown in time."""
+    return slot.every > 1 or is_interlaced(slot) or not all(gap.timed for gap in slot.gaps)
+
+
+def _driver_of(clip: bpy.types.MovieClip) -> str:
+    """Return the expression that drives where a clip begins, empty where none does."""
+    drivers = clip.animation_data.drivers if clip.animation_data is not None else ()
+    return next((curve.driver.expression for curve in drivers if curve.data_path == "frame_start"), "")
+
+
+def _own_clip(slot: Any, clip: bpy.types.MovieClip) -> bpy.types.MovieClip:
+    """Return a view's clip, which becomes a copy where another camera shows it as well, as in a copy of the scene."""
+    own = slot.camera.data
+    if not any(behind.clip == clip for data in bpy.data.cameras if data != own for behind in data.background_images):
+        return clip
+    copy = clip.copy()
+    for behind in own.background_images:
+        if behind.clip == clip:
+            behind.clip = copy
+    return copy
 
 
 def _start(slot: Any, ahead: int) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ....core.cameras.camera import Camera
-from ....core.errors import CalibrationError
+from ....core.errors import CalibrationError, FootageError
 from ....core.numerics.arrays import Array
 from ....core.shot.footage_files.image_sequences import image_files
 from ....core.shot.shot import Shot, View
@@ -111,7 +111,7 @@ def adopt(slot: bpy.types.PropertyGroup, owner: bpy.types.Object, scene: bpy.typ
     slot.distortions = "" if scene_cameras.built_distortion(owner)[2] else owner[scene_cameras.DISTORTED]
     for background in owner.data.background_images:
         footage_background.undistort(background)
-    slot.offset = scene.kfmocap.zero - clip.frame_start
+    slot.offset = scene.kfmocap.zero - clip.frame_start + clip.frame_offset
 
 
 def read_views(scene: bpy.types.Scene, frame_start: int, length: int) -> tuple[View, ...]:
@@ -133,9 +133,22 @@ def read_views(scene: bpy.types.Scene, frame_start: int, length: int) -> tuple[V
                 todo="import a calibration, calibrate with a wand or from a performer, or place the camera by hand and "
                 "tick Calibrated",
             )
+        _refuse_moved_clip(scene, slot)
     poses = camera_poses.read_poses(scene, [slot.camera for slot in slots], frame_start, length)
     lenses = [camera_poses.read_lens(slot.camera, frame_start, length) for slot in slots]
     return tuple(_read_view(*one) for one in zip(slots, poses, lenses, strict=True))
+
+
+def _refuse_moved_clip(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
+    """Raise a FootageError if key poses were not set over the frames that would be tracked."""
+    moved = footage_background.moved_by(slot, scene.kfmocap.first, scene.kfmocap.frame_start)
+    if moved:
+        frames = f"{abs(moved)} frame{'s' if abs(moved) > 1 else ''} {'earlier' if moved > 0 else 'later'}"
+        raise FootageError(
+            f"its pictures are shown {frames} than its Offset says, as its movie clip was moved in Blender",
+            where=f"view {slot.name}",
+            todo=f"enter the Offset {footage_background.moved_offset(slot, moved):g} in Look Through > View",
+        )
 
 
 def set_keypoints(slot: bpy.types.PropertyGroup, path: Path) -> None:
