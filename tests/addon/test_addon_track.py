@@ -400,6 +400,18 @@ def test_a_file_that_is_saved_while_it_is_tracked_holds_the_scene_as_it_was(buil
     assert not differences(*found)
 
 
+@pytest.mark.skipif(not hasattr(bpy.app.handlers, "exit_pre"), reason="this Blender says nothing before it ends")
+def test_what_blender_saves_at_its_end_while_it_tracks_is_the_scene_as_it_was(built):
+    before = state()
+    preview = TrackingPreview(built, {0: built.kfmocap.performers[0]})
+    preview.show({(0, 5): (motion(12)[:6],)})
+    for handler in list(bpy.app.handlers.exit_pre):
+        handler()
+    assert not differences(state(), before)
+    preview.end()  # as its tool does then
+    assert not differences(state(), before) and not bpy.app.handlers.exit_pre
+
+
 def test_parts_are_tracked_again_with_the_offset_found_on_the_whole_shot(built, tracker):
     tracker.footage_offset = 0.387
     bpy.ops.kfmocap.track()

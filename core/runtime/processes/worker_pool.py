@@ -77,7 +77,8 @@ class WorkerPool:
         ----------
         work : callable
         progress : callable
-            Called with the fraction of the task that is done; an exception that it raises ends the task.
+            Called with the fraction of the task that is done, at its end with 1; an exception that it raises ends the
+            task.
 
         Returns
         -------
@@ -88,6 +89,7 @@ class WorkerPool:
             return self._threads.submit(self._done, work, progress)
         done: Future[Any] = Future()
         done.set_result(work(lambda _, fraction: progress(fraction) is not False))
+        progress(1.0)
         return done
 
     @contextmanager
@@ -135,8 +137,11 @@ class WorkerPool:
 
         try:
             if place == len(self._processes):
-                return work(report)
-            return self._processes[place].call(work, lambda state: report(*state))
+                result = work(report)
+            else:
+                result = self._processes[place].call(work, lambda state: report(*state))
+            progress(1.0)
+            return result
         except WorkerEndedError as error:
             self._failure = error
             raise

@@ -80,22 +80,22 @@ class TrackingPreview:
 
     def _handlers(self) -> list[tuple[list[Any], Callable[..., None]]]:
         handlers = bpy.app.handlers
-        after = (handlers.save_post, handlers.save_post_fail)
-        return [(handlers.save_pre, self._before_saving), *((kind, self._after_saving) for kind in after)]
-
-    def _before_saving(self, *_: object) -> None:
-        self._take_away()
+        before, after = [handlers.save_pre], (handlers.save_post, handlers.save_post_fail)
+        if hasattr(handlers, "exit_pre"):  # from 5.1 on; Blender then saves for Recover Last Session
+            before.append(handlers.exit_pre)
+        return [*((kind, self._take_away) for kind in before), *((kind, self._after_saving) for kind in after)]
 
     def _after_saving(self, *_: object) -> None:
         with contextlib.suppress(ReferenceError):
             self._lent = [_lend(armature) for armature in self._armatures]
             self.show(self._segments)
 
-    def _take_away(self) -> None:
+    def _take_away(self, *_: object) -> None:
         with contextlib.suppress(ReferenceError):  # the file was closed, and all of it is gone anyway
             for lent in self._lent:
                 if lent is not None:
                     _take_back(lent)
+            self._lent = []
             self._redraw()
             for armature, values in zip(self._armatures, self._poses, strict=True):
                 shown_pose.show_values(armature, values)  # of what is not keyed, the animation knows nothing
