@@ -79,12 +79,7 @@ class SegmentEvidence:
 
     def without_equations(self) -> SegmentEvidence:
         """Return the evidence without the normal equations, which are nearly all of its memory: enough to judge it."""
-        gradients, outlines = self.gradients, self.outlines
-        return replace(
-            self,
-            gradients=replace(gradients, H=gradients.H[:0].copy(), g=gradients.g[:0].copy()),
-            outlines=replace(outlines, H=outlines.H[:0].copy(), g=outlines.g[:0].copy()),
-        )
+        return replace(self, gradients=self.gradients.without_equations(), outlines=self.outlines.without_equations())
 
     def without(self, hidden: NDArray[np.bool_]) -> SegmentEvidence:
         """Return the evidence without the normal equations of hidden parts, (F, P); paper 1, equation (38)."""
@@ -154,11 +149,12 @@ class _JoinedRuns:
         earlier one.
         """
         later = 1 if first else 0
-        for field in fields(GradientSums):
-            self._put(f"gradients.{field.name}", (view, first), getattr(run.gradients, field.name), self._pairs)
-        by_frame = {f"outlines.{field.name}": getattr(run.outlines, field.name) for field in fields(OutlineSums)}
+        by_pair = _arrays_of("gradients", run.gradients)
+        by_frame = _arrays_of("outlines", run.outlines)
         by_frame |= {"share": run.share, "agreeing": run.agreeing, "explained": run.explained.T}
         by_frame["areas"] = np.moveaxis(run.areas, 2, 0)
+        for name, values in by_pair.items():
+            self._put(name, (view, first), values, self._pairs)
         for name, values in by_frame.items():
             self._put(name, (view, first + later), values[later:], self._pairs + 1)
 
@@ -169,6 +165,10 @@ class _JoinedRuns:
         view, first = place
         whole[view, first : first + len(values)] = values
 
+    def _sums(self, name: str) -> dict[str, Array]:
+        """Return the joined arrays of the sums of a name by the names of their fields."""
+        return {key.removeprefix(f"{name}."): a for key, a in self._arrays.items() if key.startswith(f"{name}.")}
+
     def evidence(self, geometry: Geometry, sampling: Sampling, seconds: dict[str, float]) -> SegmentEvidence:
         """Return the evidence of all runs."""
         found = self._arrays
@@ -176,8 +176,8 @@ class _JoinedRuns:
         explained = np.ascontiguousarray(np.moveaxis(found["explained"], 1, 2))
         areas = np.ascontiguousarray(np.moveaxis(found["areas"], 1, 3))
         return SegmentEvidence(
-            gradients=GradientSums(*(found[f"gradients.{field.name}"] for field in fields(GradientSums))),
-            outlines=OutlineSums(*(found[f"outlines.{field.name}"] for field in fields(OutlineSums))),
+            gradients=GradientSums(**self._sums("gradients")),
+            outlines=OutlineSums(**self._sums("outlines")),
             explained=np.asarray(whose @ explained),
             unhidden=_unhidden(areas, explained, whose),
             share=found["share"],
@@ -185,6 +185,11 @@ class _JoinedRuns:
             sampling=sampling,
             seconds=seconds,
         )
+
+
+def _arrays_of(name: str, sums: GradientSums | OutlineSums) -> dict[str, Array]:
+    """Return the arrays of sums, called "name.field"."""
+    return {f"{name}.{field.name}": getattr(sums, field.name) for field in fields(sums)}
 
 
 def _unhidden(areas: Array, explained: Array, whose: Bools) -> Array:

@@ -6,14 +6,8 @@ from ..export.export_formats import EXPORT_FORMATS
 from ..export.presets import PRESETS
 
 
-def _format_field(name: str) -> object:
-    """One of `EXPORT_FORMATS` as a field: whether it is written."""
-    known = EXPORT_FORMATS[name]
-    return bpy.props.BoolProperty(default=known.is_default, name=known.label, description=known.description)
-
-
 class KFMocapExport(bpy.types.PropertyGroup):
-    """What to export, and what was exported last."""
+    """What to export, and what was exported last; for each of `EXPORT_FORMATS`, whether it is written."""
 
     written: bpy.props.StringProperty(
         name="Written", description="Paths of the files that were written last, one to a line"
@@ -35,11 +29,6 @@ class KFMocapExport(bpy.types.PropertyGroup):
         name="For",
         description="The program that will read the files: it decides the names of the bones and the unit of length",
     )
-    bvh: _format_field("bvh")
-    fbx: _format_field("fbx")
-    glb: _format_field("glb")
-    vrma: _format_field("vrma")
-    usdc: _format_field("usdc")
     use_range: bpy.props.BoolProperty(name="Frame Range", description="Export only some frames, not the whole shot")
     first: bpy.props.IntProperty(default=1, name="First", description="First scene frame to export")
     last: bpy.props.IntProperty(default=250, name="Last", description="Last scene frame to export, inclusive")
@@ -63,4 +52,8 @@ class KFMocapExport(bpy.types.PropertyGroup):
     )
 
 
+for _name, _known in EXPORT_FORMATS.items():
+    KFMocapExport.__annotations__[_name] = bpy.props.BoolProperty(
+        default=_known.is_default, name=_known.label, description=_known.description
+    )
 CLASSES = (KFMocapExport,)

@@ -16,6 +16,7 @@ from conftest import ROOT
 from kfmocap.core.body import human, landmark_positions
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.cameras.camera import Camera
+from kfmocap.core.choices import CALIBRATION_ENDINGS
 from kfmocap.core.formats.bone_map_files import read_bone_map
 from kfmocap.core.formats.bvh import read_bvh
 from kfmocap.core.formats.c3d import read_c3d
@@ -144,10 +145,11 @@ def samples(folder: Path) -> dict[str, Sample]:
     motion = Motion(np.zeros((3, 3)), np.tile(np.eye(3), (3, len(body), 1, 1)))
     write_trc(folder / "a.trc", names, landmark_positions(body, motion, names), 30.0)
     (folder / "points.csv").write_text(POINTS)
-    for ending, kind in ((".toml", None), (".toml", "caliscope"), (".qca.txt", None), (".yml", None), (".json", None)):
-        export_cameras(folder / f"a{ending}", cameras, kind)
-        data = (folder / f"a{ending}").read_bytes()
-        found[f"{kind or 'cameras'}{ending}"] = Sample(f"b{ending}", data, load_cameras)
+    for kind, endings in CALIBRATION_ENDINGS.items():
+        for ending in endings:
+            export_cameras(folder / f"a{ending}", cameras, kind)
+            data = (folder / f"a{ending}").read_bytes()
+            found[f"{kind}{ending}"] = Sample(f"b{ending}", data, load_cameras)
     found["easymocap"] = Sample("intri.yml", EASYMOCAP.encode(), load_cameras)
     shot = (ROOT / "examples" / "walk" / "shot.toml").read_bytes()
     found["obj"] = Sample("prop.obj", OBJ, read_obj_vertices)

@@ -10,6 +10,9 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 from kfmocap.cli.arguments import parser
+from kfmocap.core.choices import CALIBRATION_ENDINGS, FEET, HAND_SHAPES, ROOT_MOTIONS, SOLVERS
+from kfmocap.core.retargeting.bone_roles import bone_presets
+from kfmocap.kfmocap_addon.export import export_formats, presets
 from test_layers import LAYERS
 
 PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")), *sorted(ROOT.glob("examples/*/README.md"))]
@@ -19,7 +22,7 @@ LINK = re.compile(r"\]\(([^)\s]+)\)")
 FILE = re.compile(r"`((?:core|cli|kfmocap_addon|benchmarks|tools|tests|docs|examples)/[\w./-]*)`")
 BARE_FILE = re.compile(r"`(\w+\.py)`")
 NAME = re.compile(r"\b((?:kfmocap\.)?(?:core|cli|kfmocap_addon|benchmarks)(?:\.\w+)+)\b")
-PACKAGES = ("core", "cli", "kfmocap_addon", "benchmarks", "tools")
+PACKAGES = ("core", "cli", "kfmocap_addon", "benchmarks", "tools", "tests")
 
 
 def text_of(page: Path) -> str:
@@ -126,3 +129,54 @@ def test_the_page_on_the_command_line_has_every_command_and_option() -> None:
     for name, command in commands.items():
         options = {option for action in command._actions for option in action.option_strings} - {"-h", "--help"}
         assert set(re.findall(r"--[\w-]+", sections[name])) >= options, name
+
+
+REPORTS = (
+    ("core/review/track_report.py", "command_line.md", "### report.json"),
+    ("core/calibration/quality.py", "calibration.md", "## Checking the result"),
+    ("kfmocap_addon/retargeting/send.py", "retargeting.md", "## What is written"),
+    ("kfmocap_addon/retargeting/rigs/rig_error.py", "retargeting.md", "## What is written"),
+    ("core/shot/footage_faults/footage_times.py", "command_line.md", "### report.json"),
+    ("core/shot/footage_faults/footage_damage.py", "command_line.md", "### report.json"),
+    ("core/shot/footage_faults/frame_pattern.py", "command_line.md", "### report.json"),
+    ("core/tracking/results/late_views.py", "command_line.md", "### report.json"),
+)
+"""Modules that make the values of a report, and the section of the page that names them."""
+
+
+@pytest.mark.parametrize(("module", "page", "heading"), REPORTS)
+def test_the_pages_name_every_value_of_the_reports(module: str, page: str, heading: str) -> None:
+    keys = set()
+    for node in ast.walk(ast.parse((ROOT / module).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Dict):
+            keys |= {key.value for key in node.keys if isinstance(key, ast.Constant) and isinstance(key.value, str)}
+        elif isinstance(node, ast.ClassDef) and node.name in (
+            "FootageRate",
+            "FootageDamage",
+            "FramePattern",
+            "LateView",
+        ):
+            keys |= {
+                name for statement in node.body if isinstance(statement, ast.AnnAssign) for name in names_of(statement)
+            }
+    level, section = heading.split(maxsplit=1)[0], text_of(ROOT / "docs" / page).split(f"{heading}\n")[1]
+    section = re.split(rf"^#{{1,{len(level)}}} ", section, maxsplit=1, flags=re.MULTILINE)[0]
+    assert keys
+    named = set(re.findall(r"`(\w+)`", section))
+    assert {key for key in keys if key not in named and not (key.endswith("_sigma") and "_sigma" in named)} == set()
+
+
+CHOICES = {
+    "command_line.md": [*SOLVERS, *ROOT_MOTIONS, *FEET, *bone_presets.PRESETS, *CALIBRATION_ENDINGS],
+    "retargeting.md": [*bone_presets.PRESETS, *ROOT_MOTIONS, *FEET, *HAND_SHAPES],
+    "file_formats.md": [*(ending for endings in CALIBRATION_ENDINGS.values() for ending in endings)]
+    + [f".{name}" for name in export_formats.EXPORT_FORMATS],
+    "export.md": [*(known.label for known in (*export_formats.EXPORT_FORMATS.values(), *presets.PRESETS.values()))],
+}
+"""What users choose from by name, and the page that explains it."""
+
+
+@pytest.mark.parametrize("page", CHOICES)
+def test_the_pages_have_everything_that_can_be_chosen(page: str) -> None:
+    text = text_of(ROOT / "docs" / page)
+    assert [name for name in CHOICES[page] if not re.search(rf"(?<![\w-]){re.escape(name)}(?![\w-])", text)] == []

@@ -86,6 +86,10 @@ class GradientSums:
         """Return the sums with the normal equations of some parts alone, (m, P); paper 1, equation (38)."""
         return replace(self, H=self.H * seen[..., None, None], g=self.g * seen[..., None])
 
+    def without_equations(self) -> GradientSums:
+        """Return the sums without the normal equations."""
+        return replace(self, H=self.H[:0].copy(), g=self.g[:0].copy())
+
 
 def brightness_constancy(
     compared: ComparedPixels, tolerance: float, given_noise: Array | None = None, *, by_part: bool = False

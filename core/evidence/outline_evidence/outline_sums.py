@@ -38,6 +38,10 @@ class OutlineSums:
         """Return the sums with the normal equations of some parts alone, (n, P); paper 1, equation (38)."""
         return replace(self, H=self.H * seen[..., None, None], g=self.g * seen[..., None])
 
+    def without_equations(self) -> OutlineSums:
+        """Return the sums without the normal equations."""
+        return replace(self, H=self.H[:0].copy(), g=self.g[:0].copy())
+
 
 def outline_sums(lines: Lines, camera: Camera, first: int, shape: tuple[int, int]) -> OutlineSums:
     """Sum the lines across the outlines of P parts in n frames of one view, given as shape (n, P).

@@ -12,6 +12,7 @@ from ..descent_stages import SETTLED
 from ..equations.measurement import Workspace, keypoint_agreement
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
+from ..equations.weighted_evidence import outline_variance
 from ..gauss_newton import HopelessTest, continued, descend
 
 EQUAL_COVER = 0.005
@@ -89,7 +90,7 @@ def likelihood(problem: SegmentProblem, noise: SegmentNoise, solution: SegmentSo
 def _likelihood_of(problem: SegmentProblem, noise: SegmentNoise, evidence: SegmentEvidence) -> float:
     sampling, gradients = evidence.sampling, evidence.gradients
     shown = noise.share @ evidence.explained.sum(axis=(1, 2))
-    outlines = evidence.outlines.energy.sum() / (problem.settings.lengths[1] * sampling.tolerance**2)
+    outlines = evidence.outlines.energy.sum() / outline_variance(evidence, problem.settings)
     still = np.array([view.camera.stands_still for view in problem.views])[:, None]
     followed = noise.share[:, None] * sampling.stride**2 * gradients.gain
     moved = np.where(still, followed, -0.5 * noise.weight * gradients.cost)

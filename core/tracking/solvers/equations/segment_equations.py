@@ -159,9 +159,8 @@ def _image_systems(
 
     They are built for some frames at a time: the sums of all parts of a long segment would take much memory.
     """
-    (R, T), views, evidence = instants.poses, list(instants.views), weighted.evidence
-    energy = float(np.sum(noise.weight[views] * evidence.gradients.cost[views]))
-    energy += weighted.outlines * float(evidence.outlines.energy[views].sum())
+    (R, T), views = instants.poses, instants.views
+    energy = weighted.energy(views, noise.weight)
     spans, systems = problem.spans(), {}
     for i in problem.sought:
         empty = BandedBlocks.zeros(problem.length, problem.bodies[i].dof)

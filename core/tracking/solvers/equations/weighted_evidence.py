@@ -37,9 +37,14 @@ class WeightedEvidence:
     def of(cls, problem: SegmentProblem, evidence: SegmentEvidence, hidden: Sequence[Bools] = ()) -> WeightedEvidence:
         """Weight evidence; `hidden` as in `evidence_equations`."""
         precision = pixel_precision(evidence, problem.settings)
-        # Far from the solution the search lines are long and meet outlines of other limbs: outlines weigh little.
-        outlines = 1 / (problem.settings.lengths[1] * evidence.sampling.tolerance**2)
+        outlines = 1 / outline_variance(evidence, problem.settings)
         return cls(evidence, np.concatenate(hidden, axis=1) if hidden else None, precision, outlines)
+
+    def energy(self, views: Sequence[int], pair_weights: Array) -> float:
+        """Energy of some views; `pair_weights` (V, F - 1) are those of the gradients, see `SegmentNoise.weight`."""
+        gradients, outlines, own = self.evidence.gradients, self.evidence.outlines, list(views)
+        energy = float(np.sum(pair_weights[own] * gradients.cost[own]))
+        return energy + self.outlines * float(outlines.energy[own].sum())
 
     def paired_sums(self, views: Sequence[int], first: int = 0, stop: int | None = None) -> tuple[Array, Array]:
         """Weighted sums of some views on the twists of P parts in n pairs of frames, from pair `first` to the one
@@ -72,6 +77,15 @@ class WeightedEvidence:
             H[-1, :, 6:, 6:] += outline_H[-1]
             g[-1, :, 6:] += outline_g[-1]
         return H, g
+
+
+def outline_variance(evidence: SegmentEvidence, settings: Settings) -> float:
+    """Variance by which the outlines' energy is divided, less the correlation of neighbouring pieces of an outline.
+
+    Far from the solution, where the tolerance is large, the lines across the outline are long and meet outlines of
+    other limbs: outlines weigh little there.
+    """
+    return settings.lengths[1] * evidence.sampling.tolerance**2
 
 
 def pixel_precision(evidence: SegmentEvidence, settings: Settings) -> Array:
