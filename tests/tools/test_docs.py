@@ -131,6 +131,20 @@ def test_the_page_on_the_command_line_has_every_command_and_option() -> None:
         assert set(re.findall(r"--[\w-]+", sections[name])) >= options, name
 
 
+def test_the_page_on_tools_has_every_operator_with_its_tooltip() -> None:
+    shown = re.findall(r"^\| ([^|]+) \| `(\w+)` \| (.*) \|$", text_of(ROOT / "docs" / "tools.md"), re.MULTILINE)
+    made = []
+    for path in (ROOT / "kfmocap_addon" / "operators").rglob("*.py"):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef):
+                stated = [s for s in node.body if isinstance(s, ast.Assign)]
+                values = {name: ast.unparse(s.value).strip("'") for s in stated for name in names_of(s)}
+                room, _, name = values.get("bl_idname", "").partition(".")
+                if room == "kfmocap" and "INTERNAL" not in values.get("bl_options", ""):
+                    made.append((values["bl_label"], name, " ".join((ast.get_docstring(node) or "").split())))
+    assert sorted(shown) == sorted(made)
+
+
 REPORTS = (
     ("core/review/track_report.py", "command_line.md", "### report.json"),
     ("core/calibration/quality.py", "calibration.md", "## Checking the result"),
