@@ -6,9 +6,12 @@ WHEELS := .venv/.wheels
 # Without compiled modules on disk, each process would compile all of the package anew: 0.2 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: install demo test test-nightly test-versions versions lint format extension bench clean
+.PHONY: help install demo test test-nightly test-versions versions lint format extension bench clean
 
-install: $(INSTALLED)
+help:  ## list the targets
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 16
+
+install: $(INSTALLED)  ## make the environment .venv with everything in it
 
 # One pip command for bpy and opencv: resolved apart, opencv pulls in a numpy that bpy cannot use.
 $(INSTALLED): pyproject.toml setup.py
@@ -32,44 +35,44 @@ $(WHEELS): tools/wheels.lock | install
 	$(BIN)/python tools/build_extension.py --fetch
 	@touch $@
 
-demo: install
+demo: install  ## track the example with real footage, into build/demo
 	$(BIN)/kfmocap demo --out build/demo
 
 # One test process per core.
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist worksteal --durations 25
 
-test: install $(WHEELS)
+test: install $(WHEELS)  ## run the tests
 	$(PYTEST)
 
 # The same with random tests at their full size, and a thousand damaged files of every kind.
-test-nightly: install $(WHEELS)
+test-nightly: install $(WHEELS)  ## run the tests, those with random values at their full size
 	$(PYTEST) --nightly --damaged 1000
 
 # What depends on the version of Blender, on the other versions, where their Python is there.
-test-versions: install $(WHEELS)
+test-versions: install $(WHEELS)  ## run the add-on's tests on the other versions of Blender
 	$(BIN)/python tools/test_versions.py
 
 # The environments for that, without running anything.
-versions: install
+versions: install  ## make the environments of these versions
 	$(BIN)/python tools/test_versions.py --install
 
-lint: install
+lint: install  ## check style and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	@mkdir -p build/typing && ln -sfn ../.. build/typing/kfmocap
 	@$(BIN)/python tools/make_stubs.py build/stubs
 	$(BIN)/mypy
 
-format: install
+format: install  ## put the code into its format
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-extension: install
+extension: install  ## write the zips for Blender, into dist
 	$(BIN)/python tools/build_extension.py
 
-bench: install
+bench: install  ## measure accuracy and speed
 	$(BIN)/kfmocap bench
 
-clean:
+clean:  ## remove what was built
 	rm -rf build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis *.egg-info
 	find . -name __pycache__ -not -path './.venv*' -prune -exec rm -rf {} +
