@@ -83,10 +83,10 @@ def run_calibrate(
     wand: Path,
     out: CamerasFile,
     *,
-    report: Path | None = None,
-    points: Path | None = None,
-    progress: Progress | None = None,
-    drift: bool = False,
+    report: Path | None,
+    points: Path | None,
+    progress: Progress | None,
+    drift: bool,
 ) -> tuple[CalibrationResult, list[Path]]:
     """Calibrate; write the cameras and, if asked for, the report and the detected marker positions.
 
@@ -95,11 +95,11 @@ def run_calibrate(
     wand : Path
         The capture file.
     out : CamerasFile
-    report : Path, optional
+    report : Path or None
         Folder for the report; created if it does not exist.
-    points : Path, optional
+    points : Path or None
         CSV file for the marker positions.
-    progress : callable, optional
+    progress : callable or None
     drift : bool
         Whether the cameras' clocks may run at different speeds.
 
@@ -132,7 +132,7 @@ def run_calibrate(
 
 
 def calibrate_by_performer(
-    shot_path: Path, out: CamerasFile, *, lenses: Path | None = None, progress: Progress | None = None
+    shot_path: Path, out: CamerasFile, *, lenses: Path | None, progress: Progress | None
 ) -> PerformerCalibration | SingleViewCalibration:
     """Find the cameras of a shot file's views from its performer's 2D keypoints and height, and write them.
 
@@ -141,9 +141,9 @@ def calibrate_by_performer(
     shot_path : Path
     out : CamerasFile
         It may be the shot's own calibration: that is not read.
-    lenses : Path, optional
+    lenses : Path or None
         A calibration of the same cameras, whose intrinsic parameters are kept.
-    progress : callable, optional
+    progress : callable or None
 
     Raises
     ------
@@ -158,14 +158,14 @@ def calibrate_by_performer(
     return found
 
 
-def refine_shot(shot_path: Path, out: CamerasFile, progress: Progress | None = None) -> Refinement:
+def refine_shot(shot_path: Path, out: CamerasFile, progress: Progress | None) -> Refinement:
     """Refine the cameras of a shot file's views; write them with the other cameras of its calibration.
 
     Parameters
     ----------
     shot_path : Path
     out : CamerasFile
-    progress : callable, optional
+    progress : callable or None
 
     Raises
     ------

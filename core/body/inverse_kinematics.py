@@ -87,7 +87,7 @@ def searched_poses(
     start: Motion | None,
     search: PoseSearch,
     *,
-    tolerance: float = 1e-6,
+    tolerance: float,
 ) -> Motion:
     """Pose a body on landmarks as `fit_poses`, with a choice of what is tried where a pose does not fit.
 

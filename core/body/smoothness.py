@@ -110,7 +110,7 @@ def _differences(T: Array, ahead: Array, behind: Array, steps: Array | None) -> 
     return np.concatenate([second_differences(T, steps), (ahead + behind).reshape(len(T) - 2, -1)], axis=1)
 
 
-def second_differences(values: Array, steps: Array | None = None) -> Array:
+def second_differences(values: Array, steps: Array | None) -> Array:
     """Second differences of values (F, ...) along time, shape (F - 2, ...); `steps` as in `acceleration`."""
     if steps is None:
         return np.asarray(values[2:] - 2 * values[1:-1] + values[:-2])

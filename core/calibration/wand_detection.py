@@ -116,7 +116,7 @@ def _samples(picture: Picture, colour: Colour) -> Iterator[BallSample]:
 
 
 def find_pairs(
-    image: Image, colours: Sequence[Colour], longest: float | None, appearance: WandAppearance | None = None
+    image: Image, colours: Sequence[Colour], longest: float | None, appearance: WandAppearance | None
 ) -> Pairs:
     """Every two balls in a picture that could be a wand.
 
@@ -128,7 +128,7 @@ def find_pairs(
         The first ball's and the second's, or one for both.
     longest : float or None
         The wand's length over the balls' diameter, where it is known.
-    appearance : WandAppearance, optional
+    appearance : WandAppearance or None
         What is known of this video.
     """
     passing = (None,) * len(colours) if appearance is None else appearance.passing

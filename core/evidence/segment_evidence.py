@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,7 +143,7 @@ class _JoinedRuns:
 
     def __init__(self, views: int, pairs: int) -> None:
         self._views, self._pairs = views, pairs
-        self._arrays: dict[str, Array] = {}
+        self._arrays: dict[str, NDArray[Any]] = {}
 
     def add(self, view: int, first: int, run: FrameEvidence) -> None:
         """Add a run of a view from the frame with index `first` on; adjacent runs share a frame, which is that of the
@@ -158,14 +159,14 @@ class _JoinedRuns:
         for name, values in by_frame.items():
             self._put(name, (view, first + later), values[later:], self._pairs + 1)
 
-    def _put(self, name: str, place: tuple[int, int], values: Array, count: int) -> None:
+    def _put(self, name: str, place: tuple[int, int], values: NDArray[Any], count: int) -> None:
         whole = self._arrays.get(name)
         if whole is None:
             whole = self._arrays[name] = np.empty((self._views, count, *values.shape[1:]), values.dtype)
         view, first = place
         whole[view, first : first + len(values)] = values
 
-    def _sums(self, name: str) -> dict[str, Array]:
+    def _sums(self, name: str) -> dict[str, NDArray[Any]]:
         """Return the joined arrays of the sums of a name by the names of their fields."""
         return {key.removeprefix(f"{name}."): a for key, a in self._arrays.items() if key.startswith(f"{name}.")}
 
@@ -187,7 +188,7 @@ class _JoinedRuns:
         )
 
 
-def _arrays_of(name: str, sums: GradientSums | OutlineSums) -> dict[str, Array]:
+def _arrays_of(name: str, sums: GradientSums | OutlineSums) -> dict[str, NDArray[Any]]:
     """Return the arrays of sums, called "name.field"."""
     return {f"{name}.{field.name}": getattr(sums, field.name) for field in fields(sums)}
 

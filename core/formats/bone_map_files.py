@@ -41,7 +41,7 @@ def _bones(content: Any, path: Path) -> tuple[str, dict[str, tuple[str, ...]]]:
     return str(content.get("preset", ""))[:_MAX_NAME_LENGTH], found
 
 
-def write_bone_map(path: Path, bones: Mapping[str, Sequence[str]], preset: str = "") -> None:
+def write_bone_map(path: Path, bones: Mapping[str, Sequence[str]], preset: str) -> None:
     """Write a bone map.
 
     Raises

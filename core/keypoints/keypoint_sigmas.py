@@ -62,7 +62,7 @@ def robust_weights(residuals: Array, confidence: Array, sigma: Array, tolerance:
     return np.nan_to_num(weight)
 
 
-def trusted_weights(residuals: Array, agreed: Array, sigma: Array, tolerance: float = 1.0) -> Array:
+def trusted_weights(residuals: Array, agreed: Array, sigma: Array, tolerance: float) -> Array:
     """Return Huber's weights, 1/m^2, shape (V, F, L), of keypoints that views agree on; 0 for NaN.
 
     Such keypoints are not outliers, however far the motion is from them at present. With Huber's weights they still

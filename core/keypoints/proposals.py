@@ -99,8 +99,8 @@ class KeypointPoses:
 def poses_from_keypoints(
     shot: Shot,
     detections: Sequence[Detections],
-    frames: Sequence[int] | None = None,
-    progress: Progress | None = None,
+    frames: Sequence[int] | None,
+    progress: Progress | None,
 ) -> tuple[KeypointPoses, ...]:
     """Fit the motion of every performer of a shot to keypoints; bodies and key poses stay as they are.
 
@@ -109,9 +109,9 @@ def poses_from_keypoints(
     shot : Shot
     detections : sequence of Detections
         Per view.
-    frames : sequence of int, optional
-        Shot frames for the poses. By default they are chosen, at some distance from existing key poses.
-    progress : callable, optional
+    frames : sequence of int or None
+        Shot frames for the poses. With None they are chosen, at some distance from existing key poses.
+    progress : callable or None
 
     Raises
     ------

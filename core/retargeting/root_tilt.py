@@ -39,7 +39,7 @@ class RootTilt:
     pivot: Array
     leaning: Bools
 
-    def straightened(self, rig: ControlRig, below: float = 0.0) -> ControlRig:
+    def straightened(self, rig: ControlRig, below: float) -> ControlRig:
         """Return the rig as it stands upright, for aligning rest poses, with its ground; see `grounded`. Its feet reach
         this far below its origin.
         """

@@ -105,7 +105,7 @@ def results_seen(out: object) -> tuple[int, int] | None:
     return None
 
 
-def interrupted_text(interrupt: BaseException, *, written: bool = False) -> str:
+def interrupted_text(interrupt: BaseException, *, written: bool) -> str:
     """Return a message on what an interrupted run has written.
 
     Parameters

@@ -131,7 +131,7 @@ class Settings:
         """Whether the solver can estimate how smooth the motion is."""
         return self.solver in ESTIMATING_SOLVERS
 
-    def for_shot(self, views: int, key_frames: int, keypoint_views: int = 0) -> Settings:
+    def for_shot(self, views: int, key_frames: int, keypoint_views: int) -> Settings:
         """Return the settings with missing values filled in for a shot with some views and key frames.
 
         With one view, constant errors of the model's shape and of the calibration look like motion, so pixels have less

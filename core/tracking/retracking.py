@@ -151,8 +151,8 @@ def preview_segment(
     frame: int,
     show: SegmentShown,
     *,
-    progress: Progress | None = None,
-    memory: WorkerMemory | None = None,
+    progress: Progress | None,
+    memory: WorkerMemory | None,
 ) -> None:
     """Show a coarse solution of the segment at a frame early, unless this segment is tracked first anyway.
 
@@ -167,8 +167,8 @@ def preview_segment(
         Shot frame that the user has on the screen.
     show : callable
         See `SegmentShown`.
-    progress : callable, optional
-    memory : WorkerMemory, optional
+    progress : callable or None
+    memory : WorkerMemory or None
     """
     chosen = [(part, s) for part in excerpts for s in segments(shot) if part.first <= s[0] and s[1] <= part.last]
     number = next((i for i, (_, (first, last)) in enumerate(chosen) if first <= frame <= last), 0)

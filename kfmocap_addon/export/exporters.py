@@ -45,7 +45,7 @@ def export_armatures(
     scene: bpy.types.Scene,
     whose: Sequence[destinations.Named],
     folder: Path,
-    options: ExportOptions = DEFAULTS,
+    options: ExportOptions,
     name: str = "",
 ) -> list[Path]:
     """Write the motion of some armatures of a scene: NAME.bvh and NAME.fbx, or NAME_PERFORMER.* for several.

@@ -31,7 +31,7 @@ def target_bones(armature: bpy.types.Object, preset: str | None = None) -> BoneM
     return match_bones(rest_skeleton(armature), preset, f"armature {armature.name}")
 
 
-def moved_bones(armature: bpy.types.Object, preset: str | None = None) -> tuple[BoneMap, tuple[str, ...]]:
+def moved_bones(armature: bpy.types.Object, preset: str | None) -> tuple[BoneMap, tuple[str, ...]]:
     """Return the roles of an armature's bones for a motion that takes all of the body along, and what to report: where
     much of the skin hangs on a bone above the hips, such as the hindquarters of a centaur, that bone is the hips.
 

@@ -235,7 +235,7 @@ def _columns(fields: np.dtype[np.void]) -> tuple[tuple[str, tuple[int, ...], np.
     return tuple((name, fields[name].shape, fields[name].base) for name in fields.names or ())
 
 
-def values_at(curve: bpy.types.FCurve, frames: NDArray[np.int64], keys: Keys | None = None) -> Array:
+def values_at(curve: bpy.types.FCurve, frames: NDArray[np.int64], keys: Keys | None) -> Array:
     """Return the values (K,) of an F-curve at scene frames: of its keys, where each of these frames has one, which
     takes a fraction of the time. `keys` are the curve's, if they have been read already.
     """

@@ -12,9 +12,7 @@ from . import scene
 from .body import body_armature, part_meshes, rotation_modes, shown_model
 
 
-def add_performer(
-    current: bpy.types.Scene, body: Body, name: str, place: Sequence[float] = (0, 0, 0)
-) -> bpy.types.Object:
+def add_performer(current: bpy.types.Scene, body: Body, name: str, place: Sequence[float]) -> bpy.types.Object:
     """Build a body's armature, which stands at a place in the world, and make it a performer of the scene's shot."""
     armature = body_armature.build_armature(
         body, scene.free_name(name, current.kfmocap.performers), scene.ensure_collection(current, "Performers")

@@ -81,7 +81,7 @@ class PerformerCalibration:
 
 
 def cameras_of_shot(
-    spec: ShotSpec, lenses: Mapping[str, Camera], progress: Progress | None = None
+    spec: ShotSpec, lenses: Mapping[str, Camera], progress: Progress | None
 ) -> PerformerCalibration | SingleViewCalibration:
     """Solve for the cameras of a shot from the keypoints and the height of its first performer.
 
@@ -91,7 +91,7 @@ def cameras_of_shot(
         Its calibration is not read.
     lenses : mapping of str to Camera
         By camera: the known lenses.
-    progress : callable, optional
+    progress : callable or None
 
     Raises
     ------

@@ -53,7 +53,7 @@ def with_measures(
     keypoints: Keypoints,
     places: KeypointOffsets,
     weights: Array,
-    prior_weight: float = 1.0,
+    prior_weight: float,
 ) -> KeypointSystem:
     """Add the height's logarithm and the measures to a system as further unknowns, after the offsets.
 

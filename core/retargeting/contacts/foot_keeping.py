@@ -131,7 +131,7 @@ def foot_goals(
     poses: RigPoses,
     *,
     placement: Placement,
-    clean: bool = False,
+    clean: bool,
 ) -> tuple[list[LimbGoal], RigPoses]:
     """Return goals for the target's ankles, and its poses with planted feet turned flat, and toes of long feet bent.
 

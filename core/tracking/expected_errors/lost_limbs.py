@@ -38,7 +38,7 @@ REVEAL_PROBABILITY = 0.5
 
 
 def lost_probabilities(
-    body: Body, misfit: Misfit, span: slice, *, held: Bools, keys: Ints, support: Array | None = None
+    body: Body, misfit: Misfit, span: slice, *, held: Bools, keys: Ints, support: Array | None
 ) -> Array:
     """Probability that each part of a performer is lost, shape (F, P).
 
@@ -55,7 +55,7 @@ def lost_probabilities(
     keys : ndarray of int, shape (K,)
         Frames with a key pose of the whole body, which show the share of each part that looks like background though it
         is right. Without any, it is the median over all frames.
-    support : ndarray, shape (F, P), optional
+    support : ndarray, shape (F, P) or None
         Log likelihood ratio of the images with each part against without it (`limb_support.support_of_parts`).
     """
     visible, background = misfit.visible[..., span], misfit.background[..., span]

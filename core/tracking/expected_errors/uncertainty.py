@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...body import Body
-from ...evidence.view_work import IN_THIS_THREAD, ViewWork
+from ...evidence.view_work import ViewWork
 from ...numerics.arrays import Array, Bools
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.error_lengths import length_quantile
@@ -115,7 +115,7 @@ class JointErrors:
 
 
 def segment_uncertainties(
-    problem: SegmentProblem, solution: SegmentSolution, by: ViewWork = IN_THIS_THREAD
+    problem: SegmentProblem, solution: SegmentSolution, by: ViewWork
 ) -> tuple[list[SegmentUncertainty], DelayEvidence, list[BandedBlocks]]:
     """Return the uncertainty of a segment's solution for every performer, what its footage says about delays, and the
     normal equations of every performer at the solution, without those of plants and holds.
@@ -125,7 +125,7 @@ def segment_uncertainties(
     problem : SegmentProblem
         The problem that was solved.
     solution : SegmentSolution
-    by : ViewWork, optional
+    by : ViewWork
     """
     if problem.length >= LONG:
         return_freed_memory(in_cycles=True)

@@ -36,7 +36,7 @@ MAX_REACH = 1.0
 """Upper limit of that distance, metres."""
 
 
-def grey_frames(frames: ColourFrames, store: PictureStore | None = None) -> ViewFrames:
+def grey_frames(frames: ColourFrames, store: PictureStore | None) -> ViewFrames:
     """Convert frames to grey levels, for solvers that use image gradients alone; kept in a store, by default in
     memory.
     """

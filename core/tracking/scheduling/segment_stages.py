@@ -16,7 +16,7 @@ from ...evidence.part_shapes import FittedShape, ShapeEvidence
 from ...evidence.rendering.part_geometry import Geometry
 from ...evidence.time_offset import Offset, key_frame_offset
 from ...evidence.view_frames import ViewFrames, views_with_foreground
-from ...evidence.view_work import IN_THIS_THREAD, ViewWork
+from ...evidence.view_work import ViewWork
 from ...keypoints.keypoint_factor import KeypointFactor
 from ...keypoints.observations import ShotKeypoints
 from ...numerics.arrays import Array
@@ -91,7 +91,7 @@ def segment_data(
     state: TrackState,
     observed: ShotKeypoints,
     *,
-    by: ViewWork = IN_THIS_THREAD,
+    by: ViewWork,
 ) -> SegmentData:
     """Collect what is known of a segment, and fit the shapes of the parts on its key frames.
 
@@ -105,7 +105,7 @@ def segment_data(
         What is known of the shot so far.
     observed : ShotKeypoints
         Keypoints of the whole shot.
-    by : ViewWork, optional
+    by : ViewWork
     """
     bodies, frames = [p.body for p in shot.performers], slice(segment[0], segment[1] + 1)
     keys = posed_frames(shot, *segment)

@@ -44,7 +44,7 @@ Driver = tuple[str, str]
 
 @contextmanager
 def without_holds(
-    armature: bpy.types.Object, controls: Sequence[str], moved: Collection[str] = ()
+    armature: bpy.types.Object, controls: Sequence[str], moved: Collection[str]
 ) -> Iterator[dict[tuple[str, str], float]]:
     """Take the influence of constraints that pose controls in their owner's stead; after an error they have it again.
 
@@ -73,7 +73,7 @@ def without_holds(
 
 @contextmanager
 def without_drivers(
-    armature: bpy.types.Object, controls: Sequence[str], moved: Collection[str] = ()
+    armature: bpy.types.Object, controls: Sequence[str], moved: Collection[str]
 ) -> Iterator[tuple[Driver, ...]]:
     """Mute the drivers of the rotations of controls, and of the places of those that are moved through the world, as
     keys would be without effect; after an error they act again. Gives those that acted. Library overrides keep it.

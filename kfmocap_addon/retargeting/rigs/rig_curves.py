@@ -99,7 +99,7 @@ def write_channels(
     channels: list[ControlChannel],
     frames: Ints,
     name: str,
-    options: CurveOptions = CurveOptions(),
+    options: CurveOptions,
 ) -> int:
     """Write channels into a new action of the armature; returns the number of keys.
 

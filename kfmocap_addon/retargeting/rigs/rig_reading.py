@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
-from types import MappingProxyType
 from typing import Any
 
 import bpy
@@ -60,11 +59,11 @@ class RigReading:
 def read_rig(
     armature: bpy.types.Object,
     bones: BoneMap,
-    toe_tips: Mapping[str, float] = MappingProxyType({}),
-    ends: Mapping[str, str] = MappingProxyType({}),
+    toe_tips: Mapping[str, float],
+    ends: Mapping[str, str],
     *,
-    sole: float | None = None,
-    fingers: BoneMap | None = None,
+    sole: float | None,
+    fingers: BoneMap | None,
 ) -> RigReading:
     """Read how a rig's controls stand at rest and follow each other; it must stand at rest (`at_rest`).
 
@@ -78,9 +77,9 @@ def read_rig(
     ends : mapping of str to str
         Controls that end where another bone begins, which is none of them: a foot at toes that rest. The tails of all
         others are those of their bones, which importers leave anywhere.
-    sole : float, optional
+    sole : float or None
         See `grounded`.
-    fingers : BoneMap, optional
+    fingers : BoneMap or None
         The roles of bones that are no controls, of which fingers show where palms face.
 
     Raises

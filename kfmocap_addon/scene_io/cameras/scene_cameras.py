@@ -22,7 +22,7 @@ _FRAME, DISTORTED = "kfmocap_frame", "kfmocap_lens"
 
 
 def build_camera(
-    camera: Camera, collection: bpy.types.Collection, frame_start: int, clip: bpy.types.MovieClip | None = None
+    camera: Camera, collection: bpy.types.Collection, frame_start: int, clip: bpy.types.MovieClip | None
 ) -> bpy.types.Object:
     """Build a camera object, animated where the camera moves, with footage behind it where there is some.
 
@@ -125,7 +125,7 @@ def core_camera(
     *,
     distortions: ArrayLike,
     fisheye: bool,
-    lens: Array | None = None,
+    lens: Array | None,
 ) -> Camera:
     """Return a camera object as a camera; what was built here and did not change is exact. `lens` is its focal length,
     millimetres, shape (N,), if that has keys: one, or one per frame if it zooms. The matrix then has that with which it

@@ -39,7 +39,7 @@ def add_parts(
     carriers: Mapping[str, str] | None = None,
     following: Mapping[str, str] = MappingProxyType({}),
     *,
-    limbs: Collection[str] = (),
+    limbs: Collection[str],
     taken_in: Mapping[str, str] = MappingProxyType({}),
     head: str = "",
 ) -> SkinnedParts:
