@@ -111,7 +111,7 @@ class BlenderWriter(Protocol):
         """
 
     def write_outputs(self, shot: Shot, result: TrackResult, request: OutputRequest) -> list[Path]:
-        """Write the BVH and FBX files and shot.blend, the last that is asked of it; returns the files written.
+        """Write the BVH and FBX files and shot.blend, and return the files written. It is the last call.
 
         Raises
         ------

@@ -13,13 +13,13 @@ from typing import Any
 import bpy
 
 CONTEXT = "KF Mocap"
-"""Of translations: Blender knows none in it."""
+"""The context of translations, in which Blender knows none."""
 
 
 def keep_words(classes: Sequence[Any]) -> None:
     """Have Blender translate neither labels of classes that are about to be registered nor those of their properties.
 
-    What they inherit from Blender's classes becomes their own, as others have these, too.
+    Attributes inherited from Blender's own classes are set on the class itself: other add-ons inherit them, too.
     """
     for cls in classes:
         if not issubclass(cls, bpy.types.PropertyGroup):

@@ -61,8 +61,8 @@ class Motion:
         return Motion(self.translations + delta[:, :3], rotations.orthonormal(self.rotations @ rotations.exp(steps)))
 
     def on_grid(self, fixed: Bools) -> Motion:
-        """Return the motion where it is the same on every processor; what joints and root have that are fixed, bool (F,
-        D), in any degree of freedom stays as it is.
+        """Return the motion rounded so that it is the same on every processor. Joints, and the root's position, stay as
+        they are on frames on which any of their degrees of freedom is fixed, bool (F, D).
         """
         free = ~fixed.reshape(len(self), -1, 3).any(axis=2)
         T, turns = (on_grid(values) for values in (self.translations, rotations.log(self.rotations)))
@@ -84,7 +84,7 @@ class Motion:
 
 
 def with_motion(motions: Sequence[Motion], performer: int, motion: Motion) -> tuple[Motion, ...]:
-    """Return the motions of all performers with another one of one of them."""
+    """Return the motions of all performers, with that of one of them replaced."""
     return (*motions[:performer], motion, *motions[performer + 1 :])
 
 

@@ -184,7 +184,7 @@ class ObservedMotion:
         return len(self.known) < 3 or bool(self.fixed.all())
 
     def among_free(self, smooth: BandedBlocks) -> BandedBlocks:
-        """Return those of normal equations of all known poses that are about the F poses."""
+        """Return the part of the normal equations of all known poses that concerns the F poses."""
         return smooth.cut(self.start, self.start + len(self.fixed))
 
 

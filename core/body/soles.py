@@ -85,9 +85,9 @@ class Soles:
         return find_plants(self.world(poses), fps, self.leg).planted
 
     def standing(self, held: Bools, poses: Poses, fps: float) -> Bools:
-        """Return on which frames the points stand, (F, C), where the evidence holds the soles: on these frames and
-        those beside them, as far as the points hardly move, unless that is for a moment only. The ball of a foot that
-        rolls over a place in front of it moves in the end, though the foot is held.
+        """Return on which frames the points stand, (F, C): those on which the solver holds them, and those next to
+        these, as far as the points hardly move. Brief spans (`MIN_DURATION`) do not count. The ball of a foot that rolls
+        over a point in front of it begins to move while the foot is still held.
 
         Parameters
         ----------

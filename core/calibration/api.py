@@ -80,7 +80,7 @@ def _workers(footages: Sequence[Footage]) -> WorkerPool:
 def _with_lframe_remeasured(
     found: VideoMarkers, solution: CalibrationResult, progress: Progress | None, *, drift: bool
 ) -> CalibrationResult:
-    """Solved with small balls of the L-frame as they are measured by a solution; that itself where there are none."""
+    """Solve again with the L-frame's small balls measured by a solution; return that solution if there are none."""
     if not any(view.background is not None and len(view.lframe.markers) for view in found.views):
         return solution
     found = with_lframes_remeasured(found, solution)

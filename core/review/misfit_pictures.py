@@ -86,7 +86,9 @@ def misfit_picture(shot: Shot, view: View, motions: Sequence[Motion], frame: int
     geometry = Geometry.of(bodies)
     models = [render_labels(geometry, camera, f, R[[k]], T[[k]]).part[0] >= 0 for k, f in enumerate(frames)]
     if not any(models[frames.index(key)].any() for key in keys):
-        raise ShotError("it sees nobody on the key frames", where=f"view {view.camera.name}", todo="choose another")
+        raise ShotError(
+            "it sees nobody on the key frames", where=f"view {view.camera.name}", todo="choose another view"
+        )
     scale = camera.pixels_per_metre(T.mean(axis=(0, 1)), frame)
     masks = {frames.index(key): models[frames.index(key)] for key in keys}
     now = frames.index(frame)

@@ -248,7 +248,9 @@ def _drift_lines(values: Mapping[str, Any]) -> list[str]:
 
 
 def keypoints_text(agreement: float) -> str:
-    """Return a text that most of some keypoints contradict the others, and what to see to; empty if they do not."""
+    """Return a text that says that most of a view's keypoints contradict the other views, and what to check; empty if
+    they do not.
+    """
     if agreement >= _MIN_AGREEMENT:
         return ""
     return (
@@ -270,8 +272,8 @@ def keypoint_numbers_text(off: float) -> str:
 def rate_text(stated: float, found: FootageRate | None, every: int, fps: float, frames: int) -> str:
     """Return a text that footage has another frame rate than its shot; empty if it has not, or states none (0).
 
-    By the times of its frames, if these are constant: what a phone's file states is the mean over all of it, with a
-    last frame that may last longer. Over few frames, what their times are off hides a small difference.
+    The rate is that of the times of its frames, if it is constant: a phone's file states the mean over the whole file,
+    in which the last frame may last longer. With few frames, the errors of their times hide a small difference.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from .settings import MAX_OFFSET, Settings
 from .shot import Gap, View
 
 _SURE_OFFSET = 0.4
-"""Measured shift of key poses, frames, from which they may be a whole frame off: 0.46 was measured of such."""
+"""Measured shift of key poses, frames, from which they may be a whole frame off: 0.46 was measured where they were."""
 FIRST_PARITY = {"top-first": 0, "bottom-first": 1}
 """Parity of the lines that belong to the first field."""
 
@@ -40,8 +40,8 @@ def footage_index(view: View, frame: int) -> int:
 
 
 def shot_frames(view: View, indices: Ints) -> Ints:
-    """Return the frames of the shot that N frames, or fields, of the footage show, shape (N,); `NOWHERE` for those that
-    are there once too often, or between two frames of the shot.
+    """Return the frames of the shot that N frames, or fields, of the footage show, shape (N,); `NOWHERE` for repeated
+    frames, and for those between two frames of the shot.
     """
     instants, twice = _instants(view, indices)
     frames, between = np.divmod(instants - whole_offset(view), view.every)
@@ -49,7 +49,7 @@ def shot_frames(view: View, indices: Ints) -> Ints:
 
 
 def _instants(view: View, indices: Ints) -> tuple[Ints, Bools]:
-    """Return which frames of footage without gaps N frames of a view's would be, and which are there once too often."""
+    """Return which frames N frames of a view's footage would be if it had no gaps, and which of them are repeated."""
     instants, twice = indices.copy(), np.zeros(len(indices), bool)
     for gap in reversed(view.gaps):
         behind = instants >= gap.frame
@@ -65,8 +65,8 @@ def _frame_from(view: View, index: int) -> int:
 
 
 def gap_frame(view: View, gap: Gap) -> int:
-    """Return the first frame of the shot that is missing in one of a view's gaps, or the first after those that are
-    there once too often.
+    """Return the first frame of the shot that is missing in one of a view's gaps, or the first after its repeated
+    frames.
     """
     [behind] = _instants(view, np.array([gap.frame + max(-gap.missing, 0)]))[0]
     first = int(behind) - max(gap.missing, 0) - whole_offset(view)
@@ -126,8 +126,8 @@ def footage_offset_text(offset: float) -> str:
         if abs(offset) < _SURE_OFFSET:
             return f"the footage shows the key poses {measured}; {done}, nothing needs to be done"
         return (
-            f"the footage shows the key poses {measured}; {done}, but as little may be measured of key poses that are "
-            f"a whole frame off: if one fits its pictures one frame {when}, move all of them there"
+            f"the footage shows the key poses {measured}; {done}, but key poses that are a whole frame off may be "
+            f"measured as no more than that: if one fits its pictures one frame {when}, move all of them there"
         )
     return (
         f"the footage shows the key poses half a frame or more {when} than on their frames; tracking allows for half a "

@@ -19,13 +19,13 @@ FIELD_ORDERS = ("progressive", "top-first", "bottom-first")
 
 @dataclass(frozen=True)
 class Gap:
-    """A place in footage where frames are missing, or are there once too often.
+    """A place in footage where frames are missing or repeated.
 
     Attributes
     ----------
     frame : int
-        Frame, or field, of the footage: the first behind the gap where frames are missing, otherwise the first of those
-        that are there once too often.
+        Frame, or field, of the footage: the first behind the gap where frames are missing, otherwise the first of the
+        repeated ones.
     missing : int
         How many frames, or fields, are missing before it; negative if that many are repeated.
     timed : bool

@@ -51,8 +51,8 @@ def with_scaled_times(glb: bytes, factor: float) -> bytes:
 def add_turns_between(
     content: dict[str, Any], binary: bytearray, animation: dict[str, Any], kept: Collection[int], top: int
 ) -> None:
-    """Add what the nodes above each kept one do, up to the next kept one, to its own rotation, and to the place of the
-    topmost: as if those nodes stood as they do without the animation.
+    """Add the movement of the nodes between each kept node and the next kept one above it to its own rotation, and to
+    the position of the topmost, so that it moves as before although those nodes are not animated.
 
     Parameters
     ----------

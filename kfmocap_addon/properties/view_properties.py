@@ -90,7 +90,7 @@ class KFMocapView(bpy.types.PropertyGroup):
     found_gaps: bpy.props.StringProperty(
         name="Gaps",
         description="Frames of the footage before which others are missing, with how many; negative where so many are "
-        "there once too often",
+        "repeated",
         update=_show_in_time,
     )
     misfit: bpy.props.StringProperty(

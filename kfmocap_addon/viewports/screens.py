@@ -23,21 +23,23 @@ SIDEBAR_TAB = "KF Mocap"
 """Name of the tab of the sidebar that holds all panels."""
 NEXT_DRAW = 0.05  # seconds
 _FILLING = 50 * (2 - math.sqrt(2))
-"""Blender's zoom at which the picture fills the region, but for a thin border."""
+"""Blender's zoom at which the picture fills the region except for a thin border."""
 _MAX_MAGNIFICATION = 4.0
 _BESIDE_FOOTAGE = (
     *("show_floor", "show_axis_x", "show_axis_y", "show_axis_z", "show_cursor", "show_text", "show_extras"),
     *("show_bones", "show_motion_paths", "show_object_origins", "show_relationship_lines", "show_outline_selected"),
 )
-"""Overlays that a view without any does not show."""
+"""Overlays that stay off where only the footage is switched on."""
 _SAME_SIZE, _SAME_PLACE = 0.03, 0.01
-"""How far a view's size and offset may differ from those that `framing` gave it: shares of each, and of the region."""
+"""How far a view's size and offset may differ from those that `framing` gave it, as shares of the size and of the
+region."""
 
 
 def look(context: bpy.types.Context) -> None:
-    """Let the 3D view of a context look through the scene's camera, all of its picture in sight.
+    """Let the 3D view of a context look through the scene's camera, with the whole picture in sight.
 
-    One of several that look through cameras of their own goes on doing so; the others stay as they are.
+    If it is one of several views that each look through a camera of their own, it does so still, and the others stay as
+    they are.
     """
     area = view3d_of(context)
     if area is None or context.window is None or context.scene.camera is None:
@@ -64,8 +66,8 @@ def show_footage() -> None:
 
 
 def keep_clear(context: bpy.types.Context) -> None:
-    """See to it that our sidebar, once it is opened, does not cover the footage of its 3D view; panels cannot change
-    the view themselves while they are drawn. Views that the user has zoomed or moved stay.
+    """Move the footage of a 3D view clear of our sidebar once that is opened, in a timer: panels cannot change the view
+    while they are drawn. Views that the user has zoomed or moved stay as they are.
     """
     if bpy.app.background or context.area is None or _uncovered(context.window.scene, context.area) is None:
         return
@@ -84,7 +86,7 @@ def _clear() -> None:
 
 
 def _uncovered(scene: bpy.types.Scene, area: bpy.types.Area) -> tuple[float, tuple[float, float]] | None:
-    """Zoom and offset with which a 3D view's footage is clear of our sidebar; None where it is, or is not to be."""
+    """Return the zoom and offset with which a 3D view's footage is clear of our sidebar; None if nothing is to change."""
     space = area.spaces.active
     camera = space.camera if space.use_local_camera else scene.camera
     if space.region_3d.view_perspective != "CAMERA" or camera not in {view.camera for view in scene.kfmocap.views}:
@@ -99,8 +101,8 @@ def _uncovered(scene: bpy.types.Scene, area: bpy.types.Area) -> tuple[float, tup
 def moved_clear(
     region: Box, free: tuple[Box, Box], aspect: float, now: tuple[float, tuple[float, ...]]
 ) -> tuple[float, tuple[float, float]] | None:
-    """Return the zoom and the offset for the second of two free boxes, of a view that stands as `framing` put it for
-    the first; None where it does not, or the boxes are one.
+    """Return the zoom and offset that fit a view into the second of two free boxes, if it was fitted into the first by
+    `framing`; None if it was not, or the boxes are the same.
     """
     if free[0] == free[1]:
         return None

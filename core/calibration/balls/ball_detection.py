@@ -48,17 +48,17 @@ _MIN_CHANGE, _MIN_CHANGE_SIGMAS = 8.0, 5.0  # of what passes from the background
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A picture to look for balls in.
+    """A picture in which balls are looked for.
 
     Attributes
     ----------
     even : ndarray of uint8, shape (h, w, 3)
-        Blue, green, red, about as sharp in brightness as in colour: video keeps a colour for every other pixel alone,
-        and an edge that is sharp in the one and soft in the other would seem to lie elsewhere than it does.
+        Blue, green, red, blurred until brightness is about as soft as colour: video stores colour for every other
+        pixel only, and an edge that is sharp in one and soft in the other would seem displaced.
     hsv : ndarray of uint8, shape (h, w, 3)
         By `to_hsv`, as sharp as it is.
     passing : ndarray of uint8, shape (h, w, 3), optional
-        By `to_hsv`: what passes before a background that is known, brought out of it; black elsewhere.
+        By `to_hsv`: what passes in front of a background that is known, in about its own colours; black elsewhere.
     """
 
     even: Image
@@ -81,10 +81,10 @@ def background_of(images: Sequence[Image]) -> Image:
 
 
 def _brought_out(even: Image, background: Image) -> Image:
-    """Return what passes before a background, as it would look if the exposure had seen it alone.
+    """Return what passes in front of a background, in about its own colours.
 
-    A small ball that moves, or a soft lens, leaves a mixture of the ball's colour and the background's in each pixel,
-    too pale for the ball's. Its difference from the background goes the ball's way, and is taken several times.
+    Where a small ball moves or the lens is soft, each pixel mixes the ball's colour with the background's, and is too
+    pale to be recognised. The pixel's difference from the background points to the ball's colour: it is multiplied.
     """
     blue, green, red = cv2.split(cv2.absdiff(even, background))
     differs = cv2.max(cv2.max(blue, green), red)

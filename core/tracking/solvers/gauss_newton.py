@@ -50,7 +50,7 @@ small share of it would suppress slow corrections over many frames."""
 HopelessTest = Callable[[SegmentEvidence, int], bool]
 """Told the evidence and the number of steps that are left at most, returns whether these cannot be worth their time."""
 VainTest = Callable[[Sequence[Motion]], bool]
-"""Told motions of F poses per performer, returns whether any further step is in vain."""
+"""Called with motions of F poses per performer, returns whether any further step is in vain."""
 
 
 @dataclass(frozen=True, eq=False)

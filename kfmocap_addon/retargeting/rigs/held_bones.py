@@ -31,10 +31,11 @@ _HOLDS = (
     "SHRINKWRAP",
     "PIVOT",
 )
-"""Kinds of constraints that set the rotation of the bones that they act on, clip their rotation or their way, or shift
-them from where they hang."""
+"""Kinds of constraints that set or limit the rotation of the bones that they act on, limit their movement, or displace
+them."""
 _PLACES = ("COPY_LOCATION", "FOLLOW_PATH", "CLAMP_TO")
-"""Kinds of constraints that set where bones are: they hold those that move through the world; others they may carry."""
+"""Kinds of constraints that set where bones are: they hold those that are to move through the world, and may carry the
+others."""
 _CHAINS = ("IK", "SPLINE_IK")
 Constraint = tuple[str, str]
 """A constraint: its bone and its name."""
@@ -46,10 +47,11 @@ Driver = tuple[str, str]
 def without_holds(
     armature: bpy.types.Object, controls: Sequence[str], moved: Collection[str]
 ) -> Iterator[dict[tuple[str, str], float]]:
-    """Take the influence of constraints that pose controls in their owner's stead; after an error they have it again.
+    """Switch off the constraints that override the rotation of controls (influence 0); after an error they act again.
 
-    Gives what they had, by bone and constraint. Inverse kinematics acts from the bone that ends its chain, which
-    may be below the controls. Those of the controls that are moved through the world are given besides.
+    Yields the influence that they had, by bone and constraint. Inverse kinematics belongs to the bone that ends its
+    chain, which may be below the controls. Of controls in `moved`, which move through the world, constraints of their
+    position are switched off, too.
     """
     before = {}
     for bone in armature.pose.bones:
@@ -75,8 +77,8 @@ def without_holds(
 def without_drivers(
     armature: bpy.types.Object, controls: Sequence[str], moved: Collection[str]
 ) -> Iterator[tuple[Driver, ...]]:
-    """Mute the drivers of the rotations of controls, and of the places of those that are moved through the world, as
-    keys would be without effect; after an error they act again. Gives those that acted. Library overrides keep it.
+    """Mute the drivers of the rotations of controls, and of the positions of those in `moved`, because keys have no
+    effect beside them; after an error they act again. Yields those that acted. Library overrides keep the muting.
     """
     found: dict[Driver, None] = {}
     for curve in _drivers(armature):
@@ -123,8 +125,9 @@ def _drivers(armature: bpy.types.Object) -> Sequence[Any]:
 
 @contextmanager
 def without_connections(armature: bpy.types.Object, moved: Collection[str]) -> Iterator[dict[str, bool]]:
-    """Disconnect bones that are moved through the world from those above, which keep them in place; after an error they
-    are connected again. Gives those that were connected, and whether they still are, as in a linked armature.
+    """Disconnect bones that are moved through the world from their parents, as a connected bone cannot move; after an
+    error they are connected again. Yields those that were connected, and whether they still are, as in a linked
+    armature.
     """
     connected = [name for name in moved if armature.data.bones[name].use_connect]
     linked = bool(linked_file(armature.data))

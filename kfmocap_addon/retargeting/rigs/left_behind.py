@@ -1,4 +1,4 @@
-"""What of a character's skin stays where it is while its hips go away."""
+"""Parts of a character's skin that stay in place while its hips go away."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .rig_at_rest import evaluated
 from .rig_error import world_matrices
 
 _AWAY = 0.2
-"""How far hips must go for it to be told, in heights of the character."""
+"""How far the hips must go for a warning, in heights of the character."""
 _STILL = 0.01
 """Share of the way of the hips that bones which stay behind may move."""
 _NAMED = 3
@@ -23,8 +23,8 @@ _NAMED = 3
 def left_behind(
     scene: bpy.types.Scene, armature: bpy.types.Object, rig: ControlRig, poses: RigPoses, frames: Ints
 ) -> list[str]:
-    """Return a warning about bones that lead skin and stay where they are, though the motion takes the hips away, such
-    as a board on the root of somebody who stands on it.
+    """Return a warning about bones that move some of the skin but stay in place while the hips go away, such as a board
+    on the root of a character who stands on it.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Limbs whose own bones inverse kinematics move: these are freed, so that they are posed themselves."""
+"""Limbs that inverse kinematics move by their own bones: they are freed, so that these bones can be posed."""
 
 from __future__ import annotations
 
@@ -24,10 +24,11 @@ _TURNING = ("IK", "COPY_ROTATION", "COPY_TRANSFORMS", "DAMPED_TRACK", "LOCKED_TR
 
 @contextmanager
 def without_goals(armature: bpy.types.Object) -> Iterator[tuple[Constraint, ...]]:
-    """Mute what moves limbs by inverse kinematics on their own bones; after an error it acts again. Gives what acted.
+    """Mute the constraints that move limbs by inverse kinematics on their own bones; after an error they act again.
+    Yields those that acted.
 
-    Limbs that a property or another driver switches are left to those who read the switches, and rigs whose bones
-    follow controls to those who look for these.
+    Limbs that a driver switches between inverse and forward kinematics, and rigs whose bones follow controls, are dealt
+    with elsewhere (`rigs.rig_settings`, `characters.followed_bones`).
     """
     found = tuple(_goals(armature))
     mute_constraints(armature, found, muted=True)
