@@ -86,8 +86,8 @@ class Soles:
 
     def standing(self, held: Bools, poses: Poses, fps: float) -> Bools:
         """Return on which frames the points stand, (F, C): those on which the solver holds them, and those next to
-        these, as far as the points hardly move. Brief spans (`MIN_DURATION`) do not count. The ball of a foot that rolls
-        over a point in front of it begins to move while the foot is still held.
+        these, as far as the points hardly move. Brief spans (`MIN_DURATION`) do not count. The ball of a foot that
+        rolls over a point in front of it begins to move while the foot is still held.
 
         Parameters
         ----------
