@@ -82,8 +82,8 @@ def chosen_shots(patterns: Sequence[str], task: int | None = None) -> list[Batch
 
 
 def _with_names_apart(shots: Sequence[BatchShot]) -> list[BatchShot]:
-    """Return shots among which those that cannot be read have the names of their folders, too, where their files' names
-    alone are those of several: what is wrong with them is not their names.
+    """Return the shots, with the folder's name added to those of unreadable shots that share a file name: they should
+    be reported for what is wrong with them, not for their names.
     """
     counts = Counter(shot.name for shot in shots)
     return [

@@ -108,8 +108,8 @@ def _sizes(armature: bpy.types.Object, names: Sequence[str]) -> Array:
 
 
 def _sized(rest: RestSkeleton, bones: BoneMap, R_rest: Array, sizes: Array) -> RestSkeleton:
-    """Return a skeleton, with the bones of a map in its order, of the sizes that its bones have by their own scale and
-    that of all above; its feet stand as they did.
+    """Return a skeleton whose bones, in the order of the map, have the sizes that their own scale and that of the bones
+    above give them; its feet stand where they stood.
     """
     if np.abs(sizes - 1).max(initial=0.0) < _MIN_CHANGE:
         return rest

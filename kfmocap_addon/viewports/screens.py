@@ -86,7 +86,7 @@ def _clear() -> None:
 
 
 def _uncovered(scene: bpy.types.Scene, area: bpy.types.Area) -> tuple[float, tuple[float, float]] | None:
-    """Return the zoom and offset with which a 3D view's footage is clear of our sidebar; None if nothing is to change."""
+    """Return the zoom and offset that move a 3D view's footage clear of our sidebar; None if nothing is to change."""
     space = area.spaces.active
     camera = space.camera if space.use_local_camera else scene.camera
     if space.region_3d.view_perspective != "CAMERA" or camera not in {view.camera for view in scene.kfmocap.views}:

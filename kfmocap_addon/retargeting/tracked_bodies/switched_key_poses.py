@@ -28,7 +28,7 @@ _SAME_PLACE = 0.01
 _TURNED = 1e-3
 """Radians by which a limb must differ for its control to get keys."""
 _CHANGED = 0.005
-"""Distance by which a bone of a key pose may move without a word, metres: limbs that were stretched, tails."""
+"""Distance by which a bone of a key pose may move before it is reported, metres: limbs that were stretched, tails."""
 _ROUNDS = 4
 """How often controls are turned by what is left: soft limbs do not follow them rigidly."""
 
@@ -81,8 +81,8 @@ class _Limbs:
 def keep_key_poses(
     armature: bpy.types.Object, settings: Mapping[Any, Mapping[str, float]], before: Mapping[tuple[Owner, str], Any]
 ) -> tuple[str, ...]:
-    """Key the FK controls of limbs that look different since properties of their rig have been set, so that key poses
-    look as they did; keys of these properties get the same value. Returns what has been done, in words.
+    """Key the FK controls of limbs whose look changed when properties of their rig were set, so that key poses look as
+    they did; keys of these properties get the same value. Returns what has been done, in words.
 
     Parameters
     ----------
@@ -106,8 +106,8 @@ def keep_key_poses(
 
 
 def keep_freed_poses(armature: bpy.types.Object, acting: AbstractContextManager[None]) -> tuple[str, ...]:
-    """Key the bones of limbs that look different since constraints or drivers are muted, as `keep_key_poses` does; they
-    act while a block of `acting` runs.
+    """Key the bones of limbs whose look changed when constraints or drivers were muted, as `keep_key_poses` does; in
+    the context `acting` these act again.
     """
     frames, limbs = _key_frames(armature), _Limbs.of(armature)
     with acting:
