@@ -86,7 +86,7 @@ def key_places(armature: bpy.types.Object, channels: list[body_channels.Channel]
 
 
 def are_animators(
-    keys: Sequence[fcurves.Keys], record: tracked_keys.Written, channels: Sequence[body_channels.Channel]
+    keys: Sequence[fcurves.Keys], record: tracked_keys.TrackedKeys, channels: Sequence[body_channels.Channel]
 ) -> list[NDArray[np.bool_]]:
     """Return which keys of channels are the animator's, shape (K,) each: not of the tracker's types, or not where it
     wrote one.

@@ -18,7 +18,7 @@ PROPERTY = "kfmocap_written"
 
 
 @dataclass(frozen=True, eq=False)
-class Written:
+class TrackedKeys:
     """Values that the tracker wrote into the F-curves of one slot.
 
     Attributes
@@ -53,7 +53,7 @@ class Written:
         index = frames - self.first
         return table[channels, np.where((index >= 0) & (index < length), index, length)]
 
-    def updated(self, first: int, values: Mapping[str, NDArray[np.float32]]) -> Written:
+    def updated(self, first: int, values: Mapping[str, NDArray[np.float32]]) -> TrackedKeys:
         """Return a record with the values of a later tracking, shape (F,) per channel, put over this one's."""
         lengths = [len(v) for v in self.values.values()]
         start = min(first, self.first) if lengths else first
@@ -65,7 +65,7 @@ class Written:
                 if source is not None:
                     row[begin - start : begin - start + len(source)] = source
             merged[channel] = row
-        return Written(start, merged)
+        return TrackedKeys(start, merged)
 
 
 def is_recorded(owner: bpy.types.Object | None) -> bool:
@@ -74,18 +74,18 @@ def is_recorded(owner: bpy.types.Object | None) -> bool:
     return data is not None and data.action is not None and PROPERTY in data.action
 
 
-def load(owner: bpy.types.Object) -> Written:
+def load(owner: bpy.types.Object) -> TrackedKeys:
     """Return the record for the object's action and slot; empty where the tracker wrote nothing yet."""
     action, slot = owner.animation_data.action, owner.animation_data.action_slot
     record = action.get(PROPERTY, {}).get(str(slot.handle))
     if record is None:
-        return Written(0, {})
+        return TrackedKeys(0, {})
     channels = json.loads(record["channels"])
     values = np.array(record["values"], np.float32).reshape(len(channels), -1)
-    return Written(record["first"], dict(zip(channels, values, strict=True)))
+    return TrackedKeys(record["first"], dict(zip(channels, values, strict=True)))
 
 
-def store(owner: bpy.types.Object, record: Written) -> None:
+def store(owner: bpy.types.Object, record: TrackedKeys) -> None:
     """Keep the record in the object's action."""
     action, slot = owner.animation_data.action, owner.animation_data.action_slot
     if PROPERTY not in action:
