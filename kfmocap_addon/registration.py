@@ -13,7 +13,7 @@ from typing import Any
 import bpy
 
 from . import keymap, panels, properties, toolbar
-from .operators import job_operator, open_section
+from .operators import job_operator, open_section, running_tools
 from .operators.cameras import (
     calibrate_cameras,
     calibrate_from_performer,
@@ -105,6 +105,7 @@ def register() -> None:
         module.register()
     for space, draw, stage in _OVERLAYS:
         SESSION.on_end(space.draw_handler_remove, space.draw_handler_add(draw, (), "WINDOW", stage), "WINDOW")
+    SESSION.on_end(running_tools.cancel_all)
 
 
 def _unwrap_docstrings() -> None:

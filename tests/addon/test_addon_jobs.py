@@ -16,7 +16,8 @@ import job_functions  # noqa: E402
 from kfmocap.core.errors import CancelledError, CaptureError  # noqa: E402
 from kfmocap.core.runtime.processes.job import Job, duration  # noqa: E402
 from kfmocap.core.runtime.processes.worker_memory import CachingTask  # noqa: E402
-from kfmocap.kfmocap_addon.operators import job_operator  # noqa: E402
+from kfmocap.kfmocap_addon import registration  # noqa: E402
+from kfmocap.kfmocap_addon.operators import job_operator, running_tools  # noqa: E402
 from kfmocap.kfmocap_addon.operators.job_operator import JobOperator  # noqa: E402
 from kfmocap.kfmocap_addon.session import SESSION  # noqa: E402
 from user_keymaps import orbiting_with_alt  # noqa: E402
@@ -96,6 +97,16 @@ def test_esc_answers_at_once_and_ends_the_work(monkeypatch, tmp_path):
         os.kill(int((tmp_path / "pid").read_text()), 0)
     with pytest.raises(CancelledError):
         tool.job.result()
+
+
+def test_a_job_ends_with_the_add_on_that_is_disabled_meanwhile(blender, monkeypatch):
+    cancelled = []
+    tool = Tool(None)
+    tool.cancel = lambda context: cancelled.append(context.window)
+    monkeypatch.setattr(running_tools, "running", lambda: [(bpy.context.window_manager.windows[0], tool)])
+    registration.unregister()
+    assert cancelled == [bpy.context.window_manager.windows[0]]
+    registration.register()  # as the fixture expects it
 
 
 def test_a_job_that_ends_is_finished_once(monkeypatch):

@@ -8,6 +8,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from addon_shots import metarig, shot  # noqa: E402
+from kfmocap.kfmocap_addon.overlays import model_outlines  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene as scenes  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import part_meshes, shown_model  # noqa: E402
 
@@ -54,3 +55,23 @@ def test_other_rigs_are_drawn_as_they_were(built):
     assert rig.data.show_bone_custom_shapes and not any(bone.custom_shape for bone in rig.pose.bones)
     built.kfmocap.display = "WIRE"
     assert rig.data.show_bone_custom_shapes
+
+
+def test_a_local_view_shows_the_outlines_of_the_bodies_in_it_alone(built):
+    graph, [man, woman] = bpy.context.evaluated_depsgraph_get(), built.kfmocap.performers
+    area = next(area for area in bpy.context.window.screen.areas if area.type == "VIEW_3D")
+    region = next(region for region in area.regions if region.type == "WINDOW")
+
+    def parts() -> int:
+        return len(list(model_outlines.posed_solids(built, graph, area.spaces.active)))
+
+    everybody = parts()
+    for thing in built.objects:
+        thing.select_set(thing == woman.armature)
+    with bpy.context.temp_override(window=bpy.context.window, area=area, region=region):
+        bpy.ops.view3d.localview()
+    assert (
+        parts()
+        == len(part_meshes.part_clouds(woman.armature))
+        == everybody - len(part_meshes.part_clouds(man.armature))
+    )
