@@ -32,7 +32,7 @@ def body_of_prop(rest: RestSkeleton, vertices: Array) -> Body:
     try:
         hull = ConvexHull(vertices)
     except (QhullError, ValueError) as error:
-        raise BodyError("the prop's mesh is flat: it encloses no volume") from error
+        raise BodyError("the prop's mesh is flat: it encloses no volume", todo="give it a thickness") from error
     tail = np.array([0.0, float(np.ptp(vertices, axis=0).max()), 0.0])
     head = rest.heads[0]
     return Body((Part(rest.names[0], -1, head, head + tail, np.eye(3), vertices[hull.vertices]),), {})

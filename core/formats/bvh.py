@@ -185,7 +185,8 @@ def body_of_bvh(skeleton: SkeletonMotion, height: float | None = None) -> Body:
     apart = np.nan_to_num(np.abs(_rest(body) - _rest_of_bvh(skeleton, body))).max(axis=(1, 2))
     if apart.max() > _TOLERANCE:
         worst = body.names[int(apart.argmax())]
-        raise BodyError(f"joint '{worst}' does not lie where the default body has it in its rest pose")
+        todo = "the file must have the rest pose and the proportions of a body of this program: export it from there"
+        raise BodyError(f"joint '{worst}' does not lie where the default body has it in its rest pose", todo=todo)
     return body
 
 

@@ -107,7 +107,8 @@ class PerformerSpec:
         begin = shot_first if self.first_row is None else self.first_row
         for frame in frames.tolist():
             if not begin <= frame < begin + count:
-                raise ShotError(f"key frame {frame} has no row: rows show frames {begin} to {begin + count - 1}")
+                what = f"key frame {frame} has no row: rows show frames {begin} to {begin + count - 1}"
+                raise ShotError(what, todo="choose other key frames, or state in first_row which frame the first shows")
         return frames - begin
 
 

@@ -199,3 +199,19 @@ CHOICES = {
 def test_the_pages_have_everything_that_can_be_chosen(page: str) -> None:
     text = text_of(ROOT / "docs" / page)
     assert [name for name in CHOICES[page] if not re.search(rf"(?<![\w-]){re.escape(name)}(?![\w-])", text)] == []
+
+
+@page_by_page
+def test_programs_that_are_named_exist_and_have_the_options(page: Path) -> None:
+    """Those that are run by `python`; `kfmocap` itself is tested in test_readme."""
+    for command in re.findall(
+        r"(?:^ {4}|`)(?:\.venv/bin/)?python ((?:-m kfmocap\.|tools/)[^`\n]*)", text_of(page), re.M
+    ):
+        name = command.removeprefix("-m kfmocap.").split()[0].removesuffix(".py")
+        source = ROOT.joinpath(*re.split(r"[./]", name))
+        source = source / "__main__.py" if source.is_dir() else source.with_suffix(".py")
+        assert source.is_file(), command
+        own, _, _ = command.partition(" track ")  # what follows is a command of kfmocap
+        known = "".join(path.read_text(encoding="utf-8") for path in (source, *source.parent.glob("render/*.py")))
+        for option in re.findall(r" (--[\w-]+)", own):
+            assert f'"{option}"' in known, command

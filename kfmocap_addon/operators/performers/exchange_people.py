@@ -28,7 +28,7 @@ class ExchangePeople(Conditional, bpy.types.Operator):
         number = slots.find(active_performer.chosen(context).name)
         other = slots.find(self.other) if self.other else (number + 1) % len(slots)
         if other in (-1, number):
-            raise ShotError(f"'{self.other}' is no other performer")
+            raise ShotError(f"'{self.other}' is no other performer: name one of the others of the shot")
         identities.exchange_people(context.scene, slots[number], slots[other])
         changed = ", ".join(f"{slots[i].name} is person {slots[i].person}" for i in (number, other))
         self.report({"INFO"}, f"{changed}: pose or track them anew")

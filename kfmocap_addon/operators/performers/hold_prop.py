@@ -62,7 +62,7 @@ class RemoveHold(Conditional, bpy.types.Operator):
     def act(self, context: bpy.types.Context) -> None:
         holds = context.scene.kfmocap.holds
         if self.number >= len(holds):
-            raise ShotError(f"there are {len(holds)} in the list")
+            raise ShotError(f"There is no number {self.number} in the list: it has {len(holds)}, counted from 0")
         holds.remove(self.number)
 
 

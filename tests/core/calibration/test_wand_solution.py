@@ -67,7 +67,7 @@ def test_outliers_swapped_ends_and_dropouts_are_recognised(cameras: list[Camera]
 
 
 def test_the_order_of_the_cameras_does_not_matter(cameras: list[Camera]) -> None:
-    given = capture(cameras, [scattered(120, SEED)] * 4, seed=SEED)
+    given = capture(cameras[:3], [scattered(90, SEED)] * 3, seed=SEED)
     forward, backward = solve_capture(given), solve_capture(replace(given, views=given.views[::-1]))
     for name, camera in forward.cameras.items():
         other = backward.cameras[name]
