@@ -19,9 +19,11 @@ from ...shot.motion_warping import with_keys
 from ...shot.shot import Performer, Shot
 from ..expected_errors.body_uncertainty import body_covariances
 from ..expected_errors.uncertainty import joint_errors
+from ..solvers.registry import solver_named
 from ..track_state import TrackState
 from .journal import FinishedSegment
 from .late_views import late_views
+from .limb_rolls import with_likely_rolls
 from .track_result import TrackResult
 
 
@@ -65,7 +67,7 @@ def _joined(shot: Shot, state: TrackState, done: Sequence[FinishedSegment], obse
         uncertainties = [one.uncertainties[i] for one in done]
         errors.append(joint_errors(performer.body, uncertainties, beside, one_view=eye is not None and own is None))
     return TrackResult(
-        motions=tuple(with_keys(m, p.key_poses) for m, p in zip(state.motions, performers, strict=True)),
+        motions=tuple(_handed_out(m, p, shot) for m, p in zip(state.motions, performers, strict=True)),
         seconds={},
         camera_frames=len(shot.views) * shot.length,
         segments=tuple(one.result for one in done),
@@ -77,6 +79,17 @@ def _joined(shot: Shot, state: TrackState, done: Sequence[FinishedSegment], obse
         planted=tuple(_planted(shot, motion, done, i) for i, motion in enumerate(state.motions)),
         footage_offset=state.footage_offset(shot),
     )
+
+
+def _handed_out(motion: Motion, performer: Performer, shot: Shot) -> Motion:
+    """Return a performer's motion as it is handed out: with exactly the key poses, and with likely rolls of its limbs.
+
+    The relaxation's motion stays as in paper 1.
+    """
+    exact = with_keys(motion, performer.key_poses)
+    if solver_named(shot.settings.solver).refine is None:
+        return exact
+    return with_likely_rolls(performer.body, exact, performer.key_poses, shot.fps)
 
 
 def _planted(shot: Shot, motion: Motion, done: Sequence[FinishedSegment], performer: int) -> Bools | None:

@@ -1,0 +1,170 @@
+"""How the parts of limbs are rolled about their length: as elbows and knees bend, and between key poses as these say.
+
+Images show where the parts of a limb point, but hardly how they are rolled: their outlines stay the same, and shading
+and clothes do not roll with them. Elbows and knees are hinges, so wherever they are bent, the directions of both parts
+tell how the upper one is rolled. How far the lower one is twisted on it is limited, most of all in a knee. Rolling a
+part about the line through its joints moves no joint; hands and feet stay as they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solveh_banded
+
+from ...body import Body
+from ...body.motion import Motion
+from ...numerics import rotations
+from ...numerics.arrays import Array
+from ...shot.acceleration_prior import USUAL_JOINT
+from ...shot.shot import KeyPoses
+
+MAX_SIDE_RANGE, MIN_BEND_RANGE = 0.5, 1.5
+"""A joint is a hinge if its range about the axis that tips its part out of the plane in which it bends is at most the
+first, and its range about the axis of the hinge at least the second, radians."""
+DIRECTION_SIGMA = 0.1
+"""Usual error of the direction in which a tracked part points against the plane in which its joint bends, radians."""
+ROLL_SIGMA = 0.5
+"""Usual error of the roll that images show, radians."""
+BODY_PLANE_SHARE = 0.2
+"""Weight of the plane in which the body's joint bends, as the sine of a bend of a key pose: nearly straight limbs do
+not show in which plane they bend."""
+LIMITS_IN_SIGMAS = 4.0
+"""Range of a twist between its limits, in standard deviations from the key poses' twist."""
+MIN_TWIST_SIGMA = 0.01
+"""The least of these standard deviations, of joints whose twist is locked, radians."""
+_ALONG = np.array([0.0, 1.0, 0.0])
+
+
+@dataclass(frozen=True)
+class Hinge:
+    """An elbow or a knee.
+
+    Attributes
+    ----------
+    upper, lower : int
+        The parts that it joins.
+    way : float
+        1 if positive turns about the hinge's axis, the lower part's x axis, bend it, otherwise -1.
+    beyond : tuple of int
+        The parts that hang on the lower one.
+    """
+
+    upper: int
+    lower: int
+    way: float
+    beyond: tuple[int, ...]
+
+
+def hinges(body: Body) -> list[Hinge]:
+    """Return the hinges of a body by the limits of its joints: they bend about the x axis, hardly about the z axis."""
+    found = []
+    for lower, upper in enumerate(body.parents):
+        bend, _, side = np.ptp(body.limits[lower], axis=1)
+        if upper > 0 and side <= MAX_SIDE_RANGE and bend >= MIN_BEND_RANGE and body.offsets[lower].any():
+            beyond = tuple(part for part, parent in enumerate(body.parents) if parent == lower)
+            found.append(Hinge(upper, lower, float(np.sign(body.limits[lower, 0].sum())), beyond))
+    return found
+
+
+def with_likely_rolls(body: Body, motion: Motion, keys: KeyPoses, fps: float) -> Motion:
+    """Return a tracked motion whose limbs are rolled as their elbows and knees bend, and are twisted little between key
+    poses.
+
+    Poses on key frames stay as they are, and between them joints bend in the same plane. Rolls change as smoothly as
+    joints usually turn, also where a limb is straight, so that its hinge says nothing.
+
+    Parameters
+    ----------
+    body : Body
+    motion : Motion
+        F poses; key frames have the key poses.
+    keys : KeyPoses
+    fps : float
+    """
+    fixed = keys.fixed[:, 3:].reshape(len(keys.frames), len(body), 3).all(axis=2)
+    for hinge in hinges(body):
+        known = keys.frames[fixed[:, hinge.upper] & fixed[:, hinge.lower]]
+        held = keys.frames[fixed[:, [hinge.upper, hinge.lower, *hinge.beyond]].any(axis=1)]
+        roll = _smoothed(*_out_of_plane(motion.rotations[:, hinge.lower], hinge.way, known), held, fps)
+        motion = _rolled(body, motion, hinge.upper, (hinge.lower,), roll)
+        twists = _beyond_twist(motion.rotations[:, hinge.lower], np.ptp(body.limits[hinge.lower, 1]), known)
+        motion = _rolled(body, motion, hinge.lower, hinge.beyond, -_smoothed(*twists, held, fps))
+    return motion
+
+
+def _rolled(body: Body, motion: Motion, part: int, beyond: tuple[int, ...], angles: Array) -> Motion:
+    """Return the motion with a part turned by angles (F,) about the line to the first of the parts that hang on it,
+    which stay as they are.
+    """
+    axis = body.offsets[beyond[0]] if beyond else _ALONG
+    turns = angles[:, None] * axis / np.linalg.norm(axis)
+    Q = motion.rotations.copy()
+    Q[:, part] = Q[:, part] @ rotations.exp(turns)
+    for child in beyond:
+        Q[:, child] = rotations.exp(-turns @ body.R_parent_rest[child]) @ Q[:, child]
+    return Motion(motion.translations, Q)
+
+
+def _out_of_plane(Q: Array, way: float, keys: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Angle from the plane in which a joint should bend to the one in which its rotations Q (F, 3, 3) bend it, radians,
+    (F,), and its inverse variance, (F,).
+
+    Between key poses the plane turns with the line between their bends.
+    """
+    bends = way * Q[:, [0, 2], 1]  # how far the lower part points to the side and forward, (F, 2)
+    plane = _between(bends, keys) + [0.0, BODY_PLANE_SHARE]
+    found, wanted = (np.arctan2(side, forward) for side, forward in (bends.T, plane.T))
+    return found - wanted, (bends**2).sum(axis=1) / DIRECTION_SIGMA**2
+
+
+def _beyond_twist(Q: Array, limits: float, keys: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Angle by which the rotations Q (F, 3, 3) of a part twist it about its own axis beyond what key poses say,
+    radians, (F,), and its inverse variance, (F,), for a joint that can twist by `limits` in all, radians.
+    """
+    relative = np.swapaxes(rotations.exp(_swing(Q[:, :, 1])), -1, -2) @ Q
+    twist = np.unwrap(np.arctan2(relative[:, 0, 2], relative[:, 0, 0]))
+    usual = max(float(limits) / LIMITS_IN_SIGMAS, MIN_TWIST_SIGMA)
+    return twist - _between(twist, keys), np.full(len(Q), usual**-2)
+
+
+def _smoothed(angles: Array, weight: Array, held: NDArray[np.int64], fps: float) -> Array:
+    """Smooth angles (F,) of weights (F,) that are 0 on frames that are held, and near 0 where weights are small.
+
+    Points on the unit circle are smoothed, as angles may wrap. Frames before and after a held one do not affect each
+    other.
+    """
+    F, stiffness = len(angles), (fps**2 / USUAL_JOINT) ** 2
+    bands = np.zeros((3, F))  # of the normal matrix: its diagonal, and those below it
+    bands[0] = weight + ROLL_SIGMA**-2
+    bent = np.setdiff1d(np.arange(1, F - 1), held)
+    difference = (1.0, -2.0, 1.0)
+    for k in range(3):
+        for m in range(3 - k):
+            bands[k, bent - 1 + m] += stiffness * difference[m] * difference[m + k]
+    aim = weight * np.exp(1j * angles) + ROLL_SIGMA**-2
+    hold = 1e9 * bands[0].max()
+    bands[0, held] += hold
+    aim[held] += hold
+    found = solveh_banded(bands, np.stack([aim.real, aim.imag], axis=1), lower=True)
+    smooth = np.arctan2(found[:, 1], found[:, 0])
+    smooth[held] = 0.0
+    return np.asarray(smooth)
+
+
+def _swing(directions: Array) -> Array:
+    """Rotation vectors (F, 3) of the shortest turns of a part's own axis to directions (F, 3)."""
+    axis = np.cross(_ALONG, directions)
+    length = np.linalg.norm(axis, axis=1, keepdims=True)
+    return np.asarray(axis * np.arctan2(length, directions[:, 1:2]) / np.maximum(length, 1e-12))
+
+
+def _between(values: Array, keys: NDArray[np.int64]) -> Array:
+    """Values (F, ...) on key frames, interpolated linearly between them; 0 without any."""
+    if not len(keys):
+        return np.zeros_like(values)
+    columns = values.reshape(len(values), -1)
+    found = np.stack([np.interp(np.arange(len(values)), keys, column[keys]) for column in columns.T], axis=1)
+    return found.reshape(values.shape)
