@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,16 +29,15 @@ def explained_by_part(
     first : int
         Shot frame of the first of the n frames.
     """
-    frame, _, _ = labels.places
     n, P = labels.share.shape
-    group = np.repeat(np.arange(n * P), np.diff(labels.ends))
-    part = group % P
-    by_part = partial(np.bincount, part * n + frame, minlength=n * P)
+    count = np.diff(labels.ends)
+    group = np.repeat(np.arange(n * P), count)
     ratio = log_ratio(labels.pixels_of(foreground, stride))
-    explained = by_part(stride**2 * ratio).astype(float).reshape(P, n)
+    explained = np.bincount(group, stride**2 * ratio, minlength=n * P).astype(float)
     coloured = view.part_colours(first, n)
     if coloured is not None:
         ratios = coloured.colours.ratio
-        own = ratios.reshape(-1).take(parts[part] * ratios.shape[1] + labels.pixels_of(coloured.palette[None], stride))
-        explained = explained + by_part(stride**2 * own).astype(float).reshape(P, n)
-    return np.asarray(explained)
+        row = np.repeat(np.tile(parts * ratios.shape[1], n), count)
+        own = ratios.reshape(-1).take(row + labels.pixels_of(coloured.palette[None], stride))
+        explained = explained + np.bincount(group, stride**2 * own, minlength=n * P).astype(float)
+    return np.ascontiguousarray(explained.reshape(n, P).T)

@@ -9,6 +9,7 @@ Pattern Recognition Letters 27 (2006) 861-874).
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import combinations
 
 import cv2
@@ -44,7 +45,9 @@ def key_poses_of(shot: Shot, frames: NDArray[np.int64]) -> Poses:
     )
 
 
-def movement_match(pictures: NDArray[np.uint8], camera: Camera, geometry: Geometry, poses: Poses) -> float | None:
+def movement_match(
+    pictures: NDArray[np.uint8], camera: Camera, geometry: Geometry, poses: Poses, *, least: float = 0.0
+) -> float | None:
     """Return the probability that a pixel of the performers differs more between two key frames than one beside them:
     its mean over pairs of K frames, weighted by the number of pixels that say it; None if these are few.
 
@@ -58,27 +61,39 @@ def movement_match(pictures: NDArray[np.uint8], camera: Camera, geometry: Geomet
         Of all performers.
     poses
         World poses of their parts on these frames.
+    least : float
+        If the first pairs show that the probability is less than this, an upper limit of it is returned.
     """
     for side in (COARSE_SIDE, FINE_SIDE):
-        found = _match(pictures, camera.reduced(max(1.0, max(camera.size) / side)), geometry, poses)
+        found = _match(pictures, camera.reduced(max(1.0, max(camera.size) / side)), geometry, poses, least)
         if found is not None:
             return found
     return None
 
 
-def _match(pictures: NDArray[np.uint8], small: Camera, geometry: Geometry, poses: Poses) -> float | None:
-    shown = [_blurred(picture, small.size) for picture in pictures]
+def _match(
+    pictures: NDArray[np.uint8], small: Camera, geometry: Geometry, poses: Poses, least: float
+) -> float | None:
+    shown = cache(lambda k: _blurred(pictures[k], small.size))
     body = [part.astype(np.uint8) for part in render_labels(geometry, small, 0, *poses).part >= 0]
     inner, outer = [cv2.erode(mask, _CORE) > 0 for mask in body], [cv2.dilate(mask, _MARGIN) > 0 for mask in body]
-    counts, chances = [], []
-    for a, b in combinations(range(len(shown)), 2):
+    pairs = []
+    for a, b in combinations(range(len(pictures)), 2):
         moved, still = (inner[a] & ~outer[b]) | (inner[b] & ~outer[a]), ~(outer[a] | outer[b])
         if moved.any() and still.any():
-            different = _difference(shown[a], shown[b], still)
-            if different.max() < _MIN_CHANGE:
-                continue
-            counts.append(int(moved.sum()))
-            chances.append(_chance_of_more(different[moved], different[still]))
+            pairs.append((a, b, moved, still))
+    counts, chances, ahead = list[int](), list[float](), sum(int(moved.sum()) for _, _, moved, _ in pairs)
+    for a, b, moved, still in pairs:
+        count = int(moved.sum())
+        ahead -= count
+        different = _difference(shown(a), shown(b), still)
+        if different.max() < _MIN_CHANGE:
+            continue
+        counts.append(count)
+        chances.append(_chance_of_more(different[moved], different[still]))
+        at_most = float(np.average([*chances, 1.0], weights=[*counts, ahead]))
+        if at_most < least and sum(counts) >= _MIN_PIXELS:
+            return at_most
     return float(np.average(chances, weights=counts)) if sum(counts) >= _MIN_PIXELS else None
 
 

@@ -129,9 +129,15 @@ class SmoothedImages:
 
     def at(self, image: NDArray[np.intp], pixels: NDArray[np.intp]) -> Image:
         """Values at whole pixels (N, 2) within the window, shape (C, N)."""
+        return np.asarray(self.values.reshape(-1, self.values.shape[2]).take(self._index(image, pixels), axis=0).T)
+
+    def brightness_at(self, image: NDArray[np.intp], pixels: NDArray[np.intp]) -> Image:
+        """Brightness at whole pixels (N, 2) within the window, shape (N,)."""
+        return np.asarray(self.values.reshape(-1).take(self.values.shape[2] * self._index(image, pixels)))
+
+    def _index(self, image: NDArray[np.intp], pixels: NDArray[np.intp]) -> NDArray[np.intp]:
         u, v = pixels.T
-        index = (v - self.origin[1] + image * self.height) * self.values.shape[1] + u - self.origin[0]
-        return np.asarray(self.values.reshape(-1, self.values.shape[2]).take(index, axis=0).T)
+        return np.asarray((v - self.origin[1] + image * self.height) * self.values.shape[1] + u - self.origin[0])
 
 
 def stacked_places(

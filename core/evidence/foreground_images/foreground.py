@@ -44,7 +44,8 @@ _MIN_SIGMA = 4.0
 
 def log_ratio(foreground: Bytes) -> Array:
     """Decode foreground images to log likelihood ratios of the same shape, positive where the performer is likelier."""
-    return (foreground.astype(np.float32) - np.float32(128)) / np.float32(LEVELS_PER_UNIT)
+    levels = np.arange(256, dtype=np.float32)  # looking a level up is faster than computing its ratio
+    return np.asarray(((levels - np.float32(128)) / np.float32(LEVELS_PER_UNIT)).take(foreground))
 
 
 def background_share(ratio: Array) -> Array:

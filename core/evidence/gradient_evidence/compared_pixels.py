@@ -145,7 +145,7 @@ def compare(frames: LabelledFrames) -> ComparedPixels:
     seen = labels.part_at(pixels.frame + 1, *(uv_b.T / frames.stride)) == pixels.part
     if frames.foreground is not None:
         seen &= log_ratio(labels.pixels_of(frames.foreground, frames.stride)[: len(seen)]) > BACKGROUND_BELOW
-    standing = images.at(pixels.frame + 1, pixels.uv)[0] - here[0]
+    standing = images.brightness_at(pixels.frame + 1, pixels.uv) - here[0]
     return ComparedPixels(
         camera=camera,
         first=frames.first,

@@ -156,12 +156,11 @@ def _weighted_products(compared: ComparedPixels, weight: Image, noise: Array, *,
     """
     pixels, residual, focal = compared.pixels, compared.residual, _focal_lengths(compared.camera)
     slope = 0.5 * (compared.here[1:] + compared.there[1:])
-    rows = np.empty((13, len(residual)), np.float32)
-    rows[:6] = -wrenches(pixels.points_cam, slope, focal).T
+    rows = np.empty((14 if by_part else 13, len(residual)), np.float32)
+    np.negative(wrenches(pixels.points_cam, slope, focal).T, out=rows[:6])
     rows[6:12] = wrenches(compared.points_there, slope, focal).T
     rows[12] = residual
-    if by_part:
-        rows = np.concatenate([rows, np.ones((1, len(residual)), np.float32)])
+    rows[13:] = 1
     m, P = len(noise), noise.shape[1] - 1
     sums = summed_products(rows, weight, pixels.ends).reshape(m, P, len(rows), len(rows))
     return _without_change(sums, PART_PRIOR_PIXELS * (noise[:, :1] / noise[:, 1:]) ** 2) if by_part else sums
@@ -237,18 +236,14 @@ def _robust_sigma(residual: Image) -> float:
 
 
 def _medians(values: Image, counts: NDArray[np.intp]) -> Array:
-    """Return the medians of consecutive groups of values with these counts, (n,); 0 for empty groups.
-
-    All groups are sorted at once: by the group, then by the bits of the value, whose order is that of the numbers once
-    those of negative ones are inverted. As with `np.median`, the mean of two values is of single precision.
+    """Return the medians of consecutive groups of values with these counts, (n,); 0 for empty groups. As with
+    `np.median`, the mean of two values is of single precision.
     """
-    bits = np.ascontiguousarray(values, np.float32).view(np.int32)
-    group = np.repeat(np.arange(len(counts)), counts)
-    ordered = np.sort((group << 32) + (bits ^ ((bits >> 31) & 0x7FFFFFFF))).astype(np.int32)
-    ordered ^= (ordered >> 31) & 0x7FFFFFFF
-    sorted_values = np.append(ordered.view(np.float32), np.float32(0))
-    start = np.cumsum(counts) - counts
-    lower, upper = sorted_values[start + np.maximum(counts - 1, 0) // 2], sorted_values[start + counts // 2]
+    ordered, ends = np.append(values, np.float32(0)).astype(np.float32), np.cumsum(counts)
+    begins = ends - counts
+    for a, b in zip(begins.tolist(), ends.tolist(), strict=True):  # a sort of all groups at once takes longer
+        ordered[a:b].sort()
+    lower, upper = ordered[begins + np.maximum(counts - 1, 0) // 2], ordered[begins + counts // 2]
     return np.where(counts > 0, (lower + upper) * np.float32(0.5), np.float32(0)).astype(float)
 
 

@@ -50,7 +50,7 @@ def _footage_match(posed: PosedView, views: Sequence[PosedView]) -> FootageMatch
 
     def match_by(pictures: NDArray[np.uint8], camera: Camera) -> float:
         """Return how well pictures match if a camera has taken them; 0 if not much better than these as they are."""
-        other = movement_match(pictures, camera, posed.geometry, posed.poses) or 0.0
+        other = movement_match(pictures, camera, posed.geometry, posed.poses, least=_MIN_OTHERWISE_MATCH) or 0.0
         return other if other > _MIN_OTHERWISE_MATCH and _is_better(1 - other, 1 - own) else 0.0
 
     mirrored = match_by(np.ascontiguousarray(posed.pictures[:, :, ::-1]), posed.camera)
@@ -64,7 +64,12 @@ def _footage_match(posed: PosedView, views: Sequence[PosedView]) -> FootageMatch
 
 def _is_better(other: float, own: float) -> bool:
     """Whether footage that is shown in another way lacks so much less of a match that this is how it was taken."""
-    return other < 1 - _MIN_OTHER_MATCH and own > _MIN_GAIN * other + _MIN_LACK
+    return other < _better_below(own)
+
+
+def _better_below(own: float) -> float:
+    """Return what footage must lack less than in another way to be better, if it lacks so much as it is."""
+    return min(1 - _MIN_OTHER_MATCH, (own - _MIN_LACK) / _MIN_GAIN)
 
 
 def better_shift(view: View, posed: PosedView) -> int | None:
@@ -109,19 +114,23 @@ def _tried_shifts(keys: PosedView, shown: Callable[[int], bool]) -> dict[int, tu
 def _best_shift(
     keys: PosedView, tried: Mapping[int, tuple[int, ...]], pictures: Mapping[int, NDArray[np.uint8]], camera: Camera
 ) -> int | None:
-    def lack(kept: tuple[int, ...], shift: int) -> float | None:
-        return _lack(np.stack([pictures[keys.frames[k] + shift] for k in kept]), camera, keys.on(kept))
+    def lack(kept: tuple[int, ...], shift: int, most: float = 1.0) -> float | None:
+        return _lack(np.stack([pictures[keys.frames[k] + shift] for k in kept]), camera, keys.on(kept), most)
 
     present = cache(partial(lack, shift=0))
     best, least = None, 1.0
     for shift, kept in tried.items():
-        own, other = present(kept), lack(kept, shift)
-        if own is not None and other is not None and other < least and _is_better(other, own):
+        own = present(kept)
+        most = 0.0 if own is None else min(least, _better_below(own))
+        other = lack(kept, shift, most) if most > 0 else None
+        if other is not None and other < most:
             best, least = shift, other
     return best
 
 
-def _lack(pictures: NDArray[np.uint8], camera: Camera, keys: PosedView) -> float | None:
-    """Return how much pictures of K key frames, taken by a camera, lack of a match with the key poses."""
-    match = movement_match(pictures, camera, keys.geometry, keys.poses)
+def _lack(pictures: NDArray[np.uint8], camera: Camera, keys: PosedView, most: float = 1.0) -> float | None:
+    """Return how much pictures of K key frames, taken by a camera, lack of a match with the key poses; if that is more
+    than `most`, possibly less than they do.
+    """
+    match = movement_match(pictures, camera, keys.geometry, keys.poses, least=1 - most)
     return None if match is None else 1 - match

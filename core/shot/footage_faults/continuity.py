@@ -121,5 +121,6 @@ def _medians(values: Array, near: Sequence[Sequence[int]]) -> Array:
     found = values.copy()
     for count in {len(j) for j in near} - {0}:
         places = [k for k, j in enumerate(near) if len(j) == count]
-        found[places] = np.median(values[[near[k] for k in places]], axis=1)
+        ordered = np.sort(values[[near[k] for k in places]], axis=1)  # of so few values half of the time of np.median
+        found[places] = (ordered[:, (count - 1) // 2] + ordered[:, count // 2]) / 2
     return found
