@@ -71,9 +71,7 @@ def movement_match(
     return None
 
 
-def _match(
-    pictures: NDArray[np.uint8], small: Camera, geometry: Geometry, poses: Poses, least: float
-) -> float | None:
+def _match(pictures: NDArray[np.uint8], small: Camera, geometry: Geometry, poses: Poses, least: float) -> float | None:
     shown = cache(lambda k: _blurred(pictures[k], small.size))
     body = [part.astype(np.uint8) for part in render_labels(geometry, small, 0, *poses).part >= 0]
     inner, outer = [cv2.erode(mask, _CORE) > 0 for mask in body], [cv2.dilate(mask, _MARGIN) > 0 for mask in body]

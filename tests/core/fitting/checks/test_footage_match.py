@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from kfmocap.core.evidence.movement_match import movement_match
 from kfmocap.core.fitting.checks.footage_match import better_shift, footage_matches
 from kfmocap.core.fitting.checks.misfit_causes import attributed_findings
 from kfmocap.core.fitting.checks.posed_views import PosedView, posed_views
@@ -77,6 +78,22 @@ def test_footage_that_is_mirrored_is_named_and_its_camera_is_not_blamed(
     [said] = attributed_findings(shot.views, posed, matches, [off])
     assert said.camera == "side" and said.off and "mirrored" in said.brief
     assert "side: its pictures seem to be mirrored" in said.summary and "hflip" in said.summary
+
+
+def test_a_match_that_cannot_reach_the_least_is_said_to_be_at_most_so_much(
+    shot: Shot, pictured: list[KeyFrameView]
+) -> None:
+    view = posed_views(shot, pictured, FRAMES)[1]
+
+    def match(pictures: np.ndarray, least: float) -> float:
+        found = movement_match(pictures, view.camera, view.geometry, view.poses, least=least)
+        assert found is not None
+        return found
+
+    other = np.roll(view.pictures, 1, axis=0)
+    assert match(other, 0.0) < match(other, 0.99) < 0.99
+    assert match(other, match(other, 0.0)) == match(other, 0.0)
+    assert match(view.pictures, 0.9) == match(view.pictures, 0.0) > 0.9
 
 
 @pytest.mark.parametrize("every", [1, 2])
