@@ -7,6 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+_SMALL = np.dtype(np.int32), np.dtype(np.uint32)
+_LARGE = np.dtype(np.int64), np.dtype(np.uint64)
+
 
 def pixels_at(
     images: NDArray[Any],
@@ -32,8 +35,8 @@ def pixels_at(
     ndarray, shape of `u` and `v`
     """
     _, height, width = images.shape
-    whole = np.dtype(np.int32 if images.size < 1 << 31 else np.int64)  # half as much to go through where it is enough
-    unsigned = np.dtype(f"u{whole.name}")
+    # Half as much to go through where it is enough.
+    whole, unsigned = _SMALL if images.size < 1 << 31 else _LARGE
     with np.errstate(invalid="ignore"):  # NaN becomes a number far beyond all limits
         column, row = np.rint(u).astype(whole), np.rint(v).astype(whole)
     # As an unsigned number a negative one is large.
