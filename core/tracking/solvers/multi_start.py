@@ -25,7 +25,7 @@ from .assessment.solution_doubts import (
 )
 from .assessment.solution_ranking import covering_most, likeliest_at_rest, noise_at, settled_further
 from .descent_stages import OUTLINE_REACH, SETTLED, STAGES, STAGES_AMONG_OTHERS, DescentStage
-from .equations.measurement import Workspace
+from .equations.measurement import Workspace, solution_at
 from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .gauss_newton import continued, descend, farthest_joint
 from .limb_corrections.limb_exchange import with_limbs_exchanged
@@ -87,13 +87,13 @@ def _best_among_others(
     doubted: Sequence[int],
     workspace: Workspace,
 ) -> SegmentSolution:
-    """Solve for each performer in doubt, with the motions of the others given, and for all together again.
+    """Solve for each performer in doubt, with the motions of the others given; the refinement adapts these.
 
     Parameters and `seconds` as in `best_of_own_starts`.
     """
     seconds, motions = Seconds(), first.motions
     assert first.evidence is not None
-    stages = STAGES_AMONG_OTHERS if first.evidence.sampling.by_part else STAGES
+    stages = STAGES_AMONG_OTHERS if others_hide(first.unhidden) else STAGES
     for k, i in enumerate(worst_first(problem, first, doubted)):
         own_start = [start[j] if j == i else motion for j, motion in enumerate(motions)]
         part = workspace.part(k / len(doubted), (k + 1) / len(doubted))
@@ -102,17 +102,18 @@ def _best_among_others(
         if k:  # limbs of another performer, found since, may have been what contradicted this one
             before = descend(alone, motions, workspace.silent(), SETTLED)
             seconds.add(before.seconds)
-            motions = before.motions
             if not doubted_performers(alone, own_start, before):
+                motions = before.motions
                 continue
         own = turned_and_searched(alone, own_start, before, part, stages)
         seconds.add(own.seconds)
-        motions = own.motions
+        if own.motions is not before.motions:
+            motions = own.motions
     if motions is first.motions:
         return replace(first, seconds=seconds, doubted=tuple(doubted))
-    settled = descend(problem, motions, workspace.silent(), SETTLED)
-    seconds.add(settled.seconds)
-    return replace(continued(first, settled), seconds=seconds, doubted=tuple(doubted))
+    with seconds.measure("initial solution"):
+        found = solution_at(problem, motions, first.evidence.sampling, workspace.silent())
+    return replace(continued(first, found), variances=first.variances, seconds=seconds, doubted=tuple(doubted))
 
 
 def turned_and_searched(

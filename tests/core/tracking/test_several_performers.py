@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from kfmocap.core.body import landmark_positions
 from kfmocap.core.body.limbs import limbs
-from kfmocap.core.body.motion import Motion
+from kfmocap.core.body.motion import Motion, with_motion
 from kfmocap.core.evidence.foreground_images.foreground import log_ratio
 from kfmocap.core.evidence.misfit import measured_misfit
 from kfmocap.core.evidence.rendering.label_images import render_labels
@@ -25,7 +25,7 @@ from kfmocap.core.tracking.footage_reading.picture_store import PictureStore, St
 from kfmocap.core.tracking.footage_reading.reader import ColourFrames
 from kfmocap.core.tracking.solvers import gauss_newton, multi_start
 from kfmocap.core.tracking.solvers.assessment import settled_solutions, solution_doubts, solution_ranking
-from kfmocap.core.tracking.solvers.descent_stages import POLISHED_AT_ONCE, STAGES, DescentStage
+from kfmocap.core.tracking.solvers.descent_stages import POLISHED_AT_ONCE, STAGES, STAGES_AMONG_OTHERS, DescentStage
 from kfmocap.core.tracking.solvers.equations import segment_equations
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
@@ -469,6 +469,65 @@ def test_a_performer_no_longer_doubtful_once_others_are_found_is_not_searched_fo
 ) -> None:
     monkeypatch.setattr(solution_doubts, "explained_share", lambda *_: np.ones(FRAMES))
     assert searched_for(monkeypatch, [[0, 1], []]) == [0]
+
+
+def test_what_is_found_for_one_of_several_is_not_solved_for_all_of_them(
+    monkeypatch: pytest.MonkeyPatch, told: Told
+) -> None:
+    """The refinement does that, by more pixels; the solution tells how likely what was found is."""
+
+    def right(problem: SegmentProblem, _: object, before: SegmentSolution, *__: object) -> SegmentSolution:
+        assert problem.only is not None
+        return replace(before, motions=with_motion(before.motions, problem.only, TRUTHS[problem.only]))
+
+    measured: list[Sequence[Motion]] = []
+
+    def at(problem: SegmentProblem, motions: Sequence[Motion], *_: object) -> SegmentSolution:
+        measured.append(motions)
+        return Told().found(problem, motions)
+
+    monkeypatch.setattr(solution_doubts, "explained_share", lambda *_: np.ones(FRAMES))
+    monkeypatch.setattr(multi_start, "doubted_performers", lambda *_: [0, 1])
+    monkeypatch.setattr(multi_start, "turned_and_searched", right)
+    monkeypatch.setattr(multi_start, "solution_at", at)
+    found = multi_start.best_of_starts(BOTH, WRONG, Workspace())
+    assert list(found.motions) == list(TRUTHS) == list(measured[-1])
+    assert found.cover == 0 and found.only is None and found.doubted == (0, 1)
+    assert told.solved == [None, 1]  # the second once the first is found
+
+
+def test_where_nothing_is_found_for_one_of_several_its_motion_stays_as_all_pixels_have_shown_it(
+    monkeypatch: pytest.MonkeyPatch, told: Told
+) -> None:
+    """For a search it is solved further by fewer of them."""
+
+    def nothing_new(problem: SegmentProblem, motions: Sequence[Motion], *_: object) -> SegmentSolution:
+        far = tuple(moved(motion, np.array([0.02, 0.0, 0.0])) for motion in motions)
+        return told.found(problem, motions if problem.only is None else far)
+
+    monkeypatch.setattr(multi_start, "descend", nothing_new)
+    monkeypatch.setattr(solution_doubts, "explained_share", lambda *_: np.ones(FRAMES))
+    monkeypatch.setattr(multi_start, "doubted_performers", lambda *_: [0, 1])
+    monkeypatch.setattr(multi_start, "turned_and_searched", lambda _problem, _start, before, *_: before)
+    assert list(multi_start.best_of_starts(BOTH, WRONG, Workspace()).motions) == WRONG
+
+
+@pytest.mark.parametrize(("unhidden", "expected"), [(0.8, STAGES_AMONG_OTHERS), (1.0, STAGES)])
+def test_turns_are_solved_as_far_as_the_first_solution_even_if_that_was_settled_since(
+    monkeypatch: pytest.MonkeyPatch, told: Told, unhidden: float, expected: Sequence[DescentStage]
+) -> None:
+    """What is solved further covers more. How its images were last sampled does not tell how far it was solved."""
+    stages: list[Sequence[DescentStage]] = []
+
+    def own(_: object, __: object, before: SegmentSolution, ___: object, of: Sequence[DescentStage]) -> SegmentSolution:
+        stages.append(of)
+        return before
+
+    monkeypatch.setattr(multi_start, "doubted_performers", lambda *_: [1])
+    monkeypatch.setattr(multi_start, "turned_and_searched", own)
+    first = replace(told.found(BOTH, WRONG), unhidden=np.full((2, FRAMES), unhidden))
+    multi_start.best_of_starts(BOTH, WRONG, Workspace(), first)
+    assert stages == [expected]
 
 
 def test_several_performers_are_solved_by_all_pixels_before_anybody_is_doubted(

@@ -33,9 +33,13 @@ class SettledSolution:
     solution: SegmentSolution
 
     @classmethod
-    def after(cls, problem: SegmentProblem, begin: SegmentSolution, workspace: Workspace) -> SettledSolution:
-        """Solve a solution further; in a single view, unless that leads it astray (`_unless_astray`)."""
-        noise = noise_at(problem, begin, workspace)
+    def after(
+        cls, problem: SegmentProblem, begin: SegmentSolution, workspace: Workspace, noise: SegmentNoise | None = None
+    ) -> SettledSolution:
+        """Solve a solution further; in a single view, unless that leads it astray (`_unless_astray`). The noise there
+        may be known.
+        """
+        noise = noise or noise_at(problem, begin, workspace)
         settled = descend(problem, begin.motions, workspace, SETTLED, noise)
         if not problem.shows_depth:
             settled = _unless_astray(problem, noise, begin, settled, workspace)
@@ -66,24 +70,29 @@ def _unless_astray(
 
 
 class SettledSolutions:
-    """Settled solutions of the performers of one problem, each computed once for any number of limbs."""
+    """Settled solutions of the performers of one problem, and the noise there, each computed once for any number of
+    limbs: again only where the solution for a performer has other motions.
+
+    Parameters of the methods are the problem of one performer (`SegmentProblem.alone`), a solution, and a workspace.
+    """
 
     def __init__(self) -> None:
+        self._noise: dict[int, tuple[tuple[Motion, ...], SegmentNoise]] = {}
         self._kept: dict[int, SettledSolution] = {}
 
-    def after(self, alone: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SettledSolution:
-        """Return a solution for one performer, solved further; it is not computed again while its motions stay the same
-        object.
+    def noise(self, alone: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentNoise:
+        """Return the noise of the images at a solution (`noise_at`)."""
+        [performer] = alone.sought
+        known = self._noise.get(performer)
+        if known is None or known[0] is not solution.motions:
+            known = self._noise[performer] = solution.motions, noise_at(alone, solution, workspace)
+        return known[1]
 
-        Parameters
-        ----------
-        alone : SegmentProblem
-            Of one performer, see `SegmentProblem.alone`.
-        solution : SegmentSolution
-        workspace : Workspace
-        """
+    def after(self, alone: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SettledSolution:
+        """Return a solution, solved further."""
         [performer] = alone.sought
         kept = self._kept.get(performer)
         if kept is None or kept.begin.motions is not solution.motions:
-            kept = self._kept[performer] = SettledSolution.after(alone, solution, workspace)
+            noise = self.noise(alone, solution, workspace)
+            kept = self._kept[performer] = SettledSolution.after(alone, solution, workspace, noise)
         return kept

@@ -22,7 +22,7 @@ from ....body.motion import Motion, with_motion
 from ....numerics.arrays import Bools
 from ..assessment.settled_solutions import SettledSolution, SettledSolutions
 from ..assessment.solution_doubts import least_frames
-from ..assessment.solution_ranking import RESTING_GAIN, likelihood, noise_at, settled_further
+from ..assessment.solution_ranking import RESTING_GAIN, likelihood, settled_further
 from ..descent_stages import SETTLED, UNCONVERGED_MOVE
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
@@ -175,7 +175,7 @@ class _GroupSearch:
                 break
             there = None
             if settled is None and alone.among_others:  # most limbs that are found elsewhere come back
-                there = self._solved(noise_at(alone, solution, self.workspace), solution, found)
+                there = self._solved(known.noise(alone, solution, self.workspace), solution, found)
                 if there is None:
                     break
             if settled is None:

@@ -8,9 +8,10 @@ from kfmocap.core.body import human
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.tracking.solvers.assessment import settled_solutions
-from kfmocap.core.tracking.solvers.assessment.settled_solutions import SettledSolution
+from kfmocap.core.tracking.solvers.assessment.settled_solutions import SettledSolution, SettledSolutions
 from kfmocap.core.tracking.solvers.assessment.solution_ranking import RESTING_GAIN, likelihood, noise_at
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.solvers.equations.segment_equations import SegmentNoise
 from made_evidence import Landscape
 from synthetic import CAMERAS, at_rest, dark, ends_held
 
@@ -46,6 +47,24 @@ def test_what_is_hardly_less_likely_for_having_been_solved_further_is_not_astray
     loss = likelihood(problem, noise, near) - likelihood(problem, noise, far)
     world = Landscape(truth=TRUTH, cover=gains * RESTING_GAIN / loss)
     assert (settled(monkeypatch, 1, 0.5, 0.8, world).motions[0].rotations == turned(kept).rotations).all()
+
+
+def test_the_noise_of_a_solution_is_estimated_once_for_all_limbs(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, world = seen_by(2), Landscape(truth=TRUTH)
+    first, second = (world.solution(problem, turned(angle)) for angle in (0.1, 0.2))
+    estimated: list[SegmentSolution] = []
+
+    def noise(_: object, solution: SegmentSolution, __: object) -> SegmentNoise:
+        estimated.append(solution)
+        return noise_at(problem, solution, world)
+
+    monkeypatch.setattr(settled_solutions, "noise_at", noise)
+    monkeypatch.setattr(settled_solutions, "descend", lambda *_: first)
+    known = SettledSolutions()
+    for begin in (first, first, second):
+        kept = known.noise(problem, begin, world)
+        assert known.after(problem, begin, world).noise is kept
+    assert [one.motions for one in estimated] == [first.motions, second.motions]
 
 
 def seen_by(views: int) -> SegmentProblem:

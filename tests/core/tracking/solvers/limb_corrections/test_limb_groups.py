@@ -111,7 +111,7 @@ class World:
         monkeypatch.setattr(limb_groups, "freed_limb", self.search)
         monkeypatch.setattr(limb_groups, "solved_from", solved)
         monkeypatch.setattr(limb_groups, "views_of", lambda *_: [])
-        monkeypatch.setattr(limb_groups, "noise_at", lambda *_: noise)
+        monkeypatch.setattr(SettledSolutions, "noise", lambda *_: noise)
         monkeypatch.setattr(ThinnedProblem, "at_rate", lambda *_: None)
         monkeypatch.setattr(limb_groups, "settled_further", self.settled_further)
         monkeypatch.setattr(limb_groups, "likelihood", lambda _p, _n, one: self.likelihood[angles(one.motions[0])])

@@ -102,6 +102,37 @@ def test_turns_of_one_of_several_are_solved_only_where_many_frames_are_unexplain
     assert runs == [only] * whole_turns.SOLVED_TURNS * solved
 
 
+def test_turns_are_chosen_by_what_they_cover_once_limbs_and_hips_have_followed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of one who turns with stretched arms, the right start covered less than somersaults and cartwheels."""
+    landscape = Landscape(truth=REST)
+    monkeypatch.setattr(whole_turns, "frames_unexplained", lambda *_: np.arange(4))
+    starts: list[Sequence[Motion]] = []
+    followed: list[Sequence[Motion]] = []
+    solved: list[Sequence[Motion]] = []
+
+    def approach(_: object, motions: Sequence[Motion], __: object, stages: object) -> tuple[Sequence[Motion], None]:
+        assert stages == STAGES[:1]
+        starts.append(motions)
+        followed.append(list(motions))
+        return followed[-1], None
+
+    def cover(_: object, __: object, motions: Sequence[Motion], ___: object) -> float:
+        [k] = (k for k, own in enumerate(followed) if own is motions)
+        return float([4, 1, 6, 2, 5, 3][k])
+
+    def descend(problem: SegmentProblem, motions: Sequence[Motion], *_: object) -> SegmentSolution:
+        solved.append(motions)
+        return landscape.solution(problem, motions[0])
+
+    for name, own in (("approach", approach), ("cover_at", cover), ("descend", descend)):
+        monkeypatch.setattr(whole_turns, name, own)
+    with_whole_turn(PROBLEM, [REST], landscape.solution(PROBLEM, REST), landscape)
+    most = [starts[k] for k in (2, 4, 0, 5, 3, 1)]
+    assert all(a is b for a, b in zip(solved, most, strict=False)) and len(solved) == whole_turns.SOLVED_TURNS
+
+
 def test_of_solved_turns_the_one_that_covers_most_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     """It covers less than another turn before it is solved."""
     landscape = Landscape(truth=spinning(1, 2 * np.pi), reach=0.7)
