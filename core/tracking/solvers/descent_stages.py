@@ -75,11 +75,12 @@ class DescentStage:
         return replace(self.sampling, stride=max(self.sampling.stride, min(views, MAX_STRIDE)))
 
 
-STAGES = (
+COARSE_STAGES = (
     DescentStage(Sampling(2.0, 8.0, 4, 0.10), 2, views=2, small=ROUGH_STEP),
     DescentStage(Sampling(1.0, 4.0, 4, OUTLINE_REACH), 3, views=2, small=ROUGH_STEP),
-    DescentStage(Sampling(1.0, 1.0, 3, OUTLINE_REACH), 2),
 )
+"""The first of all stages from the curve through the key poses."""
+STAGES = (*COARSE_STAGES, DescentStage(Sampling(1.0, 1.0, 3, OUTLINE_REACH), 2))
 """From the curve through the key poses to the solution."""
 REFINEMENT = (
     DescentStage(
@@ -104,7 +105,7 @@ POLISHED_AT_ONCE = (replace(REFINEMENT[0], still=UNCONVERGED_MOVE), replace(POLI
 """Both at once, for a solution that nothing contradicts. The first steps have the noise of whole pairs of frames, until
 no joint moves far: a limb that is elsewhere, or fast and still a few centimetres off, would otherwise pass for one with
 much noise, and stay there."""
-STAGES_AMONG_OTHERS = (*STAGES[:-1], *POLISHED_AT_ONCE)
+STAGES_AMONG_OTHERS = (*COARSE_STAGES, *POLISHED_AT_ONCE)
 """From the curve to the solution where several performers hide one another, by all pixels in the end: those who are
 hidden are seen by few views."""
 SETTLING = (

@@ -15,14 +15,14 @@ from ....body.motion import Motion, with_motion
 from ....shot.motion_warping import turned
 from ..assessment.solution_doubts import frames_unexplained
 from ..assessment.solution_ranking import cover_at, covering_most
-from ..descent_stages import STAGES, DescentStage
+from ..descent_stages import COARSE_STAGES, STAGES, DescentStage
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import approach, descend
 
-SOLVED_TURNS = 3
-"""Turned starts that are solved: those that cover most after the first stage. Before that, how much a turn covers says
-little, as limbs move along with it and the hips travel."""
+SOLVED_TURNS = 2
+"""Turned starts that are solved: those that cover most after the coarse stages. Before that, how much a turn covers
+says little, as limbs move along with it and the hips travel."""
 LEAST_UNEXPLAINED = 0.25
 """Share of the frames on which one of several performers must be unexplained for a turn to be tried. Without the turn
 the body is turned away by more than a right angle on about half of them; whom others hide is unexplained on a few."""
@@ -57,7 +57,7 @@ def with_whole_turn(
     ways = [turned(start[performer], problem.fixed[performer], axis) for axis in (*np.eye(3), *-np.eye(3))]
     starts = [with_motion(start, performer, way) for way in ways]
     quiet = workspace.silent()
-    begun = [approach(problem, motions, quiet, stages[:1])[0] for motions in starts]
+    begun = [approach(problem, motions, quiet, COARSE_STAGES)[0] for motions in starts]
     covers = [cover_at(problem, first, motions, quiet) for motions in begun]
     for k in np.argsort(covers)[::-1][:SOLVED_TURNS]:
         found = descend(problem, starts[k], quiet, stages)

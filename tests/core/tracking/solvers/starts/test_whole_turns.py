@@ -10,7 +10,7 @@ import pytest
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.motion_warping import turned
-from kfmocap.core.tracking.solvers.descent_stages import STAGES, STAGES_AMONG_OTHERS
+from kfmocap.core.tracking.solvers.descent_stages import COARSE_STAGES, STAGES, STAGES_AMONG_OTHERS
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.starts import whole_turns
 from kfmocap.core.tracking.solvers.starts.whole_turns import with_whole_turn
@@ -113,7 +113,7 @@ def test_turns_are_chosen_by_what_they_cover_once_limbs_and_hips_have_followed(
     solved: list[Sequence[Motion]] = []
 
     def approach(_: object, motions: Sequence[Motion], __: object, stages: object) -> tuple[Sequence[Motion], None]:
-        assert stages == STAGES[:1]
+        assert stages == COARSE_STAGES == STAGES[:2] == STAGES_AMONG_OTHERS[:2]
         starts.append(motions)
         followed.append(list(motions))
         return followed[-1], None
