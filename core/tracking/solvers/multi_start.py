@@ -125,8 +125,8 @@ def turned_and_searched(
 ) -> SegmentSolution:
     """Solve for one of several performers from another turn of the body (`whole_turns`, by these stages), and search it
     for limbs (`_searched_again`). With lost limbs a wrong turn may cover more than none, so where one does, limbs are
-    searched for without it, too, and the likelier solution is taken. Parameters as in `best_of_own_starts`; `seconds`
-    is the time spent here.
+    searched for without it, too, and the likelier solution is taken; only once if the images no longer contradict the
+    turned solution. Parameters as in `best_of_own_starts`; `seconds` is the time spent here.
     """
     seconds = Seconds()
     if not _can_be_searched(problem):
@@ -136,7 +136,8 @@ def turned_and_searched(
         _, turned = with_whole_turn(problem, start, first, workspace.part(0.0, 0.05), stages)
         best = _searched_again(problem, start, turned, workspace.part(0.35, 1.0))
         if turned is not first:
-            straight = _searched_again(problem, start, first, workspace.silent())
+            rounds = MAX_SEARCH_ROUNDS if doubted_performers(problem, start, best) else 1
+            straight = _searched_again(problem, start, first, workspace.silent(), rounds)
             noise = noise_at(problem, first, workspace)
             both = [descend(problem, one.motions, workspace.silent(), SETTLED, noise) for one in (best, straight)]
             best = likeliest_at_rest(problem, noise, *both, workspace=workspace)
@@ -144,11 +145,15 @@ def turned_and_searched(
 
 
 def _searched_again(
-    problem: SegmentProblem, start: Sequence[Motion], best: SegmentSolution, workspace: Workspace
+    problem: SegmentProblem,
+    start: Sequence[Motion],
+    best: SegmentSolution,
+    workspace: Workspace,
+    rounds: int = MAX_SEARCH_ROUNDS,
 ) -> SegmentSolution:
     """Search for limbs of one of several performers as long as some are found and the images contradict the result."""
-    for k in range(MAX_SEARCH_ROUNDS):
-        part = workspace.part(k / MAX_SEARCH_ROUNDS, (k + 1) / MAX_SEARCH_ROUNDS)
+    for k in range(rounds):
+        part = workspace.part(k / rounds, (k + 1) / rounds)
         before, best = best, searched_among_others(problem, best, k, part)
         found = limbs_elsewhere(problem, before.motions, best.motions)
         if not found or not doubted_performers(problem, start, best):

@@ -615,3 +615,30 @@ def test_a_turn_of_one_of_several_performers_is_taken_only_if_it_is_likelier_onc
     monkeypatch.setattr(multi_start, "likeliest_at_rest", likeliest)
     best = multi_start.turned_and_searched(alone, far, first, Workspace())
     assert list(best.motions) == list(TRUTHS)
+
+
+@pytest.mark.parametrize(("contradicted", "rounds"), [(True, multi_start.MAX_SEARCH_ROUNDS), (False, 1)])
+def test_without_a_turn_that_the_images_agree_with_limbs_are_searched_for_only_once(
+    monkeypatch: pytest.MonkeyPatch, told: Told, contradicted: bool, rounds: int
+) -> None:
+    """Where the right turn is missed, search after search finds limbs somewhere, and all in vain."""
+    alone = BOTH.alone(1)
+    first, turned = told.found(alone, WRONG), told.found(alone, TRUTHS)
+    searches: list[SegmentSolution] = []
+
+    def search(_: object, best: SegmentSolution, *__: object) -> SegmentSolution:
+        if best is not turned:
+            searches.append(best)
+        return best
+
+    def doubted(_: object, __: object, solution: SegmentSolution) -> list[int]:
+        return [1] if contradicted or solution is not turned else []
+
+    monkeypatch.setattr(multi_start, "with_whole_turn", lambda _problem, start, *_: (start, turned))
+    monkeypatch.setattr(multi_start, "searched_among_others", search)
+    monkeypatch.setattr(multi_start, "limbs_elsewhere", lambda *_: True)
+    monkeypatch.setattr(multi_start, "doubted_performers", doubted)
+    monkeypatch.setattr(multi_start, "noise_at", lambda *_: None)
+    monkeypatch.setattr(multi_start, "likeliest_at_rest", lambda _problem, _noise, *both, workspace: both[0])
+    assert list(multi_start.turned_and_searched(alone, WRONG, first, Workspace()).motions) == list(TRUTHS)
+    assert len(searches) == rounds
