@@ -60,9 +60,19 @@ def discard(scene: bpy.types.Scene) -> None:
 
 
 def _folder(scene: bpy.types.Scene) -> Path:
-    """Return a folder for each scene of each file: Blender keeps the file's name in what it saves by itself."""
-    name = hashlib.sha256(f"{bpy.data.filepath}\n{scene.name}".encode()).hexdigest()[:16]
+    """Return a folder for each scene of each file: Blender keeps the file's name in what it saves by itself.
+
+    Scenes that were never saved have the same names; these differ by their footage.
+    """
+    whose = [bpy.data.filepath or "\n".join(_footage(scene)), scene.name]
+    name = hashlib.sha256("\n".join(whose).encode()).hexdigest()[:16]
     return Path(_own_folder(), "unfinished", name)
+
+
+def _footage(scene: bpy.types.Scene) -> list[str]:
+    cameras = [view.camera for view in scene.kfmocap.views if view.camera is not None]
+    clips = [behind.clip for camera in cameras for behind in camera.data.background_images if behind.clip is not None]
+    return [bpy.path.abspath(clip.filepath) for clip in clips]
 
 
 def _own_folder() -> str:

@@ -112,3 +112,22 @@ def test_a_new_tracking_and_another_scene_begin_afresh(filmed, monkeypatch: pyte
     opened(filmed)
     bpy.ops.kfmocap.track()
     assert not offered()
+
+
+def test_scenes_that_were_never_saved_are_told_apart_by_their_footage(blender, tmp_path) -> None:
+    truth = swing(figure(), 7)
+    takes = {}
+    for take in ("one", "another"):
+        (tmp_path / take).mkdir()
+        takes[take] = shot_of(film(tmp_path / take, [figure()], [truth], CAMERAS), [figure()], [truth], (0, 6))
+    counts = []
+    for take in ("one", "another", "one"):
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+        built = scene.build_scene(takes[take], scene=bpy.context.scene)
+        counts.append(unfinished_tracking.segment_count(built))
+        if not counts[1:]:
+            journal = unfinished_tracking.begun(built, [(0, 6)], resume=False)
+            (journal.folder / "0_6.segment").touch()
+    (journal.folder / "0_6.segment").unlink()
+    unfinished_tracking.discard(built)
+    assert counts == [0, 0, 1]
