@@ -63,7 +63,12 @@ def in_shot(scene: bpy.types.Scene, entries: Sequence[key_list.KeyPoseEntry]) ->
 def follow(context: bpy.types.Context) -> None:
     """Schedule the opening of the current step's section if the step has changed, which drawing code cannot do
     itself.
+
+    All windows have the same sections open, which follow the scene of the first window: if each window opened those of
+    its own scene, they would do so in turn for ever.
     """
+    if context.scene != context.window_manager.windows[0].scene:
+        return
     step = current_step(context)
     if step is None or bpy.app.background or step == sections_of(context).step:
         return
@@ -73,13 +78,14 @@ def follow(context: bpy.types.Context) -> None:
 
 def _take_step() -> None:
     context = bpy.context
-    step = current_step(context)
-    if step is not None:
-        take_step(context, step)
-        viewport.redraw(context)
-        # Only when it draws again does Blender move panels below those that have grown.
-        for wait in _SETTLING:
-            bpy.app.timers.register(partial(_settle), first_interval=wait)
+    with context.temp_override(window=context.window_manager.windows[0]):
+        step = current_step(context)
+        if step is not None:
+            take_step(context, step)
+            viewport.redraw(context)
+            # Only when it draws again does Blender move panels below those that have grown.
+            for wait in _SETTLING:
+                bpy.app.timers.register(partial(_settle), first_interval=wait)
 
 
 def _settle() -> None:

@@ -68,6 +68,20 @@ def test_what_is_done_folds_and_the_next_step_opens(tmp_path, tracker):
     ]
 
 
+def test_a_second_window_with_another_scene_does_not_move_the_sections_for_ever(monkeypatch):
+    scheduled = []
+    timers = SimpleNamespace(
+        is_registered=lambda _: False, register=lambda step, first_interval: scheduled.append(step)
+    )
+    monkeypatch.setattr("kfmocap.kfmocap_addon.panels.guide.bpy.app", SimpleNamespace(background=False, timers=timers))
+    sections_of(bpy.context).step = "review"
+    manager = bpy.context.window_manager
+    guide.follow(SimpleNamespace(scene=bpy.data.scenes.new("another"), window_manager=manager))
+    assert not scheduled
+    guide.follow(SimpleNamespace(scene=bpy.context.scene, window_manager=manager))
+    assert scheduled
+
+
 @pytest.mark.parametrize("tracked", [False, True])
 def test_proposals_wait_to_be_accepted_or_refused_until_the_shot_is_tracked(tmp_path, tracker, tracked):
     original = shot(tmp_path)
