@@ -17,6 +17,14 @@ def _show_range(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> N
     self.id_data.frame_end = self.frame_start + max(self.length, 1) - 1
 
 
+def _move_footage(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    """Let the footage of all views begin where the shot says."""
+    from ..scene_io.cameras import footage_background
+
+    for view in self.views:
+        footage_background.show_in_time(view, self.first, self.frame_start)
+
+
 def _frame_rate(self: bpy.types.PropertyGroup) -> float:
     from ..scene_io.scene import frame_rate
 
@@ -97,7 +105,10 @@ class KFMocapScene(bpy.types.PropertyGroup):
 
     shot: bpy.props.StringProperty(name="Shot", description="Name of the shot, and of the files exported")
     zero: bpy.props.IntProperty(
-        default=1, name="Zero", description="Scene frame that shows frame 0 in the footage's count"
+        default=1,
+        update=_move_footage,
+        name="Zero",
+        description="Scene frame that shows frame 0 in the footage's count",
     )
     first: bpy.props.IntProperty(
         min=0, update=_show_range, name="First", description="First frame to track, in the footage's count"
