@@ -3,9 +3,9 @@
 If the length of a bone is roughly known and its ends are seen on two rays, its second joint is at one of two depths,
 nearer or farther than the first. For the trunk, a state says which hip and which shoulder is nearer and whether it
 leans forward; a shortest path over the frames (Viterbi) chooses the sides, and the lean is the mean by the states'
-probabilities. Limbs follow, see `limb_depths`. What people hardly do has a cost: to exceed joint limits, to lean, to
-have the nose where the head does not face, to have the feet beside the hips, to sink into the floor, to raise a foot
-from it, and to leap.
+probabilities. Limbs follow, see `limb_depths`. What people hardly do has a cost: to exceed joint limits, to lean, above
+all backward, to have the nose where the head does not face, to have the feet beside the hips, to sink into the floor,
+to raise a foot from it, and to leap.
 """
 
 from __future__ import annotations
@@ -24,19 +24,20 @@ from ..keypoint_sigmas import LIFTED_SIGMA, USUAL_SIGMA
 from ..view_agreement import ViewAgreement, without_midpoints
 from .closed_form import LIMB_CHAINS, POSED_PARTS, TRUNK_LANDMARKS, along_and_across
 from .limb_depths import Limb, believed_states, expected_joints, leap_costs, limb_places
-from .person_depth import Rays, floor_ratio, rest_places, root_depth, torso_length
+from .person_depth import FLOOR_TOLERANCE, Rays, depth_on_floor, floor_ratio, rest_places, root_depth, torso_length
 
 LEAN_SIGMA = 0.5
 """Standard deviation of the angle between the trunk and the vertical, radians."""
+BACKWARD_SIGMA = 0.15
+"""The same for a trunk that leans backward, which people hardly do."""
+MAX_BACKWARD_COST = 9.0
+"""Upper bound of its cost, in units of the variance: who lies on the back does."""
 TRUNK_TWIST_SIGMA = 0.4
 """Standard deviation of the rotation of the shoulders relative to the hips, radians."""
 NOSE_SIGMA = 0.08
 """Standard deviation of the nose from its position on a head that looks ahead, metres."""
 MAX_NOSE_COST = 16.0
 """Upper bound of the cost of a nose elsewhere, in units of the variance: detectors err."""
-FLOOR_TOLERANCE = 0.15
-"""Feet are assumed to be on the floor, z = 0, if the distance that follows from this differs from the one by the
-lengths of the bones by less than this share."""
 MIN_DEPTH = 0.1
 """Points that are nearer to the imagined camera than this are left out, metres."""
 _NEVER = 1e6
@@ -78,7 +79,8 @@ def lifted_points(body: Body, keypoints: Keypoints, fps: float, *, mirrored: boo
     root = root_depth(rays, places, fps)
     ratio = floor_ratio(rays, root)
     standing = abs(np.log(ratio)) < FLOOR_TOLERANCE
-    root = root * (ratio if standing else 1.0)
+    if standing:
+        root = depth_on_floor(rays, root * ratio, fps)
     points, total = _trunk_points(rays, places, root, fps, mirrored=mirrored)
     hips, shoulders = (0.5 * (points["L" + joint] + points["R" + joint]) for joint in ("Hip", "Shoulder"))
     pelvis = along_and_across(shoulders - hips, points["LHip"] - points["RHip"])
@@ -127,6 +129,8 @@ def _trunk_points(
     chest = along_and_across(up, points["LShoulder"] - points["RShoulder"])
     pelvis = along_and_across(up, points["LHip"] - points["RHip"])
     cost = (np.arccos(np.clip(chest[..., 2, 1], -1, 1)) / LEAN_SIGMA) ** 2
+    backward = np.maximum(chest[..., 2, 2], 0.0) / BACKWARD_SIGMA  # the z component of what is ahead of the chest
+    cost = cost + np.minimum(backward**2, MAX_BACKWARD_COST)
     twist = np.linalg.norm(rotations.log(np.swapaxes(pelvis, -1, -2) @ chest), axis=-1)
     cost = cost + (twist / TRUNK_TWIST_SIGMA) ** 2
     if "Nose" in rays.directions:

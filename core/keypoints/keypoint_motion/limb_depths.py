@@ -1,8 +1,9 @@
 """The depths of arms and legs that one view shows: each of their bones points towards the camera or away from it.
 
-A state says this for both bones of a limb, and for both legs together, as people mostly keep their feet below their
-hips. A joint is in the mean of its places in all states, by their posterior probabilities (a hidden Markov model over
-the frames): where nothing tells which place is right, one between them is nearest in the mean.
+A state says this for both bones of a limb, or that its foot stands on the floor; and for both legs together, as people
+mostly keep their feet below their hips. A joint is in the mean of its places in all states, by their posterior
+probabilities (a hidden Markov model over the frames): where nothing tells which place is right, one between them is
+nearest in the mean.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from ...numerics import rotations
 from ...numerics.arrays import Array, Ints
 from ...numerics.likeliest_path import state_probabilities
 from .closed_form import LimbChain, limb_orientations
-from .person_depth import Rays
+from .person_depth import Rays, floor_depth
 
 LIMIT_SIGMA = 0.2
 """Standard deviation of a joint beyond its limits, radians; it is wide because depths are rough."""
@@ -39,6 +40,9 @@ RAISED_SIGMA = 0.15
 """Standard deviation of an ankle above that height, metres: people mostly stand on both feet."""
 MAX_RAISED_COST = 4.0
 """Upper bound of the cost of a raised foot, in units of the variance: kicks and leaps raise feet by more."""
+STANDING_LENGTH_SIGMA = 0.1
+"""Standard deviation of a shin's length from that between the knee and an ankle where that of a standing foot would be,
+metres: the knee's depth is rough."""
 BALANCE_SIGMA = 0.2
 """Standard deviation of the middle of both ankles from that of the hips, horizontally, metres."""
 MAX_BALANCE_COST = 9.0
@@ -65,6 +69,11 @@ class Limb:
     def joints(self) -> list[str]:
         """Landmarks of the limb: shoulder, elbow and wrist, or hip, knee and ankle."""
         return [self.side + joint for joint in self.chain.joints]
+
+    @property
+    def is_leg(self) -> bool:
+        """Whether it ends in a foot."""
+        return self.chain.upper == "thigh"
 
     def lengths(self) -> list[float]:
         """Lengths of both parts, metres."""
@@ -97,7 +106,7 @@ class LimbPlaces:
     start : ndarray, shape (F, 3)
         The first joint, metres, world.
     middles, ends : ndarray, shape (S, F, 3)
-        The others, in four states or as `in_states` says.
+        The others, in S states: four by the directions of the bones, and those of a standing foot.
     cost : ndarray, shape (S, F)
         In units of the variance.
     """
@@ -109,7 +118,7 @@ class LimbPlaces:
     cost: Array
 
     def in_states(self, which: Ints) -> LimbPlaces:
-        """Return the limb in S states, of which each is one of the four."""
+        """Return the limb in S states, of which each is one of its own."""
         return replace(self, middles=self.middles[which], ends=self.ends[which], cost=self.cost[which])
 
     @property
@@ -121,7 +130,8 @@ class LimbPlaces:
 def limb_places(rays: Rays, limb: Limb, trunk: Array, start: Array, *, standing: bool) -> LimbPlaces:
     """Return the places of a limb that starts at points (F, 3) of a trunk with the orientations (F, 3, 3).
 
-    `standing` says whether the floor is known to be at z = 0.
+    `standing` says whether the floor is known to be at z = 0. A leg then has two more places, with its ankle where that
+    of a standing foot would be seen.
     """
     _, middle, last = limb.joints
     lengths = limb.lengths()
@@ -129,16 +139,34 @@ def limb_places(rays: Rays, limb: Limb, trunk: Array, start: Array, *, standing:
     ends = rays.at(last, rays.depths_from(bent, last, lengths[1]))  # (2, 2, F, 3)
     middles, ends = np.repeat(bent, 2, axis=0), np.swapaxes(ends, 0, 1).reshape(4, *start.shape)
     cost = np.zeros(ends.shape[:2])
-    for part, turns in zip(limb.parts, limb.turns(trunk, middles - start, ends - middles), strict=True):
+    if standing and limb.is_leg:
+        placed = np.tile(rays.at(last, floor_depth(rays, last)), (2, 1, 1))
+        overlong = np.linalg.norm(placed - bent, axis=-1) - lengths[1]
+        middles, ends = np.concatenate([middles, bent]), np.concatenate([ends, placed])
+        cost = np.concatenate([cost, (overlong / STANDING_LENGTH_SIGMA) ** 2])
+    places = LimbPlaces(limb, start, middles, ends, cost)
+    cost = cost + _posture_cost(places, trunk)
+    return replace(places, cost=cost + _floor_cost(places) if standing else cost)
+
+
+def _posture_cost(places: LimbPlaces, trunk: Array) -> Array:
+    """Return the cost of bending as people hardly do, with a trunk (F, 3, 3), shape (S, F)."""
+    limb, cost = places.limb, np.zeros(places.cost.shape)
+    upper, lower = places.middles - places.start, places.ends - places.middles
+    for part, turns in zip(limb.parts, limb.turns(trunk, upper, lower), strict=True):
         low, high = limb.body.limits[part].T
         cost += np.sum(((turns - np.clip(turns, low, high)) / LIMIT_SIGMA) ** 2, axis=-1)
         cost += np.sum((turns / POSTURE_SIGMA) ** 2, axis=-1)
-    if standing:
-        cost += (np.minimum(ends[..., 2], 0.0) / FLOOR_SIGMA) ** 2
-        if last.endswith("Ankle"):
-            raised = np.maximum(ends[..., 2] - STANDING_ANKLE, 0.0) / RAISED_SIGMA
-            cost += np.minimum(raised**2, MAX_RAISED_COST)
-    return LimbPlaces(limb, start, middles, ends, cost)
+    return cost
+
+
+def _floor_cost(places: LimbPlaces) -> Array:
+    """Return the cost of a limb that ends below the floor, or of a foot above it, shape (S, F)."""
+    cost = (np.minimum(places.ends[..., 2], 0.0) / FLOOR_SIGMA) ** 2
+    if places.limb.is_leg:
+        raised = np.maximum(places.ends[..., 2] - STANDING_ANKLE, 0.0) / RAISED_SIGMA
+        cost += np.minimum(raised**2, MAX_RAISED_COST)
+    return cost
 
 
 def expected_joints(limbs: Sequence[LimbPlaces], hips: Array, fps: float) -> tuple[dict[str, Array], float]:
@@ -159,7 +187,7 @@ def expected_joints(limbs: Sequence[LimbPlaces], hips: Array, fps: float) -> tup
     cost : float
         Of all paths together, in units of the variance.
     """
-    states = np.array(list(product(range(4), repeat=len(limbs)))).T
+    states = np.array(list(product(*(range(len(places.cost)) for places in limbs)))).T
     together = [places.in_states(which) for places, which in zip(limbs, states, strict=True)]
     cost = np.sum([places.cost for places in together], axis=0)
     if len(together) == 2:

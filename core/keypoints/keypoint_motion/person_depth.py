@@ -30,6 +30,11 @@ err.
 DEPTH_EXTENT_SIGMA = 0.25
 """Standard deviation of a bone's extent in depth, as a share of its length."""
 _DEPTHS = 65  # nodes of an integral
+FLOOR_TOLERANCE = 0.15
+"""Feet are assumed to be on the floor, z = 0, if the distance that follows from this differs from the one by the
+lengths of the bones by less than this share."""
+FARTHEST = 1000.0
+"""Depth of feet that cannot stand on the floor, metres."""
 ANKLE_HEIGHT = 0.08
 """Height of an ankle above the floor, metres."""
 _BONES = (
@@ -126,18 +131,35 @@ def torso_length(places: Mapping[str, Array]) -> float:
     return float(np.linalg.norm(hips - shoulders))
 
 
+def floor_depth(rays: Rays, ankle: str) -> Array:
+    """Depth of an ankle if its foot stands on the floor, z = 0, metres, shape (F,); `FARTHEST` where its ray does not
+    meet the height of one. A raised foot is nearer.
+    """
+    falling = -rays.directions[ankle][:, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reached = (rays.centre[:, 2] - ANKLE_HEIGHT) / np.where(falling > 1e-3, falling, 0.0)
+    return np.asarray(np.where((reached > 0) & (reached < FARTHEST), reached, FARTHEST))
+
+
+def standing_depth(rays: Rays) -> Array:
+    """Depth of the nearer of both feet if it stands on the floor, as of `floor_depth`."""
+    ankles = [floor_depth(rays, name) for name in ("LAnkle", "RAnkle") if name in rays.directions]
+    return np.min([np.full(len(rays.centre), FARTHEST), *ankles], axis=0)
+
+
 def floor_ratio(rays: Rays, depth: Array) -> float:
     """Distance of feet that stand on the floor, as a multiple of depths (F,)."""
-    standing = np.full(depth.shape, np.inf)
-    for name in ("LAnkle", "RAnkle"):
-        if name in rays.directions:
-            falling = -rays.directions[name][:, 2]
-            with np.errstate(divide="ignore", invalid="ignore"):
-                reached = np.where(falling > 1e-3, (rays.centre[:, 2] - ANKLE_HEIGHT) / falling, np.inf)
-            standing = np.where(reached > 0, np.minimum(standing, reached), standing)  # a raised foot is nearer
-    if not np.isfinite(standing).any():
-        return np.inf
-    return float(np.median(standing[np.isfinite(standing)] / depth[np.isfinite(standing)]))
+    standing = standing_depth(rays)
+    reached = standing < FARTHEST
+    return float(np.median(standing[reached] / depth[reached])) if reached.any() else np.inf
+
+
+def depth_on_floor(rays: Rays, depth: Array, fps: float) -> Array:
+    """Return depths (F,) of somebody who mostly stands on the floor, from those by the lengths of the bones: the depth
+    of the feet, which hardly depends on the pose, wherever both agree to within `FLOOR_TOLERANCE`.
+    """
+    standing = scipy.ndimage.median_filter(standing_depth(rays), max(1, round(MEDIAN_WINDOW * fps)), mode="nearest")
+    return np.asarray(np.where(np.abs(np.log(standing / depth)) < FLOOR_TOLERANCE, standing, depth))
 
 
 def likely_height(keypoints: Keypoints, fps: float) -> float:

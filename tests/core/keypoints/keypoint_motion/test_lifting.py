@@ -16,7 +16,7 @@ from kfmocap.core.keypoints.keypoint_motion import single_view_turns
 from kfmocap.core.keypoints.keypoint_motion.first_pass import first_pass, scaled_first_pass
 from kfmocap.core.keypoints.keypoint_motion.keypoint_fit import FitProblem, fit_motion
 from kfmocap.core.keypoints.keypoint_motion.lifting import lifted_points, lone_view, with_imagined_view
-from kfmocap.core.keypoints.keypoint_motion.person_depth import Rays, expected_depth, likely_height
+from kfmocap.core.keypoints.keypoint_motion.person_depth import Rays, depth_on_floor, expected_depth, likely_height
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.keypoints.view_agreement import ViewAgreement
 from kfmocap.core.numerics import rotations
@@ -40,6 +40,16 @@ def below_the_hips(body: object, motion: Motion) -> np.ndarray:
     names = [n for n in NAMES if n[1:] in ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle")]
     points = landmark_positions(body, motion, names)
     return points - points[:, [names.index("LHip"), names.index("RHip")]].mean(axis=1, keepdims=True)
+
+
+def standing_with(turns: dict[str, tuple[float, float, float]]) -> Motion:
+    """Somebody who holds a pose, given by rotation vectors of parts, with the lower foot on the floor."""
+    vectors = np.zeros((FRAMES, len(BODY), 3))
+    for part, vector in turns.items():
+        vectors[:, BODY.index(part)] = vector
+    raised = Motion(np.tile(BODY.offsets[0], (FRAMES, 1)), rotations.exp(vectors))
+    lowest = landmark_positions(BODY, raised, ["LHeel", "RHeel"])[..., 2].min()
+    return Motion(raised.translations - [0, 0, lowest], raised.rotations)
 
 
 @pytest.mark.parametrize("view", range(4))
@@ -73,12 +83,8 @@ def test_a_bone_that_is_seen_nearly_whole_is_not_taken_to_be_turned_far_away() -
 
 def test_of_two_depths_of_a_leg_the_one_that_leaves_its_foot_on_the_floor_is_chosen() -> None:
     """Somebody stands with bent knees: turned the other way in depth, the legs would end a hand's breadth higher."""
-    turns = np.zeros((FRAMES, len(BODY), 3))
-    for part, angle in (("thigh.L", 0.5), ("shin.L", -0.8), ("thigh.R", 0.3), ("shin.R", -0.5)):
-        turns[:, BODY.index(part), 0] = angle
-    raised = Motion(np.tile(BODY.offsets[0], (FRAMES, 1)), rotations.exp(turns))
-    lowest = landmark_positions(BODY, raised, ["LHeel", "RHeel"])[..., 2].min()
-    truth = Motion(raised.translations - [0, 0, lowest], raised.rotations)
+    bent = {"thigh.L": 0.5, "shin.L": -0.8, "thigh.R": 0.3, "shin.R": -0.5}
+    truth = standing_with({part: (angle, 0, 0) for part, angle in bent.items()})
     seen = keypoints_of(cameras(4)[3:], seen_places(BODY, truth), noise=0.01, seed=1)
     found, _ = lifted_points(BODY, seen, FPS)
     legs = [NAMES.index(side + joint) for side in "LR" for joint in ("Hip", "Knee", "Ankle")]
@@ -87,6 +93,29 @@ def test_of_two_depths_of_a_leg_the_one_that_leaves_its_foot_on_the_floor_is_cho
         for points in (found, seen_places(BODY, truth))
     ]
     assert np.linalg.norm(below[0] - below[1], axis=-1).mean() < 0.1
+
+
+@pytest.mark.parametrize("view", [0, 3])
+def test_a_trunk_leans_forward_rather_than_backward(view: int) -> None:
+    """From the front and from behind it looks the same either way."""
+    bowed = standing_with({"thigh.L": (0.3, 0, 0), "thigh.R": (0.3, 0, 0), "spine": (0.3, 0, 0), "chest": (0.2, 0, 0)})
+    seen = keypoints_of(cameras(4)[view : view + 1], seen_places(BODY, bowed), noise=0.01, seed=1)
+    points = dict(zip(NAMES, np.moveaxis(lifted_points(BODY, seen, FPS)[0], 1, 0), strict=True))
+    lean = 0.5 * (points["LShoulder"] + points["RShoulder"] - points["LHip"] - points["RHip"])
+    assert lean[:, 1].mean() < -0.08  # the person faces -y
+
+
+def test_the_depth_of_feet_on_the_floor_does_not_change_with_the_pose() -> None:
+    """Bones seem to come nearer while somebody bows; the feet stay. Of somebody in the air, bones are all there is."""
+    standing = standing_with({})
+    seen = keypoints_of(cameras(1), seen_places(BODY, standing))
+    rays = Rays.of(seen)
+    by_bones = 5.0 * (1 + 0.1 * np.sin(np.arange(FRAMES) / 4))
+    found = depth_on_floor(rays, by_bones, FPS)
+    np.testing.assert_allclose(found, 5.0, atol=0.3)
+    assert np.ptp(found) < 0.01
+    leaping = Rays(rays.centre + [0, 0, 1.0], rays.directions)
+    np.testing.assert_array_equal(depth_on_floor(leaping, by_bones, FPS), by_bones)
 
 
 def test_feet_on_the_floor_tell_the_height_unless_that_is_nobodys() -> None:
