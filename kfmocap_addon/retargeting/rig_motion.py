@@ -21,7 +21,7 @@ from ...core.retargeting.transfer import RetargetOptions
 from .rigs.fk_controls import FkControls, through_controls
 from .rigs.held_bones import Driver, without_connections, without_drivers, without_holds
 from .rigs.ik_controls import ik_bones, ik_channels, ik_roles
-from .rigs.rig_at_rest import at_rest, shown_size
+from .rigs.rig_at_rest import at_rest, rest_orientations, shown_size
 from .rigs.rig_curves import ControlChannel, rotation_channel
 from .rigs.rig_error import ShownBones
 from .rigs.rig_reading import RigReading, read_rig, turn_from_rest
@@ -117,7 +117,7 @@ def motion_on_rig(armature: bpy.types.Object, bones: BoneMap, transfer: Transfer
         size = shown_size(armature, [used.bones[foot][0] for foot in _FEET if foot in used.bones])
         sole, tips = None if sole is None else size * sole, {side: size * tip for side, tip in tips.items()}
         reading = read_rig(armature, used, tips, _resting_toes(bones, used), sole=sole, fingers=bones)
-        shown = ShownBones.at_rest(armature, [shown_bone(armature, follows, name) for name in reading.rig.rest.names])
+        shown = _shown_at_rest(armature, reading.rig, preset, follows)
         straight, result = _transferred(transfer, reading, standing, sole)
         channels = _channels(armature, reading.rig, result, preset)
         channels += setting_channels(armature, settings)  # while they are set: keys may set them otherwise
@@ -173,6 +173,19 @@ def _resting_toes(bones: BoneMap, used: BoneMap) -> dict[str, str]:
     """Return the toes for which there is no motion, by the foot that ends where they begin."""
     sides = [side for side in SIDES if f"foot.{side}" in used.bones and f"toe.{side}" not in used.bones]
     return {used.bones[f"foot.{s}"][0]: bones.bones[f"toe.{s}"][0] for s in sides if f"toe.{s}" in bones.bones}
+
+
+def _shown_at_rest(
+    armature: bpy.types.Object, rig: ControlRig, preset: BonePreset, follows: Mapping[str, str]
+) -> ShownBones:
+    """Return the bones that show what controls do, at rest: limbs that IK solves as they are without it, as a pole that
+    is not in their plane turns them even at rest.
+    """
+    shown = ShownBones.at_rest(armature, [shown_bone(armature, follows, name) for name in rig.rest.names])
+    solved = sorted(ik_roles(rig, preset))
+    shown.R_world[solved] = rest_orientations(armature, [shown.names[b] for b in solved])
+    shown.heads_world[solved] = rig.rest.heads[solved]
+    return shown
 
 
 def shown_bone(armature: bpy.types.Object, follows: Mapping[str, str], name: str) -> str:

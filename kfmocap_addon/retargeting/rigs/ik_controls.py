@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import bpy
@@ -13,14 +14,15 @@ from ....core.numerics.arrays import Array
 from ....core.retargeting.bone_roles.bone_presets import PRESETS, BonePreset, IkLimb
 from ....core.retargeting.control_rig import ControlRig, RigPoses
 from ...scene_io import fcurves
+from .rig_at_rest import rest_orientations
 from .rig_curves import ControlChannel, rotation_channel
 from .rig_error import world_matrices
 from .rig_reading import location_axes
 
-_SAME = 0.01
-"""Of the upper bone's length: distance of heads that are taken to be in the same place."""
 _MIN_BEND = 1e-3
-"""Sine of the least bend of a limb that defines its plane."""
+"""Sine of the least bend of a limb at rest that defines its plane."""
+_STRAIGHT = 1e-3
+"""Sine of a bend that counts for the rotation about a limb's length as much as that of its upper bone."""
 
 
 def ik_roles(rig: ControlRig, preset: BonePreset) -> set[int]:
@@ -54,42 +56,21 @@ def ik_channels(
         names = [name for name in (limb.control, limb.pole) if name in armature.pose.bones]
         if len(names) == 2 and all(role in rig.bones.bones and poses.driven[rig.index(role)] for role in roles):
             channels += _limb(armature, rig, poses, limb)
-            channels += _unstretched(armature, rig, limb)
     return channels
 
 
-def _unstretched(armature: bpy.types.Object, rig: ControlRig, limb: IkLimb) -> list[ControlChannel]:
-    """Return keys that keep the lengths of a limb's bones: solvers that may stretch them bend elbows and knees less, or
-    more, than the pole and the end ask for.
-    """
-    heads = {role: rig.rest.heads[rig.index(role)] for role in (limb.upper, limb.lower)}
-    solved = [
-        link
-        for bone in armature.pose.bones
-        for held in list[Any](bone.constraints)
-        if held.type == "IK" and held.use_stretch
-        for link in [bone, *bone.parent_recursive][: held.chain_count or None]
-        if link.ik_stretch > 0
-    ]
-    names = list(dict.fromkeys(link.name for link in solved))
-    _, places = world_matrices(armature, names)
-    near = _SAME * np.linalg.norm(heads[limb.lower] - heads[limb.upper])
-    return [
-        ControlChannel(name, "ik_stretch", np.zeros((1, 1)))
-        for name, place in zip(names, places, strict=True)
-        if min(np.linalg.norm(place - head) for head in heads.values()) < near
-    ]
-
-
 def _limb(armature: bpy.types.Object, rig: ControlRig, poses: RigPoses, limb: IkLimb) -> list[ControlChannel]:
+    solver = _solver_of(armature, limb.pole)
+    if solver is None:
+        return []
     upper, lower, end = (rig.index(role) for role in (limb.upper, limb.lower, limb.end))
     R, heads = world_matrices(armature, [limb.control, limb.pole])
     carried_by = rig.index("root") if "root" in rig.bones.bones and poses.driven[rig.index("root")] else None
     turns = poses.turns[:, end]
     place = poses.places[:, end] + turns @ (heads[0] - rig.rest.heads[end])
     [standing], joints = (a[:, (upper, lower, end)] for a in (rig.rest.heads[None], poses.places))
-    normals = _bend_normals(joints, poses.turns[:, upper], standing)
-    pole = _pole_path(joints, poses.turns[:, upper], standing, heads[1], normals)
+    turned, bent = _solved_turns(joints, poses.turns[:, upper], standing, solver.hinge)
+    pole = _pole_path(joints, turned @ solver.up, float(np.linalg.norm(heads[1] - standing[1])))
     found = []
     shift = np.zeros((len(poses), 3))
     if carried_by is not None:
@@ -98,70 +79,107 @@ def _limb(armature: bpy.types.Object, rig: ControlRig, poses: RigPoses, limb: Ik
         along = np.linalg.inv(location_axes(armature, name))
         found.append(ControlChannel(name, "location", (goal - shift - start) @ along.T))
     found.append(rotation_channel(armature.pose.bones[limb.control], R[0].T @ turns @ R[0]))
-    if normals is not None and limb.twist in armature.pose.bones:
-        found.append(_twist(armature, limb, _lower_twists(joints, poses.turns[:, lower], standing, normals)))
-    return found
+    if bent is not None and limb.twist in armature.pose.bones:
+        along = _unit(standing[2] - standing[1])
+        [R], _ = world_matrices(armature, [limb.twist])
+        twists = _twists(along, poses.turns[:, lower], bent)
+        found.append(rotation_channel(armature.pose.bones[limb.twist], rotations.exp(twists @ R)))
+    # Stretched limbs bend elbows and knees less, or more, than the pole and the end ask for.
+    return [*found, *(ControlChannel(name, "ik_stretch", np.zeros((1, 1))) for name in solver.stretching)]
 
 
-def _twist(armature: bpy.types.Object, limb: IkLimb, twists: Array) -> ControlChannel:
-    """Return the rotation of the control that twists a lower bone, for twists (F, 3) in the world at rest, radians."""
-    [R], _ = world_matrices(armature, [limb.twist])
-    return rotation_channel(armature.pose.bones[limb.twist], rotations.exp(twists @ R))
+@dataclass(frozen=True, eq=False)
+class _Solver:
+    """How the IK solver of a limb is set up.
 
-
-def _bend_normals(joints: Array, turns: Array, standing: Array) -> tuple[Array, Array] | None:
-    """Return the normal of the plane in which a limb is bent at rest (3,), and on every frame (F, 3): unit vectors.
-    None if it is straight at rest. The arguments are those of `_pole_path`.
+    Attributes
+    ----------
+    up : ndarray, shape (3,)
+        Axis across the upper bone that points to the pole: a unit vector in the world at rest.
+    hinge : ndarray, shape (3,), optional
+        Axis, in the world at rest, about which alone the lower bone bends.
+    stretching : tuple of str
+        Bones that it may stretch.
     """
-    at_rest = np.cross(standing[1] - standing[0], standing[2] - standing[0])
-    size = np.linalg.norm(standing[1] - standing[0]) * np.linalg.norm(standing[2] - standing[0])
-    if np.linalg.norm(at_rest) <= _MIN_BEND * size:
-        return None
-    lines, bones = (_unit(joints[:, k] - joints[:, 0]) for k in (2, 1))
-    normals = np.cross(bones, lines)
-    carried = turns @ at_rest
-    bent = np.linalg.norm(normals, axis=1, keepdims=True) > _MIN_BEND
-    forth = np.sum(normals * carried, axis=1, keepdims=True) > 0
-    return _unit(at_rest), _unit(np.where(bent, np.where(forth, normals, -normals), carried))
+
+    up: Array
+    hinge: Array | None
+    stretching: tuple[str, ...]
 
 
-def _pole_path(joints: Array, turns: Array, standing: Array, pole: Array, normals: tuple[Array, Array] | None) -> Array:
-    """Return the positions of a pole target that put the elbow or knee where it is to be, shape (F, 3).
+def _solver_of(armature: bpy.types.Object, pole: str) -> _Solver | None:
+    """Return the IK solver of the limb that has a pole target, None if there is none."""
+    for bone in armature.pose.bones:
+        for held in list[Any](bone.constraints):
+            if held.type == "IK" and held.pole_subtarget == pole:
+                chain = [bone, *bone.parent_recursive][: held.chain_count or None]
+                last, first = rest_orientations(armature, [bone.name, chain[-1].name])
+                free = [k for k, locked in enumerate((bone.lock_ik_x, bone.lock_ik_y, bone.lock_ik_z)) if not locked]
+                up = first @ [np.cos(held.pole_angle), 0.0, np.sin(held.pole_angle)]
+                stretching = tuple(link.name for link in chain if held.use_stretch and link.ik_stretch > 0)
+                return _Solver(up, last[:, free[0]] if len(free) == 1 else None, stretching)
+    return None
 
-    Blender's solver bends a chain in the plane in which it is bent at rest, and rotates its first bone so that the same
-    axis points to the pole as at rest.
+
+def _solved_turns(
+    joints: Array, turns: Array, standing: Array, hinge: Array | None
+) -> tuple[Array, Array] | tuple[Array, None]:
+    """Return the rotations (F, 3, 3) from rest of a limb's upper and lower bone as the IK solver has them. It bends the
+    limb about its hinge, or else in the plane in which it is bent at rest; if it is straight there, the plane is
+    unknown, and the lower bone's rotation as well.
 
     Parameters
     ----------
     joints : ndarray, shape (F, 3, 3)
         Root, elbow or knee, and end of the limb.
     turns : ndarray, shape (F, 3, 3)
-        Rotations of the upper bone from rest.
+        Rotations of the upper bone from rest that are wanted; a limb that is nearly straight has them.
     standing : ndarray, shape (3, 3)
         The joints at rest.
-    pole : ndarray, shape (3,)
-        The pole at rest.
-    normals : tuple of ndarray, shapes (3,) and (F, 3), optional
-        See `_bend_normals`.
+    hinge : ndarray, shape (3,), optional
+        Unit vector in the world at rest.
     """
-    line, bone = _unit(standing[2] - standing[0]), _unit(standing[1] - standing[0])
-    aside = _across(pole - standing[0], line)
-    axis = _unit(aside - line * (aside @ bone) / (line @ bone))
-    lines, bones = (_unit(joints[:, k] - joints[:, 0]) for k in (2, 1))
-    axes = turns @ axis
-    if normals is not None:
-        axes = _frames(bones, normals[1]) @ _frames(bone, normals[0]).T @ axis
-    reach = np.linalg.norm(pole - standing[1])
-    return np.asarray(joints[:, 1] + reach * _unit(_across(axes, lines)))
+    upper, lower = (_unit(standing[k + 1] - standing[k]) for k in (0, 1))
+    at_rest = np.cross(upper, lower)
+    if np.linalg.norm(at_rest) <= _MIN_BEND:
+        return turns, None
+    bones, ways = (_unit(joints[:, k + 1] - joints[:, k]) for k in (0, 1))
+    axis = _unit(at_rest) if hinge is None else hinge * (np.sign(hinge @ at_rest) or 1.0)
+    bent = rotations.exp(_hinge_angles(upper, lower, axis, np.sum(bones * ways, axis=1))[:, None] * axis)
+    from_rest = _unit(np.cross(upper, bent @ lower))
+    normals = np.cross(bones, ways)
+    forth = np.sum(normals * (turns @ axis), axis=1, keepdims=True) > 0
+    roll = _STRAIGHT * np.einsum("fij,fj->fi", turns, from_rest)
+    normals = _unit(_across(np.where(forth, normals, -normals) + roll, bones))
+    standing_frames = _frames(np.broadcast_to(upper, bones.shape), from_rest)
+    solved = _frames(bones, normals) @ np.swapaxes(standing_frames, -1, -2)
+    return solved, solved @ bent
 
 
-def _lower_twists(joints: Array, turns: Array, standing: Array, normals: tuple[Array, Array]) -> Array:
-    """Return by how much a forearm or shin is turned about its length from where the solver has it, which bends in one
-    plane alone: rotation vectors (F, 3) in the world at rest. The arguments are those of `_pole_path`, with the
-    rotations of the lower bone.
+def _hinge_angles(upper: Array, lower: Array, axis: Array, cosines: Array) -> Array:
+    """Return the angles (F,), radians, by which a lower bone is turned about a hinge for given cosines (F,) of the
+    angle between both bones. The hinge need not be perpendicular to them; they bend to the side as at rest.
     """
-    along, ways = _unit(standing[2] - standing[1]), _unit(joints[:, 2] - joints[:, 1])
-    solved = _frames(ways, normals[1]) @ _frames(along, normals[0]).T
+    constant = (axis @ upper) * (axis @ lower)
+    middle = np.arctan2(upper @ np.cross(axis, lower), upper @ lower - constant)
+    reach = np.hypot(upper @ lower - constant, upper @ np.cross(axis, lower))
+    aside = np.arccos(np.clip((cosines - constant) / max(reach, 1e-12), -1.0, 1.0))
+    return np.asarray(middle + np.where(middle > 0, -aside, aside))
+
+
+def _pole_path(joints: Array, axes: Array, reach: float) -> Array:
+    """Return the positions of a pole target (F, 3) at a distance from the line between root and end of a limb, whose
+    joints are at (F, 3, 3), so that given axes (F, 3) of its first bone point to it.
+    """
+    lines = _unit(joints[:, 2] - joints[:, 0])
+    bones = joints[:, 1] - joints[:, 0]
+    return np.asarray(joints[:, 1] - _across(bones, lines) + reach * _unit(_across(axes, lines)))
+
+
+def _twists(along: Array, turns: Array, solved: Array) -> Array:
+    """Return by how much a bone that points along a unit vector (3,) at rest is turned about its length from where the
+    solver has it: rotation vectors (F, 3) in the world at rest.
+    """
     twist = rotations.log(np.swapaxes(solved, -1, -2) @ turns) @ along
     return np.asarray(twist[:, None] * along)
 
