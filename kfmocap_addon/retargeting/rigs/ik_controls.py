@@ -89,7 +89,7 @@ def _limb(armature: bpy.types.Object, rig: ControlRig, poses: RigPoses, limb: Ik
 
 
 @dataclass(frozen=True, eq=False)
-class _Solver:
+class _LimbSolver:
     """How the IK solver of a limb is set up.
 
     Attributes
@@ -107,7 +107,7 @@ class _Solver:
     stretching: tuple[str, ...]
 
 
-def _solver_of(armature: bpy.types.Object, pole: str) -> _Solver | None:
+def _solver_of(armature: bpy.types.Object, pole: str) -> _LimbSolver | None:
     """Return the IK solver of the limb that has a pole target, None if there is none."""
     for bone in armature.pose.bones:
         for held in list[Any](bone.constraints):
@@ -117,7 +117,7 @@ def _solver_of(armature: bpy.types.Object, pole: str) -> _Solver | None:
                 free = [k for k, locked in enumerate((bone.lock_ik_x, bone.lock_ik_y, bone.lock_ik_z)) if not locked]
                 up = first @ [np.cos(held.pole_angle), 0.0, np.sin(held.pole_angle)]
                 stretching = tuple(link.name for link in chain if held.use_stretch and link.ik_stretch > 0)
-                return _Solver(up, last[:, free[0]] if len(free) == 1 else None, stretching)
+                return _LimbSolver(up, last[:, free[0]] if len(free) == 1 else None, stretching)
     return None
 
 
