@@ -14,7 +14,7 @@ from ..numerics.arrays import Array
 from . import findings
 from .findings import Finding
 from .quality import coverage, depths, path_error, seen_points, thickness
-from .solving.camera_rig import FOCAL, OFFSET
+from .solving.camera_rig import DRIFT, FOCAL, OFFSET
 from .solving.view_links import MAX_PLANE_SHARE, MIN_LINK_FRAMES, Link
 from .solving.wand_motion import Wand
 from .solving.wand_tracks import Tracks
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from .calibration_result import CalibrationResult
 
 
+MAX_WAND_LENGTH = 10.0
+"""Length, metres, from which a wand's was given in another unit."""
 MIN_AGREEING_SHARE = 0.3
 """Least fraction of the balls that must agree with two views' epipolar geometry, as some always do by chance."""
 MIN_USED_SHARE = 0.3
@@ -39,6 +41,8 @@ MIN_COVERAGE = 0.12
 """Fraction of a picture covered by the wand, below which distortion elsewhere is a guess."""
 FEW_SHARED_FRAMES = 60
 """Number of frames shared with other cameras, below which a camera is flagged."""
+MOST_FRAMES = 0.8
+"""Share of a camera's frames from which on its clock may be wrong, rather than its place."""
 MAX_NOISE_RATIO = 4.0
 """Noise of the balls, as a multiple of their sigma, from which it is flagged."""
 
@@ -60,6 +64,8 @@ def check_capture(capture: Capture) -> None:
         raise CaptureError("a wand needs at least two cameras", name="one-camera", todo=todo)
     if not (np.isfinite(capture.wand_length) and capture.wand_length > 0):
         raise CaptureError("the wand's length must be greater than 0", name="wand-length-wrong")
+    if capture.wand_length > MAX_WAND_LENGTH:
+        raise findings.too_long(capture.wand_length).error()
     if capture.has_lframe:
         _check_lframe(capture.lframe_points)
     for view in capture.views:
@@ -198,4 +204,7 @@ def _moved(solution: CalibrationResult) -> Iterator[Finding]:
         return
     for camera, (pixels, first, last) in found.items():
         what = f"on frames {first} to {last} it sees the wand {pixels:.1f} pixels beside where the others do"
-        yield findings.camera_moved(camera, what)
+        c = solution.rig.names.index(camera)
+        own = solution.seen.frame[solution.seen.camera == c]
+        clock = solution.free[c, OFFSET] and not solution.free[c, DRIFT] and last - first > MOST_FRAMES * np.ptp(own)
+        yield findings.clock_off(camera, what) if clock else findings.camera_moved(camera, what)

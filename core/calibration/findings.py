@@ -48,7 +48,10 @@ def unlinked(cameras: list[str], others: list[str]) -> Finding:
 def no_geometry(camera: str) -> Finding:
     """What a camera sees fits no other camera's view."""
     what = "what it sees of the wand fits no other camera's"
-    todo = "see that the offset, the wand's colours and the footage are right, and that it saw the same waving"
+    todo = (
+        "see that its offset, frame rate and colours are right, that its pictures are neither mirrored nor slowed "
+        "down, and that it saw the same waving, for a third of the shorter video or more"
+    )
     return Finding("camera-fits-no-other", what, todo, camera)
 
 
@@ -157,9 +160,24 @@ def wrong_length(scale: float, length: float) -> Finding:
     return Finding("wand-length-wrong", what, todo)
 
 
+def too_long(length: float) -> Finding:
+    """The wand's length was hardly given in metres."""
+    todo = "give the measures of the wand and of the L-frame in metres"
+    return Finding("wand-length-wrong", f"a wand of {length:g} m is longer than any", todo)
+
+
 def camera_moved(camera: str, what: str) -> Finding:
     """A camera was moved during the capture."""
     todo = "fasten the tripod, switch off its stabiliser and film again, or leave out the frames after the move"
+    return Finding("camera-moved", what, todo, camera)
+
+
+def clock_off(camera: str, what: str) -> Finding:
+    """A camera sees the wand elsewhere on most of its frames: its clock runs at another speed, or it was moved."""
+    todo = (
+        "see that its frame rate is right, or solve with --drift; if that does not help, it was moved: fasten the "
+        "tripod and film again"
+    )
     return Finding("camera-moved", what, todo, camera)
 
 

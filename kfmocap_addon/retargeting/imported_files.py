@@ -11,6 +11,8 @@ import bpy
 
 from ...core.errors import ShotError
 
+_BINARY_FBX = b"Kaydara FBX Binary"
+
 
 def import_alone(path: Path) -> None:
     """Import a file into an empty one, which replaces the one that is open.
@@ -39,6 +41,12 @@ def last_line(error: Exception) -> str:
 
 
 def _import_fbx(path: str) -> None:
+    """Import with the add-on, which knows more of what programs write; files as text with Blender's other importer."""
+    with open(path, "rb") as file:
+        binary = file.read(len(_BINARY_FBX)) == _BINARY_FBX
+    if not binary:
+        bpy.ops.wm.fbx_import(filepath=path, anim_offset=0.0)
+        return
     with _lights_as_imported():
         bpy.ops.import_scene.fbx(filepath=path, anim_offset=0.0)
 

@@ -277,9 +277,12 @@ def _posed(points: Array, straight: Array, focal: float) -> tuple[float, float, 
     """Return how many points a focal length fits, those that are off counted less; the focal length; and its pose."""
     cv2.setRNGSeed(1)
     K = np.diag([focal, focal, 1.0])
-    found, rvec, t, inliers = cv2.solvePnPRansac(
-        points, straight, K, None, None, None, False, 300, _RESECTION_PIXELS, 0.999, None, cv2.SOLVEPNP_SQPNP
-    )
+    try:
+        found, rvec, t, inliers = cv2.solvePnPRansac(
+            points, straight, K, None, None, None, False, 300, _RESECTION_PIXELS, 0.999, None, cv2.SOLVEPNP_SQPNP
+        )
+    except cv2.error:  # raised where a sample is on one spot, as small movements are with a long focal length
+        return None
     if not found or inliers is None:
         return None
     uv = cv2.projectPoints(points, rvec, t, K, None)[0][:, 0]

@@ -9,6 +9,7 @@ from ....core.errors import listed
 from ....core.numerics.arrays import Array, Ints
 from ....core.retargeting.control_rig import ControlRig, RigPoses
 from ...scene_io.characters.skinned_parts import leading_bones
+from ...scene_io.characters.skins import unbound_vertices
 from ...scene_io.visited_frames import same_time
 from .rig_at_rest import evaluated
 from .rig_error import world_matrices
@@ -23,8 +24,8 @@ _NAMED = 3
 def left_behind(
     scene: bpy.types.Scene, armature: bpy.types.Object, rig: ControlRig, poses: RigPoses, frames: Ints
 ) -> list[str]:
-    """Return a warning about bones that move some of the skin but stay in place while the hips go away, such as a board
-    on the root of a character who stands on it.
+    """Return warnings about skin that stays in place while the hips go away: that of bones which do not move, such as a
+    board on the root of a character who stands on it, and vertices that belong to no bone.
 
     Parameters
     ----------
@@ -40,13 +41,19 @@ def left_behind(
     still = np.linalg.norm(last - first, axis=1) < _STILL * way[farthest]
     led = set(leading_bones(armature)) if still.any() else set()
     staying = [name for name, stays in zip(names, still, strict=True) if stays and name in led]
-    if not staying:
-        return []
-    bones = "bone" if len(staying) == 1 else "bones"
-    return [
-        f"{bones} {listed(staying, _NAMED)}: no part of what moves, so the skin stays where it is while the hips move "
-        f"by {way[farthest]:.1f} m: choose another bone for the hips in the list of Find Bones, or key it yourself"
+    moved = f"while the hips move by {way[farthest]:.1f} m"
+    found = [
+        f"mesh {mesh}: {count} of its vertices belong to no bone that deforms, so they stay where they are {moved}: "
+        "weight them, or delete them"
+        for mesh, count in unbound_vertices(armature).items()
     ]
+    if staying:
+        bones = "bone" if len(staying) == 1 else "bones"
+        found.append(
+            f"{bones} {listed(staying, _NAMED)}: no part of what moves, so the skin stays where it is {moved}: choose "
+            "another bone for the hips in the list of Find Bones, or key it yourself"
+        )
+    return found
 
 
 def _heads(scene: bpy.types.Scene, armature: bpy.types.Object, names: list[str], frames: Ints) -> list[Array]:

@@ -16,6 +16,8 @@ from .followed_bones import skeletons_following
 
 _LEADING_SHARE = 0.5
 """Share of a vertex's weight from which on a bone leads it."""
+_WEIGHTING = ("DATA_TRANSFER", "NODES", "VERTEX_WEIGHT_EDIT", "VERTEX_WEIGHT_MIX", "VERTEX_WEIGHT_PROXIMITY")
+"""Modifiers that may give weights."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +75,24 @@ def read_skin(armature: bpy.types.Object) -> Skin:
             leaders.append(np.array([_leader(vertex, groups) for vertex in mesh.vertices], np.int64))
             shown.to_mesh_clear()
     return Skin(np.concatenate(points), np.concatenate(leaders), names)
+
+
+def unbound_vertices(armature: bpy.types.Object) -> dict[str, int]:
+    """Return how many vertices no deforming bone moves, by the mesh that is bound to an armature, if there are any.
+    Meshes that get weights elsewhere, from a modifier, a bone's envelope or the bone that carries them, do not count.
+    """
+    deforming = {bone.name for bone in armature.data.bones if bone.use_deform}
+    found = {}
+    for mesh in skinned_meshes(armature):
+        modifiers = list[Any](mesh.modifiers)
+        weighted = any(m.type in _WEIGHTING or getattr(m, "use_bone_envelopes", False) for m in modifiers)
+        if weighted or mesh.parent_type == "BONE":
+            continue
+        bones = {group.index for group in mesh.vertex_groups if group.name in deforming}
+        loose = [not any(g.group in bones and g.weight > 0 for g in vertex.groups) for vertex in mesh.data.vertices]
+        if any(loose):
+            found[mesh.name] = sum(loose)
+    return found
 
 
 @contextmanager

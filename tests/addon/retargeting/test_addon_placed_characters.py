@@ -242,6 +242,16 @@ def test_skin_that_stays_where_it_is_while_the_hips_go_away_is_named(root, named
     assert [text.partition(":")[0] for text in report["warnings"]] == (["bone board"] if named else [])
 
 
+def test_vertices_that_belong_to_no_bone_are_told():
+    """Such as those weighted to a bone that was deleted, or renamed."""
+    armature = unreal_like()
+    bind(armature, "shirt", [("spine_01", np.zeros((20, 3))), ("deleted", np.zeros((7, 3)))])
+    here = swing(BODY, FRAMES, 0.3)
+    away = Motion(here.translations + np.linspace(0, 1, FRAMES)[:, None] * (1.0, 0.0, 0.0), here.rotations)
+    report = send_to_rig(bpy.context.scene, motion_of_body(BODY, away, "man", 30.0), armature, 1)
+    assert [text.partition(" of its")[0] for text in report["warnings"]] == ["mesh shirt: 7"]
+
+
 def test_the_hindquarters_of_a_centaur_go_along():
     """The hips of its human half hang on the bone that leads them, as another pair of legs does."""
     armature = unreal_like()

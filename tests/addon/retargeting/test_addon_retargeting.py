@@ -22,6 +22,7 @@ from kfmocap.kfmocap_addon.properties import pointer_polls  # noqa: E402
 from kfmocap.kfmocap_addon.properties.retarget_properties import KFMocapRetarget  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting import live  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.character_files import save_copy, show_scene_of  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.imported_files import import_alone  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.motion_files import read_motion  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.rigs.overrides import editable  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.rigs.rig_curves import CurveOptions  # noqa: E402
@@ -43,6 +44,44 @@ pytestmark = pytest.mark.blender
 
 BODY = human(1.75)
 FRAMES = 5
+
+
+FBX_AS_TEXT = """; FBX 7.4.0 project file
+FBXHeaderExtension: {
+    FBXVersion: 7400
+}
+GlobalSettings: {
+    Properties70: {
+        P: "UpAxis", "int", "Integer", "", 1
+        P: "FrontAxis", "int", "Integer", "", 2
+        P: "CoordAxis", "int", "Integer", "", 0
+        P: "UnitScaleFactor", "double", "Number", "", 1
+    }
+}
+Objects: {
+    NodeAttribute: 1, "NodeAttribute::Hips", "LimbNode" {
+    }
+    Model: 2, "Model::Hips", "LimbNode" {
+        Properties70: {
+            P: "Lcl Translation", "Lcl Translation", "", "A", 0, 95, 0
+        }
+    }
+    NodeAttribute: 3, "NodeAttribute::Spine", "LimbNode" {
+    }
+    Model: 4, "Model::Spine", "LimbNode" {
+        Properties70: {
+            P: "Lcl Translation", "Lcl Translation", "", "A", 0, 10, 0
+        }
+    }
+}
+Connections: {
+    C: "OO", 2, 0
+    C: "OO", 1, 2
+    C: "OO", 4, 2
+    C: "OO", 3, 4
+}
+"""
+"""Two bones, in centimetres, y up."""
 
 
 def built(preset, droop=0.0, name="hero"):
@@ -224,6 +263,16 @@ def test_an_fbx_file_with_a_light_is_read(blender, tmp_path):
     bpy.ops.export_scene.fbx(filepath=str(tmp_path / "lit.fbx"), object_types={"ARMATURE", "LIGHT"})
     motion, _ = read_motion(tmp_path / "lit.fbx")
     assert len(motion) == FRAMES
+
+
+def test_an_fbx_file_as_text_is_read(blender, tmp_path):
+    """Blender's importer written in Python reads binary files only."""
+    (tmp_path / "text.fbx").write_text(FBX_AS_TEXT)
+    import_alone(tmp_path / "text.fbx")
+    [armature] = [o for o in bpy.data.objects if o.type == "ARMATURE"]
+    heads = [tuple(armature.matrix_world @ bone.head_local) for bone in armature.data.bones]
+    assert [bone.name for bone in armature.data.bones] == ["Hips", "Spine"]
+    assert heads == [pytest.approx((0, 0, 0.95), abs=1e-4), pytest.approx((0, 0, 1.05), abs=1e-4)]
 
 
 def test_a_linked_character_moves_through_an_override(blender, tmp_path):

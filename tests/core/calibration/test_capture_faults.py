@@ -148,6 +148,27 @@ def test_a_wrong_wand_length_is_refused_with_the_right_one(told: float) -> None:
     assert error.name == "wand-length-wrong" and found and abs(float(found[1]) - WAND_LENGTH) < 2e-3
 
 
+def test_measures_in_millimetres_are_refused() -> None:
+    given = whole()
+    error = refusal(replace(given, wand_length=1000 * WAND_LENGTH, lframe_points=1000 * LFRAME))
+    assert error.name == "wand-length-wrong" and "in metres" in str(error)
+
+
+def test_slow_motion_is_refused() -> None:
+    """Its wand hardly moves: with long focal lengths it is on one spot."""
+    wands = [waved(np.arange(300) / 30), waved(np.arange(300) / 120 + 2), waved(np.arange(300) / 30)]
+    error = refusal(capture(CAMERAS, wands, offsets=[0, None, None]))
+    assert (error.name, error.where) == ("camera-fits-no-other", "cam02") and "slowed down" in str(error)
+
+
+def test_a_frame_rate_that_is_wrong_by_a_thousandth_is_not_taken_for_a_tripod_alone() -> None:
+    times = [np.arange(1200) / 30, np.arange(1200) / 29.97, np.arange(1200) / 30]
+    given = capture(CAMERAS, [waved(t) for t in times], offsets=[0, None, None])
+    [finding] = solve_capture(given).findings
+    assert (finding.name, finding.where) == ("camera-moved", "cam02") and "--drift" in finding.todo
+    assert not solve_capture(given, drift=True).findings
+
+
 @pytest.mark.parametrize("degrees", [0.15, 3.0])
 def test_a_camera_that_moved_while_the_wand_was_waved_is_flagged(degrees: float) -> None:
     cameras = ring(4)
