@@ -163,7 +163,7 @@ def _hinge_angles(upper: Array, lower: Array, axis: Array, cosines: Array) -> Ar
     constant = (axis @ upper) * (axis @ lower)
     middle = np.arctan2(upper @ np.cross(axis, lower), upper @ lower - constant)
     reach = np.hypot(upper @ lower - constant, upper @ np.cross(axis, lower))
-    aside = np.arccos(np.clip((cosines - constant) / max(reach, 1e-12), -1.0, 1.0))
+    aside = np.arccos(np.clip((cosines - constant) / max(float(reach), 1e-12), -1.0, 1.0))
     return np.asarray(middle + np.where(middle > 0, -aside, aside))
 
 
