@@ -194,16 +194,19 @@ def _shared_frames(solution: CalibrationResult, c: int) -> int:
 
 
 def _moved(solution: CalibrationResult) -> Iterator[Finding]:
-    """Generate findings on cameras that were moved: the wand's path jumps in their picture. What befalls all of them is
-    hardly their tripods.
+    """Generate findings on cameras in whose picture the wand's path jumps: they were moved, or their lens is unlike the
+    model. What befalls all of them is hardly their tripods.
     """
-    asides = {view.camera: path_error(solution, c) for c, view in enumerate(solution.capture.views)}
-    found = {camera: aside for camera, aside in asides.items() if aside is not None}
-    if len(found) == len(asides) > 2:
-        yield findings.all_moved(max(pixels for pixels, *_ in found.values()))
+    errors = {view.camera: path_error(solution, c) for c, view in enumerate(solution.capture.views)}
+    found = {camera: error for camera, error in errors.items() if error is not None}
+    if edges := [camera for camera, error in found.items() if error.at_edges]:
+        yield findings.lens_not_fitted(edges, max(found.pop(camera).pixels for camera in edges))
+    if len(found) == len(errors) > 2:
+        yield findings.all_moved(max(error.pixels for error in found.values()))
         return
-    for camera, (pixels, first, last) in found.items():
-        what = f"on frames {first} to {last} it sees the wand {pixels:.1f} pixels beside where the others do"
+    for camera, error in found.items():
+        first, last = error.first, error.last
+        what = f"on frames {first} to {last} it sees the wand {error.pixels:.1f} pixels beside where the others do"
         c = solution.rig.names.index(camera)
         own = solution.seen.frame[solution.seen.camera == c]
         clock = solution.free[c, OFFSET] and not solution.free[c, DRIFT] and last - first > MOST_FRAMES * np.ptp(own)

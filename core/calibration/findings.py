@@ -150,6 +150,16 @@ def all_moved(pixels: float) -> Finding:
     return Finding("pictures-unsteady", what, todo)
 
 
+def lens_not_fitted(cameras: list[str], pixels: float) -> Finding:
+    """The lens of some cameras is unlike the model of distortion, towards the edges of their pictures."""
+    what = (
+        f"{', '.join(cameras)}: towards the edges of the picture the wand lies up to {pixels:.1f} pixels beside where "
+        "the others see it, as with a fisheye lens, which the model of distortion does not fit there"
+    )
+    todo = "choose the camera's linear or narrow mode, or keep the performer away from the edges"
+    return Finding("lens-not-fitted", what, todo)
+
+
 def wrong_length(scale: float, length: float) -> Finding:
     """The wand's length contradicts the L-frame's measures."""
     what = (

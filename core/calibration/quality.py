@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -26,6 +27,8 @@ _BLOCK_BALLS = 40
 _SIGNIFICANT_SIGMAS = 8.0  # standard deviations
 _MIN_SHIFT = 1.5
 """Shift, in standard deviations of a ball, from which a camera is reported as moved."""
+_EDGE = 0.9
+"""Share of the used balls that are nearer to the middle of the picture than what is at its edges."""
 _MAX_DISTANCE = 100.0
 """Distance from its expected position within which a ball may still be the wand's, pixels."""
 
@@ -99,13 +102,25 @@ def coverage(solution: CalibrationResult) -> Array:
     return out
 
 
-def path_error(solution: CalibrationResult, c: int) -> tuple[float, int, int] | None:
-    """Return by how many pixels the wand is shifted in a camera's picture, and on which frames; None if it is not.
+@dataclass(frozen=True)
+class PathError:
+    """By how many pixels the wand is shifted in a camera's picture, on which frames (first and last), and whether only
+    far from the picture's middle.
+    """
+
+    pixels: float
+    first: int
+    last: int
+    at_edges: bool
+
+
+def path_error(solution: CalibrationResult, c: int) -> PathError | None:
+    """Return the error of the wand's path in a camera's picture, None if it is not significant.
 
     All balls near the wand's are considered, used or not: the median of many consecutive ones is hardly affected by
     noise.
     """
-    markers = solution.capture.views[c].wand
+    markers, rig = solution.capture.views[c].wand, solution.rig
     near = matched(solution.scene, c, markers, np.full((len(markers), 2), _MAX_DISTANCE))
     count = len(near.row) // _BLOCK_BALLS
     if count == 0:
@@ -117,7 +132,10 @@ def path_error(solution: CalibrationResult, c: int) -> tuple[float, int, int] | 
     if not bad:
         return None
     frames = np.array_split(markers.frames[near.row], count)
-    return max(sizes), int(frames[bad[0]][0]), int(frames[bad[-1]][-1])
+    radii = np.array_split(np.linalg.norm(markers.points[near.row, near.ball] - rig.centre[c], axis=-1), count)
+    used = np.linalg.norm(solution.seen.uv[solution.seen.camera == c] - rig.centre[c], axis=-1)
+    at_edges = min(np.median(radii[k]) for k in bad) > np.quantile(used, _EDGE)
+    return PathError(max(sizes), int(frames[bad[0]][0]), int(frames[bad[-1]][-1]), bool(at_edges))
 
 
 def quality_numbers(solution: CalibrationResult) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from kfmocap.benchmarks.studies.wand_captures import (
 )
 from kfmocap.core.calibration.calibration_result import CalibrationResult
 from kfmocap.core.calibration.wand_calibration import solve_capture
-from kfmocap.core.capture.capture import Capture
+from kfmocap.core.capture.capture import Capture, Markers
 from kfmocap.core.errors import CaptureError
 
 CAMERAS = ring(3)
@@ -167,6 +167,28 @@ def test_a_frame_rate_that_is_wrong_by_a_thousandth_is_not_taken_for_a_tripod_al
     [finding] = solve_capture(given).findings
     assert (finding.name, finding.where) == ("camera-moved", "cam02") and "--drift" in finding.todo
     assert not solve_capture(given, drift=True).findings
+
+
+def fisheye(seen: Markers, focal: float, centre: np.ndarray) -> Markers:
+    """Markers of a lens without distortion, as one shows them whose picture is as far from its centre as the angle."""
+    away = seen.points - centre
+    radius = np.linalg.norm(away, axis=-1, keepdims=True)
+    return replace(seen, points=centre + away / radius * 1.6 * focal * np.arctan(radius / focal))
+
+
+def test_fisheye_lenses_are_not_taken_for_tripods_that_moved() -> None:
+    angles = np.radians([5, 80, 170, 260])
+    eyes = np.column_stack([3 * np.cos(angles), 3 * np.sin(angles), np.full(4, 2.0)])
+    focal, target = 600.0, np.array([0, 0, 1.0])
+    cameras = [look_at(f"cam{c}", eye, target, focal, (0, 0, 0, 0)) for c, eye in enumerate(eyes)]
+    positions = waved(np.arange(400) / 30)
+    middle, along = positions.mean(axis=1) * [2.0, 2.0, 1.0], positions[:, 0] - positions[:, 1]
+    given = capture(cameras, [ends(middle, along, WAND_LENGTH)] * 4)
+    views = [
+        replace(view, wand=fisheye(view.wand, focal, middle), lframe=fisheye(view.lframe, focal, middle))
+        for view, middle in zip(given.views, (camera.matrix[:2, 2] for camera in cameras), strict=True)
+    ]
+    assert list(flags(solve_capture(replace(given, views=tuple(views))))) == ["lens-not-fitted"]
 
 
 @pytest.mark.parametrize("degrees", [0.15, 3.0])
