@@ -31,6 +31,7 @@ from ..solvers.limb_evidence.limb_support import support_of_parts
 from .held_out_keys import USUAL_RATIO, covariance_ratios, missed_key_poses
 from .joint_covariances import growth_by_speed, tip_covariances, tip_jacobian
 from .lost_limbs import confirmed_parts, limb_reach, lost_probabilities
+from .wide_clothes import widths_of_clothes
 
 ERROR_PER_GAP = 2.0
 """Ratio of a joint's error to the mean gap between the outlines: a few misplaced limbs cause the gap of the whole."""
@@ -66,6 +67,8 @@ class SegmentUncertainty:
         Mean distance of the performer's outlines outside the model's, metres.
     lost : ndarray, shape (F, P)
         Probability that each part is lost.
+    clothes : ndarray, shape (P,)
+        How far each part may be elsewhere in wide clothes, metres, see `wide_clothes`.
     """
 
     first: int
@@ -74,6 +77,7 @@ class SegmentUncertainty:
     misses: Array
     gaps: Array
     lost: Array
+    clothes: Array
 
     def ratios(self, body: Body) -> Array:
         """Return the ratios of squared errors of the parts' tips to those that the solver predicts, shape (P,),
@@ -138,6 +142,7 @@ def segment_uncertainties(
     misfit = solution.misfit or misfit_at(problem, motions, by)
     gaps = misfit.mean_gaps(keys)
     covariances = _pose_covariances(whole, solution, images)
+    clothes = widths_of_clothes(problem, motions)
     support = None if problem.shows_depth or problem.keypoints else support_of_parts(whole, motions)
     uncertainties = []
     for i, (body, motion, fixed) in enumerate(zip(problem.bodies, motions, problem.fixed, strict=True)):
@@ -156,6 +161,7 @@ def segment_uncertainties(
                 lost_probabilities(
                     body, misfit, spans[i], held=held, keys=keys[i], support=None if support is None else support[i]
                 ),
+                clothes[i],
             )
         )
     equations = with_priors_at(whole, solution, images, expected)
@@ -199,6 +205,7 @@ def joint_errors(
         frames = slice(int(one.first), int(one.first) + len(one.held))
         found = one.covariances * ratios[:, None, None]
         found += ((ERROR_PER_GAP * one.gaps) ** 2 / 3)[:, None, None, None] * np.eye(3)
+        found += (one.clothes**2 / 3)[:, None, None] * np.eye(3)
         covariances[frames] = beside[frames] + found
         lost[frames], held[frames] = one.lost, one.held
     covariances[held] = 0.0

@@ -43,7 +43,8 @@ CAMERAS = (look_at("front", (0.3, -2.4, 1.4)), look_at("side", (-2.2, -1.2, 1.5)
 def uncertainty_of(first: int, covariances: Array, misses: Array) -> SegmentUncertainty:
     held = np.zeros(len(covariances), bool)
     held[[0, -1]] = True
-    return SegmentUncertainty(first, held, covariances, misses, np.zeros(len(held)), np.zeros(covariances.shape[:2]))
+    lost = np.zeros(covariances.shape[:2])
+    return SegmentUncertainty(first, held, covariances, misses, np.zeros(len(held)), lost, np.zeros(P))
 
 
 def test_what_a_segment_shows_of_its_errors_is_at_most_the_usual() -> None:
@@ -205,7 +206,7 @@ def test_a_lost_arm_is_expected_to_be_off_by_its_length_not_by_millimetres() -> 
     lost, covariances = lost_in(misfit_of(arm_turned_away())), np.tile(1e-6 * np.eye(3), (FRAMES, P, 1, 1))
     held = np.zeros(FRAMES, bool)
     held[[0, -1]] = True
-    uncertainties = [SegmentUncertainty(0, held, covariances, np.zeros((0, P)), np.zeros(FRAMES), lost)]
+    uncertainties = [SegmentUncertainty(0, held, covariances, np.zeros((0, P)), np.zeros(FRAMES), lost, np.zeros(P))]
     found = joint_errors(BODY, uncertainties, np.zeros((FRAMES, P, 3, 3)))
     middle = (LOST.start + LOST.stop) // 2
     assert found.deviation[middle, ARM[1]] > 0.9 * limb_reach(BODY)[ARM[1]] > 0.3
