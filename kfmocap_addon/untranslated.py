@@ -14,6 +14,8 @@ import bpy
 
 CONTEXT = "KF Mocap"
 """The context of translations, in which Blender knows none."""
+_KEPT = "kfmocap_words_kept"
+"""Attribute of classes whose words are kept."""
 
 
 def keep_words(classes: Sequence[Any]) -> None:
@@ -22,6 +24,9 @@ def keep_words(classes: Sequence[Any]) -> None:
     Attributes inherited from Blender's own classes are set on the class itself: other add-ons inherit them, too.
     """
     for cls in classes:
+        if vars(cls).get(_KEPT):  # the add-on was disabled and is enabled again
+            continue
+        setattr(cls, _KEPT, True)
         if not issubclass(cls, bpy.types.PropertyGroup):
             cls.bl_translation_context = CONTEXT
         hints = typing.get_type_hints(cls).items()

@@ -1,7 +1,5 @@
 """When an operator can be used: the tooltip of its disabled button says what is missing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
