@@ -65,19 +65,23 @@ class Part(_Caching):
     departure: float = REST_SIGMA
 
     @cached_property
+    def _hull(self) -> tuple[NDArray[np.int64], Array]:
+        """Triangles of the hull as vertex indices, (N, 3), and their planes, (N, 4)."""
+        hull = ConvexHull(self.vertices)
+        return hull.simplices.astype(np.int64), np.asarray(hull.equations)
+
+    @cached_property
     def faces(self) -> NDArray[np.int64]:
         """Triangles of the hull as vertex indices, shape (N, 3), counter-clockwise seen from outside."""
-        hull = ConvexHull(self.vertices)
-        triangles = hull.simplices.astype(np.int64)
+        triangles, planes = self._hull
         a, b, c = (self.vertices[triangles[:, k]] for k in range(3))
-        inward = np.einsum("nk,nk->n", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
-        triangles[inward] = triangles[inward][:, ::-1]
-        return np.asarray(triangles)
+        inward = np.einsum("nk,nk->n", np.cross(b - a, c - a), planes[:, :3]) < 0
+        return np.where(inward[:, None], triangles[:, ::-1], triangles)
 
     @cached_property
     def planes(self) -> Array:
         """Outward unit normal n and offset d of each face in the part's frame, n.x + d <= 0 inside, shape (N, 4)."""
-        return np.asarray(ConvexHull(self.vertices).equations)
+        return self._hull[1]
 
     @cached_property
     def distinct_planes(self) -> Array:

@@ -11,7 +11,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import joint_error, motion, shot  # noqa: E402
+from addon_shots import joint_error, motion, person, shot  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.body.measures.proportions import measured  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
@@ -210,7 +210,7 @@ def test_the_model_is_drawn_as_asked(armature):
         shot.display = display
         assert {c.hide_viewport for c in armature.children} == {hidden}
         assert {c.display_type for c in armature.children} == {kind}
-        assert len(body_armature.body_from_armature(armature)) == len(human())
+        assert len(body_armature.body_from_armature(armature)) == len(person())
 
 
 def test_height_is_a_field_that_scales_the_body_and_leaves_it_on_its_feet(armature):

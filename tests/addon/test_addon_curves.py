@@ -9,8 +9,7 @@ from hypothesis import given, settings
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import joint_error, motion  # noqa: E402
-from kfmocap.core.body import human  # noqa: E402
+from addon_shots import joint_error, motion, person  # noqa: E402
 from kfmocap.core.errors import BodyError, ShotError  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import fcurves  # noqa: E402
@@ -28,7 +27,7 @@ GENERATED, KEYFRAME, BREAKDOWN = 5, 0, 2
 
 def build(key_frames=KEYS, fixed=None):
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    armature = body_armature.build_armature(human(), "man", bpy.context.scene.collection)
+    armature = body_armature.build_armature(person(), "man", bpy.context.scene.collection)
     if key_frames:
         poses = motion(FRAMES)[key_frames]
         keys = KeyPoses.whole(key_frames, poses)
@@ -50,7 +49,7 @@ def key_at(curve, frame):
 def test_key_poses_are_keyframes_and_tracked_frames_are_generated():
     armature = build()
     motion_curves.write_motion(armature, motion(FRAMES), START)
-    assert len(all_curves(armature)) == 3 + 4 * len(human())
+    assert len(all_curves(armature)) == 3 + 4 * len(person())
     for curve in all_curves(armature).values():
         keys = fcurves.get_keys(curve)
         assert np.array_equal(keys["co"][:, 0], START + np.arange(FRAMES))
@@ -62,7 +61,7 @@ def test_the_evaluated_motion_is_the_tracked_one():
     armature = build()
     truth = motion(FRAMES)
     motion_curves.write_motion(armature, truth, START)
-    assert joint_error(armature, human(), truth, first=START) < 0.05
+    assert joint_error(armature, person(), truth, first=START) < 0.05
 
 
 def test_key_poses_come_back_as_they_were_set():
@@ -83,7 +82,7 @@ def test_tracking_again_replaces_tracked_keys_alone():
     for k, c in all_curves(armature).items():
         for field in ("co", "type", "interpolation", "handle_left_type", "handle_right_type"):
             assert np.array_equal(fcurves.get_keys(c)[KEYS][field], before[k][field])
-    assert joint_error(armature, human(), second, first=START) < 0.05
+    assert joint_error(armature, person(), second, first=START) < 0.05
     assert key_pose_curves.read_key_poses(armature, START, FRAMES).frames.tolist() == KEYS
 
 
@@ -205,7 +204,7 @@ def test_an_edited_tracked_key_is_a_key_pose_though_blender_calls_it_generated()
     assert key_at(curve, START + 8).type == "GENERATED"
     read = key_pose_curves.read_key_poses(armature, START, FRAMES)
     assert read.frames.tolist() == [0, 5, 8, 11]
-    part = human().index("hand.L")
+    part = person().index("hand.L")
     assert np.flatnonzero(read.fixed[2]).tolist() == list(range(3 + 3 * part, 6 + 3 * part))
     motion_curves.write_motion(armature, motion(FRAMES, seed=2), START)
     assert key_at(curve, START + 8).co.y == pytest.approx(0.6)
@@ -231,17 +230,17 @@ def test_a_partial_key_pose_fixes_only_what_is_keyed():
     root.keyframe_insert("location", index=1, frame=START + 7)  # the pelvis' y points up
     arm.keyframe_insert("location", frame=START + 9)  # moves no part of the body
     read = key_pose_curves.read_key_poses(armature, START, FRAMES)
-    part = human().index("upper_arm.R")
+    part = person().index("upper_arm.R")
     assert read.frames.tolist() == [4, 7]
     assert np.flatnonzero(read.fixed[0]).tolist() == list(range(3 + 3 * part, 6 + 3 * part))
     assert np.flatnonzero(read.fixed[1]).tolist() == [2]
-    rest = human().parts[0].head_world
+    rest = person().parts[0].head_world
     assert read.poses.translations[1] - rest == pytest.approx([1, -3, 2], abs=1e-6)
 
 
 @pytest.mark.parametrize("axes", [[0], [1, 2], [0, 1, 2]])
 def test_partial_key_poses_are_written_and_read_alike(axes):
-    fixed = np.zeros((3, human().dof), bool)
+    fixed = np.zeros((3, person().dof), bool)
     fixed[0, axes] = True
     fixed[1, 12:15] = fixed[2, 30:33] = True
     armature = build(fixed=fixed)
@@ -259,7 +258,7 @@ def test_quaternions_do_not_flip_between_tracked_frames_and_keys():
         curve.update()
     truth = motion(FRAMES)
     motion_curves.write_motion(armature, truth, START)
-    assert joint_error(armature, human(), truth, first=START) < 0.05
+    assert joint_error(armature, person(), truth, first=START) < 0.05
     q = np.array(
         [
             [bag.fcurves.find('pose.bones["chest"].rotation_quaternion', index=k).evaluate(t) for k in range(4)]

@@ -15,9 +15,9 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 import addon_utils  # noqa: E402
-from addon_shots import joint_error, motion, shot  # noqa: E402
+from addon_shots import joint_error, motion, person, shot  # noqa: E402
 from exported_files import TOLERANCE, exported, glb_joints, imported, read_joints, result_of  # noqa: E402
-from kfmocap.core.body import human, part_poses  # noqa: E402
+from kfmocap.core.body import part_poses  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.errors import OutputError, ShotError  # noqa: E402
@@ -96,13 +96,13 @@ def test_the_character_of_send_to_rig_is_exported_instead_if_that_is_chosen(blen
         for folder, shift in (("man", 0.0), ("hero", 3.0)):
             there = motion(12)
             there.translations[:, 0] += shift
-            assert joint_error(imported(tmp_path / folder / name), human(1.7), there) < TOLERANCE
+            assert joint_error(imported(tmp_path / folder / name), person(1.7), there) < TOLERANCE
 
 
 @pytest.mark.parametrize("root_motion", [True, False])
 def test_characters_of_all_kinds_are_exported_where_blender_shows_them(blender, tmp_path, root_motion):
     """Shifted by delta transforms, kept from being selected, or with feet that hang on the root."""
-    body = human(1.7)
+    body = person(1.7)
     hero = skinned_human(body=body)
     add_bones(hero, [("ground", "", (0, 0, 0), (0, 0.3, 0))])
     with body_armature.edit_bones(hero) as edited:
@@ -125,7 +125,7 @@ def test_characters_of_all_kinds_are_exported_where_blender_shows_them(blender, 
 
 def test_hips_travel_in_blender_though_they_begin_where_a_root_ends(blender, tmp_path):
     """Blender's FBX importer would connect them to it."""
-    body = human(1.7)
+    body = person(1.7)
     hero = skinned_human(body=body)
     add_bones(hero, [("root", "", (0, 0, 0), hero.data.bones[body.names[0]].head_local)])
     with body_armature.edit_bones(hero) as edited:
@@ -161,7 +161,7 @@ def test_every_presets_motion_read_back_is_the_cores_under_its_names(blender, tm
     original = shot(tmp_path)
     scene.build_scene(original, result_of(original).motions, bpy.context.scene)
     armature = exported(tmp_path / "out", suffix, preset=preset)
-    body = human(1.7)
+    body = person(1.7)
     names = [presets.PRESETS[preset].names.get(name, name) for name in body.names]
     assert set(EXPECTED[preset]) <= {bone.name for bone in armature.data.bones} == set(names)
     found = read_joints(armature, names, list(range(1, 13)))
@@ -176,7 +176,7 @@ def test_centimetres_are_the_files_unit_and_no_node_is_scaled(blender, tmp_path,
     scene.build_scene(original, result_of(original).motions, bpy.context.scene)
     armature = exported(tmp_path / "out", ".fbx", preset=preset)
     np.testing.assert_allclose(armature.scale, 0.01, rtol=1e-5)  # what Blender's importer makes of centimetres
-    length = np.linalg.norm(human(1.7).offsets[human(1.7).index("shin.L")])
+    length = np.linalg.norm(person(1.7).offsets[person(1.7).index("shin.L")])
     thigh = presets.PRESETS[preset].names["thigh.L"]
     assert armature.data.bones[thigh].length == pytest.approx(100 * length, rel=1e-4)
 
@@ -210,8 +210,8 @@ def test_a_frame_range_alone_is_written(blender, tmp_path, suffix):
     scene.build_scene(original, result_of(original).motions, bpy.context.scene)
     armature = exported(tmp_path / "out", suffix, frames=(4, 9))
     first = round(armature.animation_data.action.frame_range[0])
-    found = read_joints(armature, human(1.7).names, list(range(first, first + 6)))
-    assert 1000 * np.linalg.norm(found - part_poses(human(1.7), motion(12)[3:9])[1], axis=-1).max() < TOLERANCE
+    found = read_joints(armature, person(1.7).names, list(range(first, first + 6)))
+    assert 1000 * np.linalg.norm(found - part_poses(person(1.7), motion(12)[3:9])[1], axis=-1).max() < TOLERANCE
     assert round(np.ptp(armature.animation_data.action.frame_range)) == 5
 
 
@@ -227,8 +227,8 @@ def test_a_shot_that_begins_before_frame_0_is_written_whole(blender, tmp_path, s
     assert built.kfmocap.frame_start == -7
     armature = exported(tmp_path / "out", suffix)
     first = round(armature.animation_data.action.frame_range[0])
-    found = read_joints(armature, human(1.7).names, list(range(first, first + 12)))
-    assert 1000 * np.linalg.norm(found - part_poses(human(1.7), motion(12))[1], axis=-1).max() < TOLERANCE
+    found = read_joints(armature, person(1.7).names, list(range(first, first + 12)))
+    assert 1000 * np.linalg.norm(found - part_poses(person(1.7), motion(12))[1], axis=-1).max() < TOLERANCE
 
 
 @pytest.mark.parametrize("suffix", [".bvh", ".fbx"])
@@ -241,7 +241,7 @@ def test_another_rate_shows_the_same_motion_and_rotations_go_the_shortest_way(bl
     halves = Motion(
         (T[1:] + T[:-1]) / 2, Q[:-1] @ rotations.exp(rotations.log(np.swapaxes(Q[:-1], -1, -2) @ Q[1:]) / 2)
     )
-    body = human(1.7)
+    body = person(1.7)
     found = read_joints(armature, body.names, list(range(1, 24)))
     assert 1000 * np.linalg.norm(found[::2] - part_poses(body, motion(12))[1], axis=-1).max() < TOLERANCE
     assert 1000 * np.linalg.norm(found[1::2] - part_poses(body, halves)[1], axis=-1).max() < TOLERANCE
@@ -254,8 +254,8 @@ def test_without_root_motion_the_performer_stays_over_its_first_place(blender, t
     armature = exported(tmp_path / "out", suffix, root_motion=False)
     T = motion(12).translations.copy()
     T[:, :2] = T[0, :2]
-    expected = part_poses(human(1.7), Motion(T, motion(12).rotations))[1]
-    found = read_joints(armature, human(1.7).names, list(range(1, 13)))
+    expected = part_poses(person(1.7), Motion(T, motion(12).rotations))[1]
+    found = read_joints(armature, person(1.7).names, list(range(1, 13)))
     assert 1000 * np.linalg.norm(found - expected, axis=-1).max() < TOLERANCE
 
 
@@ -271,7 +271,7 @@ def test_an_export_changes_nothing_in_the_scene_and_leaves_nothing_behind(blende
         exporters.export_performers(built, tmp_path / "out", ExportOptions(frames=(7, 2)))
     assert [len(kind) for kind in (bpy.data.actions, bpy.data.armatures, bpy.data.objects, bpy.data.scenes)] == kept
     assert [bone.name for bone in armature.data.bones] == names
-    assert joint_error(armature, human(1.7), motion(12)) < 0.05
+    assert joint_error(armature, person(1.7), motion(12)) < 0.05
 
 
 def test_the_export_button_says_what_is_missing(blender, tmp_path):

@@ -7,9 +7,9 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import motion, shot  # noqa: E402
+from addon_shots import motion, person, shot  # noqa: E402
 from exported_files import TOLERANCE, glb_content, glb_joints, glb_values, result_of  # noqa: E402
-from kfmocap.core.body import human, part_poses  # noqa: E402
+from kfmocap.core.body import part_poses  # noqa: E402
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
 from kfmocap.core.retargeting.transfer import RetargetOptions  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters, presets  # noqa: E402
@@ -31,9 +31,9 @@ def test_gltf_holds_the_motion_in_metres_with_y_up(blender, tmp_path, preset):
     original = shot(tmp_path)
     built = scene.build_scene(original, result_of(original).motions, bpy.context.scene)
     [path] = exporters.export_performers(built, tmp_path, ExportOptions(preset, ("glb",)))
-    names = [presets.PRESETS[preset].names.get(name, name) for name in human(1.7).names]
+    names = [presets.PRESETS[preset].names.get(name, name) for name in person(1.7).names]
     places, seconds = glb_joints(path, names)
-    assert np.abs(places - part_poses(human(1.7), motion(12))[1]).max() < TOLERANCE / 1000
+    assert np.abs(places - part_poses(person(1.7), motion(12))[1]).max() < TOLERANCE / 1000
     assert np.allclose(np.diff(seconds), 1 / 60, atol=1e-5)
 
 
@@ -63,14 +63,14 @@ def test_a_vrm_animation_says_which_joints_are_which_bones(blender, tmp_path):
     assert named["hips"] == "pelvis"
     assert named["leftLowerArm"] == "forearm.L"
     assert named["chest"] == "chest"
-    assert len(named) == len(human().names)
+    assert len(named) == len(person().names)
     played = [
         (channel["target"]["node"], channel["target"]["path"]) for channel in content["animations"][0]["channels"]
     ]
     assert [node for node, path in played if path == "translation"] == [humanoid["hips"]["node"]]
     assert not any(path == "scale" for _, path in played)
-    places, _ = glb_joints(path, human(1.7).names)
-    assert np.abs(places - part_poses(human(1.7), motion(12))[1]).max() < TOLERANCE / 1000
+    places, _ = glb_joints(path, person(1.7).names)
+    assert np.abs(places - part_poses(person(1.7), motion(12))[1]).max() < TOLERANCE / 1000
 
 
 def test_a_character_is_written_as_vrm_animation_with_its_fingers(blender, tmp_path):
@@ -166,7 +166,7 @@ def test_usd_holds_the_motion_in_metres_with_y_up(blender, tmp_path, preset):
     cache = UsdSkel.Cache()
     query = cache.GetSkelQuery(UsdSkel.Skeleton(prim))
     names = [joint.rpartition("/")[2] for joint in query.GetJointOrder()]
-    order = [names.index(presets.PRESETS[preset].names.get(n, n).replace(".", "_")) for n in human().names]
+    order = [names.index(presets.PRESETS[preset].names.get(n, n).replace(".", "_")) for n in person().names]
     frames = range(int(stage.GetStartTimeCode()), int(stage.GetEndTimeCode()) + 1)
     assert len(frames) == 12
     assert stage.GetTimeCodesPerSecond() == pytest.approx(60)
@@ -176,4 +176,4 @@ def test_usd_holds_the_motion_in_metres_with_y_up(blender, tmp_path, preset):
         joints = query.ComputeJointSkelTransforms(frame)
         places.append([(joints[j] * world).ExtractTranslation() for j in order])
     found = np.array(places) @ np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
-    assert np.abs(found - part_poses(human(1.7), motion(12))[1]).max() < TOLERANCE / 1000
+    assert np.abs(found - part_poses(person(1.7), motion(12))[1]).max() < TOLERANCE / 1000

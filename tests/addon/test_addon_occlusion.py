@@ -9,9 +9,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import PARTS, motion, shot, track_result  # noqa: E402
+from addon_shots import PARTS, motion, person, shot, track_result  # noqa: E402
 from kfmocap.cli.services import OutputRequest  # noqa: E402
-from kfmocap.core.body import human  # noqa: E402
 from kfmocap.kfmocap_addon import panels  # noqa: E402
 from kfmocap.kfmocap_addon.export import blender_outputs, exporters  # noqa: E402
 from kfmocap.kfmocap_addon.export.export_options import ExportOptions  # noqa: E402
@@ -24,12 +23,12 @@ pytest_plugins = ("addon_fixtures",)
 pytestmark = pytest.mark.blender
 
 FRAMES, START = 24, 1
-HAND = human().index("hand.L")
+HAND = person().index("hand.L")
 
 
 def sights(*hidden: tuple[int, int, int, int], views: int = 2) -> np.ndarray:
     """Visible shares of all parts, of which some (view, part, first, last) are hidden."""
-    share = np.ones((views, FRAMES, len(human())))
+    share = np.ones((views, FRAMES, len(person())))
     for view, part, first, last in hidden:
         share[view, first : last + 1, part] = 0.1
     return share
@@ -60,7 +59,7 @@ def test_each_bone_carries_the_number_of_cameras_that_see_it(blender, tmp_path):
     counts = (UNSEEN > 0.3).sum(axis=0)
     for frame in range(FRAMES):
         built.frame_set(START + frame)
-        for part, name in enumerate(human().names):
+        for part, name in enumerate(person().names):
             assert armature.pose.bones[name][bone_visibility.VIEWS] == counts[frame, part]
 
 

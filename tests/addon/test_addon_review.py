@@ -9,8 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import motion, shot, sights  # noqa: E402
-from kfmocap.core.body import human  # noqa: E402
+from addon_shots import motion, person, shot, sights  # noqa: E402
 from kfmocap.core.tracking.expected_errors.uncertainty import JointErrors  # noqa: E402
 from kfmocap.kfmocap_addon.overlays import misfit_backgrounds  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import fcurves, scene  # noqa: E402
@@ -23,7 +22,7 @@ pytest_plugins = ("addon_fixtures",)
 pytestmark = pytest.mark.blender
 
 FRAMES, START = 24, 1
-BODY = human()
+BODY = person()
 HAND, FOREARM = BODY.index("hand.L"), BODY.index("forearm.L")
 
 

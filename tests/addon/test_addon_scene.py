@@ -10,7 +10,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import joint_error, keys_of, motion, shot  # noqa: E402
+from addon_shots import joint_error, keys_of, motion, person, shot  # noqa: E402
 from kfmocap import kfmocap_addon  # noqa: E402
 from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.body.body import REST_SIGMA  # noqa: E402
@@ -154,7 +154,7 @@ def test_a_shot_trimmed_in_the_panel_keeps_its_footage_and_key_poses_in_step(ble
     moving = original.views[1].camera
     assert np.abs(trimmed.views[1].camera.centre_world(0) - moving.centre_world(3)).max() < 1e-5
     scene.write_motions(built, [motion(original.length)[3:10]])
-    assert joint_error(built.kfmocap.performers[0].armature, human(1.7), motion(original.length)) < 0.05
+    assert joint_error(built.kfmocap.performers[0].armature, person(1.7), motion(original.length)) < 0.05
     built.kfmocap.last = 7
     with pytest.raises(ShotError, match="before the first"):
         scene.shot_from_scene(built)
@@ -246,7 +246,7 @@ def test_set_key_pose_keys_the_selected_bones_alone(blender, tmp_path):
     assert bpy.ops.kfmocap.set_key_pose() == {"FINISHED"}
     bpy.ops.object.mode_set(mode="OBJECT")
     keys = scene.shot_from_scene(built).performers[0].key_poses
-    part = human().index("hand.R")
+    part = person().index("hand.R")
     assert keys.frames.tolist() == [0, 5, 8, 11]
     assert np.flatnonzero(keys.fixed[2]).tolist() == list(range(3 + 3 * part, 6 + 3 * part))
 

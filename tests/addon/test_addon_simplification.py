@@ -10,8 +10,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import shot  # noqa: E402
-from kfmocap.core.body import human  # noqa: E402
+from addon_shots import person, shot  # noqa: E402
 from kfmocap.core.body.motion import Motion  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses, Shot  # noqa: E402
@@ -25,7 +24,7 @@ pytest_plugins = ("addon_fixtures",)
 pytestmark = pytest.mark.blender
 
 FRAMES, START = 60, 1
-BODY = human(1.7)
+BODY = person(1.7)
 
 
 def smooth_motion(noise: float = 0.0) -> Motion:

@@ -10,8 +10,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import motion, shot, track_result  # noqa: E402
-from kfmocap.core.body import human  # noqa: E402
+from addon_shots import motion, person, shot, track_result  # noqa: E402
 from kfmocap.core.shot.shot import KeyPoses  # noqa: E402
 from kfmocap.kfmocap_addon import panels  # noqa: E402
 from kfmocap.kfmocap_addon.export import exporters  # noqa: E402
@@ -31,7 +30,7 @@ def shown(folder):
     original = shot(folder)
     (man,) = original.performers
     poses = man.key_poses.poses
-    poses.rotations[:, [human().index(name) for name in LEG]] = np.eye(3)
+    poses.rotations[:, [person().index(name) for name in LEG]] = np.eye(3)
     original = replace(original, performers=(replace(man, unknown=LEG),))
     built = scene.build_scene(original, scene=bpy.context.scene)
     result = track_result(original, [motion(original.length)], unknown=((*LEG, "foot.R"),))
@@ -86,7 +85,7 @@ def test_files_leave_out_its_bones_on_request(blender, tmp_path, suffix):
         written = path.read_bytes()
         assert (b"shin.L" in written, b"foot.R" in written) == (not left_out, not left_out)
         assert b"shin.R" in written
-    assert len(armature.data.bones) == len(human())
+    assert len(armature.data.bones) == len(person())
 
 
 def test_other_scenes_have_no_marks(blender, tmp_path):

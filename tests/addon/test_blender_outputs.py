@@ -12,7 +12,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import joint_error, motion, shot  # noqa: E402
+from addon_shots import joint_error, motion, person, shot  # noqa: E402
 from exported_files import TOLERANCE, imported, result_of  # noqa: E402
 from kfmocap import kfmocap_addon  # noqa: E402
 from kfmocap.cli.services import OutputRequest  # noqa: E402
@@ -43,7 +43,7 @@ def test_the_motion_read_back_is_the_cores(tmp_path, suffix):
     original = shot(tmp_path)
     write_outputs(original, tmp_path / "out")
     armature = imported(tmp_path / "out" / f"walk{suffix}")
-    assert joint_error(armature, human(1.7), motion(12)) < TOLERANCE
+    assert joint_error(armature, person(1.7), motion(12)) < TOLERANCE
     first, last = armature.animation_data.action.frame_range
     assert (round(first), round(last)) == (1, 12)
     assert [o.type for o in bpy.data.objects] == ["ARMATURE"]
@@ -58,7 +58,7 @@ def test_at_a_broken_rate_the_exports_keep_time(tmp_path):
     assert "Frames: 12\n" in text
     # Blender's FBX importer takes 29.97 frames per second for 30: its fault, undone here.
     armature = imported(tmp_path / "walk.fbx")
-    assert joint_error(armature, human(1.7), motion(12), 30 / 29.97, 30 / 29.97) < TOLERANCE
+    assert joint_error(armature, person(1.7), motion(12), 30 / 29.97, 30 / 29.97) < TOLERANCE
 
 
 @pytest.mark.parametrize("compressed", [False, True])
@@ -100,7 +100,7 @@ def test_shot_blend_opens_with_everything(tmp_path):
         bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out" / "shot.blend"))
         opened = bpy.context.scene
         [slot] = opened.kfmocap.performers
-        assert joint_error(slot.armature, human(1.7), motion(12)) < 0.05
+        assert joint_error(slot.armature, person(1.7), motion(12)) < 0.05
         assert opened.name == "walk" and opened.camera == opened.kfmocap.views[0].camera
         clips = [view.camera.data.background_images[0].clip for view in opened.kfmocap.views]
         assert all(clip.frame_duration == 30 for clip in clips)  # 0 where Blender cannot read it
@@ -230,7 +230,7 @@ def test_tracking_the_open_scene_loses_nothing_in_it(blender, tmp_path):
     bpy.ops.wm.open_mainfile(filepath=str(out / "shot.blend"))
     assert "mine" in bpy.data.objects
     assert [clip.frame_duration for clip in bpy.data.movieclips] == [30, 30]
-    assert joint_error(bpy.data.objects["man"], human(1.7), motion(12)) < 0.05
+    assert joint_error(bpy.data.objects["man"], person(1.7), motion(12)) < 0.05
 
 
 def test_files_have_the_fingers_of_hands_that_were_found(tmp_path):

@@ -62,7 +62,8 @@ def motion(frames: int, seed: int = 0, parts: int = PARTS) -> Motion:
 
 
 @cache
-def _person(height: float) -> Body:
+def person(height: float = 1.75) -> Body:
+    """A person who is made once: computing the hulls of the parts takes a good part of building an armature."""
     return human(height)
 
 
@@ -76,7 +77,7 @@ def shot(folder: Path, performers: tuple[str, ...] = ("man",), fps: float = 60.0
     people = []
     for seed, name in enumerate(performers):
         keys = [0, 5, frames - 1]
-        people.append(Performer(name, _person(1.7 + 0.1 * seed), KeyPoses.whole(keys, motion(frames, seed)[keys])))
+        people.append(Performer(name, person(1.7 + 0.1 * seed), KeyPoses.whole(keys, motion(frames, seed)[keys])))
     return Shot("walk", fps, (FIRST, FIRST - 1 + frames), views, tuple(people))
 
 

@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from addon_shots import joint_error, motion  # noqa: E402
+from addon_shots import joint_error, motion, person  # noqa: E402
 from kfmocap.core.body import human, part_poses  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
@@ -117,12 +117,12 @@ def test_an_armature_that_cannot_be_a_body_is_refused_by_name(armature):
 
 
 def test_an_armature_of_another_origin_is_a_body_if_its_bones_carry_meshes():
-    own = body_armature.build_armature(human(), "man", bpy.context.scene.collection)
+    own = body_armature.build_armature(person(), "man", bpy.context.scene.collection)
     for bone in own.data.bones:
         for name in (body_armature.PART, body_armature.LIMITS, armature_landmarks.LANDMARKS):
             del bone[name]
     read = body_armature.body_from_armature(own)
-    assert set(read.names) == set(human().names)
+    assert set(read.names) == set(person().names)
     assert set(read.landmarks) == set(read.names)
 
 
@@ -130,6 +130,6 @@ def test_building_leaves_the_users_selection_and_mode(armature):
     other = bpy.data.objects.new("other", None)
     bpy.context.scene.collection.objects.link(other)
     bpy.context.view_layer.objects.active = other
-    body_armature.build_armature(human(), "second", bpy.context.scene.collection)
+    body_armature.build_armature(person(), "second", bpy.context.scene.collection)
     assert bpy.context.view_layer.objects.active == other
     assert bpy.context.mode == "OBJECT"
