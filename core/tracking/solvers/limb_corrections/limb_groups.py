@@ -34,6 +34,7 @@ from ..thinned_frames import ThinnedProblem
 from .bridges import evenly_led
 from .limb_search import MIN_GAIN_ELSEWHERE, LimbSearch, frames_elsewhere, freed_limb, views_of
 from .local_trials import LocalTrial
+from .long_leaps import leaps_farther
 from .search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
 
 LEAST_GAIN = 100.0
@@ -238,7 +239,8 @@ def _if_likelier(
     best: SegmentSolution,
 ) -> SegmentSolution:
     """Return a solution, continued by the best one if limbs of the group are elsewhere in that and it is likelier than
-    the solution, solved further, by the `least_gain`.
+    the solution, solved further, by the `least_gain`. Limbs of a single performer that the images do not contradict
+    must not leap to where they are found, either: hidden ones find something likelier on a few frames.
     """
     if best is settled.solution:
         return solution
@@ -246,6 +248,9 @@ def _if_likelier(
     gain = likelihood(alone, settled.noise, best) - likelihood(alone, settled.noise, settled.solution)
     moved = contradicted(problem) or _elsewhere(alone, group, settled.solution.motions[i], best.motions[i]).any()
     if gain <= least_gain(problem) or not moved:
+        return solution
+    refuted = bool(problem.doubted) or alone.among_others
+    if not refuted and leaps_farther(alone, i, settled.solution.motions[i], best.motions[i], group.chains):
         return solution
     return continued(solution, replace(best, only=problem.only))
 

@@ -198,6 +198,19 @@ def abrupt_steps(problem: SegmentProblem, performer: int, motion: Motion, chain:
     return sorted(largest, key=lambda one: one.before)
 
 
+def leaps_farther(
+    problem: SegmentProblem, performer: int, before: Motion, after: Motion, chains: Sequence[Sequence[int]]
+) -> bool:
+    """Whether any of some limbs leaps farther in one motion than in another, F poses each, by the sum of its abrupt
+    steps.
+    """
+
+    def leapt(motion: Motion, chain: Sequence[int]) -> float:
+        return sum(step.size for step in abrupt_steps(problem, performer, motion, chain))
+
+    return any(leapt(after, chain) > leapt(before, chain) for chain in chains)
+
+
 def _beyond_neighbours(joints: Array, steps: Array | None) -> tuple[Array, float]:
     """Return how far each step of joints (F, n, 3) goes beyond both neighbours, (F - 1,), and the median change from
     step to step.

@@ -68,6 +68,8 @@ class World:
     frames: slice = field(default_factory=lambda: slice(1, -1))
     back: float = 0.0
     """By how much the first limb turns when it is solved for."""
+    leaps: bool = False
+    """Whether limbs leap to where they are found."""
     settled: int = 0
     solved: list[tuple[int, int]] = field(default_factory=list)
     """First frame and length of what was solved."""
@@ -114,6 +116,7 @@ class World:
         monkeypatch.setattr(SettledSolutions, "noise", lambda *_: noise)
         monkeypatch.setattr(ThinnedProblem, "at_rate", lambda *_: None)
         monkeypatch.setattr(limb_groups, "settled_further", self.settled_further)
+        monkeypatch.setattr(limb_groups, "leaps_farther", lambda *_: self.leaps)
         monkeypatch.setattr(limb_groups, "likelihood", lambda _p, _n, one: self.likelihood[angles(one.motions[0])])
         monkeypatch.setattr(SettledSolutions, "after", settled)
         monkeypatch.setattr(SettledSolution, "after", settled)
@@ -227,6 +230,15 @@ def test_limbs_stay_where_they_were_unless_the_images_are_clearly_likelier_with_
     found = world.after(monkeypatch, problem, ONE)
     assert angles(found.motions[0]) == (there if moved else (0, 0))
     assert len(world.tried) > 0
+
+
+@pytest.mark.parametrize(("doubted", "performers", "moved"), [((), 1, False), ((0,), 1, True), ((0,), 2, True)])
+def test_limbs_that_the_images_do_not_contradict_do_not_leap_away(
+    monkeypatch: pytest.MonkeyPatch, doubted: tuple[int, ...], performers: int, moved: bool
+) -> None:
+    world = World({(0, 0): 0.0, (9, 0): MUCH, (18, 0): 0.0}, PAIR[:1], leaps=True)
+    found = world.after(monkeypatch, replace(seen_by(2, performers=performers), doubted=doubted), ONE)
+    assert angles(found.motions[0]) == ((9, 0) if moved else (0, 0))
 
 
 @pytest.mark.parametrize(("views", "moved"), [(1, True), (2, False)])

@@ -16,7 +16,7 @@ from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, Segm
 from kfmocap.core.tracking.solvers.limb_corrections import long_leaps as module
 from kfmocap.core.tracking.solvers.limb_corrections.bridges import BRIDGING, evenly_led
 from kfmocap.core.tracking.solvers.limb_corrections.leaping_limbs import with_leaps_bridged
-from kfmocap.core.tracking.solvers.limb_corrections.long_leaps import abrupt_steps, long_leaps
+from kfmocap.core.tracking.solvers.limb_corrections.long_leaps import abrupt_steps, leaps_farther, long_leaps
 from made_evidence import Landscape
 from synthetic import at_rest, ends_held
 
@@ -94,6 +94,15 @@ def test_an_interval_runs_from_a_leap_to_the_next_one_or_to_a_held_frame() -> No
     held = PROBLEM.fixed[0].copy()
     held[24, 3 + 3 * ARM[1] : 6 + 3 * ARM[1]] = True  # only the forearm
     assert intervals(away(BESIDE_A_KEY), replace(PROBLEM, fixed=(held,))) == {(1, 23)}
+
+
+def test_a_limb_leaps_farther_where_its_abrupt_steps_are_larger() -> None:
+    f, leg = np.arange(FRAMES), [BODY.index(f"{name}.L") for name in ("thigh", "shin", "foot")]
+    there_and_back = (f > 9) & (f < 15)
+    still, near, far = TRUTH, away(0.5 * there_and_back), away(there_and_back)
+    assert leaps_farther(PROBLEM, 0, still, far, [leg, ARM]) and leaps_farther(PROBLEM, 0, near, far, [ARM])
+    assert not leaps_farther(PROBLEM, 0, far, near, [ARM]) and not leaps_farther(PROBLEM, 0, far, far, [ARM])
+    assert not leaps_farther(PROBLEM, 0, still, far, [leg])
 
 
 @pytest.mark.parametrize("right", [True, False])
