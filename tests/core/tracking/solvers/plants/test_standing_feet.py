@@ -28,6 +28,7 @@ from standing_bodies import (
     FPS,
     FRAMES,
     SOLES,
+    STEP,
     evidence,
     planted,
     problem_of,
@@ -99,6 +100,23 @@ def test_they_stand_nearer_to_where_they_stood(walks: list[tuple[Motion, Motion]
     ]
     before, after = np.mean(errors, axis=0)
     assert after < 0.9 * before
+
+
+@pytest.mark.parametrize(("angle", "share"), [(0.005, 0.5), (0.1, 1.0)])
+def test_the_rest_of_the_body_makes_half_of_a_short_step_that_is_left(angle: float, share: float) -> None:
+    """To the least cost of the evidence without plants. An arm moves by millimetres, or by centimetres."""
+    arm, inner = 3 + 3 * BODY.index("upper_arm.L"), np.arange(1, FRAMES - 1)
+    wanted = np.zeros((FRAMES, BODY.dof))
+    wanted[inner, arm] = angle * np.sin(np.pi * inner / (FRAMES - 1))
+    sure = evidence()
+    pull = (sure.diagonal @ wanted[..., None])[..., 0]
+    pull[:-1] -= wanted[1:] / STEP**2
+    pull[1:] -= wanted[:-1] / STEP**2
+    problem, before = problem_of(BODY), SolvedFrames((WALK,))
+    found = with_plants_at_rest(problem, [replace(sure, gradient=-pull)], (WALK,), before, ratios=[EXACT])
+    assert found.planted[0] is not None and found.planted[0].any()
+    turned = WALK.difference(found.motions[0])[:, arm]
+    np.testing.assert_allclose(turned, share * wanted[:, arm], atol=0.02 * angle)
 
 
 def found_heights(motion: Motion, keyed: bool) -> Array:
