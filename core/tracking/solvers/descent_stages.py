@@ -52,7 +52,8 @@ class DescentStage:
         Whether fewer pixels of each view are used the more views there are, see `sampling_of`.
     plants : bool
         Soles that seem planted are kept still. That guides a descent, but would also hold feet that creep, so it is off
-        in stages that are the last; with a single view, which hardly shows creeping, plants are used all the same.
+        in stages that are the last, and in the first descent as long as nothing contradicts its solution; with a single
+        view, which hardly shows creeping, plants are used all the same.
     """
 
     sampling: Sampling
@@ -82,6 +83,8 @@ COARSE_STAGES = (
 """The first of all stages from the curve through the key poses."""
 STAGES = (*COARSE_STAGES, DescentStage(Sampling(1.0, 1.0, 3, OUTLINE_REACH), 2))
 """From the curve through the key poses to the solution."""
+FREE_STAGES = (*STAGES[:-1], replace(STAGES[-1], plants=False))
+"""The same with soles left free: those that only seem planted lead limbs to other minima."""
 REFINEMENT = (
     DescentStage(
         Sampling(1.0, 1.0, 2, OUTLINE_REACH), 6, small=0.004, small_refused=True, still=MIN_JOINT_MOVE, plants=False

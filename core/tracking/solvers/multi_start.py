@@ -24,7 +24,7 @@ from .assessment.solution_doubts import (
     worst_first,
 )
 from .assessment.solution_ranking import covering_most, likeliest_at_rest, noise_at, settled_further
-from .descent_stages import OUTLINE_REACH, SETTLED, STAGES, STAGES_AMONG_OTHERS, DescentStage
+from .descent_stages import FREE_STAGES, OUTLINE_REACH, SETTLED, STAGES, STAGES_AMONG_OTHERS, DescentStage
 from .equations.measurement import Workspace, solution_at
 from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .gauss_newton import continued, descend, farthest_joint
@@ -68,16 +68,32 @@ def best_of_starts(
 
 
 def first_solution(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
-    """Descend from the start; where several performers hide one another in several views by all pixels in the end, as
+    """Descend from the start: a single performer in several views without plants, unless the images contradict that
+    (`_without_plants_first`). Where several performers hide one another in several views, by all pixels in the end, as
     those who are hidden are seen by few views. Performers with key poses on all frames do not count. Parameters as in
     `gauss_newton.descend`.
     """
     several = sum(not fixed.all() for fixed in problem.fixed) > 1
-    if not several or not problem.shows_depth or problem.keypoints:
+    if problem.shows_depth and not several:
+        return _without_plants_first(problem, start, workspace)
+    if not problem.shows_depth or problem.keypoints:
         return descend(problem, start, workspace, STAGES)
     roughly = STAGES[0].sampling_of(len(problem.views))
     hidden = others_hide(workspace.measure(problem, start, roughly).evidence.unhidden)
     return descend(problem, start, workspace, STAGES_AMONG_OTHERS if hidden else STAGES)
+
+
+def _without_plants_first(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
+    """Descend from the start with soles that seem planted left free; where the images contradict the result, with them
+    held: a leg may have been lost for the lack of them.
+    """
+    free = descend(problem, start, workspace.part(0.0, 0.5), FREE_STAGES)
+    if not problem.settings.plants or not doubted_performers(problem, start, free):
+        return free
+    held = descend(problem, start, workspace.part(0.5, 1.0), STAGES)
+    seconds = Seconds(free.seconds)
+    seconds.add(held.seconds)
+    return replace(continued(free, held), seconds=dict(seconds))
 
 
 def _best_among_others(

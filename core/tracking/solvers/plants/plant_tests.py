@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
+from operator import itemgetter
 
 import numpy as np
 from scipy.special import chdtri
@@ -22,6 +23,10 @@ PICTURES_ODDS = 10.0
 plant to pass though the normal equations say otherwise, as far as these may be wrong."""
 FLICKER = 0.2
 """For how long the evidence may be against a plant that goes on, seconds, as long as it is for it over all."""
+MAX_OVERHANG = 0.035
+"""By how much a plant may seem longer than it is, seconds: the point has left, or has not landed, but is still slow."""
+OVERHANG_SIGNIFICANCE = 0.001
+"""Significance level at which a step at an end of a plant that does not pass is taken for one on which it moves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,26 +66,48 @@ class PlantTests:
         for run in sorted([*now, *gone]):
             lengths = list(dict.fromkeys([joined(run, longer), run])) if run in now else []
             before = [steps for steps in overlapping(run, longer) if steps not in lengths]
-            one = self._first_that_passes(map(plant_on, lengths), map(plant_on, before))
+            one = self._first_that_passes([plant_on(steps) for steps in lengths], map(plant_on, before))
             if one is not None:
                 both = replace(one, steps=joined(one.steps, beside))
                 one = both if self._goes_on(one, both) else one
                 passed = self._with_next(passed, self._lengthened(one))
         return passed
 
-    def _first_that_passes(self, now: Iterable[Plant], earlier: Iterable[Plant]) -> Plant | None:
+    def _first_that_passes(self, now: Sequence[Plant], earlier: Iterable[Plant]) -> Plant | None:
         """Return the first plant of a point that passes; None if there is none.
 
         Parameters
         ----------
-        now : iterable of Plant
-            On the steps on which it seems planted now, also with those on which it did earlier.
+        now : sequence of Plant
+            On the steps on which it seems planted now, also with those on which it did earlier. If none passes, without
+            the steps at their ends on which it clearly moves, where pictures have nothing against that.
         earlier : iterable of Plant
             On steps on which it seemed planted before the refinement alone: the refined motion has it move on them, or
             on others beside as slowly, so that the pictures must rather show it standing.
         """
         shown = (one for one in earlier if self.evidence.log_odds(one) > 0 and self._agrees(one))
-        return next(chain(filter(self._agrees, now), shown), None)
+        shorter = (one for whole in now for one in self._without_overhang(whole) if self._agrees(one))
+        return next(chain(filter(self._agrees, now), shown, shorter), None)
+
+    def _without_overhang(self, plant: Plant) -> Iterator[Plant]:
+        """Leave out steps at the ends of a plant that raise its cost by more than chance does, the costliest first, and
+        give what is left wherever no drift explains its pictures better than it would by chance every other time. Key
+        poses within the plant must have the point in one place: it drifts to those at its ends, too.
+        """
+        if not self.evidence.key_poses_agree(plant):
+            return
+        cost = self._cost(plant)
+        for _ in range(max(round(MAX_OVERHANG * self.evidence.problem.fps), 1)):
+            first, last = plant.steps
+            if last - first < 2:
+                return
+            shorter = [replace(plant, steps=steps) for steps in ((first + 1, last), (first, last - 1))]
+            less, plant = min(zip(map(self._cost, shorter), shorter, strict=True), key=itemgetter(0))
+            if cost - less < chdtri(3, OVERHANG_SIGNIFICANCE):
+                return
+            cost = less
+            if 2 * self.evidence.log_odds(plant) > -chdtri(3, 0.5):
+                yield plant
 
     def _agrees(self, plant: Plant) -> bool:
         """Test a plant against key poses, pictures, and the evidence, whose covariance is multiplied by a ratio.

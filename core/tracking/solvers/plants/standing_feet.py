@@ -64,9 +64,9 @@ def with_standing_feet(
     equations : sequence of BandedBlocks
         Normal equations of each performer at the solution, without those of plants and holds.
     before : SolvedFrames
-        The motions before refinement, which were solved with plants: there plants have their full length, while in the
-        solution they may be broken up. What the feet do on the segments beside shows how fast a standing one is at
-        most, and whether a plant at an end of the segment goes on.
+        The motions before refinement. Plants may have their full length there, while they are broken up in the
+        solution. What the feet do on the segments beside shows how fast a standing one is at most, and whether a plant
+        at an end of the segment goes on.
     ratios : sequence of ndarray, shape (P,)
         Per performer: squared errors of the parts' tips over those that the normal equations predict, see
         `core.tracking.expected_errors.held_out_keys`.

@@ -18,7 +18,7 @@ from kfmocap.core.shot.settings import Settings
 from kfmocap.core.tracking.solvers import gauss_newton, gauss_newton_solver, multi_start
 from kfmocap.core.tracking.solvers.assessment import solution_doubts, solution_ranking
 from kfmocap.core.tracking.solvers.assessment.settled_solutions import SettledSolution
-from kfmocap.core.tracking.solvers.descent_stages import SETTLED
+from kfmocap.core.tracking.solvers.descent_stages import FREE_STAGES, SETTLED, STAGES
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.limb_corrections import limb_exchange, search_rounds
@@ -45,6 +45,37 @@ def test_fixed_degrees_of_freedom_do_not_move() -> None:
     moved = start.difference(found)
     np.testing.assert_allclose(moved[fixed], 0, atol=1e-12)
     assert np.abs(moved[1:-1]).max() > 1e-2
+
+
+@pytest.mark.parametrize(
+    ("views", "plants", "contradicted", "solved_by"),
+    [
+        (2, True, False, (FREE_STAGES,)),
+        (2, True, True, (FREE_STAGES, STAGES)),
+        (2, False, True, (FREE_STAGES,)),
+        (1, True, True, (STAGES,)),
+    ],
+)
+def test_soles_are_left_free_first_unless_the_images_contradict_that(
+    monkeypatch: pytest.MonkeyPatch, views: int, plants: bool, contradicted: bool, solved_by: tuple[object, ...]
+) -> None:
+    """A single view hardly shows how feet creep."""
+    shown = tuple(view for camera in CAMERAS[:views] for view in dark(camera, LENGTH))
+    problem = SegmentProblem(shown, (HUMAN,), 0, FPS, (ends_held(HUMAN, LENGTH),), settings=Settings(plants=plants))
+    landscape, asked = Landscape(truth=at_rest(HUMAN, LENGTH)), list[object]()
+    begin, made = landscape.truth, list[SegmentSolution]()
+
+    def descend(_: object, start: Sequence[Motion], __: object, stages: object) -> SegmentSolution:
+        asked.append(stages)
+        made.append(replace(landscape.solution(problem, start[0]), seconds={"solve": 1.0}))
+        return made[-1]
+
+    monkeypatch.setattr(multi_start, "descend", descend)
+    monkeypatch.setattr(multi_start, "doubted_performers", lambda *_: [0] * contradicted)
+    found = multi_start.first_solution(problem, [begin], Workspace())
+    assert tuple(asked) == solved_by and found.motions is made[-1].motions
+    assert found.seconds["solve"] == len(solved_by)
+    assert found.iterations == sum(one.iterations for one in made)
 
 
 def test_without_the_search_a_doubted_solution_stands() -> None:

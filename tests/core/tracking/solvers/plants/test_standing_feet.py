@@ -223,6 +223,20 @@ def test_a_plant_that_seems_too_long_to_pass_may_be_as_long_as_before_the_refine
     assert held[:16].all() and not held[-1] if told else not held.any()
 
 
+@pytest.mark.parametrize("odds", [0.0, -0.2])
+def test_a_plant_ends_before_a_step_on_which_the_point_clearly_moves_if_pictures_let_it(
+    odds: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The feet seem to stand until they have left by 3 cm."""
+    say(monkeypatch, odds)
+    seeming = np.tile(np.arange(FRAMES)[:, None] < 17, 4)
+    monkeypatch.setattr(type(SOLES), "planted", lambda *_: seeming)
+    way = (0.03 * (np.arange(FRAMES) > 15) + 0.1 * (np.arange(FRAMES) > 16))[:, None] * [1.0, 0.0, 0.0]
+    motion = Motion(standing(BODY, FRAMES).translations + way, standing(BODY, FRAMES).rotations)
+    held = held_heel(motion, motion, 1.0)
+    assert held.tolist() == [f < 16 and odds == 0 for f in range(FRAMES)]
+
+
 def test_a_plant_takes_in_the_frames_beside_it_on_which_the_point_may_stand_by_the_evidence() -> None:
     """The heel that is tracked as if it were set down a frame later is held from the key pose on where the shot shows
     errors of that size.
