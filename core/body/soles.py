@@ -95,10 +95,13 @@ class Soles:
         poses, fps
             See `planted`.
         """
-        still = np.linalg.norm(np.diff(self.world(poses), axis=0), axis=2) < min(STANDING_SPEED / fps, STANDING_STEP)
-        steps = np.pad(held[1:] & held[:-1] & still, ((1, 1), (0, 0)))
+        size = np.linalg.norm(np.diff(self.world(poses), axis=0), axis=2)
+        still, kept = size < min(STANDING_SPEED / fps, STANDING_STEP), held[1:] & held[:-1]
+        steps = np.pad(kept & still, ((1, 1), (0, 0)))
         steps = (steps[1:-1] | steps[2:] | steps[:-2]) & still
         shortest = int(np.ceil(MIN_DURATION * fps))
+        slow = steps | kept & (size < STANDING_STEP)  # as at a key pose that tracking misses by millimetres
+        steps = np.stack([without_short(column, shortest, False) for column in steps.T], axis=1) & slow
         steps = np.stack([without_short(column, shortest, True) for column in steps.T], axis=1)
         stands = np.pad(steps, ((1, 1), (0, 0)))
         stands = stands[1:] | stands[:-1]

@@ -142,6 +142,17 @@ def test_a_point_that_is_held_and_stands_for_a_moment_only_does_not_count_as_sta
     assert np.flatnonzero(stands[:, 1]).tolist() == [6, 7, 8, 9]
 
 
+@pytest.mark.parametrize(
+    ("step", "stays", "stands"), [(0.0019, True, True), (0.0021, True, False), (0.0019, False, False)]
+)
+def test_a_held_point_stands_on_across_a_brief_step_of_less_than_two_millimetres(step, stays, stands):
+    """A key pose is where it is, and tracking may miss it by that much."""
+    soles, poses = ahead([0.0, 0.0, 0.0, 0.0, step, 0.0, 0.0, 0.0, 0.0])
+    held = np.ones((10, 4), bool)
+    held[5] = stays
+    assert soles.standing(held, poses, 30.0)[:, 0].tolist() == 5 * [True] + [stands] + 4 * [True]
+
+
 def test_two_plants_are_not_told_as_one_where_the_point_moves_between_them():
     soles, poses = ahead([0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0])
     stands = soles.standing(np.ones((8, 4), bool), poses, 30.0)
