@@ -19,6 +19,7 @@ from ...numerics import rotations
 from ...numerics.arrays import Array, Ints
 from ...numerics.likeliest_path import state_probabilities
 from .closed_form import LimbChain, limb_orientations
+from .limb_postures import posture_rarity
 from .person_depth import Rays, floor_depth
 
 LIMIT_SIGMA = 0.2
@@ -151,8 +152,11 @@ def limb_places(rays: Rays, limb: Limb, trunk: Array, start: Array, *, standing:
 
 def _posture_cost(places: LimbPlaces, trunk: Array) -> Array:
     """Return the cost of bending as people hardly do, with a trunk (F, 3, 3), shape (S, F)."""
-    limb, cost = places.limb, np.zeros(places.cost.shape)
-    upper, lower = places.middles - places.start, places.ends - places.middles
+    limb, upper, lower = places.limb, places.middles - places.start, places.ends - places.middles
+    own_side = np.array([1.0 if limb.side == "L" else -1.0, 1.0, 1.0])  # the trunk's x axis points to its left
+    cost = posture_rarity(
+        limb.chain.upper, *(np.einsum("fba,sfb->sfa", trunk, bone) * own_side for bone in (upper, lower))
+    )
     for part, turns in zip(limb.parts, limb.turns(trunk, upper, lower), strict=True):
         low, high = limb.body.limits[part].T
         cost += np.sum(((turns - np.clip(turns, low, high)) / LIMIT_SIGMA) ** 2, axis=-1)
