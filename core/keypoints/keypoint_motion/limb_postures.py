@@ -17,7 +17,7 @@ SPREAD = 0.35
 UNCOMMON_SHARE = 0.05
 """Probability of a posture that is like none of the common ones: all directions are equally likely then."""
 # Rows of a share and of unit vectors along the upper and the lower bone: x to the limb's own side, y from the hips to
-# the shoulders, z ahead. Made by tools/limb_postures.py from the captured clips of DeepMimic (github.com/xbpeng/
+# the shoulders, z ahead. Made by tools/captured_postures.py from the captured clips of DeepMimic (github.com/xbpeng/
 # DeepMimic, MIT licence).
 _ARMS = (
     (0.11, 0.21, -0.96, 0.17, -0.01, -0.84, 0.54),

@@ -1,7 +1,7 @@
 """How people hold arms and legs, from captured clips: makes the tables of `limb_postures` in
 `core.keypoints.keypoint_motion`.
 
-    python tools/limb_postures.py CLIPS
+    python tools/captured_postures.py CLIPS
 
 CLIPS is the folder of DeepMimic's captured clips (humanoid3d_*.txt), as in `pybullet_data/data/motions` of the package
 pybullet. Every clip counts alike, and every posture of the right side as one of the left.
