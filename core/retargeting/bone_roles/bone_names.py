@@ -7,6 +7,7 @@ above a knee. A control rig has every limb several times, so a skeleton is searc
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 from ...body.skeleton_motion import RestSkeleton
 from .bone_words import BoneName, read_name, shared_words
@@ -48,10 +49,20 @@ def roles_by_name(rest: RestSkeleton) -> BoneMap:
         for kinds in _FAMILIES:
             one = BoneMap(_roles(rest, names, tree, kinds), found_by="names")
             if not one.missing():
-                return completed(one, BoneMap(_roles(rest, names, tree, _FAMILIES[-1]), found_by="names"), rest)
+                whole = BoneMap(_roles(rest, names, tree, _FAMILIES[-1]), found_by="names")
+                return _with_head(completed(one, whole, rest))
             if len(one.missing()) < len(found.missing()) or not found.bones:
                 found = one
     return found
+
+
+def _with_head(bones: BoneMap) -> BoneMap:
+    """Return a map in which the last bone of a neck is the head, where no other is: it carries the face."""
+    neck = bones.bones.get("neck", ())
+    if not neck or "head" in bones.bones:
+        return bones
+    others = {role: names for role, names in bones.bones.items() if role != "neck"}
+    return replace(bones, bones=others | {"head": neck[-1:]} | ({"neck": neck[:-1]} if neck[1:] else {}))
 
 
 def completed(bones: BoneMap, more: BoneMap, rest: RestSkeleton) -> BoneMap:

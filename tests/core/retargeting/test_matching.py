@@ -107,19 +107,35 @@ def test_words_and_marks_of_sides_are_understood(style):
     assert dict(roles_by_name(rest).bones) == wanted
 
 
-def test_bones_may_be_named_after_the_joints_in_which_they_begin():
-    trunk = ["Hips", "Chest", "Neck"]
-    arm, leg = ["Collar", "Shoulder", "Elbow", "Wrist"], ["Hip", "Knee", "Ankle"]
-    names, parents = [*trunk], [-1, 0, 1]
+ARM, LEG = ["Collar", "Shoulder", "Elbow", "Wrist"], ["Hip", "Knee", "Ankle"]
+
+
+def named_after_joints(*trunk: str) -> RestSkeleton:
+    """A skeleton whose bones are named after the joints in which they begin, with given bones from hips to head."""
+    names, parents = [*trunk], list(range(-1, len(trunk) - 1))
     for side in ("Left", "Right"):
-        for limb, root in ((arm, 1), (leg, 0)):
+        for limb, root in ((ARM, 1), (LEG, 0)):
             parents += [root, *range(len(names), len(names) + len(limb) - 1)]
             names += [side + joint for joint in limb]
-    rest = RestSkeleton(tuple(names), tuple(parents), np.zeros((len(names), 3)), np.zeros((len(names), 3)))
-    found = match_bones(rest)
-    roles = dict(zip(("shoulder", "upper_arm", "forearm", "hand", "thigh", "shin", "foot"), arm + leg, strict=True))
+    return RestSkeleton(tuple(names), tuple(parents), np.zeros((len(names), 3)), np.zeros((len(names), 3)))
+
+
+def test_bones_may_be_named_after_the_joints_in_which_they_begin():
+    found = match_bones(named_after_joints("Hips", "Chest", "Neck"))
+    roles = dict(zip(("shoulder", "upper_arm", "forearm", "hand", "thigh", "shin", "foot"), ARM + LEG, strict=True))
     for role, joint in roles.items():
         assert (found.bones[f"{role}.L"], found.bones[f"{role}.R"]) == ((f"Left{joint}",), (f"Right{joint}",))
+
+
+@pytest.mark.parametrize(
+    ("above", "neck", "head"),
+    [(["Neck"], (), "Neck"), (["Neck", "Neck1"], ("Neck",), "Neck1"), (["Neck", "Head"], ("Neck",), "Head")],
+    ids=["one bone", "two bones", "with a head"],
+)
+def test_the_last_bone_of_a_neck_without_a_head_is_the_head(above, neck, head):
+    """As of characters whose face hangs on the neck: it would not turn with the performer's head otherwise."""
+    found = match_bones(named_after_joints("Hips", "Chest", *above)).bones
+    assert (found.get("neck", ()), found["head"]) == (neck, (head,))
 
 
 @pytest.mark.parametrize("kind", SKELETONS)
