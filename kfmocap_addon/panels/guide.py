@@ -67,10 +67,10 @@ def follow(context: bpy.types.Context) -> None:
     All windows have the same sections open, which follow the scene of the first window: if each window opened those of
     its own scene, they would do so in turn for ever.
     """
-    if context.scene != context.window_manager.windows[0].scene:
+    if bpy.app.background or context.scene != context.window_manager.windows[0].scene:
         return
     step = current_step(context)
-    if step is None or bpy.app.background or step == sections_of(context).step:
+    if step is None or step == sections_of(context).step:
         return
     if not bpy.app.timers.is_registered(_take_step):
         bpy.app.timers.register(_take_step, first_interval=0.0)

@@ -301,9 +301,26 @@ def test_footage_that_ends_before_the_scene_begins_leaves_it_its_length(take):
 def test_cameras_of_the_scene_become_views_with_their_clips_where_these_are(take):
     current = bpy.context.scene
     solved_cameras.show_cameras(current, {"cam01": camera(1)}, {"cam01": take / "walk_cam01.mp4"}, {"cam01": 0.0})
-    bpy.data.movieclips[0].frame_start, bpy.data.movieclips[0].frame_offset = 3, 7
+    clip = bpy.data.movieclips[0]
+    clip.frame_start, clip.frame_offset = 3, 7
     bpy.ops.kfmocap.use_scene_cameras()
     assert view_cameras.read_views(current, 1, 10)[0].offset == 1 - 3 + 7
+    assert (clip.frame_start, clip.frame_offset) == (3, 7), "tracks made on the clip stay on their pictures"
+
+
+@pytest.mark.parametrize(("fields", "per_picture"), [("progressive", 1), ("top-first", 2)])
+def test_the_frame_offset_of_a_clip_stays_whatever_its_view_says(take, fields, per_picture):
+    """Blender's tracks and solved cameras do not move with it, and would leave their pictures."""
+    add(take, "walk_cam01.mp4")
+    current, (view,) = bpy.context.scene, shot().views
+    clip = footage_background.clip_behind(view.camera)
+    clip.frame_offset = 7
+    view.offset, view.fields = 4.0, fields
+    current.frame_set(6)
+    assert (6 - clip.frame_start + clip.frame_offset, clip.frame_offset) == ((5 + 4) // per_picture, 7)
+    assert footage_background.moved_by(view, shot().first, shot().frame_start) == 0
+    clip.frame_offset = 8
+    assert footage_background.moved_by(view, shot().first, shot().frame_start) == 1
 
 
 def test_moving_a_views_offset_moves_its_footage(take):
@@ -341,7 +358,7 @@ def test_a_clip_that_was_moved_in_blender_is_refused_until_its_offset_is_entered
     with pytest.raises(FootageError, match=r"cam01: its pictures are shown 3 frames earlier .*enter the Offset 3"):
         view_cameras.read_views(current, 1, 10)
     view.offset = 3.0
-    assert (clip.frame_start, clip.frame_offset) == (-2, 0)
+    assert (clip.frame_start, clip.frame_offset) == (0, 2)
     assert view_cameras.read_views(current, 1, 10)[0].offset == 3.0
 
 

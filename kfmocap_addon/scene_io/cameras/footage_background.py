@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from ....core.shot.frame_numbers import frames_per_file_frame, gap_frame, is_int
 
 _LONGEST = 220
 """Number of characters that Blender stores of a driver's expression, 255, without those around."""
+_DRIVEN_OFFSET = re.compile(r"\) ([+-]\d+)$")
+"""A clip's own offset at the end of such an expression: see `_start`."""
 
 
 def as_blender_stores(path: str) -> str:
@@ -110,6 +113,9 @@ def undistort(background: bpy.types.CameraBackgroundImage) -> None:
 def show_in_time(slot: Any, first: int, frame_start: int) -> None:
     """Set up the footage behind a view's camera to show the right frames for its offset and fields.
 
+    The Frame Offset of its clip stays: tracks and solved cameras of Blender's own do not move with it, and would leave
+    the pictures on which they were made.
+
     Parameters
     ----------
     first : int
@@ -120,14 +126,13 @@ def show_in_time(slot: Any, first: int, frame_start: int) -> None:
     clip = clip_behind(slot.camera) if slot.camera is not None else None
     if clip is None:
         return
-    start, expression = _plain_start(slot, first, frame_start), ""
-    if _is_driven(slot):
-        expression = _start(slot, first - frame_start)
-    if (start, 0, expression) == (clip.frame_start, clip.frame_offset, _driver_of(clip)):
+    start = _plain_start(slot, first, frame_start) + clip.frame_offset
+    expression = _start(slot, first - frame_start, clip.frame_offset) if _is_driven(slot) else ""
+    if expression == _driver_of(clip) and (expression or start == clip.frame_start):
         return
     clip = _own_clip(slot, clip)
     clip.driver_remove("frame_start")
-    clip.frame_start, clip.frame_offset = start, 0
+    clip.frame_start = start
     if expression:
         # Of functions that Blender evaluates itself: a file may drive it where Python is not trusted.
         clip.driver_add("frame_start").driver.expression = expression
@@ -153,8 +158,10 @@ def moved_by(slot: Any, first: int, frame_start: int) -> int:
     clip = clip_behind(slot.camera) if slot.camera is not None else None
     if clip is None:
         return 0
-    start = clip.frame_start if _is_driven(slot) else _plain_start(slot, first, frame_start)
-    return int(start - clip.frame_start + clip.frame_offset)
+    if _is_driven(slot):
+        allowed = _DRIVEN_OFFSET.search(_driver_of(clip))
+        return int(clip.frame_offset - (int(allowed[1]) if allowed else 0))
+    return int(_plain_start(slot, first, frame_start) + clip.frame_offset - clip.frame_start)
 
 
 def moved_offset(slot: Any, moved: int) -> float:
@@ -190,14 +197,15 @@ def _own_clip(slot: Any, clip: bpy.types.MovieClip) -> bpy.types.MovieClip:
     return copy
 
 
-def _start(slot: Any, ahead: int) -> str:
+def _start(slot: Any, ahead: int, clip_offset: int) -> str:
     """Return a clip's start as an expression of the scene's frame: a movie clip has neither a playback rate nor gaps.
 
     Of footage with several frames for each of the shot, one is shown.
 
     Each frame of interlaced footage, with both fields interleaved, is shown on the two scene frames that are its
     fields, and the picture before missing frames in their place; Blender shows videos by the times in their files, so
-    that it does so by itself where these tell. `ahead` is by how much the shot's frames are ahead of the scene's.
+    that it does so by itself where these tell. `ahead` is by how much the shot's frames are ahead of the scene's,
+    `clip_offset` the clip's own Frame Offset.
     """
     every = slot.every
     shown = f"{every} * frame {every * ahead + whole_offset(slot):+d}".removeprefix("1 * ")
@@ -207,7 +215,8 @@ def _start(slot: Any, ahead: int) -> str:
         if len(shown) + len("".join(steps)) > _LONGEST:
             break
         shown += "".join(steps)
-    return f"frame - floor(({shown}) / {frames_per_file_frame(slot)})"
+    own = f" {clip_offset:+d}" if clip_offset else ""
+    return f"frame - floor(({shown}) / {frames_per_file_frame(slot)}){own}"
 
 
 def look_through(scene: bpy.types.Scene, slot: bpy.types.PropertyGroup) -> None:
