@@ -16,8 +16,11 @@ from .followed_bones import skeletons_following
 
 _LEADING_SHARE = 0.5
 """Share of a vertex's weight from which on a bone leads it."""
-_WEIGHTING = ("DATA_TRANSFER", "NODES", "VERTEX_WEIGHT_EDIT", "VERTEX_WEIGHT_MIX", "VERTEX_WEIGHT_PROXIMITY")
-"""Modifiers that may give weights."""
+_MOVING = (
+    *("DATA_TRANSFER", "NODES", "VERTEX_WEIGHT_EDIT", "VERTEX_WEIGHT_MIX", "VERTEX_WEIGHT_PROXIMITY"),
+    *("CLOTH", "CURVE", "HOOK", "LATTICE", "MESH_DEFORM", "SHRINKWRAP", "SOFT_BODY", "SURFACE_DEFORM"),
+)
+"""Modifiers that may give weights, or move vertices that have none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,14 +82,15 @@ def read_skin(armature: bpy.types.Object) -> Skin:
 
 def unbound_vertices(armature: bpy.types.Object) -> dict[str, int]:
     """Return how many vertices no deforming bone moves, by the mesh that is bound to an armature, if there are any.
-    Meshes that get weights elsewhere, from a modifier, a bone's envelope or the bone that carries them, do not count.
+    Meshes do not count if such vertices may be moved otherwise: by another modifier or armature, the envelope of a bone
+    or the bone that carries the mesh.
     """
     deforming = {bone.name for bone in armature.data.bones if bone.use_deform}
     found = {}
     for mesh in skinned_meshes(armature):
         modifiers = list[Any](mesh.modifiers)
-        weighted = any(m.type in _WEIGHTING or getattr(m, "use_bone_envelopes", False) for m in modifiers)
-        if weighted or mesh.parent_type == "BONE":
+        others = [m for m in modifiers if m.type == "ARMATURE" and (m.object != armature or m.use_bone_envelopes)]
+        if others or any(m.type in _MOVING for m in modifiers) or mesh.parent_type == "BONE":
             continue
         bones = {group.index for group in mesh.vertex_groups if group.name in deforming}
         loose = [not any(g.group in bones and g.weight > 0 for g in vertex.groups) for vertex in mesh.data.vertices]
