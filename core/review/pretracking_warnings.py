@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from ..body.swapped_sides import swapped_sides
 from ..cameras.fisheye_warning import fisheye_warning
+from ..errors import listed
 from ..shot.footage_faults.footage_checks import SAME_RATE
 from ..shot.shot import Performer, Shot
+
+_NAMED = 3
 
 
 def key_rate_text(rate: float, fps: float) -> str:
@@ -48,6 +53,7 @@ def warnings_before_tracking(shot: Shot) -> list[str]:
             key_rate_text(performer.file_fps, shot.fps),
             first_row_text(performer.file_rows, shot.frames),
             exchanged_text(exchanged_keyframes(shot, performer)),
+            unposed_text(performer),
         )
         if text
     ]
@@ -69,3 +75,20 @@ def exchanged_keyframes(shot: Shot, performer: Performer) -> list[int]:
     keys = performer.key_poses
     posed = keys.fixed.any(axis=1)
     return [shot.frames[0] + int(f) for f in keys.frames[posed & swapped_sides(performer.body, keys.poses)]]
+
+
+def unposed_text(performer: Performer) -> str:
+    """Return a text that some parts have no key pose, though others pose all of the rest of the body, which is more
+    than half of it; else empty. Such parts may be small bones that were forgotten: footage hardly shows how they turn.
+    """
+    keys, names = performer.key_poses, performer.body.names
+    posed = keys.fixed[:, 3:].reshape(len(keys.frames), len(names), 3).all(axis=2)
+    rest = posed.any(axis=0)
+    forgotten = [name for name in np.array(names)[~rest] if name not in performer.unknown]
+    whole = (posed[:, rest].all(axis=1) & keys.fixed[:, :3].all(axis=1)).any()
+    if not forgotten or not whole or 2 * rest.sum() <= len(names):
+        return ""
+    return (
+        f"no key pose holds {listed(forgotten, _NAMED)}, so the footage alone decides how they turn, and no segment "
+        "ends at these key poses: key the whole body, if they should stay as they are"
+    )

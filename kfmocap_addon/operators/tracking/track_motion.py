@@ -261,20 +261,25 @@ class ClearBetween(Conditional, bpy.types.Operator):
 
 
 def _disturbances_of(scene: bpy.types.Scene, asked: AskedTracking) -> list[tuple[bpy.types.PropertyGroup, list[str]]]:
-    """Return what to report of each performer that is shown otherwise than its keys say.
+    """Return what to report of each performer that is shown otherwise than its keys say, or has too few of them.
 
     Raises
     ------
     BodyError
         The armature of one is moved as a whole.
     """
+    from ....core.review.pretracking_warnings import unposed_text
     from ...retargeting.tracked_bodies.tracked_bones import refuse_moving_object
     from ...scene_io.body.disturbances import disturbances
 
     for slot in asked.slots.values():
         refuse_moving_object(scene, slot.armature)
-    bodies = asked.shot.performers
-    return [(slot, disturbances(slot.armature, bodies[number].body)) for number, slot in asked.slots.items()]
+    found = []
+    for number, slot in asked.slots.items():
+        performer = asked.shot.performers[number]
+        texts = [*disturbances(slot.armature, performer.body), unposed_text(performer)]
+        found.append((slot, [text for text in texts if text]))
+    return found
 
 
 def _is_animated(armature: bpy.types.Object | None) -> bool:
