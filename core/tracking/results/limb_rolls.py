@@ -8,6 +8,7 @@ part about the line through its joints moves no joint; hands and feet stay as th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,13 +18,20 @@ from scipy.linalg import solveh_banded
 from ...body import Body
 from ...body.motion import Motion
 from ...numerics import rotations
-from ...numerics.arrays import Array
+from ...numerics.arrays import Array, Bools
 from ...shot.acceleration_prior import USUAL_JOINT
 from ...shot.shot import KeyPoses
 
 MAX_SIDE_RANGE, MIN_BEND_RANGE = 0.5, 1.5
 """A joint is a hinge if its range about the axis that tips its part out of the plane in which it bends is at most the
 first, and its range about the axis of the hinge at least the second, radians."""
+MAX_BACKWARD = 0.5
+"""By how much a hinge bends backward at most, radians: a neck or a tail that bends both ways is none."""
+MAX_REST_ANGLE = 0.5
+"""Angle of both parts' lines to the lower part's y axis, at rest, up to which that axis tells where it points and about
+what it is twisted, radians. Bones of other programs may point elsewhere."""
+MAX_BESIDE_LINE = 0.005
+"""By how much joints of other parts may lie beside the line about which a part is rolled, metres: they move by it."""
 DIRECTION_SIGMA = 0.1
 """Usual error of the direction in which a tracked part points against the plane in which its joint bends, radians."""
 ROLL_SIGMA = 0.5
@@ -49,7 +57,7 @@ class Hinge:
     way : float
         1 if positive turns about the hinge's axis, the lower part's x axis, bend it, otherwise -1.
     beyond : tuple of int
-        The parts that hang on the lower one.
+        The parts that hang on the lower one, the farthest joint first.
     """
 
     upper: int
@@ -59,17 +67,52 @@ class Hinge:
 
 
 def hinges(body: Body) -> list[Hinge]:
-    """Return the hinges of a body by the limits of its joints: they bend about the x axis, hardly about the z axis."""
+    """Return the hinges of a body by the limits of its joints: they bend one way about the x axis, hardly about the z
+    axis. Left out are those whose parts cannot be rolled: another joint would move, or twist though it is locked.
+    """
     found = []
+    locked = body.limits[:, 1, 0] == body.limits[:, 1, 1]
     for lower, upper in enumerate(body.parents):
+        low, high = body.limits[lower, 0]
         bend, _, side = np.ptp(body.limits[lower], axis=1)
-        if upper > 0 and side <= MAX_SIDE_RANGE and bend >= MIN_BEND_RANGE and body.offsets[lower].any():
-            beyond = tuple(part for part, parent in enumerate(body.parents) if parent == lower)
-            found.append(Hinge(upper, lower, float(np.sign(body.limits[lower, 0].sum())), beyond))
+        if upper <= 0 or side > MAX_SIDE_RANGE or bend < MIN_BEND_RANGE or min(-low, high) > MAX_BACKWARD:
+            continue
+        beside, beyond = (_hanging_on(body, part) for part in (upper, lower))
+        if locked[[upper, *beyond]].any():
+            continue
+        along = _can_be_rolled(body, lower, beside, body.R_parent_rest[lower, :, 1])
+        if along and (not beyond or _can_be_rolled(body, beyond[0], beyond, _ALONG)):
+            found.append(Hinge(upper, lower, float(np.sign(low + high)), beyond))
     return found
 
 
-def with_likely_rolls(body: Body, motion: Motion, keys: KeyPoses, fps: float) -> Motion:
+def _hanging_on(body: Body, part: int) -> tuple[int, ...]:
+    """Return the parts that hang on a part, the one whose joint is farthest from its own first."""
+    children = [child for child, parent in enumerate(body.parents) if parent == part]
+    return tuple(sorted(children, key=lambda child: -float(np.linalg.norm(body.offsets[child]))))
+
+
+def _can_be_rolled(body: Body, end: int, children: Sequence[int], axis: Array) -> bool:
+    """Whether a part can be rolled about the line to the joint of the part `end` that hangs on it, as no other of its
+    children's joints is beside the line, and it is near an axis, a unit vector (3,), of the part's frame.
+    """
+    length = float(np.linalg.norm(body.offsets[end]))
+    if not length:
+        return False
+    line = body.offsets[end] / length
+    beside = np.linalg.norm(np.cross(body.offsets[list(children)], line), axis=1)
+    return bool(line @ axis >= np.cos(MAX_REST_ANGLE) and beside.max() <= MAX_BESIDE_LINE)
+
+
+def with_likely_rolls(
+    body: Body,
+    motion: Motion,
+    keys: KeyPoses,
+    fps: float,
+    *,
+    tied: Bools | None = None,
+    ends: Sequence[int] = (),
+) -> Motion:
     """Return a tracked motion whose limbs are rolled as their elbows and knees bend, and are twisted little between key
     poses.
 
@@ -83,11 +126,20 @@ def with_likely_rolls(body: Body, motion: Motion, keys: KeyPoses, fps: float) ->
         F poses; key frames have the key poses.
     keys : KeyPoses
     fps : float
+    tied : ndarray of bool, shape (F, P), optional
+        Parts that must not be rolled though no key pose holds them, such as one to which a prop is tied.
+    ends : sequence of int
+        Frames that join a motion that stays as it is: they stay as well, as on key frames.
     """
-    fixed = keys.fixed[:, 3:].reshape(len(keys.frames), len(body), 3).all(axis=2)
+    rotated = keys.fixed[:, 3:].reshape(len(keys.frames), len(body), 3)
+    fixed, touched = rotated.all(axis=2), rotated.any(axis=2)
+    joined = np.array(ends, np.int64)
     for hinge in hinges(body):
-        known = keys.frames[fixed[:, hinge.upper] & fixed[:, hinge.lower]]
-        held = keys.frames[fixed[:, [hinge.upper, hinge.lower, *hinge.beyond]].any(axis=1)]
+        parts = [hinge.upper, hinge.lower, *hinge.beyond]
+        known = np.union1d(keys.frames[fixed[:, hinge.upper] & fixed[:, hinge.lower]], joined)
+        held = np.union1d(keys.frames[touched[:, parts].any(axis=1)], joined)
+        if tied is not None:
+            held = np.union1d(held, np.flatnonzero(tied[:, [hinge.upper, hinge.lower]].any(axis=1)))
         roll = _smoothed(*_out_of_plane(motion.rotations[:, hinge.lower], hinge.way, known), held, fps)
         motion = _rolled(body, motion, hinge.upper, (hinge.lower,), roll)
         twists = _beyond_twist(motion.rotations[:, hinge.lower], np.ptp(body.limits[hinge.lower, 1]), known)

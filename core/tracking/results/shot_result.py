@@ -10,7 +10,7 @@ import numpy as np
 from ...body.kinematics import part_poses
 from ...body.motion import Motion
 from ...body.soles import Soles
-from ...body.unknown_parts import unknown_reach, unshown_parts
+from ...body.unknown_parts import resting_parts, unknown_reach, unshown_parts
 from ...evidence.occlusion import unseen
 from ...keypoints.observations import ShotKeypoints
 from ...keypoints.seen_landmarks import found_landmarks
@@ -67,7 +67,7 @@ def _joined(shot: Shot, state: TrackState, done: Sequence[FinishedSegment], obse
         uncertainties = [one.uncertainties[i] for one in done]
         errors.append(joint_errors(performer.body, uncertainties, beside, one_view=eye is not None and own is None))
     return TrackResult(
-        motions=tuple(_handed_out(m, p, shot) for m, p in zip(state.motions, performers, strict=True)),
+        motions=tuple(handed_out(shot, state, i) for i in range(len(performers))),
         seconds={},
         camera_frames=len(shot.views) * shot.length,
         segments=tuple(one.result for one in done),
@@ -81,15 +81,34 @@ def _joined(shot: Shot, state: TrackState, done: Sequence[FinishedSegment], obse
     )
 
 
-def _handed_out(motion: Motion, performer: Performer, shot: Shot) -> Motion:
+def handed_out(shot: Shot, state: TrackState, number: int) -> Motion:
     """Return a performer's motion as it is handed out: with exactly the key poses, and with likely rolls of its limbs.
 
-    The relaxation's motion stays as in paper 1.
+    The relaxation's motion stays as in paper 1. Where poses beside the shot are known, its ends stay as the solver has
+    joined them to these: rolls there do not know what those poses were rolled by.
     """
-    exact = with_keys(motion, performer.key_poses)
+    performer = shot.performers[number]
+    exact = with_keys(state.motions[number], performer.key_poses)
     if solver_named(shot.settings.solver).refine is None:
         return exact
-    return with_likely_rolls(performer.body, exact, performer.key_poses, shot.fps)
+    beside = zip((0, shot.length - 1), state.around, strict=True)
+    ends = sorted({frame for frame, poses in beside if poses is not None})
+    tied = _tied_parts(shot, performer)
+    return with_likely_rolls(performer.body, exact, performer.key_poses, shot.fps, tied=tied, ends=ends)
+
+
+def _tied_parts(shot: Shot, performer: Performer) -> Bools:
+    """Return on which frames each part of a performer must not be rolled, (F, P): it holds a prop, or it rests on its
+    parent, or another part does so on it, which would not be rolled with it.
+    """
+    body = performer.body
+    tied = np.zeros((shot.length, len(body)), bool)
+    for part in resting_parts(body, performer.unknown):
+        tied[:, [part, body.parents[part]]] = True
+    for hold in shot.holds:
+        if hold.holder == performer.name:
+            tied[hold.frames[0] : hold.frames[1] + 1, body.index(hold.part)] = True
+    return tied
 
 
 def _planted(shot: Shot, motion: Motion, done: Sequence[FinishedSegment], performer: int) -> Bools | None:

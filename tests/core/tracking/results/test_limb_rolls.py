@@ -11,8 +11,11 @@ from kfmocap.core.body.body import UNLIMITED, Body
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.arrays import Array
-from kfmocap.core.shot.shot import KeyPoses
+from kfmocap.core.shot.holds import Hold
+from kfmocap.core.shot.shot import KeyPoses, Performer, Shot
 from kfmocap.core.tracking.results.limb_rolls import hinges, with_likely_rolls
+from kfmocap.core.tracking.results.shot_result import handed_out
+from kfmocap.core.tracking.track_state import TrackState
 from synthetic import at_rest, random_motion
 
 BODY = human()
@@ -152,3 +155,114 @@ def test_short_motions_are_no_exception(length) -> None:
     for frames in ([], [0], [0, length - 1][: min(length, 2)]):
         found = with_likely_rolls(BODY, motion, keys_of(motion, sorted(set(frames))), FPS)
         assert np.isfinite(found.rotations).all()
+
+
+def with_part(name: str, **changes) -> Body:
+    """The body with another part of that name."""
+    return Body(tuple(replace(part, **changes) if part.name == name else part for part in BODY.parts), BODY.landmarks)
+
+
+def with_bone(parent: int, place: Array) -> Body:
+    """The body with one more bone that hangs on a part, at a place in its frame, before the others that do."""
+    one = BODY.parts[parent]
+    head = one.head_world + one.R_world_rest @ place
+    more = replace(one, name="more", parent=parent, head_world=head, tail_world=head + [0.0, 0.0, 0.1])
+    before, after = BODY.parts[: parent + 1], BODY.parts[parent + 1 :]
+    after = tuple(replace(part, parent=part.parent + (part.parent > parent)) for part in after)
+    return Body((*before, replace(more, limits=np.array(UNLIMITED)), *after), {})
+
+
+def lower_parts(body: Body) -> set[str]:
+    return {body.names[hinge.lower] for hinge in hinges(body)}
+
+
+def test_a_neck_or_a_tail_that_bends_both_ways_is_no_hinge() -> None:
+    both_ways = np.radians([[-60, 70], [-20, 20], [-8, 8]])
+    assert lower_parts(with_part("head", limits=both_ways)) == lower_parts(BODY)
+    even = np.radians([[-80, 80], [-20, 20], [-8, 8]])
+    assert "forearm.L" not in lower_parts(with_part("forearm.L", limits=even))
+
+
+@pytest.mark.parametrize("name", ["upper_arm.L", "hand.L"])
+def test_a_joint_whose_twist_is_locked_is_not_twisted(name) -> None:
+    limits = BODY.parts[BODY.index(name)].limits.copy()
+    limits[1] = 0.0
+    assert lower_parts(BODY) - lower_parts(with_part(name, limits=limits)) == {"forearm.L"}
+
+
+def test_bones_that_do_not_point_along_their_limb_are_not_rolled() -> None:
+    shin = BODY.parts[SHIN]
+    bent = shin.R_world_rest @ rotations.exp(np.array([-1.2, 0.0, 0.0]))
+    assert "shin.R" not in lower_parts(with_part("shin.R", R_world_rest=bent))
+
+
+@pytest.mark.parametrize("parent", [UPPER, LOWER])
+def test_a_bone_beside_the_line_of_a_limb_keeps_it_from_being_rolled(parent) -> None:
+    assert lower_parts(BODY) - lower_parts(with_bone(parent, np.array([0.05, 0.1, 0.0]))) == {"forearm.L"}
+
+
+@pytest.mark.parametrize("parent", [UPPER, LOWER])
+@pytest.mark.parametrize("along", [0.0, 0.1])
+def test_a_bone_that_twists_on_the_line_of_a_limb_does_not_move(parent, along) -> None:
+    body = with_bone(parent, np.array([0.0, along, 0.0]))
+    motion = random_motion(body, F, turn=0.6)
+    found = with_likely_rolls(body, motion, keys_of(motion), FPS)
+    assert angle(found, motion, UPPER, body).max() > 0.2
+    assert np.abs(part_poses(body, found)[1] - part_poses(body, motion)[1]).max() < 1e-9
+
+
+def test_a_key_of_one_axis_alone_holds_its_frame() -> None:
+    motion = random_motion(BODY, F, turn=0.6)
+    keys = keys_of(motion)
+    fixed = keys.fixed.copy()
+    fixed[1] = False
+    fixed[1, 3 + 3 * UPPER] = True
+    found = with_likely_rolls(BODY, motion, replace(keys, fixed=fixed), FPS)
+    assert np.array_equal(found.rotations[12, UPPER], motion.rotations[12, UPPER])
+
+
+def test_parts_that_hold_a_prop_are_not_rolled() -> None:
+    motion = random_motion(BODY, F, turn=0.6)
+    tied = np.zeros((F, len(BODY)), bool)
+    tied[5:9, LOWER] = True
+    found = with_likely_rolls(BODY, motion, keys_of(motion), FPS, tied=tied)
+    assert np.array_equal(found.rotations[5:9, LOWER], motion.rotations[5:9, LOWER])
+    assert not np.array_equal(found.rotations[5:9, SHIN], motion.rotations[5:9, SHIN])
+    hand = np.zeros((F, len(BODY)), bool)
+    hand[:, END] = True  # which stays as it is
+    whole = with_likely_rolls(BODY, motion, keys_of(motion), FPS)
+    assert np.array_equal(with_likely_rolls(BODY, motion, keys_of(motion), FPS, tied=hand).rotations, whole.rotations)
+
+
+def test_frames_that_join_a_motion_that_stays_are_as_they_were_joined() -> None:
+    true = true_motion(plane=0.3)
+    wrong = rolled(true, UPPER, LOWER, 0.7 * np.sin(np.pi * np.arange(F) / 24) ** 2)
+    found = with_likely_rolls(BODY, wrong, keys_of(true, []), FPS, ends=[0, F - 1])
+    assert np.array_equal(found.rotations[[0, -1]], wrong.rotations[[0, -1]])
+    assert angle(found, true, UPPER).mean() < 0.25 * angle(wrong, true, UPPER).mean()  # in the plane of these ends
+
+
+def changed_frames(part: int, hold: str = "hand.L", *, rests: tuple[str, ...] = (), around: bool = False) -> list[int]:
+    """Frames on which a part is rolled in what is handed out of a shot without key poses, with a shield that is held on
+    frames 5 to 8.
+    """
+    motion = random_motion(BODY, F, turn=0.6)
+    known = ((motion[[0]],), (motion[[0]],)) if around else (None, None)
+    person = Performer("person", BODY, keys_of(motion, []), unknown=rests)
+    shot = Shot("shot", FPS, (0, F - 1), (), (person,), holds=(Hold("shield", "person", hold, (5, 8)),))
+    found = handed_out(shot, TrackState((motion,), known), 0)
+    return np.flatnonzero(angle(found, motion, part) > 1e-6).tolist()
+
+
+def test_a_shield_on_a_forearm_stays_on_it() -> None:
+    assert changed_frames(LOWER) == list(range(F))
+    assert changed_frames(LOWER, "forearm.L") == [f for f in range(F) if not 5 <= f <= 8]
+
+
+def test_where_poses_beside_the_shot_are_known_its_ends_stay_as_they_join_them() -> None:
+    assert changed_frames(UPPER, around=True) == list(range(1, F - 1))
+
+
+def test_a_part_on_which_another_rests_is_not_rolled_away_from_it() -> None:
+    assert changed_frames(LOWER, rests=("hand.L",)) == []
+    assert changed_frames(SHIN, rests=("hand.L",)) == list(range(F))
