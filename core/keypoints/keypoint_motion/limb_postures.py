@@ -75,8 +75,8 @@ _TABLES = {"upper_arm": np.array(_ARMS), "thigh": np.array(_LEGS)}
 
 
 def posture_rarity(upper_part: str, upper: Array, lower: Array) -> Array:
-    """Return how unlikely postures of a limb are: twice the negative logarithm of their density, which is 1 where a
-    bone's direction has its highest, shape (...).
+    """Return how unlikely postures of a limb are, shape (...): twice the negative logarithm of their density, as a
+    multiple of the highest that a single common posture would have.
 
     Parameters
     ----------

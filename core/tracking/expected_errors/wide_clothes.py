@@ -35,7 +35,8 @@ def widths_of_clothes(problem: SegmentProblem, motions: Sequence[Motion]) -> lis
 
     It is the width of the foreground beside a limb from its beginning to the part, the least of those on key poses of
     the whole body, as others may pass beside it on some; 0 for limbs in clothes that fit them, for the trunk, and
-    without key poses. With several performers it is not measured: another one beside a limb is foreground as well.
+    without key poses on frames that are not damaged. With several performers it is not measured: another one beside a
+    limb is foreground as well.
 
     Parameters
     ----------
@@ -49,11 +50,12 @@ def widths_of_clothes(problem: SegmentProblem, motions: Sequence[Motion]) -> lis
         return found
     poses = poses_by_delay(problem, view_instants(problem, motions))
     body, geometry = problem.bodies[0], problem.geometry()
-    areas = [
-        np.max([_areas_beside(view, geometry, poses[view.delay], problem.first, int(key)) for view in views], axis=0)
-        for key in keys
-    ]
-    return [_widths(body, np.min(areas, axis=0))]
+    areas = []
+    for key in keys.tolist():
+        sound = [view for view in views if view.sound(problem.first + key, 1)[0].all()]
+        beside = [_areas_beside(view, geometry, poses[view.delay], problem.first, key) for view in sound]
+        areas += [np.max(beside, axis=0)] if beside else []
+    return [_widths(body, np.min(areas, axis=0))] if areas else found
 
 
 def _widths(body: Body, areas: Array) -> Array:

@@ -51,9 +51,10 @@ class DescentStage:
     thinned : bool
         Whether fewer pixels of each view are used the more views there are, see `sampling_of`.
     plants : bool
-        Soles that seem planted are kept still. That guides a descent, but would also hold feet that creep, so it is off
-        in stages that are the last, and in the first descent as long as nothing contradicts its solution; with a single
-        view, which hardly shows creeping, plants are used all the same.
+        Whether soles that seem planted are kept still if this is the stage that ends a descent; others never do that.
+        It guides a descent, but would also hold feet that creep, so it is off in refinements, and in the first descent
+        as long as nothing contradicts its solution; with a single view, which hardly shows creeping, plants are used
+        all the same.
     """
 
     sampling: Sampling

@@ -202,7 +202,7 @@ def refine(
 
 
 def continued(before: SegmentSolution, after: SegmentSolution) -> SegmentSolution:
-    """Return the second of two solutions, of which the first was its start, with the iterations of both."""
+    """Return the second of two solutions, which the first has led to, with the iterations of both."""
     return replace(after, iterations=before.iterations + after.iterations, energy=(*before.energy, *after.energy))
 
 

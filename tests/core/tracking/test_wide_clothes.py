@@ -65,6 +65,15 @@ def test_somebody_beside_a_limb_on_one_key_pose_is_no_sleeve() -> None:
     assert not widths(replace(fitting, views=tuple(views))).any()
 
 
+def test_damaged_pictures_show_no_clothes() -> None:
+    wide, fitting = problem_of(in_sleeves(4.0)), problem_of(BODY)
+    one = replace(wide.views[0], damaged=np.isin(np.arange(F), KEYS[:1]))
+    assert widths(replace(wide, views=(one, wide.views[1]))).any()  # the other key frame shows them
+    damaged = replace(wide.views[0], damaged=np.ones(F, bool))
+    assert not widths(replace(fitting, views=(damaged, fitting.views[1]))).any()
+    assert not widths(replace(fitting, views=(damaged,))).any()
+
+
 def test_nothing_is_said_without_key_poses_or_of_several_performers() -> None:
     assert not widths(problem_of(in_sleeves(4.0), keys=[])).any()
     assert not widths(problem_of(in_sleeves(4.0), performers=2)).any()
