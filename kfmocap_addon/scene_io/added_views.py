@@ -284,7 +284,7 @@ def _adopted(current: bpy.types.Scene, owners: Sequence[bpy.types.Object]) -> Ca
     properties = current.kfmocap
     properties.shot = properties.shot or Path(bpy.data.filepath).stem or _UNNAMED
     clips = [footage_background.clip_behind(owner) for owner in with_footage]
-    ends = [clip.frame_start + clip.frame_duration - 1 for clip in clips if clip.frame_duration > 1]
+    ends = [c.frame_start - c.frame_offset + c.frame_duration - 1 for c in clips if c.frame_duration > 1]
     start = current.frame_start
     end = min([current.frame_end, *(end for end in ends if end > start)])
     properties.zero, properties.first, properties.last = start, 0, max(end - start, 0)

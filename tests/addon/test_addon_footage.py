@@ -298,6 +298,15 @@ def test_footage_that_ends_before_the_scene_begins_leaves_it_its_length(take):
     assert (shot().frame_start, shot().length) == (1001, 100)
 
 
+def test_footage_that_begins_within_its_file_ends_that_much_earlier(take):
+    current = bpy.context.scene
+    current.frame_start, current.frame_end = 1, 250
+    solved_cameras.show_cameras(current, {"cam01": camera(1)}, {"cam01": take / "walk_cam01.mp4"}, {"cam01": 0.0})
+    bpy.data.movieclips[0].frame_offset = 10
+    bpy.ops.kfmocap.use_scene_cameras()
+    assert (shot().frame_start, shot().length) == (1, bpy.data.movieclips[0].frame_duration - 10)
+
+
 def test_cameras_of_the_scene_become_views_with_their_clips_where_these_are(take):
     current = bpy.context.scene
     solved_cameras.show_cameras(current, {"cam01": camera(1)}, {"cam01": take / "walk_cam01.mp4"}, {"cam01": 0.0})
