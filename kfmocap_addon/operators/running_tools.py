@@ -6,8 +6,12 @@ from typing import Any
 
 import bpy
 
+from .cameras.pick_colour import PickColour
 from .job_operator import JobOperator
 from .posing.place_joints import PlacingTool
+
+KINDS = (JobOperator, PlacingTool, PickColour)
+"""Classes of all of them."""
 
 
 def cancel_all() -> None:
@@ -21,4 +25,4 @@ def running() -> list[tuple[bpy.types.Window, Any]]:
     """Return the tools that run, each with its window."""
     manager = bpy.context.window_manager
     windows = manager.windows if manager is not None else ()
-    return [(w, tool) for w in windows for tool in w.modal_operators if isinstance(tool, (JobOperator, PlacingTool))]
+    return [(window, tool) for window in windows for tool in window.modal_operators if isinstance(tool, KINDS)]

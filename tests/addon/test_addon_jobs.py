@@ -18,6 +18,7 @@ from kfmocap.core.runtime.processes.job import Job, duration  # noqa: E402
 from kfmocap.core.runtime.processes.worker_memory import CachingTask  # noqa: E402
 from kfmocap.kfmocap_addon import registration  # noqa: E402
 from kfmocap.kfmocap_addon.operators import job_operator, running_tools  # noqa: E402
+from kfmocap.kfmocap_addon.operators.cameras.pick_colour import PickColour  # noqa: E402
 from kfmocap.kfmocap_addon.operators.job_operator import JobOperator  # noqa: E402
 from kfmocap.kfmocap_addon.session import SESSION  # noqa: E402
 from user_keymaps import orbiting_with_alt  # noqa: E402
@@ -107,6 +108,21 @@ def test_a_job_ends_with_the_add_on_that_is_disabled_meanwhile(blender, monkeypa
     registration.unregister()
     assert cancelled == [bpy.context.window_manager.windows[0]]
     registration.register()  # as the fixture expects it
+
+
+def test_every_tool_that_runs_until_the_user_ends_it_ends_with_the_add_on():
+    modal = [cls for cls in registration.CLASSES if hasattr(cls, "modal")]
+    assert len(modal) > 5
+    assert [cls for cls in modal if not issubclass(cls, running_tools.KINDS)] == []
+
+
+def test_picking_a_colour_that_is_cancelled_leaves_colour_and_editor_as_they_were():
+    put, context = [], window()
+    context.window.cursor_modal_restore = lambda: None
+    tool = SimpleNamespace(_before=("red", (1, 0, 0)), _area=SimpleNamespace(type="IMAGE_EDITOR"), _was="VIEW_3D")
+    tool._colour, tool._close = SimpleNamespace(put=lambda *to: put.append(to)), partial(PickColour._close, tool)
+    PickColour.cancel(tool, context)
+    assert (put, tool._area.type, context.workspace.status) == ([tool._before], "VIEW_3D", [None])
 
 
 def test_a_job_that_ends_is_finished_once(monkeypatch):

@@ -50,10 +50,11 @@ class PickColour(Conditional, bpy.types.Operator):
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if event.value == "PRESS" and event.type in ("ESC", "RIGHTMOUSE"):
-            self._colour.put(self._before[0], self._before[1])
-            return self._closed(context, {"CANCELLED"})
+            self.cancel(context)
+            return {"CANCELLED"}
         if event.value == "PRESS" and event.type in ("RET", "NUMPAD_ENTER"):
-            return self._closed(context, {"FINISHED"})
+            self._close(context)
+            return {"FINISHED"}
         if event.value == "PRESS" and event.type in ("LEFT_ARROW", "RIGHT_ARROW"):
             self.frame = max(0, self.frame + (1 if event.type == "RIGHT_ARROW" else -1) * self._step)
             with reported(self):
@@ -67,6 +68,11 @@ class PickColour(Conditional, bpy.types.Operator):
                     self._learn(point)
             return {"RUNNING_MODAL"}
         return {"PASS_THROUGH"}
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """Leave the colour as it was; also called when Blender closes its file or quits."""
+        self._colour.put(self._before[0], self._before[1])
+        self._close(context)
 
     def _open(self, context: bpy.types.Context) -> None:
         from ....core.shot.footage import probe
@@ -118,11 +124,10 @@ class PickColour(Conditional, bpy.types.Operator):
         inside = 0 <= x < 1 and 0 <= y < 1
         return (int(x * width), height - 1 - int(y * height)) if inside else None
 
-    def _closed(self, context: bpy.types.Context, outcome: set[str]) -> set[str]:
+    def _close(self, context: bpy.types.Context) -> None:
         context.window.cursor_modal_restore()
         context.workspace.status_text_set(None)
         self._area.type = self._was
-        return outcome
 
 
 CLASSES = (PickColour,)
