@@ -167,7 +167,8 @@ def _out_of_plane(Q: Array, way: float, keys: NDArray[np.int64]) -> tuple[Array,
     Between key poses the plane turns with the line between their bends.
     """
     bends = way * Q[:, [0, 2], 1]  # how far the lower part points to the side and forward, (F, 2)
-    plane = _between(bends, keys) + [0.0, BODY_PLANE_SHARE]
+    # A joint that a key pose overstretches still bends forward beside it.
+    plane = _between(np.maximum(bends, [-np.inf, -0.5 * BODY_PLANE_SHARE]), keys) + [0.0, BODY_PLANE_SHARE]
     found, wanted = (np.arctan2(side, forward) for side, forward in (bends.T, plane.T))
     return found - wanted, (bends**2).sum(axis=1) / DIRECTION_SIGMA**2
 

@@ -89,6 +89,12 @@ def test_without_key_poses_joints_bend_as_the_bodys_do() -> None:
     assert angle(found, true, THIGH).max() < 0.1
 
 
+def test_key_poses_with_overstretched_joints_do_not_turn_limbs_around() -> None:
+    true = true_motion(bend=1.2 * WAVE - 0.3 * (1 - WAVE))
+    found = with_likely_rolls(BODY, true, keys_of(true), FPS)
+    assert max(angle(found, true, part).max() for part in (UPPER, THIGH)) < 0.5
+
+
 def test_a_limb_that_is_straight_for_a_moment_keeps_the_roll_of_the_frames_beside() -> None:
     bend = 1.2 * np.abs(np.cos(np.pi * np.arange(F) / 12))  # straight on frames 6 and 18
     true = true_motion(bend=bend)
