@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 
 class OpenFile(bpy.types.Operator):
-    """Open a file by what it holds: a shot becomes a scene, a calibration is given to the views or shown as cameras, a
-    capture of L-frame and wand fills in Calibration, 2D keypoints go to the view with the same name, 3D landmarks
-    become key poses"""
+    """Open a file according to what it holds: a shot becomes a scene, a calibration is given to the views or shown as
+    cameras, a capture of L-frame and wand fills in Calibration, 2D keypoints go to the view with the same name, 3D
+    landmarks become key poses"""
 
     bl_idname = "kfmocap.open_file"
     bl_label = "Open File"

@@ -100,8 +100,8 @@ def _has_hidden(context: bpy.types.Context) -> str:
 
 
 class ShowHidden(Conditional, bpy.types.Operator):
-    """Show a hidden camera, behind which the footage is, or a hidden body: also if its collection, the object type or
-    everything but some objects is hidden"""
+    """Show a hidden camera, behind which the footage is, or a hidden body: also if its collection or its object
+    type is hidden, or a local view leaves it out"""
 
     bl_idname = "kfmocap.show_hidden"
     bl_label = "Show"

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 class ImportKeypoints(Conditional, bpy.types.Operator, BesideFootage):
     """Give the views 2D keypoints of a detector: JSON of OpenPose, COCO, RTMPose and MMPose, AlphaPose, MediaPipe or
     YOLO, a file for each view or a folder with a file for each picture. They go to the view whose name is in the file's
-    or folder's, else to the view that the scene looks through. A folder that holds those of all views does for all"""
+    or folder's, else to the view that the scene looks through. One folder with those of all views will do"""
 
     bl_idname = "kfmocap.import_keypoints"
     bl_label = "Import Keypoints"
