@@ -107,7 +107,7 @@ def _tied_parts(shot: Shot, performer: Performer) -> Bools:
         tied[:, [part, body.parents[part]]] = True
     for hold in shot.holds:
         if hold.holder == performer.name:
-            tied[hold.frames[0] : hold.frames[1] + 1, body.index(hold.part)] = True
+            tied[max(hold.frames[0], 0) : hold.frames[1] + 1, body.index(hold.part)] = True
     return tied
 
 

@@ -248,14 +248,16 @@ def test_frames_that_join_a_motion_that_stays_are_as_they_were_joined() -> None:
     assert angle(found, true, UPPER).mean() < 0.25 * angle(wrong, true, UPPER).mean()  # in the plane of these ends
 
 
-def changed_frames(part: int, hold: str = "hand.L", *, rests: tuple[str, ...] = (), around: bool = False) -> list[int]:
-    """Frames on which a part is rolled in what is handed out of a shot without key poses, with a shield that is held on
-    frames 5 to 8.
+def changed_frames(
+    part: int, hold: str = "hand.L", *, first: int = 5, rests: tuple[str, ...] = (), around: bool = False
+) -> list[int]:
+    """Frames on which a part is rolled in what is handed out of a shot without key poses, with a shield that is held
+    from a first frame, by default 5, to frame 8.
     """
     motion = random_motion(BODY, F, turn=0.6)
     known = ((motion[[0]],), (motion[[0]],)) if around else (None, None)
     person = Performer("person", BODY, keys_of(motion, []), unknown=rests)
-    shot = Shot("shot", FPS, (0, F - 1), (), (person,), holds=(Hold("shield", "person", hold, (5, 8)),))
+    shot = Shot("shot", FPS, (0, F - 1), (), (person,), holds=(Hold("shield", "person", hold, (first, 8)),))
     found = handed_out(shot, TrackState((motion,), known), 0)
     return np.flatnonzero(angle(found, motion, part) > 1e-6).tolist()
 
@@ -263,6 +265,7 @@ def changed_frames(part: int, hold: str = "hand.L", *, rests: tuple[str, ...] = 
 def test_a_shield_on_a_forearm_stays_on_it() -> None:
     assert changed_frames(LOWER) == list(range(F))
     assert changed_frames(LOWER, "forearm.L") == [f for f in range(F) if not 5 <= f <= 8]
+    assert changed_frames(LOWER, "forearm.L", first=-3) == list(range(9, F))
 
 
 def test_where_poses_beside_the_shot_are_known_its_ends_stay_as_they_join_them() -> None:
