@@ -44,9 +44,12 @@ class Conditional(ReportingOperator):
 
 
 def is_placing(context: bpy.types.Context) -> bool:
-    """Whether joints are being placed in the window: its frame has marks that are neither keyed nor discarded yet."""
+    """Whether joints are being placed in the window: its frame has marks that are neither keyed nor discarded yet.
+
+    Blender lists None for a tool whose add-on was disabled while it ran, until the window has its next event.
+    """
     running = context.window.modal_operators if context.window is not None else ()
-    return any(tool.bl_idname == "KFMOCAP_OT_place_joints" for tool in running)
+    return any(tool is not None and tool.bl_idname == "KFMOCAP_OT_place_joints" for tool in running)
 
 
 def _scene_can_be_changed(context: bpy.types.Context) -> str:

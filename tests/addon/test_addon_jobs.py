@@ -17,7 +17,7 @@ from kfmocap.core.errors import CancelledError, CaptureError  # noqa: E402
 from kfmocap.core.runtime.processes.job import Job, duration  # noqa: E402
 from kfmocap.core.runtime.processes.worker_memory import CachingTask  # noqa: E402
 from kfmocap.kfmocap_addon import registration  # noqa: E402
-from kfmocap.kfmocap_addon.operators import job_operator, running_tools  # noqa: E402
+from kfmocap.kfmocap_addon.operators import conditions, job_operator, running_tools  # noqa: E402
 from kfmocap.kfmocap_addon.operators.cameras.pick_colour import PickColour  # noqa: E402
 from kfmocap.kfmocap_addon.operators.job_operator import JobOperator  # noqa: E402
 from kfmocap.kfmocap_addon.session import SESSION  # noqa: E402
@@ -114,6 +114,15 @@ def test_every_tool_that_runs_until_the_user_ends_it_ends_with_the_add_on():
     modal = [cls for cls in registration.CLASSES if hasattr(cls, "modal")]
     assert len(modal) > 5
     assert [cls for cls in modal if not issubclass(cls, running_tools.KINDS)] == []
+
+
+def test_a_tool_of_an_add_on_that_was_disabled_while_it_ran_is_passed_over():
+    """Blender lists None in its place."""
+    placing = SimpleNamespace(bl_idname="KFMOCAP_OT_place_joints")
+    for running, is_placing in (([None], False), ([None, placing], True)):
+        shown = SimpleNamespace(modal_operators=running)
+        assert conditions.is_placing(SimpleNamespace(window=shown)) is is_placing
+        assert job_operator.running_job(shown) is None
 
 
 def test_picking_a_colour_that_is_cancelled_leaves_colour_and_editor_as_they_were():
