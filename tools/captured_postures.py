@@ -14,6 +14,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from kfmocap.core.keypoints.keypoint_motion.closed_form import along_and_across
 from kfmocap.core.numerics.arrays import Array
 from scipy.cluster.vq import kmeans2
 from scipy.spatial.transform import Rotation
@@ -24,6 +25,8 @@ SAMPLES = 400
 """Postures drawn from every clip."""
 CHEST, SHOULDERS = (0.0, 0.236, 0.0), (-0.024, 0.2435, 0.0)
 """Where the chest begins on the pelvis, and the middle of the shoulders on the chest, metres; x ahead, y up."""
+LEFT, DOWN = (0.0, 0.0, -1.0), (0.0, -1.0, 0.0)
+"""The person's left on pelvis and chest, and where bones of limbs point on themselves."""
 LIMBS = {"arm": (("chest", 24, "R"), ("chest", 38, "L")), "leg": (("pelvis", 15, "R"), ("pelvis", 29, "L"))}
 """What each limb hangs on, the first number of its joint's quaternion in a frame, after which its hinge's angle
 follows, and its side.
@@ -41,23 +44,15 @@ def postures_of_clip(frames: Array, limb: str) -> Array:
     for carrier, first, side in LIMBS[limb]:
         upper = carriers[carrier] * _rotations(frames[:, 1 + first : 5 + first])
         lower = upper * Rotation.from_rotvec(frames[:, 5 + first, None] * [0.0, 0.0, 1.0])
-        across = carriers[carrier].apply([0.0, 0.0, -1.0 if side == "L" else 1.0])
-        trunk = _axes(across, up, -1.0 if side == "R" else 1.0)
-        bones = [np.einsum("fba,fb->fa", trunk, bone.apply([0.0, -1.0, 0.0])) for bone in (upper, lower)]
+        trunk = along_and_across(up, carriers[carrier].apply(LEFT))
+        own_side = [1.0 if side == "L" else -1.0, 1.0, 1.0]
+        bones = [np.einsum("fba,fb->fa", trunk, bone.apply(DOWN)) * own_side for bone in (upper, lower)]
         found.append(np.concatenate(bones, axis=1))
     return np.concatenate(found)
 
 
 def _rotations(quaternions: Array) -> Rotation:
     return Rotation.from_quat(quaternions, scalar_first=True)
-
-
-def _axes(across: Array, up: Array, sign: float) -> Array:
-    """Axes as columns, shape (F, 3, 3): the second along `up`, the first nearest to `across`."""
-    y = up / np.linalg.norm(up, axis=1, keepdims=True)
-    x = across - np.sum(across * y, axis=1, keepdims=True) * y
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
-    return np.stack([x, y, sign * np.cross(x, y)], axis=-1)
 
 
 def table(clips: list[Array], limb: str) -> list[tuple[float, ...]]:

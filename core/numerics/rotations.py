@@ -36,6 +36,14 @@ def orthonormal(R: Array) -> Array:
     return np.asarray(Rotation.from_matrix(_listed(R, 2)).as_matrix().reshape(R.shape))
 
 
+def shortest(a: Array, b: Array) -> Array:
+    """Return the shortest turns that take unit vectors a to b, (..., 3), as matrices (..., 3, 3)."""
+    axis = np.cross(a, b)
+    sine = np.linalg.norm(axis, axis=-1, keepdims=True)
+    angle = np.arctan2(sine, np.sum(a * b, axis=-1, keepdims=True))
+    return exp(axis / np.maximum(sine, 1e-9) * angle)
+
+
 def mean(R: Array, weight: Array) -> Array:
     """Return the rotations (P, 3, 3) nearest on average to rotation matrices (F, P, 3, 3) of weights (F, P).
 

@@ -82,7 +82,7 @@ def unposed_text(performer: Performer) -> str:
     than half of it; else empty. Such parts may be small bones that were forgotten: footage hardly shows how they turn.
     """
     keys, names = performer.key_poses, performer.body.names
-    posed = keys.fixed[:, 3:].reshape(len(keys.frames), len(names), 3).all(axis=2)
+    posed = keys.fixed_axes.all(axis=2)
     rest = posed.any(axis=0)
     forgotten = [name for name in np.array(names)[~rest] if name not in performer.unknown]
     whole = (posed[:, rest].all(axis=1) & keys.fixed[:, :3].all(axis=1)).any()

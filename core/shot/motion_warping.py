@@ -52,7 +52,7 @@ def bent(motion: Motion, keys: KeyPoses) -> Motion:
 def with_keys(motion: Motion, keys: KeyPoses) -> Motion:
     """Return the motion with exactly the key poses on their frames."""
     T, Q = motion.translations.copy(), motion.rotations.copy()
-    turned = keys.fixed[:, 3:].reshape(len(keys.frames), Q.shape[1], 3).all(axis=2)
+    turned = keys.fixed_axes.all(axis=2)
     for k, frame in enumerate(keys.frames):
         T[frame] = np.where(keys.fixed[k, :3], keys.poses.translations[k], T[frame])
         Q[frame, turned[k]] = keys.poses.rotations[k, turned[k]]

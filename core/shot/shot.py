@@ -120,6 +120,11 @@ class KeyPoses:
         fixed[:, 3:] &= ~np.repeat(free, 3, axis=1)
         return replace(self, fixed=fixed)
 
+    @property
+    def fixed_axes(self) -> NDArray[np.bool_]:
+        """About which axes each key pose fixes the rotation of each part, shape (K, P, 3)."""
+        return self.fixed[:, 3:].reshape(self.poses.rotations.shape[:2] + (3,))
+
     def proposals(self) -> NDArray[np.int64]:
         """Return the frames whose key pose is a proposal, shape (n,)."""
         return np.asarray(self.frames[~self.fixed.any(axis=1)])

@@ -233,8 +233,8 @@ def digests(shot: Shot, segments: Iterable[Segment]) -> dict[Segment, str]:
 
 def _as_keyed(performer: Performer) -> Performer:
     """Return a performer without the values that its key poses do not fix, as tracking changes these."""
-    keys, P = performer.key_poses, performer.key_poses.poses.rotations.shape[1]
-    turned = keys.fixed[:, 3:].reshape(-1, P, 3).all(axis=2)[..., None, None]
+    keys = performer.key_poses
+    turned = keys.fixed_axes.all(axis=2)[..., None, None]
     T, Q = keys.poses.translations, keys.poses.rotations
     poses = replace(keys.poses, translations=np.where(keys.fixed[:, :3], T, 0), rotations=np.where(turned, Q, 0))
     return replace(performer, name="", key_poses=KeyPoses(keys.frames, poses, keys.fixed))

@@ -281,30 +281,31 @@ def test_a_camera_with_footage_behind_it_becomes_a_view_as_it_stands(take):
     assert (view.offset, shot().frame_start, shot().length) == (3.0, 11, 20)
 
 
-def test_a_view_of_footage_that_is_shorter_than_the_scene_ends_with_it(take):
+def show_take(take, scene_frames, offset):
+    """Give the scene these first and last frames, and a camera of its own with footage; return its clip."""
     current = bpy.context.scene
-    current.frame_start, current.frame_end = 11, 250
-    solved_cameras.show_cameras(current, {"cam01": camera(1)}, {"cam01": take / "walk_cam01.mp4"}, {"cam01": 3.0})
+    current.frame_start, current.frame_end = scene_frames
+    solved_cameras.show_cameras(current, {"cam01": camera(1)}, {"cam01": take / "walk_cam01.mp4"}, {"cam01": offset})
+    return bpy.data.movieclips[0]
+
+
+def test_a_view_of_footage_that_is_shorter_than_the_scene_ends_with_it(take):
+    show_take(take, (11, 250), 3.0)
     bpy.ops.kfmocap.use_scene_cameras()
     assert (shot().frame_start, shot().length) == (11, 27)
 
 
 def test_footage_that_ends_before_the_scene_begins_leaves_it_its_length(take):
-    current = bpy.context.scene
-    current.frame_start, current.frame_end = 1001, 1100
-    solved_cameras.show_cameras(current, {"cam01": camera(1)}, {"cam01": take / "walk_cam01.mp4"}, {"cam01": 0.0})
-    bpy.data.movieclips[0].frame_start = 1
+    show_take(take, (1001, 1100), 0.0).frame_start = 1
     bpy.ops.kfmocap.use_scene_cameras()
     assert (shot().frame_start, shot().length) == (1001, 100)
 
 
 def test_footage_that_begins_within_its_file_ends_that_much_earlier(take):
-    current = bpy.context.scene
-    current.frame_start, current.frame_end = 1, 250
-    solved_cameras.show_cameras(current, {"cam01": camera(1)}, {"cam01": take / "walk_cam01.mp4"}, {"cam01": 0.0})
-    bpy.data.movieclips[0].frame_offset = 10
+    clip = show_take(take, (1, 250), 0.0)
+    clip.frame_offset = 10
     bpy.ops.kfmocap.use_scene_cameras()
-    assert (shot().frame_start, shot().length) == (1, bpy.data.movieclips[0].frame_duration - 10)
+    assert (shot().frame_start, shot().length) == (1, clip.frame_duration - 10)
 
 
 def test_cameras_of_the_scene_become_views_with_their_clips_where_these_are(take):

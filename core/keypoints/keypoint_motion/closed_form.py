@@ -224,7 +224,7 @@ def limb_orientations(
     a, b = (v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9) for v in (upper, lower))
     hinge = limb.sign * np.cross(a, b)
     bend = np.linalg.norm(hinge, axis=-1, keepdims=True)
-    least = (_swing(rest[..., 1], a) @ rest[..., :1])[..., 0]
+    least = (rotations.shortest(rest[..., 1], a) @ rest[..., :1])[..., 0]
     likely = np.sum(hinge * least, axis=-1, keepdims=True) > limb.farthest * bend
     if fps is None:
         share = np.clip((bend - STRAIGHT_SINES[0]) / (STRAIGHT_SINES[1] - STRAIGHT_SINES[0]), 0.0, 1.0) * likely
@@ -238,12 +238,4 @@ def limb_orientations(
 def _swung(rest: Array, along: Array) -> Array:
     """World rotations of a part that points along a direction, with the least twist."""
     direction = along / np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9)
-    return np.asarray(_swing(rest[..., 1], direction) @ rest)
-
-
-def _swing(a: Array, b: Array) -> Array:
-    """Return the shortest turns that take unit vectors a to b, shape (F, 3, 3)."""
-    axis = np.cross(a, b)
-    sine = np.linalg.norm(axis, axis=-1, keepdims=True)
-    angle = np.arctan2(sine, np.sum(a * b, axis=-1, keepdims=True))
-    return rotations.exp(axis / np.maximum(sine, 1e-9) * angle)
+    return np.asarray(rotations.shortest(rest[..., 1], direction) @ rest)

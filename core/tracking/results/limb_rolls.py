@@ -131,8 +131,7 @@ def with_likely_rolls(
     ends : sequence of int
         Frames that join a motion that stays as it is: they stay as well, as on key frames.
     """
-    rotated = keys.fixed[:, 3:].reshape(len(keys.frames), len(body), 3)
-    fixed, touched = rotated.all(axis=2), rotated.any(axis=2)
+    fixed, touched = keys.fixed_axes.all(axis=2), keys.fixed_axes.any(axis=2)
     joined = np.array(ends, np.int64)
     for hinge in hinges(body):
         parts = [hinge.upper, hinge.lower, *hinge.beyond]
@@ -177,7 +176,7 @@ def _beyond_twist(Q: Array, limits: float, keys: NDArray[np.int64]) -> tuple[Arr
     """Angle by which the rotations Q (F, 3, 3) of a part twist it about its own axis beyond what key poses say,
     radians, (F,), and its inverse variance, (F,), for a joint that can twist by `limits` in all, radians.
     """
-    relative = np.swapaxes(rotations.exp(_swing(Q[:, :, 1])), -1, -2) @ Q
+    relative = np.swapaxes(rotations.shortest(_ALONG, Q[:, :, 1]), -1, -2) @ Q
     twist = np.unwrap(np.arctan2(relative[:, 0, 2], relative[:, 0, 0]))
     usual = max(float(limits) / LIMITS_IN_SIGMAS, MIN_TWIST_SIGMA)
     return twist - _between(twist, keys), np.full(len(Q), usual**-2)
@@ -205,13 +204,6 @@ def _smoothed(angles: Array, weight: Array, held: NDArray[np.int64], fps: float)
     smooth = np.arctan2(found[:, 1], found[:, 0])
     smooth[held] = 0.0
     return np.asarray(smooth)
-
-
-def _swing(directions: Array) -> Array:
-    """Rotation vectors (F, 3) of the shortest turns of a part's own axis to directions (F, 3)."""
-    axis = np.cross(_ALONG, directions)
-    length = np.linalg.norm(axis, axis=1, keepdims=True)
-    return np.asarray(axis * np.arctan2(length, directions[:, 1:2]) / np.maximum(length, 1e-12))
 
 
 def _between(values: Array, keys: NDArray[np.int64]) -> Array:

@@ -137,7 +137,7 @@ def _with_unknown_parts(tracked: TrackResult, shot: Shot) -> TrackResult:
 def _unknown_parts(performer: Performer, visible: Array, observed: ShotKeypoints, number: int) -> tuple[str, ...]:
     """Return the parts that rest, and those that no picture, key pose or keypoint shows on any frame."""
     body, keys = performer.body, performer.key_poses
-    keyed = keys.fixed[:, 3:].reshape(len(keys.frames), -1, 3).any(axis=(0, 2))
+    keyed = keys.fixed_axes.any(axis=(0, 2))
     hidden = unseen(visible).all(axis=0) & ~keyed
     if observed.performers:
         hidden &= np.isin(

@@ -46,7 +46,7 @@ def resting_bones(armature: bpy.types.Object, keys: KeyPoses) -> tuple[str, ...]
     """Return the names of the bones that rest: those so marked that no key pose turns."""
     names = [bone.name for bone in body_armature.body_bones(armature)]
     turned = np.linalg.norm(rotations.log(keys.poses.rotations), axis=-1) > _TURNED
-    posed = (turned & keys.fixed[:, 3:].reshape(*turned.shape, 3).all(axis=-1)).any(axis=0)
+    posed = (turned & keys.fixed_axes.all(axis=-1)).any(axis=0)
     marked = [armature.pose.bones[name].get(UNKNOWN, 0) == _RESTING for name in names]
     return tuple(name for name, rests, is_posed in zip(names, marked, posed, strict=True) if rests and not is_posed)
 
