@@ -72,7 +72,7 @@ def _better_below(own: float) -> float:
     return min(1 - _MIN_OTHER_MATCH, (own - _MIN_LACK) / _MIN_GAIN)
 
 
-def better_shift(view: View, posed: PosedView) -> int | None:
+def better_shift(view: View, posed: PosedView, *, least_lack: float = 0.0) -> int | None:
     """Return by how many frames of the shot later footage of a view matches the key poses much better.
 
     Only the first part of long footage is read, and none where it matches too well as it is.
@@ -83,6 +83,8 @@ def better_shift(view: View, posed: PosedView) -> int | None:
         As given: with its lens distortion.
     posed : PosedView
         The same on key frames.
+    least_lack : float
+        How much of a match any footage is expected to lack.
     """
     few = [k for k, f in enumerate(posed.frames) if f - posed.frames[0] <= _MAX_READ][:_MAX_SHIFTED_KEYS]
     if len(few) < 2 or not posed.stands_still:
@@ -90,7 +92,7 @@ def better_shift(view: View, posed: PosedView) -> int | None:
     keys = posed.on(few)
     try:
         count = stored_frames(view, probe(view.footage), 0)
-        tried = _tried_shifts(keys, lambda frame: 0 <= footage_index(view, frame) < count)
+        tried = _tried_shifts(keys, lambda frame: 0 <= footage_index(view, frame) < count, least_lack)
         needed = sorted({keys.frames[k] + by for shift, kept in tried.items() for k in kept for by in (0, shift)})
         factor = max(1.0, max(view.camera.size) / COARSE_SIDE)
         pictures = dict(zip(needed, frames_at(view, needed, factor, grey=False), strict=True))
@@ -99,14 +101,14 @@ def better_shift(view: View, posed: PosedView) -> int | None:
     return _best_shift(keys, tried, pictures, view.camera.reduced(factor).rectified())
 
 
-def _tried_shifts(keys: PosedView, shown: Callable[[int], bool]) -> dict[int, tuple[int, ...]]:
+def _tried_shifts(keys: PosedView, shown: Callable[[int], bool], least_lack: float) -> dict[int, tuple[int, ...]]:
     """Return the shifts that may be better, with the numbers of those of K key frames that the footage shows with and
     without each.
     """
     found, lacks = {}, cache(lambda kept: _lack(keys.pictures[[*kept]], keys.camera, keys.on(kept)))
     for shift in (*range(-_MAX_SHIFT, 1 - _MIN_SHIFT), *range(_MIN_SHIFT, _MAX_SHIFT + 1)):
         kept = tuple(k for k, f in enumerate(keys.frames) if shown(f) and shown(f + shift))
-        if len(kept) >= max(2, len(keys.frames) / 2) and _is_better(0.0, lacks(kept) or 0.0):
+        if len(kept) >= max(2, len(keys.frames) / 2) and _is_better(least_lack, lacks(kept) or 0.0):
             found[shift] = kept
     return found
 

@@ -27,7 +27,8 @@ def attributed_findings(
     """Return the cameras' fits, and what else explains that views do not show the key poses.
 
     A camera that can be corrected explains that its footage does not match. Another offset explains both; but where
-    performers walk steadily, a camera that was turned looks like one that is late.
+    performers walk steadily, a camera that was turned looks like one that is late. With no offset is footage expected
+    to match better than that of the view with the best match.
 
     Parameters
     ----------
@@ -47,7 +48,8 @@ def attributed_findings(
         view, own = pairs[match.camera]
         doubtful = match.camera in correctable or match.camera in unlike or 1 - match.match > _MIN_LACK
         if not match.explained and doubtful:
-            shift = better_shift(view, own)
+            lacks = [1 - other.match for other in matches if other is not match]
+            shift = better_shift(view, own, least_lack=min((lack for lack in lacks if lack <= _MIN_LACK), default=0.0))
             if shift is not None:
                 shifts[match.camera] = shift
                 unlike[match.camera] = replace(match, offset=view.offset + view.every * shift)

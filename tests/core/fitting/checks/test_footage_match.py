@@ -115,6 +115,7 @@ def test_an_offset_that_is_wrong_by_some_frames_is_found(tmp_path: Path, every: 
         assert shift is not None
         offset = wrong + every * shift
         assert offset == pytest.approx(0.0, abs=2.0)
+        assert better_shift(late, posed(late), least_lack=0.9) is None
         off = CameraFit(9.0, 1.0, 5.0, "side", "key poses")
         found, *others = attributed_findings([late], [posed(late)], [FootageMatch("side", 0.95)], [off])
         assert isinstance(found, FootageMatch) and found.off and others == [off]  # a camera that was turned may be it
@@ -135,13 +136,33 @@ def test_offsets_of_all_views_are_named_only_if_they_agree(
     """
     shifts = dict(zip(("front", "side"), found, strict=True))
     monkeypatch.setattr(
-        "kfmocap.core.fitting.checks.misfit_causes.better_shift", lambda view, _posed: shifts[view.camera.name]
+        "kfmocap.core.fitting.checks.misfit_causes.better_shift",
+        lambda view, _posed, *, least_lack: shifts[view.camera.name],
     )
     front, side = shot.views
     matches = [FootageMatch(name, 0.6) for name in shifts]
     said = attributed_findings([front, replace(side, offset=12.0)], posed_views(shot, pictured, FRAMES), matches, [])
     assert [own.off for own in said] == [True, True]
     assert [own.offset for own in said if isinstance(own, FootageMatch)] == ([21.0, 31.0] if kept else [None, None])
+
+
+@pytest.mark.parametrize(("match_of_front", "least"), [(0.999, 0.001), (0.6, 0.0)])
+def test_no_offset_is_expected_to_match_better_than_another_view_that_matches_well(
+    shot: Shot,
+    pictured: list[KeyFrameView],
+    monkeypatch: pytest.MonkeyPatch,
+    match_of_front: float,
+    least: float,
+) -> None:
+    asked: dict[str, float] = {}
+
+    def recorded(view: View, _posed: PosedView, *, least_lack: float) -> None:
+        asked[view.camera.name] = least_lack
+
+    monkeypatch.setattr("kfmocap.core.fitting.checks.misfit_causes.better_shift", recorded)
+    matches = [FootageMatch("front", match_of_front), FootageMatch("side", 0.9)]
+    attributed_findings(shot.views, posed_views(shot, pictured, FRAMES), matches, [])
+    assert asked["side"] == pytest.approx(least)
 
 
 def test_cameras_that_move_and_poses_that_hardly_differ_are_not_judged(
