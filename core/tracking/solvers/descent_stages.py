@@ -82,10 +82,12 @@ COARSE_STAGES = (
     DescentStage(Sampling(1.0, 4.0, 4, OUTLINE_REACH), 3, views=2, small=ROUGH_STEP),
 )
 """The first of all stages from the curve through the key poses."""
-STAGES = (*COARSE_STAGES, DescentStage(Sampling(1.0, 1.0, 3, OUTLINE_REACH), 2))
-"""From the curve through the key poses to the solution."""
-FREE_STAGES = (*STAGES[:-1], replace(STAGES[-1], plants=False))
+FINE_STAGES = (DescentStage(Sampling(1.0, 1.0, 3, OUTLINE_REACH), 2),)
+"""From there to the solution."""
+FREE_STAGES = (replace(FINE_STAGES[0], plants=False),)
 """The same with soles left free: those that only seem planted lead limbs to other minima."""
+STAGES = (*COARSE_STAGES, *FINE_STAGES)
+"""From the curve through the key poses to the solution."""
 REFINEMENT = (
     DescentStage(
         Sampling(1.0, 1.0, 2, OUTLINE_REACH), 6, small=0.004, small_refused=True, still=MIN_JOINT_MOVE, plants=False

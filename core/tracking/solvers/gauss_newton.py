@@ -60,6 +60,35 @@ class MeasuredEquations(IndependentEquations):
     measured: MeasuredMotion
 
 
+@dataclass(frozen=True, eq=False)
+class Approach:
+    """Where steps that are not tested have led, see `approach`.
+
+    Attributes
+    ----------
+    motions : tuple of Motion
+    energies : tuple of float
+        Cost before each iteration.
+    seconds : Seconds
+    smooth : SegmentSmoothness
+        The last estimate.
+    """
+
+    motions: tuple[Motion, ...]
+    energies: tuple[float, ...]
+    seconds: Seconds
+    smooth: SegmentSmoothness
+
+    @classmethod
+    def start(cls, problem: SegmentProblem, motions: Sequence[Motion]) -> Approach:
+        """Return where a descent is before its first step."""
+        return cls(tuple(motions), (), Seconds(), SegmentSmoothness.start(problem))
+
+    def counted(self) -> Approach:
+        """Return the same for another descent, where its iterations and its time are counted already."""
+        return replace(self, energies=(), seconds=Seconds())
+
+
 class _TestedStage:
     """A stage in which every step is evaluated in all views and refused if it raises the cost.
 
@@ -221,7 +250,7 @@ def joint_moves(problem: SegmentProblem, before: Sequence[Motion], after: Sequen
 
 def descend(
     problem: SegmentProblem,
-    start: Sequence[Motion],
+    start: Sequence[Motion] | Approach,
     workspace: Workspace,
     stages: Sequence[DescentStage] = STAGES,
     noise: SegmentNoise | None = None,
@@ -237,8 +266,9 @@ def descend(
     Parameters
     ----------
     problem : SegmentProblem
-    start : sequence of Motion
-        F poses per performer; fixed degrees of freedom keep these values.
+    start : sequence of Motion, or Approach
+        F poses per performer; fixed degrees of freedom keep these values. Or where stages before the given ones have
+        led.
     workspace : Workspace
         Progress is reported before each iteration.
     stages : sequence of DescentStage
@@ -252,43 +282,38 @@ def descend(
     """
     *coarse, last = stages
     share = 1 - last.iterations / sum(stage.iterations for stage in stages)
-    start, energies, seconds, smooth = approach(problem, start, workspace.part(0.0, share), coarse)
-    last = replace(last, sampling=last.sampling_of(views_in_sight(problem, start)))
-    stage = _TestedStage(problem, last, workspace.part(share, 1.0), smooth, noise, hopeless=hopeless, vain=vain)
-    result = stage.minimise(start)
+    begun = approach(problem, start, workspace.part(0.0, share), coarse)
+    last = replace(last, sampling=last.sampling_of(views_in_sight(problem, begun.motions)))
+    stage = _TestedStage(problem, last, workspace.part(share, 1.0), begun.smooth, noise, hopeless=hopeless, vain=vain)
+    result = stage.minimise(begun.motions)
     with stage.seconds.measure("solve"):
         equations = result.linearised()
+    seconds = Seconds(begun.seconds)
     seconds.add(stage.seconds)
     solution = SegmentSolution.of(
         result.state,
         equations.measured.evidence,
-        iterations=len(energies) + stage.trials,
-        energy=(*energies, *result.cost_history),
+        iterations=len(begun.energies) + stage.trials,
+        energy=(*begun.energies, *result.cost_history),
         seconds=seconds,
         only=problem.only,
     )
-    return replace(solution, variances=stage.smooth.variances, moved=joint_moves(problem, start, result.state))
+    return replace(solution, variances=stage.smooth.variances, moved=joint_moves(problem, begun.motions, result.state))
 
 
 def approach(
-    problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace, stages: Sequence[DescentStage]
-) -> tuple[tuple[Motion, ...], list[float], Seconds, SegmentSmoothness]:
-    """Descend by steps that are not tested.
+    problem: SegmentProblem,
+    start: Sequence[Motion] | Approach,
+    workspace: Workspace,
+    stages: Sequence[DescentStage],
+) -> Approach:
+    """Descend by steps that are not tested; parameters as in `descend`.
 
     Coarse stages evaluate a different subset of the views at every iteration, so the costs of two iterations cannot be
-    compared. Parameters as in `descend`.
-
-    Returns
-    -------
-    motions : tuple of Motion
-    energies : list of float
-        Cost before each iteration.
-    seconds : Seconds
-    smooth : SegmentSmoothness
-        The last estimate.
+    compared.
     """
-    motions, seconds, smooth = tuple(start), Seconds(), SegmentSmoothness.start(problem)
-    energies: list[float] = []
+    begin = start if isinstance(start, Approach) else Approach.start(problem, start)
+    motions, smooth, energies, seconds = begin.motions, begin.smooth, list(begin.energies), Seconds(begin.seconds)
     planned = sum(stage.iterations for stage in stages)
     for s, stage in enumerate(stages):
         before = sum(earlier.iterations for earlier in stages[:s])
@@ -315,7 +340,7 @@ def approach(
                 break
             if stage.still and farthest_joint(problem, earlier, motions) < stage.still:
                 break
-    return motions, energies, seconds, smooth
+    return Approach(motions, tuple(energies), seconds, smooth)
 
 
 def increments_of(tied: TiedSystems, steps: Sequence[Array], pace: float = 1.0) -> dict[int, Array]:

@@ -24,10 +24,20 @@ from .assessment.solution_doubts import (
     worst_first,
 )
 from .assessment.solution_ranking import covering_most, likeliest_at_rest, noise_at, settled_further
-from .descent_stages import FREE_STAGES, OUTLINE_REACH, SETTLED, STAGES, STAGES_AMONG_OTHERS, DescentStage
+from .descent_stages import (
+    COARSE_STAGES,
+    FINE_STAGES,
+    FREE_STAGES,
+    OUTLINE_REACH,
+    POLISHED_AT_ONCE,
+    SETTLED,
+    STAGES,
+    STAGES_AMONG_OTHERS,
+    DescentStage,
+)
 from .equations.measurement import Workspace, solution_at
 from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
-from .gauss_newton import continued, descend, farthest_joint
+from .gauss_newton import approach, continued, descend, farthest_joint
 from .limb_corrections.limb_exchange import with_limbs_exchanged
 from .limb_corrections.limb_search import limbs_elsewhere
 from .limb_corrections.mirrored_limbs import with_limbs_mirrored
@@ -87,10 +97,11 @@ def _without_plants_first(problem: SegmentProblem, start: Sequence[Motion], work
     """Descend from the start with soles that seem planted left free; where the images contradict the result, with them
     held: a leg may have been lost for the lack of them.
     """
-    free = descend(problem, start, workspace.part(0.0, 0.5), FREE_STAGES)
+    begun = approach(problem, start, workspace.part(0.0, 0.5), COARSE_STAGES)
+    free = descend(problem, begun, workspace.part(0.5, 0.75), FREE_STAGES)
     if not problem.settings.plants or not doubted_performers(problem, start, free):
         return free
-    held = descend(problem, start, workspace.part(0.5, 1.0), STAGES)
+    held = descend(problem, begun.counted(), workspace.part(0.75, 1.0), FINE_STAGES)
     seconds = Seconds(free.seconds)
     seconds.add(held.seconds)
     return replace(continued(free, held), seconds=dict(seconds))
@@ -109,7 +120,7 @@ def _best_among_others(
     """
     seconds, motions = Seconds(), first.motions
     assert first.evidence is not None
-    stages = STAGES_AMONG_OTHERS if others_hide(first.unhidden) else STAGES
+    stages = POLISHED_AT_ONCE if others_hide(first.unhidden) else FINE_STAGES
     for k, i in enumerate(worst_first(problem, first, doubted)):
         own_start = [start[j] if j == i else motion for j, motion in enumerate(motions)]
         part = workspace.part(k / len(doubted), (k + 1) / len(doubted))
@@ -137,7 +148,7 @@ def turned_and_searched(
     start: Sequence[Motion],
     first: SegmentSolution,
     workspace: Workspace,
-    stages: Sequence[DescentStage] = STAGES,
+    stages: Sequence[DescentStage] = FINE_STAGES,
 ) -> SegmentSolution:
     """Solve for one of several performers from another turn of the body (`whole_turns`, by these stages), and search it
     for limbs (`_searched_again`). With lost limbs a wrong turn may cover more than none, so where one does, limbs are

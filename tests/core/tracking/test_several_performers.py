@@ -26,10 +26,10 @@ from kfmocap.core.tracking.footage_reading.reader import ColourFrames
 from kfmocap.core.tracking.solvers import gauss_newton, multi_start
 from kfmocap.core.tracking.solvers.assessment import settled_solutions, solution_doubts, solution_ranking
 from kfmocap.core.tracking.solvers.descent_stages import (
+    FINE_STAGES,
     FREE_STAGES,
     POLISHED_AT_ONCE,
     STAGES,
-    STAGES_AMONG_OTHERS,
     DescentStage,
 )
 from kfmocap.core.tracking.solvers.equations import segment_equations
@@ -393,7 +393,9 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Told:
     for solver in (search_rounds, limb_exchange, settled_solutions):
         monkeypatch.setattr(solver, "noise_at", lambda *_: None)
     for solver in (search_rounds, limb_exchange):
-        monkeypatch.setattr(solver, "approach", lambda _problem, motions, *_: (tuple(motions), [], {}, None))
+        monkeypatch.setattr(
+            solver, "approach", lambda problem, motions, *_: gauss_newton.Approach.start(problem, motions)
+        )
     monkeypatch.setattr(limb_exchange, "exchanges", exchanged)
     return made
 
@@ -427,10 +429,8 @@ def test_exchanges_that_are_no_likelier_leave_the_solution_as_it_was(
 def test_limbs_in_each_others_places_are_not_led_away_again_by_coarse_steps(
     monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
-    def astray(
-        _problem: object, motions: Sequence[Motion], *_: object
-    ) -> tuple[tuple[Motion, ...], list[float], dict[str, float], None]:
-        return tuple(moved(motion, np.array([1.0, 0.0, 0.0])) for motion in motions), [], {}, None
+    def astray(problem: SegmentProblem, motions: Sequence[Motion], *_: object) -> gauss_newton.Approach:
+        return gauss_newton.Approach.start(problem, [moved(motion, np.array([1.0, 0.0, 0.0])) for motion in motions])
 
     def exchanged(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[Exchange]:
         for i in problem.sought:
@@ -518,7 +518,7 @@ def test_where_nothing_is_found_for_one_of_several_its_motion_stays_as_all_pixel
     assert list(multi_start.best_of_starts(BOTH, WRONG, Workspace()).motions) == WRONG
 
 
-@pytest.mark.parametrize(("unhidden", "expected"), [(0.8, STAGES_AMONG_OTHERS), (1.0, STAGES)])
+@pytest.mark.parametrize(("unhidden", "expected"), [(0.8, POLISHED_AT_ONCE), (1.0, FINE_STAGES)])
 def test_turns_are_solved_as_far_as_the_first_solution_even_if_that_was_settled_since(
     monkeypatch: pytest.MonkeyPatch, told: Told, unhidden: float, expected: Sequence[DescentStage]
 ) -> None:
@@ -544,10 +544,13 @@ def test_several_performers_are_solved_by_all_pixels_before_anybody_is_doubted(
     monkeypatch.setattr(multi_start, "others_hide", lambda _: True)
 
     def descend(
-        problem: SegmentProblem, start: Sequence[Motion], _: Workspace, of: Sequence[DescentStage]
+        problem: SegmentProblem,
+        begun: Sequence[Motion] | gauss_newton.Approach,
+        _: Workspace,
+        of: Sequence[DescentStage],
     ) -> SegmentSolution:
         stages.append(of)
-        return told.found(problem, start)
+        return told.found(problem, begun.motions if isinstance(begun, gauss_newton.Approach) else begun)
 
     monkeypatch.setattr(multi_start, "descend", descend)
     assert searched_for(monkeypatch, [[]]) == []

@@ -234,7 +234,7 @@ def _exchange_settled(
         found = descend(problem, motions, workspace, stages, noise)
         return settled_further(problem, noise, found, workspace, rival=rival)
     if not exchange.places:
-        motions, *_ = approach(problem, motions, workspace.part(0.0, 0.3), SETTLING)
+        motions = approach(problem, motions, workspace.part(0.0, 0.3), SETTLING).motions
     vain = None
     if likelihood_decides(problem):
         vain = never_likelier(problem, noise, likelihood(problem, noise, rest.of(best)) + RESTING_GAIN)

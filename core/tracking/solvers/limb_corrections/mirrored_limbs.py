@@ -91,7 +91,7 @@ def _nearly_solved(
 ) -> SegmentSolution:
     """Return the result of the first steps from another motion of a performer: enough to tell the likeliest of many."""
     begin = with_motion(before.motions, performer, motion)
-    motions, *_ = approach(problem, begin, workspace.silent(), SETTLING)
+    motions = approach(problem, begin, workspace.silent(), SETTLING).motions
     sampling = SETTLED[0].sampling_of(len(problem.views))
     return solution_at(problem, motions, sampling, workspace, noise.sigma)
 

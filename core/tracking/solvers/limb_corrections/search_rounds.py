@@ -251,6 +251,6 @@ def _solved_from(
     *,
     vain: VainTest | None = None,
 ) -> SegmentSolution:
-    settled, *_ = approach(around, begin, workspace.part(0.0, 0.5), SETTLING)
+    settled = approach(around, begin, workspace.part(0.0, 0.5), SETTLING).motions
     found = descend(problem, untangled_limbs(problem, settled), workspace.part(0.5, 1.0), SETTLED, noise, vain=vain)
     return found.without_equations()

@@ -15,7 +15,7 @@ from ....body.motion import Motion, with_motion
 from ....shot.motion_warping import turned
 from ..assessment.solution_doubts import frames_unexplained
 from ..assessment.solution_ranking import cover_at, covering_most
-from ..descent_stages import COARSE_STAGES, STAGES, DescentStage
+from ..descent_stages import COARSE_STAGES, FINE_STAGES, DescentStage
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import approach, descend
@@ -33,12 +33,12 @@ def with_whole_turn(
     start: Sequence[Motion],
     first: SegmentSolution,
     workspace: Workspace,
-    stages: Sequence[DescentStage] = STAGES,
+    stages: Sequence[DescentStage] = FINE_STAGES,
 ) -> tuple[Sequence[Motion], SegmentSolution]:
     """Solve from turned starts, if the images contradict a solution between two whole key poses.
 
-    Parameters are those of `multi_start.best_of_own_starts`, and the stages by which turns are solved: those by which
-    the first solution was found, as what is solved further covers more.
+    Parameters are those of `multi_start.best_of_own_starts`, and the stages by which turns are solved after the coarse
+    ones: those by which the first solution was found, as what is solved further covers more.
 
     Returns
     -------
@@ -57,10 +57,10 @@ def with_whole_turn(
     ways = [turned(start[performer], problem.fixed[performer], axis) for axis in (*np.eye(3), *-np.eye(3))]
     starts = [with_motion(start, performer, way) for way in ways]
     quiet = workspace.silent()
-    begun = [approach(problem, motions, quiet, COARSE_STAGES)[0] for motions in starts]
-    covers = [cover_at(problem, first, motions, quiet) for motions in begun]
+    begun = [approach(problem, motions, quiet, COARSE_STAGES) for motions in starts]
+    covers = [cover_at(problem, first, own.motions, quiet) for own in begun]
     for k in np.argsort(covers)[::-1][:SOLVED_TURNS]:
-        found = descend(problem, starts[k], quiet, stages)
+        found = descend(problem, begun[k], quiet, stages)
         if covering_most(problem, first, found) is found:
             start, first = starts[k], found
     return start, first

@@ -21,6 +21,8 @@ from kfmocap.core.shot.acceleration_prior import USUAL_JOINT, USUAL_ROOT, accele
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.tracking.solvers import gauss_newton
 from kfmocap.core.tracking.solvers.descent_stages import (
+    COARSE_STAGES,
+    FINE_STAGES,
     MIN_JOINT_MOVE,
     OUTLINE_REACH,
     POLISH,
@@ -549,6 +551,22 @@ def test_a_polish_and_a_correction_end_before_a_step_that_hardly_moves_any_joint
             assert found.motions[0] is start[0] and len(landscape.measured) == 1
         else:
             assert left < stages[-1].negligible < gauss_newton.farthest_joint(problem, start, found.motions)
+
+
+def test_a_descent_continues_where_its_coarse_stages_have_led_as_if_it_had_made_them() -> None:
+    truth = swing(BODY, 6, 0.2)
+    problem = SegmentProblem(coloured(BODY, truth, CAMERAS), (BODY,), 0, FPS, (ends_held(BODY, 6),))
+    start = [stacked([truth[[0]]] * 5 + [truth[[5]]])]
+    at_once = gauss_newton.descend(problem, start, Workspace(), STAGES)
+    begun = gauss_newton.approach(problem, start, Workspace(), COARSE_STAGES)
+    continued = gauss_newton.descend(problem, begun, Workspace(), FINE_STAGES)
+    uncounted = gauss_newton.descend(problem, begun.counted(), Workspace(), FINE_STAGES)
+    for found in (continued, uncounted):
+        np.testing.assert_array_equal(found.motions[0].rotations, at_once.motions[0].rotations)
+        np.testing.assert_array_equal(found.motions[0].translations, at_once.motions[0].translations)
+    assert continued.energy == at_once.energy and continued.iterations == at_once.iterations
+    assert uncounted.energy == at_once.energy[len(begun.energies) :]
+    assert uncounted.iterations == at_once.iterations - len(begun.energies)
 
 
 def test_coarse_stages_end_early_and_the_last_looks_at_every_view() -> None:

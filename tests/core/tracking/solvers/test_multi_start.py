@@ -18,7 +18,7 @@ from kfmocap.core.shot.settings import Settings
 from kfmocap.core.tracking.solvers import gauss_newton, gauss_newton_solver, multi_start
 from kfmocap.core.tracking.solvers.assessment import solution_doubts, solution_ranking
 from kfmocap.core.tracking.solvers.assessment.settled_solutions import SettledSolution
-from kfmocap.core.tracking.solvers.descent_stages import FREE_STAGES, SETTLED, STAGES
+from kfmocap.core.tracking.solvers.descent_stages import FINE_STAGES, FREE_STAGES, SETTLED, STAGES
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.limb_corrections import limb_exchange, search_rounds
@@ -51,7 +51,7 @@ def test_fixed_degrees_of_freedom_do_not_move() -> None:
     ("views", "plants", "contradicted", "solved_by"),
     [
         (2, True, False, (FREE_STAGES,)),
-        (2, True, True, (FREE_STAGES, STAGES)),
+        (2, True, True, (FREE_STAGES, FINE_STAGES)),
         (2, False, True, (FREE_STAGES,)),
         (1, True, True, (STAGES,)),
     ],
@@ -65,9 +65,12 @@ def test_soles_are_left_free_first_unless_the_images_contradict_that(
     landscape, asked = Landscape(truth=at_rest(HUMAN, LENGTH)), list[object]()
     begin, made = landscape.truth, list[SegmentSolution]()
 
-    def descend(_: object, start: Sequence[Motion], __: object, stages: object) -> SegmentSolution:
+    def descend(
+        _: object, begun: Sequence[Motion] | gauss_newton.Approach, __: object, stages: object
+    ) -> SegmentSolution:
         asked.append(stages)
-        made.append(replace(landscape.solution(problem, start[0]), seconds={"solve": 1.0}))
+        [motion] = begun.motions if isinstance(begun, gauss_newton.Approach) else begun
+        made.append(replace(landscape.solution(problem, motion), seconds={"solve": 1.0}))
         return made[-1]
 
     monkeypatch.setattr(multi_start, "descend", descend)
@@ -495,7 +498,9 @@ def test_for_one_among_others_a_single_search_decides_and_nothing_is_solved_if_i
         return landscape.solution(problem, first.motions[0] if back else motions[0])
 
     monkeypatch.setattr(search_rounds, "descend", descend)
-    monkeypatch.setattr(search_rounds, "approach", lambda _problem, motions, *_: (tuple(motions), [], {}, None))
+    monkeypatch.setattr(
+        search_rounds, "approach", lambda problem, motions, *_: gauss_newton.Approach.start(problem, motions)
+    )
     monkeypatch.setattr(search_rounds, "found_limbs", lambda _problem, motions, *_: [TRUTH] if lost else list(motions))
     monkeypatch.setattr(search_rounds, "likeliest_at_rest", lambda *given, **_: given[-1])
     monkeypatch.setattr(search_rounds, "recombined", lambda _problem, best, *_: best)

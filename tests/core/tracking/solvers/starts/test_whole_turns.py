@@ -10,8 +10,9 @@ import pytest
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.motion_warping import turned
-from kfmocap.core.tracking.solvers.descent_stages import COARSE_STAGES, STAGES, STAGES_AMONG_OTHERS
+from kfmocap.core.tracking.solvers.descent_stages import COARSE_STAGES, FINE_STAGES, POLISHED_AT_ONCE
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.solvers.gauss_newton import Approach
 from kfmocap.core.tracking.solvers.starts import whole_turns
 from kfmocap.core.tracking.solvers.starts.whole_turns import with_whole_turn
 from made_evidence import Landscape
@@ -70,12 +71,12 @@ def test_turns_are_solved_as_far_as_the_first_solution(monkeypatch: pytest.Monke
     landscape, used = Landscape(truth=spinning(1, 2 * np.pi), reach=0.7), list[object]()
     first = landscape.solution(PROBLEM, REST)
 
-    def descend(problem: SegmentProblem, motions: Sequence[Motion], _: object, stages: object) -> SegmentSolution:
+    def descend(problem: SegmentProblem, begun: Approach, _: object, stages: object) -> SegmentSolution:
         used.append(stages)
-        return landscape.solution(problem, motions[0])
+        return landscape.solution(problem, begun.motions[0])
 
     monkeypatch.setattr(whole_turns, "descend", descend)
-    for stages in (STAGES, STAGES_AMONG_OTHERS):
+    for stages in (FINE_STAGES, POLISHED_AT_ONCE):
         used.clear()
         with_whole_turn(replace(PROBLEM, only=0), [REST], first, landscape, stages)
         assert used == [stages] * whole_turns.SOLVED_TURNS
@@ -91,9 +92,9 @@ def test_turns_of_one_of_several_are_solved_only_where_many_frames_are_unexplain
     first = landscape.solution(PROBLEM, REST)
     monkeypatch.setattr(whole_turns, "frames_unexplained", lambda *_: np.arange(frames))
 
-    def descend(problem: SegmentProblem, motions: Sequence[Motion], *_: object) -> SegmentSolution:
+    def descend(problem: SegmentProblem, begun: Approach, *_: object) -> SegmentSolution:
         runs.append(problem.only)
-        return landscape.solution(problem, motions[0])
+        return landscape.solution(problem, begun.motions[0])
 
     monkeypatch.setattr(whole_turns, "descend", descend)
     given = [REST]
@@ -108,28 +109,26 @@ def test_turns_are_chosen_by_what_they_cover_once_limbs_and_hips_have_followed(
     """Of one who turns with stretched arms, the right start covered less than somersaults and cartwheels."""
     landscape = Landscape(truth=REST)
     monkeypatch.setattr(whole_turns, "frames_unexplained", lambda *_: np.arange(4))
-    starts: list[Sequence[Motion]] = []
-    followed: list[Sequence[Motion]] = []
-    solved: list[Sequence[Motion]] = []
+    followed: list[Approach] = []
+    solved: list[Approach] = []
 
-    def approach(_: object, motions: Sequence[Motion], __: object, stages: object) -> tuple[Sequence[Motion], None]:
-        assert stages == COARSE_STAGES == STAGES[:2] == STAGES_AMONG_OTHERS[:2]
-        starts.append(motions)
-        followed.append(list(motions))
-        return followed[-1], None
+    def approach(problem: SegmentProblem, motions: Sequence[Motion], __: object, stages: object) -> Approach:
+        assert stages == COARSE_STAGES
+        followed.append(Approach.start(problem, motions))
+        return followed[-1]
 
     def cover(_: object, __: object, motions: Sequence[Motion], ___: object) -> float:
-        [k] = (k for k, own in enumerate(followed) if own is motions)
+        [k] = (k for k, own in enumerate(followed) if own.motions is motions)
         return float([4, 1, 6, 2, 5, 3][k])
 
-    def descend(problem: SegmentProblem, motions: Sequence[Motion], *_: object) -> SegmentSolution:
-        solved.append(motions)
-        return landscape.solution(problem, motions[0])
+    def descend(problem: SegmentProblem, begun: Approach, *_: object) -> SegmentSolution:
+        solved.append(begun)
+        return landscape.solution(problem, begun.motions[0])
 
     for name, own in (("approach", approach), ("cover_at", cover), ("descend", descend)):
         monkeypatch.setattr(whole_turns, name, own)
     with_whole_turn(PROBLEM, [REST], landscape.solution(PROBLEM, REST), landscape)
-    most = [starts[k] for k in (2, 4, 0, 5, 3, 1)]
+    most = [followed[k] for k in (2, 4, 0, 5, 3, 1)]
     assert all(a is b for a, b in zip(solved, most, strict=False)) and len(solved) == whole_turns.SOLVED_TURNS
 
 
