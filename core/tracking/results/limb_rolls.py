@@ -66,6 +66,57 @@ class Hinge:
     beyond: tuple[int, ...]
 
 
+@dataclass(frozen=True)
+class RollTarget:
+    """By how much a part should be rolled.
+
+    Attributes
+    ----------
+    angles, weight : ndarray, shape (F,)
+        Angles on all frames, radians, and their inverse variances.
+    held : ndarray of int
+        Frames on which the part stays as it is.
+    fps : float
+    """
+
+    angles: Array
+    weight: Array
+    held: NDArray[np.int64]
+    fps: float
+
+    def smooth(self, sudden: Array) -> Array:
+        """Return the angles (F,) with which the part rolls smoothly: 0 on frames that are held, near 0 where weights
+        are small.
+
+        Points on the unit circle are smoothed, as angles may wrap. Frames before and after a held one do not affect
+        each other. There angles are level, as if they were mirrored beyond it: the part rolls on as it did.
+
+        Parameters
+        ----------
+        sudden : ndarray, shape (F - 2,)
+            How much faster the part rolls after each inner frame than before it, radians per frame.
+        """
+        F, stiffness = len(self.angles), (self.fps**2 / USUAL_JOINT) ** 2
+        bands = np.zeros((3, F), complex)  # of the normal matrix: its diagonal, and those below it
+        bands[0] = self.weight + ROLL_SIGMA**-2
+        free = np.setdiff1d(np.arange(1, F - 1), self.held)
+        aside = np.exp(0.5j * sudden[free - 1])
+        bends = np.stack([aside, np.full(len(free), -2.0), aside])  # second differences of the part's roll
+        for k in range(3):
+            for m in range(3 - k):
+                bands[k, free - 1 + m] += stiffness * bends[m + k].conj() * bends[m]
+        aim = self.weight * np.exp(1j * self.angles) + ROLL_SIGMA**-2
+        beside = np.intersect1d([self.held - 1, self.held + 1], np.arange(F))
+        bands[0, beside] += 4.0 * stiffness  # a mirrored angle's second difference is twice the angle
+        aim[beside] += 4.0 * stiffness
+        hold = 1e9 * bands[0].real.max()
+        bands[0, self.held] += hold
+        aim[self.held] += hold
+        smooth = np.angle(solveh_banded(bands, aim, lower=True))
+        smooth[self.held] = 0.0
+        return np.asarray(smooth)
+
+
 def hinges(body: Body) -> list[Hinge]:
     """Return the hinges of a body by the limits of its joints: they bend one way about the x axis, hardly about the z
     axis. Left out are those whose parts cannot be rolled: another joint would move, or twist though it is locked.
@@ -116,8 +167,8 @@ def with_likely_rolls(
     """Return a tracked motion whose limbs are rolled as their elbows and knees bend, and are twisted little between key
     poses.
 
-    Poses on key frames stay as they are, and between them joints bend in the same plane. Rolls change as smoothly as
-    joints usually turn, also where a limb is straight, so that its hinge says nothing.
+    Poses on key frames stay as they are, and between them joints bend in the same plane. Limbs roll as smoothly as
+    joints usually turn, also through key poses, and where a limb is straight, so that its hinge says nothing.
 
     Parameters
     ----------
@@ -139,29 +190,31 @@ def with_likely_rolls(
         held = np.union1d(keys.frames[touched[:, parts].any(axis=1)], joined)
         if tied is not None:
             held = np.union1d(held, np.flatnonzero(tied[:, [hinge.upper, hinge.lower]].any(axis=1)))
-        roll = _smoothed(*_out_of_plane(motion.rotations[:, hinge.lower], hinge.way, known), held, fps)
-        motion = _rolled(body, motion, hinge.upper, (hinge.lower,), roll)
-        twists = _beyond_twist(motion.rotations[:, hinge.lower], np.ptp(body.limits[hinge.lower, 1]), known)
-        motion = _rolled(body, motion, hinge.lower, hinge.beyond, -_smoothed(*twists, held, fps))
+        planes = _to_plane(motion.rotations[:, hinge.lower], hinge.way, known)
+        motion = _rolled(body, motion, hinge.upper, (hinge.lower,), RollTarget(*planes, held, fps))
+        twists = _to_twist(motion.rotations[:, hinge.lower], np.ptp(body.limits[hinge.lower, 1]), known)
+        motion = _rolled(body, motion, hinge.lower, hinge.beyond, RollTarget(*twists, held, fps))
     return motion
 
 
-def _rolled(body: Body, motion: Motion, part: int, beyond: tuple[int, ...], angles: Array) -> Motion:
-    """Return the motion with a part turned by angles (F,) about the line to the first of the parts that hang on it,
-    which stay as they are.
+def _rolled(body: Body, motion: Motion, part: int, beyond: tuple[int, ...], target: RollTarget) -> Motion:
+    """Return the motion with a part rolled smoothly to a target, about the line to the first of the parts that hang
+    on it, which stay as they are.
     """
     axis = body.offsets[beyond[0]] if beyond else _ALONG
-    turns = angles[:, None] * axis / np.linalg.norm(axis)
+    axis = axis / np.linalg.norm(axis)
     Q = motion.rotations.copy()
+    rates = rotations.log(np.swapaxes(Q[:-1, part], -1, -2) @ Q[1:, part]) @ axis
+    turns = target.smooth(np.diff(rates))[:, None] * axis
     Q[:, part] = Q[:, part] @ rotations.exp(turns)
     for child in beyond:
         Q[:, child] = rotations.exp(-turns @ body.R_parent_rest[child]) @ Q[:, child]
     return Motion(motion.translations, Q)
 
 
-def _out_of_plane(Q: Array, way: float, keys: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Angle from the plane in which a joint should bend to the one in which its rotations Q (F, 3, 3) bend it, radians,
-    (F,), and its inverse variance, (F,).
+def _to_plane(Q: Array, way: float, keys: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Angles (F,) by which a part should be rolled for the joint at its end, whose rotations are Q (F, 3, 3), to bend
+    in the plane in which it should, radians, and their inverse variances, (F,).
 
     Between key poses the plane turns with the line between their bends.
     """
@@ -172,38 +225,14 @@ def _out_of_plane(Q: Array, way: float, keys: NDArray[np.int64]) -> tuple[Array,
     return found - wanted, (bends**2).sum(axis=1) / DIRECTION_SIGMA**2
 
 
-def _beyond_twist(Q: Array, limits: float, keys: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Angle by which the rotations Q (F, 3, 3) of a part twist it about its own axis beyond what key poses say,
-    radians, (F,), and its inverse variance, (F,), for a joint that can twist by `limits` in all, radians.
+def _to_twist(Q: Array, limits: float, keys: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Angles (F,) by which a part with the rotations Q (F, 3, 3) should be rolled to be twisted as key poses say,
+    radians, and their inverse variances, (F,), for a joint that can twist by `limits` in all, radians.
     """
     relative = np.swapaxes(rotations.shortest(_ALONG, Q[:, :, 1]), -1, -2) @ Q
     twist = np.unwrap(np.arctan2(relative[:, 0, 2], relative[:, 0, 0]))
     usual = max(float(limits) / LIMITS_IN_SIGMAS, MIN_TWIST_SIGMA)
-    return twist - _between(twist, keys), np.full(len(Q), usual**-2)
-
-
-def _smoothed(angles: Array, weight: Array, held: NDArray[np.int64], fps: float) -> Array:
-    """Smooth angles (F,) of weights (F,) that are 0 on frames that are held, and near 0 where weights are small.
-
-    Points on the unit circle are smoothed, as angles may wrap. Frames before and after a held one do not affect each
-    other.
-    """
-    F, stiffness = len(angles), (fps**2 / USUAL_JOINT) ** 2
-    bands = np.zeros((3, F))  # of the normal matrix: its diagonal, and those below it
-    bands[0] = weight + ROLL_SIGMA**-2
-    bent = np.setdiff1d(np.arange(1, F - 1), held)
-    difference = (1.0, -2.0, 1.0)
-    for k in range(3):
-        for m in range(3 - k):
-            bands[k, bent - 1 + m] += stiffness * difference[m] * difference[m + k]
-    aim = weight * np.exp(1j * angles) + ROLL_SIGMA**-2
-    hold = 1e9 * bands[0].max()
-    bands[0, held] += hold
-    aim[held] += hold
-    found = solveh_banded(bands, np.stack([aim.real, aim.imag], axis=1), lower=True)
-    smooth = np.arctan2(found[:, 1], found[:, 0])
-    smooth[held] = 0.0
-    return np.asarray(smooth)
+    return _between(twist, keys) - twist, np.full(len(Q), usual**-2)
 
 
 def _between(values: Array, keys: NDArray[np.int64]) -> Array:

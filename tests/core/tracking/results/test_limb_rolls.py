@@ -11,6 +11,7 @@ from kfmocap.core.body.body import UNLIMITED, Body
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.numerics.arrays import Array
+from kfmocap.core.shot.acceleration_prior import USUAL_JOINT
 from kfmocap.core.shot.holds import Hold
 from kfmocap.core.shot.shot import KeyPoses, Performer, Shot
 from kfmocap.core.tracking.results.limb_rolls import hinges, with_likely_rolls
@@ -61,6 +62,13 @@ def angle(motion: Motion, other: Motion, part: int, body: Body = BODY) -> Array:
     return np.asarray(np.linalg.norm(rotations.log(np.swapaxes(R, -1, -2) @ other_R), axis=-1))
 
 
+def acceleration(motion: Motion, part: int) -> Array:
+    """Angular acceleration of a part on all frames but the first and the last, rad/s^2, shape (F - 2,)."""
+    R = part_poses(BODY, motion)[0][:, part]
+    turns = rotations.log(R[1:] @ np.swapaxes(R[:-1], -1, -2))
+    return np.asarray(np.linalg.norm(np.diff(turns, axis=0), axis=-1)) * FPS**2
+
+
 def test_the_hinges_of_a_person_are_elbows_and_knees() -> None:
     assert {BODY.names[hinge.lower] for hinge in hinges(BODY)} == {"forearm.L", "forearm.R", "shin.L", "shin.R"}
     assert {hinge.way for hinge in hinges(BODY) if "shin" in BODY.names[hinge.lower]} == {-1.0}
@@ -108,7 +116,7 @@ def test_a_twist_counts_as_far_as_its_joint_can_twist() -> None:
     left = {}
     for part, child in ((LOWER, END), (SHIN, FOOT)):
         wrong = rolled(true, part, child, 0.6 * WAVE)
-        found = with_likely_rolls(BODY, wrong, keys_of(true), FPS)
+        found = with_likely_rolls(BODY, wrong, keys_of(true), FPS / 2)  # slow enough not to be smoothed away
         left[part] = angle(found, true, part)[MIDDLE].mean() / angle(wrong, true, part)[MIDDLE].mean()
     assert left[SHIN] < 0.4
     assert 0.5 < left[LOWER] < 0.9
@@ -129,6 +137,14 @@ def test_key_poses_stay_exactly_as_they_are() -> None:
     motion = random_motion(BODY, F, turn=0.6)
     found = with_likely_rolls(BODY, motion, keys_of(motion), FPS)
     assert np.array_equal(found.rotations[KEYS], motion.rotations[KEYS])
+
+
+@pytest.mark.parametrize("part", [UPPER, THIGH, SHIN])
+def test_rolls_do_not_change_suddenly_at_a_key_pose(part) -> None:
+    motion = true_motion(plane=0.5, bend=0.6 + 0.6 * np.cos(np.pi * np.arange(F) / 12))  # straight on the key frame
+    found = with_likely_rolls(BODY, motion, keys_of(motion, [12]), FPS)
+    assert angle(found, motion, part).max() > 0.4
+    assert acceleration(found, part).max() < acceleration(motion, part).max() + USUAL_JOINT
 
 
 def test_a_key_pose_of_a_hand_alone_holds_its_arm() -> None:
