@@ -156,10 +156,17 @@ def floor_ratio(rays: Rays, depth: Array) -> float:
 
 def depth_on_floor(rays: Rays, depth: Array, fps: float) -> Array:
     """Return depths (F,) of somebody who mostly stands on the floor, from those by the lengths of the bones: the depth
-    of the feet, which hardly depends on the pose, wherever both agree to within `FLOOR_TOLERANCE`.
+    of the feet, which hardly depends on the pose, wherever both agree to within `FLOOR_TOLERANCE`. Where they begin to
+    agree, one passes into the other over `MEDIAN_WINDOW`, as they may be half a metre apart.
     """
-    standing = scipy.ndimage.median_filter(standing_depth(rays), max(1, round(MEDIAN_WINDOW * fps)), mode="nearest")
-    return np.asarray(np.where(np.abs(np.log(standing / depth)) < FLOOR_TOLERANCE, standing, depth))
+    window = max(1, round(MEDIAN_WINDOW * fps))
+    standing = scipy.ndimage.median_filter(standing_depth(rays), window, mode="nearest")
+    farther = np.log(standing / depth)
+    agreed = np.abs(farther) < FLOOR_TOLERANCE
+    if agreed.all():
+        return standing
+    inside = scipy.ndimage.distance_transform_edt(np.pad(agreed, window, mode="edge"))[window:-window]
+    return np.asarray(depth * np.exp(np.where(agreed, farther, 0.0) * np.minimum(inside / window, 1.0)))
 
 
 def likely_height(keypoints: Keypoints, fps: float) -> float:

@@ -16,7 +16,13 @@ from kfmocap.core.keypoints.keypoint_motion import single_view_turns
 from kfmocap.core.keypoints.keypoint_motion.first_pass import first_pass, scaled_first_pass
 from kfmocap.core.keypoints.keypoint_motion.keypoint_fit import FitProblem, fit_motion
 from kfmocap.core.keypoints.keypoint_motion.lifting import lifted_points, lone_view, with_imagined_view
-from kfmocap.core.keypoints.keypoint_motion.person_depth import Rays, depth_on_floor, expected_depth, likely_height
+from kfmocap.core.keypoints.keypoint_motion.person_depth import (
+    FLOOR_TOLERANCE,
+    Rays,
+    depth_on_floor,
+    expected_depth,
+    likely_height,
+)
 from kfmocap.core.keypoints.keypoint_rays import Keypoints
 from kfmocap.core.keypoints.view_agreement import ViewAgreement
 from kfmocap.core.numerics import rotations
@@ -114,8 +120,20 @@ def test_the_depth_of_feet_on_the_floor_does_not_change_with_the_pose() -> None:
     found = depth_on_floor(rays, by_bones, FPS)
     np.testing.assert_allclose(found, 5.0, atol=0.3)
     assert np.ptp(found) < 0.01
+    away = by_bones * np.where(np.arange(FRAMES) < FRAMES // 2, 1.0, 1.3)
+    apart = np.abs(np.log(away / 5.0)) > FLOOR_TOLERANCE
+    np.testing.assert_array_equal(depth_on_floor(rays, away, FPS)[apart], away[apart])
     leaping = Rays(rays.centre + [0, 0, 1.0], rays.directions)
     np.testing.assert_array_equal(depth_on_floor(leaping, by_bones, FPS), by_bones)
+
+
+def test_the_depth_does_not_leap_where_feet_begin_to_stand_on_the_floor() -> None:
+    """That of the bones, which grows steadily, comes within the tolerance of the feet's on some frame."""
+    rays = Rays.of(keypoints_of(cameras(1), seen_places(BODY, standing_with({}))))
+    by_bones = 5.0 * np.exp(np.linspace(-1.5, 0.5, FRAMES) * FLOOR_TOLERANCE)
+    found = depth_on_floor(rays, by_bones, FPS)
+    assert np.abs(np.diff(found)).max() < 0.2 < 5.0 * FLOOR_TOLERANCE
+    np.testing.assert_allclose(found[-FRAMES // 4 :], 5.0, atol=0.05)
 
 
 def test_feet_on_the_floor_tell_the_height_unless_that_is_nobodys() -> None:
