@@ -23,7 +23,7 @@ from .operators.cameras import (
     refine_cameras,
 )
 from .operators.characters import export_motion, hand_shape, retarget_bones, send_to_rig
-from .operators.footage import add_footage, drop_files, load_shot, look_through, recover, use_offset
+from .operators.footage import add_footage, drop_files, load_shot, look_through, recover, restore_frame_rate, use_offset
 from .operators.performers import choose_performer, edit_body, exchange_people, fit_body, hold_prop
 from .operators.posing import (
     clear_marks,
@@ -48,6 +48,7 @@ OPERATOR_MODULES = (
     drop_files,
     recover,
     look_through,
+    restore_frame_rate,
     use_offset,
     edit_body,
     hold_prop,

@@ -11,6 +11,7 @@ from ..scene_io import active_performer
 from ..viewports import screens
 from ..viewports.screens import SIDEBAR_TAB
 from . import guide
+from .texts import draw_replaced_rate
 
 # For mypy it is a panel; Blender shall not meet panels that are never registered.
 PanelMixin = bpy.types.Panel if TYPE_CHECKING else object
@@ -33,9 +34,10 @@ class SectionsPanel(_OnTab, bpy.types.Panel):
     bl_label = SIDEBAR_TAB
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Open and fold sections as the work goes on; each section draws itself."""
+        """Open and fold sections as the work goes on; each section draws itself. What concerns all is above them."""
         guide.follow(context)
         screens.keep_clear(context)
+        draw_replaced_rate(self.layout, context)
 
 
 class Section(_OnTab):

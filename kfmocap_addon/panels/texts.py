@@ -6,6 +6,7 @@ import blf
 import bpy
 
 from ..operators.footage.recover import ShowHidden
+from ..operators.footage.restore_frame_rate import RestoreFrameRate
 from ..scene_io import visibility
 
 _BESIDE = 70  # of a line's width: what panels take, in units of the interface
@@ -30,6 +31,16 @@ def draw_unit_scale(layout: bpy.types.UILayout, context: bpy.types.Context) -> N
     if units.system != "NONE" and abs(units.scale_length - 1.0) > 1e-6:
         text = f"The scene's Unit Scale is {units.scale_length:g}, but a unit is a metre here: set it to 1"
         draw_text(layout, context, text, "ERROR")
+
+
+def draw_replaced_rate(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw a warning if something has changed the frame rate of the scene's shot, and a button that sets it back."""
+    shot = context.scene.kfmocap
+    if shot.views and (before := shot.replaced_rate):
+        column = layout.column(align=True)
+        text = f"The scene has {shot.frame_rate:.5g} frames per second now, its shot has {before:.5g}"
+        draw_text(column, context, f"{text}: importing an FBX file changes it", "ERROR")
+        column.operator(RestoreFrameRate.bl_idname, text=f"Set Back to {before:.5g}", icon="LOOP_BACK")
 
 
 def draw_hidden(layout: bpy.types.UILayout, context: bpy.types.Context, thing: bpy.types.Object, what: str) -> None:

@@ -37,6 +37,12 @@ def _set_frame_rate(self: bpy.types.PropertyGroup, fps: float) -> None:
     set_rate(self.id_data, fps)
 
 
+def _replaced_rate(self: bpy.types.PropertyGroup) -> float:
+    from ..scene_io.scene import replaced_rate
+
+    return replaced_rate(self.id_data) or 0.0
+
+
 def _show_confidence(self: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
     """Give the parts the colours that the scene asks for."""
     from ..scene_io.review import bone_confidence
@@ -139,6 +145,11 @@ class KFMocapScene(bpy.types.PropertyGroup):
         step=100,
         name="Frame Rate",
         description="Frames per second of the footage, and of the scene. Videos bring theirs; images have none",
+    )
+    replaced_rate: bpy.props.FloatProperty(
+        get=_replaced_rate,
+        name="Replaced Frame Rate",
+        description="Frame rate of the shot, if something else has changed that of the scene since; otherwise 0",
     )
     views: bpy.props.CollectionProperty(type=KFMocapView)
     performers: bpy.props.CollectionProperty(type=KFMocapPerformer)

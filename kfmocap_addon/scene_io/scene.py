@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
 
 from ...core.body.motion import Motion
 from ...core.errors import ShotError
@@ -184,6 +185,13 @@ def load_clips(
 def frame_rate(scene: bpy.types.Scene) -> float:
     """Return the scene's frames per second, to the last digit as `set_rate` had them."""
     return float(lossless.recall(scene, _FPS, scene.render.fps / scene.render.fps_base))
+
+
+def replaced_rate(scene: bpy.types.Scene) -> float | None:
+    """Return the frame rate that `set_rate` set, if something else has changed it since, as importers of FBX do."""
+    before = lossless.stored(scene[_FPS]) if _FPS in scene else None
+    changed = before is not None and not lossless.same(before, np.array(frame_rate(scene)))
+    return float(before) if changed else None
 
 
 def set_rate(scene: bpy.types.Scene, fps: float | None) -> None:

@@ -381,3 +381,27 @@ def test_lengths_that_blender_would_show_wrongly_are_said(monkeypatch, system, s
     monkeypatch.setattr(texts, "draw_text", lambda _layout, _context, text, _icon: drawn.append(text))
     texts.draw_unit_scale(None, bpy.context)
     assert drawn == ["The scene's Unit Scale is 0.01, but a unit is a metre here: set it to 1"] * warns
+
+
+def test_a_frame_rate_that_an_import_changes_is_said_and_set_back(tmp_path, monkeypatch):
+    """Blender's importer of FBX gives the scene the frame rate of its file: the motion would be exported as a slower
+    one."""
+    drawn = []
+    monkeypatch.setattr(texts, "draw_text", lambda _layout, _context, text, _icon: drawn.append(text))
+    column = SimpleNamespace(operator=lambda *_, **button: drawn.append(button["text"]))
+    layout = SimpleNamespace(column=lambda align: column)
+    bpy.ops.mesh.primitive_cube_add()
+    bpy.ops.export_scene.fbx(filepath=str(tmp_path / "character.fbx"), use_selection=True)
+    current = scenes.build_scene(shot(tmp_path, fps=29.97))
+    bpy.context.window.scene = current
+    texts.draw_replaced_rate(layout, bpy.context)
+    assert not drawn and not bpy.ops.kfmocap.restore_frame_rate.poll()
+    bpy.ops.import_scene.fbx(filepath=str(tmp_path / "character.fbx"))
+    assert current.kfmocap.frame_rate == 24
+    texts.draw_replaced_rate(layout, bpy.context)
+    assert "24 frames per second" in drawn[0] and "has 29.97" in drawn[0] and drawn[1] == "Set Back to 29.97"
+    bpy.ops.kfmocap.restore_frame_rate()
+    assert scenes.frame_rate(current) == 29.97 and current.kfmocap.replaced_rate == 0
+    current.render.fps, current.render.fps_base = 12, 1.0
+    current.kfmocap.frame_rate = 12  # the new one is wanted
+    assert current.kfmocap.replaced_rate == 0

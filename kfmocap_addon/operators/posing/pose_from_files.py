@@ -145,7 +145,7 @@ class PoseFromLandmarks(Conditional, bpy.types.Operator, BesideFootage):
 
 def _report_count(operator: bpy.types.Operator, count: int, wanted: int) -> None:
     kept = f"; {wanted - count} frames keep your own" if count < wanted else ""
-    operator.report({"INFO"} if count else {"WARNING"}, f"{count} key poses are set{kept}")
+    operator.report({"INFO"} if count else {"WARNING"}, f"{count} key pose{' is' if count == 1 else 's are'} set{kept}")
 
 
 CLASSES = (ImportKeypoints, MarkKeypoints, PoseFromKeypoints, PoseFromLandmarks)

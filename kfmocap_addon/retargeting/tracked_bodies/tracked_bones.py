@@ -18,7 +18,7 @@ from ...scene_io.linked import linked_file
 _LOWER = ("forearm", "hand", "shin", "foot")
 """Roles of bones that hang on those of the limb above."""
 _STILL_TOLERANCE = 1e-5
-"""Largest difference between the keys of a channel that does not move."""
+"""Largest difference between the keys of a channel that does not move, metres for a location: importers round it."""
 _OTHER_TURNS, _NAMED = ("rotation_euler", "rotation_axis_angle"), 3
 _SCALED = 0.01
 """Least change of a bone's scale that importers' rounding cannot explain."""
@@ -46,7 +46,7 @@ def movable_root(armature: bpy.types.Object) -> tuple[str, ...]:
         if bone.name not in names:
             continue
         shifted = bone.name != top and (
-            bone.location.length > _STILL_TOLERANCE or moves(armature, bone.name, "location")
+            bone.location.length > _still(armature, "location") or moves(armature, bone.name, "location")
         )
         if shifted:
             remarks.append(
@@ -70,14 +70,20 @@ def _keyed_in_vain(armature: bpy.types.Object) -> list[str]:
     return [f"bones {listed(bones, _NAMED)}: they {what}: undo, and set the mode back first"]
 
 
-def moves(armature: bpy.types.Object, bone: str, attribute: str, still: float = _STILL_TOLERANCE) -> bool:
+def moves(armature: bpy.types.Object, bone: str, attribute: str, still: float | None = None) -> bool:
     """Whether keys of a bone's attributes that begin so change anything."""
     bag = fcurves.find_channelbag(armature)
     path = fcurves.bone_path(bone, attribute)
+    still = _still(armature, attribute) if still is None else still
     return any(
         curve.data_path.startswith(path) and np.ptp(fcurves.get_keys(curve)["co"][:, 1]) > still
         for curve in (bag.fcurves if bag else ())
     )
+
+
+def _still(armature: bpy.types.Object, attribute: str) -> float:
+    """Return the largest change of an attribute that does not move a bone, in the unit of its channels."""
+    return _STILL_TOLERANCE / (max(np.array(armature.matrix_world.to_scale())) if attribute == "location" else 1.0)
 
 
 def refuse_moving_object(current: bpy.types.Scene, armature: bpy.types.Object) -> None:

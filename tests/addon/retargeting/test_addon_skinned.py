@@ -316,6 +316,19 @@ def test_locations_and_scales_of_parts_are_named():
     assert [text.split(":")[0] for text in remarks] == ["bone chest", "bone upper_arm.L"]
 
 
+@pytest.mark.parametrize(("centimetres", "named"), [(3e-5, []), (0.5, ["bone mixamorig:LeftArm"])])
+def test_locations_that_an_importer_has_rounded_are_not_named(centimetres, named):
+    """The single precision of a file in centimetres is 1.5e-5 off."""
+    armature = mixamo_like()
+    arm = armature.pose.bones["mixamorig:LeftArm"]
+    for frame in (1, 5):
+        arm.location.x = centimetres * (frame == 1)
+        arm.keyframe_insert("location", frame=frame)
+    arm.location.y = 7.6e-6
+    _, remarks = use_as_body(bpy.context.scene, armature)
+    assert [text.split(": ")[0] for text in remarks] == named
+
+
 def test_an_armature_that_moves_as_a_whole_is_refused():
     armature = skinned()
     for frame in (1, 9):
