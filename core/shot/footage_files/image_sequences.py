@@ -98,17 +98,34 @@ def _patterns_in(folder: Path, suffixes: Collection[str]) -> list[str]:
 def footage_of(files: Iterable[Path]) -> list[Path]:
     """Return the footage among chosen files, sorted by name: videos, and one pattern per sequence of numbered images.
 
-    See `image_files` for patterns.
+    Numbers without leading zeros, as in a_99.png and a_100.png, are those of one sequence, however many digits they
+    have. See `image_files` for patterns.
     """
     found: dict[Path, None] = {}
-    for file in sorted(files):
+    chosen = sorted(files)
+    numbers = _numbers_of({*chosen, *(file for folder in {file.parent for file in chosen} for file in _listed(folder))})
+    for file in chosen:
         number = _FRAME_NUMBER.search(file.stem) if file.suffix.lower() in IMAGE_SUFFIXES else None
         if number is None:
             found[file] = None
         else:
-            hashes = file.stem[: number.start()] + "#" * len(number[0]) + file.stem[number.end() :]
-            found[file.with_name(hashes + file.suffix)] = None
+            before, after = file.stem[: number.start()], file.name[number.end() :]
+            own = numbers[file.parent, before, after]
+            padded = any(other.startswith("0") and len(other) > 1 for other in own)
+            digits = len(number[0]) if padded else min(map(len, own))
+            found[file.with_name(before + "#" * digits + after)] = None
     return list(found)
+
+
+def _numbers_of(files: Iterable[Path]) -> dict[tuple[Path, str, str], set[str]]:
+    """Return the numbers in the names of images, by folder and what is before and after the number."""
+    numbers: dict[tuple[Path, str, str], set[str]] = {}
+    for file in files:
+        number = _FRAME_NUMBER.search(file.stem)
+        if number is not None and file.suffix.lower() in IMAGE_SUFFIXES:
+            key = file.parent, file.stem[: number.start()], file.name[number.end() :]
+            numbers.setdefault(key, set()).add(number[0])
+    return numbers
 
 
 def _is_file(path: Path) -> bool:

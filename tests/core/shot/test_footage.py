@@ -19,7 +19,7 @@ from kfmocap.core.errors import FootageError
 from kfmocap.core.shot.footage import Footage, decodable, frames_at, pictures, probe
 from kfmocap.core.shot.footage_faults.footage_checks import check_rates, check_view
 from kfmocap.core.shot.footage_files import image_sequences, image_sizes
-from kfmocap.core.shot.footage_files.image_sequences import named_footage
+from kfmocap.core.shot.footage_files.image_sequences import footage_of, named_footage
 from kfmocap.core.shot.footage_files.video_edits import shown_share
 from kfmocap.core.shot.frame_numbers import footage_index
 from kfmocap.core.shot.shot import View
@@ -501,3 +501,19 @@ def test_a_png_that_claims_a_piece_longer_than_its_file_is_refused(tmp_path: Pat
     assert probe(tmp_path / "a0.png").size == (64, 48)
     with pytest.raises(FootageError, match=r"a1\.png: the image cannot be read"):
         probe(tmp_path / "a1.png")
+
+
+@pytest.mark.parametrize(
+    ("there", "chosen", "wanted"),
+    [
+        (["a95.png", "a99.png", "a100.png"], ["a95.png", "a99.png", "a100.png"], ["a##.png"]),
+        (["a95.png", "a99.png", "a100.png"], ["a100.png"], ["a##.png"]),
+        (["a1.png", "a0095.png", "a0100.png"], ["a0100.png"], ["a####.png"]),
+        (["a099.png", "a100.png"], ["a100.png"], ["a###.png"]),
+        (["a8.png", "a9.png", "a10.png", "b10.png"], ["a10.png", "b10.png", "b.mp4"], ["a#.png", "b.mp4", "b##.png"]),
+    ],
+)
+def test_images_that_are_numbered_without_leading_zeros_are_one_sequence(tmp_path, there, chosen, wanted):
+    for name in there:
+        (tmp_path / name).touch()
+    assert [path.name for path in footage_of(tmp_path / name for name in chosen)] == wanted
