@@ -24,6 +24,7 @@ from ...shot.segments import Segment, segments, whole_keys
 from ...shot.shot import Shot
 from ..footage_reading.picture_store import StoredView
 from ..results.journal import FinishedSegment, KeptSegments
+from ..solvers.registry import solver_named
 from ..track_state import EarlierTrack, TrackState
 from .segment_tasks import RefinedSegment, SegmentTask, SolvedSegment, Watcher, refine_task, solve_task
 
@@ -33,8 +34,9 @@ SegmentShown = Callable[[Segment, tuple[Motion, ...]], None]
 READ_AHEAD = 3
 """Segments per worker, from the first that is not solved on, whose pictures are read: one with a lost limb takes as
 long as many others."""
-SOLVING_SHARE = 0.7
-"""Share of the work on a segment that is done before refinement, for reports of progress."""
+READING_SHARE, SOLVING_SHARE = 0.15, 0.3
+"""Shares of the work on a segment, for reports of progress: reading its footage, and solving it; the rest is its
+refinement."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +125,9 @@ class SegmentSchedule:
         self._segments, self._kept = segments(shot), finished
         self._observe, self._show = callbacks.observe, callbacks.show
         self._overall = ParallelProgress(callbacks.progress)
+        refines = solver_named(shot.settings.solver).refine is not None
+        self._solving_share = SOLVING_SHARE if refines else 1 - READING_SHARE
+        self._refining_share = 1 - READING_SHARE - self._solving_share
         whole = set(whole_keys(shot, 0, shot.length - 1).tolist())
         # Segments that begin on no key pose of the whole body continue the motion of the one before.
         self._continues = [k > 0 and first not in whole for k, (first, _) in enumerate(self._segments)]
@@ -143,10 +148,11 @@ class SegmentSchedule:
             if self._show is not None:
                 self._show(known.segment, known.motions)
         else:
+            self._part(k, READING_SHARE)(1.0)
             start = self._start
             state = self.state if self._continues[k] else start.state
             work = partial(solve_task, self._task(k, state), start.observed, start.earlier, watch=self._watcher(k))
-            solving: Future[SolvedSegment] = self._pool.submit(work, self._part(k, SOLVING_SHARE))
+            solving: Future[SolvedSegment] = self._pool.submit(work, self._part(k, self._solving_share))
             solving.add_done_callback(lambda done: self._hand_out(done, k, lambda s: s.solution.motions))
             self._solving.append(solving)
         if self._pool.workers == 1:
@@ -207,12 +213,13 @@ class SegmentSchedule:
             self._refining.append(found)
         elif (solved := found.result()).finished is not None:
             self._refining.append(solved.finished)
+            self._part(k, self._refining_share)(1.0)
         else:
             if self._continues[k]:
                 self._await_refined(k)
                 state = state.with_solution(self._segments[k - 1], self._done[k - 1].motions)
             work = partial(refine_task, self._task(k, state), solved, self._shapes_beside(k), watch=self._watcher(k))
-            refining: Future[RefinedSegment] = self._pool.submit(work, self._part(k, 1 - SOLVING_SHARE))
+            refining: Future[RefinedSegment] = self._pool.submit(work, self._part(k, self._refining_share))
             refining.add_done_callback(lambda done: self._hand_out(done, k, lambda r: r.finished.motions))
             self._refining.append(refining)
         self._await_refined(k - 2 * self._pool.workers)

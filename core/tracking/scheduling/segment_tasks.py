@@ -16,7 +16,7 @@ from ...evidence.view_work import InThreads, ViewWork
 from ...keypoints.observations import ShotKeypoints
 from ...numerics.arrays import Array
 from ...runtime.processes.worker_pool import WorkerPool
-from ...runtime.progress import Progress, report_progress
+from ...runtime.progress import Progress, report_progress, step_share
 from ...runtime.threads import one_library_thread
 from ...runtime.timing import Seconds
 from ...shot.acceleration_prior import usual_variances
@@ -43,6 +43,8 @@ from .segment_stages import (
     with_shape_beside,
 )
 
+UNCERTAINTY_SHARE = 0.08
+"""Share of the work of refining a segment that its uncertainty takes, for reports of progress."""
 Watcher = Callable[[int, Sequence[Motion]], None]
 """Called with the number of an iteration and the motions before it."""
 
@@ -212,7 +214,7 @@ def refine_task(
             data,
             solved.solution,
             task.state,
-            workspace=Workspace(by, on_step=steps),  # not kept: its caches are large
+            workspace=Workspace(by, on_step=step_share(steps, 0.0, 1 - UNCERTAINTY_SHARE)),  # not kept: large caches
         )
         seconds.add(refined.solution.seconds)
         finished = _finished(task, refined, solved.solution.motions, solved.offset, seconds, by=by)
@@ -235,6 +237,8 @@ def _steps(progress: Progress | None, watch: Watcher | None, before: int = 0) ->
     def on_step(done: float, motions: Sequence[Motion]) -> None:
         nonlocal number
         report_progress(progress, "tracking", done)
+        if not motions:
+            return
         if watch is not None:
             watch(number, motions)
         number += 1

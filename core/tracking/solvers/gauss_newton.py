@@ -35,6 +35,9 @@ from .view_subsets import view_subset, views_in_sight
 MAX_EXTRA_ITERATIONS = 6
 """Most iterations by which a tested stage goes on."""
 MAX_REPEATS = 3
+_STEP_SHARE, _DESCENT_SHARE = 0.4, 0.7
+"""Shares that a step of a tested stage, and a descent of a refinement, take of the progress that is left: most stages
+end after a few steps, and most refinements after one descent."""
 """Most repetitions of a refinement."""
 SMALL_GAIN = 1e-6
 """Relative decrease of the cost below which a stage ends."""
@@ -166,7 +169,7 @@ class _TestedStage:
         self.trials += 1
         self._done = done
         self._pace = OVERRELAXATION if done + 1 < self._stage.iterations else 1.0
-        self._workspace.report(min(done / self._stage.iterations, 1.0), motions)
+        self._workspace.report(1 - (1 - _STEP_SHARE) ** done, motions)
 
     def _distance(self, before: tuple[Motion, ...], after: tuple[Motion, ...]) -> float:
         """Root mean square of the step between two motions, radians and metres.
@@ -216,13 +219,12 @@ def refine(
     repeated : callable, optional
         Repeats the last stage from a solution; by default on all frames.
     """
-    share = 1 / (1 + MAX_REPEATS)
-    found = descend(problem, start, workspace.part(0.0, share), stages)
+    found = descend(problem, start, workspace.part(0.0, _DESCENT_SHARE), stages)
     seconds = Seconds(found.seconds)
     for again in range(1, 1 + MAX_REPEATS):
         if found.moved.max() < UNCONVERGED_MOVE:
             break
-        part = workspace.part(again * share, (again + 1) * share)
+        part = workspace.part(1 - (1 - _DESCENT_SHARE) ** again, 1 - (1 - _DESCENT_SHARE) ** (again + 1))
         found = found.without_equations()  # those of a long segment are large, and new ones follow
         further = descend(problem, found.motions, part, stages[-1:]) if repeated is None else repeated(found, part)
         seconds.add(further.seconds)

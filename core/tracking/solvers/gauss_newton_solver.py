@@ -35,6 +35,7 @@ from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSoluti
 from .gauss_newton import continued, descend, farthest_joint
 from .limb_corrections.leaping_limbs import with_leaps_bridged
 from .limb_corrections.limb_exchange import with_crossed_limbs_exchanged
+from .limb_corrections.limb_groups import contradicted
 from .limb_corrections.limb_search import can_search_limbs
 from .limb_corrections.local_trials import HELD_FRAMES, Stretch, can_be_parted, stretch_of, stretches_around
 from .limb_corrections.regained_limbs import with_limbs_regained
@@ -57,13 +58,13 @@ def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspac
         if not can_be_parted(problem):
             return _solved(problem, start, workspace)
         thinned = ThinnedProblem(problem, np.arange(problem.length), 1, problem)
-    few, begin, inner = thinned.problem, thinned.of_motions(start), thinned.workspace(workspace.part(0.2, 1.0))
-    first = first_solution(few, begin, thinned.workspace(workspace.part(0.0, 0.1)))
+    few, begin, inner = thinned.problem, thinned.of_motions(start), thinned.workspace(workspace.part(0.6, 1.0))
+    first = first_solution(few, begin, thinned.workspace(workspace.part(0.0, 0.6)))
     if not (problem.settings.limb_search and doubted_performers(few, begin, first)):
         return thinned.on_all_frames(_solved(few, begin, inner, first=first))
     if can_be_parted(few) and (stretches := stretches_around(few, frames_in_doubt(few, first))):
-        return _with_doubts_pursued(thinned, first, stretches, workspace.part(0.1, 1.0))
-    return _pursued(thinned, start, workspace.part(0.1, 1.0), first)
+        return _with_doubts_pursued(thinned, first, stretches, workspace.part(0.6, 1.0))
+    return _pursued(thinned, start, workspace.part(0.6, 1.0), first)
 
 
 def _pursued(
@@ -75,15 +76,15 @@ def _pursued(
 
     `start` has F poses per performer; `before` is a solution whose iterations and time count as well.
     """
-    problem, few, inner = thinned.whole, thinned.problem, thinned.workspace(workspace.part(0.1, 1.0))
+    problem, few, inner = thinned.whole, thinned.problem, thinned.workspace(workspace.part(0.3, 1.0))
     if few is problem:
         return _solved(problem, start, workspace, first=before)
-    whole = first_solution(problem, start, workspace.part(0.0, 0.1))
+    whole = first_solution(problem, start, workspace.part(0.0, 0.3))
     whole = whole if before is None else _after(before, whole)
     if not doubted_performers(problem, start, whole):
         if problem.shows_depth and not problem.among_others:
-            whole = with_sides_exchanged(problem, whole, workspace.part(0.1, 0.2))
-        return _solved(problem, start, workspace.part(0.2, 1.0), first=whole)
+            whole = with_sides_exchanged(problem, whole, workspace.part(0.3, 0.5))
+        return _solved(problem, start, workspace.part(0.5, 1.0), first=whole)
     first = _after(whole, descend(few, thinned.of_motions(whole.motions), inner.silent(), SETTLED))
     return thinned.on_all_frames(_solved(few, thinned.of_motions(start), inner, first=first))
 
@@ -125,9 +126,9 @@ def _solved_around(
     return replace(first, motions=motions)
 
 
-def _report_all(workspace: Workspace, motions: Sequence[Motion], done: float, _: Sequence[Motion]) -> None:
+def _report_all(workspace: Workspace, motions: Sequence[Motion], done: float, part: Sequence[Motion]) -> None:
     """Report motions of a whole segment in place of those of a part that is being solved."""
-    workspace.report(done, motions)
+    workspace.report(done, motions if part else ())
 
 
 def _part(thinned: ThinnedProblem, stretch: Stretch) -> ThinnedProblem:
@@ -150,9 +151,9 @@ def _solved(
     it. If foreground of a limb stays uncovered, the problem is solved once more with the accelerations of every joint
     estimated, and that solution is taken unless the first is clearly likelier.
     """
-    solution = _with_corrections(problem, start, workspace.part(0.0, 0.6), first)
-    usual = problem.search is AccelerationSearch.SCALE_THEN_JOINTS
-    if not usual or not solution.doubted or problem.among_others:
+    usual = problem.search is AccelerationSearch.SCALE_THEN_JOINTS and not problem.among_others
+    solution = _with_corrections(problem, start, workspace.part(0.0, 0.6 if usual else 1.0), first)
+    if not usual or not solution.doubted:
         return solution
     if not performers_uncovered(problem, solution.motions):
         return solution
@@ -169,8 +170,8 @@ def _with_corrections(
     problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace, first: SegmentSolution | None = None
 ) -> SegmentSolution:
     """Solve from several starts, exchange limbs that reach across each other, and bridge leaps."""
-    solution = best_of_starts(problem, start, workspace.part(0.0, 0.8), first)
-    return _with_limbs_put_right(problem, solution, workspace.part(0.8, 1.0))
+    solution = best_of_starts(problem, start, workspace.part(0.0, 0.9), first)
+    return _with_limbs_put_right(problem, solution, workspace.part(0.9, 1.0))
 
 
 def _with_limbs_put_right(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentSolution:
@@ -194,36 +195,41 @@ def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
     `gauss_newton.descend`.
     """
     if problem.doubted and (thinned := ThinnedProblem.of(problem, start)) is not None:
+        share = 0.9
         _, few = _refined_and_searched(
             thinned.problem, thinned.of_motions(start), thinned.workspace(workspace.part(0.0, 0.6)), REFINEMENT
         )
         begin = thinned.interpolated(few.motions)
-        found = _after(few, refine(problem, begin, workspace.part(0.6, 0.9)))
+        found = _after(few, refine(problem, begin, workspace.part(0.6, share)))
     else:
         at_once = problem.shows_depth and (not problem.doubted or problem.among_others)
         stages = POLISHED_AT_ONCE if at_once else REFINEMENT
-        first, found = _refined_and_searched(problem, start, workspace.part(0.0, 0.9), stages)
+        share = 0.95 if at_once else 0.6
+        first, found = _refined_and_searched(problem, start, workspace.part(0.0, share), stages)
         if stages is POLISHED_AT_ONCE:
             if found.motions is first.motions:
                 return found
             first, found = first.without_equations(), found.without_equations()  # those of a long segment are large
-            return _after(found, polished_again(problem, first, found.motions, workspace.part(0.9, 1.0)))
-    return _after(found, refine(problem, found.motions, workspace.part(0.9, 1.0), POLISH))
+            return _after(found, polished_again(problem, first, found.motions, workspace.part(share, 1.0)))
+    return _after(found, refine(problem, found.motions, workspace.part(share, 1.0), POLISH))
 
 
 def _refined_and_searched(
     problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace, stages: Sequence[DescentStage]
 ) -> tuple[SegmentSolution, SegmentSolution]:
     """Return a refined solution, and the one that a search for limbs leads to from there."""
-    first = refine(problem, start, workspace.part(0.0, 0.3), stages)
+    # With several views, limbs are searched for in many segments, and that takes most of the time where it is done.
+    share = 0.2 if contradicted(problem) else 0.6 if problem.shows_depth else 0.7
+    searching = workspace.part(share, 1.0)
+    first = refine(problem, start, workspace.part(0.0, share), stages)
     if not can_search_limbs(problem):
         return first, first
     several = problem.among_others
     begin = with_crossed_limbs_exchanged(problem, first, workspace.silent())
-    bridged = with_leaps_bridged(problem, begin, workspace.part(0.3, 0.4), long_only=not several)
+    bridged = with_leaps_bridged(problem, begin, searching.part(0.0, 0.1), long_only=not several)
     if bridged.motions is not begin.motions:
-        bridged = _after(bridged, refine(problem, bridged.motions, workspace.part(0.4, 0.5)))
-    return first, with_limbs_regained(problem, bridged, workspace.part(0.5, 1.0))
+        bridged = _after(bridged, refine(problem, bridged.motions, searching.part(0.1, 0.2)))
+    return first, with_limbs_regained(problem, bridged, searching.part(0.2, 1.0))
 
 
 def _after(before: SegmentSolution, found: SegmentSolution) -> SegmentSolution:

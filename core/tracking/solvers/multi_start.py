@@ -46,6 +46,9 @@ from .limb_corrections.strayed_limbs import with_limbs_returned
 from .starts.sequential_start import follow_both_ways
 from .starts.whole_turns import with_whole_turn
 
+_FIRST_SHARE = 0.7
+"""Share of the progress that is that of the first solution: mostly it is the only one, and else a fifth of the work."""
+
 
 def best_of_starts(
     problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace, first: SegmentSolution | None = None
@@ -57,7 +60,8 @@ def best_of_starts(
     (`_best_among_others`). Parameters as in `gauss_newton.descend`; `first` is the solution from the curve, if it is
     known.
     """
-    best = first or first_solution(problem, start, workspace.part(0.0, 0.2))
+    begin = 0.0 if first else _FIRST_SHARE
+    best = first or first_solution(problem, start, workspace.part(0.0, begin))
     seconds = Seconds(best.seconds)
     if problem.keypoints:
         with seconds.measure("initial solution"):
@@ -65,7 +69,7 @@ def best_of_starts(
     if problem.search is not AccelerationSearch.JOINTS:
         problem = problem.with_smoothness(best.variances)
     if problem.settings.limb_search and (doubted := doubted_performers(problem, start, best)):
-        part = workspace.part(0.2, 1.0)
+        part = workspace.part(begin, 1.0)
         if problem.among_others:
             best = _best_among_others(problem, start, best, doubted, part)
         else:
@@ -98,10 +102,10 @@ def _without_plants_first(problem: SegmentProblem, start: Sequence[Motion], work
     held: a leg may have been lost for the lack of them.
     """
     begun = approach(problem, start, workspace.part(0.0, 0.5), COARSE_STAGES)
-    free = descend(problem, begun, workspace.part(0.5, 0.75), FREE_STAGES)
+    free = descend(problem, begun, workspace.part(0.5, 0.8), FREE_STAGES)
     if not problem.settings.plants or not doubted_performers(problem, start, free):
         return free
-    held = descend(problem, begun.counted(), workspace.part(0.75, 1.0), FINE_STAGES)
+    held = descend(problem, begun.counted(), workspace.part(0.8, 1.0), FINE_STAGES)
     seconds = Seconds(free.seconds)
     seconds.add(held.seconds)
     return replace(continued(free, held), seconds=dict(seconds))

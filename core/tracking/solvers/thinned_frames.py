@@ -138,7 +138,7 @@ class ThinnedProblem:
         report = outer
 
         def on_step(done: float, motions: Sequence[Motion]) -> None:
-            whole = len(motions[0]) == len(self.frames)  # otherwise they are those of a part of it
+            whole = bool(motions) and len(motions[0]) == len(self.frames)  # otherwise they are those of a part of it
             report(done, self.interpolated(motions) if whole else motions)
 
         return Workspace(workspace.by, on_step=on_step)

@@ -240,6 +240,13 @@ def test_progress_rises_to_one_and_changes_nothing(views: list[View], tracked: M
     np.testing.assert_array_equal(found.rotations, tracked.rotations)
 
 
+def test_progress_does_not_leap(views: list[View]) -> None:
+    """One segment: reading, solving and refining it each take a good part of the time."""
+    told: list[float] = []
+    track(shot(views, settings=Settings(threads=1)), lambda _, fraction: told.append(fraction) is None)
+    assert np.diff(told).max() < 0.5
+
+
 @solvers
 @pytest.mark.parametrize("calls", [1, 4])
 def test_progress_cancels(views: list[View], settings: Settings, calls: int) -> None:

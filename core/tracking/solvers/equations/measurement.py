@@ -33,7 +33,8 @@ anyway."""
 LONG = 200
 """Number of frames from which memory is given back before and after an evaluation: solving takes 0.6 MB for each."""
 StepCallback = Callable[[float, Sequence[Motion]], None]
-"""Called before each step with the share of the work done, 0 to 1, and the motions; may raise to cancel the job."""
+"""Called before each step with the share of the work done, 0 to 1, and the motions, and between steps without motions;
+may raise to cancel the job."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,8 +147,8 @@ class Workspace:
     recent: RecentEvidence = field(default_factory=RecentEvidence)
     on_step: StepCallback | None = None
 
-    def report(self, done: float, motions: Sequence[Motion]) -> None:
-        """Report the share of the work that is done, 0 to 1, and the motions so far."""
+    def report(self, done: float, motions: Sequence[Motion] = ()) -> None:
+        """Report the share of the work that is done, 0 to 1, and the motions before an iteration, if one begins."""
         if self.on_step is not None:
             self.on_step(done, motions)
 
