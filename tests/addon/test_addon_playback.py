@@ -175,6 +175,11 @@ def scale(armature):
     return "the scale of upper_arm.L"
 
 
+def part_from_the_bone_above(armature):
+    armature.data.bones["forearm.L"].use_inherit_rotation = False
+    return "by Inherit Rotation of forearm.L, which is off: the tracker does not know of it"
+
+
 def rest(armature):
     armature.data.pose_position = "REST"
     return "it is shown in its rest position"
@@ -208,7 +213,7 @@ def arm_curves(armature):
     return [c for c in fcurves.find_channelbag(armature).fcurves if "upper_arm.L" in c.data_path]
 
 
-@pytest.mark.parametrize("change", [constrain, shift, scale, rest, mute, shake, drive, blend])
+@pytest.mark.parametrize("change", [constrain, shift, scale, part_from_the_bone_above, rest, mute, shake, drive, blend])
 def test_what_keeps_a_tracked_pose_from_being_shown_is_named(built, change):
     armature = armature_of(built)
     read = scene.shot_from_scene(built).performers[0].body

@@ -50,6 +50,8 @@ def _cause(bone: bpy.types.PoseBone, *, moves: bool) -> str:
             return f"the constraint '{held.name}' of {bone.name}"
     if not np.allclose(np.array(bone.scale), 1.0, atol=1e-4):
         return f"the scale of {bone.name}"
+    if bone.parent is not None and not bone.bone.use_inherit_rotation:
+        return f"Inherit Rotation of {bone.name}, which is off"
     return f"the location of {bone.name}" if not moves and np.abs(np.array(bone.location)).max() > 1e-4 else ""
 
 
