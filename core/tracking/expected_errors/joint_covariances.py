@@ -9,9 +9,11 @@ from ...body.kinematics import point_jacobian, tip_positions
 from ...body.motion import Motion
 from ...numerics.arrays import Array
 
-DOUBLING_DISPLACEMENT = 0.015
-"""Displacement between two frames at which the squared error of a tip is twice that at rest, metres: because of motion
-blur, brightness that is not linear over such distances, and clothes that lag."""
+LARGEST_GROWTH = 5.0
+"""Squared error of a fast tip relative to that of one at rest: because of motion blur, brightness that is not linear over
+long distances, and clothes that lag."""
+MOVING_DISPLACEMENT = 0.015
+"""Displacement between two frames at which half of that growth is reached, metres."""
 
 
 def tip_jacobian(body: Body, motion: Motion) -> Array:
@@ -34,4 +36,5 @@ def growth_by_speed(body: Body, motion: Motion) -> Array:
     if len(motion) < 2:
         return np.ones((len(motion), len(body)))
     speed = np.linalg.norm(np.gradient(tip_positions(body, part_poses(body, motion)), axis=0), axis=2)
-    return np.asarray(1 + (speed / DOUBLING_DISPLACEMENT) ** 2)
+    square = speed**2
+    return np.asarray(1 + (LARGEST_GROWTH - 1) * square / (square + MOVING_DISPLACEMENT**2))

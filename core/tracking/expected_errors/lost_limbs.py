@@ -85,13 +85,25 @@ def confirmed_parts(body: Body, keypoints: KeypointFactor, poses: Poses) -> Bool
     return confirmed
 
 
-def limb_reach(body: Body) -> Array:
-    """Largest distance of each part's tip from the joint where its limb begins, metres, shape (P,); 0 for the trunk."""
+def lost_lengths(body: Body, lost: Array) -> Array:
+    """Expected distance of each part's tip from its true position if it is lost, metres, shape (F, P); 0 for the trunk.
+
+    It is the length of the limb from the first part that is lost to the tip: of an arm that is found, a hand can only be
+    off by its own length.
+
+    Parameters
+    ----------
+    lost : ndarray, shape (F, P)
+        Probability that each part is lost, see `lost_probabilities`.
+    """
     lengths = np.array([float(np.linalg.norm(part.tail_world - part.head_world)) for part in body.parts])
-    reach = np.zeros(len(body))
+    found = np.zeros(lost.shape)
     for chain in limbs(body):
-        reach[chain] = np.cumsum(lengths[chain])
-    return reach
+        first = np.diff(lost[:, chain], axis=1, prepend=0.0)
+        for i, part in enumerate(chain):
+            to_tip = np.cumsum(lengths[chain[i::-1]])[::-1]
+            found[:, part] = first[:, : i + 1] @ to_tip / np.maximum(lost[:, part], 1e-12)
+    return found
 
 
 def _outward(body: Body, values: Array) -> Array:

@@ -30,7 +30,7 @@ from ..solvers.equations.view_delays import DelayEvidence, delay_evidence
 from ..solvers.limb_evidence.limb_support import support_of_parts
 from .held_out_keys import USUAL_RATIO, covariance_ratios, missed_key_poses
 from .joint_covariances import growth_by_speed, tip_covariances, tip_jacobian
-from .lost_limbs import confirmed_parts, limb_reach, lost_probabilities
+from .lost_limbs import confirmed_parts, lost_lengths, lost_probabilities
 from .wide_clothes import widths_of_clothes
 
 ERROR_PER_GAP = 2.0
@@ -39,7 +39,7 @@ COVERAGE = 0.9
 """Fraction of the errors that the interval should contain."""
 REPORTED_PROBABILITY = 0.5
 """Probability from which a part is reported as possibly lost."""
-ERRORS_T_DOF = 20.0
+ERRORS_T_DOF = 8.0
 """Degrees of freedom of the errors' t distribution, as the ratio estimated from key poses is a mean over frames with
 smaller and larger errors."""
 ONE_VIEW_RATIO = 0.25
@@ -210,11 +210,11 @@ def joint_errors(
         lost[frames], held[frames] = one.lost, one.held
     covariances[held] = 0.0
     lost[held] = 0.0
-    reach = np.broadcast_to(limb_reach(body), lost.shape)
+    far = lost_lengths(body, lost)
     near = np.sqrt(np.maximum(np.trace(covariances, axis1=2, axis2=3), 0.0))
     return JointErrors(
-        (1 - lost) * near + lost * reach,
-        length_quantile(covariances, COVERAGE, tails=tails, gross=lost, gross_length=reach),
+        (1 - lost) * near + lost * far,
+        length_quantile(covariances, COVERAGE, tails=tails, gross=lost, gross_length=far),
         lost,
     )
 

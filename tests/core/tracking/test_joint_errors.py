@@ -19,8 +19,13 @@ from kfmocap.core.numerics.rotations import exp
 from kfmocap.core.shot.shot import KeyPoses, Performer
 from kfmocap.core.tracking.expected_errors.body_uncertainty import body_covariances
 from kfmocap.core.tracking.expected_errors.held_out_keys import USUAL_RATIO, _miss, covariance_ratios
-from kfmocap.core.tracking.expected_errors.joint_covariances import DOUBLING_DISPLACEMENT, growth_by_speed, tip_jacobian
-from kfmocap.core.tracking.expected_errors.lost_limbs import PATCH_SIDE, limb_reach, lost_probabilities
+from kfmocap.core.tracking.expected_errors.joint_covariances import (
+    LARGEST_GROWTH,
+    MOVING_DISPLACEMENT,
+    growth_by_speed,
+    tip_jacobian,
+)
+from kfmocap.core.tracking.expected_errors.lost_limbs import PATCH_SIDE, lost_lengths, lost_probabilities
 from kfmocap.core.tracking.expected_errors.uncertainty import (
     ERRORS_T_DOF,
     ONE_VIEW_RATIO,
@@ -38,6 +43,10 @@ P = len(BODY)
 FRAMES, LOST = 24, slice(8, 18)
 ARM = [BODY.index("upper_arm.L"), BODY.index("forearm.L")]
 CAMERAS = (look_at("front", (0.3, -2.4, 1.4)), look_at("side", (-2.2, -1.2, 1.5)))
+
+
+def length_of(parts: list[int]) -> float:
+    return sum(float(np.linalg.norm(BODY.parts[part].tail_world - BODY.parts[part].head_world)) for part in parts)
 
 
 def uncertainty_of(first: int, covariances: Array, misses: Array) -> SegmentUncertainty:
@@ -154,12 +163,15 @@ def test_what_moves_is_less_sure_and_misses_a_key_pose_by_more_before_that_count
     still = at_rest(BODY, 5)
     np.testing.assert_allclose(growth_by_speed(BODY, still), 1)
     np.testing.assert_allclose(growth_by_speed(BODY, at_rest(BODY, 1)), 1)
-    path = still.translations + np.outer(DOUBLING_DISPLACEMENT * np.arange(5), [0.6, 0, 0.8])
-    growth = growth_by_speed(BODY, Motion(path, still.rotations))
-    np.testing.assert_allclose(growth, 2)
+    growth, fast = (
+        growth_by_speed(BODY, Motion(still.translations + np.outer(step * np.arange(5), [0.6, 0, 0.8]), still.rotations))
+        for step in (MOVING_DISPLACEMENT, 100 * MOVING_DISPLACEMENT)
+    )
+    np.testing.assert_allclose(growth, (1 + LARGEST_GROWTH) / 2)
+    np.testing.assert_allclose(fast, LARGEST_GROWTH, rtol=1e-3)
     jacobian, step = tip_jacobian(BODY, still)[0], np.full(BODY.dof, 0.01)
-    slow, fast = (_miss(jacobian, step, 1e-4 * np.eye(BODY.dof), by) for by in (1.0, growth[0]))
-    np.testing.assert_allclose(fast, slow / 2)
+    slow, moving = (_miss(jacobian, step, 1e-4 * np.eye(BODY.dof), by) for by in (1.0, growth[0]))
+    np.testing.assert_allclose(moving, slow / growth[0])
 
 
 def test_what_no_footage_shows_is_in_the_errors_of_all_frames_but_the_key_poses() -> None:
@@ -209,8 +221,18 @@ def test_a_lost_arm_is_expected_to_be_off_by_its_length_not_by_millimetres() -> 
     uncertainties = [SegmentUncertainty(0, held, covariances, np.zeros((0, P)), np.zeros(FRAMES), lost, np.zeros(P))]
     found = joint_errors(BODY, uncertainties, np.zeros((FRAMES, P, 3, 3)))
     middle = (LOST.start + LOST.stop) // 2
-    assert found.deviation[middle, ARM[1]] > 0.9 * limb_reach(BODY)[ARM[1]] > 0.3
+    assert found.deviation[middle, ARM[1]] > 0.9 * length_of(ARM) > 0.3
     assert np.delete(found.deviation, ARM, axis=1).max() < 0.02 and found.deviation[[0, -1]].max() == 0
+
+
+def test_a_lost_part_of_an_arm_that_is_found_is_off_by_its_own_length() -> None:
+    """The more probable it is that the arm before it is found, the less."""
+    lost = np.zeros((3, P))
+    lost[0, ARM[1]] = lost[1, ARM] = 0.6
+    lost[2, ARM] = 0.3, 0.6
+    forearm, both = length_of(ARM[1:]), length_of(ARM)
+    np.testing.assert_allclose(lost_lengths(BODY, lost)[:, ARM[1]], [forearm, both, (forearm + both) / 2])
+    assert not np.delete(lost_lengths(BODY, lost), ARM, axis=1).any()
 
 
 def test_a_motion_that_is_right_has_no_lost_part_and_neither_has_one_that_key_poses_hold() -> None:
