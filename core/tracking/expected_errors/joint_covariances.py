@@ -10,8 +10,8 @@ from ...body.motion import Motion
 from ...numerics.arrays import Array
 
 LARGEST_GROWTH = 5.0
-"""Squared error of a fast tip relative to that of one at rest: because of motion blur, brightness that is not linear over
-long distances, and clothes that lag."""
+"""Squared error of a fast tip relative to that of one at rest: because of motion blur, brightness that is not linear
+over long distances, and clothes that lag."""
 MOVING_DISPLACEMENT = 0.015
 """Displacement between two frames at which half of that growth is reached, metres."""
 

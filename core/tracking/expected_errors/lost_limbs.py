@@ -88,8 +88,8 @@ def confirmed_parts(body: Body, keypoints: KeypointFactor, poses: Poses) -> Bool
 def lost_lengths(body: Body, lost: Array) -> Array:
     """Expected distance of each part's tip from its true position if it is lost, metres, shape (F, P); 0 for the trunk.
 
-    It is the length of the limb from the first part that is lost to the tip: of an arm that is found, a hand can only be
-    off by its own length.
+    It is the length of the limb from the first part that is lost to the tip: of an arm that is found, a hand can only
+    be off by its own length.
 
     Parameters
     ----------

@@ -163,9 +163,9 @@ def test_what_moves_is_less_sure_and_misses_a_key_pose_by_more_before_that_count
     still = at_rest(BODY, 5)
     np.testing.assert_allclose(growth_by_speed(BODY, still), 1)
     np.testing.assert_allclose(growth_by_speed(BODY, at_rest(BODY, 1)), 1)
+    path = MOVING_DISPLACEMENT * np.outer(np.arange(5), [0.6, 0, 0.8])
     growth, fast = (
-        growth_by_speed(BODY, Motion(still.translations + np.outer(step * np.arange(5), [0.6, 0, 0.8]), still.rotations))
-        for step in (MOVING_DISPLACEMENT, 100 * MOVING_DISPLACEMENT)
+        growth_by_speed(BODY, Motion(still.translations + times * path, still.rotations)) for times in (1, 100)
     )
     np.testing.assert_allclose(growth, (1 + LARGEST_GROWTH) / 2)
     np.testing.assert_allclose(fast, LARGEST_GROWTH, rtol=1e-3)
