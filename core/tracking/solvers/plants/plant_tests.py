@@ -47,7 +47,7 @@ class PlantTests:
     movable: Bools
 
     def plants_of(
-        self, apparent: ApparentPlants, earlier: ApparentPlants | None, performer: int, point: int
+        self, apparent: ApparentPlants, earlier: ApparentPlants | None, performer: int, point: int, heel: Bools
     ) -> list[Plant]:
         """Return the plants of a point that pass the tests, with the frames beside them that do.
 
@@ -56,9 +56,12 @@ class PlantTests:
         apparent, earlier : ApparentPlants
             As found now, and before the refinement.
         performer, point : int
+        heel : ndarray of bool, shape (F - 1,)
+            Steps on which the heel of a ball's foot has passed: more of them than seem still where two of its plants
+            became one.
         """
         longer = [] if earlier is None else runs(earlier.plants.steps[:, point] & self.movable)
-        beside = runs(apparent.beside(point, earlier) & self.movable)
+        beside = runs((apparent.beside(point, earlier) | heel) & self.movable)
         now = runs(apparent.plants.steps[:, point] & self.movable)
         gone = [run for run in longer if not overlapping(run, now)]
         plant_on = partial(Plant, apparent.plants, performer, point)

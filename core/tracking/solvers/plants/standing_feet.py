@@ -149,7 +149,8 @@ def _plants_that_fit(
     floor = apparent.floor
     for point, part in enumerate(plants.soles.parts):
         ratio = evidence.ratio_of_errors(performer, part, ratios)
-        for plant in PlantTests(evidence, ratio, movable).plants_of(apparent, earlier, performer, point):
+        heel = found[:, plants.soles.parts == part].any(axis=1)  # of the same foot; a heel is tested before its ball
+        for plant in PlantTests(evidence, ratio, movable).plants_of(apparent, earlier, performer, point, heel):
             if apparent.steps_around(plant) >= MIN_DURATION * problem.fps:
                 steps = slice(plant.steps[0], plant.steps[1] + 1)
                 found[steps, point] = True
