@@ -280,7 +280,7 @@ def _finished(
         keys = [performer.key_poses.full() for performer in shot.performers]
         before = state.beside(task.segment, segments(shot), keys)
         with seconds.measure("solve"):
-            settled = settle(ended.problem, solution, equations, before, ratios)
+            settled = settle(ended.problem, solution, equations, before, ratios, workspace=Workspace(by))
     return FinishedSegment(
         result=result,
         first_motions=first_motions,

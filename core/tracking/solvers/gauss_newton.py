@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...body import part_poses
+from ...body.kinematics import tip_positions
 from ...body.motion import Motion
 from ...body.smoothness import limited
 from ...evidence.segment_evidence import SegmentEvidence
@@ -109,13 +110,14 @@ class _TestedStage:
         *,
         hopeless: HopelessTest | None = None,
         vain: VainTest | None = None,
+        plants: Sequence[PlantFactor | None] | None = None,
     ) -> None:
         self.smooth = smooth
         self.seconds, self.trials = Seconds(), 0
         self._problem, self._stage, self._workspace, self._noise = problem, stage, workspace, noise
         self._hidden: list[NDArray[np.bool_]] | None = None
         self._expected: list[Array] = []
-        self._plants: list[PlantFactor | None] = [None] * len(problem.bodies)
+        self._plants = plants
         self._tied: TiedSystems | None = None
         self._pace = OVERRELAXATION
         self._hopeless, self._vain, self._done = hopeless, vain, 0
@@ -154,13 +156,14 @@ class _TestedStage:
             begins = self._hidden is None
             if self._hidden is None:
                 self._hidden, self._expected = hidden_and_expected(problem, motions, evidence)
-                if self._stage.plants or not problem.shows_depth:
+                if self._plants is None and (self._stage.plants or not problem.shows_depth):
                     self._plants = plants_of(problem, motions)
             images = evidence_equations(problem, measured, self._hidden, self._noise)
             if begins:
                 self.smooth = self.smooth.estimated(problem, motions, images, self._expected, rounds=SMOOTHNESS_ROUNDS)
             systems = with_priors(problem, motions, images, self.smooth, self._expected)
-            systems = with_plants(systems, self._plants, problem.bodies, motions)
+            if self._plants is not None:
+                systems = with_plants(systems, self._plants, problem.bodies, motions)
             systems = with_contact(systems, problem.contact, problem.bodies, motions, problem.sought)
             self._tied = problem.tied(systems, motions)
             return MeasuredEquations(self._tied.systems, measured)
@@ -174,18 +177,18 @@ class _TestedStage:
     def _distance(self, before: tuple[Motion, ...], after: tuple[Motion, ...]) -> float:
         """Root mean square of the step between two motions, radians and metres.
 
-        It is 0, which ends the stage, if no joint has moved by more than `DescentStage.still` or, once the stage's
-        iterations are over, by more than `UNCONVERGED_MOVE`.
+        It is 0, which ends the stage, if all joints are at rest (`at_rest`), to within `DescentStage.still` or, once
+        the stage's iterations are over, `UNCONVERGED_MOVE`.
         """
         over = self.trials >= self._stage.iterations
-        if farthest_joint(self._problem, before, after) < (UNCONVERGED_MOVE if over else self._stage.still):
+        if at_rest(self._problem, before, after, UNCONVERGED_MOVE if over else self._stage.still):
             return 0.0
         return _size([before[i].difference(after[i]) for i in self._problem.sought])
 
     def _not_worth_it(self, before: tuple[Motion, ...], after: tuple[Motion, ...]) -> bool:
         """Whether a step would hardly move anything, is in vain or, once the stage's iterations are over, hopeless."""
         stage, left = self._stage, self._stage.iterations + MAX_EXTRA_ITERATIONS - self._done
-        if stage.negligible and farthest_joint(self._problem, before, after) < stage.negligible:
+        if stage.negligible and at_rest(self._problem, before, after, stage.negligible):
             return True
         if self._vain is not None and self._vain(before):
             return True
@@ -250,6 +253,20 @@ def joint_moves(problem: SegmentProblem, before: Sequence[Motion], after: Sequen
     return np.max([np.linalg.norm(b - a, axis=-1).max(axis=1) for a, b in joints], axis=0)
 
 
+def at_rest(problem: SegmentProblem, before: Sequence[Motion], after: Sequence[Motion], most: float) -> bool:
+    """Whether from one motion to another no joint moves by so much, metres, nor the tip of any part by more than
+    `UNCONVERGED_MOVE`: a hand may turn while all joints stay where they are.
+    """
+    if farthest_joint(problem, before, after) >= most:
+        return False
+    for i in problem.sought:
+        body = problem.bodies[i]
+        earlier, later = (tip_positions(body, part_poses(body, m[i])) for m in (before, after))
+        if np.linalg.norm(later - earlier, axis=-1).max() >= UNCONVERGED_MOVE:
+            return False
+    return True
+
+
 def descend(
     problem: SegmentProblem,
     start: Sequence[Motion] | Approach,
@@ -259,6 +276,7 @@ def descend(
     *,
     hopeless: HopelessTest | None = None,
     vain: VainTest | None = None,
+    plants: Sequence[PlantFactor | None] | None = None,
 ) -> SegmentSolution:
     """Descend from a start to the nearest minimum, in stages from coarse to fine images.
 
@@ -281,12 +299,16 @@ def descend(
         Asked before every step of the last stage, which ends by it once its iterations are over.
     vain : VainTest, optional
         Asked before every step of the last stage, which ends by it at once.
+    plants : sequence of (PlantFactor or None), optional
+        Per performer: the plants that are held in the last stage, if they are known.
     """
     *coarse, last = stages
     share = 1 - last.iterations / sum(stage.iterations for stage in stages)
     begun = approach(problem, start, workspace.part(0.0, share), coarse)
     last = replace(last, sampling=last.sampling_of(views_in_sight(problem, begun.motions)))
-    stage = _TestedStage(problem, last, workspace.part(share, 1.0), begun.smooth, noise, hopeless=hopeless, vain=vain)
+    stage = _TestedStage(
+        problem, last, workspace.part(share, 1.0), begun.smooth, noise, hopeless=hopeless, vain=vain, plants=plants
+    )
     result = stage.minimise(begun.motions)
     with stage.seconds.measure("solve"):
         equations = result.linearised()

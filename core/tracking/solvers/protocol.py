@@ -86,6 +86,8 @@ class Settle(Protocol):
         equations: Sequence[BandedBlocks],
         before: SolvedFrames,
         ratios: Sequence[Array],
+        *,
+        workspace: Workspace,
     ) -> SettledMotions:
         """Return the corrected poses, and which points of the soles are held.
 
@@ -100,6 +102,7 @@ class Settle(Protocol):
             The motions before refinement.
         ratios : sequence of ndarray, shape (P,)
             Per performer: squared errors of the parts' tips over those that the solver predicts.
+        workspace : Workspace
         """
 
 

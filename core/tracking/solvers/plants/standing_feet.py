@@ -33,8 +33,11 @@ from ....body.soles import Soles
 from ....numerics.arrays import Array, Bools
 from ....numerics.banded_blocks import BandedBlocks
 from ....numerics.robust_kernels import Quadratic
+from ..descent_stages import POLISH, UNCONVERGED_MOVE
+from ..equations.measurement import Workspace
 from ..equations.plant_factor import PlantFactor
 from ..equations.problem import SegmentProblem, SegmentSolution
+from ..gauss_newton import at_rest, descend
 from ..protocol import SettledMotions, SolvedFrames
 from .apparent_plants import ApparentPlants
 from .forefoot_rocker import with_forefoot_rockers
@@ -51,10 +54,13 @@ def with_standing_feet(
     equations: Sequence[BandedBlocks],
     before: SolvedFrames,
     ratios: Sequence[Array],
+    *,
+    workspace: Workspace,
 ) -> SettledMotions:
     """Correct the motions of a solution so that standing feet are at rest; the `settle` of Gauss-Newton.
 
-    Degrees of freedom that key poses fix do not change, nor do performers whose feet do not stand.
+    Degrees of freedom that key poses fix do not change, nor do performers whose feet do not stand. Where plants move
+    some joint farther than the normal equations hold, the solution is polished with them held.
 
     Parameters
     ----------
@@ -70,10 +76,16 @@ def with_standing_feet(
     ratios : sequence of ndarray, shape (P,)
         Per performer: squared errors of the parts' tips over those that the normal equations predict, see
         `core.tracking.expected_errors.held_out_keys`.
+    workspace : Workspace
     """
     if not problem.settings.plants or not problem.shows_depth:
         return SettledMotions(solution.motions, (None,) * len(solution.motions))
-    return with_plants_at_rest(problem, equations, solution.motions, before, ratios=ratios)
+    settled, held = _held(problem, equations, solution.motions, before, ratios)
+    if at_rest(problem, solution.motions, settled.motions, UNCONVERGED_MOVE):
+        return settled
+    plants = [held.get(i) for i in range(len(settled.motions))]
+    polished = descend(problem, settled.motions, workspace, POLISH, plants=plants)
+    return replace(settled, motions=polished.motions)
 
 
 def with_plants_at_rest(
@@ -94,7 +106,20 @@ def with_plants_at_rest(
     motions, before, ratios
         See `with_standing_feet`.
     """
+    settled, _ = _held(problem, systems, motions, before, ratios)
+    return settled
+
+
+def _held(
+    problem: SegmentProblem,
+    systems: Sequence[BandedBlocks],
+    motions: tuple[Motion, ...],
+    before: SolvedFrames,
+    ratios: Sequence[Array],
+) -> tuple[SettledMotions, dict[int, PlantFactor]]:
+    """Return the corrected motions, and the plants that are held by performer; see `with_plants_at_rest`."""
     planted: list[Bools | None] = [None] * len(motions)
+    held: dict[int, PlantFactor] = {}
     for members in problem.tied(systems, motions).groups:
         evidence = PlantEvidence(problem, members, systems, motions)
         standing = {}
@@ -109,7 +134,8 @@ def with_plants_at_rest(
                 planted[i] = np.zeros((problem.length, len(soles.names)), bool)
         if standing:
             motions = evidence.with_plants_held(standing)
-    return SettledMotions(motions, tuple(planted))
+            held |= standing
+    return SettledMotions(motions, tuple(planted)), held
 
 
 def _apparent_plants(

@@ -569,6 +569,20 @@ def test_a_descent_continues_where_its_coarse_stages_have_led_as_if_it_had_made_
     assert uncounted.iterations == at_once.iterations - len(begun.energies)
 
 
+@pytest.mark.parametrize("stages", [REFINEMENT, POLISH, RESUMED])
+def test_an_end_of_a_limb_that_still_turns_far_is_not_left_though_all_joints_stay(stages: tuple[DescentStage]) -> None:
+    truth, turn, problem, landscape = arm_to_be_turned()
+    turn = np.roll(turn, 3 * (BODY.index("forearm.L") - BODY.index("upper_arm.L")), axis=1)
+    for angle in (0.03, 1.0):
+        start = [truth.moved(angle * turn)]
+        assert gauss_newton.farthest_joint(problem, start, [truth]) < 1e-9
+        found = gauss_newton.descend(problem, start, landscape, (replace(stages[-1], small=0.0),))
+        if angle == 1.0:
+            assert np.abs(found.motions[0].difference(truth)).max() < 0.1
+        elif stages[-1].negligible:
+            assert found.motions[0] is start[0]
+
+
 def test_coarse_stages_end_early_and_the_last_looks_at_every_view() -> None:
     truth = swing(BODY, 5, 0.2)
     problem = SegmentProblem(coloured(BODY, truth, CAMERAS) * 2, (BODY,), 0, FPS, (ends_held(BODY, 5),))

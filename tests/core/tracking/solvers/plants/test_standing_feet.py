@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,8 +14,11 @@ from kfmocap.core.numerics.frame_ranges import runs
 from kfmocap.core.retargeting.contacts import foot_keeping
 from kfmocap.core.retargeting.foot_clean_up import with_clean_feet
 from kfmocap.core.shot.shot import KeyPoses
-from kfmocap.core.tracking.solvers.equations.problem import SegmentSolution
-from kfmocap.core.tracking.solvers.plants import plant_evidence
+from kfmocap.core.tracking.solvers.descent_stages import POLISH, DescentStage
+from kfmocap.core.tracking.solvers.equations.measurement import Workspace
+from kfmocap.core.tracking.solvers.equations.plant_factor import PlantFactor
+from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
+from kfmocap.core.tracking.solvers.plants import plant_evidence, standing_feet
 from kfmocap.core.tracking.solvers.plants.standing_feet import with_plants_at_rest, with_standing_feet
 from kfmocap.core.tracking.solvers.protocol import SolvedFrames
 from kfmocap.core.tracking.track_state import TrackState
@@ -396,7 +400,7 @@ def test_feet_stay_without_plants_in_the_settings_and_in_one_view(case: str) -> 
     problem = replace(problem, views=problem.views[: 1 if case == "one view" else 2])
     evidence_there = no_evidence(len(problem.views), FRAMES, len(BODY))
     solution = SegmentSolution.of([motion], evidence_there, iterations=1, energy=[0.0])
-    found = with_standing_feet(problem, solution, [], SolvedFrames((motion,)), [EXACT])
+    found = with_standing_feet(problem, solution, [], SolvedFrames((motion,)), [EXACT], workspace=Workspace())
     assert found.motions[0] is motion
     assert found.planted == (None,)
 
@@ -433,3 +437,37 @@ def test_a_foot_that_stands_does_not_jump_aside_and_stand_again(jump: float, is_
     assert held is not None and held[first : last + 1, 0].any()
     assert bool(held[middle : middle + 2, 0].all()) == is_one
     assert steps_of(found.motions[0], held).max() < 0.002
+
+
+@pytest.mark.parametrize("aside", [0.002, 0.1])
+def test_what_plants_move_farther_than_the_normal_equations_hold_is_polished_with_them(
+    aside: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Feet that stand are tracked as if they slid, on every other frame, so that they are put back."""
+    asked: list[tuple[Motion, ...]] = []
+    none = no_evidence(len(CAMERAS), FRAMES, len(BODY))
+
+    def polish(
+        _problem: SegmentProblem,
+        start: tuple[Motion, ...],
+        _workspace: Workspace,
+        stages: Sequence[DescentStage],
+        plants: Sequence[PlantFactor | None],
+    ) -> SegmentSolution:
+        [plant] = plants
+        assert plant is not None and plant.steps.any() and stages is POLISH
+        asked.append(start)
+        return SegmentSolution.of([WALK], none, iterations=1, energy=[0.0])
+
+    monkeypatch.setattr(standing_feet, "descend", polish)
+    rest = standing(BODY, FRAMES)
+    swing = aside * np.sin(np.linspace(0, np.pi, FRAMES))[:, None] * [1.0, 0.0, 0.0]
+    seeming = np.ones((FRAMES, 4), bool)
+    monkeypatch.setattr(type(SOLES), "planted", lambda *_: seeming)
+    motion = Motion(rest.translations + swing, rest.rotations)
+    solution = SegmentSolution.of([motion], none, iterations=1, energy=[0.0])
+    found = with_standing_feet(
+        problem_of(BODY), solution, [evidence()], SolvedFrames(solution.motions), [1e4 * EXACT], workspace=Workspace()
+    )
+    assert found.planted[0] is not None and found.planted[0].all()
+    assert len(asked) == (aside > 0.05) and (found.motions[0] is WALK) == (aside > 0.05)
