@@ -38,6 +38,7 @@ from ..equations.measurement import Workspace
 from ..equations.plant_factor import PlantFactor
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import at_rest, descend
+from ..limb_corrections.local_trials import can_be_parted
 from ..protocol import SettledMotions, SolvedFrames
 from .apparent_plants import ApparentPlants
 from .forefoot_rocker import with_forefoot_rockers
@@ -60,7 +61,8 @@ def with_standing_feet(
     """Correct the motions of a solution so that standing feet are at rest; the `settle` of Gauss-Newton.
 
     Degrees of freedom that key poses fix do not change, nor do performers whose feet do not stand. Where plants move
-    some joint farther than the normal equations hold, the solution is polished with them held.
+    some joint farther than the normal equations hold, the solution is polished with them held, but not in a long
+    segment, whose evidence on all frames is large.
 
     Parameters
     ----------
@@ -81,7 +83,7 @@ def with_standing_feet(
     if not problem.settings.plants or not problem.shows_depth:
         return SettledMotions(solution.motions, (None,) * len(solution.motions))
     settled, held = _held(problem, equations, solution.motions, before, ratios)
-    if at_rest(problem, solution.motions, settled.motions, UNCONVERGED_MOVE):
+    if can_be_parted(problem) or at_rest(problem, solution.motions, settled.motions, UNCONVERGED_MOVE):
         return settled
     plants = [held.get(i) for i in range(len(settled.motions))]
     polished = descend(problem, settled.motions, workspace, POLISH, plants=plants)
