@@ -97,7 +97,7 @@ def with_limbs_found(
     """
     alone = problem.alone(group.performer)
     thinned = frames_searched(alone, solution.motions)
-    search = _GroupSearch(thinned, group, workspace.silent(), only_elsewhere=alone.among_others)
+    search = _GroupSearch(thinned, group, workspace.silent(), only_elsewhere=alone.among_others, reporting=workspace)
     settled, best = search.likeliest(solution, known, ratios)
     return solution if settled is None else _if_likelier(problem, solution, group, settled, best)
 
@@ -153,12 +153,15 @@ class _GroupSearch:
     only_elsewhere : bool
         Whether a round is in vain that leads the limbs back to where they were, as they would stay there, and the
         search ends with the first round in vain.
+    reporting : Workspace, optional
+        Which reports each round.
     """
 
     thinned: ThinnedProblem
     group: LimbGroup
     workspace: Workspace
     only_elsewhere: bool
+    reporting: Workspace | None = None
 
     def likeliest(
         self, solution: SegmentSolution, known: SettledSolutions, ratios: Sequence[ViewRatios] | None = None
@@ -171,6 +174,8 @@ class _GroupSearch:
             ratios = views_of(thinned.problem, thinned.of_motions(solution.motions), self.group.performer)
         best, vain, settled = solution, 0, None
         for turn in range(1 + MAX_SEARCH_ROUNDS):
+            if self.reporting is not None:
+                self.reporting.report(turn / (1 + MAX_SEARCH_ROUNDS))
             found = _proposed(thinned, best.motions, self.group, turn, ratios)
             if found is None:
                 break

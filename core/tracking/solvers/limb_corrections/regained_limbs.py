@@ -198,8 +198,8 @@ def _searched(
     for performer in dict.fromkeys(group.performer for group in groups):
         ratios = _views_searched(problem.alone(performer), solution.motions, performer) if several else None
         for group in (group for group in groups if group.performer == performer):
-            workspace.report(done / len(groups))
-            solution = with_limbs_found(problem, solution, group, known, workspace.silent(), ratios=ratios)
+            part = workspace.part(done / len(groups), (done + 1) / len(groups))
+            solution = with_limbs_found(problem, solution, group, known, part, ratios=ratios)
             done += 1
     if groups and contradicted(problem) and problem.shows_depth:
         solution = with_limbs_swivelled(problem, solution, known, workspace.silent())

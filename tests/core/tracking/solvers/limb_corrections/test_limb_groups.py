@@ -248,6 +248,14 @@ def test_a_single_view_moves_limbs_for_a_small_gain(monkeypatch: pytest.MonkeyPa
     assert angles(world.after(monkeypatch, seen_by(views), ONE).motions[0]) == ((18, 0) if moved else (0, 0))
 
 
+def test_each_round_of_a_search_is_reported_without_motions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search may take most of the time; motions are those before an iteration."""
+    world, problem, told = World({(0, 0): 0.0, (9, 0): MUCH, (18, 0): 0.0}, PAIR[:1]), seen_by(2), []
+    workspace = Workspace(on_step=lambda done, motions: told.append((done, len(motions))))
+    with_limbs_found(problem, world.begun(monkeypatch, problem), ONE, SettledSolutions(), workspace)
+    assert told == [(turn / (1 + MAX_SEARCH_ROUNDS), 0) for turn in range(len(told))] and len(told) > 1
+
+
 @pytest.mark.parametrize(("performers", "further"), [(1, True), (2, False)])
 def test_a_limb_of_one_of_several_performers_that_is_led_back_is_solved_no_further(
     monkeypatch: pytest.MonkeyPatch, performers: int, further: bool
