@@ -26,17 +26,17 @@ from ..solvers.equations.measurement import poses_by_delay, view_instants
 from ..solvers.equations.problem import SegmentProblem
 
 LEAST_WIDTH = 0.02
-"""Width of foreground beside a limb from which on it is in wide clothes, metres."""
+"""Width of foreground beyond the margins beside a limb from which on it is in wide clothes, metres."""
 _STRIDE = 4
 
 
 def widths_of_clothes(problem: SegmentProblem, motions: Sequence[Motion]) -> list[Array]:
     """Return how far each part of every performer may be elsewhere in wide clothes, metres, (P,) each.
 
-    It is the width of the foreground beside a limb from its beginning to the part, the least of those on key poses of
-    the whole body, as others may pass beside it on some; 0 for limbs in clothes that fit them, for the trunk, and
-    without key poses on frames that are not damaged. With several performers it is not measured: another one beside a
-    limb is foreground as well.
+    It is the width of the foreground beside a limb from its beginning to the part, with the margins on both sides, the
+    least of those on key poses of the whole body, as others may pass beside it on some; 0 for limbs in clothes that fit
+    them, for the trunk, and without key poses on frames that are not damaged. With several performers it is not
+    measured: another one beside a limb is foreground as well.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def _widths(body: Body, areas: Array) -> Array:
         clothed = without_end(chain)
         widths[clothed] = np.maximum.accumulate(areas[clothed] / lengths[clothed])
         widths[chain[len(clothed) :]] = widths[clothed[-1]]
-    return np.where(widths < LEAST_WIDTH, 0.0, widths)
+    return np.where(widths < LEAST_WIDTH, 0.0, widths + 2 * OUTSIDE_MARGIN)
 
 
 def _areas_beside(view: ViewFrames, geometry: Geometry, poses: Poses, first: int, frame: int) -> Array:
