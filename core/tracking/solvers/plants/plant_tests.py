@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
+from itertools import chain, islice
 from operator import itemgetter
 
 import numpy as np
@@ -71,6 +71,7 @@ class PlantTests:
             before = [steps for steps in overlapping(run, longer) if steps not in lengths]
             one = self._first_that_passes([plant_on(steps) for steps in lengths], map(plant_on, before))
             if one is not None:
+                one = self._trimmed(one)
                 both = replace(one, steps=joined(one.steps, beside))
                 one = both if self._goes_on(one, both) else one
                 passed = self._with_next(passed, self._lengthened(one))
@@ -93,24 +94,36 @@ class PlantTests:
         return next(chain(filter(self._agrees, now), shown, shorter), None)
 
     def _without_overhang(self, plant: Plant) -> Iterator[Plant]:
-        """Leave out steps at the ends of a plant that raise its cost by more than chance does, the costliest first, and
-        give what is left wherever no drift explains its pictures better than it would by chance every other time. Key
-        poses within the plant must have the point in one place: it drifts to those at its ends, too.
+        """Give a plant that does not pass `_shorter` wherever no drift explains its pictures better than it would by
+        chance every other time. Key poses within the plant must have the point in one place: it drifts to those at its
+        ends, too.
         """
-        if not self.evidence.key_poses_agree(plant):
-            return
+        if self.evidence.key_poses_agree(plant):
+            for shorter in islice(self._shorter(plant), max(round(MAX_OVERHANG * self.evidence.problem.fps), 1)):
+                if 2 * self.evidence.log_odds(shorter) > -chdtri(3, 0.5):
+                    yield shorter
+
+    def _trimmed(self, plant: Plant) -> Plant:
+        """Return a plant that passes without the steps at its ends on which the point moves by the evidence and by the
+        pictures: a long plant may pass as a whole though the point leaves at its end.
+        """
+        for shorter in self._shorter(plant):
+            if self.evidence.log_odds(shorter) <= self.evidence.log_odds(plant):
+                break
+            plant = shorter
+        return plant
+
+    def _shorter(self, plant: Plant) -> Iterator[Plant]:
+        """Leave out steps at the ends of a plant that raise its cost by more than chance does, the costliest first."""
         cost = self._cost(plant)
-        for _ in range(max(round(MAX_OVERHANG * self.evidence.problem.fps), 1)):
+        while plant.steps[1] - plant.steps[0] >= 2:
             first, last = plant.steps
-            if last - first < 2:
-                return
             shorter = [replace(plant, steps=steps) for steps in ((first + 1, last), (first, last - 1))]
             less, plant = min(zip(map(self._cost, shorter), shorter, strict=True), key=itemgetter(0))
             if cost - less < chdtri(3, OVERHANG_SIGNIFICANCE):
                 return
             cost = less
-            if 2 * self.evidence.log_odds(plant) > -chdtri(3, 0.5):
-                yield plant
+            yield plant
 
     def _agrees(self, plant: Plant) -> bool:
         """Test a plant against key poses, pictures, and the evidence, whose covariance is multiplied by a ratio.

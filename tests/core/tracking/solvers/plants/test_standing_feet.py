@@ -241,6 +241,28 @@ def test_a_plant_ends_before_a_step_on_which_the_point_clearly_moves_if_pictures
     assert held.tolist() == [f < 16 and odds == 0 for f in range(FRAMES)]
 
 
+@pytest.mark.parametrize("told", [True, False])
+def test_a_long_plant_ends_where_evidence_and_pictures_have_the_point_leave(
+    told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A foot that stands for half a second seems to, too, while it leaves by 1 cm a frame; as a whole, pictures show it
+    standing.
+    """
+    seeming = np.tile(np.arange(FRAMES)[:, None] < 21, 4)
+    monkeypatch.setattr(type(SOLES), "planted", lambda *_: seeming)
+    way = 0.01 * np.clip(np.arange(FRAMES) - 17, 0, None)[:, None] * [1.0, 0.0, 0.0]
+    motion = Motion(standing(BODY, FRAMES).translations + way, standing(BODY, FRAMES).rotations)
+
+    def odds(_view: object, _first: int, path: Array) -> float:
+        """Say that a point stands, but not once it has left, if that is told."""
+        left = np.linalg.norm(path - path[0], axis=1) > 0.005
+        return float(np.where(left & told, -0.5, 1.0).sum())
+
+    monkeypatch.setattr(plant_evidence, "log_odds_of_standing", odds)
+    held = held_heel(motion, motion, 1.0)
+    assert held.tolist() == [f < (18 if told else 21) for f in range(FRAMES)]
+
+
 def test_a_plant_takes_in_the_frames_beside_it_on_which_the_point_may_stand_by_the_evidence() -> None:
     """The heel that is tracked as if it were set down a frame later is held from the key pose on where the shot shows
     errors of that size.
