@@ -66,12 +66,12 @@ def track(
     Raises
     ------
     ShotError
-        The shot has one frame only, or a performer has no key pose.
+        The shot has one frame only, or a performer has no key pose and is in no pose or motion that is known.
     FootageError
         Footage is missing, unreadable, too short or of another size than the calibration's.
     CancelledError
     """
-    check_shot(shot)
+    check_shot(shot, motion_known=bool(earlier) or any(around))
     given, scale = shot.performers, ShotScale.of(shot)
     shot, views_as_given = _in_order(scale.shot(shot))
     options = TrackOptions(

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from ...body.motion import Motion
+from ...body.motion import Motion, stacked
 from ...evidence.view_frames import ViewFrames
 from ...formats.keypoint_files import read_shot_keypoints
 from ...keypoints.keypoint_delay import frames_off_by_view
@@ -29,7 +29,7 @@ from ...shot.footage_faults.footage_times import FootageRate
 from ...shot.keypose_spline import spline
 from ...shot.motion_warping import carried
 from ...shot.segments import Segment
-from ...shot.shot import Shot
+from ...shot.shot import KeyPoses, Shot
 from ..footage_corrections.footage_gaps import with_timed_gaps
 from ..footage_reading.frames_ahead import decoding_ahead
 from ..footage_reading.picture_store import StoredView, fits_in_memory, picture_folder
@@ -97,7 +97,7 @@ def _tracked_once(
     """
     run, progress = options.run, options.progress
     solver, seconds = solver_named(shot.settings.solver), Seconds()
-    shot, curves, rates = _checked(shot, run, seconds)
+    shot, curves, rates = _checked(shot, options, seconds)
     observed = _first_pass(shot, solver, seconds, progress)
     begin = TrackState(tuple(own.motion for own in observed.performers) or curves, options.around)
     finished = KeptSegments.of(run.journal, shot, options.around).joined(known)
@@ -129,20 +129,38 @@ def _tracked_once(
 
 
 def _checked(
-    shot: Shot, run: RunContext, seconds: Seconds
+    shot: Shot, options: TrackOptions, seconds: Seconds
 ) -> tuple[Shot, tuple[Motion, ...], tuple[FootageRate | None, ...]]:
     """Check the footage of a shot; return the shot with the gaps that its times show, and with cameras that turn where
     that is to be measured from the start; the curve through each performer's key poses; and the rates of the footage.
     """
     # Loading SciPy's splines takes as long.
-    with footage_checked(shot, run) as checked, decoding_ahead(run.memory):
-        curves = tuple(spline(p.key_poses, shot.length) for p in shot.performers)
+    with footage_checked(shot, options.run) as checked, decoding_ahead(options.run.memory):
+        curves = _curves(shot, options)
     rates = tuple(rate.result() for rate in checked)
     shot = with_timed_gaps(shot, rates)
     if shot.settings.stabilise:
         with seconds.measure("camera motion"):
             shot = with_measured_turns(shot, range(len(shot.views)))
     return shot, curves, rates
+
+
+def _curves(shot: Shot, options: TrackOptions) -> tuple[Motion, ...]:
+    """Return the curve through each performer's key poses; for one who has none in an excerpt, its earlier motion, or
+    else the curve through the poses beside.
+    """
+    curves = []
+    for i, performer in enumerate(shot.performers):
+        keys = performer.key_poses
+        if not len(keys.frames) and options.earlier:
+            curves.append(options.earlier[i])
+            continue
+        if not len(keys.frames):
+            beside = zip((-1, shot.length), options.around, strict=True)
+            frames, poses = zip(*[(frame, side[i]) for frame, side in beside if side], strict=True)
+            keys = KeyPoses.whole(list(frames), stacked(list(poses)))
+        curves.append(spline(keys, shot.length))
+    return tuple(curves)
 
 
 def _watched(

@@ -16,8 +16,15 @@ from ..solvers.registry import solver_named
 from .run_context import RunContext
 
 
-def check_shot(shot: Shot) -> None:
+def check_shot(shot: Shot, *, motion_known: bool = False) -> None:
     """Check that a shot can be tracked.
+
+    Parameters
+    ----------
+    shot : Shot
+    motion_known : bool
+        Whether performers are known to be somewhere without a key pose, in an excerpt: by poses on the frames beside
+        it, or by their earlier motion.
 
     Raises
     ------
@@ -30,7 +37,7 @@ def check_shot(shot: Shot) -> None:
         what = f"the solver {shot.settings.solver} does not support holds"
         raise ShotError(what, where=shot.holds[0].place, todo="use the solver gauss-newton, or remove the hold")
     for performer in shot.performers:
-        if not len(performer.key_poses.frames):
+        if not (motion_known or len(performer.key_poses.frames)):
             raise ShotError(
                 "there is no key pose on the shot's frames",
                 where=f"performer {performer.name}",

@@ -84,10 +84,10 @@ def best_of_starts(
 def first_solution(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
     """Descend from the start: a single performer in several views without plants, unless the images contradict that
     (`_without_plants_first`). Where several performers hide one another in several views, by all pixels in the end, as
-    those who are hidden are seen by few views. Performers with key poses on all frames do not count. Parameters as in
+    those who are hidden are seen by few views. Performers who are held do not count. Parameters as in
     `gauss_newton.descend`.
     """
-    several = sum(not fixed.all() for fixed in problem.fixed) > 1
+    several = len(problem.searched) > 1
     if problem.shows_depth and not several:
         return _without_plants_first(problem, start, workspace)
     if not problem.shows_depth or problem.keypoints:

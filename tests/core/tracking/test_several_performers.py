@@ -12,6 +12,7 @@ import pytest
 from kfmocap.core.body import landmark_positions
 from kfmocap.core.body.limbs import limbs
 from kfmocap.core.body.motion import Motion, with_motion
+from kfmocap.core.errors import ShotError
 from kfmocap.core.evidence.foreground_images.foreground import log_ratio
 from kfmocap.core.evidence.misfit import measured_misfit
 from kfmocap.core.evidence.rendering.label_images import render_labels
@@ -19,10 +20,11 @@ from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.shot.segments import MAX_LENGTH, PosedFrames, posed_frames, segments
-from kfmocap.core.shot.shot import KeyPoses
+from kfmocap.core.shot.shot import KeyPoses, Shot, View
 from kfmocap.core.tracking.footage_reading.appearance import frames_with_foreground, key_frame_shape
 from kfmocap.core.tracking.footage_reading.picture_store import PictureStore, StoredView
 from kfmocap.core.tracking.footage_reading.reader import ColourFrames
+from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
 from kfmocap.core.tracking.solvers import gauss_newton, multi_start
 from kfmocap.core.tracking.solvers.assessment import settled_solutions, solution_doubts, solution_ranking
 from kfmocap.core.tracking.solvers.descent_stages import (
@@ -179,13 +181,47 @@ def landmarks_of(motions: Sequence[Motion]) -> Array:
     return np.stack([landmark_positions(BODY, motion, list(BODY.landmarks)) for motion in motions])
 
 
-def test_staggered_key_frames_are_as_good_as_common_ones(tmp_path_factory: pytest.TempPathFactory) -> None:
-    views = film(tmp_path_factory.mktemp("staggered"), [BODY] * 2, TRUTHS, CAMERAS)
-    common = shot_of(views, [BODY] * 2, TRUTHS, (0, 6), fps=12)
-    second = KeyPoses.whole([1, 5], TRUTHS[1][[1, 5]])
-    staggered = replace(common, performers=(common.performers[0], replace(common.performers[1], key_poses=second)))
+@pytest.fixture(scope="module")
+def filmed(tmp_path_factory: pytest.TempPathFactory) -> list[View]:
+    return film(tmp_path_factory.mktemp("filmed"), [BODY] * 2, TRUTHS, CAMERAS)
+
+
+def with_second_keyed(shot: Shot, frames: list[int]) -> Shot:
+    first, second = shot.performers
+    return replace(shot, performers=(first, replace(second, key_poses=KeyPoses.whole(frames, TRUTHS[1][frames]))))
+
+
+def test_an_excerpt_without_a_key_pose_of_one_performer_is_tracked_as_in_the_whole_shot(
+    filmed: list[View], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Corrections are excerpts, and segments of performers with different key frames may hold none of one of them."""
+    monkeypatch.setattr("kfmocap.core.shot.segments.MAX_LENGTH", 2)
+    shot = with_second_keyed(shot_of(filmed, [BODY] * 2, TRUTHS, (0, 2, 4, 6), fps=12), [0, 6])
+    assert segments(shot) == [(0, 2), (2, 4), (4, 6)]
+    whole = track(shot)
+    here = slice(2, 5)
+    beside = tuple(tuple(motion[[frame]] for motion in whole.motions) for frame in (1, 5))
+    earlier = tuple(motion[here] for motion in whole.motions)
+
+    def errors(motions: Sequence[Motion]) -> Array:
+        off = landmarks_of(list(motions)) - landmarks_of([truth[here] for truth in TRUTHS])
+        return np.asarray(np.linalg.norm(off, axis=-1).max(axis=(1, 2)))
+
+    for excerpt in (
+        Excerpt(2, 4, (beside[0], beside[1]), footage_offset=0.0),
+        Excerpt(2, 4, (beside[0], beside[1]), footage_offset=0.0, earlier=earlier),
+    ):
+        [found] = track_excerpts(shot, [excerpt])
+        assert (errors(found.motions) < 1.2 * errors(earlier)).all()
+        np.testing.assert_array_equal(found.motions[0].rotations[[0, 2]], TRUTHS[0].rotations[[2, 4]])
+    with pytest.raises(ShotError, match="no key pose"):
+        track_excerpts(shot, [Excerpt(2, 4, footage_offset=0.0)])
+
+
+def test_staggered_key_frames_are_as_good_as_common_ones(filmed: list[View]) -> None:
+    common = shot_of(filmed, [BODY] * 2, TRUTHS, (0, 6), fps=12)
     errors = []
-    for s in (common, staggered):
+    for s in (common, with_second_keyed(common, [1, 5])):
         result = track(s)
         assert all(np.isfinite(d).all() for d in result.deviation)
         errors.append(np.linalg.norm(landmarks_of(result.motions) - landmarks_of(TRUTHS), axis=-1).mean())
@@ -402,6 +438,9 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Told:
 
 WRONG = [moved(truth, np.array([0.1, 0.0, 0.0])) for truth in TRUTHS]
 BOTH = SegmentProblem(tuple(coloured_views(TRUTHS)), (BODY, BODY), 0, 30.0, (ends_held(BODY, FRAMES),) * 2)
+ENDS = ends_held(BODY, FRAMES)
+ONE_HELD = replace(BOTH, fixed=(ENDS, ENDS | (np.arange(ENDS.shape[1]) < ENDS.shape[1] - 3)))
+"""The second is held, but for its last part between the key poses."""
 
 
 def test_limbs_are_exchanged_by_solving_their_own_performer_and_all_settle_at_last(
@@ -557,12 +596,21 @@ def test_several_performers_are_solved_by_all_pixels_before_anybody_is_doubted(
     assert [each[-1] for each in stages] == [POLISHED_AT_ONCE[-1]]
     monkeypatch.setattr(multi_start, "doubted_performers", lambda *_: [])
     keyed = replace(BOTH, fixed=(BOTH.fixed[0], np.ones_like(BOTH.fixed[1])))
-    for others, expected in ((keyed, FREE_STAGES), (replace(BOTH, views=BOTH.views[:1]), STAGES)):
+    for others, expected in ((keyed, FREE_STAGES), (ONE_HELD, FREE_STAGES), (replace(BOTH, views=BOTH.views[:1]), STAGES)):
         multi_start.first_solution(others, WRONG, Workspace())
         assert stages[-1] is expected
     monkeypatch.setattr(multi_start, "others_hide", lambda unhidden: bool(unhidden.min() < 0))
     multi_start.first_solution(BOTH, WRONG, Workspace())
     assert stages[-1] is STAGES
+
+
+def test_a_performer_who_is_held_is_not_doubted(monkeypatch: pytest.MonkeyPatch, told: Told) -> None:
+    """All but the last part of it, that is: so it is held in Blender while another is tracked."""
+    monkeypatch.setattr(solution_doubts, "is_doubtful", lambda *_: True)
+    monkeypatch.setattr(solution_doubts, "limb_hidden_for_long", lambda *_: True)
+    solution = told.found(BOTH, WRONG)
+    assert solution_doubts.doubted_performers(BOTH, WRONG, solution) == [0, 1]
+    assert solution_doubts.doubted_performers(ONE_HELD, WRONG, solution) == [0]
 
 
 def test_the_motion_of_one_of_several_performers_is_not_followed(monkeypatch: pytest.MonkeyPatch, told: Told) -> None:

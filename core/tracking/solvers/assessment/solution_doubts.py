@@ -50,7 +50,7 @@ def doubted_performers(
     """Return the indices of the performers for whom other starts are worth trying.
 
     These are the performers whose images contradict the solution while no keypoints confirm it, and those with limbs
-    that no view sees for long (`limb_hidden_for_long`).
+    that no view sees for long (`limb_hidden_for_long`); not those who are held.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def doubted_performers(
     searched : sequence of Motion, optional
         As in `performers_uncovered`.
     """
-    each = {i: problem.alone(i) for i in problem.sought}
+    each = {i: problem.alone(i) for i in problem.searched}
     unsure = {i for i, alone in each.items() if not confirmed_by_keypoints(alone, start, solution)}
     missed = {i for i in unsure if is_doubtful(each[i], solution) or limb_on_background(each[i], solution)}
     if unsure - missed:

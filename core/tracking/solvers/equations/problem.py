@@ -143,6 +143,13 @@ class SegmentProblem:
         return list(range(len(self.bodies))) if self.only is None else [self.only]
 
     @property
+    def searched(self) -> list[int]:
+        """Indices of the performers that are solved for but for those who are held: their motion is given on every
+        frame, or all of it but the last part's, by which such frames are not key poses of the whole body.
+        """
+        return [i for i in self.sought if not self.fixed[i][:, :-3].all()]
+
+    @property
     def among_others(self) -> bool:
         """Whether there are several performers. Others then hide much of each, and much that seems lost is not: all
         pixels count before anybody is doubted, each performer is searched for limbs only as long as any are found, and

@@ -158,7 +158,7 @@ def suspected_groups(
         places = [(0, chain) for chain in limbs(problem.bodies[0])]
     else:
         motions, hidden = solution.motions, others_hide(solution.unhidden)
-        places = [(i, chain) for i in problem.sought for chain in bent_limbs(problem, i, motions[i])]
+        places = [(i, chain) for i in problem.searched for chain in bent_limbs(problem, i, motions[i])]
         places += refuted_limbs(problem, support)
         places += faded_limbs(problem, support) if hidden else []
         places += weakly_shown_limbs(problem, support) if problem.shows_depth and (single or hidden) else []

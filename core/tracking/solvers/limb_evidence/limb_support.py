@@ -26,7 +26,8 @@ SupportOfLimb = tuple[int, list[int], Array, Callable[[], Array]]
 
 
 def support_of_limbs(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[SupportOfLimb]:
-    """Generate, for every limb, the log likelihood ratio of the images with the limb where it is against without it.
+    """Generate, for every limb of the performers who are not held, the log likelihood ratio of the images with the limb
+    where it is against without it.
 
     Parameters
     ----------
@@ -70,7 +71,7 @@ def _support_by_part(problem: SegmentProblem, motions: Sequence[Motion]) -> Iter
     points = FINE_POINTS if problem.among_others else POINTS_PER_PART
     views = [view for view in views_with_foreground(problem.views) if view.colours is not None]
     geometry, poses = problem.geometry(), scene_poses(problem.bodies, motions)
-    for i in problem.sought if views else ():
+    for i in problem.searched if views else ():
         alone = problem.alone(i)
         # Finding a limb takes finer pixels than telling that it is not where it was found.
         ratios = [ViewRatios.of(view, alone, i, motions, MAX_STRIDE) for view in views]
