@@ -84,7 +84,7 @@ class LabelImages:
     outlines : Outlines
     faces : Faces
     performer : ndarray of int, shape (P,)
-        Whose part each is.
+        Whose part each is; in order.
     distance : ndarray, shape (n, P)
         Depth of the centre of each part's vertices, metres; the farthest part is drawn first.
     still : DrawnBefore, optional
@@ -134,16 +134,22 @@ class LabelImages:
             return np.stack([shown, shown])
         corners, bounds = self.outlines.fixed_point, self.outlines.ends.tolist()
         alone = shown.copy()
+        starts = (P * np.arange(n)[:, None] + np.searchsorted(self.performer, np.arange(M))).ravel()
+        low, high = self.outlines.boxes(starts, self.part.shape[:0:-1]).reshape(2, n, M, 2)
+        meeting = (low[:, None] < high[:, :, None]).all(axis=-1)
+        meeting &= meeting.swapaxes(1, 2) & ~np.eye(M, dtype=bool)
         for m in range(M):
             own = self.performer == m
             number = np.cumsum(own)  # from 1 on
-            for f in range(n):
+            for f in np.flatnonzero(meeting[:, m].any(axis=1)).tolist():
                 image = np.zeros(self.part.shape[1:], np.int16)
                 for i in self.far_to_near[f, own[self.far_to_near[f]]].tolist():
                     a, b = bounds[f * P + i], bounds[f * P + i + 1]
                     if a < b:
                         cv2.fillConvexPoly(image, corners[a:b], int(number[i]), shift=FRACTION_BITS)
-                alone[own, f] = np.bincount(image.ravel(), minlength=number[-1] + 1)[1:]
+                (left, top), (right, bottom) = low[f, m], high[f, m]
+                around = image[top:bottom, left:right]  # counting takes longer than drawing
+                alone[own, f] = np.bincount(around.ravel(), minlength=number[-1] + 1)[1:]
         return np.stack([shown, alone])
 
     def box(self) -> tuple[int, int, int, int]:

@@ -73,6 +73,28 @@ class Outlines:
         """The corners as OpenCV fills them: whole numbers, with `FRACTION_BITS` after the point, shape (K, 2)."""
         return np.clip(np.round(self.uv * (1 << FRACTION_BITS)), -_MAX_COORDINATE, _MAX_COORDINATE).astype(np.int32)
 
+    def boxes(self, starts: NDArray[np.intp], size: tuple[int, ...]) -> NDArray[np.intp]:
+        """Boxes, within images of a size (width, height), of the pixels that runs of filled outlines may cover.
+
+        Parameters
+        ----------
+        starts : ndarray of int, shape (M,)
+            The k of the first outline of each run.
+        size : tuple of int
+
+        Returns
+        -------
+        ndarray of int, shape (2, M, 2)
+            Left and top, right and bottom (exclusive); where there is no outline, the latter are not larger.
+        """
+        begins = self.ends[starts]
+        there = np.diff(begins, append=len(self.uv)) > 0
+        boxes = np.stack([np.full((len(starts), 2), np.inf), np.full((len(starts), 2), -np.inf)])
+        boxes[0, there] = np.minimum.reduceat(self.uv, begins[there], axis=0)
+        boxes[1, there] = np.maximum.reduceat(self.uv, begins[there], axis=0)
+        # A filled outline covers the pixels that it runs through, too.
+        return np.clip(boxes + [[[-1]], [[2]]], 0, size).astype(np.intp)
+
     @property
     def areas(self) -> Array:
         """Number of pixels that each filled outline covers if nothing hides it, at least 1, shape (n P,)."""

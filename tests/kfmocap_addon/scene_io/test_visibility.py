@@ -311,6 +311,19 @@ def test_parts_that_are_drawn_once_are_seen_among_others_as_if_all_were_drawn_to
     assert (whole.part.ravel()[hidden.index] // len(bodies[0]) == moving).all()
 
 
+@pytest.mark.parametrize("step", [0.15, 1.0, 30.0])
+def test_pixels_without_other_performers_are_those_of_each_drawn_alone(step: float) -> None:
+    """Whether they stand behind each other, beside each other, or the last is out of sight."""
+    bodies = [human(1.7), human(1.8), human(1.6)]
+    motions = [swing(body, 4, 0.5, k) for k, body in enumerate(bodies)]
+    motions = [Motion(m.translations + [step * (k - 1), 0.3 * k, 0], m.rotations) for k, m in enumerate(motions)]
+    geometry, poses = Geometry.of(bodies), poses_of(bodies, motions)
+    _, without = render_labels(geometry, NEARBY, 0, *poses).areas()
+    for m, motion in enumerate(motions):
+        alone = render_labels(Geometry.of([bodies[m]]), NEARBY, 0, *poses_of([bodies[m]], [motion]))
+        np.testing.assert_array_equal(without[geometry.performer == m], alone.areas()[0])
+
+
 @pytest.mark.parametrize("kind", [np.float32, float])
 def test_pixels_are_the_nearest_and_something_else_beyond_each_picture(kind: type) -> None:
     """Pictures lie one after the other in memory: a place above one is not below the other."""
