@@ -596,7 +596,11 @@ def test_several_performers_are_solved_by_all_pixels_before_anybody_is_doubted(
     assert [each[-1] for each in stages] == [POLISHED_AT_ONCE[-1]]
     monkeypatch.setattr(multi_start, "doubted_performers", lambda *_: [])
     keyed = replace(BOTH, fixed=(BOTH.fixed[0], np.ones_like(BOTH.fixed[1])))
-    for others, expected in ((keyed, FREE_STAGES), (ONE_HELD, FREE_STAGES), (replace(BOTH, views=BOTH.views[:1]), STAGES)):
+    for others, expected in (
+        (keyed, FREE_STAGES),
+        (ONE_HELD, FREE_STAGES),
+        (replace(BOTH, views=BOTH.views[:1]), STAGES),
+    ):
         multi_start.first_solution(others, WRONG, Workspace())
         assert stages[-1] is expected
     monkeypatch.setattr(multi_start, "others_hide", lambda unhidden: bool(unhidden.min() < 0))
