@@ -21,7 +21,7 @@ from ...formats.keypoint_files import read_shot_keypoints
 from ...keypoints.keypoint_delay import frames_off_by_view
 from ...keypoints.observations import ShotKeypoints, fit_keypoints
 from ...runtime.processes.worker_pool import WorkerPool
-from ...runtime.progress import Progress, report_progress
+from ...runtime.progress import Progress, report_progress, share
 from ...runtime.threads import worker_count
 from ...runtime.timing import Seconds
 from ...shot.fixed_degrees import fixed_degrees
@@ -45,6 +45,9 @@ from .run_context import RunContext, SolvedShot
 from .schedule import Observer, ScheduleCallbacks, ScheduleStart, SegmentSchedule, SegmentWorkers
 from .shot_checks import footage_checked
 from .worker_counts import WORKER_MODULES, workers_of
+
+KEYPOINTS_SHARE = 0.15
+"""Share of the work that the first pass from keypoints takes, for reports of progress."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,11 +102,13 @@ def _tracked_once(
     solver, seconds = solver_named(shot.settings.solver), Seconds()
     shot, curves, rates = _checked(shot, options, seconds)
     observed = _first_pass(shot, solver, seconds, progress)
+    if observed.performers:
+        progress = share(progress, KEYPOINTS_SHARE, 1.0)
     begin = TrackState(tuple(own.motion for own in observed.performers) or curves, options.around)
     finished = KeptSegments.of(run.journal, shot, options.around).joined(known)
     with _pool_and_folder(shot, options) as (pool, folder):
         start = ScheduleStart(begin, observed, _carried(begin, shot, options.earlier))
-        callbacks = ScheduleCallbacks(options.progress, options.observe, options.run.show)
+        callbacks = ScheduleCallbacks(progress, options.observe, options.run.show)
         schedule = SegmentSchedule(shot, start, _segment_workers(shot, pool, options), finished, callbacks)
         footage = _segment_footage(shot, observed, pool, folder, options)
         started = time.perf_counter()

@@ -237,18 +237,23 @@ def test_broken_files_are_refused_unless_the_shot_says_otherwise(tmp_path: Path)
 
 
 def test_the_tracker_follows_keypoints_where_pictures_say_nothing(tmp_path: Path) -> None:
-    """Grey footage: with keypoints the motion between two key poses is the true one; key poses stay to the bit."""
+    """Grey footage: with keypoints the motion between two key poses is the true one; key poses stay to the bit. The
+    first pass from keypoints is a good part of the progress."""
     path = written(tmp_path, "keyframes = [0, 23]\nlandmarks = 'landmarks.trc'")
     body, truth = human(), people(1)[0]
     names = list(body.landmarks)
     write_trc(tmp_path / "landmarks.trc", names, landmark_positions(body, truth, names), FPS)
     shot = load_shot(path)
-    result = track(shot)
+    told: list[tuple[str, float]] = []
+    result = track(shot, lambda *given: told.append(given) is None)
     performer = shot.performers[0]
     assert joint_errors(performer.body, result.motions[0], body, truth).mean() < 0.02
     assert (result.motions[0].rotations[[0, 23]] == performer.key_poses.poses.rotations).all()
     curve = spline(performer.key_poses, FRAMES)
     assert joint_errors(performer.body, curve, body, truth).mean() > 0.05
+    fractions = [fraction for _, fraction in told]
+    assert [what for what, _ in told[:2]] == ["keypoints", "tracking"] and fractions[1] > 0.2
+    assert fractions == sorted(fractions) and fractions[-1] == 1
 
 
 def test_a_prop_beside_a_person_with_keypoints_is_tracked_without(tmp_path: Path) -> None:
