@@ -99,7 +99,7 @@ def footage_of(files: Iterable[Path]) -> list[Path]:
     """Return the footage among chosen files, sorted by name: videos, and one pattern per sequence of numbered images.
 
     Numbers without leading zeros, as in a_99.png and a_100.png, are those of one sequence, however many digits they
-    have. See `image_files` for patterns.
+    have; so are those that outgrow their zeros, as in a_0099.png and a_10000.png. See `image_files` for patterns.
     """
     found: dict[Path, None] = {}
     chosen = sorted(files)
@@ -111,10 +111,15 @@ def footage_of(files: Iterable[Path]) -> list[Path]:
         else:
             before, after = file.stem[: number.start()], file.name[number.end() :]
             own = numbers[file.parent, before, after]
-            padded = any(other.startswith("0") and len(other) > 1 for other in own)
-            digits = len(number[0]) if padded else min(map(len, own))
-            found[file.with_name(before + "#" * digits + after)] = None
+            found[file.with_name(before + "#" * _fewest_digits(number[0], own) + after)] = None
     return list(found)
+
+
+def _fewest_digits(number: str, others: Collection[str]) -> int:
+    """Return how many digits the numbers of an image's sequence have at least, from all numbers in such names."""
+    padded = {len(other) for other in others if other.startswith("0") and len(other) > 1}
+    own = len(number) if padded else min(map(len, others))
+    return max((digits for digits in padded if digits <= len(number)), default=own)
 
 
 def _numbers_of(files: Iterable[Path]) -> dict[tuple[Path, str, str], set[str]]:

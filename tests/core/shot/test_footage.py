@@ -511,10 +511,11 @@ def test_a_png_that_claims_a_piece_longer_than_its_file_is_refused(tmp_path: Pat
         (["a95.png", "a99.png", "a100.png"], ["a100.png"], ["a##.png"]),
         (["a1.png", "a0095.png", "a0100.png"], ["a0100.png"], ["a####.png"]),
         (["a099.png", "a100.png"], ["a100.png"], ["a###.png"]),
+        (["a0099.png", "a9999.png", "a10000.png"], ["a0099.png", "a9999.png", "a10000.png"], ["a####.png"]),
         (["a8.png", "a9.png", "a10.png", "b10.png"], ["a10.png", "b10.png", "b.mp4"], ["a#.png", "b.mp4", "b##.png"]),
     ],
 )
-def test_images_that_are_numbered_without_leading_zeros_are_one_sequence(tmp_path, there, chosen, wanted):
+def test_images_whose_numbers_have_as_many_digits_as_they_need_are_one_sequence(tmp_path, there, chosen, wanted):
     for name in there:
         (tmp_path / name).touch()
     assert [path.name for path in footage_of(tmp_path / name for name in chosen)] == wanted
