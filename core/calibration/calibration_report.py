@@ -16,7 +16,7 @@ from ..capture.calibration_objects import LFRAME_ARMS
 from ..errors import OutputError
 from ..formats.html_page import html_page
 from ..numerics.arrays import Array
-from ..runtime.output_files.files import replacing, write_json
+from ..runtime.output_files.files import remedy, replacing, write_json
 from .charts import GREY, INK, Chart, Image, blank, heat_colour, joined_pictures, stacked_pictures, text
 from .quality import measured_lengths, quality_numbers
 
@@ -45,7 +45,8 @@ def write_report(folder: Path, solution: CalibrationResult) -> list[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"cannot be made: {error.strerror or error}", where=str(folder)) from error
+        what = f"cannot be made: {error.strerror or error}"
+        raise OutputError(what, where=str(folder), todo=remedy(error.errno)) from error
     numbers, picture = quality_numbers(solution), sheet(solution)
     png = cv2.imencode(".png", picture)[1].tobytes()
     files = [folder / name for name in REPORT_FILES]

@@ -13,7 +13,7 @@ from typing import Any
 import bpy
 
 from ...core.errors import OutputError
-from ...core.runtime.output_files.files import replacing
+from ...core.runtime.output_files.files import remedy, replacing
 
 _BLEND, _BLEND_END = b"BLENDER", b"ENDB"
 _END_LENGTHS = (20, 24, 32)  # of the last block, which is but a header: before 5.0 of 32 and of 64 bits, and since
@@ -111,13 +111,17 @@ def writing(path: Path) -> Iterator[Path]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"the folder cannot be made: {error.strerror}", where=str(path.parent)) from error
+        what = f"the folder cannot be made: {error.strerror}"
+        raise OutputError(what, where=str(path.parent), todo=remedy(error.errno)) from error
     printed = io.StringIO()
     with replacing(path) as target, contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
         try:
             yield target
         except RuntimeError as error:
-            raise OutputError(f"Blender cannot write it: {_reason(error)}", where=str(path)) from error
+            reason = _reason(error)
+            number = re.search(r"\[Errno (\d+)\]", reason)
+            todo = remedy(int(number[1])) if number else None
+            raise OutputError(f"Blender cannot write it: {reason}", where=str(path), todo=todo) from error
         check_whole(target, path)
 
 

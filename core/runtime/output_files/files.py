@@ -6,6 +6,7 @@ The results of a run are written under temporary names, flushed to the disk, and
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import stat
@@ -19,6 +20,17 @@ from ...errors import OutputError
 from ..interrupts import WRITTEN_NOTE, held_signals
 from .atomic_placement import flush, put_file, put_folder
 from .staging_folders import RESULTS, in_staging_folder, remove_leftovers, staging_folder
+
+_NO_ROOM, _FORBIDDEN = "make room on its disk, or choose another one", "choose a folder that you may write to"
+_REMEDIES = {
+    errno.ENOSPC: _NO_ROOM,
+    errno.EDQUOT: _NO_ROOM,
+    errno.EROFS: _FORBIDDEN,
+    errno.EPERM: _FORBIDDEN,
+    errno.EACCES: f"{_FORBIDDEN}, or close the file where it is open",  # as Windows says of an open file
+    errno.ENAMETOOLONG: "choose a shorter name",
+}
+"""What to do where a file cannot be written, by the number of the system's error."""
 
 
 @contextmanager
@@ -268,4 +280,11 @@ def _unwritable(path: Path, error: OSError | ValueError) -> OutputError:
     other = getattr(error, "filename", None)
     if isinstance(other, str) and not in_staging_folder(Path(other)) and not Path(other).is_relative_to(path):
         what = f"{what}: {other}"
-    return OutputError(f"cannot be written: {what}", where=str(path))
+    return OutputError(f"cannot be written: {what}", where=str(path), todo=remedy(getattr(error, "errno", None)))
+
+
+def remedy(number: int | None) -> str | None:
+    """Return what to do where a file cannot be written, by the number of the system's error; None if that is not
+    known.
+    """
+    return None if number is None else _REMEDIES.get(number)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...errors import OutputError
 from ...evidence.view_frames import ViewFrames
+from ...runtime.output_files.files import remedy
 from ...runtime.output_files.staging_folders import RESULTS, staging_folder
 from ...runtime.processes.shared_arrays import SharedArray
 from ...shot.footage import working_factor
@@ -139,4 +140,5 @@ def picture_folder() -> Iterator[Path]:
         with staging_folder(folder) as place:
             yield place / RESULTS
     except OSError as error:
-        raise OutputError(f"the frames cannot be kept: {error.strerror or error}", where=str(folder)) from error
+        what = f"the frames cannot be kept: {error.strerror or error}"
+        raise OutputError(what, where=str(folder), todo=remedy(error.errno)) from error

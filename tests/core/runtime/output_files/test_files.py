@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -273,6 +274,23 @@ def test_a_file_that_vanishes_while_results_are_made_is_named(tmp_path: Path) ->
         staged(tmp_path / "out"),
     ):
         (tmp_path / "input.mp4").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("number", "said"),
+    [
+        (errno.ENOSPC, "(make room on its disk, or choose another one)"),
+        (errno.EACCES, "(choose a folder that you may write to, or close the file where it is open)"),
+        (errno.EROFS, "(choose a folder that you may write to)"),
+        (errno.EIO, "Input/output error"),
+    ],
+)
+def test_what_to_do_is_said_where_a_file_cannot_be_written(tmp_path: Path, number: int, said: str) -> None:
+    with pytest.raises(OutputError) as caught, staged(tmp_path / "out"):
+        raise OSError(number, os.strerror(number))
+    assert str(caught.value) == f"{tmp_path / 'out'}: cannot be written: {os.strerror(number)}" + (
+        f" {said}" if said.startswith("(") else ""
+    )
 
 
 def test_what_could_not_be_written_is_named_by_its_final_place(tmp_path: Path) -> None:
