@@ -15,9 +15,9 @@ import numpy as np
 from ...numerics.arrays import Array
 from ...numerics.banded import BandedFactor
 from ...numerics.banded_blocks import BandedBlocks
+from ..solvers.approach import OVERRELAXATION
 from ..solvers.equations.problem import SegmentProblem, SegmentSolution
 from ..solvers.equations.smoothness_factor import SegmentSmoothness
-from ..solvers.gauss_newton import OVERRELAXATION
 from .joint_covariances import tip_covariances, tip_jacobian
 
 USUAL_RATIO = 2.0

@@ -7,22 +7,19 @@ poses are met exactly.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...body import part_poses
-from ...body.kinematics import tip_positions
 from ...body.motion import Motion
-from ...body.smoothness import limited
 from ...evidence.segment_evidence import SegmentEvidence
 from ...numerics.arrays import Array
 from ...numerics.least_squares import Damping, LeastSquaresResult, StoppingRule, minimise
 from ...numerics.normal_equations import IndependentEquations
-from ...numerics.repeatable import on_grid
 from ...runtime.timing import Seconds
+from .approach import OVERRELAXATION, SMOOTHNESS_ROUNDS, Approach, approach, increments_of, moved_by, step_size
 from .descent_stages import REFINEMENT, STAGES, UNCONVERGED_MOVE, DescentStage
 from .equations.contact_factor import with_contact
 from .equations.hold_factor import TiedSystems
@@ -31,22 +28,18 @@ from .equations.plant_factor import PlantFactor, plants_of, with_plants
 from .equations.problem import SegmentProblem, SegmentSolution
 from .equations.segment_equations import SegmentNoise, evidence_equations, hidden_and_expected, with_priors
 from .equations.smoothness_factor import SegmentSmoothness
-from .view_subsets import view_subset, views_in_sight
+from .joint_moves import at_rest, joint_moves
+from .view_subsets import views_in_sight
 
 MAX_EXTRA_ITERATIONS = 6
 """Most iterations by which a tested stage goes on."""
 MAX_REPEATS = 3
+"""Most repetitions of a refinement."""
 _STEP_SHARE, _DESCENT_SHARE = 0.4, 0.7
 """Shares that a step of a tested stage, and a descent of a refinement, take of the progress that is left: most stages
 end after a few steps, and most refinements after one descent."""
-"""Most repetitions of a refinement."""
 SMALL_GAIN = 1e-6
 """Relative decrease of the cost below which a stage ends."""
-OVERRELAXATION = 1.5
-"""Factor by which every step of a stage but the last is lengthened, where all views are evaluated. Robust weights, and
-gradients measured away from the solution, make all steps too short by about the same factor."""
-SMOOTHNESS_ROUNDS = 2
-"""How often the smoothness is estimated between two evaluations of the images."""
 DAMPING = Damping(initial=0.0, grow=1e4, most=1.0)
 """Steps are damped only after one was refused: smoothness makes the diagonal of the normal matrix so large that even a
 small share of it would suppress slow corrections over many frames."""
@@ -62,35 +55,6 @@ class MeasuredEquations(IndependentEquations):
     """The normal equations of all performers, and the measurement that they were built from."""
 
     measured: MeasuredMotion
-
-
-@dataclass(frozen=True, eq=False)
-class Approach:
-    """Where steps that are not tested have led, see `approach`.
-
-    Attributes
-    ----------
-    motions : tuple of Motion
-    energies : tuple of float
-        Cost before each iteration.
-    seconds : Seconds
-    smooth : SegmentSmoothness
-        The last estimate.
-    """
-
-    motions: tuple[Motion, ...]
-    energies: tuple[float, ...]
-    seconds: Seconds
-    smooth: SegmentSmoothness
-
-    @classmethod
-    def start(cls, problem: SegmentProblem, motions: Sequence[Motion]) -> Approach:
-        """Return where a descent is before its first step."""
-        return cls(tuple(motions), (), Seconds(), SegmentSmoothness.start(problem))
-
-    def counted(self) -> Approach:
-        """Return the same for another descent, where its iterations and its time are counted already."""
-        return replace(self, energies=(), seconds=Seconds())
 
 
 class _TestedStage:
@@ -183,7 +147,7 @@ class _TestedStage:
         over = self.trials >= self._stage.iterations
         if at_rest(self._problem, before, after, UNCONVERGED_MOVE if over else self._stage.still):
             return 0.0
-        return _size([before[i].difference(after[i]) for i in self._problem.sought])
+        return step_size([before[i].difference(after[i]) for i in self._problem.sought])
 
     def _not_worth_it(self, before: tuple[Motion, ...], after: tuple[Motion, ...]) -> bool:
         """Whether a step would hardly move anything, is in vain or, once the stage's iterations are over, hopeless."""
@@ -238,33 +202,6 @@ def refine(
 def continued(before: SegmentSolution, after: SegmentSolution) -> SegmentSolution:
     """Return the second of two solutions, which the first has led to, with the iterations of both."""
     return replace(after, iterations=before.iterations + after.iterations, energy=(*before.energy, *after.energy))
-
-
-def farthest_joint(problem: SegmentProblem, before: Sequence[Motion], after: Sequence[Motion]) -> float:
-    """Largest distance between the positions of a joint in two motions, over all frames and the performers that are
-    solved for, metres.
-    """
-    return float(joint_moves(problem, before, after).max())
-
-
-def joint_moves(problem: SegmentProblem, before: Sequence[Motion], after: Sequence[Motion]) -> Array:
-    """The same distance on each frame, shape (F,)."""
-    joints = [[part_poses(problem.bodies[i], m[i])[1] for m in (before, after)] for i in problem.sought]
-    return np.max([np.linalg.norm(b - a, axis=-1).max(axis=1) for a, b in joints], axis=0)
-
-
-def at_rest(problem: SegmentProblem, before: Sequence[Motion], after: Sequence[Motion], most: float) -> bool:
-    """Whether from one motion to another no joint moves by so much, metres, nor the tip of any part by more than
-    `UNCONVERGED_MOVE`: a hand may turn while all joints stay where they are.
-    """
-    if farthest_joint(problem, before, after) >= most:
-        return False
-    for i in problem.sought:
-        body = problem.bodies[i]
-        earlier, later = (tip_positions(body, part_poses(body, m[i])) for m in (before, after))
-        if np.linalg.norm(later - earlier, axis=-1).max() >= UNCONVERGED_MOVE:
-            return False
-    return True
 
 
 def descend(
@@ -323,63 +260,3 @@ def descend(
         only=problem.only,
     )
     return replace(solution, variances=stage.smooth.variances, moved=joint_moves(problem, begun.motions, result.state))
-
-
-def approach(
-    problem: SegmentProblem,
-    start: Sequence[Motion] | Approach,
-    workspace: Workspace,
-    stages: Sequence[DescentStage],
-) -> Approach:
-    """Descend by steps that are not tested; parameters as in `descend`.
-
-    Coarse stages evaluate a different subset of the views at every iteration, so the costs of two iterations cannot be
-    compared.
-    """
-    begin = start if isinstance(start, Approach) else Approach.start(problem, start)
-    motions, smooth, energies, seconds = begin.motions, begin.smooth, list(begin.energies), Seconds(begin.seconds)
-    planned = sum(stage.iterations for stage in stages)
-    for s, stage in enumerate(stages):
-        before = sum(earlier.iterations for earlier in stages[:s])
-        hidden: list[NDArray[np.bool_]] = []
-        expected: list[Array] = []
-        for i in range(stage.iterations):
-            workspace.report((before + i) / planned, motions)
-            seen = problem if stage.views is None else view_subset(problem, stage.views, i)
-            measured = workspace.measure(seen, motions, stage.sampling_of(views_in_sight(seen, motions)))
-            seconds.add(measured.evidence.seconds)
-            longer = i + 1 < stage.iterations and len(seen.views) == len(problem.views)
-            pace = OVERRELAXATION if longer else 1.0
-            with seconds.measure("solve"):
-                if not hidden:
-                    hidden, expected = hidden_and_expected(seen, motions, measured.evidence)
-                images = evidence_equations(seen, measured, hidden)
-                smooth = smooth.estimated(seen, motions, images, expected, rounds=SMOOTHNESS_ROUNDS, bursts=False)
-                systems = with_priors(seen, motions, images, smooth, expected)
-                tied = seen.tied(systems, motions)
-                steps = increments_of(tied, [system.solve(0.0) for system in tied.systems], pace)
-                earlier, motions = motions, moved_by(motions, steps)
-                energies.append(tied.cost)
-            if _size(list(steps.values())) < stage.small:
-                break
-            if stage.still and farthest_joint(problem, earlier, motions) < stage.still:
-                break
-    return Approach(motions, tuple(energies), seconds, smooth)
-
-
-def increments_of(tied: TiedSystems, steps: Sequence[Array], pace: float = 1.0) -> dict[int, Array]:
-    """Turn the steps of tied systems, times a pace, into increments (F, D) by performer.
-
-    They are bounded in length (`core.body.smoothness.limited`), and rounded so that all processors give the same bits.
-    """
-    return {i: on_grid(limited(pace * step)) for i, step in tied.by_performer(steps).items()}
-
-
-def moved_by(motions: Sequence[Motion], increments: Mapping[int, Array]) -> tuple[Motion, ...]:
-    """Return the motions of all performers, moved where there are increments (F, D)."""
-    return tuple(m.moved(increments[i]) if i in increments else m for i, m in enumerate(motions))
-
-
-def _size(steps: Sequence[Array]) -> float:
-    """Root mean square of all elements of steps."""
-    return float(np.sqrt(np.mean(np.concatenate([step.ravel() for step in steps]) ** 2)))

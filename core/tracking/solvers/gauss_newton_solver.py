@@ -32,7 +32,8 @@ from .assessment.solution_ranking import clearly_likelier
 from .descent_stages import OUTLINE_REACH, POLISH, POLISHED_AT_ONCE, REFINEMENT, RESUMED, SETTLED, DescentStage
 from .equations.measurement import Workspace
 from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
-from .gauss_newton import continued, descend, farthest_joint
+from .gauss_newton import continued, descend
+from .joint_moves import farthest_joint
 from .limb_corrections.leaping_limbs import with_leaps_bridged
 from .limb_corrections.limb_exchange import with_crossed_limbs_exchanged
 from .limb_corrections.limb_groups import contradicted

@@ -13,6 +13,7 @@ from . import gauss_newton
 from .descent_stages import POLISH, REFINEMENT, UNCONVERGED_MOVE, DescentStage
 from .equations.measurement import Workspace
 from .equations.problem import SegmentProblem, SegmentSolution
+from .joint_moves import joint_moves
 from .limb_corrections.local_trials import MAX_SHARE, can_be_parted, stretch_of, stretches_around
 
 
@@ -48,7 +49,7 @@ def polished_again(
     """
     if not can_be_parted(problem):
         return refine(problem, motions, workspace, POLISH)
-    differ = gauss_newton.joint_moves(problem, polished.motions, motions) > 0
+    differ = joint_moves(problem, polished.motions, motions) > 0
     return _refined_around(problem, POLISH, replace(polished, motions=tuple(motions)), differ, workspace)
 
 

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 from ...body.motion import Motion
 from ...runtime.timing import Seconds
+from .approach import approach
 from .assessment.settled_solutions import SettledSolution
 from .assessment.solution_doubts import (
     doubted_performers,
@@ -37,7 +38,8 @@ from .descent_stages import (
 )
 from .equations.measurement import Workspace, solution_at
 from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
-from .gauss_newton import approach, continued, descend, farthest_joint
+from .gauss_newton import continued, descend
+from .joint_moves import farthest_joint
 from .limb_corrections.limb_exchange import with_limbs_exchanged
 from .limb_corrections.limb_search import limbs_elsewhere
 from .limb_corrections.mirrored_limbs import with_limbs_mirrored

@@ -26,6 +26,7 @@ from kfmocap.core.tracking.footage_reading.picture_store import PictureStore, St
 from kfmocap.core.tracking.footage_reading.reader import ColourFrames
 from kfmocap.core.tracking.retracking import Excerpt, track_excerpts
 from kfmocap.core.tracking.solvers import gauss_newton, multi_start
+from kfmocap.core.tracking.solvers.approach import Approach
 from kfmocap.core.tracking.solvers.assessment import settled_solutions, solution_doubts, solution_ranking
 from kfmocap.core.tracking.solvers.descent_stages import (
     FINE_STAGES,
@@ -429,9 +430,7 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Told:
     for solver in (search_rounds, limb_exchange, settled_solutions):
         monkeypatch.setattr(solver, "noise_at", lambda *_: None)
     for solver in (search_rounds, limb_exchange):
-        monkeypatch.setattr(
-            solver, "approach", lambda problem, motions, *_: gauss_newton.Approach.start(problem, motions)
-        )
+        monkeypatch.setattr(solver, "approach", lambda problem, motions, *_: Approach.start(problem, motions))
     monkeypatch.setattr(limb_exchange, "exchanges", exchanged)
     return made
 
@@ -468,8 +467,8 @@ def test_exchanges_that_are_no_likelier_leave_the_solution_as_it_was(
 def test_limbs_in_each_others_places_are_not_led_away_again_by_coarse_steps(
     monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
-    def astray(problem: SegmentProblem, motions: Sequence[Motion], *_: object) -> gauss_newton.Approach:
-        return gauss_newton.Approach.start(problem, [moved(motion, np.array([1.0, 0.0, 0.0])) for motion in motions])
+    def astray(problem: SegmentProblem, motions: Sequence[Motion], *_: object) -> Approach:
+        return Approach.start(problem, [moved(motion, np.array([1.0, 0.0, 0.0])) for motion in motions])
 
     def exchanged(problem: SegmentProblem, motions: Sequence[Motion]) -> Iterator[Exchange]:
         for i in problem.sought:
@@ -584,12 +583,12 @@ def test_several_performers_are_solved_by_all_pixels_before_anybody_is_doubted(
 
     def descend(
         problem: SegmentProblem,
-        begun: Sequence[Motion] | gauss_newton.Approach,
+        begun: Sequence[Motion] | Approach,
         _: Workspace,
         of: Sequence[DescentStage],
     ) -> SegmentSolution:
         stages.append(of)
-        return told.found(problem, begun.motions if isinstance(begun, gauss_newton.Approach) else begun)
+        return told.found(problem, begun.motions if isinstance(begun, Approach) else begun)
 
     monkeypatch.setattr(multi_start, "descend", descend)
     assert searched_for(monkeypatch, [[]]) == []

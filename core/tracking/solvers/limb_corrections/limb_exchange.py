@@ -11,6 +11,7 @@ import numpy as np
 from ....body.limbs import limb_pairs
 from ....body.motion import with_motion
 from ....runtime.timing import Seconds
+from ..approach import approach
 from ..assessment.solution_ranking import (
     RESTING_GAIN,
     likeliest_at_rest,
@@ -26,7 +27,7 @@ from ..descent_stages import SETTLED, SETTLING
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
-from ..gauss_newton import approach, continued, descend
+from ..gauss_newton import continued, descend
 from .local_trials import LocalTrial
 from .swapped_limbs import Exchange, Swap, exchanges, swaps
 

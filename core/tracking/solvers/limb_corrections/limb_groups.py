@@ -27,7 +27,8 @@ from ..descent_stages import SETTLED, UNCONVERGED_MOVE
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
-from ..gauss_newton import VainTest, continued, descend, farthest_joint
+from ..gauss_newton import VainTest, continued, descend
+from ..joint_moves import farthest_joint
 from ..limb_evidence.limb_images import ViewRatios
 from ..limb_evidence.limb_model import FINE_POINTS, POINTS_PER_PART
 from ..thinned_frames import ThinnedProblem

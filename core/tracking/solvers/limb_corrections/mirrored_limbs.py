@@ -19,12 +19,13 @@ from ....body.limbs import limbs, without_end
 from ....body.motion import Motion, with_motion
 from ....numerics import rotations
 from ....numerics.arrays import Array, Bools
+from ..approach import approach
 from ..assessment.solution_ranking import likelihood, noise_at
 from ..descent_stages import SETTLED, SETTLING
 from ..equations.measurement import Workspace, solution_at
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
-from ..gauss_newton import approach, continued, descend
+from ..gauss_newton import continued, descend
 
 MIN_TIP_MOVE = 0.4
 """Smallest distance by which the tip of a long bone moves on some frame, metres. A descent reaches what is nearer."""

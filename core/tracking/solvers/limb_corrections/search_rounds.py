@@ -14,6 +14,7 @@ from itertools import islice
 import numpy as np
 
 from ....body.motion import Motion
+from ..approach import approach
 from ..assessment.settled_solutions import SettledSolution
 from ..assessment.solution_doubts import explains_little
 from ..assessment.solution_ranking import (
@@ -30,7 +31,7 @@ from ..descent_stages import SETTLED, SETTLING
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
-from ..gauss_newton import VainTest, approach, descend
+from ..gauss_newton import VainTest, descend
 from .limb_exchange import recombined
 from .limb_search import found_limbs, limbs_elsewhere
 from .swapped_limbs import untangled_limbs

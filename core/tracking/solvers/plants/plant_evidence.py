@@ -18,11 +18,12 @@ from ....numerics import rotations
 from ....numerics.arrays import Array
 from ....numerics.banded import BandedFactor
 from ....numerics.banded_blocks import BandedBlocks
+from ..approach import increments_of, moved_by
 from ..descent_stages import MIN_JOINT_MOVE
 from ..equations.hold_factor import TiedSystems, tied_systems
 from ..equations.plant_factor import PlantFactor
 from ..equations.problem import SegmentProblem
-from ..gauss_newton import farthest_joint, increments_of, moved_by
+from ..joint_moves import farthest_joint
 from .apparent_plants import Plant, SolePoint
 from .place_covariance import PlaceCovariance, TwistCovariance
 

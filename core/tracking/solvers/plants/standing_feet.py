@@ -37,7 +37,8 @@ from ..descent_stages import POLISH, UNCONVERGED_MOVE
 from ..equations.measurement import Workspace
 from ..equations.plant_factor import PlantFactor
 from ..equations.problem import SegmentProblem, SegmentSolution
-from ..gauss_newton import at_rest, descend
+from ..gauss_newton import descend
+from ..joint_moves import at_rest
 from ..limb_corrections.local_trials import can_be_parted
 from ..protocol import SettledMotions, SolvedFrames
 from .apparent_plants import ApparentPlants

@@ -13,12 +13,13 @@ import numpy as np
 
 from ....body.motion import Motion, with_motion
 from ....shot.motion_warping import turned
+from ..approach import approach
 from ..assessment.solution_doubts import frames_unexplained
 from ..assessment.solution_ranking import cover_at, covering_most
 from ..descent_stages import COARSE_STAGES, FINE_STAGES, DescentStage
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
-from ..gauss_newton import approach, descend
+from ..gauss_newton import descend
 
 SOLVED_TURNS = 2
 """Turned starts that are solved: those that cover most after the coarse stages. Before that, how much a turn covers

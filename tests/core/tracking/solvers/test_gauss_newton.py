@@ -20,6 +20,7 @@ from kfmocap.core.numerics.banded_blocks import BandedBlocks
 from kfmocap.core.shot.acceleration_prior import USUAL_JOINT, USUAL_ROOT, acceleration_precision
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.tracking.solvers import gauss_newton
+from kfmocap.core.tracking.solvers.approach import approach
 from kfmocap.core.tracking.solvers.descent_stages import (
     COARSE_STAGES,
     FINE_STAGES,
@@ -38,6 +39,7 @@ from kfmocap.core.tracking.solvers.equations.measurement import MeasuredMotion, 
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, frame_residual
 from kfmocap.core.tracking.solvers.equations.smoothness_factor import SegmentSmoothness
 from kfmocap.core.tracking.solvers.equations.weighted_evidence import WeightedEvidence
+from kfmocap.core.tracking.solvers.joint_moves import farthest_joint
 from kfmocap.core.tracking.solvers.view_subsets import view_subset
 from made_evidence import AlteredWorkspace, Landscape, no_evidence, with_share
 from numpy.typing import NDArray
@@ -506,11 +508,11 @@ def test_a_refinement_ends_once_a_step_leaves_all_joints_nearly_still() -> None:
     on = (replace(stage, small=0.0, still=0.0),)
     for angle in (0.004, 0.2):
         start = [truth.moved(angle * turn)]
-        far = gauss_newton.farthest_joint(problem, start, [truth])
+        far = farthest_joint(problem, start, [truth])
         assert (far < MIN_JOINT_MOVE) == (angle < 0.1)
         found, further = (gauss_newton.descend(problem, start, landscape, stages) for stages in ((stage,), on))
         assert found.iterations < further.iterations
-        assert gauss_newton.farthest_joint(problem, found.motions, further.motions) < MIN_JOINT_MOVE
+        assert farthest_joint(problem, found.motions, further.motions) < MIN_JOINT_MOVE
 
 
 def test_nothing_is_polished_while_a_joint_still_moves_far() -> None:
@@ -519,8 +521,8 @@ def test_nothing_is_polished_while_a_joint_still_moves_far() -> None:
     start = [truth.moved(1.0 * turn)]
     found = gauss_newton.descend(problem, start, landscape, POLISHED_AT_ONCE)
     polished = [motion for motion, by_part in zip(landscape.measured, landscape.by_part, strict=True) if by_part]
-    assert gauss_newton.farthest_joint(problem, start, polished[:1]) > 10 * UNCONVERGED_MOVE
-    assert gauss_newton.farthest_joint(problem, polished[:1], found.motions) < UNCONVERGED_MOVE
+    assert farthest_joint(problem, start, polished[:1]) > 10 * UNCONVERGED_MOVE
+    assert farthest_joint(problem, polished[:1], found.motions) < UNCONVERGED_MOVE
 
 
 @pytest.mark.parametrize("coarse_steps", [6, 1])
@@ -546,11 +548,11 @@ def test_a_polish_and_a_correction_end_before_a_step_that_hardly_moves_any_joint
         start = [truth.moved(angle * turn)]
         landscape.measured.clear()
         found = gauss_newton.descend(problem, start, landscape, stages)
-        left = gauss_newton.farthest_joint(problem, found.motions, [truth])
+        left = farthest_joint(problem, found.motions, [truth])
         if angle < 0.1:
             assert found.motions[0] is start[0] and len(landscape.measured) == 1
         else:
-            assert left < stages[-1].negligible < gauss_newton.farthest_joint(problem, start, found.motions)
+            assert left < stages[-1].negligible < farthest_joint(problem, start, found.motions)
 
 
 def test_a_descent_continues_where_its_coarse_stages_have_led_as_if_it_had_made_them() -> None:
@@ -558,7 +560,7 @@ def test_a_descent_continues_where_its_coarse_stages_have_led_as_if_it_had_made_
     problem = SegmentProblem(coloured(BODY, truth, CAMERAS), (BODY,), 0, FPS, (ends_held(BODY, 6),))
     start = [stacked([truth[[0]]] * 5 + [truth[[5]]])]
     at_once = gauss_newton.descend(problem, start, Workspace(), STAGES)
-    begun = gauss_newton.approach(problem, start, Workspace(), COARSE_STAGES)
+    begun = approach(problem, start, Workspace(), COARSE_STAGES)
     continued = gauss_newton.descend(problem, begun, Workspace(), FINE_STAGES)
     uncounted = gauss_newton.descend(problem, begun.counted(), Workspace(), FINE_STAGES)
     for found in (continued, uncounted):
@@ -575,7 +577,7 @@ def test_an_end_of_a_limb_that_still_turns_far_is_not_left_though_all_joints_sta
     turn = np.roll(turn, 3 * (BODY.index("forearm.L") - BODY.index("upper_arm.L")), axis=1)
     for angle in (0.03, 1.0):
         start = [truth.moved(angle * turn)]
-        assert gauss_newton.farthest_joint(problem, start, [truth]) < 1e-9
+        assert farthest_joint(problem, start, [truth]) < 1e-9
         found = gauss_newton.descend(problem, start, landscape, (replace(stages[-1], small=0.0),))
         if angle == 1.0:
             assert np.abs(found.motions[0].difference(truth)).max() < 0.1

@@ -16,6 +16,7 @@ from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.tracking.solvers import gauss_newton, gauss_newton_solver, multi_start
+from kfmocap.core.tracking.solvers.approach import Approach
 from kfmocap.core.tracking.solvers.assessment import solution_doubts, solution_ranking
 from kfmocap.core.tracking.solvers.assessment.settled_solutions import SettledSolution
 from kfmocap.core.tracking.solvers.descent_stages import FINE_STAGES, FREE_STAGES, SETTLED, STAGES
@@ -65,11 +66,9 @@ def test_soles_are_left_free_first_unless_the_images_contradict_that(
     landscape, asked = Landscape(truth=at_rest(HUMAN, LENGTH)), list[object]()
     begin, made = landscape.truth, list[SegmentSolution]()
 
-    def descend(
-        _: object, begun: Sequence[Motion] | gauss_newton.Approach, __: object, stages: object
-    ) -> SegmentSolution:
+    def descend(_: object, begun: Sequence[Motion] | Approach, __: object, stages: object) -> SegmentSolution:
         asked.append(stages)
-        [motion] = begun.motions if isinstance(begun, gauss_newton.Approach) else begun
+        [motion] = begun.motions if isinstance(begun, Approach) else begun
         made.append(replace(landscape.solution(problem, motion), seconds={"solve": 1.0}))
         return made[-1]
 
@@ -498,9 +497,7 @@ def test_for_one_among_others_a_single_search_decides_and_nothing_is_solved_if_i
         return landscape.solution(problem, first.motions[0] if back else motions[0])
 
     monkeypatch.setattr(search_rounds, "descend", descend)
-    monkeypatch.setattr(
-        search_rounds, "approach", lambda problem, motions, *_: gauss_newton.Approach.start(problem, motions)
-    )
+    monkeypatch.setattr(search_rounds, "approach", lambda problem, motions, *_: Approach.start(problem, motions))
     monkeypatch.setattr(search_rounds, "found_limbs", lambda _problem, motions, *_: [TRUTH] if lost else list(motions))
     monkeypatch.setattr(search_rounds, "likeliest_at_rest", lambda *given, **_: given[-1])
     monkeypatch.setattr(search_rounds, "recombined", lambda _problem, best, *_: best)

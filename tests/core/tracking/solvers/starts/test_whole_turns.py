@@ -10,9 +10,9 @@ import pytest
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics import rotations
 from kfmocap.core.shot.motion_warping import turned
+from kfmocap.core.tracking.solvers.approach import Approach
 from kfmocap.core.tracking.solvers.descent_stages import COARSE_STAGES, FINE_STAGES, POLISHED_AT_ONCE
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
-from kfmocap.core.tracking.solvers.gauss_newton import Approach
 from kfmocap.core.tracking.solvers.starts import whole_turns
 from kfmocap.core.tracking.solvers.starts.whole_turns import with_whole_turn
 from made_evidence import Landscape
