@@ -141,6 +141,8 @@ def test_hips_travel_in_blender_though_they_begin_where_a_root_ends(blender, tmp
 def test_the_export_goes_beside_the_footage_and_then_where_it_went_last(blender, tmp_path):
     built = scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
     assert destinations.proposed(built) == tmp_path / "walk"
+    assert bpy.ops.kfmocap.export() == {"FINISHED"}  # by a script
+    assert (tmp_path / "walk.bvh").is_file()
     assert bpy.ops.kfmocap.export(directory=str(tmp_path / "new"), filename="take 2") == {"FINISHED"}
     assert destinations.proposed(built) == tmp_path / "new" / "take 2"
     written = destinations.paths(built, tmp_path / "new", "take 2")

@@ -53,11 +53,13 @@ class Export(Conditional, bpy.types.Operator):
             column.label(text=f"Replaces {path.name}" if exists else path.name, icon="ERROR" if exists else "FILE")
 
     def act(self, context: bpy.types.Context) -> None:
-        from ...export.destinations import chosen
+        from ...export.destinations import chosen, proposed
         from ...export.export_options import ExportOptions
         from ...export.exporters import export_armatures
 
         settings = context.scene.kfmocap.export
+        if not self.directory:  # called by a script
+            self.directory = f"{proposed(context.scene).parent}/"
         options = ExportOptions(
             settings.preset,
             chosen_formats(settings),
