@@ -52,6 +52,7 @@ def use_as_body(current: bpy.types.Scene, armature: bpy.types.Object) -> tuple[b
         It cannot be a body; names the bone.
     """
     armature = editable(armature, current)
+    body_armature.world_frame(armature)  # refused before anything of it is changed
     refuse_moving_object(current, armature)
     fcurves.unlink_action(armature)
     with without_goals(armature) as goals:

@@ -179,12 +179,14 @@ def world_frame(armature: bpy.types.Object) -> tuple[Array, float]:
     while chain[-1].parent is not None:
         chain.append(chain[-1].parent)
     owner = next(each for each in reversed(chain) if not _evenly_scaled(each)[1])  # what it hangs on, or itself
-    mirrored = np.linalg.det(np.array(owner.matrix_world)[:3, :3]) < 0
+    here, todo = np.array(owner.matrix_world)[:3, :3], "apply its scale (Ctrl A)"
+    how = "mirrored" if np.linalg.det(here) < 0 else "scaled by different amounts along its axes"
+    if not here.any():
+        how, todo = "scaled to nothing", "clear its scale (Alt S)"
     raise BodyError(
-        f"the {'armature' if owner == armature else owner.name} object is "
-        f"{'mirrored' if mirrored else 'scaled by different amounts along its axes'}",
+        f"the {'armature' if owner == armature else owner.name} object is {how}",
         where=f"armature {armature.name}",
-        todo=f"apply its scale (Ctrl A){'' if owner == armature else ', or clear the parent (Alt P)'}",
+        todo=f"{todo}{'' if owner == armature else ', or clear the parent (Alt P)'}",
     )
 
 

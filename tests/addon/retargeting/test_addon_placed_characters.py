@@ -305,6 +305,7 @@ def test_a_bone_that_is_scaled_unevenly_is_named():
         (((1, 1, 1), (1, 2, 1)), "the armature object is scaled by different amounts along its axes"),
         (((1, 2, 1), (1, 1, 1)), "the mount object is scaled by different amounts along its axes"),
         (((-1, -1, -1), (1, 1, 1)), "the mount object is mirrored"),
+        (((0, 0, 0), (1, 1, 1)), "the mount object is scaled to nothing"),
     ],
 )
 def test_an_object_that_is_scaled_unevenly_is_named_though_it_is_a_parent(scales, said):

@@ -329,6 +329,17 @@ def test_locations_that_an_importer_has_rounded_are_not_named(centimetres, named
     assert [text.split(": ")[0] for text in remarks] == named
 
 
+@pytest.mark.parametrize(("scale", "said"), [(0.0, "scaled to nothing"), (-1.0, "mirrored")])
+def test_an_armature_whose_bones_have_no_true_size_is_refused_unchanged(scale, said):
+    armature = skinned()
+    armature.scale = (scale,) * 3
+    bpy.context.view_layer.update()
+    before = set(bpy.data.objects)
+    with pytest.raises(BodyError, match=f"the armature object is {said}"):
+        use_as_body(bpy.context.scene, armature)
+    assert set(bpy.data.objects) == before
+
+
 def test_an_armature_that_moves_as_a_whole_is_refused():
     armature = skinned()
     for frame in (1, 9):
