@@ -27,8 +27,8 @@ def attributed_findings(
     """Return the cameras' fits, and what else explains that views do not show the key poses.
 
     A camera that can be corrected explains that its footage does not match. Another offset explains both; but where
-    performers walk steadily, a camera that was turned looks like one that is late. With no offset is footage expected
-    to match better than that of the view with the best match.
+    performers walk steadily, a camera that was turned looks like one that is late. No offset is expected to make
+    footage match better than the view that matches best.
 
     Parameters
     ----------

@@ -98,7 +98,7 @@ def with_limbs_found(
     """
     alone = problem.alone(group.performer)
     thinned = frames_searched(alone, solution.motions)
-    search = _GroupSearch(thinned, group, workspace.silent(), only_elsewhere=alone.among_others, reporting=workspace)
+    search = _GroupSearch(thinned, group, workspace, only_elsewhere=alone.among_others)
     settled, best = search.likeliest(solution, known, ratios)
     return solution if settled is None else _if_likelier(problem, solution, group, settled, best)
 
@@ -151,18 +151,16 @@ class _GroupSearch:
         The problem of the limbs' performer alone, and the frames on which poses are drawn.
     group : LimbGroup
     workspace : Workspace
+        Each round is reported, not the steps in it.
     only_elsewhere : bool
         Whether a round is in vain that leads the limbs back to where they were, as they would stay there, and the
         search ends with the first round in vain.
-    reporting : Workspace, optional
-        Which reports each round.
     """
 
     thinned: ThinnedProblem
     group: LimbGroup
     workspace: Workspace
     only_elsewhere: bool
-    reporting: Workspace | None = None
 
     def likeliest(
         self, solution: SegmentSolution, known: SettledSolutions, ratios: Sequence[ViewRatios] | None = None
@@ -173,20 +171,19 @@ class _GroupSearch:
         alone, thinned = self.thinned.whole, self.thinned
         if ratios is None:  # the others stay where they are
             ratios = views_of(thinned.problem, thinned.of_motions(solution.motions), self.group.performer)
-        best, vain, settled = solution, 0, None
+        best, vain, settled, quiet = solution, 0, None, self.workspace.silent()
         for turn in range(1 + MAX_SEARCH_ROUNDS):
-            if self.reporting is not None:
-                self.reporting.report(turn / (1 + MAX_SEARCH_ROUNDS))
+            self.workspace.report(turn / (1 + MAX_SEARCH_ROUNDS))
             found = _proposed(thinned, best.motions, self.group, turn, ratios)
             if found is None:
                 break
             there = None
             if settled is None and alone.among_others:  # most limbs that are found elsewhere come back
-                there = self._solved(known.noise(alone, solution, self.workspace), solution, found)
+                there = self._solved(known.noise(alone, solution, quiet), solution, found)
                 if there is None:
                     break
             if settled is None:
-                settled = known.after(alone, solution, self.workspace)
+                settled = known.after(alone, solution, quiet)
                 best = settled.solution
             there = there or self._solved(settled.noise, best, found)
             if there is not None and (there := self._likelier(settled.noise, best, there)) is not None:
@@ -203,7 +200,7 @@ class _GroupSearch:
         Where they are elsewhere on few frames, it is solved on these and those beside them first, while the motion of
         the others stays.
         """
-        alone, group, workspace = self.thinned.whole, self.group, self.workspace
+        alone, group, workspace = self.thinned.whole, self.group, self.workspace.silent()
         i = group.performer
         away = _elsewhere(alone, group, best.motions[i], found)
         moved = Motion(
@@ -233,7 +230,7 @@ class _GroupSearch:
         """Solve further with limbs elsewhere, until they are at rest; None if that is no likelier."""
         alone = self.thinned.whole
         rival = likelihood(alone, noise, best) + min(RESTING_GAIN, least_gain(alone))
-        there = settled_further(alone, noise, there, self.workspace, rival=rival)
+        there = settled_further(alone, noise, there, self.workspace.silent(), rival=rival)
         return there if likelihood(alone, noise, there) > rival else None
 
 

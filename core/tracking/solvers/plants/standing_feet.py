@@ -8,13 +8,15 @@ freedom per step. It takes the full covariance of the steps into account, in whi
 than jitter. The covariance of the normal equations is first scaled by the ratio of errors to it that the shot shows for
 leg and foot: key poses that were predicted without themselves are missed by more where feet are half hidden. The
 pictures around the point are asked as well whether it stands or moves as it was tracked: they do not depend on the
-shape of the foot, whose errors make it drift. A plant of a ball that passes takes in the frames on which the heel
-stands, if the evidence or the pictures of these agree: a flicker of the evidence seems to end it. Smoothness blurs
-the moments at which a foot lands and leaves, so plants also take in the frames beside them on which the point may
-stand, too: the evidence has nothing against it, or the pictures show the point in its place. Two plants of a point with
-no time for a step between them become one if that passes as well. Those that are brief all the same are left out. Then
-all are held together, on the same normal equations; those that are near the floor on which key poses have such points
-are held at its height, too (`floor_height`).
+shape of the foot, whose errors make it drift. A plant that passes ends before steps on which both the evidence and the
+pictures have the point move; one of a ball takes in the frames on which the heel stands, if the evidence or the
+pictures of these agree: a flicker of the evidence seems to end it. Smoothness blurs the moments at which a foot lands
+and leaves, so plants also take in the frames beside them on which the point may stand, too: the evidence has nothing
+against it, or the pictures show the point in its place. Two plants of a point with no time for a step between them
+become one if that passes as well. Those that are brief all the same are left out. Then all are held together, on the
+same normal equations; those that are near the floor on which key poses have such points are held at its height, too
+(`floor_height`). Where that moves a joint farther than these equations hold, the solution is polished with the plants
+held.
 
 A single view hardly contradicts any plant. With one view, candidates are kept still during the refinement already, and
 nothing is tested here.

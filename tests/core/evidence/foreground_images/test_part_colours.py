@@ -257,6 +257,8 @@ def test_an_arm_of_the_shirts_colour_is_located_by_its_sides() -> None:
     [(_, chain)] = refuted(problem, lost)
     assert chain[0] == arm
     assert not refuted(problem, truth)
+    held = replace(problem, fixed=(np.ones_like(problem.fixed[0]),))
+    assert not list(support_of_limbs(held, [lost]))
 
 
 def refuted(problem: SegmentProblem, motion: Motion) -> list[LimbOfPerformer]:

@@ -261,6 +261,17 @@ def test_a_limb_of_one_of_several_that_the_key_poses_do_not_show_is_not_searched
     assert groups == ([LimbGroup(1, (ARM,))] if found else [])
 
 
+def test_limbs_of_a_performer_who_is_held_are_not_searched_for(
+    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    [free] = problem.fixed
+    held = free | (np.arange(free.shape[1]) < free.shape[1] - 3)  # but for the last part
+    two = replace(problem, bodies=(BODY, BODY), fixed=(free, held), before=None, after=None)
+    monkeypatch.setattr(regained_limbs, "bent_limbs", lambda *_: [ARM])
+    solution = SimpleNamespace(motions=(TRUTH, TRUTH), unhidden=np.ones((2, FRAMES)))
+    assert regained_limbs.suspected_groups(two, cast(SegmentSolution, solution), []) == [LimbGroup(0, (ARM,))]
+
+
 def test_what_views_show_of_a_performer_is_collected_once_for_all_of_its_limbs(
     problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -461,13 +461,17 @@ def test_a_foot_that_stands_does_not_jump_aside_and_stand_again(jump: float, is_
     assert steps_of(found.motions[0], held).max() < 0.002
 
 
-@pytest.mark.parametrize("aside", [0.002, 0.1])
+@pytest.mark.parametrize(
+    ("aside", "is_long", "is_polished"), [(0.002, False, False), (0.1, False, True), (0.1, True, False)]
+)
 def test_what_plants_move_farther_than_the_normal_equations_hold_is_polished_with_them(
-    aside: float, monkeypatch: pytest.MonkeyPatch
+    aside: float, is_long: bool, is_polished: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Feet that stand are tracked as if they slid, on every other frame, so that they are put back."""
+    """Feet of two performers that stand are tracked as if they slid, so that they are put back; not in a long segment,
+    whose evidence is large.
+    """
     asked: list[tuple[Motion, ...]] = []
-    none = no_evidence(len(CAMERAS), FRAMES, len(BODY))
+    none = no_evidence(len(CAMERAS), FRAMES, 2 * len(BODY))
 
     def polish(
         _problem: SegmentProblem,
@@ -476,20 +480,25 @@ def test_what_plants_move_farther_than_the_normal_equations_hold_is_polished_wit
         stages: Sequence[DescentStage],
         plants: Sequence[PlantFactor | None],
     ) -> SegmentSolution:
-        [plant] = plants
-        assert plant is not None and plant.steps.any() and stages is POLISH
+        assert all(plant is not None and plant.steps.any() for plant in plants) and stages is POLISH
         asked.append(start)
-        return SegmentSolution.of([WALK], none, iterations=1, energy=[0.0])
+        return SegmentSolution.of([WALK, WALK], none, iterations=1, energy=[0.0])
 
     monkeypatch.setattr(standing_feet, "descend", polish)
+    monkeypatch.setattr(standing_feet, "can_be_parted", lambda _: is_long)
     rest = standing(BODY, FRAMES)
     swing = aside * np.sin(np.linspace(0, np.pi, FRAMES))[:, None] * [1.0, 0.0, 0.0]
     seeming = np.ones((FRAMES, 4), bool)
     monkeypatch.setattr(type(SOLES), "planted", lambda *_: seeming)
     motion = Motion(rest.translations + swing, rest.rotations)
-    solution = SegmentSolution.of([motion], none, iterations=1, energy=[0.0])
+    solution = SegmentSolution.of([motion, motion], none, iterations=1, energy=[0.0])
     found = with_standing_feet(
-        problem_of(BODY), solution, [evidence()], SolvedFrames(solution.motions), [1e4 * EXACT], workspace=Workspace()
+        problem_of(BODY, BODY),
+        solution,
+        [evidence()] * 2,
+        SolvedFrames(solution.motions),
+        [1e4 * EXACT] * 2,
+        workspace=Workspace(),
     )
-    assert found.planted[0] is not None and found.planted[0].all()
-    assert len(asked) == (aside > 0.05) and (found.motions[0] is WALK) == (aside > 0.05)
+    assert all(planted is not None and planted.all() for planted in found.planted)
+    assert len(asked) == is_polished and (found.motions[0] is WALK) == is_polished
