@@ -39,6 +39,7 @@ from kfmocap.core.tracking.solvers.equations.measurement import MeasuredMotion, 
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, frame_residual
 from kfmocap.core.tracking.solvers.equations.smoothness_factor import SegmentSmoothness
 from kfmocap.core.tracking.solvers.equations.weighted_evidence import WeightedEvidence
+from kfmocap.core.tracking.solvers.joint_moves import at_rest as at_rest_within
 from kfmocap.core.tracking.solvers.joint_moves import farthest_joint
 from kfmocap.core.tracking.solvers.view_subsets import view_subset
 from made_evidence import AlteredWorkspace, Landscape, no_evidence, with_share
@@ -574,6 +575,7 @@ def test_a_descent_continues_where_its_coarse_stages_have_led_as_if_it_had_made_
 @pytest.mark.parametrize("stages", [REFINEMENT, POLISH, RESUMED])
 def test_an_end_of_a_limb_that_still_turns_far_is_not_left_though_all_joints_stay(stages: tuple[DescentStage]) -> None:
     truth, turn, problem, landscape = arm_to_be_turned()
+    problem = replace(problem, views=dark(CAMERAS[0], 5) * 2)
     turn = np.roll(turn, 3 * (BODY.index("forearm.L") - BODY.index("upper_arm.L")), axis=1)
     for angle in (0.03, 1.0):
         start = [truth.moved(angle * turn)]
@@ -583,6 +585,15 @@ def test_an_end_of_a_limb_that_still_turns_far_is_not_left_though_all_joints_sta
             assert np.abs(found.motions[0].difference(truth)).max() < 0.1
         elif stages[-1].negligible:
             assert found.motions[0] is start[0]
+
+
+def test_in_a_single_view_only_joints_keep_a_stage_from_its_end() -> None:
+    """It hardly shows how a hand turns, and limbs drift in depth with every step."""
+    truth, turn, problem, _ = arm_to_be_turned()
+    hand = np.roll(turn, 3 * (BODY.index("forearm.L") - BODY.index("upper_arm.L")), axis=1)
+    for views, moved, resting in ((2, hand, False), (1, hand, True), (1, turn, False)):
+        seen = replace(problem, views=dark(CAMERAS[0], 5) * views)
+        assert at_rest_within(seen, [truth], [truth.moved(moved)], MIN_JOINT_MOVE) == resting
 
 
 def test_coarse_stages_end_early_and_the_last_looks_at_every_view() -> None:
