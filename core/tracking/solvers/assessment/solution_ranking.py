@@ -8,12 +8,15 @@ import numpy as np
 
 from ....body.motion import Motion
 from ....evidence.segment_evidence import SegmentEvidence
-from ..descent_stages import SETTLED
+from ....numerics.frame_ranges import lasting
+from ..descent_stages import OUTLINE_REACH, SETTLED
 from ..equations.measurement import Workspace, keypoint_agreement
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
 from ..equations.weighted_evidence import outline_variance
 from ..gauss_newton import HopelessTest, continued, descend
+from ..joint_moves import joint_moves
+from .solution_doubts import least_frames
 
 EQUAL_COVER = 0.005
 """Relative difference of cover up to which solutions count as equals: which of them covers more is chance."""
@@ -45,12 +48,16 @@ def nearly_equal(solutions: Sequence[SegmentSolution], share: float = EQUAL_COVE
     return [solution for solution, cover in zip(solutions, covers, strict=True) if cover >= least]
 
 
-def same_solution(motions: Sequence[Motion], others: Sequence[Motion]) -> bool:
-    """Whether two motions of all performers are so similar that solving leads to the same one; see
-    `SAME_SOLUTION_ANGLE`.
+def same_solution(problem: SegmentProblem, motions: Sequence[Motion], others: Sequence[Motion]) -> bool:
+    """Whether two motions of all performers are so similar that solving leads to the same one: parts are turned alike
+    (`SAME_SOLUTION_ANGLE`), and no joint is farther away than a descent reaches for long. A single arm that is
+    elsewhere hardly shows in the mean over all parts.
     """
     turns = [a.difference(b)[:, 3:] for a, b in zip(motions, others, strict=True)]
-    return all(np.sqrt(3 * np.mean(turn**2)) < SAME_SOLUTION_ANGLE for turn in turns)
+    if any(np.sqrt(3 * np.mean(turn**2)) >= SAME_SOLUTION_ANGLE for turn in turns):
+        return False
+    away = joint_moves(problem, motions, others) > OUTLINE_REACH
+    return not lasting(away, least_frames(problem.fps)).any()
 
 
 def cover_at(
@@ -152,7 +159,7 @@ def likeliest_at_rest(
     finalists: list[SegmentSolution] = []
     for solution in sorted(solutions, key=lambda one: -likelihood(problem, noise, one)):
         if len(finalists) < FINALISTS and not any(
-            same_solution(solution.motions, other.motions) for other in finalists
+            same_solution(problem, solution.motions, other.motions) for other in finalists
         ):
             finalists.append(solution)
     if len(finalists) == 1:

@@ -65,7 +65,7 @@ def recombined(
         for a, b in [pair for other in lenders for pair in ((best, other), (other, best))]:
             lent = a.motions[i].with_parts(parts, b.motions[i])
             motions = with_motion(a.motions, i, lent)
-            if not any(same_solution(motions, before) for before in tried):
+            if not any(same_solution(problem, motions, before) for before in tried):
                 tried.append(motions)
                 mixtures.append(motions)
         found = [best]

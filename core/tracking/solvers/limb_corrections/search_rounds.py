@@ -74,7 +74,7 @@ class TrialRound:
         It does not for the bare arm of a bystander, which looks like the performer's: other views do not show it where
         the performer's arm could be.
         """
-        return self.gains(problem) and not same_solution(self.found.motions, self.settled.solution.motions)
+        return self.gains(problem) and not same_solution(problem, self.found.motions, self.settled.solution.motions)
 
     def gains(self, problem: SegmentProblem) -> bool:
         """Whether the search made the images likelier, if only by a limb that was lost on a few frames."""
@@ -166,7 +166,7 @@ def _begins(
     """Generate the problem, maybe with the trunk held, and the motions around which each round searches; see
     `searched`. What the rounds so far have found must be in `found` whenever the next is asked for.
     """
-    for motions in _distinct_motions(rested):
+    for motions in _distinct_motions(problem, rested):
         yield problem, motions
     held = replace(problem, fixed=tuple(fixed | (np.arange(fixed.shape[1]) < 6) for fixed in problem.fixed))
     around = problem
@@ -205,11 +205,11 @@ def searched_among_others(
     return recombined(problem, best, [rested, found], noise, workspace.part(0.8, 1.0))
 
 
-def _distinct_motions(solutions: Sequence[SegmentSolution]) -> list[Sequence[Motion]]:
+def _distinct_motions(problem: SegmentProblem, solutions: Sequence[SegmentSolution]) -> list[Sequence[Motion]]:
     """Return the motions of solutions, without those that are the same as an earlier one's (`same_solution`)."""
     kept: list[Sequence[Motion]] = []
     for solution in solutions:
-        if not any(same_solution(solution.motions, motions) for motions in kept):
+        if not any(same_solution(problem, solution.motions, motions) for motions in kept):
             kept.append(solution.motions)
     return kept
 
