@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import bpy
@@ -179,13 +179,15 @@ def _shown_at_rest(
     armature: bpy.types.Object, rig: ControlRig, preset: BonePreset, follows: Mapping[str, str]
 ) -> ShownBones:
     """Return the bones that show what controls do, at rest: limbs that IK solves as they are without it, as a pole that
-    is not in their plane turns them even at rest.
+    is not in their plane turns them even at rest. Upper arms and thighs that IK solves count by their direction: the
+    skin is rotated about their length as the controls that twist forearms and shins say.
     """
     shown = ShownBones.at_rest(armature, [shown_bone(armature, follows, name) for name in rig.rest.names])
     solved = sorted(ik_roles(rig, preset))
     shown.R_world[solved] = rest_orientations(armature, [shown.names[b] for b in solved])
     shown.heads_world[solved] = rig.rest.heads[solved]
-    return shown
+    twisted = [limb.upper for limb in preset.ik if limb.twist in armature.pose.bones and limb.upper in rig.bones.bones]
+    return replace(shown, by_direction={rig.index(role) for role in twisted})
 
 
 def shown_bone(armature: bpy.types.Object, follows: Mapping[str, str], name: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import bpy
 import numpy as np
@@ -36,11 +36,15 @@ class ShownBones:
         Their orientations.
     heads_world : ndarray, shape (B, 3)
         Metres.
+    by_direction : set of int
+        Indices of those that count by where they point alone: nothing that deforms shows how they are rotated about
+        their length.
     """
 
     names: tuple[str, ...]
     R_world: Array
     heads_world: Array
+    by_direction: set[int] = field(default_factory=set)
 
     @classmethod
     def at_rest(cls, armature: bpy.types.Object, names: Sequence[str]) -> ShownBones:
@@ -81,6 +85,8 @@ def measured_errors(
             moved = np.asarray(standing @ back, float)  # by a parent, such as a vehicle
             R, T = rotations.orthonormal(moved[:3, :3]) @ R, T @ moved[:3, :3].T + moved[:3, 3]
             wanted = poses.turns[f] @ shown.R_world
+            for b in shown.by_direction:
+                wanted[b] = rotations.shortest(R[b, :, 1], wanted[b, :, 1]) @ R[b]
             off = shown.heads_world - rig.rest.heads
             places = poses.places[f] + np.einsum("bij,bj->bi", poses.turns[f], off)
             angles[i] = np.degrees(np.linalg.norm(rotations.log(np.swapaxes(R, -1, -2) @ wanted), axis=-1))

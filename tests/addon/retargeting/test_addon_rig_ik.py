@@ -93,13 +93,15 @@ def test_knees_bend_about_hinges_that_are_not_across_the_plane_of_the_leg():
 def test_ik_limbs_differ_from_fk_limbs_by_no_more_than_knees_and_elbows_turn_sideways():
     """Those of inverse kinematics are hinges. Feet are not kept: that bends each leg further in a plane of its own."""
     by_fk = shown(sent(SWING, "rigify", feet="off")[0])
-    rig, _ = sent(SWING, "rigify-ik", feet="off")
+    rig, report = sent(SWING, "rigify-ik", feet="off")
     by_ik = shown(rig)
     angle, distance = apart(by_fk, by_ik)
     assert angle < np.degrees(AMPLITUDE) and distance < 0.03
     arms = ["arm" in name or "hand" in name for name in SHOWN if name in rig.pose.bones]
     angle, distance = apart([each[:, arms] for each in by_fk], [each[:, arms] for each in by_ik])
     assert angle < 3.0 and distance < 2e-3
+    # Bones that deform nothing are twisted by more, which is no error.
+    assert max(report["error"][f"arm.{side}"]["worst_degrees"] for side in "LR") < 3.0
 
 
 def test_twists_of_ik_limbs_are_not_left_to_the_fk_limbs_that_follow():
