@@ -44,7 +44,7 @@ def with_clean_feet(
         frames between, so that a foot stands where the key poses have it, and moves between these places if they
         differ.
     planted : mapping of str to ndarray of bool, shape (F,), optional
-        See `core.retargeting.contacts.foot_keeping.foot_paths`.
+        See `core.retargeting.contacts.foot_paths.foot_paths`.
 
     Raises
     ------

@@ -14,7 +14,8 @@ from ..numerics.arrays import Array, Bools
 from ..numerics.frame_ranges import runs
 from .bone_matching import match_bones
 from .bone_roles.roles import LIMBS, SIDES, BoneMap
-from .contacts.foot_keeping import BALL, HEEL, FootPath, foot_goals, foot_paths, hand_goals
+from .contacts.foot_keeping import foot_goals, hand_goals
+from .contacts.foot_paths import BALL, HEEL, FootPath, foot_paths
 from .contacts.limb_goals import LimbGoal, reach_goals
 from .control_rig import ControlRig, RigPoses
 from .transfer import Placement, RetargetOptions, leg_length, place, transfer

@@ -13,6 +13,7 @@ from ...core.numerics.arrays import Array, Bools
 from ...core.retargeting.bone_matching import preset_of
 from ...core.retargeting.bone_roles.bone_presets import BonePreset
 from ...core.retargeting.bone_roles.roles import SIDES, BoneMap
+from ...core.retargeting.contacts.foot_paths import toes_in_floor
 from ...core.retargeting.contacts.long_feet import long_feet
 from ...core.retargeting.control_rig import MOVED, ControlRig, RigPoses, local_places, local_turns
 from ...core.retargeting.retarget import Retargeted, retarget
@@ -26,7 +27,7 @@ from .rigs.rig_curves import ControlChannel, rotation_channel
 from .rigs.rig_error import ShownBones
 from .rigs.rig_reading import RigReading, read_rig, turn_from_rest
 from .rigs.rig_settings import Owner, setting_channels, with_settings
-from .toe_tips import sole_below_ankle, standing_feet, toe_tips
+from .toe_tips import sole_below_ankle, standing_feet, toe_tips, toes_are_one_bone
 
 _FEET = tuple(f"foot.{side}" for side in SIDES)
 
@@ -80,7 +81,7 @@ class Transfer:
         The roles of its bones.
     options : RetargetOptions
     planted : mapping of str to ndarray of bool, shape (F,), optional
-        When points of the source's soles are planted, see `core.retargeting.contacts.foot_keeping.foot_paths`.
+        When points of the source's soles are planted, see `core.retargeting.contacts.foot_paths.foot_paths`.
     """
 
     motion: SkeletonMotion
@@ -103,7 +104,10 @@ def motion_on_rig(armature: bpy.types.Object, bones: BoneMap, transfer: Transfer
     standing, resting, skins = standing_feet(armature, bones, follows, turn)
     tips, sole = toe_tips(resting, bones, used, skins), sole_below_ankle(armature, bones, follows, skins, turn)
     if options.feet != "off" and options.root != "in-place" and not preset.ik:
-        used = _with_toes(bones, used, long_feet((transfer.motion.rest, transfer.bones), (resting, bones), tips))
+        sides = long_feet((transfer.motion.rest, transfer.bones), (resting, bones), tips)
+        stiff = toes_in_floor(transfer.motion, transfer.bones, transfer.planted)
+        sides += [side for side in stiff if side in tips and toes_are_one_bone(armature, bones, follows, side)]
+        used = _with_toes(bones, used, sides)
     names, ik = used.names(), [name for name in ik_bones(preset) if name in armature.pose.bones]
     held = () if preset.settings else names  # the limbs of a rig with settings are switched by these
     moved = [] if preset.settings else [used.bones[role][0] for role in MOVED if role in used.bones]

@@ -50,7 +50,7 @@ class SendOptions:
         If given, the character follows this armature by constraints, instead of getting keys: only joint angles and the
         path of the hips, without keeping feet and hands in place.
     planted : mapping of str to ndarray of bool, shape (F,), optional
-        When points of the source's soles are planted, see `core.retargeting.contacts.foot_keeping.foot_paths`.
+        When points of the source's soles are planted, see `core.retargeting.contacts.foot_paths.foot_paths`.
     """
 
     preset: str | None = None

@@ -9,7 +9,7 @@ import bpy
 from ...core.body import Body
 from ...core.errors import BodyError
 from ...core.numerics.arrays import Bools
-from ...core.retargeting.contacts.foot_keeping import foot_paths
+from ...core.retargeting.contacts.foot_paths import foot_paths
 from ...core.retargeting.foot_clean_up import with_clean_feet
 from ...core.retargeting.retarget import prepared
 from ..scene_io.body import body_armature

@@ -7,121 +7,25 @@ would move it on legs of another length. The correction fades over the frames be
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...body.foot_plants import find_plants, with_ends
+from ...body.foot_plants import find_plants
 from ...body.skeleton_motion import RestSkeleton, SkeletonMotion
-from ...body.soles import BALL_SHARE
 from ...numerics.arrays import Array, Bools
 from ...numerics.frame_ranges import runs
 from ..bone_roles.roles import SIDES, BoneMap
 from ..control_rig import ControlRig, RigPoses
-from ..rest_poses.rest_alignment import alignments, ankle_to_ball, facing, foot_ends_at_ball
+from ..rest_poses.rest_alignment import alignments
 from ..transfer import Placement, leg_length
+from .foot_paths import BALL, HEEL, FootPath, sole_offsets
 from .limb_goals import LimbGoal, limb_controls
 from .long_feet import LIKELY_FOOT, Sole
 
-HEEL, BALL = 0, 1
-"""Indices of a sole's points."""
-_HEEL_BACK = 0.3  # of the horizontal distance from ankle to ball: from the ankle back to the heel, if it is unknown
-_FOOT_LENGTH = 0.17  # of the leg length: from the ankle to the ball, if it is unknown
 _SAME_FOOT = 0.03  # relative: foot lengths this close to proportional to the legs are taken to be exactly so
 _FADE_TIME = 0.25  # seconds over which a correction fades
 _MAX_BRIDGED_TIME = 1.0  # seconds: over shorter swings a correction is interpolated to the next plant's
 _FLOOR_TOLERANCE = 0.06  # of the leg length: plants within this height stand on the floor
-
-
-@dataclass(frozen=True, eq=False)
-class FootPath:
-    """One foot of the source.
-
-    Attributes
-    ----------
-    side : str
-    points : ndarray, shape (F, 2, 3)
-        Heel and ball on the sole, in the source's world frame and unit. Where the bone of the foot ends at the tips of
-        the toes, these are in the ball's place, as the foot rolls over them.
-    offsets : ndarray, shape (2, 3)
-        The same points relative to the ankle, at rest.
-    planted : ndarray of bool, shape (F, 2)
-        When each of them is planted.
-    floor : float
-        Height of planted points, in the source's unit.
-    ball : float
-        Place of the ball, as a share of the way from the first point to the second: plants are about it.
-    """
-
-    side: str
-    points: Array
-    offsets: Array
-    planted: Bools
-    floor: float
-    ball: float
-
-    @property
-    def heel_and_ball(self) -> Array:
-        """What plants are about, shape (F, 2, 3)."""
-        return _with_ball(self.points, self.ball)
-
-
-def foot_paths(
-    source: SkeletonMotion,
-    of_source: BoneMap,
-    deviation: Array | None = None,
-    planted: Mapping[str, Bools] | None = None,
-) -> list[FootPath]:
-    """Return the paths of the source's soles, and when they are planted.
-
-    Parameters
-    ----------
-    deviation : ndarray, shape (F, J), optional
-        Standard deviation of the position of every bone of the source, in its unit.
-    planted : mapping of str to ndarray of bool, shape (F,), optional
-        When points of the soles are planted, by their names in `core.body.soles.SOLE_POINTS`, where that is known; for
-        other points it is detected from the motion.
-    """
-    given = planted or {}
-    leg = leg_length(source.rest, of_source)
-    found = []
-    for side in SIDES:
-        if f"foot.{side}" not in of_source.bones:
-            continue
-        [ankle] = source.rest.indices(of_source.bones[f"foot.{side}"])
-        offsets = sole_offsets(source.rest, of_source, side)
-        rolls = offsets is not None and not foot_ends_at_ball(source.rest, of_source, side)
-        if offsets is None:
-            forward = _FOOT_LENGTH * leg * (facing(source.rest, of_source) @ [0.0, -1.0, 0.0])
-            down = np.array([0.0, 0.0, source.rest.ground - source.rest.heads[ankle, 2]])
-            offsets = np.stack([down - _HEEL_BACK * forward, down + forward])
-        points = source.positions[:, None, ankle] + np.einsum("fij,cj->fci", source.turns[:, ankle], offsets)
-        ball = BALL_SHARE if rolls else 1.0
-        soles = _with_ball(points, ball)
-        doubt = None if deviation is None else np.repeat(deviation[:, ankle, None], 2, axis=1)
-        plants = find_plants(soles, source.fps, leg, doubt)
-        seen = with_ends(plants.planted, soles, plants.speed, source.fps)
-        columns = [given.get(f"{point}.{side}", seen[:, c]) for c, point in enumerate(("heel", "ball"))]
-        found.append(FootPath(side, points, offsets, np.stack(columns, axis=1), plants.floor, ball))
-    return found
-
-
-def _with_ball(points: Array, share: float) -> Array:
-    """Return points (F, 2, 3) with the second at a share of the way from the first."""
-    along = points[:, BALL] - points[:, HEEL]
-    return np.stack([points[:, HEEL], points[:, HEEL] + share * along], axis=1)
-
-
-def sole_offsets(rest: RestSkeleton, bones: BoneMap, side: str) -> Array | None:
-    """Return heel and ball on the ground relative to the ankle, at rest, shape (2, 3); None if they are unknown."""
-    ahead = ankle_to_ball(rest, bones, side)
-    if ahead is None:
-        return None
-    [j] = rest.indices(bones.bones[f"foot.{side}"])
-    down = np.array([0.0, 0.0, rest.ground - rest.heads[j, 2]])
-    return np.stack([down - _HEEL_BACK * ahead, down + ahead])
 
 
 def foot_goals(
@@ -158,21 +62,26 @@ def foot_goals(
             continue
         ankle = controls[2]
         offsets = _target_offsets(path, (motion.rest, of_source), rig, placement, A[roles[2]][0])
-        points = placement.moved(path.points)
+        toe = _bending_toe(of_source, rig, path.side)
         if clean:
             snap = _FLOOR_TOLERANCE * leg
             turns[:, ankle] = _flattened(turns[:, ankle], path.planted.all(axis=1), offsets, snap=snap, fps=motion.fps)
             points = _standing_points(path, placement, offsets, turns[:, ankle], snap)
+        else:
+            points = _rolling_points(path, placement, offsets, turns[:, ankle])
+        if toe is not None:
+            points[:, BALL, 2] = np.maximum(points[:, BALL, 2], _touching(path, placement))
         lowest = np.where(path.planted[:, BALL], points[:, BALL, 2], _least_height(points, placement))
         hip, foot = (poses.places[:, b] for b in (controls[0], ankle))
-        toe = _bending_toe(of_source, rig, path.side)
         joint = None if toe is None else rig.rest.heads[toe] - rig.rest.heads[ankle]
         sole = Sole(offsets[HEEL], offsets[BALL], joint)
         turns[:, ankle] = sole.with_lower_heel(turns[:, ankle], lowest, hip, foot, leg)
-        bends = sole.toe_bends(turns[:, ankle], foot[:, 2] - lowest)
+        bends = sole.toe_bends(turns[:, ankle], _least_rise(path, offsets, turns[:, ankle], foot[:, 2] - lowest))
         if toe is not None:
             turns[:, toe], driven[toe] = turns[:, ankle] @ sole.bent(bends), True
         ways = sole.ends(turns[:, ankle], bends)
+        rolls = path.rolls_over_ball
+        ways[rolls, BALL, :2] = (turns[rolls, ankle] @ offsets[BALL])[:, :2]  # however its toes bend
         held = path.planted.any(axis=1)
         wanted = _ankle_path(points, path.planted, ways, foot)
         shift = spread_shifts(np.where(held[:, None], wanted - foot, 0.0), held, motion.fps)
@@ -189,6 +98,35 @@ def _standing_points(path: FootPath, placement: Placement, offsets: Array, turns
     stood = _still(placement.moved(path.heel_and_ball), path.planted, floor, snap)
     stood[:, BALL] += turns @ ((1 - path.ball) * (offsets[BALL] - offsets[HEEL]))
     return np.where(path.planted[..., None], stood, placement.moved(path.points))
+
+
+def _rolling_points(path: FootPath, placement: Placement, offsets: Array, turns: Array) -> Array:
+    """Return heel and tip of the target (F, 2, 3), which move as the source's do. While the ball is planted, what
+    touches the floor is as high as there, unless the tip of a long foot would be deeper in the floor than the source's;
+    and of a foot that rolls over its ball, the ball moves as there. Where the tip is follows from that.
+    """
+    found = placement.moved(path.points)
+    along = turns @ (offsets[BALL] - offsets[HEEL])
+    higher = np.maximum(found[:, BALL, 2], _touching(path, placement) + (1 - path.touching) * along[:, 2])
+    found[:, BALL, 2] = np.where(path.planted[:, BALL], higher, found[:, BALL, 2])
+    by_ball = placement.moved(path.heel_and_ball[:, BALL]) + (1 - path.ball) * along
+    found[:, BALL, :2] = np.where(path.rolls_over_ball[:, None], by_ball[:, :2], found[:, BALL, :2])
+    return found
+
+
+def _touching(path: FootPath, placement: Placement) -> Array:
+    """Return the height of what touches the floor while the heel is raised, for the target, (F,)."""
+    heel, tip = path.points[:, HEEL], path.points[:, BALL]
+    return np.asarray(placement.moved(heel + path.touching[:, None] * (tip - heel))[:, 2])
+
+
+def _least_rise(path: FootPath, offsets: Array, turns: Array, rise: Array) -> Array:
+    """Return the height of the ankle (F,) above what touches the floor: `rise`, or while the ball is planted, that of a
+    stiff foot if that is less, of which the same part touches as of the source's.
+    """
+    touching = offsets[HEEL] + path.touching[:, None] * (offsets[BALL] - offsets[HEEL])
+    stiff = -np.einsum("fj,fj->f", turns[:, 2], touching)
+    return np.where(path.planted[:, BALL], np.minimum(rise, stiff), rise)
 
 
 def _bending_toe(of_source: BoneMap, rig: ControlRig, side: str) -> int | None:

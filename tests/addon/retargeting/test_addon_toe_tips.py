@@ -9,12 +9,15 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from kfmocap.core.body.soles import BALL_SHARE  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from made_rigs import moved_body  # noqa: E402
 from mathutils import Matrix, Vector  # noqa: E402
 from odd_characters import BODY, CONTROL, controlled_human, shown_heads, skinned_human  # noqa: E402
 from render.motions import MOTIONS  # noqa: E402
+from render.walking import Walk  # noqa: E402
+from render.walking_feet import Footfalls  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
 
@@ -198,6 +201,26 @@ def test_toes_of_a_foot_that_is_long_for_its_leg_bend_on_the_ground():
             bpy.context.scene.frame_set(frame)
             bends += [np.degrees(toe.matrix_basis.to_quaternion().angle) for toe in toes]
         assert (max(bends) > 20) == (share > 1)
+
+
+@pytest.mark.parametrize("toes", [1, 5])
+def test_toes_that_one_bone_leads_bend_where_the_performer_rolls_over_the_balls_of_stiff_feet(toes):
+    armature = with_feet(skinned_human(), 0.7)
+    with body_armature.edit_bones(armature) as bones:
+        for side in "LR":
+            foot = bones[f"foot.{side}"]
+            for k in range(toes):
+                bone = bones.new(f"toe.{side}" if k == 0 else f"toe{k + 1}.{side}")
+                bone.parent, bone.head = foot, foot.tail + Vector((0.015 * k, 0.0, 0.0))
+                bone.tail = bone.head + 0.4 * (foot.tail - foot.head)
+    steps = Footfalls(1.2, 0.8, 0.66, -8, 30, BALL_SHARE, heel_off=0.5, start=0.2)
+    motion = moved_body(BODY, Walk(steps).motion(BODY, np.arange(40) / 30.0), 30.0)
+    send_to_rig(bpy.context.scene, motion, armature, 1)
+    bends = []
+    for frame in range(1, 41):
+        bpy.context.scene.frame_set(frame)
+        bends += [np.degrees(armature.pose.bones[f"toe.{side}"].matrix_basis.to_quaternion().angle) for side in "LR"]
+    assert (max(bends) > 15) == (toes == 1)
 
 
 def test_fingers_that_are_not_moved_show_where_palms_face():

@@ -11,7 +11,7 @@ from kfmocap.core.body.motion import Motion
 from kfmocap.core.body.skeleton_motion import SkeletonMotion, motion_of_body
 from kfmocap.core.body.soles import Soles
 from kfmocap.core.numerics.arrays import Array
-from kfmocap.core.retargeting.contacts.foot_keeping import foot_paths
+from kfmocap.core.retargeting.contacts.foot_paths import foot_paths
 from kfmocap.core.retargeting.foot_clean_up import with_clean_feet
 from kfmocap.core.retargeting.retarget import prepared
 from kfmocap.core.shot.shot import KeyPoses
