@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kfmocap.core.body import human
-from kfmocap.core.retargeting.contacts import foot_keeping
+from kfmocap.core.retargeting.contacts import foot_paths
 from kfmocap.core.retargeting.contacts.long_feet import Sole
 from kfmocap.core.retargeting.retarget import Retargeted, prepared, retarget
 from made_rigs import LONGER_LEGS, SHORTER_ARMS, made_rig, moved_body, moved_rig
@@ -142,12 +142,12 @@ def test_a_long_foot_on_its_tips_comes_down_at_the_heel_rather_than_only_bend_th
     monkeypatch.setattr(Sole, "with_lower_heel", lambda _, turns, *__: turns)
     bent = retarget(source, bones, rig)
     [path] = [path for path in result.feet if path.side == "R"]
-    frames = path.planted[:, foot_keeping.BALL]
+    frames = path.planted[:, foot_paths.BALL]
     turned, by_leg = (squared_turns(rig, each, frames, ("thigh.R", "shin.R", "foot.R")) for each in (result, bent))
     assert (turned < 0.8 * by_leg).all()
     tip = [*ahead[:2], rig.rest.ground - rig.rest.heads[foot, 2]]
     height = (result.poses.places[:, foot] + result.poses.turns[:, foot] @ tip)[frames, 2]
-    np.testing.assert_allclose(height, path.points[frames, foot_keeping.BALL, 2], atol=HEIGHT_ERROR)
+    np.testing.assert_allclose(height, path.points[frames, foot_paths.BALL, 2], atol=HEIGHT_ERROR)
 
 
 def squared_turns(rig, result: Retargeted, frames, roles) -> np.ndarray:

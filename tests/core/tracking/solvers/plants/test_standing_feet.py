@@ -11,7 +11,7 @@ import pytest
 from kfmocap.core.body import part_poses
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.numerics.frame_ranges import runs
-from kfmocap.core.retargeting.contacts import foot_keeping
+from kfmocap.core.retargeting.contacts import foot_paths
 from kfmocap.core.retargeting.foot_clean_up import with_clean_feet
 from kfmocap.core.shot.shot import KeyPoses
 from kfmocap.core.tracking.solvers.descent_stages import POLISH, DescentStage
@@ -50,7 +50,7 @@ def _walk_on_heels_and_toes() -> Motion:
     """A walk whose heels and tips of the toes stand while they are planted, and with them all of the sole."""
     rough = MOTIONS["walk"](BODY, FRAMES, FPS)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(foot_keeping, "BALL_SHARE", 1.0)
+        patch.setattr(foot_paths, "BALL_SHARE", 1.0)
         return with_clean_feet(BODY, rough, FPS, KeyPoses.whole([], rough[:0]))
 
 
