@@ -180,14 +180,15 @@ def _solved(
         workspace = Workspace(by, on_step=_steps(progress, None))
         if (resumed := resume_segment(shot, solver, data, earlier, workspace)) is not None:
             seconds.add(resumed.solution.seconds)
-            return _without_refinement(replace(task, state=earlier.carried), resumed, None, seconds, by)
-    solved = solve_segment(shot, solver, data, state, Workspace(by, on_step=_steps(progress, watch)))
+            return _without_refinement(replace(task, state=earlier.carried), resumed, None, seconds, workspace)
+    workspace = Workspace(by, on_step=_steps(progress, watch))
+    solved = solve_segment(shot, solver, data, state, workspace)
     seconds.add(solved.solution.seconds)
     state = state.with_solution(segment, solved.solution.motions)
     with seconds.measure("appearance"):
         offset = measured_offset(shot, data, state)
     if solver.refine is None:
-        return _without_refinement(task, solved, offset, seconds, by)
+        return _without_refinement(task, solved, offset, seconds, workspace)
     slim = replace(solved.solution, evidence=None, misfit=None)
     return SolvedSegment(replace(data, views=()), slim, offset, dict(seconds))
 
@@ -217,15 +218,17 @@ def refine_task(
             workspace=Workspace(by, on_step=step_share(steps, 0.0, 1 - UNCERTAINTY_SHARE)),  # not kept: large caches
         )
         seconds.add(refined.solution.seconds)
-        finished = _finished(task, refined, solved.solution.motions, solved.offset, seconds, by=by)
+        rest = Workspace(by, on_step=step_share(steps, 1 - UNCERTAINTY_SHARE, 1.0))
+        finished = _finished(task, refined, solved.solution.motions, solved.offset, seconds, workspace=rest)
     return RefinedSegment(finished, dict(seconds))
 
 
 def _without_refinement(
-    task: SegmentTask, ended: SegmentState, offset: Offset | None, seconds: Seconds, by: ViewWork
+    task: SegmentTask, ended: SegmentState, offset: Offset | None, seconds: Seconds, workspace: Workspace
 ) -> SolvedSegment:
-    """Return a segment that is finished as soon as it is solved."""
-    finished = _finished(task, ended, ended.solution.motions, offset, seconds, by=by)
+    """Return a segment that is finished as soon as it is solved, in this workspace."""
+    rest = Workspace(workspace.by, on_step=step_share(workspace.on_step, 1.0, 1.0))
+    finished = _finished(task, ended, ended.solution.motions, offset, seconds, workspace=rest)
     slim = replace(ended.solution, evidence=None, misfit=None)
     return SolvedSegment(replace(ended.data, views=()), slim, offset, dict(seconds), finished)
 
@@ -264,15 +267,17 @@ def _finished(
     offset: Offset | None,
     seconds: Seconds,
     *,
-    by: ViewWork,
+    workspace: Workspace,
 ) -> FinishedSegment:
-    """Return the finished segment, with its uncertainty and with planted feet held."""
+    """Return the finished segment, with its uncertainty and with planted feet held. The workspace's progress is that of
+    both; the solver's polish with planted feet reports it, and can be cancelled.
+    """
     solution = ended.solution
     energy = sum((earlier.energy for earlier in (*ended.earlier, solution)), ())
     found = _found_accelerations(ended)
     result = SegmentResult(*ended.data.segment, ended.iterations, energy, found)
     with seconds.measure("uncertainty"):
-        uncertainties, delays, equations = segment_uncertainties(ended.problem, solution, by)
+        uncertainties, delays, equations = segment_uncertainties(ended.problem, solution, workspace.by)
     settled = SettledMotions(solution.motions, (None,) * len(solution.motions))
     if (settle := solver_named(ended.problem.settings.solver).settle) is not None:
         ratios = [own.ratios(body) for own, body in zip(uncertainties, ended.problem.bodies, strict=True)]
@@ -280,7 +285,7 @@ def _finished(
         keys = [performer.key_poses.full() for performer in shot.performers]
         before = state.beside(task.segment, segments(shot), keys)
         with seconds.measure("solve"):
-            settled = settle(ended.problem, solution, equations, before, ratios, workspace=Workspace(by))
+            settled = settle(ended.problem, solution, equations, before, ratios, workspace=workspace.part(0.5, 1.0))
     return FinishedSegment(
         result=result,
         first_motions=first_motions,

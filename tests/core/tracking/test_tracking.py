@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,6 +22,8 @@ from kfmocap.core.shot.segments import segments
 from kfmocap.core.shot.settings import Settings
 from kfmocap.core.shot.shot import KeyPoses, Shot, View
 from kfmocap.core.tracking.scheduling import segment_tasks
+from kfmocap.core.tracking.solvers import registry
+from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.tracker import track
 from synthetic import CAMERAS, at_rest, figure, film, look_at, rigidly_moved, rigidly_moved_camera, shot_of, swing
 
@@ -245,6 +248,30 @@ def test_progress_does_not_leap(views: list[View]) -> None:
     told: list[float] = []
     track(shot(views, settings=Settings(threads=1)), lambda _, fraction: told.append(fraction) is None)
     assert np.diff(told).max() < 0.5
+
+
+def test_the_polish_with_planted_feet_reports_and_can_be_cancelled(
+    views: list[View], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It comes last, when other stages of the segment have reported most of the work."""
+    done: list[float] = []
+    polishing = []
+
+    def settle(_problem: Any, solution: Any, _equations: Any, *_: Any, workspace: Workspace) -> Any:
+        polishing.append(len(done))
+        workspace.report(0.5, solution.motions)
+        raise AssertionError("it was cancelled before")
+
+    def progress(_: str, fraction: float) -> bool:
+        done.append(fraction)
+        return not polishing
+
+    polished = replace(registry.GAUSS_NEWTON, settle=settle)
+    monkeypatch.setattr(registry, "REGISTRY", {"gauss-newton": polished})
+    with pytest.raises(CancelledError):
+        track(shot(views), progress)
+    [before] = polishing
+    assert len(done) == before + 1 and done[before - 1] < done[before] < 1
 
 
 @solvers
