@@ -65,12 +65,16 @@ class ApparentPlants:
         Number of steps in a row before and after the segment on which each of the points seems planted as well.
     floor : FloorHeight or None
         On which they stand on key poses, on the segment or beside it.
+    begins, ends : bool
+        Whether the motion that is known begins, and ends, with the segment.
     """
 
     plants: PlantFactor
     before: Ints
     after: Ints
-    floor: FloorHeight | None = None
+    floor: FloorHeight | None
+    begins: bool
+    ends: bool
 
     @classmethod
     def of(
@@ -89,7 +93,7 @@ class ApparentPlants:
         if frames.keyed and len(keyed := frames.keyed[performer]):
             heights = found.soles.world(part_poses(body, motion[keyed]))[..., 2]
             floor = FloorHeight.of(heights[found.frames[keyed]])
-        return cls(replace(found, steps=steps), before, after, floor)
+        return cls(replace(found, steps=steps), before, after, floor, begins=first == 0, ends=last == len(motion) - 1)
 
     def beside(self, point: int, earlier: ApparentPlants | None) -> Bools:
         """Return the steps, (F - 1,), on which the heel of the foot seems planted as well, now or earlier, if the point
@@ -107,6 +111,11 @@ class ApparentPlants:
         before = self.before[plant.point] if plant.steps[0] == 0 else 0
         after = self.after[plant.point] if plant.steps[1] == len(self.plants.steps) - 1 else 0
         return int(before + len(plant) + after)
+
+    def is_cut_off(self, plant: Plant) -> bool:
+        """Return whether a plant reaches to an end of the motion that is known, so that it may last longer."""
+        first, last = plant.steps
+        return (self.begins and first == 0) or (self.ends and last == len(self.plants.steps) - 1)
 
 
 def overlapping(run: tuple[int, int], others: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:

@@ -104,26 +104,38 @@ class PlantTests:
                     yield shorter
 
     def _trimmed(self, plant: Plant) -> Plant:
-        """Return a plant that passes without the steps at its ends on which the point moves by the evidence and by the
-        pictures: a long plant may pass as a whole though the point leaves at its end.
+        """Return a plant that passes without the steps at its ends on which the point moves by the evidence and the
+        pictures together, if the pictures are for it: a long plant may pass as a whole though the point leaves at its
+        end. Both are independent, so what a step costs by the two of them adds up.
         """
-        for shorter in self._shorter(plant):
-            if self.evidence.log_odds(shorter) <= self.evidence.log_odds(plant):
+        while len(plant) > 2:
+            odds = self.evidence.log_odds(plant)
+            found = [
+                (cost + 2 * more, shorter)
+                for cost, shorter in self._shortened(plant)
+                if (more := self.evidence.log_odds(shorter) - odds) > 0
+            ]
+            gain, shorter = max(found, key=itemgetter(0), default=(0.0, plant))
+            if gain < chdtri(3, OVERHANG_SIGNIFICANCE):
                 break
             plant = shorter
         return plant
 
     def _shorter(self, plant: Plant) -> Iterator[Plant]:
         """Leave out steps at the ends of a plant that raise its cost by more than chance does, the costliest first."""
-        cost = self._cost(plant)
-        while plant.steps[1] - plant.steps[0] >= 2:
-            first, last = plant.steps
-            shorter = [replace(plant, steps=steps) for steps in ((first + 1, last), (first, last - 1))]
-            less, plant = min(zip(map(self._cost, shorter), shorter, strict=True), key=itemgetter(0))
-            if cost - less < chdtri(3, OVERHANG_SIGNIFICANCE):
+        while len(plant) > 2:
+            cost, plant = max(self._shortened(plant), key=itemgetter(0))
+            if cost < chdtri(3, OVERHANG_SIGNIFICANCE):
                 return
-            cost = less
             yield plant
+
+    def _shortened(self, plant: Plant) -> Iterator[tuple[float, Plant]]:
+        """Give a plant without its first and without its last step, and by how much less each of them costs."""
+        first, last = plant.steps
+        cost = self._cost(plant)
+        for steps in ((first + 1, last), (first, last - 1)):
+            shorter = replace(plant, steps=steps)
+            yield cost - self._cost(shorter), shorter
 
     def _agrees(self, plant: Plant) -> bool:
         """Test a plant against key poses, pictures, and the evidence, whose covariance is multiplied by a ratio.

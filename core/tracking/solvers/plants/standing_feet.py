@@ -8,13 +8,14 @@ freedom per step. It takes the full covariance of the steps into account, in whi
 than jitter. The covariance of the normal equations is first scaled by the ratio of errors to it that the shot shows for
 leg and foot: key poses that were predicted without themselves are missed by more where feet are half hidden. The
 pictures around the point are asked as well whether it stands or moves as it was tracked: they do not depend on the
-shape of the foot, whose errors make it drift. A plant that passes ends before steps on which both the evidence and the
-pictures have the point move; one of a ball takes in the frames on which the heel stands, if the evidence or the
-pictures of these agree: a flicker of the evidence seems to end it. Smoothness blurs the moments at which a foot lands
-and leaves, so plants also take in the frames beside them on which the point may stand, too: the evidence has nothing
-against it, or the pictures show the point in its place. Two plants of a point with no time for a step between them
-become one if that passes as well. Those that are brief all the same are left out. Then all are held together, on the
-same normal equations; those that are near the floor on which key poses have such points are held at its height, too
+shape of the foot, whose errors make it drift. A plant that passes ends before steps on which the evidence and the
+pictures together have the point move; one of a ball takes in the frames on which the heel stands, if the evidence or
+the pictures of these agree: a flicker of the evidence seems to end it. Smoothness blurs the moments at which a foot
+lands and leaves, so plants also take in the frames beside them on which the point may stand, too: the evidence has
+nothing against it, or the pictures show the point in its place. Two plants of a point with no time for a step between
+them become one if that passes as well. Those that are brief all the same are left out, unless the shot begins or ends
+with them, so that they may be longer, and the pictures are for them. Then all are held together, on the same normal
+equations; those that are near the floor on which key poses have such points are held at its height, too
 (`floor_height`). Where that moves a joint farther than these equations hold, the solution is polished with the plants
 held.
 
@@ -182,7 +183,8 @@ def _plants_that_fit(
         ratio = evidence.ratio_of_errors(performer, part, ratios)
         heel = found[:, plants.soles.parts == part].any(axis=1)  # of the same foot; a heel is tested before its ball
         for plant in PlantTests(evidence, ratio, movable).plants_of(apparent, earlier, performer, point, heel):
-            if apparent.steps_around(plant) >= MIN_DURATION * problem.fps:
+            lasts = apparent.steps_around(plant) >= MIN_DURATION * problem.fps
+            if lasts or (apparent.is_cut_off(plant) and evidence.log_odds(plant) > 0):
                 steps = slice(plant.steps[0], plant.steps[1] + 1)
                 found[steps, point] = True
                 if floor is not None and floor.carries(evidence.path(plant)):
