@@ -21,7 +21,7 @@ from ...core.retargeting.standing_rests import as_at_rest, standing_rig
 from ...core.retargeting.transfer import RetargetOptions
 from .rigs.fk_controls import FkControls, through_controls
 from .rigs.held_bones import Driver, without_connections, without_drivers, without_holds
-from .rigs.ik_controls import ik_bones, ik_channels, ik_roles
+from .rigs.ik_controls import can_be_keyed, ik_bones, ik_channels, ik_roles
 from .rigs.rig_at_rest import at_rest, rest_orientations, shown_size
 from .rigs.rig_curves import ControlChannel, rotation_channel
 from .rigs.rig_error import ShownBones
@@ -103,11 +103,11 @@ def motion_on_rig(armature: bpy.types.Object, bones: BoneMap, transfer: Transfer
     turn = turn_from_rest(armature, bones)
     standing, resting, skins = standing_feet(armature, bones, follows, turn)
     tips, sole = toe_tips(resting, bones, used, skins), sole_below_ankle(armature, bones, follows, skins, turn)
-    if options.feet != "off" and options.root != "in-place" and not preset.ik:
+    if options.feet != "off" and options.root != "in-place":
         sides = long_feet((transfer.motion.rest, transfer.bones), (resting, bones), tips)
         stiff = toes_in_floor(transfer.motion, transfer.bones, transfer.planted)
         sides += [side for side in stiff if side in tips and toes_are_one_bone(armature, bones, follows, side)]
-        used = _with_toes(bones, used, sides)
+        used = _with_toes(bones, used, [side for side in sides if can_be_keyed(armature, preset, f"toe.{side}")])
     names, ik = used.names(), [name for name in ik_bones(preset) if name in armature.pose.bones]
     held = () if preset.settings else names  # the limbs of a rig with settings are switched by these
     moved = [] if preset.settings else [used.bones[role][0] for role in MOVED if role in used.bones]

@@ -29,6 +29,8 @@ class IkLimb:
         Names of the IK control of the limb's end, and of the pole target.
     twist : str
         Name of the control that turns what follows the lower bone about its length, which inverse kinematics does not.
+    beyond : tuple of str, optional
+        Role of what hangs on the limb's end, and the name of its control.
     """
 
     upper: str
@@ -37,6 +39,7 @@ class IkLimb:
     control: str
     pole: str
     twist: str
+    beyond: tuple[str, str] | None
 
 
 @dataclass(frozen=True)
@@ -166,6 +169,7 @@ _RIGIFY_IK = tuple(
         control=f"{control}.{side}",
         pole=f"{pole}.{side}",
         twist=f"{lower}_tweak.{side}",
+        beyond=(f"toe.{side}", f"toe_ik.{side}") if end == "foot" else None,
     )
     for upper, lower, end, control, pole in (
         ("upper_arm", "forearm", "hand", "hand_ik", "upper_arm_ik_target"),

@@ -33,7 +33,14 @@ def ik_roles(rig: ControlRig, preset: BonePreset) -> set[int]:
 
 def ik_bones(preset: BonePreset) -> list[str]:
     """Return the names of the controls that a preset keys for limbs that are driven by IK."""
-    return [name for limb in preset.ik for name in (limb.control, limb.pole, limb.twist)]
+    beyond = [limb.beyond[1] for limb in preset.ik if limb.beyond is not None]
+    return [name for limb in preset.ik for name in (limb.control, limb.pole, limb.twist)] + beyond
+
+
+def can_be_keyed(armature: bpy.types.Object, preset: BonePreset, role: str) -> bool:
+    """Return whether a preset has a control for what hangs on the end of a limb, if it drives the limb by IK."""
+    controls = [limb.beyond[1] for limb in preset.ik if limb.beyond is not None and limb.beyond[0] == role]
+    return not controls or controls[0] in armature.pose.bones
 
 
 def forget_twists(armature: bpy.types.Object) -> None:
@@ -84,8 +91,19 @@ def _limb(armature: bpy.types.Object, rig: ControlRig, poses: RigPoses, limb: Ik
         [R], _ = world_matrices(armature, [limb.twist])
         twists = _twists(along, poses.turns[:, lower], bent)
         found.append(rotation_channel(armature.pose.bones[limb.twist], rotations.exp(twists @ R)))
+    found += _beyond(armature, rig, poses, limb)
     # Stretched limbs bend elbows and knees less, or more, than the pole and the end ask for.
     return [*found, *(ControlChannel(name, "ik_stretch", np.zeros((1, 1))) for name in solver.stretching)]
+
+
+def _beyond(armature: bpy.types.Object, rig: ControlRig, poses: RigPoses, limb: IkLimb) -> list[ControlChannel]:
+    """Return the rotation from the limb's end of the control of what hangs on it, if it is posed."""
+    role, name = limb.beyond or ("", "")
+    if role not in rig.bones.bones or not poses.driven[rig.index(role)] or name not in armature.pose.bones:
+        return []
+    [R], _ = world_matrices(armature, [name])
+    bent = np.swapaxes(poses.turns[:, rig.index(limb.end)], -1, -2) @ poses.turns[:, rig.index(role)]
+    return [rotation_channel(armature.pose.bones[name], R.T @ bent @ R)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 from kfmocap.core.body.skeleton_motion import motion_of_body  # noqa: E402
+from kfmocap.core.body.soles import BALL_SHARE  # noqa: E402
 from kfmocap.core.numerics import rotations  # noqa: E402
 from kfmocap.core.retargeting.transfer import RetargetOptions  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
@@ -14,6 +15,8 @@ from kfmocap.kfmocap_addon.scene_io.body.body_armature import edit_bones  # noqa
 from mathutils import Vector  # noqa: E402
 from odd_characters import BODY, generated_rig  # noqa: E402
 from render.motions import MOTIONS  # noqa: E402
+from render.walking import Walk  # noqa: E402
+from render.walking_feet import Footfalls  # noqa: E402
 from synthetic import swing  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
@@ -24,15 +27,18 @@ FRAMES = 24
 LIMBS = ("upper_arm", "forearm", "hand", "thigh", "shin", "foot")
 SHOWN = [f"DEF-{limb}.{side}{half}" for limb in LIMBS for side in "LR" for half in ("", ".001") if limb != "foot"]
 WALK = motion_of_body(BODY, MOTIONS["walk"](BODY, FRAMES, 30.0), "man", 30.0)
+STEPS = Footfalls(1.2, 0.8, 0.66, -8, 30, BALL_SHARE, heel_off=0.5, start=0.2)
+ROLLING = motion_of_body(BODY, Walk(STEPS).motion(BODY, np.arange(FRAMES) / 30.0), "man", 30.0)
+TOES = [f"DEF-{bone}.{side}" for bone in ("foot", "toe") for side in "LR"]
 AMPLITUDE = 0.2
 SWING = motion_of_body(BODY, swing(BODY, FRAMES, AMPLITUDE), "man", 30.0)
 """Elbows and knees turn about all axes, by up to `AMPLITUDE`, radians."""
 
 
-def shown(armature):
+def shown(armature, bones=SHOWN):
     """Orientations (F, B, 3, 3) and heads (F, B, 3) of deforming bones."""
     turns, heads = [], []
-    names = [name for name in SHOWN if name in armature.pose.bones]
+    names = [name for name in bones if name in armature.pose.bones]
     for frame in range(1, FRAMES + 1, 3):
         bpy.context.scene.frame_set(frame)
         posed = armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones
@@ -102,6 +108,20 @@ def test_ik_limbs_differ_from_fk_limbs_by_no_more_than_knees_and_elbows_turn_sid
     assert angle < 3.0 and distance < 2e-3
     # Bones that deform nothing are twisted by more, which is no error.
     assert max(report["error"][f"arm.{side}"]["worst_degrees"] for side in "LR") < 3.0
+
+
+def test_toes_of_ik_limbs_bend_as_those_of_fk_limbs_do():
+    """On the floor, while a stiff foot of the performer rolls over its ball."""
+    by_fk = shown(sent(ROLLING, "rigify")[0], TOES)
+    rig, report = sent(ROLLING, "rigify-ik")
+    by_ik = shown(rig, TOES)
+    angle, distance = apart(by_fk, by_ik)
+    assert angle < 0.5 and distance < 2e-3
+    assert not report["warnings"]
+    feet, toes = by_ik[0][:, :2], by_ik[0][:, 2:]
+    bends = np.swapaxes(feet, -1, -2) @ toes
+    angles = np.degrees(np.linalg.norm(rotations.log(np.swapaxes(bends[:1], -1, -2) @ bends), axis=-1))
+    assert angles.max() > 15
 
 
 def test_twists_of_ik_limbs_are_not_left_to_the_fk_limbs_that_follow():
