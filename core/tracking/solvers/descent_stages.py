@@ -22,6 +22,8 @@ MIN_STEP_SIGMAS = 0.2
 expected error by 2 % at most."""
 OUTLINE_REACH = 0.07
 """Usual distance from the model's outlines within which those of the performer are searched for, metres."""
+MAX_EXTRA_ITERATIONS = 6
+"""Most iterations by which a tested stage goes on while joints move."""
 MAX_STRIDE = 4
 """Largest stride between pixels, however many views there are: parts are hardly wider than that."""
 
@@ -36,6 +38,8 @@ class DescentStage:
         Sampling of the images with few views; see `sampling_of`.
     iterations : int
         Most iterations.
+    further : int
+        Most iterations by which it goes on while joints move, if it is the stage that ends a descent.
     views : int, optional
         At least that many views are evaluated in each iteration, in turn; None for all.
     small : float
@@ -59,6 +63,7 @@ class DescentStage:
 
     sampling: Sampling
     iterations: int
+    further: int = MAX_EXTRA_ITERATIONS
     views: int | None = None
     small: float = SMALL_STEP
     small_refused: bool = False
@@ -88,6 +93,10 @@ FREE_STAGES = (replace(FINE_STAGES[0], plants=False),)
 """The same with soles left free: those that only seem planted lead limbs to other minima."""
 STAGES = (*COARSE_STAGES, *FINE_STAGES)
 """From the curve through the key poses to the solution."""
+FREE_FROM_CURVE = (*COARSE_STAGES, *FREE_STAGES)
+"""From the curve to the solution with soles left free."""
+STAGES_ON_ALL_FRAMES = (*COARSE_STAGES, replace(FINE_STAGES[0], further=0))
+"""The same where the rest of the way is made on some of the frames."""
 REFINEMENT = (
     DescentStage(
         Sampling(1.0, 1.0, 2, OUTLINE_REACH), 6, small=0.004, small_refused=True, still=MIN_JOINT_MOVE, plants=False

@@ -31,8 +31,6 @@ from .equations.smoothness_factor import SegmentSmoothness
 from .joint_moves import at_rest, joint_moves
 from .view_subsets import views_in_sight
 
-MAX_EXTRA_ITERATIONS = 6
-"""Most iterations by which a tested stage goes on."""
 MAX_REPEATS = 3
 """Most repetitions of a refinement."""
 _STEP_SHARE, _DESCENT_SHARE = 0.4, 0.7
@@ -91,7 +89,7 @@ class _TestedStage:
         """Descend from the start."""
         stage = self._stage
         stopping = StoppingRule(
-            stage.iterations + MAX_EXTRA_ITERATIONS,
+            stage.iterations + stage.further,
             SMALL_GAIN,
             stage.small,
             self._distance,
@@ -151,7 +149,7 @@ class _TestedStage:
 
     def _not_worth_it(self, before: tuple[Motion, ...], after: tuple[Motion, ...]) -> bool:
         """Whether a step would hardly move anything, is in vain or, once the stage's iterations are over, hopeless."""
-        stage, left = self._stage, self._stage.iterations + MAX_EXTRA_ITERATIONS - self._done
+        stage, left = self._stage, self._stage.iterations + self._stage.further - self._done
         if stage.negligible and at_rest(self._problem, before, after, stage.negligible):
             return True
         if self._vain is not None and self._vain(before):
@@ -240,7 +238,7 @@ def descend(
         Per performer: the plants that are held in the last stage, if they are known.
     """
     *coarse, last = stages
-    share = 1 - last.iterations / sum(stage.iterations for stage in stages)
+    share = 1 - last.iterations / max(sum(stage.iterations for stage in stages), 1)
     begun = approach(problem, start, workspace.part(0.0, share), coarse)
     last = replace(last, sampling=last.sampling_of(views_in_sight(problem, begun.motions)))
     stage = _TestedStage(

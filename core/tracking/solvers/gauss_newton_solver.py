@@ -26,22 +26,33 @@ import numpy as np
 from ...body.motion import Motion
 from ...runtime.processes.freed_memory import return_freed_memory
 from ...runtime.timing import Seconds
-from .assessment.settled_solutions import SettledSolution
+from .assessment.settled_solutions import SettledSolution, unsettled
 from .assessment.solution_doubts import doubted_performers, frames_in_doubt, misfit_at, performers_uncovered
 from .assessment.solution_ranking import clearly_likelier
-from .descent_stages import OUTLINE_REACH, POLISH, POLISHED_AT_ONCE, REFINEMENT, RESUMED, SETTLED, DescentStage
+from .descent_stages import (
+    FREE_FROM_CURVE,
+    OUTLINE_REACH,
+    POLISH,
+    POLISHED_AT_ONCE,
+    REFINEMENT,
+    RESUMED,
+    SETTLED,
+    STAGES,
+    STAGES_ON_ALL_FRAMES,
+    DescentStage,
+)
 from .equations.measurement import Workspace
 from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSolution
 from .gauss_newton import continued, descend
 from .joint_moves import farthest_joint
 from .limb_corrections.leaping_limbs import with_leaps_bridged
 from .limb_corrections.limb_exchange import with_crossed_limbs_exchanged
-from .limb_corrections.limb_groups import contradicted
+from .limb_corrections.limb_gains import contradicted
 from .limb_corrections.limb_search import can_search_limbs
 from .limb_corrections.local_trials import HELD_FRAMES, Stretch, can_be_parted, stretch_of, stretches_around
 from .limb_corrections.regained_limbs import with_limbs_regained
 from .long_refinement import polished_again, refine
-from .multi_start import best_of_starts, first_solution, with_sides_exchanged
+from .multi_start import best_of_starts, first_solution, searched_once, with_sides_exchanged
 from .thinned_frames import ThinnedProblem
 
 
@@ -60,10 +71,11 @@ def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspac
             return _solved(problem, start, workspace)
         thinned = ThinnedProblem(problem, np.arange(problem.length), 1, problem)
     few, begin, inner = thinned.problem, thinned.of_motions(start), thinned.workspace(workspace.part(0.6, 1.0))
-    first = first_solution(few, begin, thinned.workspace(workspace.part(0.0, 0.6)))
+    beginning, parted = thinned.workspace(workspace.part(0.0, 0.6)), problem.settings.limb_search and can_be_parted(few)
+    first = descend(few, begin, beginning, FREE_FROM_CURVE) if parted else first_solution(few, begin, beginning)
     if not (problem.settings.limb_search and doubted_performers(few, begin, first)):
         return thinned.on_all_frames(_solved(few, begin, inner, first=first))
-    if can_be_parted(few) and (stretches := stretches_around(few, frames_in_doubt(few, first))):
+    if parted and (stretches := stretches_around(few, frames_in_doubt(few, first))):
         return _with_doubts_pursued(thinned, first, stretches, workspace.part(0.6, 1.0))
     return _pursued(thinned, start, workspace.part(0.6, 1.0), first)
 
@@ -75,19 +87,34 @@ def _pursued(
     not, left and right limbs of a single performer are exchanged in several views where that is better: each may have
     taken the other's pictures for its own.
 
-    `start` has F poses per performer; `before` is a solution whose iterations and time count as well.
+    `start` has F poses per performer; `before` as in `_first_on_all_frames`.
     """
     problem, few, inner = thinned.whole, thinned.problem, thinned.workspace(workspace.part(0.3, 1.0))
+    whole = _first_on_all_frames(thinned, start, workspace.part(0.0, 0.3), before)
     if few is problem:
-        return _solved(problem, start, workspace, first=before)
-    whole = first_solution(problem, start, workspace.part(0.0, 0.3))
-    whole = whole if before is None else _after(before, whole)
+        return _solved(problem, start, workspace.part(0.3, 1.0), first=whole)
     if not doubted_performers(problem, start, whole):
         if problem.shows_depth and not problem.among_others:
             whole = with_sides_exchanged(problem, whole, workspace.part(0.3, 0.5))
         return _solved(problem, start, workspace.part(0.5, 1.0), first=whole)
     first = _after(whole, descend(few, thinned.of_motions(whole.motions), inner.silent(), SETTLED))
+    if before is None and (once := searched_once(few, first, inner)) is not None:
+        return thinned.on_all_frames(_with_limbs_put_right(few, once, inner.silent()))
     return thinned.on_all_frames(_solved(few, thinned.of_motions(start), inner, first=first))
+
+
+def _first_on_all_frames(
+    thinned: ThinnedProblem, start: Sequence[Motion], workspace: Workspace, before: SegmentSolution | None
+) -> SegmentSolution:
+    """Return the first solution on all frames, with the iterations and the time of the one before on some of them.
+
+    There is none before in a window of a long segment: what the images contradict there was found with soles left free,
+    so seeming plants are held from the beginning, and with steps on all frames only as far as some of them go on.
+    """
+    whole, thin = thinned.whole, thinned.problem is not thinned.whole
+    if before is None:
+        return descend(whole, start, workspace, STAGES_ON_ALL_FRAMES if thin else STAGES)
+    return _after(before, first_solution(whole, start, workspace)) if thin else before
 
 
 def _with_doubts_pursued(
@@ -104,7 +131,8 @@ def _with_doubts_pursued(
     thinned = replace(thinned, whole=whole, problem=few)
     first = replace(first, motions=tuple(thinned.interpolated(first.motions)))
     first = _solved_around(thinned, first, stretches, workspace.part(0.0, 0.9))
-    begin = descend(few, thinned.of_motions(first.motions), workspace.silent(), SETTLED)
+    begin = unsettled(few, tuple(thinned.of_motions(first.motions)), workspace.silent())
+    begin = replace(begin, variances=first.variances)
     solution = _with_limbs_put_right(few, begin, thinned.workspace(workspace.part(0.9, 1.0)))
     if solution.motions is begin.motions:
         return replace(thinned.on_all_frames(_after(first, begin)), motions=first.motions)

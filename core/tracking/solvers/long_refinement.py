@@ -16,6 +16,9 @@ from .equations.problem import SegmentProblem, SegmentSolution
 from .joint_moves import joint_moves
 from .limb_corrections.local_trials import MAX_SHARE, can_be_parted, stretch_of, stretches_around
 
+STEPS_ON_ALL_FRAMES = 2
+"""Steps of the last stage that a long segment makes as a whole."""
+
 
 def refine(
     problem: SegmentProblem,
@@ -25,13 +28,16 @@ def refine(
 ) -> SegmentSolution:
     """Refine a solution, as `gauss_newton.refine` does.
 
-    The longer a segment, the likelier it is that some limb still moves somewhere. So a long one is refined again around
-    the frames on which a joint moved by more than `UNCONVERGED_MOVE`, while the motion beside them stays.
+    The longer a segment, the likelier it is that some limb still moves somewhere. So the last stage of a long one makes
+    `STEPS_ON_ALL_FRAMES` only, and it is refined again around the frames on which a joint moved by more than
+    `UNCONVERGED_MOVE`, while the motion beside them stays.
     """
     if not can_be_parted(problem):
         return gauss_newton.refine(problem, start, workspace, stages)
-    repeated = partial(_refined_where_it_moves, problem, stages[-1:])
-    return gauss_newton.refine(problem, start, workspace, stages, repeated=repeated)
+    *coarse, last = stages
+    repeated = partial(_refined_where_it_moves, problem, [last])
+    at_once = [*coarse, replace(last, iterations=STEPS_ON_ALL_FRAMES, further=0)]
+    return gauss_newton.refine(problem, start, workspace, at_once, repeated=repeated)
 
 
 def polished_again(
@@ -66,8 +72,8 @@ def _refined_around(
     moving: Bools,
     workspace: Workspace,
 ) -> SegmentSolution:
-    """Refine a solution around some frames (F,), and then all of it, unless that would move no joint by more than
-    `UNCONVERGED_MOVE`; on all frames at once if these are most of them.
+    """Refine a solution around some frames (F,), and measure the result; on all frames at once if these are most of
+    them.
     """
     stretches = [replace(stretch, held=(True, True)) for stretch in stretches_around(problem, moving)]
     if sum(stretch.last + 1 - stretch.first for stretch in stretches) > MAX_SHARE * problem.length:
@@ -79,5 +85,5 @@ def _refined_around(
         begin = [motion[stretch.first : stretch.last + 1] for motion in motions]
         here = gauss_newton.refine(stretch_of(smooth, stretch), begin, Workspace(workspace.by), stages)
         motions = tuple(m.replaced(stretch.first, own) for m, own in zip(motions, here.motions, strict=True))
-    at_rest = [replace(stage, negligible=UNCONVERGED_MOVE) for stage in stages]
-    return gauss_newton.descend(problem, motions, workspace.part(0.5, 1.0), at_rest)
+    measured = [replace(stage, iterations=0, further=0) for stage in stages]
+    return gauss_newton.descend(problem, motions, workspace.part(0.5, 1.0), measured)

@@ -279,6 +279,19 @@ def best_of_own_starts(
     return replace(best, seconds=seconds, doubted=doubted)
 
 
+def searched_once(problem: SegmentProblem, first: SegmentSolution, workspace: Workspace) -> SegmentSolution | None:
+    """Make one round of the search for limbs around a solution for a single performer, and return that or the solution;
+    None where more than uncovered foreground contradicts it. `seconds` is the time of both.
+    """
+    if images_contradict(problem, first):
+        return None
+    seconds = Seconds(first.seconds)
+    with seconds.measure("initial solution"):
+        settled = SettledSolution.after(problem, first, workspace.silent())
+        trial = TrialRound.around(problem, settled, workspace)
+    return replace(trial.found if trial.explains(problem) else first, seconds=dict(seconds))
+
+
 def _can_be_searched(problem: SegmentProblem) -> bool:
     """Whether the limbs of the one performer that is solved for are worth a search.
 

@@ -33,14 +33,12 @@ from ..limb_evidence.limb_images import ViewRatios
 from ..limb_evidence.limb_model import FINE_POINTS, POINTS_PER_PART
 from ..thinned_frames import ThinnedProblem
 from .bridges import evenly_led
+from .limb_gains import contradicted, is_promising, least_gain
 from .limb_search import MIN_GAIN_ELSEWHERE, LimbSearch, frames_elsewhere, freed_limb, views_of
 from .local_trials import LocalTrial
 from .long_leaps import leaps_farther
 from .search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
 
-LEAST_GAIN = 100.0
-"""Smallest gain in log likelihood, in natural units, for which limbs are moved that the images do not contradict, or
-those of one of several performers: solving a limb that is right once more from elsewhere gains up to 60 by chance."""
 SEARCH_RATE = 12.0
 """Fewest frames per second on which poses of limbs of one of several performers are drawn. Most of these are right
 where they are, and how far off the others are changes slowly."""
@@ -113,7 +111,11 @@ def frames_searched(alone: SegmentProblem, motions: Sequence[Motion]) -> Thinned
 
 
 def likeliest_found(
-    problem: SegmentProblem, solution: SegmentSolution, group: LimbGroup, workspace: Workspace
+    problem: SegmentProblem,
+    solution: SegmentSolution,
+    group: LimbGroup,
+    known: SettledSolutions,
+    workspace: Workspace,
 ) -> SegmentSolution | None:
     """Search for a group of limbs as `with_limbs_found` does, and return the likeliest solution, however little it
     gains; None if the limbs are nowhere else in it. A round that leads back to where they were is in vain, and the
@@ -121,7 +123,7 @@ def likeliest_found(
     """
     thinned = ThinnedProblem.with_all(problem.alone(group.performer))
     search = _GroupSearch(thinned, group, workspace.silent(), only_elsewhere=True)
-    settled, best = search.likeliest(solution, SettledSolutions())
+    settled, best = search.likeliest(solution, known)
     return None if settled is None or best is settled.solution else best
 
 
@@ -178,15 +180,16 @@ class _GroupSearch:
             if found is None:
                 break
             there = None
-            if settled is None and alone.among_others:  # most limbs that are found elsewhere come back
-                there = self._solved(known.noise(alone, solution, quiet), solution, found)
-                if there is None:
-                    break
-            if settled is None:
-                settled = known.after(alone, solution, quiet)
-                best = settled.solution
-            there = there or self._solved(settled.noise, best, found)
-            if there is not None and (there := self._likelier(settled.noise, best, there)) is not None:
+            if is_promising(thinned, best.motions, (self.group.performer, self.group.chains), found, ratios):
+                if settled is None and self.only_elsewhere:  # most limbs that are found elsewhere come back
+                    there = self._solved(known.noise(alone, solution, quiet), solution, found)
+                    if there is None:
+                        break
+                if settled is None:
+                    settled = known.after(alone, solution, quiet)
+                    best = settled.solution
+                there = there or self._solved(settled.noise, best, found)
+            if settled and there and (there := self._likelier(settled.noise, best, there)) is not None:
                 best, vain = there, 0
             else:
                 vain += 1
@@ -256,24 +259,6 @@ def _if_likelier(
     if not refuted and leaps_farther(alone, i, settled.solution.motions[i], best.motions[i], group.chains):
         return solution
     return continued(solution, replace(best, only=problem.only))
-
-
-def contradicted(problem: SegmentProblem) -> bool:
-    """Whether the images contradicted a solution for a single performer: then anything that is likelier is an
-    improvement.
-    """
-    return bool(problem.doubted) and not problem.among_others
-
-
-def least_gain(problem: SegmentProblem) -> float:
-    """Smallest gain in log likelihood, in natural units, for which a solution is left for another one.
-
-    A single view hardly shows how far a limb of its only performer points towards it, so that no more than a small gain
-    is to be had.
-    """
-    if not (problem.shows_depth or problem.among_others):
-        return 0.0
-    return RESTING_GAIN if contradicted(problem) else LEAST_GAIN
 
 
 def _proposed(

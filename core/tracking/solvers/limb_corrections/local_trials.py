@@ -12,8 +12,8 @@ from ....body.motion import Motion
 from ....numerics.arrays import Bools
 from ....numerics.frame_ranges import adjacent_joined, runs
 from ..assessment.solution_ranking import likeliest
-from ..descent_stages import SETTLED, DescentStage
-from ..equations.measurement import Workspace
+from ..descent_stages import DescentStage
+from ..equations.measurement import Workspace, solution_at
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
 from ..gauss_newton import descend
@@ -111,8 +111,7 @@ def likelier_after_change(
 ) -> SegmentSolution:
     """Solve from motions that differ from a solution on some frames, and return the likelier of both.
 
-    In a long segment they are first solved from on these frames and those beside them, while the motion of the others
-    stays, and on all frames only if that makes the images likelier.
+    In a long segment they are solved from on these frames and those beside them alone; the motion of the others stays.
 
     Parameters
     ----------
@@ -132,7 +131,10 @@ def likelier_after_change(
         here, there = (descend(local.problem, one, workspace.silent(), stages, local.noise) for one in both)
         if likeliest(local.problem, local.noise, here, there) is here:
             return best
-        motions, stages = local.within(best.motions, there.motions), SETTLED
+        assert best.evidence is not None
+        motions = local.within(best.motions, there.motions)
+        other = solution_at(problem, motions, best.evidence.sampling, workspace, noise.sigma)
+        return likeliest(problem, noise, best, replace(other, variances=best.variances))
     return likeliest(problem, noise, best, descend(problem, motions, workspace, stages, noise))
 
 

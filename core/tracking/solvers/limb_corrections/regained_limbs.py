@@ -36,10 +36,10 @@ from ..gauss_newton import descend
 from ..limb_evidence.limb_images import ViewRatios
 from ..limb_evidence.limb_support import SupportOfLimb, evaluated, support_of_limbs
 from ..thinned_frames import ThinnedProblem
+from .limb_gains import contradicted
 from .limb_groups import (
     LimbGroup,
     continued_where_likelier,
-    contradicted,
     frames_searched,
     likeliest_found,
     with_limbs_found,
@@ -102,38 +102,48 @@ def _searched_in_stretches(
     carries no evidence then.
     """
     workspace.recent.forget()  # the evaluations of a long segment are large
-    found = solution.motions
-    for k, (group, ranges) in enumerate(stretches):
-        for n, stretch in enumerate(ranges):
-            workspace.report((k + n / len(ranges)) / len(stretches), found)
-            return_freed_memory(in_cycles=True)
-            here = tuple(motion[stretch.first : stretch.last + 1] for motion in found)
-            there = _found_there(stretch_of(problem, stretch), here, group, workspace)
-            if there is not here:
-                found = tuple(m.replaced(stretch.first, own) for m, own in zip(found, there, strict=True))
+    found, there = solution.motions, dict[Stretch, list[LimbGroup]]()
+    for group, ranges in stretches:
+        for stretch in ranges:
+            there.setdefault(stretch, []).append(group)
+    for k, (stretch, groups) in enumerate(there.items()):
+        workspace.report(k / len(there), found)
+        return_freed_memory(in_cycles=True)
+        here = tuple(motion[stretch.first : stretch.last + 1] for motion in found)
+        moved = _found_there(stretch_of(problem, stretch), here, groups, workspace)
+        if moved is not here:
+            found = tuple(m.replaced(stretch.first, own) for m, own in zip(found, moved, strict=True))
     return solution if found is solution.motions else replace(solution, motions=found, evidence=None)
 
 
 def _found_there(
-    problem: SegmentProblem, motions: tuple[Motion, ...], group: LimbGroup, workspace: Workspace
+    problem: SegmentProblem, motions: tuple[Motion, ...], groups: Sequence[LimbGroup], workspace: Workspace
 ) -> tuple[Motion, ...]:
-    """Search for a group of limbs on the frames of a stretch, and return the motions, the same ones if none is found.
+    """Search for groups of limbs of one performer on the frames of a stretch, and return the motions, the same ones if
+    none is found.
 
     Where frames follow each other closely, rounds are made on some of them: most are in vain. What is likelier on these
     is solved for, and judged, on all, where more is to be gained.
     """
-    inner = Workspace(workspace.by)
     thinned = ThinnedProblem.of(problem, motions)
+    inner, known = Workspace(workspace.by), SettledSolutions()
     if thinned is None:
-        return with_limbs_found(problem, unsettled(problem, motions, inner), group, SettledSolutions(), inner).motions
-    few = unsettled(thinned.problem, tuple(thinned.of_motions(motions)), inner)
-    found = likeliest_found(thinned.problem, few, group, inner)
-    if found is None:
-        return motions
-    inner = Workspace(workspace.by)
-    return with_limbs_moved(
-        problem, unsettled(problem, motions, inner), group, thinned.interpolated(found.motions), inner
-    ).motions
+        solution = unsettled(problem, motions, inner)
+        for group in groups:
+            solution = with_limbs_found(problem, solution, group, known, inner)
+        return solution.motions
+    few = None
+    for group in groups:
+        few = few or unsettled(thinned.problem, tuple(thinned.of_motions(motions)), inner)
+        found = likeliest_found(thinned.problem, few, group, known, inner)
+        if found is None:
+            continue
+        judging = Workspace(workspace.by)
+        begin = unsettled(problem, motions, judging)
+        end = with_limbs_moved(problem, begin, group, thinned.interpolated(found.motions), judging)
+        if end is not begin:
+            motions, few = end.motions, None
+    return motions
 
 
 def suspected_groups(

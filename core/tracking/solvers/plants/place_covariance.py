@@ -23,6 +23,8 @@ LONG = 200
 """Number of frames of a segment from which on frames count as known that are at least `REACH` frames after those whose
 places are asked for: time and memory would grow with the square of the length."""
 REACH = 50
+KNOWN_EVERY = 100
+"""Frames between those from which on all may count as known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,4 +122,4 @@ class PlaceCovariance:
         for most of them, so that their covariances are those of one system.
         """
         F = len(self.places)
-        return F if F <= LONG else min(-(-(stop + REACH) // LONG) * LONG, F)
+        return F if F <= LONG else min(-(-(stop + REACH) // KNOWN_EVERY) * KNOWN_EVERY, F)

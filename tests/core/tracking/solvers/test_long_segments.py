@@ -23,7 +23,6 @@ from kfmocap.core.tracking.solvers.assessment.solution_doubts import frames_in_d
 from kfmocap.core.tracking.solvers.descent_stages import (
     POLISH,
     POLISHED_AT_ONCE,
-    SETTLED,
     UNCONVERGED_MOVE,
     DescentStage,
 )
@@ -43,6 +42,7 @@ from kfmocap.core.tracking.solvers.limb_corrections.local_trials import (
     stretches_around,
 )
 from kfmocap.core.tracking.solvers.limb_evidence.limb_support import SupportOfLimb
+from kfmocap.core.tracking.solvers.long_refinement import STEPS_ON_ALL_FRAMES
 from kfmocap.core.tracking.solvers.thinned_frames import ThinnedProblem
 from made_evidence import Landscape
 from synthetic import CAMERAS, at_rest, coloured, dark, ends_held
@@ -51,7 +51,7 @@ BODY, FPS, LONG = human(), 30.0, 300
 LIMBS, PAIR = limbs(BODY), limb_pairs(BODY)[0]
 BESIDE = HELD_FRAMES + round(ADAPTATION_TIME * FPS)
 SAMPLING = Sampling(1.0, 1.0, 2, 0.07)
-AT_REST = [replace(POLISH[0], iterations=POLISHED_AT_ONCE[-1].iterations, negligible=UNCONVERGED_MOVE)]
+MEASURED = [replace(POLISH[0], iterations=0, further=0)]
 
 
 def seen(frames: int, every: int = 1) -> SegmentProblem:
@@ -142,7 +142,7 @@ def test_around_frames_in_doubt_a_long_segment_is_solved_again_and_counts_as_dou
         tried.append((thinned.whole.first, len(fixed)))
         return result([start[0].moved(np.where(fixed[:, None], 0.0, 0.1) * np.ones(BODY.dof))] if helped else start)
 
-    for solving in ("first_solution", "descend"):
+    for solving in ("first_solution", "descend", "unsettled"):
         monkeypatch.setattr(gauss_newton_solver, solving, lambda _problem, start, *_: result(start))
     monkeypatch.setattr(gauss_newton_solver, "doubted_performers", lambda *_: [0])
     monkeypatch.setattr(gauss_newton_solver, "frames_in_doubt", lambda few, _: some_frames(few.length, (40, 44)))
@@ -272,15 +272,41 @@ def test_where_frames_follow_each_other_closely_rounds_are_made_on_some_of_them(
     monkeypatch.setattr(regained_limbs, "unsettled", measured)
     monkeypatch.setattr(regained_limbs, "likeliest_found", rounds)
     monkeypatch.setattr(regained_limbs, "with_limbs_moved", moved)
-    [end] = regained_limbs._found_there(problem, (rest,), LimbGroup(0, (PAIR[0],)), Workspace())
+    [end] = regained_limbs._found_there(problem, (rest,), [LimbGroup(0, (PAIR[0],))], Workspace())
     some, *everything = made
     assert some < 0.6 * LONG and everything == [LONG] * found and (end is rest) != found
     if found:
         np.testing.assert_allclose(rest.difference(end), np.tile(turned, (LONG, 1)), atol=1e-3)
 
 
+@pytest.mark.parametrize("rate", [1, 3])
+def test_seeming_plants_are_held_only_around_frames_in_doubt(monkeypatch: pytest.MonkeyPatch, rate: int) -> None:
+    """With few steps on all frames where some of them go on."""
+    problem, rest = seen(LONG, rate), at_rest(BODY, LONG)
+    thinned = ThinnedProblem.of(problem, [rest]) or ThinnedProblem.with_all(problem)
+    asked: list[Sequence[DescentStage]] = []
+
+    class AskedError(Exception):
+        pass
+
+    def descended(_: object, __: object, ___: object, stages: Sequence[DescentStage]) -> None:
+        asked.append(stages)
+        raise AskedError
+
+    monkeypatch.setattr(gauss_newton_solver, "descend", descended)
+    for solve in (
+        lambda: gauss_newton_solver.solved(problem, [rest], Workspace()),
+        lambda: gauss_newton_solver._pursued(thinned, [rest], Workspace()),
+    ):
+        with pytest.raises(AskedError):
+            solve()
+    first, around = asked
+    assert not first[-1].plants and around[-1].plants
+    assert first[-1].further > 0 and (around[-1].further == 0) == (rate > 1)
+
+
 @pytest.mark.parametrize("better", [True, False])
-def test_a_change_of_a_moment_is_solved_for_on_all_frames_only_if_it_is_better_there(
+def test_a_change_of_a_moment_is_solved_for_there_alone_and_taken_if_it_is_better(
     monkeypatch: pytest.MonkeyPatch, better: bool
 ) -> None:
     problem, rest = seen(LONG), at_rest(BODY, LONG)
@@ -293,14 +319,18 @@ def test_a_change_of_a_moment_is_solved_for_on_all_frames_only_if_it_is_better_t
         asked.append((own.length, stages))
         return SimpleNamespace(motions=tuple(motions))
 
+    def measured(_: object, motions: Sequence[Motion], *__: object) -> SegmentSolution:
+        return replace(best, motions=tuple(motions))
+
     def likeliest(_problem: object, _noise: object, one: Any, other: Any) -> Any:
         return other if better else one
 
     monkeypatch.setattr(local_trials, "descend", solved)
+    monkeypatch.setattr(local_trials, "solution_at", measured)
     monkeypatch.setattr(local_trials, "likeliest", likeliest)
     found = likelier_after_change(problem, noise, best, [changed], Workspace(), stages=BRIDGING)
     around = 10 + 2 * BESIDE
-    assert asked == [(around, BRIDGING)] * 2 + [(LONG, SETTLED)] * better
+    assert asked == [(around, BRIDGING)] * 2
     assert (found is best) != better
     if better:
         np.testing.assert_array_equal(found.motions[0].rotations, changed.rotations)
@@ -310,8 +340,8 @@ def test_a_change_of_a_moment_is_solved_for_on_all_frames_only_if_it_is_better_t
 def test_a_long_segment_is_refined_again_only_around_frames_on_which_a_joint_still_moves(
     monkeypatch: pytest.MonkeyPatch, wide: bool
 ) -> None:
-    """Unless these are most of its frames. The last stage ends it on all frames either way, and goes on with what is
-    still far off only.
+    """Unless these are most of its frames. Few steps of the last stage are made on all frames, and the end is measured
+    on all of them.
     """
     problem, rest = seen(LONG), at_rest(BODY, LONG)
     moving = np.where(some_frames(LONG, (10, 290) if wide else (100, 104)), 2 * UNCONVERGED_MOVE, 0.0)
@@ -330,8 +360,9 @@ def test_a_long_segment_is_refined_again_only_around_frames_on_which_a_joint_sti
     monkeypatch.setattr(long_refinement.gauss_newton, "descend", descended)
     found = long_refinement.refine(problem, [rest], Workspace(), POLISHED_AT_ONCE)
     last = POLISHED_AT_ONCE[-1:]
-    again = [(LONG, last)] if wide else [(5 + 2 * BESIDE, last), (LONG, AT_REST)]
-    assert asked == [(LONG, POLISHED_AT_ONCE), *again]
+    again = [(LONG, [*last])] if wide else [(5 + 2 * BESIDE, [*last]), (LONG, MEASURED)]
+    at_once = [*POLISHED_AT_ONCE[:-1], replace(last[0], iterations=STEPS_ON_ALL_FRAMES, further=0)]
+    assert asked == [(LONG, at_once), *again]
     changed = np.flatnonzero(rest.difference(found.motions[0]).any(axis=1))
     kept = [] if wide else np.arange(100 - BESIDE + HELD_FRAMES, 105 + BESIDE - HELD_FRAMES)
     np.testing.assert_array_equal(changed, kept)
@@ -354,6 +385,6 @@ def test_a_limb_that_was_found_in_a_polished_segment_is_polished_around_that_mom
     end = long_refinement.polished_again(problem, polished, [found], Workspace())
     np.testing.assert_array_equal(end.motions[0].rotations, found.rotations)
     if is_long(problem):
-        assert asked == [(5 + 2 * BESIDE, POLISH), (LONG, [replace(POLISH[0], negligible=UNCONVERGED_MOVE)])]
+        assert asked == [(5 + 2 * BESIDE, POLISH), (LONG, MEASURED)]
     else:
         assert asked == [(LONG, POLISH)]

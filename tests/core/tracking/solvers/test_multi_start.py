@@ -19,7 +19,13 @@ from kfmocap.core.tracking.solvers import gauss_newton, gauss_newton_solver, mul
 from kfmocap.core.tracking.solvers.approach import Approach
 from kfmocap.core.tracking.solvers.assessment import solution_doubts, solution_ranking
 from kfmocap.core.tracking.solvers.assessment.settled_solutions import SettledSolution
-from kfmocap.core.tracking.solvers.descent_stages import FINE_STAGES, FREE_STAGES, SETTLED, STAGES
+from kfmocap.core.tracking.solvers.descent_stages import (
+    FINE_STAGES,
+    FREE_STAGES,
+    MAX_EXTRA_ITERATIONS,
+    SETTLED,
+    STAGES,
+)
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.limb_corrections import limb_exchange, search_rounds
@@ -111,6 +117,22 @@ def test_limbs_are_exchanged_only_once_the_search_has_found_another_motion(
     monkeypatch.setattr(multi_start, "with_limbs_exchanged", lambda _problem, best, *_: asked.append(best) or best)
     multi_start.best_of_starts(PROBLEM, [TRUTH], Workspace())
     assert asked == [other] * found
+
+
+@pytest.mark.parametrize(("contradicted", "elsewhere"), [(False, False), (False, True), (True, False)])
+def test_one_round_of_the_search_is_enough_where_nothing_but_foreground_contradicts(
+    monkeypatch: pytest.MonkeyPatch, contradicted: bool, elsewhere: bool
+) -> None:
+    landscape, rounds = Landscape(truth=TRUTH, reach=0.0), list[bool]()
+    lost, found = (landscape.solution(PROBLEM, motion) for motion in (off(TRUTH, ARMS, 0.9), TRUTH))
+    monkeypatch.setattr(multi_start, "images_contradict", lambda *_: contradicted)
+    monkeypatch.setattr(search_rounds.TrialRound, "explains", lambda *_: elsewhere)
+    monkeypatch.setattr(search_rounds, "search_round", lambda *_, **__: rounds.append(True) or found)
+    best = multi_start.searched_once(PROBLEM, lost, landscape)
+    assert len(rounds) == (not contradicted)
+    assert (None if best is None else best.motions) == (
+        None if contradicted else found.motions if elsewhere else lost.motions
+    )
 
 
 @pytest.mark.parametrize(("contradicted", "elsewhere"), [(False, False), (False, True), (True, False)])
@@ -788,7 +810,7 @@ def test_a_hopeless_descent_ends_with_the_iterations_of_its_stage(hopeless: bool
         return hopeless
 
     free, told = (gauss_newton.descend(PROBLEM, [start], landscape, (stage,), hopeless=given) for given in (None, test))
-    assert asked[0] == 1 + gauss_newton.MAX_EXTRA_ITERATIONS
+    assert asked[0] == 1 + MAX_EXTRA_ITERATIONS
     assert len(told.energy) == (2 if hopeless else len(free.energy))
     assert len(free.energy) > 2
 

@@ -19,8 +19,8 @@ from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, Segm
 from kfmocap.core.tracking.solvers.equations.segment_equations import SegmentNoise
 from kfmocap.core.tracking.solvers.gauss_newton import VainTest
 from kfmocap.core.tracking.solvers.limb_corrections import limb_groups
+from kfmocap.core.tracking.solvers.limb_corrections.limb_gains import LEAST_GAIN
 from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import (
-    LEAST_GAIN,
     SEARCH_RATE,
     LimbGroup,
     frames_searched,
@@ -70,6 +70,9 @@ class World:
     """By how much the first limb turns when it is solved for."""
     leaps: bool = False
     """Whether limbs leap to where they are found."""
+    promising: bool = True
+    """Whether pixels gain where limbs are found."""
+    drawn: int = 0
     settled: int = 0
     solved: list[tuple[int, int]] = field(default_factory=list)
     """First frame and length of what was solved."""
@@ -87,6 +90,7 @@ class World:
         self, _problem: object, motions: Sequence[Motion], place: tuple[int, Sequence[int]], *_: object, **__: object
     ) -> Motion:
         i, chain = place
+        self.drawn += 1
         return turned(motions[i], chain, self.frames, self.angle) if chain in self.found else motions[i]
 
     def after(self, monkeypatch: pytest.MonkeyPatch, problem: SegmentProblem, group: LimbGroup) -> SegmentSolution:
@@ -113,6 +117,7 @@ class World:
         monkeypatch.setattr(limb_groups, "freed_limb", self.search)
         monkeypatch.setattr(limb_groups, "solved_from", solved)
         monkeypatch.setattr(limb_groups, "views_of", lambda *_: [])
+        monkeypatch.setattr(limb_groups, "is_promising", lambda *_: self.promising)
         monkeypatch.setattr(SettledSolutions, "noise", lambda *_: noise)
         monkeypatch.setattr(ThinnedProblem, "at_rate", lambda *_: None)
         monkeypatch.setattr(limb_groups, "settled_further", self.settled_further)
@@ -181,14 +186,21 @@ def test_where_frames_follow_each_other_closely_a_limb_is_drawn_on_some_of_them_
 @pytest.mark.parametrize("gain", [-MUCH, 2 * RESTING_GAIN, MUCH])
 def test_the_likeliest_limb_is_returned_however_little_it_gains(monkeypatch: pytest.MonkeyPatch, gain: float) -> None:
     world, problem = World({(0, 0): 0.0, (9, 0): gain, (18, 0): -MUCH}, PAIR[:1]), seen_by(2)
-    found = likeliest_found(problem, world.begun(monkeypatch, problem), ONE, Workspace())
+    found = likeliest_found(problem, world.begun(monkeypatch, problem), ONE, SettledSolutions(), Workspace())
     assert (None if found is None else angles(found.motions[0])) == (None if gain < 0 else (9, 0))
 
 
 def test_the_likeliest_limb_is_sought_until_a_round_leads_back(monkeypatch: pytest.MonkeyPatch) -> None:
     world, problem = World(defaultdict(lambda: MUCH, {(0, 0): 0.0}), PAIR[:1], back=-0.85), seen_by(2)
-    assert likeliest_found(problem, world.begun(monkeypatch, problem), ONE, Workspace()) is None
+    assert likeliest_found(problem, world.begun(monkeypatch, problem), ONE, SettledSolutions(), Workspace()) is None
     assert len(world.tried) == 1 and not world.further
+
+
+def test_limbs_are_not_solved_for_where_that_promises_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The round counts as one in vain."""
+    world = World({(0, 0): 0.0, (9, 0): MUCH}, PAIR[:1], promising=False)
+    assert angles(world.after(monkeypatch, seen_by(2), ONE).motions[0]) == (0, 0)
+    assert not world.tried and not world.settled and world.drawn == MAX_VAIN_ROUNDS
 
 
 @pytest.mark.parametrize("gain", [LEAST_GAIN / 2, MUCH])

@@ -24,9 +24,21 @@ from kfmocap.core.tracking.solvers.assessment.solution_ranking import RESTING_GA
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.gauss_newton_solver import refined
-from kfmocap.core.tracking.solvers.limb_corrections import limb_groups, limb_paths, limb_search, regained_limbs
+from kfmocap.core.tracking.solvers.limb_corrections import (
+    limb_gains,
+    limb_groups,
+    limb_paths,
+    limb_search,
+    regained_limbs,
+)
+from kfmocap.core.tracking.solvers.limb_corrections.limb_gains import is_promising
 from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import LimbGroup, with_limbs_found
-from kfmocap.core.tracking.solvers.limb_corrections.limb_search import MIN_GAIN_ELSEWHERE, LimbSearch, freed_limb
+from kfmocap.core.tracking.solvers.limb_corrections.limb_search import (
+    MIN_GAIN_ELSEWHERE,
+    LimbSearch,
+    freed_limb,
+    views_of,
+)
 from kfmocap.core.tracking.solvers.limb_evidence.limb_model import LimbModel
 from kfmocap.core.tracking.solvers.limb_evidence.limb_support import SupportOfLimb
 from kfmocap.core.tracking.solvers.thinned_frames import ThinnedProblem
@@ -63,7 +75,7 @@ def without_descent(monkeypatch: pytest.MonkeyPatch) -> None:
         return SegmentSolution.of(motions, evidence, iterations=1, energy=[0.0])
 
     monkeypatch.setattr("kfmocap.core.tracking.solvers.gauss_newton.refine", measured)
-    monkeypatch.setattr(limb_groups, "LEAST_GAIN", RESTING_GAIN)
+    monkeypatch.setattr(limb_gains, "LEAST_GAIN", RESTING_GAIN)
     limbs = ("limb_corrections.regained_limbs", "limb_corrections.limb_groups")
     for module in (*limbs, "assessment.settled_solutions", "assessment.solution_ranking"):
         monkeypatch.setattr(f"kfmocap.core.tracking.solvers.{module}.descend", measured)
@@ -139,6 +151,15 @@ def test_a_limb_is_moved_only_if_pictures_gain_by_it_on_frames_on_which_it_was_e
     assert error_mm(freed_limb(problem, [lost], (0, ARM), 0, gainful)) < 0.5 * error_mm(lost)
     assert freed_limb(problem, [lost], (0, ARM), 0, LimbSearch(least_gain=np.inf)) is lost
     assert freed_limb(problem, [TRUTH], (0, ARM), 0, gainful) is TRUTH
+
+
+def test_a_limb_that_nothing_contradicts_is_solved_for_only_where_its_pixels_gain(problem: SegmentProblem) -> None:
+    """Where the pictures contradict the performer, anything that is likelier is an improvement."""
+    lost, ratios = astray(), views_of(problem, [TRUTH], 0)
+    kept, doubted = (ThinnedProblem.with_all(one) for one in (problem, replace(problem, doubted=(0,))))
+    assert is_promising(kept, [lost], (0, [ARM]), TRUTH, ratios)
+    assert not is_promising(kept, [TRUTH], (0, [ARM]), lost, ratios)
+    assert is_promising(doubted, [TRUTH], (0, [ARM]), lost, ratios)
 
 
 def test_a_limb_of_one_of_several_is_moved_only_if_other_random_poses_lead_to_the_same_place(

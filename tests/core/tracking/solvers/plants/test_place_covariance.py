@@ -62,6 +62,7 @@ def test_in_a_long_segment_frames_far_ahead_count_as_known(monkeypatch: pytest.M
     jacobian, places = rng.normal(size=(FRAMES, 3, OWN.stop - OWN.start)), rng.normal(size=(FRAMES, 3))
     exact = place_of(factor, jacobian, places)
     monkeypatch.setattr(place_covariance, "LONG", 10)
+    monkeypatch.setattr(place_covariance, "KNOWN_EVERY", 10)
     monkeypatch.setattr(place_covariance, "REACH", 8)
     found = place_of(factor, jacobian, places)
     for first, last in ((4, 8), (24, 26), (2, 36)):
@@ -75,6 +76,7 @@ def test_in_a_long_segment_frames_far_ahead_count_as_known(monkeypatch: pytest.M
 def test_a_point_may_stand_for_longer_than_frames_are_looked_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
     """Places far apart are hardly less alike than neighbours where they walk at random: all must be of one system."""
     monkeypatch.setattr(place_covariance, "LONG", 10)
+    monkeypatch.setattr(place_covariance, "KNOWN_EVERY", 10)
     monkeypatch.setattr(place_covariance, "REACH", 4)
     blocks = BandedBlocks.zeros(FRAMES, 3)
     blocks.diagonal[:], blocks.first[:] = 2.001 * np.eye(3), -np.eye(3)
