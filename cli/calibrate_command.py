@@ -19,10 +19,11 @@ from ..core.fitting.shot_cameras import refine_shot_cameras
 from ..core.formats.calibrations.calibration_files import export_cameras, format_name, load_cameras
 from ..core.formats.marker_points import write_marker_points
 from ..core.formats.shot_toml import read_shot_spec
-from ..core.formats.wand_toml import load_wand
+from ..core.formats.wand_toml import capture_files, load_wand
 from ..core.runtime.interrupts import results_are_written
 from ..core.runtime.output_files.files import check_inputs_kept, replacing, together
 from ..core.runtime.progress import Progress
+from ..core.shot.shot_spec import ShotSpec
 from ..core.tracking.prepare import prepare_shot, read_shot_cameras
 from .printed import print_outcome
 from .progress_bar import progress_bar
@@ -119,8 +120,11 @@ def run_calibrate(
         stage = None if report is None else outputs.folder(report, REPORT_FILES)
         points_file = None if points is None else outputs.file(points, parents=True)
         calibration = outputs.file(out.path, parents=True)
-        check_inputs_kept([file for file in (out.path, points) if file is not None], [wand])
-        solution = calibrate(load_wand(wand), progress, drift=drift)
+        results = [file for file in (out.path, points) if file is not None]
+        check_inputs_kept(results, [wand])
+        capture = load_wand(wand)
+        check_inputs_kept(results, capture_files(wand))
+        solution = calibrate(capture, progress, drift=drift)
         files = [out.path]
         if report is not None and stage is not None:
             files += [report / file.name for file in write_report(stage, solution)]
@@ -153,6 +157,7 @@ def calibrate_by_performer(
     out.check()
     with replacing(out.path) as calibration:
         spec = read_shot_spec(shot_path)
+        _check_shot_kept(spec, out)
         found = cameras_of_shot(spec, {} if lenses is None else load_cameras(lenses), progress)
         out.write(calibration, found.cameras)
     return found
@@ -177,8 +182,19 @@ def refine_shot(shot_path: Path, out: CamerasFile, progress: Progress | None) ->
     out.check()
     with replacing(out.path) as calibration:
         spec = read_shot_spec(shot_path)
-        check_inputs_kept([out.path], [shot_path, *(view.footage for view in spec.views)])
+        _check_shot_kept(spec, out)
         cameras = read_shot_cameras(spec)
         refinement = refine_shot_cameras(prepare_shot(spec), progress)
         out.write(calibration, cameras | refinement.cameras)
     return refinement
+
+
+def _check_shot_kept(spec: ShotSpec, out: CamerasFile) -> None:
+    """Check that the cameras overwrite nothing of a shot but its calibration, which they may replace.
+
+    Raises
+    ------
+    OutputError
+        They would.
+    """
+    check_inputs_kept([out.path], [spec.path, *(file for file in spec.files() if file != spec.calibration)])

@@ -65,6 +65,15 @@ def load_wand(path: Path | str) -> CaptureVideos | Capture:
         )
 
 
+def capture_files(path: Path) -> list[Path]:
+    """Return the videos and the files of points that a capture file names, one that `load_wand` can read."""
+    document = read_toml(path, "the capture file", CalibrationError)
+    points, floor = document.get("points", {}), document.get("floor", {})
+    names = [view.get(take) for view in document["view"] for take in ("lframe", "wand")]
+    names += [points.get("file"), points.get("lframe"), floor.get("points")]
+    return [path.parent / name for name in names if name is not None]
+
+
 def _floor(document: Table, path: Path) -> tuple[tuple[tuple[int, int], ...], StandingPerformer | None]:
     """Read what replaces an L-frame: the frames on which the wand lies on the floor, or somebody who stands there."""
     if "floor" not in document:

@@ -140,9 +140,13 @@ def test_cameras_take_the_place_of_nothing_that_they_are_made_of(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shot = str(folder / "shot.toml")
-    assert_refused(folder, capsys, main(["calibrate", "--refine", shot, "--out", shot]), "would be replaced")
-    wand = str(made_capture(folder))
-    assert_refused(folder, capsys, main(["calibrate", wand, "--out", wand]), "wand.toml", "would be replaced")
+    for kind in ("--refine", "--performer"):
+        assert_refused(folder, capsys, main(["calibrate", kind, shot, "--out", shot]), "would be replaced")
+    wand = made_capture(folder)
+    arguments = ["calibrate", str(wand), "--out"]
+    assert_refused(folder, capsys, main([*arguments, str(wand)]), "wand.toml", "would be replaced")
+    arguments += [str(folder / "new.toml"), "--points", str(folder / "points.csv")]
+    assert_refused(folder, capsys, main(arguments), "points.csv", "would be replaced")
 
 
 def test_a_folder_in_the_way_of_a_result_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
