@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from ..errors import BodyError
+from ..errors import BodyError, LandmarkError
 from ..numerics.arrays import Array
 
 UNLIMITED = ((-np.pi, np.pi),) * 3
@@ -173,7 +173,15 @@ class Body(_Caching):
     def landmark_arrays(self, names: list[str]) -> tuple[NDArray[np.int64], Array]:
         """Part indices (L,) of the named landmarks, and their positions in the frames of these parts, metres, (L,
         3).
+
+        Raises
+        ------
+        LandmarkError
+            The body lacks one.
         """
+        for name in names:
+            if name not in self.landmarks:
+                raise LandmarkError(f"the body has no landmark '{name}'", todo=f"it has {', '.join(self.landmarks)}")
         parts = np.array([self.landmarks[n][0] for n in names], dtype=np.int64)
         points = np.array([self.landmarks[n][1] for n in names], dtype=float).reshape(-1, 3)
         return parts, points

@@ -141,6 +141,9 @@ def human(
             raise BodyError(f"unknown measure '{name}'", todo=f"the measures are {', '.join(FRACTIONS)}")
         if not np.isfinite(value) or (value <= 0 and name not in SHIFTS):
             raise BodyError(f"measure '{name}' is {value}", todo="give a positive number of metres")
+        if abs(value) > height:
+            what = f"measure '{name}' is {value}, which is more than the height of {height}"
+            raise BodyError(what, todo="give both in metres")
         for key in keys:
             m[key] = value
     return _assemble(m, height / 1.75, solid=solid, collar_bones=collar_bones)

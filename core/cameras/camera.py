@@ -19,6 +19,8 @@ from ..numerics.arrays import Array, Bools
 from .lens_turns import split, zooming
 
 _MIN_DEPTH = 0.5  # metres before the camera: nearer points have the scale of this distance
+ROUNDING = 1e-3
+"""Largest deviation of R^T R from the identity that rounding of a rotation matrix's digits can explain."""
 _SAME_PLACE = 1e-4
 """Distance between the places of a camera that only turns, metres."""
 MAX_TURN_SHARE = 0.1
@@ -93,15 +95,19 @@ class Camera:
         CalibrationError
             Shapes or values that are not a camera's.
         """
-        R = np.asarray(R_cam_world, float).reshape(-1, 3, 3)
-        t = np.asarray(t_cam_world, float).reshape(-1, 3)
-        if len(R) != len(t):
-            raise CalibrationError(f"{len(R)} rotations but {len(t)} translations", where=f"camera {name}")
+        where = f"camera {name}"
+        R, t = _poses(R_cam_world, t_cam_world, where)
         K, dist = np.asarray(matrix, float), np.asarray(distortions, float).ravel()
         if K.shape != (3, 3) or not (K[0, 0] > 0 and K[1, 1] > 0):
-            raise CalibrationError("the matrix must be 3x3 with positive focal lengths", where=f"camera {name}")
+            raise CalibrationError("the matrix must be 3x3 with positive focal lengths", where=where)
         if not all(np.isfinite(a).all() for a in (K, dist, R, t)):
-            raise CalibrationError("a value is not a finite number", where=f"camera {name}")
+            raise CalibrationError("a value is not a finite number", where=where)
+        if np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max() > ROUNDING or (np.linalg.det(R) < 0).any():
+            todo = "matrices that scale or mirror are not rotations"
+            raise CalibrationError("a rotation matrix is not a rotation", where=where, todo=todo)
+        if isinstance(size, str) or len(size) != 2:
+            todo = "give width and height in pixels"
+            raise CalibrationError(f"the size of its pictures is {size!r}", where=where, todo=todo)
         return cls(
             name=name,
             size=(int(size[0]), int(size[1])),
@@ -315,3 +321,22 @@ def reduced_size(size: tuple[int, int], factor: float) -> tuple[int, int]:
 def field_of_frame(parity: int) -> Array:
     """Return the homography (3, 3) from the pixels of a frame to those of its field: v becomes (v - parity) / 2."""
     return np.array([[1, 0, 0], [0, 1 / 2, -parity / 2], [0, 0, 1]])
+
+
+def _poses(R_cam_world: ArrayLike, t_cam_world: ArrayLike, where: str) -> tuple[Array, Array]:
+    """Return rotations (N, 3, 3) and translations (N, 3) of the shapes that `Camera.create` takes.
+
+    Raises
+    ------
+    CalibrationError
+        They have other shapes, or are not as many.
+    """
+    R, t = np.asarray(R_cam_world, float), np.asarray(t_cam_world, float)
+    if R.shape[-2:] != (3, 3) or t.size % 3:
+        what = f"a rotation of shape {R.shape} and a translation of shape {t.shape}"
+        todo = "give a 3x3 matrix, which cv2.Rodrigues makes of a vector, and three numbers"
+        raise CalibrationError(what, where=where, todo=todo)
+    R, t = R.reshape(-1, 3, 3), t.reshape(-1, 3)
+    if len(R) != len(t):
+        raise CalibrationError(f"{len(R)} rotations but {len(t)} translations", where=where)
+    return R, t

@@ -125,12 +125,17 @@ def write_trc(path: Path | str, names: Sequence[str], points_world: Array, fps: 
 
     Raises
     ------
+    LandmarkError
+        There is not a position for each name, or the frame rate is not positive.
     OutputError
         The file cannot be written.
     """
     path = Path(path)
     points = np.asarray(points_world, float)
     F, L = len(points), len(names)
+    if points.shape != (F, L, 3) or not (np.isfinite(fps) and fps > 0):
+        what = f"positions of shape {points.shape} at {fps} frames per second"
+        raise LandmarkError(what, where=str(path), todo=f"give those of each frame, (frames, {L}, 3), and their rate")
     rate = f"{fps:.10g}"
     keys = "DataRate CameraRate NumFrames NumMarkers Units OrigDataRate OrigDataStartFrame OrigNumFrames"
     lines = [
@@ -140,7 +145,7 @@ def write_trc(path: Path | str, names: Sequence[str], points_world: Array, fps: 
         "Frame#\tTime\t" + "\t\t\t".join(names) + "\t\t",
         "\t\t" + "\t".join(f"X{i}\tY{i}\tZ{i}" for i in range(1, L + 1)),
     ]
-    for f, values in enumerate(points[..., _TRC_OF_WORLD].reshape(F, -1)):
+    for f, values in enumerate(points[..., _TRC_OF_WORLD].reshape(F, 3 * L)):
         cells = ("" if np.isnan(v) else f"{v:.7f}" for v in values)
         lines.append(f"{f + 1}\t{f / fps:.6f}\t" + "\t".join(cells))
     with replacing(path) as temporary:

@@ -14,7 +14,7 @@ import numpy as np
 from ..body import part_poses
 from ..body.unknown_parts import resting_parts
 from ..cameras.camera import Camera
-from ..errors import ShotError, located
+from ..errors import CalibrationError, ShotError, located
 from ..formats.calibrations.calibration_files import load_cameras
 from ..formats.keypoint_files import read_shot_keypoints
 from ..formats.shot_toml import read_shot_spec
@@ -88,7 +88,11 @@ def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None, ah
     ShotError, CalibrationError, FootageError, LandmarkError, KeypointError, BodyError
         The message names the file and the field.
     """
-    cameras = read_shot_cameras(spec) | dict(cameras or {})
+    known, given = read_shot_cameras(spec), dict(cameras or {})
+    if unknown := given.keys() - known.keys():
+        what = f"the calibration has no camera '{min(unknown)}' to be replaced"
+        raise CalibrationError(what, where=str(spec.calibration), todo=f"it has {', '.join(known)}")
+    cameras = known | given
     views = tuple(_view(view, cameras) for view in spec.views)
     length = spec.frames[1] - spec.frames[0] + 1
     # The footage is probed in other threads while bodies are fitted.

@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from ...cameras.camera import ROUNDING
 from ...errors import CalibrationError
 from ...numerics import rotations
 from ...numerics.arrays import Array
 
-ROUNDING = 1e-3
-"""Largest deviation of R^T R from the identity that rounding of the printed digits can explain."""
 MAX_ANGLE = 4 * np.pi
 """Longest Rodrigues vector that is accepted, radians: half a turn is enough for any rotation."""
 _VECTORS = ((3,), (3, 1), (1, 3))

@@ -14,6 +14,7 @@ from ...shot.shot import Shot
 from ..footage_reading.reader import is_kept, kept_rate
 from ..solvers.registry import solver_named
 from .run_context import RunContext
+from .shot_values import check_values
 
 
 def check_shot(shot: Shot, *, motion_known: bool = False) -> None:
@@ -32,6 +33,7 @@ def check_shot(shot: Shot, *, motion_known: bool = False) -> None:
     """
     if shot.length < 2:
         raise ShotError("a shot of one frame has nothing to track", where="[shot] frames")
+    check_values(shot)
     solver = solver_named(shot.settings.solver)
     if shot.holds and not solver.uses_holds:
         what = f"the solver {shot.settings.solver} does not support holds"

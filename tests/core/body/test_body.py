@@ -173,7 +173,14 @@ def test_every_measure_moves_a_landmark() -> None:
 
 @pytest.mark.parametrize(
     ("height", "measures"),
-    [(0.1, {}), (np.nan, {}), (1.7, {"thigh": -0.1}), (1.7, {"elbow": 0.1}), (1.7, {"shin.L": np.nan})],
+    [
+        (0.1, {}),
+        (np.nan, {}),
+        (1.7, {"thigh": -0.1}),
+        (1.7, {"elbow": 0.1}),
+        (1.7, {"shin.L": np.nan}),
+        (1.7, {"shin": 43.0}),
+    ],
 )
 def test_impossible_bodies_are_refused(height: float, measures: dict[str, float]) -> None:
     with pytest.raises(BodyError):

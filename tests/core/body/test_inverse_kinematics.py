@@ -150,6 +150,17 @@ def test_fewer_than_three_landmarks_are_an_error_that_names_the_pose(seen: int) 
         fit_poses(BODY, NAMES, targets)
 
 
+@pytest.mark.parametrize("shape", [(20, 3), (1, 19, 3), (1, 20, 2)])
+def test_positions_that_are_not_one_for_each_name_are_refused(shape: tuple[int, ...]) -> None:
+    with pytest.raises(LandmarkError, match=r"positions of shape .*\(poses, 20, 3\)"):
+        fit_poses(BODY, NAMES[:20], np.zeros(shape))
+
+
+def test_a_landmark_that_the_body_lacks_is_named() -> None:
+    with pytest.raises(LandmarkError, match=r"no landmark 'Tail' \(it has .*Hip"):
+        landmark_positions(BODY, at_rest(BODY), ["Hip", "Tail"])
+
+
 def test_no_usable_landmark_is_an_error_too() -> None:
     with pytest.raises(LandmarkError):
         fit_poses(BODY, ["LEar", "REar", "Tail"], np.zeros((1, 3, 3)))

@@ -132,6 +132,14 @@ def test_landmarks_between_the_key_frames_are_never_seen(folder: Path) -> None:
     assert np.array_equal(before.body.offsets, after.body.offsets)
 
 
+def test_choices_that_fit_nothing_are_refused(folder: Path) -> None:
+    with pytest.raises(KFMocapError, match=r"key frame 3\.5 is not a whole number"):
+        load_shot(folder / "shot.toml", keyframes=[2, 3.5])
+    cameras = load_cameras(folder / "calibration.toml")
+    with pytest.raises(KFMocapError, match=r"no camera 'side' to be replaced \(it has cam01, cam02\)"):
+        load_shot(folder / "shot.toml", cameras={"side": cameras["cam02"]})
+
+
 def test_arguments_override_the_file(folder: Path) -> None:
     shot = load_shot(folder / "shot.toml", views=["cam02"], keyframes=[2, 5], solver="gauss-newton")
     assert [view.camera.name for view in shot.views] == ["cam02"]

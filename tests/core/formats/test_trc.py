@@ -82,6 +82,15 @@ def test_a_file_that_is_not_a_trc_is_refused(tmp_path: Path) -> None:
             read_trc(tmp_path / name)
 
 
+@pytest.mark.parametrize(("shape", "fps"), [((5, 2), 30), ((5, 3, 3), 30), ((5, 2, 2), 30), ((5, 2, 3), 0)])
+def test_what_is_not_a_position_for_each_name_is_not_written(
+    tmp_path: Path, shape: tuple[int, ...], fps: float
+) -> None:
+    with pytest.raises(LandmarkError, match=rf"a\.trc: positions of shape .* at {fps} .*\(frames, 2, 3\)"):
+        write_trc(tmp_path / "a.trc", ["Hip", "Neck"], np.zeros(shape), fps)
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_file_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
     (tmp_path / "taken.trc").mkdir()
     with pytest.raises(OutputError, match=r"taken\.trc"):
