@@ -155,6 +155,14 @@ def test_a_camera_moved_by_a_constraint_is_read_on_every_frame(tmp_path):
     assert bpy.context.scene.frame_current == 3
 
 
+@pytest.mark.parametrize("scale", [(-1, 1, 1), (0, 0, 0)])
+def test_a_camera_that_its_scale_mirrors_is_named(tmp_path, scale):
+    slot = built(camera(1), tmp_path)
+    slot.camera.scale = scale
+    with pytest.raises(CalibrationError, match=f"camera {slot.camera.name}: its scale mirrors or flattens it"):
+        view_cameras.read_views(bpy.context.scene, 1, 5)
+
+
 def test_the_footage_stands_behind_its_camera_at_the_right_frame(tmp_path):
     original = shot(tmp_path)
     scene.build_scene(original, scene=bpy.context.scene)

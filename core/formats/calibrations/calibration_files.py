@@ -25,6 +25,9 @@ _OTHERS = {
 }
 """What to do with files of other programs, by the endings of their names."""
 _MAX_SIDE = 100_000  # pixels
+_LEAST_FOCAL_SHARE = 0.05
+"""Focal length, as a share of the picture's longer side, that no lens is shorter than: fisheyes of 180 degrees have a
+third."""
 
 
 @dataclass(frozen=True)
@@ -156,6 +159,9 @@ def _check_measures(camera: Camera, where: str) -> None:
     if not all(0 < side <= _MAX_SIDE for side in camera.size):
         todo = "give the width and height of the footage"
         raise CalibrationError(f"a picture of {camera.size[0]} x {camera.size[1]} pixels", where=where, todo=todo)
+    if (focal := min(camera.matrix[0, 0], camera.matrix[1, 1])) < _LEAST_FOCAL_SHARE * max(camera.size):
+        what = f"a focal length of {focal:.4g} pixels, shorter than any lens's"
+        raise CalibrationError(what, where=where, todo="if they are in millimetres, give the matrix in pixels")
     for what, values in (("matrix", camera.matrix), ("translation", camera.t_cam_world)):
         if not (abs(values) <= NUMBER_LIMIT).all():
             raise CalibrationError(f"the {what} holds a number too large to be true", where=where)

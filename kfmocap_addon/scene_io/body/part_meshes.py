@@ -157,7 +157,7 @@ def meshes_by_bone(armature: bpy.types.Object) -> dict[str, list[bpy.types.Objec
 
 
 def _to_bone_tail(child: bpy.types.Object) -> Array:
-    """Return the matrix (4, 4) from a mesh to the tail of the bone it hangs on."""
+    """Return the matrix (4, 4) from an object to the tail of the bone it hangs on, or to the object it hangs on."""
     return np.array(child.matrix_parent_inverse) @ np.array(child.matrix_basis)
 
 
@@ -178,9 +178,7 @@ def mesh_vertices(armature: bpy.types.Object, bone: bpy.types.Bone, meshes: Sequ
         if child.mode == "EDIT":
             child.update_from_editmode()
         local = _to_bone_tail(child)
-        points = np.empty(3 * len(child.data.vertices), np.float32)
-        child.data.vertices.foreach_get("co", points)
-        clouds.append(points.reshape(-1, 3) @ local[:3, :3].T + local[:3, 3] + [0.0, bone.length, 0.0])
+        clouds.append(_vertices(child.data) @ local[:3, :3].T + local[:3, 3] + [0.0, bone.length, 0.0])
     if not clouds:
         raise BodyError(
             "the bone carries no mesh",
@@ -188,3 +186,59 @@ def mesh_vertices(armature: bpy.types.Object, bone: bpy.types.Bone, meshes: Sequ
             todo="parent one to it",
         )
     return np.concatenate(clouds)
+
+
+def shows_more(mesh: bpy.types.Object) -> bool:
+    """Whether more is shown of a mesh on a bone than its vertices: by modifiers, or by meshes that hang on it."""
+    return _is_modified(mesh) or len(_hanging(mesh)) > 1
+
+
+def shown_clouds(armature: bpy.types.Object) -> dict[str, Array]:
+    """Return the same as `part_clouds` with modifiers, and with the meshes that hang on those of a bone."""
+    graph = bpy.context.evaluated_depsgraph_get()
+    found = {}
+    for name, meshes in meshes_by_bone(armature).items():
+        clouds = [
+            _shown_vertices(mesh, graph) @ to_tail[:3, :3].T
+            + to_tail[:3, 3]
+            + [0.0, armature.data.bones[name].length, 0.0]
+            for child in meshes
+            for mesh, to_tail in _hanging(child)
+        ]
+        found[name] = np.concatenate(clouds)
+    return found
+
+
+def _is_modified(mesh: bpy.types.Object) -> bool:
+    modifiers = [modifier for modifier in mesh.modifiers if modifier.show_viewport]
+    return bool(modifiers) and all(modifier.type != "ARMATURE" for modifier in modifiers)
+
+
+def _hanging(child: bpy.types.Object) -> list[tuple[bpy.types.Object, Array]]:
+    """Return a mesh on a bone and the meshes that hang on it, directly or by empties, with the matrices (4, 4) from
+    them to the bone's tail.
+    """
+    found, open_ends = [], [(child, _to_bone_tail(child))]
+    while open_ends:
+        thing, to_tail = open_ends.pop()
+        if thing.type == "MESH":
+            found.append((thing, to_tail))
+        hung = [c for c in thing.children if c.parent_type == "OBJECT" and c.type in ("MESH", "EMPTY")]
+        open_ends += [(c, to_tail @ _to_bone_tail(c)) for c in hung]
+    return found
+
+
+def _shown_vertices(mesh: bpy.types.Object, graph: bpy.types.Depsgraph) -> Array:
+    """Return the vertices (V, 3) of a mesh, with those of its modifiers, in its own axes."""
+    if not _is_modified(mesh):
+        return _vertices(mesh.data)
+    shown = mesh.evaluated_get(graph)
+    points = _vertices(shown.to_mesh())
+    shown.to_mesh_clear()
+    return points
+
+
+def _vertices(mesh: bpy.types.Mesh) -> Array:
+    points = np.empty(3 * len(mesh.vertices), np.float32)
+    mesh.vertices.foreach_get("co", points)
+    return points.reshape(-1, 3)

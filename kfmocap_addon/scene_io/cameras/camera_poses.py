@@ -69,6 +69,11 @@ def read_poses(
 
     However a camera is moved (keys, constraints, Blender's camera solver), it is evaluated on every frame: of one that
     its own keys alone move, the curves; for all others the scene goes through the frames.
+
+    Raises
+    ------
+    CalibrationError
+        No view layer holds all cameras, or the scale of one mirrors it.
     """
     frames = list(range(frame_start, frame_start + length))
     followed = [_along_curves(camera, frames) for camera in cameras]
@@ -83,7 +88,12 @@ def read_poses(
             layer.update()
             for c, camera in enumerate(cameras):
                 matrices[i, c] = np.array(camera.evaluated_get(layer.depsgraph).matrix_world)
-    return [_cv_poses(matrices[:, c] if keyed is None else keyed) for c, keyed in enumerate(followed)]
+    moved = [matrices[:, c] if keyed is None else keyed for c, keyed in enumerate(followed)]
+    for camera, placed in zip(cameras, moved, strict=True):
+        if (np.linalg.det(placed[:, :3, :3]) <= 0).any():
+            todo = "make its scale, and that of what it hangs on, positive; mirror the footage itself if it is mirrored"
+            raise CalibrationError("its scale mirrors or flattens it", where=f"camera {camera.name}", todo=todo)
+    return [_cv_poses(placed) for placed in moved]
 
 
 def _stands_still(camera: bpy.types.Object) -> bool:

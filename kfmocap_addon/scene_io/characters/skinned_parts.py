@@ -23,6 +23,8 @@ _CORNERS = 24
 _MIN_SIZE_SHARE = 0.045
 """Size of parts, as a share of the skin's height, below which they (fingers, eyes) belong to the part above."""
 _MIN_VERTICES = 8
+_MOST_VERTICES = 1000
+"""Of a part that is drawn as it is: every triangle of its hull is, in every picture and every iteration."""
 
 
 @dataclass(frozen=True)
@@ -125,24 +127,31 @@ def _clouds(armature: bpy.types.Object, skin: Skin, carriers: Mapping[str, str] 
 
 
 def _carried(armature: bpy.types.Object) -> dict[str, Array]:
-    """Return the vertices (V, 3) of the meshes on every bone that carries some, in the armature's axes."""
+    """Return the vertices (V, 3) of the meshes on every bone that carries some, and of what hangs on these, as they are
+    shown, in the armature's axes.
+    """
     frames = {name: np.array(armature.data.bones[name].matrix_local) for name in part_meshes.meshes_by_bone(armature)}
-    clouds = part_meshes.part_clouds(armature)
+    clouds = part_meshes.shown_clouds(armature)
     return {name: clouds[name] @ frame[:3, :3].T + frame[:3, 3] for name, frame in frames.items()}
 
 
 def carries_its_parts(armature: bpy.types.Object) -> bool:
     """Whether meshes on an armature's bones are the body: there is no skin, or most of it is led by bones with one.
 
-    Otherwise they are eyes, a hat or a prop of a skinned character; or, on an only bone, make one part with its skin.
+    Otherwise they are eyes, a hat or a prop of a skinned character; or, on an only bone, make one part with its skin;
+    or the meshes alone are not what is shown, or too many vertices to be drawn again and again.
     """
     meshes = part_meshes.meshes_by_bone(armature)
     if not meshes or any(child.hide_select for child in part_meshes.parts_of(armature)):
         return bool(meshes)
     skin = read_skin(armature)
     led = skin.leaders[skin.leaders >= 0]
-    if not len(led) or len(armature.data.bones) == 1:
-        return not len(led)
+    if not len(led):
+        return all(len(cloud) <= _MOST_VERTICES for cloud in part_meshes.part_clouds(armature).values()) and not any(
+            part_meshes.shows_more(mesh) for carried in meshes.values() for mesh in carried
+        )
+    if len(armature.data.bones) == 1:
+        return False
     return float(np.isin(led, [i for i, name in enumerate(skin.names) if name in meshes]).mean()) > 0.5
 
 

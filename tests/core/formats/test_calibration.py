@@ -348,6 +348,7 @@ def test_easymocaps_one_file_or_two_are_the_same_cameras(tmp_path: Path, togethe
         ("rotation = [1.2", "rotation = [nan", "'rotation' holds a value that is not a finite number"),
         ("rotation = [1.2,", "rotation = [", r"'rotation' has shape \(2,\), not 3"),
         ("700.5", "-700.5", "positive focal lengths"),
+        ("700.5", "30", "focal length of 30 pixels, shorter .* in millimetres"),
         ("distortions = [-0.05,", "distortions = [1, 2, -0.05,", "7 distortions, not 4 or 5"),
     ],
 )
