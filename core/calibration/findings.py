@@ -182,6 +182,13 @@ def camera_moved(camera: str, what: str) -> Finding:
     return Finding("camera-moved", what, todo, camera)
 
 
+def views_exchanged(cameras: tuple[str, str]) -> Finding:
+    """Two cameras see the L-frame each where the other should."""
+    what = "each sees the L-frame where the other should: their videos of it, or those of the wand, are exchanged"
+    todo = "give each [[view]] the videos of its own camera"
+    return Finding("views-exchanged", what, todo, " and ".join(cameras))
+
+
 def clock_off(camera: str, what: str) -> Finding:
     """A camera sees the wand elsewhere on most of its frames: its clock runs at another speed, or it was moved."""
     todo = (

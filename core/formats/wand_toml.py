@@ -20,6 +20,9 @@ from .marker_points import TAKES, read_marker_points
 from .reading import NUMBER_LIMIT, first_repeated, reading
 from .toml_tables import Table, check_kind, read_toml
 
+_MOST_BESIDE = 0.6
+"""How far a ball's centre may be from the middle of the picture, as a share of its size: it may lie beyond the edge."""
+_MANY = 0.05  # of a view's points
 _TABLES = ("lframe", "wand", "view", "points", "floor")
 _VIEW = ("camera", "lframe", "wand", "offset", "focal", "matrix", "distortions", "size", "fps")
 
@@ -168,11 +171,21 @@ def _capture(table: Table, points: Array, length: float, views: list[Table], pat
         lframe, wand = (found.get((name, take), _nothing(TAKES[take])) for take in ("lframe", "wand"))
         if digitised and table.value("origin", ORIGINS[0]) == ORIGINS[1]:
             lframe, wand = from_bottom(lframe, int(size[1])), from_bottom(wand, int(size[1]))
+        _check_in_picture(view, size, np.concatenate([lframe.points.reshape(-1, 2), wand.points.reshape(-1, 2)]), file)
         known = _known_beforehand(view)
         if digitised and known[0] is None:
             known = (0.0, *known[1:])  # a row of such a file belongs to one instant in all cameras
         out.append(CaptureView(name, (int(size[0]), int(size[1])), fps, lframe, wand, *known))
     return Capture(points, length, tuple(out))
+
+
+def _check_in_picture(view: Table, size: Array, points: Array, file: Path) -> None:
+    """Raise an error if many of the points (n, 2) of a view, not single wrong ones, lie far beyond its picture."""
+    far = (np.abs(points - size / 2) > _MOST_BESIDE * size).any(axis=1)
+    if far.sum() > _MANY * len(points):
+        u, v = points[far][0]
+        what = f"is {size[0]:.0f} x {size[1]:.0f}, but {file} has points such as {u:.0f}, {v:.0f}"
+        raise view.error("size", what, "give the width and height of the pictures in which it was found")
 
 
 def _digitised(table: Table, folder: Path) -> dict[tuple[str, str], Markers]:

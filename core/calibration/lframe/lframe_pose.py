@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -121,11 +122,13 @@ def moved_since(rig: Rig, seen: BallObservations, noise: float) -> dict[int, flo
     Raises
     ------
     CaptureError
-        Two cameras contradict each other, and nothing decides which was moved.
+        Two cameras contradict each other, and nothing decides which was moved; or their views are exchanged.
     """
     usual = noise * float(np.median(seen.sigma)) if len(seen) else 0.0
     least = max(_MOVED_PIXELS, _SIGNIFICANT_SIGMAS * usual)
     agreeing = sorted({int(c) for c in seen.camera})
+    if (pair := _exchanged(rig, seen, agreeing, least)) is not None:
+        raise findings.views_exchanged((rig.names[pair[0]], rig.names[pair[1]])).error()
     while len(agreeing) > 1 and _disagreement(rig, seen, agreeing) > least:
         if len(agreeing) == 2:
             names = " or ".join(rig.names[c] for c in agreeing)
@@ -138,6 +141,19 @@ def moved_since(rig: Rig, seen: BallObservations, noise: float) -> dict[int, flo
     balls = _balls(rig, seen.take(np.isin(seen.camera, agreeing)))
     off = {c: _off(rig, seen, balls, c) for c in sorted({int(c) for c in seen.camera} - set(agreeing))}
     return {c: pixels for c, pixels in off.items() if pixels > least}
+
+
+def _exchanged(rig: Rig, seen: BallObservations, cameras: list[int], least: float) -> tuple[int, int] | None:
+    """Return two of three or more cameras that disagree, all of which agree if these two exchange their views."""
+    if len(cameras) < 3 or _disagreement(rig, seen, cameras) <= least:
+        return None
+    for pair in combinations(cameras, 2):
+        camera = seen.camera.copy()
+        for own, other in (pair, pair[::-1]):
+            camera[seen.camera == own] = other
+        if _disagreement(rig, replace(seen, camera=camera), cameras) <= least:
+            return pair
+    return None
 
 
 def _disagreement(rig: Rig, seen: BallObservations, cameras: list[int]) -> float:

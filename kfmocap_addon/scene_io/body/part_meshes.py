@@ -241,4 +241,4 @@ def _shown_vertices(mesh: bpy.types.Object, graph: bpy.types.Depsgraph) -> Array
 def _vertices(mesh: bpy.types.Mesh) -> Array:
     points = np.empty(3 * len(mesh.vertices), np.float32)
     mesh.vertices.foreach_get("co", points)
-    return points.reshape(-1, 3)
+    return points.reshape(-1, 3).astype(float)

@@ -236,6 +236,20 @@ def test_two_cameras_of_which_one_moved_between_the_takes_are_refused() -> None:
     assert refusal(replace(given, views=views)).name == "camera-moved"
 
 
+@pytest.mark.parametrize("take", ["lframe", "wand"])
+def test_videos_of_two_cameras_that_are_exchanged_are_named(take: str) -> None:
+    given = whole()
+    first, second, *others = given.views
+    views = (
+        replace(first, **{take: getattr(second, take)}),
+        replace(second, **{take: getattr(first, take)}),
+        *others,
+    )
+    error = refusal(replace(given, views=views))
+    assert error.name == "views-exchanged"
+    assert "cam01 and cam02" in str(error)
+
+
 def turned(camera, degrees: float):  # type: ignore[no-untyped-def]
     """The camera turned about an axis askew to its view."""
     import cv2

@@ -92,6 +92,13 @@ def test_rows_that_make_no_sense_are_named(tmp_path: Path, row: str, message: st
         read_marker_points(path)
 
 
+def test_points_beside_the_picture_say_that_its_size_is_another(tmp_path: Path) -> None:
+    wand = written(tmp_path, capture(CAMERAS, [scattered(20)] * 3))
+    wand.write_text(wand.read_text().replace("[1920, 1080]", "[1080, 1920]"))
+    with pytest.raises(CalibrationError, match=r"size: is 1080 x 1920, but .*points\.csv has points such as"):
+        load_wand(wand)
+
+
 def test_points_without_their_columns_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "points.csv"
     path.write_text("camera,take,frame,u,v\n")
