@@ -10,7 +10,7 @@ from typing import Any
 
 from ..core.errors import OutputError, ShotError
 from ..core.retargeting.bone_roles.roles import named_together
-from ..core.runtime.output_files.files import check_writable, write_json
+from ..core.runtime.output_files.files import check_inputs_kept, check_writable, write_json
 from .printed import print_outcome
 from .services import RetargetRequest, Services
 
@@ -20,11 +20,13 @@ def run(args: argparse.Namespace, services: Services) -> int:
     requests = _requests(args)
     for request in requests:
         check_writable(request.out.parent)
+    reports = [request.out.with_suffix(".report.json") for request in requests]
+    maps = [] if args.save_map is None else [args.save_map]
+    check_inputs_kept([*(request.out for request in requests), *reports, *maps], [*args.motions, args.to])
     files: list[Path] = []
     with services.blender_beside() as blender:  # damaged files make Blender crash
-        for request in requests:
+        for request, beside in zip(requests, reports, strict=True):
             report = blender.retarget(request)
-            beside = request.out.with_suffix(".report.json")
             write_json(beside, report)
             files += [request.out, beside]
             if args.save_map is not None:

@@ -66,15 +66,28 @@ def prepared(source: SkeletonMotion, of_source: BoneMap | None = None) -> tuple[
     ShotError
         Its frame rate is unknown.
     """
-    if not len(source):
-        raise BodyError("there are no frames", where=source.name)
-    if source.fps <= 0:
-        raise ShotError("its frame rate is impossible", where=source.name, todo="correct the Frame Time of the file")
+    check_frames(source)
     if of_source is None:
         of_source = match_bones(source.rest, where=source.name)
     of_source.checked(source.rest.names, source.name)
     source = source.rotated(upright_turn(source.rest, of_source))
     return replace(source, rest=grounded(source.rest, of_source)), of_source
+
+
+def check_frames(source: SkeletonMotion) -> None:
+    """Check that a motion has frames, and a frame rate.
+
+    Raises
+    ------
+    BodyError
+        It has no frames.
+    ShotError
+        Its frame rate is unknown.
+    """
+    if not len(source):
+        raise BodyError("there are no frames", where=source.name)
+    if source.fps <= 0:
+        raise ShotError("its frame rate is impossible", where=source.name, todo="correct the Frame Time of the file")
 
 
 def upright_turn(rest: RestSkeleton, bones: BoneMap) -> Array:

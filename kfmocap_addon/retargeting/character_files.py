@@ -13,6 +13,7 @@ import bpy
 import numpy as np
 
 from ...core.errors import BodyError, OutputError, ShotError
+from ...core.retargeting.retarget import check_frames
 from ...core.retargeting.transfer import RetargetOptions
 from ..export.whole_files import writing
 from ..scene_io.scene import set_rate
@@ -39,6 +40,7 @@ def retarget_file(request: RetargetRequest) -> dict[str, Any]:
     given = None if request.source_map is None else read_map(request.source_map)
     with quiet():
         source, of_source = read_motion(request.motion, given)
+    check_frames(source)
     options = SendOptions(
         request.preset,
         None if request.bone_map is None else read_map(request.bone_map),

@@ -324,6 +324,33 @@ def test_what_cannot_be_meant_is_said_by_name(blender, tmp_path, capsys):
     assert not (tmp_path / "out.blend").exists()
 
 
+@pytest.mark.parametrize(
+    "arguments", [("--out", "hero.blend"), ("--out", "new.blend", "--save-map", "hero.blend")], ids=["out", "map"]
+)
+def test_the_character_is_never_replaced(blender, tmp_path, capsys, arguments):
+    built("mixamo", name="hero")
+    blend, bvh = tmp_path / "hero.blend", tmp_path / "walk.bvh"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    bvh.write_text("HIERARCHY")
+    before = blend.read_bytes()
+    places = [text if text.startswith("--") else str(tmp_path / text) for text in arguments]
+    assert main(["retarget", str(bvh), "--to", str(blend), *places]) == 1
+    assert "hero.blend: would be replaced by the results" in capsys.readouterr().err
+    assert blend.read_bytes() == before
+
+
+def test_a_motion_without_a_frame_rate_is_refused_in_one_line(blender, tmp_path, capsys):
+    built("mixamo", name="hero")
+    blend, bvh = tmp_path / "hero.blend", tmp_path / "still.bvh"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    bvh.write_text(
+        "HIERARCHY ROOT a { OFFSET 0 0 0 CHANNELS 3 Zrotation Xrotation Yrotation } MOTION "
+        "Frames: 1 Frame Time: 0 0 0 0"
+    )
+    assert main(["retarget", str(bvh), "--to", str(blend), "--out", str(tmp_path / "new.blend")]) == 1
+    assert "still: its frame rate is impossible" in capsys.readouterr().err
+
+
 @pytest.fixture
 def tracked(blender, tmp_path):
     """A tracked performer, and a character beside it that is chosen."""
