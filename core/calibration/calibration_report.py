@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..capture.calibration_objects import LFRAME_ARMS
-from ..errors import OutputError
 from ..formats.html_page import html_page
 from ..numerics.arrays import Array
-from ..runtime.output_files.files import remedy, replacing, write_json
+from ..runtime.output_files.files import replacing, unwritable, write_json
 from .charts import GREY, INK, Chart, Image, blank, heat_colour, joined_pictures, stacked_pictures, text
 from .quality import measured_lengths, quality_numbers
 
@@ -45,8 +44,7 @@ def write_report(folder: Path, solution: CalibrationResult) -> list[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        what = f"cannot be made: {error.strerror or error}"
-        raise OutputError(what, where=str(folder), todo=remedy(error.errno)) from error
+        raise unwritable(folder, error, "cannot be made") from error
     numbers, picture = quality_numbers(solution), sheet(solution)
     png = cv2.imencode(".png", picture)[1].tobytes()
     files = [folder / name for name in REPORT_FILES]

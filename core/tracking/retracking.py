@@ -186,8 +186,9 @@ def preview_segment(
         return len(seen) < PREVIEW_ITERATIONS
 
     asked = _between(ShotScale.of(shot).completed(shot), first, last).with_footage_offset(part.footage_offset)
+    around = (part.around[0] if first == part.first else None, part.around[1] if last == part.last else None)
     with contextlib.suppress(KFMocapError):  # cancelled, or an error that the tracking that follows reports
-        track(asked, looked, observed, run=RunContext(memory=memory))
+        track(asked, looked, observed, around=around, run=RunContext(memory=memory))
 
 
 def _between(shot: Shot, first: int, last: int) -> Shot:

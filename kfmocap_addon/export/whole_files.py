@@ -13,7 +13,7 @@ from typing import Any
 import bpy
 
 from ...core.errors import OutputError
-from ...core.runtime.output_files.files import remedy, replacing
+from ...core.runtime.output_files.files import remedy, replacing, unwritable
 
 _BLEND, _BLEND_END = b"BLENDER", b"ENDB"
 _END_LENGTHS = (20, 24, 32)  # of the last block, which is but a header: before 5.0 of 32 and of 64 bits, and since
@@ -111,8 +111,7 @@ def writing(path: Path) -> Iterator[Path]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        what = f"the folder cannot be made: {error.strerror}"
-        raise OutputError(what, where=str(path.parent), todo=remedy(error.errno)) from error
+        raise unwritable(path.parent, error, "the folder cannot be made") from error
     printed = io.StringIO()
     with replacing(path) as target, contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
         try:

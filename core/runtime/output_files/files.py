@@ -133,7 +133,7 @@ class Outputs:
         try:
             return self._stack.enter_context(staging_folder(beside))
         except OSError as error:
-            raise _unwritable(path, error) from error
+            raise unwritable(path, error) from error
 
     def put_in_place(self) -> None:
         """Put everything in place.
@@ -241,7 +241,7 @@ def check_free(folder: Path, names: Sequence[str]) -> None:
             if (folder / name).is_dir():
                 raise OutputError("a folder is in the way", where=str(folder / name))
     except (OSError, ValueError) as error:
-        raise _unwritable(folder, error) from error
+        raise unwritable(folder, error) from error
 
 
 def _beside(folder: Path) -> Path:
@@ -264,7 +264,7 @@ def _reported(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise _unwritable(path, error) from error
+        raise unwritable(path, error) from error
     except OutputError as error:
         # Whoever wrote the file knows its temporary place alone.
         if error.where is None or not in_staging_folder(Path(error.where)):
@@ -274,13 +274,14 @@ def _reported(path: Path) -> Iterator[None]:
         raise OutputError(error.what, where=str(where), todo=error.todo) from error
 
 
-def _unwritable(path: Path, error: OSError | ValueError) -> OutputError:
+def unwritable(path: Path, error: OSError | ValueError, failed: str = "cannot be written") -> OutputError:
+    """Return the error for a path that cannot be written, or of which something else failed, with what to do."""
     what = getattr(error, "strerror", None) or str(error)
     # Input files may vanish meanwhile.
     other = getattr(error, "filename", None)
     if isinstance(other, str) and not in_staging_folder(Path(other)) and not Path(other).is_relative_to(path):
         what = f"{what}: {other}"
-    return OutputError(f"cannot be written: {what}", where=str(path), todo=remedy(getattr(error, "errno", None)))
+    return OutputError(f"{failed}: {what}", where=str(path), todo=remedy(getattr(error, "errno", None)))
 
 
 def remedy(number: int | None) -> str | None:

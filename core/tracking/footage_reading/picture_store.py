@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import OutputError
 from ...evidence.view_frames import ViewFrames
-from ...runtime.output_files.files import remedy
+from ...runtime.output_files.files import unwritable
 from ...runtime.output_files.staging_folders import RESULTS, staging_folder
 from ...runtime.processes.shared_arrays import SharedArray
 from ...shot.footage import working_factor
@@ -140,5 +139,4 @@ def picture_folder() -> Iterator[Path]:
         with staging_folder(folder) as place:
             yield place / RESULTS
     except OSError as error:
-        what = f"the frames cannot be kept: {error.strerror or error}"
-        raise OutputError(what, where=str(folder), todo=remedy(error.errno)) from error
+        raise unwritable(folder, error, "the frames cannot be kept") from error

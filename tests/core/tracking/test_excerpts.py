@@ -119,6 +119,18 @@ def test_the_frame_on_screen_is_shown_first_without_changing_the_result(views: l
         assert error_mm(motions[-1], whole.motions[0][first : last + 1]) < 2
 
 
+@pytest.mark.parametrize(("frame", "known"), [(7, (True, False)), (12, (False, True))])
+def test_the_frame_on_screen_is_shown_with_the_poses_beside_its_part(
+    views: list[View], monkeypatch: pytest.MonkeyPatch, frame: int, known: tuple[bool, bool]
+) -> None:
+    given: list[tuple[object, object]] = []
+    monkeypatch.setattr(retracking, "track", lambda *_, around, **__: given.append(around))
+    beside = ((TRUTH[[4]],), (TRUTH[[15]],))
+    parts = [Excerpt(0, 5), Excerpt(5, 15, beside)]
+    retracking.preview_segment(shot(views), parts, frame, lambda *_: None, progress=None, memory=None)
+    assert given == [tuple(pose if kept else None for pose, kept in zip(beside, known, strict=True))]
+
+
 def test_progress_goes_on_from_part_to_part_and_cancels(views: list[View]) -> None:
     told: list[float] = []
 
