@@ -136,6 +136,9 @@ class BlenderWriter(Protocol):
 class BlenderSession(BlenderWriter, Protocol):
     """Blender, for everything that the commands need."""
 
+    def open_file(self) -> Path | None:
+        """Return the file that is open; None if the scene was never saved."""
+
     def read_shot(self) -> Shot:
         """Read the shot of the open scene.
 

@@ -18,7 +18,7 @@ from ..core.formats.shot_toml import read_shot_spec
 from ..core.review.pretracking_warnings import warnings_before_tracking
 from ..core.review.report_text import report_lines
 from ..core.runtime.interrupts import REPORT_FILE, results_are_written
-from ..core.runtime.output_files.files import check_writable
+from ..core.runtime.output_files.files import check_inputs_kept, check_writable
 from ..core.runtime.processes.worker_memory import WorkerMemory
 from ..core.runtime.processes.worker_process import can_be_copied
 from ..core.runtime.progress import share
@@ -37,7 +37,7 @@ from ..core.tracking.selection import selected
 from .printed import print_outcome
 from .progress_bar import progress_bar
 from .services import BlenderWriter, Services
-from .tracked_files import ResultFiles, check_shot_kept, frames_ahead, run_track
+from .tracked_files import SCENE, ResultFiles, check_shot_kept, frames_ahead, run_track
 
 REFINING = 0.2
 """Fraction of the work that refining the cameras takes, if it is requested."""
@@ -116,10 +116,10 @@ def _shot(
         return prepare_shot(spec, cameras) if memory is None else _shot_with_frames(spec, memory)
     if not services.in_blender:
         raise ShotError("no shot file is named", where="kfmocap track", todo="kfmocap track SHOT.toml --out DIR")
-    offsets = _offsets(args.offset)
-    shot = selected(
-        services.blender().read_shot(), _views(args), _keyframes(args.keyframes), args.solver, offsets=offsets
-    )
+    offsets, session = _offsets(args.offset), services.blender()
+    if not args.no_blender and (file := session.open_file()) is not None:
+        check_inputs_kept([args.out / SCENE], [file])
+    shot = selected(session.read_shot(), _views(args), _keyframes(args.keyframes), args.solver, offsets=offsets)
     return replace(shot, settings=_with_choices(shot.settings, args))
 
 

@@ -30,6 +30,10 @@ class BatchSession:
     It also works where the add-on is not switched on.
     """
 
+    def open_file(self) -> Path | None:
+        """See `BlenderSession.open_file`."""
+        return Path(bpy.data.filepath) if bpy.data.filepath else None
+
     def read_shot(self) -> Shot:
         """Read the shot that the open scene shows."""
         from .scene_io import scene

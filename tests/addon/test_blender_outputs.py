@@ -22,7 +22,7 @@ from kfmocap.core.errors import OutputError  # noqa: E402
 from kfmocap.core.formats.bvh import read_bvh  # noqa: E402
 from kfmocap.core.formats.keypoint_layouts import HAND_POINTS  # noqa: E402
 from kfmocap.kfmocap_addon import registration  # noqa: E402
-from kfmocap.kfmocap_addon.batch import BatchSession  # noqa: E402
+from kfmocap.kfmocap_addon.batch import BatchSession, run_command  # noqa: E402
 from kfmocap.kfmocap_addon.export import blender_outputs, whole_files  # noqa: E402
 from kfmocap.kfmocap_addon.export.whole_files import check_whole  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io import scene  # noqa: E402
@@ -256,3 +256,13 @@ def test_files_have_the_fingers_of_hands_that_were_found(tmp_path):
     assert b"f_pinky.03.R" in (tmp_path / "out" / "walk.fbx").read_bytes()
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out" / "shot.blend"))
     assert "thumb.02.L" in bpy.data.objects["man"].pose.bones
+
+
+def test_the_open_file_is_not_replaced_by_its_results(blender, tmp_path, capsys):
+    scene.build_scene(shot(tmp_path), scene=bpy.context.scene)
+    file = tmp_path / "shot.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    before = file.read_bytes()
+    assert run_command(["track", "--out", str(tmp_path)]) == 1
+    assert "shot.blend: would be replaced by the results" in capsys.readouterr().err
+    assert file.read_bytes() == before
