@@ -215,7 +215,7 @@ def refine_segment(
 ) -> SegmentState:
     """Refine a solved segment once the motion on both sides is known; parameters as in `solve_segment`."""
     problem = segment_problem(shot.for_refinement(), data, state)
-    problem = replace(problem.with_smoothness(solved.variances), doubted=solved.doubted)
+    problem = replace(problem.with_smoothness(solved.variances), doubted=solved.doubted, polished=solved.polished)
     refined = (solver.refine or solver.solve)(problem, _on(data.segment, state.motions), workspace)
     return SegmentState(data, problem, refined, (solved,))
 

@@ -26,6 +26,7 @@ import numpy as np
 from ...body.motion import Motion
 from ...runtime.processes.freed_memory import return_freed_memory
 from ...runtime.timing import Seconds
+from .approach import approach
 from .assessment.settled_solutions import SettledSolution, unsettled
 from .assessment.solution_doubts import doubted_performers, frames_in_doubt, misfit_at, performers_uncovered
 from .assessment.solution_ranking import clearly_likelier
@@ -250,6 +251,10 @@ def _refined_and_searched(
     # With several views, limbs are searched for in many segments, and that takes most of the time where it is done.
     share = 0.2 if contradicted(problem) else 0.6 if problem.shows_depth else 0.7
     searching = workspace.part(share, 1.0)
+    if problem.polished:  # those in doubt have been moved since
+        for i in problem.doubted:
+            start = approach(problem.alone(i), start, workspace.silent(), stages[:-1]).motions
+        stages = POLISH
     first = refine(problem, start, workspace.part(0.0, share), stages)
     if not can_search_limbs(problem):
         return first, first

@@ -96,7 +96,7 @@ def first_solution(problem: SegmentProblem, start: Sequence[Motion], workspace: 
         return descend(problem, start, workspace, STAGES)
     roughly = STAGES[0].sampling_of(len(problem.views))
     hidden = others_hide(workspace.measure(problem, start, roughly).evidence.unhidden)
-    return descend(problem, start, workspace, STAGES_AMONG_OTHERS if hidden else STAGES)
+    return replace(descend(problem, start, workspace, STAGES_AMONG_OTHERS if hidden else STAGES), polished=hidden)
 
 
 def _without_plants_first(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> SegmentSolution:
@@ -146,7 +146,13 @@ def _best_among_others(
         return replace(first, seconds=seconds, doubted=tuple(doubted))
     with seconds.measure("initial solution"):
         found = solution_at(problem, motions, first.evidence.sampling, workspace.silent())
-    return replace(continued(first, found), variances=first.variances, seconds=seconds, doubted=tuple(doubted))
+    return replace(
+        continued(first, found),
+        variances=first.variances,
+        seconds=seconds,
+        doubted=tuple(doubted),
+        polished=first.polished,
+    )
 
 
 def turned_and_searched(

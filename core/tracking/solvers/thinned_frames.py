@@ -156,6 +156,7 @@ class ThinnedProblem:
             residual=self.between(few.residual),
             evidence=None,
             moved=np.zeros(0),
+            polished=False,
             variances=self.variances(few),
         )
 

@@ -593,6 +593,7 @@ def test_several_performers_are_solved_by_all_pixels_before_anybody_is_doubted(
     monkeypatch.setattr(multi_start, "descend", descend)
     assert searched_for(monkeypatch, [[]]) == []
     assert [each[-1] for each in stages] == [POLISHED_AT_ONCE[-1]]
+    assert multi_start.first_solution(BOTH, WRONG, Workspace()).polished
     monkeypatch.setattr(multi_start, "doubted_performers", lambda *_: [])
     keyed = replace(BOTH, fixed=(BOTH.fixed[0], np.ones_like(BOTH.fixed[1])))
     for others, expected in (
@@ -603,7 +604,7 @@ def test_several_performers_are_solved_by_all_pixels_before_anybody_is_doubted(
         multi_start.first_solution(others, WRONG, Workspace())
         assert stages[-1] is expected
     monkeypatch.setattr(multi_start, "others_hide", lambda unhidden: bool(unhidden.min() < 0))
-    multi_start.first_solution(BOTH, WRONG, Workspace())
+    assert not multi_start.first_solution(BOTH, WRONG, Workspace()).polished
     assert stages[-1] is STAGES
 
 

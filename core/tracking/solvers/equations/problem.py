@@ -84,6 +84,8 @@ class SegmentProblem:
         Tie props to the parts that hold them.
     doubted : tuple of int
         Performers whose images contradicted an earlier solution, see `SegmentSolution.doubted`.
+    polished : bool
+        Whether that solution is polished, see `SegmentSolution.polished`.
     steps : ndarray, shape (F - 1,), optional
         The time from each frame to the next, in frames (1 / fps); by default one.
     beside : tuple of float
@@ -110,6 +112,7 @@ class SegmentProblem:
     contact: ContactFactor | None = None
     holds: tuple[HoldFactor, ...] = ()
     doubted: tuple[int, ...] = ()
+    polished: bool = False
     steps: Array | None = None
     beside: tuple[float, float] = (1.0, 1.0)
     beyond: tuple[tuple[Motion, ...] | None, tuple[Motion, ...] | None] = (None, None)
@@ -250,6 +253,8 @@ class SegmentSolution:
         Index of the performer that was solved for, see `SegmentProblem`; None for all.
     doubted : tuple of int
         Performers whose images contradicted the first solution, so that others were searched for.
+    polished : bool
+        Whether the motions of all performers but those in doubt are at rest under the noise of each part.
     moved : ndarray, shape (F,)
         Largest distance by which the last stage, which keeps the noise and the smoothness of its start, moved a joint
         on each frame, metres; empty where it was not measured.
@@ -269,6 +274,7 @@ class SegmentSolution:
     variances: tuple[AccelerationVariances, ...] = ()
     only: int | None = None
     doubted: tuple[int, ...] = ()
+    polished: bool = False
     moved: Array = field(default_factory=lambda: np.zeros(0))
     misfit: Misfit | None = None
 

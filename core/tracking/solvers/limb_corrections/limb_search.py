@@ -25,7 +25,7 @@ from ....evidence.rendering.part_geometry import Geometry
 from ....evidence.view_frames import views_with_foreground
 from ....numerics import rotations
 from ....numerics.arrays import Array, Bools
-from ....numerics.frame_ranges import lasting
+from ....numerics.frame_ranges import lasting, runs
 from ..assessment.solution_doubts import least_frames
 from ..descent_stages import OUTLINE_REACH
 from ..equations.measurement import Workspace
@@ -41,6 +41,12 @@ MIN_SEEN_SHARE = 0.1
 MIN_GAIN_ELSEWHERE = 150.0
 """Least gain in log likelihood, in natural units, for which a limb of one of several performers is solved for where it
 was found: who is hidden for a moment leaves much that a search mistakes for a limb."""
+CLEAR_GAIN_RATIO = 2.0
+"""Ratio of a gain to the least one from which on a single search decides: limbs that are right gained less than the
+least one by chance, wherever they were found, and lost ones more than twice as much."""
+FOUND_REACH = 0.1
+"""Distance, metres, that a limb of one of several performers must be elsewhere by on some frame: poses that are drawn
+scatter by some centimetres around a place that a descent would reach (`OUTLINE_REACH`)."""
 CHILD_SIZE = 1.6
 """Size of a body (`core.body.body_size`), metres, below which its limbs gain less: pixels count by the area that they
 show. The least gain was measured with adults of 1.65 m and more."""
@@ -60,8 +66,8 @@ class LimbSearch:
     points : int
         Points of each part whose pixels are looked at.
     least_gain : float
-        The limb stays where it is if the images gain less (`_gain_elsewhere`), natural units, or, if it is free, if
-        other random poses lead elsewhere. By default neither is asked.
+        The limb stays where it is if the images gain less (`_gain_elsewhere`), natural units, or, if it is free and
+        they hardly gain more, if other random poses lead elsewhere. By default neither is asked.
     before : Motion, optional
         F poses of the performer in relation to which they gain, if the search is around others.
     """
@@ -153,10 +159,14 @@ def is_elsewhere(body: Body, chain: Sequence[int], before: Motion, after: Motion
 
 def frames_elsewhere(body: Body, chain: Sequence[int], before: Motion, after: Motion, frames: int = 1) -> Bools:
     """Return on which frames that is so, shape (F,)."""
+    return lasting(_farthest_joints(body, chain, before, after) > OUTLINE_REACH, frames)
+
+
+def _farthest_joints(body: Body, chain: Sequence[int], before: Motion, after: Motion) -> Array:
+    """Largest distance of a limb's joint, relative to its first, from where it was before, on each frame, (F,)."""
     joints = [part_poses(body, motion)[1][:, chain] for motion in (before, after)]
     a, b = (each - each[:, :1] for each in joints)
-    away = np.linalg.norm(b - a, axis=-1).max(axis=1) > OUTLINE_REACH
-    return lasting(away, frames)
+    return np.asarray(np.linalg.norm(b - a, axis=-1).max(axis=1))
 
 
 def limbs_elsewhere(problem: SegmentProblem, before: Sequence[Motion], after: Sequence[Motion]) -> bool:
@@ -167,6 +177,17 @@ def limbs_elsewhere(problem: SegmentProblem, before: Sequence[Motion], after: Se
         for i in problem.sought
         for chain in limbs(problem.bodies[i])
     )
+
+
+def _frames_clearly_elsewhere(limb: LimbModel, before: Motion, after: Motion) -> Bools:
+    """Return on which frames a limb is elsewhere, without those beside each other on which it is so by less than
+    `FOUND_REACH`, shape (F,).
+    """
+    distance = _farthest_joints(limb.body, limb.chain, before, after)
+    away = distance > OUTLINE_REACH
+    for first, last in runs(away):
+        away[first : last + 1] = distance[first : last + 1].max() > FOUND_REACH
+    return away
 
 
 def _gain_elsewhere(
@@ -192,7 +213,7 @@ def _gain_elsewhere(
     float
         Log likelihood ratio, natural units, in these relations; 0 where the limb is nowhere elsewhere.
     """
-    away = frames_elsewhere(limb.body, limb.chain, before, found)
+    away = _frames_clearly_elsewhere(limb, before, found)
     if not away.any():
         return 0.0
     both = np.stack([rotations.log(motion.rotations[:, limb.chain]) for motion in (before, found)], axis=1)
@@ -267,7 +288,8 @@ class _LimbDraws:
         return found if enough is None or enough(found) else None
 
     def found_twice(self, gained: Callable[[Motion], float], least_gain: float, before: Motion) -> Motion | None:
-        """Return the motion that two searches find, if they agree: where little shows a limb, each finds another.
+        """Return the motion that a search finds: if it hardly gains enough, only if a second one agrees. Where little
+        shows a limb, each finds another.
 
         They agree if the limb is elsewhere than before in both, and in the same place, as near as a descent reaches,
         for `least_frames` in a row.
@@ -277,6 +299,8 @@ class _LimbDraws:
             found = self.found(lambda moved: gained(moved) >= least_gain, lambda moved: gained(moved) >= least_gain / 2)
             if found is None:
                 return None
+            if gained(found) >= CLEAR_GAIN_RATIO * least_gain:
+                return found
             both.append(found)
         pairs = ((before, both[0]), (before, both[1]), (both[0], both[1]))
         away, away_again, apart = (frames_elsewhere(self.limb.body, self.limb.chain, *pair) for pair in pairs)

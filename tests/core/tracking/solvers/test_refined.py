@@ -74,6 +74,39 @@ def test_several_performers_and_what_nothing_contradicted_are_polished_as_they_a
     assert asked == made
 
 
+@pytest.mark.parametrize(("polished", "doubted"), [(False, ()), (True, ()), (True, (1,)), (True, (0, 1))])
+def test_performers_who_are_polished_are_only_polished_again_and_those_in_doubt_brought_near_first(
+    monkeypatch: pytest.MonkeyPatch, polished: bool, doubted: tuple[int, ...]
+) -> None:
+    """Steps under the noise of the views would lead those who are polished away from where they are led back to."""
+    approached: list[tuple[int | None, Sequence[DescentStage]]] = []
+    asked: list[Sequence[DescentStage]] = []
+    near = at_rest(BODY, 5)
+
+    def approach(problem: SegmentProblem, start: Sequence[Motion], _: Workspace, stages: Sequence[DescentStage]) -> Any:
+        approached.append((problem.only, stages))
+        return SimpleNamespace(motions=[near if i == problem.only else own for i, own in enumerate(start)])
+
+    def descended(_: SegmentProblem, start: Sequence[Motion], __: Workspace, stages: Sequence[DescentStage]) -> Any:
+        asked.append(stages)
+        assert [own is near for own in start] == [polished and i in doubted for i in range(2)]
+        return solution(start)
+
+    monkeypatch.setattr(gauss_newton_solver, "approach", approach)
+    monkeypatch.setattr(gauss_newton, "refine", descended)
+    monkeypatch.setattr(gauss_newton_solver, "can_search_limbs", lambda _: False)
+    problem = replace(two_views(), doubted=doubted, polished=polished)
+    gauss_newton_solver.refined(problem, [at_rest(BODY, 5), at_rest(BODY, 5)], Workspace())
+    assert asked == [POLISH if polished else POLISHED_AT_ONCE]
+    assert approached == [(i, POLISHED_AT_ONCE[:-1]) for i in doubted if polished]
+
+
+def two_views() -> SegmentProblem:
+    """Two performers before two cameras."""
+    seen = tuple(ViewFrames(CAMERA, np.zeros((5, 8, 8), np.uint8), 0) for _ in range(2))
+    return replace(PROBLEM, bodies=(BODY,) * 2, fixed=PROBLEM.fixed * 2, views=seen)
+
+
 LONG = 33
 CLOSE = replace(PROBLEM, fps=240.0, fixed=(ends_held(BODY, LONG),))
 """Frames that follow each other so closely that most can be left out."""
