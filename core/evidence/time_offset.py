@@ -27,6 +27,9 @@ OFFSET_SIGMA = 0.5 / np.sqrt(3)
 """Prior standard deviation of the offset, frames: that of a uniform distribution over half a frame either way."""
 MIN_OFFSET = 0.1
 """Smaller offsets are taken as zero, frames: they hardly matter, and poses between frames cost time."""
+MIN_SIGMAS = 2.0
+"""So are offsets that are fewer posterior standard deviations from zero: most footage has none at all, and where little
+moves on the key frames, errors of the shape look like one."""
 ITERATIONS = 2
 
 
@@ -39,11 +42,14 @@ class Offset:
 
     @classmethod
     def likeliest(cls, measured: Iterable[Offset]) -> Offset:
-        """Combine measurements with the prior; the offset is 0 if the result is smaller than `MIN_OFFSET`."""
-        found = list(measured)
-        precision = sum(offset.precision for offset in found) + OFFSET_SIGMA**-2
-        value = sum(offset.precision * offset.value for offset in found) / precision
-        return cls(float(np.clip(value, -MAX_OFFSET, MAX_OFFSET)) if abs(value) >= MIN_OFFSET else 0.0, precision)
+        """Combine measurements with the prior; the offset is 0 if the result is small (`MIN_OFFSET`), or may be by
+        chance (`MIN_SIGMAS`).
+        """
+        each = list(measured)
+        precision = sum(offset.precision for offset in each) + OFFSET_SIGMA**-2
+        value = sum(offset.precision * offset.value for offset in each) / precision
+        found = abs(value) >= max(MIN_OFFSET, MIN_SIGMAS * precision**-0.5)
+        return cls(float(np.clip(value, -MAX_OFFSET, MAX_OFFSET)) if found else 0.0, precision)
 
 
 def key_frame_offset(

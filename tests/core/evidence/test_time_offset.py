@@ -106,6 +106,8 @@ def test_an_offset_that_is_next_to_nothing_or_hardly_measured_is_none() -> None:
     assert Offset.likeliest([]).value == 0
     assert Offset.likeliest([Offset(0.09, 1e6)]).value == 0
     assert Offset.likeliest([Offset(0.4, 0.3 * OFFSET_SIGMA**-2)]).value == 0
+    assert Offset.likeliest([Offset(-0.9, 9.0)]).value == 0  # -0.39 with a standard deviation of 0.22
+    assert Offset.likeliest([Offset(-0.9, 15.0)]).value < -0.4
     assert Offset.likeliest([Offset(0.4, 100.0)]).value == pytest.approx(0.4 * 100 / (100 + OFFSET_SIGMA**-2))
 
 
