@@ -105,7 +105,7 @@ class Camera:
         if np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max() > ROUNDING or (np.linalg.det(R) < 0).any():
             todo = "matrices that scale or mirror are not rotations"
             raise CalibrationError("a rotation matrix is not a rotation", where=where, todo=todo)
-        if isinstance(size, str) or len(size) != 2:
+        if np.shape(size) != (2,):
             todo = "give width and height in pixels"
             raise CalibrationError(f"the size of its pictures is {size!r}", where=where, todo=todo)
         return cls(

@@ -195,13 +195,12 @@ def shows_more(mesh: bpy.types.Object) -> bool:
 
 def shown_clouds(armature: bpy.types.Object) -> dict[str, Array]:
     """Return the same as `part_clouds` with modifiers, and with the meshes that hang on those of a bone."""
-    graph = bpy.context.evaluated_depsgraph_get()
-    found = {}
+    graph, bones, found = bpy.context.evaluated_depsgraph_get(), armature.data.bones, {}
     for name, meshes in meshes_by_bone(armature).items():
+        if name not in bones:  # it was renamed or deleted
+            continue
         clouds = [
-            _shown_vertices(mesh, graph) @ to_tail[:3, :3].T
-            + to_tail[:3, 3]
-            + [0.0, armature.data.bones[name].length, 0.0]
+            _shown_vertices(mesh, graph) @ to_tail[:3, :3].T + to_tail[:3, 3] + [0.0, bones[name].length, 0.0]
             for child in meshes
             for mesh, to_tail in _hanging(child)
         ]
@@ -215,13 +214,13 @@ def _is_modified(mesh: bpy.types.Object) -> bool:
 
 
 def _hanging(child: bpy.types.Object) -> list[tuple[bpy.types.Object, Array]]:
-    """Return a mesh on a bone and the meshes that hang on it, directly or by empties, with the matrices (4, 4) from
-    them to the bone's tail.
+    """Return a mesh on a bone and the meshes in sight that hang on it, directly or by empties, with the matrices (4, 4)
+    from them to the bone's tail.
     """
     found, open_ends = [], [(child, _to_bone_tail(child))]
     while open_ends:
         thing, to_tail = open_ends.pop()
-        if thing.type == "MESH":
+        if thing == child or (thing.type == "MESH" and thing.visible_get()):
             found.append((thing, to_tail))
         hung = [c for c in thing.children if c.parent_type == "OBJECT" and c.type in ("MESH", "EMPTY")]
         open_ends += [(c, to_tail @ _to_bone_tail(c)) for c in hung]

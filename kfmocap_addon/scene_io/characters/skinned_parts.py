@@ -130,8 +130,8 @@ def _carried(armature: bpy.types.Object) -> dict[str, Array]:
     """Return the vertices (V, 3) of the meshes on every bone that carries some, and of what hangs on these, as they are
     shown, in the armature's axes.
     """
-    frames = {name: np.array(armature.data.bones[name].matrix_local) for name in part_meshes.meshes_by_bone(armature)}
     clouds = part_meshes.shown_clouds(armature)
+    frames = {name: np.array(armature.data.bones[name].matrix_local) for name in clouds}
     return {name: clouds[name] @ frame[:3, :3].T + frame[:3, 3] for name, frame in frames.items()}
 
 

@@ -84,6 +84,24 @@ def test_meshes_that_hang_on_a_part_by_empties_belong_to_it():
     np.testing.assert_allclose(found["waist"], [0.1, 0.2, 0.2], atol=1e-6)
 
 
+def test_meshes_out_of_sight_that_hang_on_a_part_do_not_belong_to_it():
+    armature, boxes = robot()
+    hidden = linked("collision shape")
+    hidden.parent, hidden.location, hidden.hide_viewport = boxes[2], (0, 0.5, 0), True
+    bpy.context.view_layer.update()
+    found = extents(armature)
+    np.testing.assert_allclose(found["top"], [0.1, 0.2, 0.2], atol=1e-6)
+    assert set(part_meshes.parts_of(armature)) == set(boxes)
+
+
+def test_meshes_on_a_bone_that_is_gone_are_left_out():
+    armature, boxes = robot()
+    boxes[1].modifiers.new("Mirror", "MIRROR")
+    lost = linked("lost")
+    lost.parent, lost.parent_type, lost.parent_bone = armature, "BONE", "renamed"
+    assert set(extents(armature)) == {"hips", "waist", "top"}
+
+
 def test_dense_meshes_become_parts_with_few_corners():
     armature, boxes = robot()
     points = np.random.default_rng(0).normal(size=(2000, 3))
