@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ...core.errors import OutputError
+from ...core.runtime.output_files.files import replacing
 from ...core.shot.shot import Shot
 from ...core.tracking.footage_reading.turned_cameras import with_turns
 from ..scene_io import scene as scenes
@@ -69,7 +71,8 @@ def write_blender_outputs(
     request: OutputRequest,
     finish: Callable[[bpy.types.Scene], None] | None = None,
 ) -> list[Path]:
-    """Write NAME.bvh, NAME.fbx (NAME_PERFORMER.* for several performers) and shot.blend.
+    """Write NAME.bvh, NAME.fbx (NAME_PERFORMER.* for several performers) and shot.blend; an earlier shot.blend becomes
+    shot.blend1.
 
     If the open scene shows the shot already, its armatures get the motion, and shot.blend is a copy of the open file.
     Otherwise a new scene shows the shot; that closes the open file, so it needs a process without a user.
@@ -109,11 +112,20 @@ def write_blender_outputs(
     tracked_segments.remember_footage(scene, result)
     options = ExportOptions(leave_out_unknown=request.leave_out_unknown)
     paths = export_performers(scene, folder, options)
-    paths_from_home = nullcontext() if request.shown else _portable_paths(Path(request.home or folder).resolve())
-    with writing(folder / "shot.blend") as target, paths_from_home:
+    home, path = Path(request.home or folder).resolve(), folder / "shot.blend"
+    paths_from_home = nullcontext() if request.shown else _portable_paths(home)
+    with writing(path) as target, paths_from_home:
         bpy.ops.wm.save_as_mainfile(filepath=str(target), copy=True, check_existing=False, relative_remap=False)
-    paths.append(folder / "shot.blend")
+        _keep_earlier(home / path.name, path.with_suffix(".blend1"))
+    paths.append(path)
     return paths
+
+
+def _keep_earlier(scene: Path, kept: Path) -> None:
+    """Keep a scene that is going to be replaced, as Blender does when it saves: an animator may have corrected it."""
+    if scene.is_file():
+        with replacing(kept) as target:
+            shutil.copy2(scene, target)
 
 
 def _with_absolute_paths(shot: Shot) -> Shot:

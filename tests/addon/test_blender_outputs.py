@@ -210,6 +210,16 @@ def test_footage_whose_path_stays_is_not_opened_again(blender, tmp_path):
     assert opened == []
 
 
+def test_a_scene_that_an_animator_has_corrected_is_kept_when_a_new_one_replaces_it(blender, tmp_path):
+    original, out, stage = shot(tmp_path), tmp_path / "out", tmp_path / "stage"
+    blender_outputs.write_blender_outputs(original, result_of(original), OutputRequest(out))
+    assert not (out / "shot.blend1").exists()
+    (out / "shot.blend").write_bytes(b"corrected")
+    for folder in (stage, out):  # as the command writes it, and directly
+        blender_outputs.write_blender_outputs(original, result_of(original), OutputRequest(folder, home=out))
+        assert (folder / "shot.blend1").read_bytes() == b"corrected" != (folder / "shot.blend").read_bytes()
+
+
 def test_tracking_the_open_scene_loses_nothing_in_it(blender, tmp_path):
     original = shot(tmp_path)
     scene.build_scene(original, scene=bpy.context.scene)
