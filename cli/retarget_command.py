@@ -21,8 +21,8 @@ def run(args: argparse.Namespace, services: Services) -> int:
     for request in requests:
         check_writable(request.out.parent)
     reports = [request.out.with_suffix(".report.json") for request in requests]
-    maps = [] if args.save_map is None else [args.save_map]
-    check_inputs_kept([*(request.out for request in requests), *reports, *maps], [*args.motions, args.to])
+    results = [*(request.out for request in requests), *reports, *_given(args.save_map)]
+    check_inputs_kept(results, [*args.motions, args.to, *_given(args.source_map)])
     files: list[Path] = []
     with services.blender_beside() as blender:  # damaged files make Blender crash
         for request, beside in zip(requests, reports, strict=True):
@@ -37,6 +37,11 @@ def run(args: argparse.Namespace, services: Services) -> int:
                 print(f"kfmocap: {line}", file=sys.stderr)
     print_outcome(files)
     return 0
+
+
+def _given(path: Path | None) -> list[Path]:
+    """Return the path, if there is one."""
+    return [] if path is None else [path]
 
 
 def _requests(args: argparse.Namespace) -> list[RetargetRequest]:

@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import CalibrationError
+from ..numerics import rotations
 from ..numerics.arrays import Array, Bools
 from .lens_turns import split, zooming
 
 _MIN_DEPTH = 0.5  # metres before the camera: nearer points have the scale of this distance
-ROUNDING = 1e-3
-"""Largest deviation of R^T R from the identity that rounding of a rotation matrix's digits can explain."""
 _SAME_PLACE = 1e-4
 """Distance between the places of a camera that only turns, metres."""
 MAX_TURN_SHARE = 0.1
@@ -102,7 +101,7 @@ class Camera:
             raise CalibrationError("the matrix must be 3x3 with positive focal lengths", where=where)
         if not all(np.isfinite(a).all() for a in (K, dist, R, t)):
             raise CalibrationError("a value is not a finite number", where=where)
-        if np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max() > ROUNDING or (np.linalg.det(R) < 0).any():
+        if not rotations.are_rotations(R).all():
             todo = "matrices that scale or mirror are not rotations"
             raise CalibrationError("a rotation matrix is not a rotation", where=where, todo=todo)
         if np.shape(size) != (2,):
@@ -329,10 +328,10 @@ def _poses(R_cam_world: ArrayLike, t_cam_world: ArrayLike, where: str) -> tuple[
     Raises
     ------
     CalibrationError
-        They have other shapes, or are not as many.
+        They have other shapes, there is none, or there are more of one than of the other.
     """
     R, t = np.asarray(R_cam_world, float), np.asarray(t_cam_world, float)
-    if R.shape[-2:] != (3, 3) or t.size % 3:
+    if R.shape[-2:] != (3, 3) or t.size % 3 or not t.size:
         what = f"a rotation of shape {R.shape} and a translation of shape {t.shape}"
         todo = "give a 3x3 matrix, which cv2.Rodrigues makes of a vector, and three numbers"
         raise CalibrationError(what, where=where, todo=todo)

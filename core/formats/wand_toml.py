@@ -22,7 +22,7 @@ from .toml_tables import Table, check_kind, read_toml
 
 _MOST_BESIDE = 0.6
 """How far a ball's centre may be from the middle of the picture, as a share of its size: it may lie beyond the edge."""
-_MANY = 0.05  # of a view's points
+_MANY = 0.05  # share of a view's points
 _TABLES = ("lframe", "wand", "view", "points", "floor")
 _VIEW = ("camera", "lframe", "wand", "offset", "focal", "matrix", "distortions", "size", "fps")
 
@@ -72,9 +72,10 @@ def capture_files(path: Path) -> list[Path]:
     """Return the videos and the files of points that a capture file names, one that `load_wand` can read."""
     document = read_toml(path, "the capture file", CalibrationError)
     points, floor = document.get("points", {}), document.get("floor", {})
-    names = [view.get(take) for view in document["view"] for take in ("lframe", "wand")]
-    names += [points.get("file"), points.get("lframe"), floor.get("points")]
-    return [path.parent / name for name in names if name is not None]
+    named = [(view, take) for view in document["view"] for take in ("lframe", "wand")]
+    named += [(points, "file"), (points, "lframe"), (floor, "points")]
+    files = [Table(values, str(path), values).path(key, path.parent, None) for values, key in named]
+    return [file for file in files if file is not None]
 
 
 def _floor(document: Table, path: Path) -> tuple[tuple[tuple[int, int], ...], StandingPerformer | None]:
@@ -185,7 +186,7 @@ def _check_in_picture(view: Table, size: Array, points: Array, file: Path) -> No
     if far.sum() > _MANY * len(points):
         u, v = points[far][0]
         what = f"is {size[0]:.0f} x {size[1]:.0f}, but {file} has points such as {u:.0f}, {v:.0f}"
-        raise view.error("size", what, "give the width and height of the pictures in which it was found")
+        raise view.error("size", what, "give the width and height of the pictures in which they were found")
 
 
 def _digitised(table: Table, folder: Path) -> dict[tuple[str, str], Markers]:

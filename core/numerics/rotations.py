@@ -9,7 +9,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from .arrays import Array
+from .arrays import Array, Bools
+
+ROUNDING = 1e-3
+"""Largest deviation of R^T R from the identity that rounding of a rotation matrix's digits can explain."""
 
 
 def skew(v: Array) -> Array:
@@ -34,6 +37,16 @@ def log(R: Array) -> Array:
 def orthonormal(R: Array) -> Array:
     """Return the rotation matrices (..., 3, 3) nearest to given ones: takes away the rounding of long products."""
     return np.asarray(Rotation.from_matrix(_listed(R, 2)).as_matrix().reshape(R.shape))
+
+
+def are_orthonormal(R: Array) -> Bools:
+    """Return which matrices (..., 3, 3) neither scale nor shear by more than `ROUNDING`, shape (...)."""
+    return np.asarray(np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max(axis=(-2, -1)) <= ROUNDING)
+
+
+def are_rotations(R: Array) -> Bools:
+    """Return which of them do not mirror either."""
+    return are_orthonormal(R) & (np.linalg.det(R) > 0)
 
 
 def shortest(a: Array, b: Array) -> Array:

@@ -231,7 +231,7 @@ def checked_keyframes(frames: Sequence[int], shot_frames: tuple[int, int], *, wh
         raise ShotError("at least one key frame is needed", where=where)
     first, last = shot_frames
     for frame in frames:
-        if frame != int(frame):
+        if frame % 1 != 0:
             raise ShotError(f"key frame {frame} is not a whole number", where=where)
         if not first <= frame <= last:
             what = f"key frame {frame} lies outside the shot's frames {first} to {last}"

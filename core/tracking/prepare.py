@@ -88,11 +88,7 @@ def prepare_shot(spec: ShotSpec, cameras: Mapping[str, Camera] | None = None, ah
     ShotError, CalibrationError, FootageError, LandmarkError, KeypointError, BodyError
         The message names the file and the field.
     """
-    known, given = read_shot_cameras(spec), dict(cameras or {})
-    if unknown := given.keys() - known.keys():
-        what = f"the calibration has no camera '{min(unknown)}' to be replaced"
-        raise CalibrationError(what, where=str(spec.calibration), todo=f"it has {', '.join(known)}")
-    cameras = known | given
+    cameras = _with_replaced(read_shot_cameras(spec), cameras or {}, spec)
     views = tuple(_view(view, cameras) for view in spec.views)
     length = spec.frames[1] - spec.frames[0] + 1
     # The footage is probed in other threads while bodies are fitted.
@@ -206,6 +202,20 @@ def _view(spec: ViewSpec, cameras: dict[str, Camera]) -> View:
         footage = named_footage(spec.footage)
     every = 1 if spec.every is None else spec.every
     return View(cameras[spec.camera], footage, spec.offset, spec.fields, spec.keypoints, spec.gaps, every=every)
+
+
+def _with_replaced(known: Mapping[str, Camera], given: Mapping[str, Camera], spec: ShotSpec) -> dict[str, Camera]:
+    """Return the cameras of the calibration, some of them replaced.
+
+    Raises
+    ------
+    CalibrationError
+        There is none of that name.
+    """
+    if unknown := given.keys() - known.keys():
+        what = f"the calibration has no camera '{min(unknown)}' to be replaced"
+        raise CalibrationError(what, where=str(spec.calibration), todo=f"it has {', '.join(known)}")
+    return {**known, **given}
 
 
 def _check_in_sight(performer: Performer, views: Sequence[View], spec: ShotSpec) -> None:

@@ -161,7 +161,7 @@ def _check_measures(camera: Camera, where: str) -> None:
         raise CalibrationError(f"a picture of {camera.size[0]} x {camera.size[1]} pixels", where=where, todo=todo)
     if (focal := min(camera.matrix[0, 0], camera.matrix[1, 1])) < _LEAST_FOCAL_SHARE * max(camera.size):
         what = f"a focal length of {focal:.4g} pixels, shorter than any lens's"
-        raise CalibrationError(what, where=where, todo="if they are in millimetres, give the matrix in pixels")
+        raise CalibrationError(what, where=where, todo="if it is in millimetres, give the matrix in pixels")
     for what, values in (("matrix", camera.matrix), ("translation", camera.t_cam_world)):
         if not (abs(values) <= NUMBER_LIMIT).all():
             raise CalibrationError(f"the {what} holds a number too large to be true", where=where)

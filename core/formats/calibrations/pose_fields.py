@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from ...cameras.camera import ROUNDING
 from ...errors import CalibrationError
 from ...numerics import rotations
 from ...numerics.arrays import Array
@@ -74,7 +73,7 @@ def _matrices(values: Array, where: str) -> Array:
             raise CalibrationError("'rotation' has 4 numbers: quaternions are not read", where=where, todo=todo)
         raise CalibrationError(f"'rotation' has shape {shape}, not 3, 3x1, 1x3 or 3x3", where=where, todo=todo)
     R = values.reshape(-1, 3, 3)
-    if np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max() > ROUNDING:
+    if not rotations.are_orthonormal(R).all():
         todo = f"give {_ACCEPTED_ROTATIONS}; a scale or a translation does not belong in it"
         raise CalibrationError("the 3x3 matrix of 'rotation' is not a rotation", where=where, todo=todo)
     if (np.linalg.det(R) < 0).any():

@@ -63,14 +63,10 @@ def foot_goals(
         ankle = controls[2]
         offsets = _target_offsets(path, (motion.rest, of_source), rig, placement, A[roles[2]][0])
         toe = _bending_toe(of_source, rig, path.side)
-        if clean:
-            snap = _FLOOR_TOLERANCE * leg
+        snap = _FLOOR_TOLERANCE * leg if clean else None
+        if snap is not None:
             turns[:, ankle] = _flattened(turns[:, ankle], path.planted.all(axis=1), offsets, snap=snap, fps=motion.fps)
-            points = _standing_points(path, placement, offsets, turns[:, ankle], snap)
-        else:
-            points = _rolling_points(path, placement, offsets, turns[:, ankle])
-        if toe is not None:
-            points[:, BALL, 2] = np.maximum(points[:, BALL, 2], _touching(path, placement))
+        points = _sole_points(path, placement, offsets, turns[:, ankle], snap, toes_bend=toe is not None)
         lowest = np.where(path.planted[:, BALL], points[:, BALL, 2], _least_height(points, placement))
         hip, foot = (poses.places[:, b] for b in (controls[0], ankle))
         joint = None if toe is None else rig.rest.heads[toe] - rig.rest.heads[ankle]
@@ -88,6 +84,21 @@ def foot_goals(
         shift[:, 2] += _lift(foot[:, None] + shift[:, None] + ways, points, held, placement)
         goals.append(LimbGoal(*controls, shift, held))
     return goals, RigPoses(turns, poses.places, driven)
+
+
+def _sole_points(
+    path: FootPath, placement: Placement, offsets: Array, turns: Array, snap: float | None, *, toes_bend: bool
+) -> Array:
+    """Return where heel and ball of the target should be, (F, 2, 3): they stand still (`_standing_points`), or move as
+    the source's do where `snap` is None. Tips of toes that bend are not below what touches the floor.
+    """
+    if snap is None:
+        points = _rolling_points(path, placement, offsets, turns)
+    else:
+        points = _standing_points(path, placement, offsets, turns, snap)
+    if toes_bend:
+        points[:, BALL, 2] = np.maximum(points[:, BALL, 2], _touching(path, placement))
+    return points
 
 
 def _standing_points(path: FootPath, placement: Placement, offsets: Array, turns: Array, snap: float) -> Array:

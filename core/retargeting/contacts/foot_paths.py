@@ -66,11 +66,11 @@ class FootPath:
     @property
     def rolls_over_ball(self) -> Bools:
         """Whether the foot is planted, (F,), and rolls over its ball meanwhile rather than over the second point."""
-        found = np.zeros(len(self.points), bool)
+        found, touching = np.zeros(len(self.points), bool), self.touching
         for first, last in runs(self.planted.any(axis=1)):
             frames = slice(first, last + 1)
-            touching = self.touching[frames][self.planted[frames, BALL]]
-            found[frames] = touching.size > 0 and touching.mean() < (1 + self.ball) / 2
+            own = touching[frames][self.planted[frames, BALL]]
+            found[frames] = own.size > 0 and own.mean() < (1 + self.ball) / 2
         return found
 
 

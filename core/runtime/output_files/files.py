@@ -275,7 +275,7 @@ def _reported(path: Path) -> Iterator[None]:
 
 
 def unwritable(path: Path, error: OSError | ValueError, failed: str = "cannot be written") -> OutputError:
-    """Return the error for a path that cannot be written, or of which something else failed, with what to do."""
+    """Return the error for a path that cannot be written, or that `failed` otherwise, with what to do."""
     what = getattr(error, "strerror", None) or str(error)
     # Input files may vanish meanwhile.
     other = getattr(error, "filename", None)

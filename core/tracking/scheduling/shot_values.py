@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ...cameras.camera import ROUNDING
 from ...errors import ShotError
 from ...formats.reading import first_repeated
+from ...numerics import rotations
 from ...shot.shot import FIELD_ORDERS, Performer, Shot, View
 
 
@@ -64,9 +64,8 @@ def _check_key_poses(performer: Performer, length: int) -> None:
     if (np.diff(frames) <= 0).any() or ((frames < 0) | (frames >= length)).any():
         todo = f"they count from the shot's first frame and increase: 0 to {length - 1}"
         raise ShotError(f"its key frames are {', '.join(map(str, frames[:20]))}", where=where, todo=todo)
-    R = poses.rotations
-    turned = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max(axis=(1, 2, 3)) <= ROUNDING
-    for frame in frames[~(turned & np.isfinite(poses.translations).all(axis=1))][:1]:
+    sound = rotations.are_rotations(poses.rotations).all(axis=1) & np.isfinite(poses.translations).all(axis=1)
+    for frame in frames[~sound][:1]:
         todo = "translations are finite numbers, and rotations neither scale nor mirror"
         raise ShotError(f"its key pose on frame {frame} is not a pose", where=where, todo=todo)
 

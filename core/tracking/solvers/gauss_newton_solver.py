@@ -72,11 +72,12 @@ def solved(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspac
             return _solved(problem, start, workspace)
         thinned = ThinnedProblem(problem, np.arange(problem.length), 1, problem)
     few, begin, inner = thinned.problem, thinned.of_motions(start), thinned.workspace(workspace.part(0.6, 1.0))
-    beginning, parted = thinned.workspace(workspace.part(0.0, 0.6)), problem.settings.limb_search and can_be_parted(few)
-    first = descend(few, begin, beginning, FREE_FROM_CURVE) if parted else first_solution(few, begin, beginning)
+    in_parts = problem.settings.limb_search and can_be_parted(few)
+    beginning = thinned.workspace(workspace.part(0.0, 0.6))
+    first = descend(few, begin, beginning, FREE_FROM_CURVE) if in_parts else first_solution(few, begin, beginning)
     if not (problem.settings.limb_search and doubted_performers(few, begin, first)):
         return thinned.on_all_frames(_solved(few, begin, inner, first=first))
-    if parted and (stretches := stretches_around(few, frames_in_doubt(few, first))):
+    if in_parts and (stretches := stretches_around(few, frames_in_doubt(few, first))):
         return _with_doubts_pursued(thinned, first, stretches, workspace.part(0.6, 1.0))
     return _pursued(thinned, start, workspace.part(0.6, 1.0), first)
 
@@ -109,13 +110,14 @@ def _first_on_all_frames(
 ) -> SegmentSolution:
     """Return the first solution on all frames, with the iterations and the time of the one before on some of them.
 
-    There is none before in a window of a long segment: what the images contradict there was found with soles left free,
-    so seeming plants are held from the beginning, and with steps on all frames only as far as some of them go on.
+    There is none before in a window of a long segment. What the images contradict there was found with soles left free,
+    so those that seem planted are held from the beginning. Where frames are left out, few steps are made on all of
+    them: the search goes on with the others alone.
     """
-    whole, thin = thinned.whole, thinned.problem is not thinned.whole
+    whole, some_left_out = thinned.whole, thinned.problem is not thinned.whole
     if before is None:
-        return descend(whole, start, workspace, STAGES_ON_ALL_FRAMES if thin else STAGES)
-    return _after(before, first_solution(whole, start, workspace)) if thin else before
+        return descend(whole, start, workspace, STAGES_ON_ALL_FRAMES if some_left_out else STAGES)
+    return _after(before, first_solution(whole, start, workspace)) if some_left_out else before
 
 
 def _with_doubts_pursued(
@@ -220,7 +222,8 @@ def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
 
     In several views, a solution that nothing has contradicted, and every one for several performers, is refined and
     polished at once, and polished again only if a limb was found elsewhere. Whom others hide is seen by few pixels:
-    with all of them, most limbs that look lost are not, and need no search. Where the solution for a single performer
+    with all of them, most limbs that look lost are not, and need no search. Several who are polished already are only
+    polished again, those in doubt after coarser steps. Where the solution for a single performer
     was contradicted and frames follow each other closely, limbs are searched for on some of them. Parameters as in
     `gauss_newton.descend`.
     """

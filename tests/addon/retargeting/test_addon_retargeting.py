@@ -325,18 +325,25 @@ def test_what_cannot_be_meant_is_said_by_name(blender, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    "arguments", [("--out", "hero.blend"), ("--out", "new.blend", "--save-map", "hero.blend")], ids=["out", "map"]
+    ("kept", "arguments"),
+    [
+        ("hero.blend", ("--out", "hero.blend")),
+        ("hero.blend", ("--out", "new.blend", "--save-map", "hero.blend")),
+        ("walk.json", ("--out", "new.blend", "--source-map", "walk.json", "--save-map", "walk.json")),
+    ],
+    ids=["out", "map", "source-map"],
 )
-def test_the_character_is_never_replaced(blender, tmp_path, capsys, arguments):
+def test_the_character_and_the_bone_map_of_the_motion_are_never_replaced(blender, tmp_path, capsys, kept, arguments):
     built("mixamo", name="hero")
     blend, bvh = tmp_path / "hero.blend", tmp_path / "walk.bvh"
     bpy.ops.wm.save_as_mainfile(filepath=str(blend))
     bvh.write_text("HIERARCHY")
-    before = blend.read_bytes()
+    (tmp_path / "walk.json").write_text("{}")
+    before = (tmp_path / kept).read_bytes()
     places = [text if text.startswith("--") else str(tmp_path / text) for text in arguments]
     assert main(["retarget", str(bvh), "--to", str(blend), *places]) == 1
-    assert "hero.blend: would be replaced by the results" in capsys.readouterr().err
-    assert blend.read_bytes() == before
+    assert f"{kept}: would be replaced by the results" in capsys.readouterr().err
+    assert (tmp_path / kept).read_bytes() == before
 
 
 def test_a_motion_without_a_frame_rate_is_refused_in_one_line(blender, tmp_path, capsys):

@@ -190,6 +190,8 @@ def test_no_picture_is_reduced_to_nothing() -> None:
         {"t_cam_world": [0, 0]},
         {"size": "640x480"},
         {"size": (480, 640, 3)},
+        {"size": 640},
+        {"R_cam_world": np.zeros((0, 3, 3)), "t_cam_world": np.zeros((0, 3))},
         {"t_cam_world": [0, 0, np.inf]},
         {"distortions": [np.nan, 0, 0, 0]},
     ],

@@ -16,7 +16,7 @@ from kfmocap.core.capture.colours import parsed
 from kfmocap.core.errors import CalibrationError, CaptureError
 from kfmocap.core.formats import load_cameras, save_cameras
 from kfmocap.core.formats.marker_points import read_marker_points, write_marker_points
-from kfmocap.core.formats.wand_toml import load_wand
+from kfmocap.core.formats.wand_toml import capture_files, load_wand
 
 CAMERAS = ring(3)
 HEAD = """
@@ -97,6 +97,14 @@ def test_points_beside_the_picture_say_that_its_size_is_another(tmp_path: Path) 
     wand.write_text(wand.read_text().replace("[1920, 1080]", "[1080, 1920]"))
     with pytest.raises(CalibrationError, match=r"size: is 1080 x 1920, but .*points\.csv has points such as"):
         load_wand(wand)
+
+
+def test_the_files_of_a_capture_are_those_that_are_read(tmp_path: Path) -> None:
+    """Paths may be written with backslashes, as on Windows."""
+    wand = written(tmp_path, capture(CAMERAS, [scattered(20)] * 3))
+    wand.write_text(wand.read_text().replace('"points.csv"', r"'.\points.csv'"))
+    load_wand(wand)
+    assert capture_files(wand) == [tmp_path / "points.csv"]
 
 
 def test_points_without_their_columns_are_refused(tmp_path: Path) -> None:

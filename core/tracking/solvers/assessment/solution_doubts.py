@@ -220,7 +220,7 @@ def limb_beside(problem: SegmentProblem, motions: Sequence[Motion]) -> bool:
     """Whether some view shows foreground beside a single performer that may be a limb, however fast: over `LONG_GAP`
     frames it is as large as half of the smallest limb in the mean, where each frame counts one limb at most.
 
-    `performers_uncovered` asks for as much on each of these frames. It decides whether the whole body is searched for.
+    `performers_uncovered`, by which the whole body is searched for, asks for as much on each of these frames.
     """
     [performer] = problem.sought
     held = len(problem.whole_keys(performer)) > 1

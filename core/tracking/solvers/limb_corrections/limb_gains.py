@@ -8,11 +8,10 @@ import numpy as np
 
 from ....body.kinematics import scene_poses
 from ....body.motion import Motion
-from ....numerics import rotations
 from ..assessment.solution_ranking import RESTING_GAIN
 from ..equations.problem import SegmentProblem
 from ..limb_evidence.limb_images import ViewRatios
-from ..limb_evidence.limb_likelihood import pixel_log_ratios, with_sides_learned
+from ..limb_evidence.limb_likelihood import pixel_gains, with_sides_learned
 from ..limb_evidence.limb_model import FINE_POINTS, LimbOfPerformer, limb_of
 from ..thinned_frames import ThinnedProblem
 from .limb_search import frames_elsewhere
@@ -88,6 +87,5 @@ def _gain_elsewhere(
     geometry, poses = problem.geometry(), scene_poses(problem.bodies, motions)
     uncovered = [view.uncovered(geometry, poses, parts) for view in ratios]
     uncovered = with_sides_learned(limb, uncovered, problem.whole_keys(place[0]), rng)
-    both = np.stack([rotations.log(motion.rotations[:, limb.chain]) for motion in (before, found)], axis=1)
-    here, there = pixel_log_ratios(limb, uncovered, both).T
-    return float((there - here)[frames_elsewhere(limb.body, limb.chain, before, found)].sum())
+    gains = pixel_gains(limb, uncovered, before, found)
+    return float(gains[frames_elsewhere(limb.body, limb.chain, before, found)].sum())

@@ -167,8 +167,9 @@ class _GroupSearch:
     def likeliest(
         self, solution: SegmentSolution, known: SettledSolutions, ratios: Sequence[ViewRatios] | None = None
     ) -> tuple[SettledSolution | None, SegmentSolution]:
-        """Search round after round, and return the solution, solved further, and the likeliest one; none of the first
-        if the limbs are found where they are. Parameters as in `with_limbs_found`.
+        """Search round after round, and return the solution, solved further, and the likeliest one; None for the first
+        if nothing was worth solving for, as the limbs were found where they are, or their pixels gain too little
+        elsewhere. Parameters as in `with_limbs_found`.
         """
         alone, thinned = self.thinned.whole, self.thinned
         if ratios is None:  # the others stay where they are

@@ -31,7 +31,7 @@ from ..descent_stages import OUTLINE_REACH
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem
 from ..limb_evidence.limb_images import EVEN_LEVEL, UncoveredImages, ViewRatios
-from ..limb_evidence.limb_likelihood import MIN_GAIN, pixel_log_ratios, side_log_ratios, with_sides_learned
+from ..limb_evidence.limb_likelihood import MIN_GAIN, pixel_gains, side_log_ratios, with_sides_learned
 from ..limb_evidence.limb_model import MIN_HELD_WEIGHT, POINTS_PER_PART, LimbModel, LimbOfPerformer, limb_of
 from .limb_paths import likeliest_limb
 from .swapped_limbs import untangled_limbs
@@ -216,11 +216,10 @@ def _gain_elsewhere(
     away = _frames_clearly_elsewhere(limb, before, found)
     if not away.any():
         return 0.0
-    both = np.stack([rotations.log(motion.rotations[:, limb.chain]) for motion in (before, found)], axis=1)
-    here, there = pixel_log_ratios(limb, uncovered, both).T
+    gain = pixel_gains(limb, uncovered, before, found)[away].sum()
     least = seen[away].min() / max(float(np.median(seen)), 1e-9)
     size = min(body_size(limb.body) / CHILD_SIZE, 1.0) ** 2
-    return float((there - here)[away].sum() / (size * np.clip(least, LEAST_SEEN_SHARE, 1.0)))
+    return float(gain / (size * np.clip(least, LEAST_SEEN_SHARE, 1.0)))
 
 
 def _with_limb_found(
@@ -254,7 +253,7 @@ def _with_limb_found(
         seen = np.sum([view.labels(geometry, there).share[:, parts].sum(axis=1) for view in ratios], axis=0)
         gained, least = partial(_gain_elsewhere, limb, uncovered, seen, before), search.least_gain
         if search.free:
-            found = draws.found_twice(gained, least, before)
+            found = draws.found_surely(gained, least, before)
         else:
             found = draws.found(lambda moved: gained(moved) >= least)
     if found is None:
@@ -287,9 +286,9 @@ class _LimbDraws:
         found = self._posed(path)
         return found if enough is None or enough(found) else None
 
-    def found_twice(self, gained: Callable[[Motion], float], least_gain: float, before: Motion) -> Motion | None:
-        """Return the motion that a search finds: if it hardly gains enough, only if a second one agrees. Where little
-        shows a limb, each finds another.
+    def found_surely(self, gained: Callable[[Motion], float], least_gain: float, before: Motion) -> Motion | None:
+        """Return the motion that a search finds: where it hardly gains enough, only if a second search agrees. Where
+        little shows a limb, each search finds another motion.
 
         They agree if the limb is elsewhere than before in both, and in the same place, as near as a descent reaches,
         for `least_frames` in a row.

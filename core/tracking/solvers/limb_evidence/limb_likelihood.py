@@ -9,7 +9,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from ....body.motion import Motion
 from ....evidence.limb_sides import SideRatios
+from ....numerics import rotations
 from ....numerics.arrays import Array
 from .limb_images import PartPoses, UncoveredImages
 from .limb_model import LimbModel, posed
@@ -84,6 +86,15 @@ def pixel_log_ratios(limb: LimbModel, uncovered: Sequence[UncoveredImages], draw
     score = np.zeros((len(limb.held), drawn.shape[1]))
     add_pixel_log_ratios(limb, uncovered, drawn, [score] * len(limb.chain))
     return score
+
+
+def pixel_gains(limb: LimbModel, uncovered: Sequence[UncoveredImages], before: Motion, found: Motion) -> Array:
+    """Return by how much likelier a limb's pixels and sides are in one motion of its performer than in another before,
+    on each frame, natural units, (F,).
+    """
+    both = np.stack([rotations.log(motion.rotations[:, limb.chain]) for motion in (before, found)], axis=1)
+    here, there = pixel_log_ratios(limb, uncovered, both).T
+    return np.asarray(there - here)
 
 
 def add_pixel_log_ratios(

@@ -90,7 +90,10 @@ def with_toes(body):
         tips[side] = float(np.linalg.norm(way[:2]))
         tip, ball = tails[foot].copy(), heads[foot] + 0.6 * way
         tails[foot] = ball
-        heads.append(ball), tails.append(tip), parents.append(foot), names.append(f"toes.{side}")
+        heads.append(ball)
+        tails.append(tip)
+        parents.append(foot)
+        names.append(f"toes.{side}")
         found[f"toe.{side}"] = (f"toes.{side}",)
     rest = replace(rest, names=tuple(names), parents=tuple(parents), heads=np.array(heads), tails=np.array(tails))
     axes = np.broadcast_to(np.eye(3), (len(names), 3, 3))

@@ -49,6 +49,7 @@ def with_poses(change: Callable[[Motion], Motion]) -> Shot:
         (replace(SHOT, performers=(performer([9, 0]),)), "performer man: its key frames are 9, 0 .* 0 to 9"),
         (replace(SHOT, performers=(performer([0, 10]),)), "performer man: its key frames are 0, 10 .* 0 to 9"),
         (with_poses(lambda m: replace(m, rotations=2 * m.rotations)), "key pose on frame 0"),
+        (with_poses(lambda m: replace(m, rotations=-m.rotations)), "key pose on frame 0 .*mirror"),
         (
             with_poses(lambda m: replace(m, translations=m.translations * [[1], [np.nan]])),
             "man: its key pose on frame 9",

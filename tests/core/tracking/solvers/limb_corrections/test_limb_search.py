@@ -483,8 +483,8 @@ def test_a_small_childs_limb_found_elsewhere_gains_as_much_as_a_larger_ones(monk
         before, found = at_rest(body, LENGTH), at_rest(body, LENGTH)
         found.rotations[1:-1, chain[0]] = rotations.exp(np.array([0.0, 0.0, 1.0]))
         limb, _ = limb_of(problem, [before], (0, chain), np.random.default_rng(0))
-        likelier = np.tile([0.0, limb.areas.sum()], (LENGTH, 1))
-        monkeypatch.setattr(limb_search, "pixel_log_ratios", lambda *_, likelier=likelier: likelier)
+        likelier = np.full(LENGTH, limb.areas.sum())
+        monkeypatch.setattr(limb_search, "pixel_gains", lambda *_, likelier=likelier: likelier)
         gains.append(limb_search._gain_elsewhere(limb, [], np.ones(LENGTH), before, found))
     assert gains[0] > 0
     np.testing.assert_allclose(gains[1], gains[0], rtol=0.01)

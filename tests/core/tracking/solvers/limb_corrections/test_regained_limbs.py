@@ -212,7 +212,7 @@ def test_a_limb_of_one_of_several_gains_nothing_where_a_search_finds_it_a_few_ce
         return float(np.linalg.norm(wrists[0] - wrists[1], axis=-1).max())
 
     limb, _ = limb_of(problem, [TRUTH], (0, ARM), np.random.default_rng(0))
-    monkeypatch.setattr(limb_search, "pixel_log_ratios", lambda *_: np.tile([0.0, 1.0], (FRAMES, 1)))
+    monkeypatch.setattr(limb_search, "pixel_gains", lambda *_: np.ones(FRAMES))
     per_radian, seen = wrist_moved(swung(0.01)) / 0.01, np.ones(FRAMES)
     near, far = (swung(share * FOUND_REACH / per_radian) for share in (0.8, 1.3))
     assert limb_search._gain_elsewhere(limb, [], seen, TRUTH, near) == 0
