@@ -121,9 +121,8 @@ def run_calibrate(
         points_file = None if points is None else outputs.file(points, parents=True)
         calibration = outputs.file(out.path, parents=True)
         results = [file for file in (out.path, points) if file is not None]
-        check_inputs_kept(results, [wand])
         capture = load_wand(wand)
-        check_inputs_kept(results, capture_files(wand))
+        check_inputs_kept(results, [wand, *capture_files(wand)])
         solution = calibrate(capture, progress, drift=drift)
         files = [out.path]
         if report is not None and stage is not None:

@@ -177,18 +177,20 @@ def _solved(
     with seconds.measure("appearance"):
         data = segment_data(shot, segment, views, state, observed, by=by)
     if earlier is not None:
-        workspace = Workspace(by, on_step=_steps(progress, None))
-        if (resumed := resume_segment(shot, solver, data, earlier, workspace)) is not None:
+        steps = _steps(progress, None)
+        if (resumed := resume_segment(shot, solver, data, earlier, Workspace(by, on_step=steps))) is not None:
             seconds.add(resumed.solution.seconds)
-            return _without_refinement(replace(task, state=earlier.carried), resumed, None, seconds, workspace)
-    workspace = Workspace(by, on_step=_steps(progress, watch))
-    solved = solve_segment(shot, solver, data, state, workspace)
+            rest = Workspace(by, on_step=step_share(steps, 1.0, 1.0))
+            return _without_refinement(replace(task, state=earlier.carried), resumed, None, seconds, rest)
+    steps = _steps(progress, watch)
+    solved = solve_segment(shot, solver, data, state, Workspace(by, on_step=steps))  # not kept: large caches
     seconds.add(solved.solution.seconds)
     state = state.with_solution(segment, solved.solution.motions)
     with seconds.measure("appearance"):
         offset = measured_offset(shot, data, state)
     if solver.refine is None:
-        return _without_refinement(task, solved, offset, seconds, workspace)
+        rest = Workspace(by, on_step=step_share(steps, 1.0, 1.0))
+        return _without_refinement(task, solved, offset, seconds, rest)
     slim = replace(solved.solution, evidence=None, misfit=None)
     return SolvedSegment(replace(data, views=()), slim, offset, dict(seconds))
 
@@ -226,9 +228,8 @@ def refine_task(
 def _without_refinement(
     task: SegmentTask, ended: SegmentState, offset: Offset | None, seconds: Seconds, workspace: Workspace
 ) -> SolvedSegment:
-    """Return a segment that is finished as soon as it is solved, in this workspace."""
-    rest = Workspace(workspace.by, on_step=step_share(workspace.on_step, 1.0, 1.0))
-    finished = _finished(task, ended, ended.solution.motions, offset, seconds, workspace=rest)
+    """Return a segment that is finished as soon as it is solved; parameters as in `_finished`."""
+    finished = _finished(task, ended, ended.solution.motions, offset, seconds, workspace=workspace)
     slim = replace(ended.solution, evidence=None, misfit=None)
     return SolvedSegment(replace(ended.data, views=()), slim, offset, dict(seconds), finished)
 
