@@ -250,11 +250,12 @@ def test_in_a_long_segment_a_weakly_shown_limb_is_searched_for_around_that_momen
 def test_where_frames_follow_each_other_closely_rounds_are_made_on_some_of_them(
     monkeypatch: pytest.MonkeyPatch, found: bool
 ) -> None:
-    """Only what they find is solved for on all frames."""
+    """Only what they find is solved for on all frames, and the next limb is searched for around that."""
     problem, rest, turned = seen(LONG, 3), at_rest(BODY, LONG), 0.1 * np.ones(BODY.dof)
-    made: list[int] = []
+    made, begun = list[int](), list[int]()
 
     def measured(_: SegmentProblem, motions: Sequence[Motion], __: object) -> SegmentSolution:
+        begun.append(len(motions[0]))
         return replace(Landscape(truth=rest).solution(problem, rest), motions=tuple(motions))
 
     def rounds(few: SegmentProblem, solution: SegmentSolution, *_: object) -> SegmentSolution | None:
@@ -266,17 +267,19 @@ def test_where_frames_follow_each_other_closely_rounds_are_made_on_some_of_them(
         _: SegmentProblem, solution: SegmentSolution, __: object, motions: Sequence[Motion], ___: object
     ) -> SegmentSolution:
         made.append(len(motions[0]))
-        assert solution.motions[0] is rest
+        assert (solution.motions[0] is rest) == (len(made) == 2)
         return replace(solution, motions=tuple(motions))
 
     monkeypatch.setattr(regained_limbs, "unsettled", measured)
     monkeypatch.setattr(regained_limbs, "likeliest_found", rounds)
     monkeypatch.setattr(regained_limbs, "with_limbs_moved", moved)
-    [end] = regained_limbs._found_there(problem, (rest,), [LimbGroup(0, (PAIR[0],))], Workspace())
-    some, *everything = made
-    assert some < 0.6 * LONG and everything == [LONG] * found and (end is rest) != found
+    [end] = regained_limbs._found_there(problem, (rest,), [LimbGroup(0, (chain,)) for chain in PAIR], Workspace())
+    some = made[0]
+    assert some < 0.6 * LONG and (end is rest) != found
+    assert made == ([some, LONG] * 2 if found else [some] * 2)
+    assert begun == ([some, LONG] * 2 if found else [some]), "what is unchanged is measured once"
     if found:
-        np.testing.assert_allclose(rest.difference(end), np.tile(turned, (LONG, 1)), atol=1e-3)
+        np.testing.assert_allclose(rest.difference(end), np.tile(2 * turned, (LONG, 1)), atol=1e-3)
 
 
 @pytest.mark.parametrize("rate", [1, 3])
