@@ -28,8 +28,8 @@ OFFSET_SIGMA = 0.5 / np.sqrt(3)
 MIN_OFFSET = 0.1
 """Smaller offsets are taken as zero, frames: they hardly matter, and poses between frames cost time."""
 MIN_SIGMAS = 2.0
-"""So are offsets that are fewer posterior standard deviations from zero: most footage has none at all, and where little
-moves on the key frames, errors of the shape look like one."""
+"""With several performers, so are offsets that are fewer posterior standard deviations from zero: where people touch,
+the outline of one is taken for another's, so that the offset is less certain than it seems."""
 ITERATIONS = 2
 
 
@@ -41,14 +41,14 @@ class Offset:
     precision: float = 0.0
 
     @classmethod
-    def likeliest(cls, measured: Iterable[Offset]) -> Offset:
-        """Combine measurements with the prior; the offset is 0 if the result is small (`MIN_OFFSET`), or may be by
-        chance (`MIN_SIGMAS`).
+    def likeliest(cls, measured: Iterable[Offset], *, several: bool = False) -> Offset:
+        """Combine measurements with the prior; the offset is 0 if the result is small (`MIN_OFFSET`) or, with several
+        performers, may be by chance (`MIN_SIGMAS`).
         """
         each = list(measured)
         precision = sum(offset.precision for offset in each) + OFFSET_SIGMA**-2
         value = sum(offset.precision * offset.value for offset in each) / precision
-        found = abs(value) >= max(MIN_OFFSET, MIN_SIGMAS * precision**-0.5)
+        found = abs(value) >= max(MIN_OFFSET, MIN_SIGMAS * several * precision**-0.5)
         return cls(float(np.clip(value, -MAX_OFFSET, MAX_OFFSET)) if found else 0.0, precision)
 
 

@@ -50,7 +50,7 @@ class TrackState:
     def footage_offset(self, shot: Shot) -> float:
         """Offset of the footage in frames: that of the settings, or the estimate from all measurements so far."""
         given = shot.settings.footage_offset
-        return Offset.likeliest(self.offsets).value if given is None else given
+        return Offset.likeliest(self.offsets, several=len(shot.performers) > 1).value if given is None else given
 
     def beside(self, segment: Segment, ranges: Sequence[Segment], keys: Sequence[Ints] = ()) -> SolvedFrames:
         """Return the motions on a segment that is solved and on those next to it among all segments, as far as these

@@ -106,9 +106,17 @@ def test_an_offset_that_is_next_to_nothing_or_hardly_measured_is_none() -> None:
     assert Offset.likeliest([]).value == 0
     assert Offset.likeliest([Offset(0.09, 1e6)]).value == 0
     assert Offset.likeliest([Offset(0.4, 0.3 * OFFSET_SIGMA**-2)]).value == 0
-    assert Offset.likeliest([Offset(-0.9, 9.0)]).value == 0  # -0.39 with a standard deviation of 0.22
-    assert Offset.likeliest([Offset(-0.9, 15.0)]).value < -0.4
     assert Offset.likeliest([Offset(0.4, 100.0)]).value == pytest.approx(0.4 * 100 / (100 + OFFSET_SIGMA**-2))
+
+
+@pytest.mark.parametrize(
+    ("precision", "several", "found"), [(9.0, False, True), (9.0, True, False), (15.0, True, True)]
+)
+def test_with_several_performers_an_offset_counts_from_two_standard_deviations_on(
+    precision: float, several: bool, found: bool
+) -> None:
+    """-0.39 with a standard deviation of 0.22, and -0.5 with 0.19."""
+    assert (Offset.likeliest([Offset(-0.9, precision)], several=several).value < -0.3) == found
 
 
 def test_measurements_count_by_their_precision_and_end_at_half_a_frame() -> None:
