@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from functools import partial
 
@@ -72,7 +71,6 @@ def test_a_character_is_tracked_on_its_own_bones(made, tmp_path):
     for frame in (0, FRAMES - 1):
         shown_pose.show_pose(armature, truth[[frame]])
         key_pose_curves.key_current_pose(armature, first + frame)
-    scene.kfmocap.settings = json.dumps({"limb_search": False})  # takes longest
     curves = error_of(armature, body, truth)
     assert bpy.ops.kfmocap.track() == {"FINISHED"}
     assert error_of(armature, body, truth) < 0.3 * curves
