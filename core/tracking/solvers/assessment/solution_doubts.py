@@ -216,21 +216,6 @@ def performers_uncovered(
     return [i for i in found if _frames_beside_limb(problem, i, areas[:, i]).any()]
 
 
-def limb_beside(problem: SegmentProblem, motions: Sequence[Motion]) -> bool:
-    """Whether some view shows foreground beside a single performer that may be a limb, however fast: over `LONG_GAP`
-    frames it is as large as half of the smallest limb in the mean, where each frame counts one limb at most.
-
-    `performers_uncovered`, by which the whole body is searched for, asks for as much on each of these frames.
-    """
-    [performer] = problem.sought
-    held = len(problem.whole_keys(performer)) > 1
-    if not held or problem.length < LONG_GAP or not views_with_foreground(problem.views):
-        return False
-    areas = _areas_beside(problem, misfit_at(problem, motions))[:, performer] / _smallest_limb(problem, performer)
-    windows = np.lib.stride_tricks.sliding_window_view(np.clip(areas, 0, 1), LONG_GAP, axis=1)
-    return bool((windows.mean(axis=-1) > LIMB_SHARE).any())
-
-
 def others_hide(unhidden: Array) -> bool:
     """Whether performers hide so much of one another that limbs may be led astray, by the share of each performer that
     others do not hide, (M, F).
@@ -261,15 +246,10 @@ def _frames_beside_limb(problem: SegmentProblem, performer: int, areas: Array) -
     """Return on which frames areas (V, F) beside a performer could be one of its limbs in some view, for `LONG_GAP`
     frames, shape (F,).
     """
-    large = areas > LIMB_SHARE * _smallest_limb(problem, performer)
-    return np.any([lasting(row, LONG_GAP) for row in large], axis=0)
-
-
-def _smallest_limb(problem: SegmentProblem, performer: int) -> float:
-    """Return the area that a performer's smallest limb shows, square metres."""
     geometry, begin = problem.geometry(), problem.spans()[performer].start
     chains = [[begin + part for part in chain] for chain in limbs(problem.bodies[performer])]
-    return min((float(shown_areas(geometry, parts).sum()) for parts in chains), default=np.inf)
+    smallest = min((shown_areas(geometry, parts).sum() for parts in chains), default=np.inf)
+    return np.any([lasting(row, LONG_GAP) for row in areas > LIMB_SHARE * smallest], axis=0)
 
 
 def limb_hidden_for_long(problem: SegmentProblem, solution: SegmentSolution) -> bool:

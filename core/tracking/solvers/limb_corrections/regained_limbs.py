@@ -27,7 +27,7 @@ from ..assessment.limb_signs import (
     weakly_shown_limbs,
 )
 from ..assessment.settled_solutions import SettledSolutions, unsettled
-from ..assessment.solution_doubts import limb_beside, others_hide
+from ..assessment.solution_doubts import others_hide
 from ..assessment.solution_ranking import likelihood_decides
 from ..descent_stages import COARSE_RESTART, SETTLED
 from ..equations.measurement import Workspace
@@ -153,9 +153,8 @@ def suspected_groups(
 
     These are all limbs of a single performer whom the images contradicted, where likelihood singles out the true
     motion. Otherwise they show a sign: that they have faded counts where performers hide one another, and that they are
-    weakly shown there, too, and for a single performer, in several views. There, foreground beside the performer that
-    may be a limb (`limb_beside`) is a sign of all of them, but not in a long segment. Where performers hide one
-    another, signs do not count for limbs that the images do not show on the key poses either.
+    weakly shown there, too, and for a single performer, in several views. Where performers hide one another, signs do
+    not count for limbs that the images do not show on the key poses either.
 
     Parameters
     ----------
@@ -173,8 +172,6 @@ def suspected_groups(
         places += refuted_limbs(problem, support)
         places += faded_limbs(problem, support) if hidden else []
         places += weakly_shown_limbs(problem, support) if problem.shows_depth and (single or hidden) else []
-        if single and problem.shows_depth and not is_long(problem) and limb_beside(problem, motions):
-            places += [(0, chain) for chain in limbs(problem.bodies[0])]
         unshown = unshown_limbs(problem, support) if hidden else []
         places = [place for place in places if place not in unshown]
     groups = [LimbGroup(i, (chain,)) for k, (i, chain) in enumerate(places) if (i, chain) not in places[:k]]

@@ -251,26 +251,6 @@ def test_a_view_that_shows_a_limb_where_the_solution_has_none_for_long_calls_for
     assert solution_doubts.performers_uncovered(problem, found.motions) == [0] * expected
 
 
-@pytest.mark.parametrize(
-    ("arms", "wrong", "expected"), [("L", 0, False), ("L", 2, False), ("LR", 2, False), ("L", LONG_GAP - 1, True)]
-)
-def test_foreground_of_a_fast_limb_beside_the_performer_shows_on_few_frames(
-    arms: str, wrong: int, expected: bool
-) -> None:
-    """Too few for the whole body to be searched for. Two limbs on two frames are not one on four."""
-    rest = at_rest(HUMAN, LENGTH)
-    raised = rest.rotations.copy()
-    for side, outwards in zip(arms, (1.2, -1.2), strict=False):
-        raised[:, HUMAN.index(f"upper_arm.{side}")] = rotations.exp(np.array([0.0, 0.0, outwards]))
-    lowered = raised.copy()
-    lowered[1 : 1 + wrong] = rest.rotations[1 : 1 + wrong]
-    views = coloured(HUMAN, Motion(rest.translations, raised), CAMERAS)
-    problem = SegmentProblem(views, (HUMAN,), 0, FPS, (ends_held(HUMAN, LENGTH),))
-    found = [Motion(rest.translations, lowered)]
-    assert solution_doubts.limb_beside(problem, found) == expected
-    assert solution_doubts.performers_uncovered(problem, found) == []
-
-
 def test_foreground_beside_an_earlier_motion_is_not_searched_for_limbs_again() -> None:
     """A small correction is not followed by another search."""
     rest = at_rest(HUMAN, LENGTH)

@@ -11,7 +11,6 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from kfmocap.core.body import landmark_positions
-from kfmocap.core.body.limbs import limbs
 from kfmocap.core.body.motion import Motion
 from kfmocap.core.evidence.sampling import Sampling
 from kfmocap.core.evidence.view_frames import ViewFrames
@@ -314,18 +313,6 @@ def test_a_limb_of_one_of_several_that_the_key_poses_do_not_show_is_not_searched
     solution = SimpleNamespace(motions=(TRUTH, TRUTH), unhidden=np.full((2, FRAMES), 0.5))
     groups = regained_limbs.suspected_groups(two, cast(SegmentSolution, solution), support)
     assert groups == ([LimbGroup(1, (ARM,))] if found else [])
-
-
-@pytest.mark.parametrize("beside", [True, False])
-def test_all_limbs_of_a_single_performer_are_searched_for_where_foreground_beside_it_may_be_one(
-    problem: SegmentProblem, monkeypatch: pytest.MonkeyPatch, beside: bool
-) -> None:
-    monkeypatch.setattr(regained_limbs, "limb_beside", lambda *_: beside)
-    solution = SimpleNamespace(motions=(TRUTH,), unhidden=np.ones((1, FRAMES)))
-    groups = regained_limbs.suspected_groups(problem, cast(SegmentSolution, solution), [])
-    assert [group for group in groups if len(group.chains) == 1] == [
-        LimbGroup(0, (chain,)) for chain in limbs(BODY) if beside
-    ]
 
 
 def test_limbs_of_a_performer_who_is_held_are_not_searched_for(
