@@ -223,9 +223,8 @@ def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
     In several views, a solution that nothing has contradicted, and every one for several performers, is refined and
     polished at once, and polished again only if a limb was found elsewhere. Whom others hide is seen by few pixels:
     with all of them, most limbs that look lost are not, and need no search. Several who are polished already are only
-    polished again, those in doubt after coarser steps. Where the solution for a single performer
-    was contradicted and frames follow each other closely, limbs are searched for on some of them. Parameters as in
-    `gauss_newton.descend`.
+    polished again, those in doubt after coarser steps. Where the solution for a single performer was contradicted and
+    frames follow each other closely, limbs are searched for on some of them. Parameters as in `gauss_newton.descend`.
     """
     if problem.doubted and (thinned := ThinnedProblem.of(problem, start)) is not None:
         share = 0.9

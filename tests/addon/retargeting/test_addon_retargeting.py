@@ -307,15 +307,18 @@ def test_a_character_that_only_an_instance_shows_moves_there_and_is_not_shown_tw
     assert list(shown.objects) == [instance]
 
 
+def one_bone_bvh(frame_time: str) -> str:
+    """A BVH file of one frame."""
+    skeleton = "HIERARCHY ROOT a { OFFSET 0 0 0 CHANNELS 3 Zrotation Xrotation Yrotation }"
+    return f"{skeleton} MOTION Frames: 1 Frame Time: {frame_time} 0 0 0"
+
+
 def test_what_cannot_be_meant_is_said_by_name(blender, tmp_path, capsys):
     built("mixamo", name="hero")
     built("unreal", name="villain")
     blend, bvh = tmp_path / "two.blend", tmp_path / "no.bvh"
     bpy.ops.wm.save_as_mainfile(filepath=str(blend))
-    bvh.write_text(
-        "HIERARCHY ROOT a { OFFSET 0 0 0 CHANNELS 3 Zrotation Xrotation Yrotation } MOTION "
-        "Frames: 1 Frame Time: 0.04 0 0 0"
-    )
+    bvh.write_text(one_bone_bvh("0.04"))
     assert main(["retarget", str(bvh), "--to", str(blend), "--out", str(tmp_path / "out.blend")]) == 1
     assert "hero, villain" in capsys.readouterr().err
     command = ["retarget", str(bvh), "--to", str(blend), "--armature", "hero", "--out", str(tmp_path / "out.blend")]
@@ -350,10 +353,7 @@ def test_a_motion_without_a_frame_rate_is_refused_in_one_line(blender, tmp_path,
     built("mixamo", name="hero")
     blend, bvh = tmp_path / "hero.blend", tmp_path / "still.bvh"
     bpy.ops.wm.save_as_mainfile(filepath=str(blend))
-    bvh.write_text(
-        "HIERARCHY ROOT a { OFFSET 0 0 0 CHANNELS 3 Zrotation Xrotation Yrotation } MOTION "
-        "Frames: 1 Frame Time: 0 0 0 0"
-    )
+    bvh.write_text(one_bone_bvh("0"))
     assert main(["retarget", str(bvh), "--to", str(blend), "--out", str(tmp_path / "new.blend")]) == 1
     assert "still: its frame rate is impossible" in capsys.readouterr().err
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import scipy  # its parts are loaded when they are used
@@ -293,6 +293,7 @@ class _LimbDraws:
         They agree if the limb is elsewhere than before in both, and in the same place, as near as a descent reaches,
         for `least_frames` in a row.
         """
+        gained = cache(gained)
         both: list[Motion] = []
         for _ in range(2):
             found = self.found(lambda moved: gained(moved) >= least_gain, lambda moved: gained(moved) >= least_gain / 2)

@@ -108,34 +108,35 @@ class PlantTests:
         pictures together, if the pictures are for it: a long plant may pass as a whole though the point leaves at its
         end. Both are independent, so what a step costs by the two of them adds up.
         """
+        cost, odds = self._cost(plant), self.evidence.log_odds(plant)
         while len(plant) > 2:
-            odds = self.evidence.log_odds(plant)
             found = [
-                (cost + 2 * more, shorter)
-                for cost, shorter in self._shortened(plant)
-                if (more := self.evidence.log_odds(shorter) - odds) > 0
+                (cost - less + 2 * (likelier - odds), less, likelier, shorter)
+                for less, shorter in self._shortened(plant)
+                if (likelier := self.evidence.log_odds(shorter)) > odds
             ]
-            gain, shorter = max(found, key=itemgetter(0), default=(0.0, plant))
+            gain, less, likelier, shorter = max(found, key=itemgetter(0), default=(0.0, cost, odds, plant))
             if gain < chdtri(3, OVERHANG_SIGNIFICANCE):
                 break
-            plant = shorter
+            cost, odds, plant = less, likelier, shorter
         return plant
 
     def _shorter(self, plant: Plant) -> Iterator[Plant]:
         """Leave out steps at the ends of a plant that raise its cost by more than chance does, the costliest first."""
+        cost = self._cost(plant)
         while len(plant) > 2:
-            cost, plant = max(self._shortened(plant), key=itemgetter(0))
-            if cost < chdtri(3, OVERHANG_SIGNIFICANCE):
+            less, plant = min(self._shortened(plant), key=itemgetter(0))
+            if cost - less < chdtri(3, OVERHANG_SIGNIFICANCE):
                 return
+            cost = less
             yield plant
 
     def _shortened(self, plant: Plant) -> Iterator[tuple[float, Plant]]:
-        """Give a plant without its first and without its last step, and by how much less each of them costs."""
+        """Give a plant without its first and without its last step, each with its cost."""
         first, last = plant.steps
-        cost = self._cost(plant)
         for steps in ((first + 1, last), (first, last - 1)):
             shorter = replace(plant, steps=steps)
-            yield cost - self._cost(shorter), shorter
+            yield self._cost(shorter), shorter
 
     def _agrees(self, plant: Plant) -> bool:
         """Test a plant against key poses, pictures, and the evidence, whose covariance is multiplied by a ratio.
