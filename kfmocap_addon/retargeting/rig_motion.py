@@ -27,7 +27,8 @@ from .rigs.rig_curves import ControlChannel, rotation_channel
 from .rigs.rig_error import ShownBones
 from .rigs.rig_reading import RigReading, read_rig, turn_from_rest
 from .rigs.rig_settings import Owner, setting_channels, with_settings
-from .toe_tips import sole_below_ankle, standing_feet, toe_tips, toes_are_one_bone
+from .rigs.single_toes import all_toes_bend, toe_channels
+from .toe_tips import sole_below_ankle, standing_feet, toe_tips
 
 _FEET = tuple(f"foot.{side}" for side in SIDES)
 
@@ -106,7 +107,7 @@ def motion_on_rig(armature: bpy.types.Object, bones: BoneMap, transfer: Transfer
     if options.feet != "off" and options.root != "in-place":
         sides = long_feet((transfer.motion.rest, transfer.bones), (resting, bones), tips)
         stiff = toes_in_floor(transfer.motion, transfer.bones, transfer.planted)
-        sides += [side for side in stiff if side in tips and toes_are_one_bone(armature, bones, follows, side)]
+        sides += [side for side in stiff if side in tips and all_toes_bend(armature, bones, follows, side)]
         used = _with_toes(bones, used, [side for side in sides if can_be_keyed(armature, preset, f"toe.{side}")])
     names, ik = used.names(), [name for name in ik_bones(preset) if name in armature.pose.bones]
     held = () if preset.settings else names  # the limbs of a rig with settings are switched by these
@@ -156,6 +157,7 @@ def _channels(
 ) -> list[ControlChannel]:
     """Return what is keyed on a rig's controls, limbs that the preset drives by IK included."""
     channels = control_channels(armature, rig, result.poses, ik_roles(rig, preset))
+    channels += toe_channels(armature, rig, result.poses)
     return channels + ik_channels(armature, rig, result.poses, preset)
 
 

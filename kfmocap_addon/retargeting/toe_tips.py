@@ -57,18 +57,6 @@ def toe_tips(rest: RestSkeleton, bones: BoneMap, used: BoneMap, skins: Mapping[s
     return found
 
 
-def toes_are_one_bone(armature: bpy.types.Object, bones: BoneMap, shown: Mapping[str, str], side: str) -> bool:
-    """Return whether a single bone leads all toes of a foot: bones that lead one toe each begin beside each other.
-    `shown` as for `standing_feet`.
-    """
-    foot, toe = ([armature.data.bones[name] for name in _shown(bones, f"{r}.{side}", shown)] for r in ("foot", "toe"))
-    if not foot or not toe or toe[0].parent is None:
-        return False
-    beside = (toe[0].head_local - foot[0].head_local).length / 2
-    others = [bone for bone in toe[0].parent.children if bone != toe[0]]
-    return not any((bone.head_local - toe[0].head_local).length < beside for bone in others)
-
-
 def sole_below_ankle(
     armature: bpy.types.Object, bones: BoneMap, shown: Mapping[str, str], skins: Mapping[str, Array], turn: Array
 ) -> float | None:

@@ -10,7 +10,8 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from kfmocap.core.body.soles import BALL_SHARE  # noqa: E402
-from kfmocap.kfmocap_addon.retargeting.send import send_to_rig  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.source_motion import motion_of_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from made_rigs import moved_body  # noqa: E402
 from mathutils import Matrix, Vector  # noqa: E402
@@ -203,24 +204,73 @@ def test_toes_of_a_foot_that_is_long_for_its_leg_bend_on_the_ground():
         assert (max(bends) > 20) == (share > 1)
 
 
-@pytest.mark.parametrize("toes", [1, 5])
-def test_toes_that_one_bone_leads_bend_where_the_performer_rolls_over_the_balls_of_stiff_feet(toes):
+def with_single_toes(toes):
+    """A character whose feet end at the ball, with a bone for each of some toes, with rolls of their own."""
     armature = with_feet(skinned_human(), 0.7)
     with body_armature.edit_bones(armature) as bones:
         for side in "LR":
             foot = bones[f"foot.{side}"]
             for k in range(toes):
-                bone = bones.new(f"toe.{side}" if k == 0 else f"toe{k + 1}.{side}")
+                bone = bones.new(f"toe{k + 1}.{side}")
                 bone.parent, bone.head = foot, foot.tail + Vector((0.015 * k, 0.0, 0.0))
                 bone.tail = bone.head + 0.4 * (foot.tail - foot.head)
+                bone.roll = 0.4 * k
+    return armature
+
+
+def rolling_over_balls():
     steps = Footfalls(1.2, 0.8, 0.66, -8, 30, BALL_SHARE, heel_off=0.5, start=0.2)
-    motion = moved_body(BODY, Walk(steps).motion(BODY, np.arange(40) / 30.0), 30.0)
-    send_to_rig(bpy.context.scene, motion, armature, 1)
-    bends = []
+    return moved_body(BODY, Walk(steps).motion(BODY, np.arange(40) / 30.0), 30.0)
+
+
+def bends_of_toes(armature, toes):
+    """By how much each toe is turned away from its foot in the armature, (F, 2, toes) rotation vectors, degrees."""
+    found = []
     for frame in range(1, 41):
         bpy.context.scene.frame_set(frame)
-        bends += [np.degrees(armature.pose.bones[f"toe.{side}"].matrix_basis.to_quaternion().angle) for side in "LR"]
-    assert (max(bends) > 15) == (toes == 1)
+        for name in (f"toe{k + 1}.{side}" for side in "LR" for k in range(toes)):
+            at_rest = armature.data.bones[name].matrix_local.to_quaternion()
+            turn = at_rest @ armature.pose.bones[name].matrix_basis.to_quaternion() @ at_rest.inverted()
+            found.append(np.degrees(np.multiply(turn.angle, turn.axis)))
+    return np.reshape(found, (40, 2, toes, 3))
+
+
+@pytest.mark.parametrize("toes", [1, 5])
+def test_toes_bend_where_the_performer_rolls_over_the_balls_of_stiff_feet(toes):
+    """Each of five toes about the same axis and by as much as the first, however its bone is rolled."""
+    armature = with_single_toes(toes)
+    send_to_rig(bpy.context.scene, rolling_over_balls(), armature, 1)
+    bends = bends_of_toes(armature, toes)
+    assert np.linalg.norm(bends, axis=-1).max() > 15
+    np.testing.assert_allclose(bends, bends[:, :, :1].repeat(toes, axis=2), atol=0.01)
+
+
+@pytest.mark.parametrize("what", ["helper", "held"])
+def test_toes_do_not_bend_beside_others_that_cannot(what):
+    """One that leads no skin may be part of the rig's mechanism; one that a constraint turns would stay behind."""
+    armature = with_single_toes(5)
+    if what == "helper":
+        armature.data.bones["toe3.L"].use_deform = False
+    else:
+        held = armature.pose.bones["toe3.L"].constraints.new("COPY_ROTATION")
+        held.target, held.subtarget = armature, "shin.L"
+    send_to_rig(bpy.context.scene, rolling_over_balls(), armature, 1)
+    bends = np.linalg.norm(bends_of_toes(armature, 5), axis=-1)
+    assert bends[:, 0, [0, 1, 3, 4]].max() < 0.01
+    assert bends[:, 1].max() > 15
+
+
+def test_all_toes_move_with_those_of_the_motion():
+    """The performer has one bone for the toes of each foot."""
+    performer = with_single_toes(1)
+    send_to_rig(bpy.context.scene, rolling_over_balls(), performer, 1)
+    motion, bones = motion_of_armature(bpy.context.scene, performer, (1, 40))
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    armature = with_single_toes(5)
+    send_to_rig(bpy.context.scene, motion, armature, 1, SendOptions(source_bones=bones))
+    bends = bends_of_toes(armature, 5)
+    assert np.linalg.norm(bends, axis=-1).max() > 15
+    np.testing.assert_allclose(bends, bends[:, :, :1].repeat(5, axis=2), atol=0.01)
 
 
 def test_fingers_that_are_not_moved_show_where_palms_face():
