@@ -82,16 +82,21 @@ def without_drivers(
     """
     found: dict[Driver, None] = {}
     for curve in _drivers(armature):
-        bone, attribute = fcurves.bone_of(curve.data_path), curve.data_path.rpartition(".")[2]
-        turns = attribute.startswith("rotation_") and attribute != "rotation_mode" and bone in controls
-        if not curve.mute and (turns or (attribute == "location" and bone in moved)):
-            found[bone, attribute] = None
+        bone, attribute = driven = _driven(curve)
+        if not curve.mute and ((_turns(attribute) and bone in controls) or (attribute == "location" and bone in moved)):
+            found[driven] = None
     _mute(armature, found, mute=True)
     try:
         yield tuple(found)
     except BaseException:
         restore_drivers(armature, tuple(found))
         raise
+
+
+def turned_by_driver(armature: bpy.types.Object, name: str) -> bool:
+    """Return whether a driver acts on the rotation of a bone."""
+    acting = [_driven(curve) for curve in _drivers(armature) if not curve.mute]
+    return any(bone == name and _turns(attribute) for bone, attribute in acting)
 
 
 @contextmanager
@@ -121,6 +126,14 @@ def _mute(armature: bpy.types.Object, drivers: Collection[Driver], *, mute: bool
 
 def _drivers(armature: bpy.types.Object) -> Sequence[Any]:
     return list(armature.animation_data.drivers) if armature.animation_data else []
+
+
+def _driven(curve: Any) -> Driver:
+    return fcurves.bone_of(curve.data_path), curve.data_path.rpartition(".")[2]
+
+
+def _turns(attribute: str) -> bool:
+    return attribute.startswith("rotation_") and attribute != "rotation_mode"
 
 
 @contextmanager

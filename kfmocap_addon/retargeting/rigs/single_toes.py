@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import bpy
-import numpy as np
 
 from ....core.retargeting.bone_roles.roles import SIDES, BoneMap
 from ....core.retargeting.control_rig import ControlRig, RigPoses, local_turns
+from ...scene_io.body.body_armature import rest_rotations
 from ...scene_io.constraints import acts
+from .held_bones import turned_by_driver
 from .rig_curves import ControlChannel, rotation_channel
 
 
@@ -29,15 +30,16 @@ def all_toes_bend(armature: bpy.types.Object, bones: BoneMap, shown: Mapping[str
 def toe_channels(armature: bpy.types.Object, rig: ControlRig, poses: RigPoses) -> list[ControlChannel]:
     """Return the rotations of the bones of toes beside those that are driven: about the same axes, by as much."""
     channels = []
-    roles = [side for side in SIDES if f"toe.{side}" in rig.bones.bones and f"foot.{side}" in rig.bones.bones]
-    for side in roles:
+    sides = [side for side in SIDES if f"toe.{side}" in rig.bones.bones and f"foot.{side}" in rig.bones.bones]
+    for side in sides:
         toe, foot = (rig.index(f"{role}.{side}") for role in ("toe", "foot"))
         name = rig.rest.names[toe]
         others = [other for other in _beside(armature, rig.rest.names[foot], name) if _is_free(armature, other)]
         if others and poses.driven[toe]:
-            turns, own = local_turns(rig, poses)[:, toe], _axes(armature, name)
-            for other in others:
-                between = own.T @ _axes(armature, other)
+            turns = local_turns(rig, poses)[:, toe]
+            own, *axes = rest_rotations([armature.data.bones[each] for each in (name, *others)])
+            for other, its_own in zip(others, axes, strict=True):
+                between = own.T @ its_own
                 channels.append(rotation_channel(armature.pose.bones[other], between.T @ turns @ between))
     return channels
 
@@ -53,8 +55,6 @@ def _beside(armature: bpy.types.Object, foot: str, toe: str) -> list[str]:
 
 
 def _is_free(armature: bpy.types.Object, name: str) -> bool:
-    return armature.data.bones[name].use_deform and not any(acts(c) for c in armature.pose.bones[name].constraints)
-
-
-def _axes(armature: bpy.types.Object, name: str) -> np.ndarray:
-    return np.array(armature.data.bones[name].matrix_local.to_3x3())
+    """Return whether keys can move a bone, and with it some skin."""
+    held = any(acts(constraint) for constraint in armature.pose.bones[name].constraints)
+    return armature.data.bones[name].use_deform and not held and not turned_by_driver(armature, name)

@@ -245,12 +245,14 @@ def test_toes_bend_where_the_performer_rolls_over_the_balls_of_stiff_feet(toes):
     np.testing.assert_allclose(bends, bends[:, :, :1].repeat(toes, axis=2), atol=0.01)
 
 
-@pytest.mark.parametrize("what", ["helper", "held"])
+@pytest.mark.parametrize("what", ["helper", "held", "driven"])
 def test_toes_do_not_bend_beside_others_that_cannot(what):
-    """One that leads no skin may be part of the rig's mechanism; one that a constraint turns would stay behind."""
+    """One that leads no skin may be part of the rig's mechanism; one that something else turns would stay behind."""
     armature = with_single_toes(5)
     if what == "helper":
         armature.data.bones["toe3.L"].use_deform = False
+    elif what == "driven":
+        armature.pose.bones["toe3.L"].driver_add("rotation_quaternion", 1).driver.expression = "0.0"
     else:
         held = armature.pose.bones["toe3.L"].constraints.new("COPY_ROTATION")
         held.target, held.subtarget = armature, "shin.L"
