@@ -79,7 +79,7 @@ class Camera:
         size : tuple of int
             Width and height, pixels.
         matrix : array-like, shape (3, 3)
-            Pixels; the focal lengths are positive.
+            Pixels; the focal lengths are positive, and the last row is 0 0 1.
         R_cam_world : array-like, shape (3, 3) or (F, 3, 3)
             Rotation from world to camera axes: one of a fixed camera, or one per shot frame.
         t_cam_world : array-like, shape (3,) or (F, 3)
@@ -99,12 +99,15 @@ class Camera:
         K, dist = np.asarray(matrix, float), np.asarray(distortions, float).ravel()
         if K.shape != (3, 3) or not (K[0, 0] > 0 and K[1, 1] > 0):
             raise CalibrationError("the matrix must be 3x3 with positive focal lengths", where=where)
+        if not np.allclose(K[2], (0, 0, 1)):
+            todo = "the principal point is in the last column; transpose it if yours is in the last row"
+            raise CalibrationError(f"the last row of the matrix is {K[2]}, not 0 0 1", where=where, todo=todo)
         if not all(np.isfinite(a).all() for a in (K, dist, R, t)):
             raise CalibrationError("a value is not a finite number", where=where)
         if not rotations.are_rotations(R).all():
             todo = "matrices that scale or mirror are not rotations"
             raise CalibrationError("a rotation matrix is not a rotation", where=where, todo=todo)
-        if np.shape(size) != (2,):
+        if np.shape(size) != (2,) or not (np.isfinite(size).all() and min(size) >= 1):
             todo = "give width and height in pixels"
             raise CalibrationError(f"the size of its pictures is {size!r}", where=where, todo=todo)
         return cls(

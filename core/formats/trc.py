@@ -126,7 +126,8 @@ def write_trc(path: Path | str, names: Sequence[str], points_world: Array, fps: 
     Raises
     ------
     LandmarkError
-        There is not a position for each name, or the frame rate is not positive.
+        There is not a position for each name, one is infinite, a name holds what separates names in the file, or the
+        frame rate is not positive.
     OutputError
         The file cannot be written.
     """
@@ -136,6 +137,14 @@ def write_trc(path: Path | str, names: Sequence[str], points_world: Array, fps: 
     if points.shape != (F, L, 3) or not (np.isfinite(fps) and fps > 0):
         what = f"positions of shape {points.shape} at {fps} frames per second"
         raise LandmarkError(what, where=str(path), todo=f"give those of each frame, (frames, {L}, 3), and their rate")
+    for name in names:
+        if not name.strip() or any(ch in name for ch in "\t\r\n"):
+            todo = "a name has letters, and neither tabs nor line breaks"
+            raise LandmarkError(f"{name!r} cannot be a landmark's name", where=str(path), todo=todo)
+    if np.isinf(points).any():
+        frame, landmark = np.argwhere(np.isinf(points))[0, :2]
+        todo = "give NaN where a landmark was not seen"
+        raise LandmarkError(f"{names[landmark]} is infinitely far away in row {frame}", where=str(path), todo=todo)
     rate = f"{fps:.10g}"
     keys = "DataRate CameraRate NumFrames NumMarkers Units OrigDataRate OrigDataStartFrame OrigNumFrames"
     lines = [

@@ -6,12 +6,22 @@ from collections.abc import Callable
 from threading import Lock
 from typing import TypeVar
 
+import numpy as np
+
 from ..errors import CancelledError
 
 Progress = Callable[[str, float], bool]
 """progress(what, fraction) is called while a job runs; it returns False to cancel."""
 
 State = TypeVar("State")
+
+
+def is_cancelled(answer: object) -> bool:
+    """Whether a progress callback answered False: Python's, or NumPy's as comparisons of its numbers give it.
+
+    A callback that returns nothing goes on.
+    """
+    return isinstance(answer, bool | np.bool_) and not answer
 
 
 def report_progress(progress: Progress | None, what: str, fraction: float) -> None:
@@ -22,7 +32,7 @@ def report_progress(progress: Progress | None, what: str, fraction: float) -> No
     CancelledError
         `progress` returned False.
     """
-    if progress is not None and progress(what, fraction) is False:
+    if progress is not None and is_cancelled(progress(what, fraction)):
         raise CancelledError
 
 

@@ -6,11 +6,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..body import Body
 from ..body.motion import Motion, stacked
 from ..cameras.camera import Camera
+from ..errors import ShotError
 from .holds import Hold, holds_between
 from .settings import SEVERAL_VIEWS_LENGTHS, Settings
 
@@ -72,6 +73,15 @@ class View:
     every: int = 1
 
 
+def _whole_numbers(frames: ArrayLike) -> NDArray[np.int64]:
+    """Return frame numbers as integers; a mask of frames, or a time between two, is refused."""
+    numbers = np.asarray(frames)
+    if numbers.dtype == bool or not np.can_cast(numbers.dtype, float) or (numbers % 1 != 0).any():
+        what = f"key frames are {', '.join(map(str, numbers.ravel()[:20]))}"
+        raise ShotError(what, todo="give frame numbers, which are whole and count from the shot's first frame")
+    return numbers.astype(np.int64)
+
+
 @dataclass(frozen=True, eq=False)
 class KeyPoses:
     """Poses that the animator set.
@@ -93,8 +103,14 @@ class KeyPoses:
 
     @classmethod
     def whole(cls, frames: NDArray[np.int64] | list[int], poses: Motion) -> KeyPoses:
-        """Return key poses on frames (K,) that fix every degree of freedom."""
-        return cls(np.asarray(frames, np.int64), poses, np.ones((len(poses), 3 + 3 * poses.rotations.shape[1]), bool))
+        """Return key poses on frames (K,) that fix every degree of freedom.
+
+        Raises
+        ------
+        ShotError
+            A frame is not a whole number.
+        """
+        return cls(_whole_numbers(frames), poses, np.ones((len(poses), 3 + 3 * poses.rotations.shape[1]), bool))
 
     @classmethod
     def proposed(cls, frames: NDArray[np.int64] | list[int], poses: Motion) -> KeyPoses:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,8 +163,8 @@ class ShotSpec:
     def selected(
         self,
         *,
-        views: Sequence[str] | None = None,
-        keyframes: Sequence[int] | Literal["auto"] | None = None,
+        views: Sequence[str] | str | None = None,
+        keyframes: Sequence[int] | NDArray[np.integer[Any]] | Literal["auto"] | None = None,
         solver: str | None = None,
         offsets: Mapping[str, float] | None = None,
     ) -> ShotSpec:
@@ -172,9 +172,9 @@ class ShotSpec:
 
         Parameters
         ----------
-        views : sequence of str, optional
-            Keep the views of these cameras only.
-        keyframes : sequence of int or "auto", optional
+        views : sequence of str, or str, optional
+            Keep the views of these cameras, or of this one, only.
+        keyframes : sequence or array of int, or "auto", optional
             The key frames of every performer.
         solver : str, optional
         offsets : mapping of str to float, optional
@@ -191,14 +191,17 @@ class ShotSpec:
             check_cameras(offsets, known, where="--offset")
             spec = replace(spec, views=tuple(replace(v, offset=offsets.get(v.camera, v.offset)) for v in spec.views))
         if views is not None:
+            views = [views] if isinstance(views, str) else views
             check_cameras(views, known, where="--views")
             if not views:
                 raise ShotError("no view is named", where="--views", todo=f"there are {', '.join(known)}")
             spec = replace(spec, views=tuple(view for view in spec.views if view.camera in views))
         if keyframes is not None:
-            keys: KeyFrames = (
-                "auto" if keyframes == "auto" else checked_keyframes(keyframes, self.frames, where="--keyframes")
-            )
+            keys: KeyFrames = "auto"
+            if isinstance(keyframes, str):
+                check_is_auto(keyframes)
+            else:
+                keys = checked_keyframes(list(keyframes), self.frames, where="--keyframes")
             spec = replace(spec, performers=tuple(replace(p, keyframes=keys) for p in self.performers))
         if solver is not None:
             check_solver(solver, where="--solver")
@@ -217,6 +220,19 @@ def check_cameras(names: Iterable[str], known: Sequence[str], *, where: str) -> 
     for name in names:
         if name not in known:
             raise ShotError(f"no view has the camera '{name}'", where=where, todo=f"there are {', '.join(known)}")
+
+
+def check_is_auto(keyframes: str) -> None:
+    """Check that key frames given as a word are to be chosen.
+
+    Raises
+    ------
+    ShotError
+        The word is another one than "auto".
+    """
+    if keyframes != "auto":
+        todo = 'give a list of frame numbers, or "auto"'
+        raise ShotError(f"key frames are '{keyframes}'", where="--keyframes", todo=todo)
 
 
 def checked_keyframes(frames: Sequence[int], shot_frames: tuple[int, int], *, where: str) -> tuple[int, ...]:

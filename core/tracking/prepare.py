@@ -7,9 +7,10 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..body import part_poses
 from ..body.unknown_parts import resting_parts
@@ -42,8 +43,8 @@ _STATE_UNIT = 'write unit = "mm" or unit = "cm" under [calibration]; unit = "m" 
 def load_shot(
     path: Path | str,
     *,
-    views: Sequence[str] | None = None,
-    keyframes: Sequence[int] | Literal["auto"] | None = None,
+    views: Sequence[str] | str | None = None,
+    keyframes: Sequence[int] | NDArray[np.integer[Any]] | Literal["auto"] | None = None,
     solver: str | None = None,
     cameras: Mapping[str, Camera] | None = None,
 ) -> Shot:

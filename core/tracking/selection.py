@@ -4,22 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..body.motion import Motion
 from ..errors import ShotError
 from ..shot.settings import check_solver
 from ..shot.shot import KeyPoses, Performer, Shot
-from ..shot.shot_spec import check_cameras
+from ..shot.shot_spec import check_cameras, check_is_auto
 from .prepare import with_proposed_keys
 
 
 def selected(
     shot: Shot,
-    views: Sequence[str] | None = None,
-    keyframes: Sequence[int] | Literal["auto"] | None = None,
+    views: Sequence[str] | str | None = None,
+    keyframes: Sequence[int] | NDArray[np.integer[Any]] | Literal["auto"] | None = None,
     solver: str | None = None,
     offsets: Mapping[str, float] | None = None,
 ) -> Shot:
@@ -27,8 +28,8 @@ def selected(
 
     Parameters
     ----------
-    views : sequence of str, optional
-    keyframes : sequence of int or "auto", optional
+    views : sequence of str, or str, optional
+    keyframes : sequence or array of int, or "auto", optional
         Frames in the footage's count; each must have a key pose. "auto" keeps all key poses and adds proposals from
         keypoints.
     solver : str, optional
@@ -49,14 +50,16 @@ def selected(
             shot, views=tuple(replace(view, offset=offsets.get(view.camera.name, view.offset)) for view in shot.views)
         )
     if views is not None:
+        views = [views] if isinstance(views, str) else views
         check_cameras(views or ("",), known, where="--views")
         shot = replace(shot, views=tuple(view for view in shot.views if view.camera.name in views))
-    if keyframes == "auto":
+    if isinstance(keyframes, str):
+        check_is_auto(keyframes)
         if not any(view.keypoints for view in shot.views):
             raise ShotError("no view has keypoints to propose key poses from", where="--keyframes")
         shot = with_proposed_keys(shot)
     elif keyframes is not None:
-        performers = tuple(_at(performer, keyframes, shot.frames[0]) for performer in shot.performers)
+        performers = tuple(_at(performer, list(keyframes), shot.frames[0]) for performer in shot.performers)
         shot = replace(shot, performers=performers)
     if solver is not None:
         check_solver(solver, where="--solver")

@@ -13,7 +13,7 @@ from threading import Event
 from typing import Any
 
 from ...errors import CancelledError, WorkerEndedError
-from ..progress import ParallelProgress, Progress
+from ..progress import ParallelProgress, Progress, is_cancelled
 from .worker_process import Work, WorkerProcess
 
 
@@ -88,7 +88,7 @@ class WorkerPool:
         if self._threads is not None:
             return self._threads.submit(self._done, work, progress)
         done: Future[Any] = Future()
-        done.set_result(work(lambda _, fraction: progress(fraction) is not False))
+        done.set_result(work(lambda _, fraction: not is_cancelled(progress(fraction))))
         progress(1.0)
         return done
 
@@ -133,7 +133,7 @@ class WorkerPool:
                 raise self._failure
             if self._ended.is_set():
                 raise CancelledError
-            return progress(fraction) is not False
+            return not is_cancelled(progress(fraction))
 
         try:
             if place == len(self._processes):

@@ -214,6 +214,14 @@ def test_fields_of_interlaced_footage_are_frames(folder: Path) -> None:
     assert [(view.fields, view.offset) for view in shot.views] == [("progressive", 0.0), ("bottom-first", 12.0)]
 
 
+def test_one_view_by_its_name_and_key_frames_in_an_array_are_as_lists_of_them(folder: Path) -> None:
+    read = load_shot(folder / "shot.toml", views="cam02", keyframes=np.array([3, 9]))
+    cut = selected(load_shot(folder / "shot.toml"), "cam02", np.array([3, 9]))
+    for shot in (read, cut):
+        assert [view.camera.name for view in shot.views] == ["cam02"]
+        assert shot.performers[0].key_poses.frames.tolist() == [1, 7]
+
+
 def test_a_part_of_a_shot_can_be_selected(folder: Path) -> None:
     shot = selected(load_shot(folder / "shot.toml"), ["cam02"], [3, 9], "gauss-newton")
     assert [view.camera.name for view in shot.views] == ["cam02"]
@@ -229,6 +237,7 @@ def test_a_part_of_a_shot_can_be_selected(folder: Path) -> None:
         ({"offsets": {"cam09": 1.0}}, "--offset: no view has the camera 'cam09'"),
         ({"keyframes": [4]}, "--keyframes: man has no key pose at frame 4"),
         ({"keyframes": []}, "--keyframes: at least one"),
+        ({"keyframes": "3,9"}, "--keyframes: key frames are '3,9'.*\"auto\""),
         ({"solver": "magic"}, "unknown solver 'magic'"),
     ],
 )
@@ -433,8 +442,11 @@ def test_a_missing_shot_file_is_named(tmp_path: Path) -> None:
     [
         ({"views": ["cam09"]}, "--views: no view has the camera 'cam09'.*cam01, cam02"),
         ({"views": []}, "--views: no view is named"),
+        ({"views": "cam09"}, "--views: no view has the camera 'cam09'.*cam01, cam02"),
         ({"keyframes": [100]}, "--keyframes: key frame 100 lies outside"),
         ({"keyframes": []}, "--keyframes: at least one"),
+        ({"keyframes": np.array([2, 2.5])}, "--keyframes: key frame 2.5 is not a whole number"),
+        ({"keyframes": "3,9"}, "--keyframes: key frames are '3,9'.*\"auto\""),
         ({"solver": "magic"}, "--solver: unknown solver 'magic'"),
     ],
 )

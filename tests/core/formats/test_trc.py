@@ -82,6 +82,21 @@ def test_a_file_that_is_not_a_trc_is_refused(tmp_path: Path) -> None:
             read_trc(tmp_path / name)
 
 
+@pytest.mark.parametrize("name", ["LHip\tRHip", "Neck\n", "", " "])
+def test_a_name_that_would_break_the_file_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(LandmarkError, match=r"a\.trc: .* cannot be a landmark's name"):
+        write_trc(tmp_path / "a.trc", ["Hip", name], np.zeros((5, 2, 3)), 30.0)
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_infinite_position_is_refused_with_its_name_and_row(tmp_path: Path) -> None:
+    points = np.zeros((5, 2, 3))
+    points[3, 1, 0] = np.inf
+    with pytest.raises(LandmarkError, match=r"a\.trc: Neck is infinitely far away in row 3"):
+        write_trc(tmp_path / "a.trc", ["Hip", "Neck"], points, 30.0)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(("shape", "fps"), [((5, 2), 30), ((5, 3, 3), 30), ((5, 2, 2), 30), ((5, 2, 3), 0)])
 def test_what_is_not_a_position_for_each_name_is_not_written(
     tmp_path: Path, shape: tuple[int, ...], fps: float

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
+import numpy as np
 import pytest
 from kfmocap.core.errors import CancelledError
 from kfmocap.core.runtime.progress import report_progress, share, step_share
@@ -20,6 +23,14 @@ def test_parts_of_parts_add_up_to_the_job() -> None:
 def test_cancelling_a_part_cancels_the_job() -> None:
     with pytest.raises(CancelledError):
         report_progress(share(lambda what, fraction: False, 0.0, 0.5), "work", 0.3)
+
+
+@pytest.mark.parametrize(
+    ("answer", "cancelled"), [(np.False_, True), (np.True_, False), (None, False), (0, False), (True, False)]
+)
+def test_what_a_comparison_in_numpy_answers_cancels_as_well(answer: object, cancelled: bool) -> None:
+    with pytest.raises(CancelledError) if cancelled else nullcontext():
+        report_progress(lambda what, fraction: answer, "work", 0.3)
 
 
 def test_no_callback_has_no_parts() -> None:

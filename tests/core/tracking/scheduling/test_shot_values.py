@@ -33,6 +33,16 @@ def with_poses(change: Callable[[Motion], Motion]) -> Shot:
     return replace(SHOT, performers=(performer([0, 9], change(at_rest(BODY, 2))),))
 
 
+@pytest.mark.parametrize("frames", [[0.5, 9], [np.nan, 9], np.arange(2) == 0, ["0", "9"]])
+def test_key_frames_that_are_no_frame_numbers_are_refused_where_they_are_given(frames) -> None:
+    with pytest.raises(ShotError, match=r"key frames are .* frame numbers, which are whole"):
+        KeyPoses.whole(frames, at_rest(BODY, 2))
+
+
+def test_whole_numbers_of_any_type_are_key_frames() -> None:
+    assert KeyPoses.whole(np.array([0.0, 9.0]), at_rest(BODY, 2)).frames.dtype == np.int64
+
+
 @pytest.mark.parametrize(
     ("shot", "message"),
     [
