@@ -13,8 +13,10 @@ from ...errors import listed
 from ...numerics.frame_ranges import adjacent_joined
 from ...runtime.decoder_log import DecoderLog
 from ..footage_files.image_sequences import image_files
+from ..footage_files.stored_frames import stored_frames
 from ..frame_numbers import file_index
 from ..shot import Shot, View
+from .continuity import block_means, lit_differently
 from .footage_times import made_from, whole_pictures
 
 _MAX_SHOWN = 5
@@ -95,8 +97,8 @@ def unreported_damage(shot: Shot, view: View, torn: Sequence[int]) -> FootageDam
 
     A decoder may not notice a changed bit. All pictures that are made from a wrong one are wrong, too, up to the next
     that is stored whole. Encoders also store one whole where the picture changes, but then sooner than the usual
-    interval. A single picture that fits neither neighbour, as one that a flash lights, begins no such stretch if
-    another may have, and ends none.
+    interval; and where the light alone has changed, the pictures before were right. A single picture that fits neither
+    neighbour, as one that a flash lights, begins no such stretch if another may have, and ends none.
     """
     if not torn:
         return None
@@ -106,7 +108,8 @@ def unreported_damage(shot: Shot, view: View, torn: Sequence[int]) -> FootageDam
     single = {jump for jump in jumps if jump + 1 in jumps}
     lasting = [jump for jump in jumps if not single & {jump - 1, jump}]
     for before, here in pairwise(whole.tolist()):
-        if here in jumps and here - 1 not in single and here - before == apart.max() > 1:
+        jumped = here in jumps and here - 1 not in single and here - before == apart.max() > 1
+        if jumped and not _lit_differently(view, here):
             between = [[jump for jump in some if before < jump < here] for some in (lasting, jumps)]
             stretches.append((min(between[0] or between[1], default=before), here - 1))
             ends.append(here)
@@ -117,6 +120,13 @@ def unreported_damage(shot: Shot, view: View, torn: Sequence[int]) -> FootageDam
     )
     frames = tuple(frame for stretch in stretches for frame in stretch)
     return FootageDamage(frames, fault, reported=False, stretches=tuple(stretches))
+
+
+def _lit_differently(view: View, frame: int) -> bool:
+    """Whether a picture of the file differs from the one before in light alone."""
+    near = stored_frames(view.footage, (frame - 1, frame), view.camera.size, threads=1)
+    before, after = (block_means(stored.image) for stored in near)
+    return lit_differently(before, after)
 
 
 def footage_damage(shot: Shot, view: View) -> FootageDamage | None:

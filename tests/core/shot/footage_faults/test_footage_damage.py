@@ -81,6 +81,23 @@ def test_pictures_that_jump_to_one_that_is_stored_whole_may_be_damaged(
         assert "cut there to another picture" in found.text  # which looks the same
 
 
+@pytest.mark.parametrize(("lit", "found"), [(True, False), (False, True)])
+def test_light_that_changes_where_a_picture_is_stored_whole_is_not_damage(
+    tmp_path: Path, lit: bool, found: bool
+) -> None:
+    path, size = tmp_path / "light.mp4", CAMERAS[0].size
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), FPS, size)
+    coarse = np.random.default_rng(1).integers(60, 200, (12, 16, 3)).astype(np.uint8)
+    picture = cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC)
+    flare = 50 * np.exp(-(((np.arange(size[0]) - 0.4 * size[0]) / (0.3 * size[0])) ** 2))[:, None]
+    for f in range(FRAMES):
+        other = np.clip(picture + flare, 0, 255).astype(np.uint8) if lit else np.roll(picture, 70, axis=1)
+        writer.write(picture if f < 12 else other)
+    writer.release()
+    assert whole_pictures(path, FRAMES).tolist() == [0, 12]
+    assert (shot_damage(shot(path), [(12,)], reported=False) != (None,)) == found
+
+
 def test_damage_is_put_down_to_its_view_and_frame(film: Path, damaged: Path) -> None:
     whole, found = shot_damage(shot(film, damaged))
     assert whole is None
