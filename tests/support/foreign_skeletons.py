@@ -875,6 +875,60 @@ SKELETONS = {
         cn_neckB_bnd | cn_neckA_bnd | nape | neck
         cn_head_bnd | cn_neckB_bnd | head | head
         """,
+    "small letters number the bones of chains": """
+        hips | | hips | hips
+        spine_a | hips | spine1 | spine
+        spine_b | spine_a | spine2 | spine
+        spine_c | spine_b | spine3 | spine
+        collar.{S} | spine_c | collar | shoulder
+        arm.{S} | collar.{S} | shoulder | upper_arm
+        elbow.{S} | arm.{S} | elbow | forearm
+        hand.{S} | elbow.{S} | wrist | hand
+        thumb_a.{S} | hand.{S} | thumb0 | thumb
+        thumb_b.{S} | thumb_a.{S} | thumb1 | thumb
+        leg.{S} | hips | thigh | thigh
+        knee.{S} | leg.{S} | knee | shin
+        foot.{S} | knee.{S} | ankle | foot
+        neck_a | spine_c | neck | neck
+        neck_b | neck_a | nape | neck
+        head | neck_b | head | head
+        """,
+    "toes that are named like fingers": """
+        Hips | | hips | hips
+        Spine | Hips | spine1 | spine
+        Spine1 | Spine | spine2 | spine
+        {Side}Shoulder | Spine1 | collar | shoulder
+        {Side}Arm | {Side}Shoulder | shoulder | upper_arm
+        {Side}ForeArm | {Side}Arm | elbow | forearm
+        {Side}Hand | {Side}ForeArm | wrist | hand
+        {Side}HandIndex1 | {Side}Hand | index0 | index
+        {Side}UpLeg | Hips | thigh | thigh
+        {Side}Leg | {Side}UpLeg | knee | shin
+        {Side}Foot | {Side}Leg | ankle | foot
+        {Side}FootThumb1 | {Side}Foot | ball | toe
+        {Side}FootThumb2 | {Side}FootThumb1 | tiptoe
+        {Side}FootPinky1 | {Side}Foot | ball
+        Neck | Spine1 | neck | neck
+        Head | Neck | head | head
+        """,
+    "toes without a bone for all": """
+        hip | | hips | hips
+        abdomenLower | hip | spine1 | spine
+        chestUpper | abdomenLower | spine2 | spine
+        {s}Collar | chestUpper | collar | shoulder
+        {s}ShldrBend | {s}Collar | shoulder | upper_arm
+        {s}ForearmBend | {s}ShldrBend | elbow | forearm
+        {s}Hand | {s}ForearmBend | wrist | hand
+        {s}ThighBend | hip | thigh | thigh
+        {s}Shin | {s}ThighBend | knee | shin
+        {s}Foot | {s}Shin | ankle | foot
+        {s}BigToe | {s}Foot | ball | toe
+        {s}BigToe_2 | {s}BigToe | tiptoe
+        {s}SmallToe1 | {s}Foot | ball
+        {s}SmallToe4 | {s}Foot | ball
+        neckLower | chestUpper | neck | neck
+        head | neckLower | head | head
+        """,
     "vrm 1.0 as blender marks sides": """
         hips | | hips | hips
         spine | hips | spine1 | spine

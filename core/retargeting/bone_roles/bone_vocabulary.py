@@ -34,6 +34,7 @@ WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
         "toe",
         (
             r"toes?(base)?\d*|ball|toebone|zehen?",
+            r"(big|great|small|little|index|long|mid|middle|ring|pinky)toe\d*|foot(thumb|index|middle|ring|pinky)\d*",
             r"dedos?(del?)?pie|orteils?|(dita|alluce)(del)?piede|dedosdo?pe|пальцы(ног|ноги|стопы)?",
             r"つま先|脚趾",
         ),

@@ -37,9 +37,9 @@ _DECIDING_KINDS = frozenset(["fk", "helper"])
 _CENTRE = "C"
 """Begins the names of bones in the middle where those of the sides begin with L and R, or is numbered as these are."""
 _CENTRES = frozenset(["cn", "ctr", "cen", "cent", "md"])
-_LETTERS = "ABCDEFG"
+_LETTERS = [*"abcdefg"]
 _LETTERED = frozenset(["spine", "neck", *FINGERS])
-"""Letters number the bones of chains in some rigs, as in spineA and thumbB."""
+"""Letters number the bones of chains in some rigs, as in spineA and thumb_b."""
 _HELPERS = re.compile(
     r"^(ik|ikhandle|mch|tgt|target|pole|tweak|twist\d*|twk|roll|share|corrective|cor|helper|helpers|volume|jiggle|spring"
     r"|nub|end|tip|eff|effector|sec|adj|metacarpals?|carpals?|metatarsals?|vis|driver|offset|scale|parent|prop"
@@ -99,8 +99,8 @@ def read_name(name: str, shared: Collection[str] = ()) -> BoneName:
             side = SIDES[small]
         elif (token == _CENTRE and (not before or after.isdigit())) or (small in _CENTRES and not before):
             central = True
-        elif token in _LETTERS and _part_of(before.lower()) in _LETTERED:
-            kept.append(str(_LETTERS.index(token) + 1))
+        elif small in _LETTERS and _part_of(before.lower()) in _LETTERED:
+            kept.append(str(_LETTERS.index(small) + 1))
         elif before == _CENTRE and token.isdigit():
             continue
         elif of := _kind_of(small):

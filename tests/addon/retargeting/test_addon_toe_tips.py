@@ -22,6 +22,9 @@ from render.walking_feet import Footfalls  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
 
+DAZ_TOES = ((0.0, 0.0), (0.173, 0.007), (0.287, 0.036), (0.36, 0.09), (0.466, 0.155))
+"""How far toes begin beside the big toe of Daz Genesis 3, and behind it, in distances from ankle to big toe."""
+
 pytestmark = [pytest.mark.blender, pytest.mark.usefixtures("blender")]
 
 
@@ -218,6 +221,24 @@ def with_single_toes(toes):
     return armature
 
 
+def with_broad_feet():
+    """A character whose five toes begin where those of Daz's people do, on feet a fifth broader, and a bone in the
+    middle of each foot.
+    """
+    armature = with_single_toes(5)
+    with body_armature.edit_bones(armature) as bones:
+        for side, out in (("L", 1.0), ("R", -1.0)):
+            foot = bones[f"foot.{side}"]
+            along = foot.tail - foot.head
+            for k, (aside, back) in enumerate(DAZ_TOES):
+                bone = bones[f"toe{k + 1}.{side}"]
+                place = foot.tail - back * along + Vector((1.2 * out * aside * along.length, 0.0, 0.0))
+                bone.head, bone.tail = place, place + 0.4 * along
+            bone = bones.new(f"instep.{side}")
+            bone.parent, bone.head, bone.tail = foot, foot.head + 0.4 * along, foot.tail
+    return armature
+
+
 def rolling_over_balls():
     steps = Footfalls(1.2, 0.8, 0.66, -8, 30, BALL_SHARE, heel_off=0.5, start=0.2)
     return moved_body(BODY, Walk(steps).motion(BODY, np.arange(40) / 30.0), 30.0)
@@ -243,6 +264,14 @@ def test_toes_bend_where_the_performer_rolls_over_the_balls_of_stiff_feet(toes):
     bends = bends_of_toes(armature, toes)
     assert np.linalg.norm(bends, axis=-1).max() > 15
     np.testing.assert_allclose(bends, bends[:, :, :1].repeat(toes, axis=2), atol=0.01)
+
+
+def test_all_toes_of_broad_feet_bend_and_no_bone_of_the_instep_does():
+    armature = with_broad_feet()
+    send_to_rig(bpy.context.scene, rolling_over_balls(), armature, 1)
+    bends = bends_of_toes(armature, 5)
+    assert np.linalg.norm(bends, axis=-1).max(axis=(0, 1)) == pytest.approx([np.linalg.norm(bends, axis=-1).max()] * 5)
+    assert all(armature.pose.bones[f"instep.{side}"].matrix_basis.is_identity for side in "LR")
 
 
 @pytest.mark.parametrize("what", ["helper", "held", "driven"])
