@@ -126,7 +126,15 @@ def has_performer(context: bpy.types.Context) -> str:
         return no_performer(context)
     if slot.armature.mode == "EDIT":
         return "The body is being edited: leave edit mode first"
+    if playback.unreachable_keys(slot.armature):
+        return pushed_down(slot)
     return _not_played(context.scene)
+
+
+def pushed_down(slot: bpy.types.PropertyGroup) -> str:
+    """Return why a performer whose keys are in the NLA alone is neither posed nor tracked."""
+    todo = "choose it again, or a new one, in the Action Editor"
+    return f"The action of {slot.name} was pushed down into the NLA: {todo}"
 
 
 def no_performer(context: bpy.types.Context) -> str:

@@ -110,13 +110,14 @@ class KFMocapView(bpy.types.PropertyGroup):
 
     @property
     def has_camera(self) -> bool:
-        """Whether its camera is in the scene: users may delete it."""
-        return self.camera is not None and self.camera.name in self.id_data.objects
+        """Whether its camera is in the scene, and is one: users may delete it, or give it other data by scripts."""
+        owner = self.camera
+        return owner is not None and owner.type == "CAMERA" and owner.name in self.id_data.objects
 
     @property
     def can_be_restored(self) -> bool:
         """Whether its camera is gone from the scene, but not from the file."""
-        return self.camera is not None and not self.has_camera
+        return self.camera is not None and self.camera.type == "CAMERA" and not self.has_camera
 
     @property
     def is_calibrated(self) -> bool:

@@ -133,6 +133,21 @@ def test_a_performer_that_is_overridden_gets_an_action_of_its_own(built, tmp_pat
 def test_an_action_that_was_pushed_down_is_said_to_be_there(built):
     pushed_down(armature_of(built))
     assert "The action of man was pushed down into the NLA" in why_disabled("track")
+    assert "The action of man was pushed down into the NLA" in why_disabled("set_key_pose")
+    armature_of(built).animation_data.action = bpy.data.actions.new("another")
+    assert bpy.ops.kfmocap.set_key_pose() == {"FINISHED"}
+
+
+def test_a_pose_between_two_pictures_is_not_keyed(built):
+    built.frame_set(3, subframe=0.4)
+    assert "Go to a whole frame first" in why_disabled("set_key_pose")
+    built.frame_set(3)
+    assert bpy.ops.kfmocap.set_key_pose() == {"FINISHED"}
+
+
+def test_a_view_whose_camera_is_none_is_named(built):
+    built.kfmocap.views[0].camera = armature_of(built)
+    assert "is gone from the scene: remove the view" in why_disabled("track")
 
 
 @pytest.mark.parametrize("by", ["keys", "parent"])

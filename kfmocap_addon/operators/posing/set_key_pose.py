@@ -8,13 +8,17 @@ from ..key_conditions import has_proposal, is_on_key_pose
 from ..reporting import NothingToDoError, reported
 
 
+def _on_whole_frame(context: bpy.types.Context) -> str:
+    return "Go to a whole frame first: what is between two pictures has none" if context.scene.frame_subframe else ""
+
+
 class SetKeyPose(Conditional, bpy.types.Operator):
     """Key the pose on this frame, so that tracking meets it exactly, for the bones selected in Pose Mode or otherwise
     the whole body. Tracked keys become your own"""
 
     bl_idname = "kfmocap.set_key_pose"
     bl_label = "Set Key Pose"
-    conditions = (has_performer,)
+    conditions = (has_performer, _on_whole_frame)
 
     def act(self, context: bpy.types.Context) -> None:
         from ...scene_io.keys import key_pose_curves

@@ -10,7 +10,16 @@ import bpy
 from ....core.runtime.processes.worker_process import Work
 from ...scene_io import active_performer, playback, unfinished_tracking
 from ...viewports.changed_segments import known_changes
-from ..conditions import Condition, Conditional, frame_is_in_shot, has_footage, has_shot, has_tracked, shot_frame
+from ..conditions import (
+    Condition,
+    Conditional,
+    frame_is_in_shot,
+    has_footage,
+    has_shot,
+    has_tracked,
+    pushed_down,
+    shot_frame,
+)
 from ..job_operator import JobOperator
 from ..key_conditions import has_tracked_keys
 
@@ -35,7 +44,7 @@ def _has_key_poses(context: bpy.types.Context) -> str:
     if unkeyed is None:
         return ""
     if playback.unreachable_keys(unkeyed.armature):
-        return f"The action of {unkeyed.name} was pushed down into the NLA: choose it again in the Action Editor"
+        return pushed_down(unkeyed)
     others = ", or track the others by Chosen Only" if len(slots) > 1 else ""
     return f"{unkeyed.name} has no key pose yet: pose it on a frame with Place Joints, or use Set Key Pose{others}"
 
