@@ -16,7 +16,8 @@ from .roles import FINGERS
 from .skeleton_tree import SkeletonTree
 
 _SYMMETRY = 0.03  # of the height: largest distance of a bone's partner from its mirror image
-_MIN_LENGTH = 0.08  # of the height: least length of a thigh, shin, upper arm or forearm
+_MIN_LENGTH = 0.08  # of the height of a human with such shoulders: least length of a segment of an arm or leg
+_SHOULDERS = 0.818  # of the height of a human: that of its shoulders
 _AS_LOW = 0.05  # of the height: legs that reach as low as others within this may be a human's
 _ARM = (0.172 / 0.245, 0.150 / 0.246, 0.288 / 0.491)
 """A human's upper arm in thighs, forearm in shins, and height of the shoulders above the hips in legs, by the segment
@@ -49,12 +50,12 @@ def roles_by_position(rest: RestSkeleton) -> dict[str, tuple[str, ...]]:
     height = float(max(rest.heads[:, 2].max(), points[:, 2].max()) - min(rest.heads[:, 2].min(), points[:, 2].min()))
     if height <= 0:
         return {}
-    shortest = _MIN_LENGTH * height
     lateral, aside = _mirror(rest, _SYMMETRY * height)
     pairs = _mirrored_branches(rest, lateral, aside, _SYMMETRY * height)
-    limbs = _legs_and_arms(rest, pairs, shortest, _AS_LOW * height)
+    limbs = _legs_and_arms(rest, pairs, _AS_LOW * height)
     if limbs is None:
         return {}
+    shortest = _shortest(rest, limbs[1])
     found: dict[str, tuple[str, ...]] = {}
     left = _left(rest, limbs, lateral)
     for branch in limbs:
@@ -136,9 +137,7 @@ def _shared(rest: RestSkeleton, top: int, other: int) -> list[int]:
     return [j for j, way in own.items() if np.abs(others - way).min() <= _AS_FAR * way]
 
 
-def _legs_and_arms(
-    rest: RestSkeleton, pairs: Sequence[_Pair], shortest: float, as_low: float
-) -> tuple[_Pair, _Pair] | None:
+def _legs_and_arms(rest: RestSkeleton, pairs: Sequence[_Pair], as_low: float) -> tuple[_Pair, _Pair] | None:
     """Return the pairs of limbs that are most like the legs and arms of a human, of those that reach lowest and those
     above them; None if there are none.
     """
@@ -147,10 +146,15 @@ def _legs_and_arms(
     for legs, arms in product(pairs, pairs):
         reach = lows[legs] <= min(lows.values()) + as_low
         if reach and rest.heads[list(arms), 2].min() > rest.heads[list(legs), 2].max():
-            unlike = _unlike_human(rest, legs, arms, shortest)
+            unlike = _unlike_human(rest, legs, arms, _shortest(rest, arms))
             if np.isfinite(unlike) and (best is None or unlike < best[0]):
                 best = (unlike, legs, arms)
     return None if best is None else best[1:]
+
+
+def _shortest(rest: RestSkeleton, arms: _Pair) -> float:
+    """Return the least length of limbs' segments, as the height of arms says: a head or a hat may be huge."""
+    return _MIN_LENGTH / _SHOULDERS * float(rest.heads[list(arms), 2].mean() - rest.heads[:, 2].min())
 
 
 def _unlike_human(rest: RestSkeleton, legs: _Pair, arms: _Pair, shortest: float) -> float:

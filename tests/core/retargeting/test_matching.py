@@ -241,6 +241,17 @@ def test_limbs_that_are_least_human_are_no_arms_and_no_legs_where_places_decide(
     assert {role: found[role] for role in roles} == roles
 
 
+def test_short_legs_below_a_huge_head_are_legs_where_places_decide():
+    """Legs of a cartoon's character, whose head makes up half of its height."""
+    rest, roles = nameless()
+    hips = rest.heads[int(roles["hips"][0]), 2]
+    above = [0.0, 0.0, 0.65 * hips]
+    heads, tails = (np.where(at[:, 2:] > 0.9 * hips, at - above, at * [1, 1, 0.35]) for at in (rest.heads, rest.tails))
+    tails[int(roles["head"][0]), 2] += 1.3
+    found = roles_by_position(replace(rest, heads=heads, tails=tails))
+    assert {role: found[role] for role in roles} == roles
+
+
 @pytest.mark.parametrize("in_palm", [False, True])
 @pytest.mark.parametrize("count", [4, 5])
 def test_fingers_are_found_by_their_places(count, in_palm):
