@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...errors import FootageError
 from .image_sequences import PATTERNS, check_size, image_files, read_image
-from .video_edits import has_sound_alone
+from .video_edits import has_sound_alone, lacks_index
 from .video_file import check_video_file
 
 Image = NDArray[Any]
@@ -95,6 +95,9 @@ def opened_video(path: Path, threads: int = 0) -> Iterator[cv2.VideoCapture]:
         if not video.isOpened() or video.get(cv2.CAP_PROP_FRAME_WIDTH) <= 0:
             if has_sound_alone(path):
                 raise FootageError("it has sound, but no pictures", where=str(path), todo=f"name {PATTERNS}")
+            if lacks_index(path):
+                what = "the footage cannot be read as a video: its index is missing, as where a copy was cut short"
+                raise FootageError(what, where=str(path), todo="copy the file from the camera again")
             raise FootageError("the footage cannot be read as a video", where=str(path), todo=_CONVERT)
         # OpenCV's builds differ in whether they rotate frames themselves; rotating reduced frames is cheaper, too.
         video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)

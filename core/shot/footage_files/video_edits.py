@@ -1,4 +1,4 @@
-"""What an MP4 or QuickTime file says of its tracks: whether there are pictures, and how much of them is shown.
+"""What an MP4 or QuickTime file says of its tracks: whether there are any, and pictures, and how much of them is shown.
 
 Programs trim an MP4 or QuickTime file without encoding it again by an edit list: the frames before and after stay in
 the file and are counted, but are not decoded (ISO/IEC 14496-12, 8.6.6).
@@ -23,6 +23,16 @@ def has_sound_alone(path: Path) -> bool:
     except (OSError, struct.error):
         return False
     return b"soun" in kinds and b"vide" not in kinds
+
+
+def lacks_index(path: Path) -> bool:
+    """Whether the index of a file's tracks is missing, which programs write last."""
+    try:
+        with path.open("rb") as file:
+            top = _whole(file)
+            return top is not None and _first(file, top, b"moov") is None
+    except (OSError, struct.error):
+        return False
 
 
 def shown_share(path: Path) -> float:
@@ -52,12 +62,17 @@ class _Box:
     end: int
 
 
+def _whole(file: BinaryIO) -> _Box | None:
+    """Return a file as a box of all its boxes; None for other kinds of files."""
+    top = _Box(b"", 0, file.seek(0, 2))
+    first = next(iter(_boxes(file, top)), top).kind
+    return top if first in (b"ftyp", b"wide", b"moov", b"mdat", b"free", b"skip") else None
+
+
 def _tracks(file: BinaryIO) -> Iterator[tuple[_Box, _Box, _Box]]:
     """Generate the movie of a file, each of its tracks, and that track's media; nothing for other kinds of files."""
-    top = _Box(b"", 0, file.seek(0, 2))
-    if next(iter(_boxes(file, top)), top).kind not in (b"ftyp", b"wide", b"moov", b"mdat", b"free", b"skip"):
-        return
-    movie = _first(file, top, b"moov")
+    top = _whole(file)
+    movie = None if top is None else _first(file, top, b"moov")
     for track in [] if movie is None else _boxes(file, movie):
         media = _first(file, track, b"mdia") if track.kind == b"trak" else None
         if movie is not None and media is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import errno
 import os
 import re
 import unicodedata
@@ -15,6 +16,7 @@ _HEAD = 64
 """Number of bytes examined: in every video container or stream, some of these do not occur in text."""
 _TEXT = bytes([*b"\t\n\f\r", *range(0x20, 0x7F)])
 _VIDEO_WITH_A_TEXT_FIRST = b"YUV4MPEG2"
+_LARGE_FILE_POINTER = b"version https://git-lfs.github.com/spec/"
 _ADDRESS = re.compile(r"(^|/)(smb|afp|nfs|ftp|sftp|https?|file):/")
 """What begins an address; a path has one slash where that has two."""
 _LIKENESS = 0.8
@@ -45,8 +47,7 @@ def check_video_file(path: Path) -> None:
         if path.exists():
             raise FootageError("this is not a file but a pipe or a device", where=str(path), todo=f"name {PATTERNS}")
         if path.is_symlink():
-            what = f"this is a link to '{os.readlink(path)}', which does not exist"
-            raise FootageError(what, where=str(path), todo="connect the drive that it is on, or name another file")
+            raise _leads_nowhere(path)
         if _ADDRESS.search(path.as_posix()):
             what = "this is an address, and footage is read from files only"
             raise FootageError(what, where=str(path), todo="connect the drive and name the file on it, or copy it")
@@ -63,12 +64,26 @@ def check_video_file(path: Path) -> None:
             head = file.read(_HEAD)
     except OSError as error:
         raise FootageError(f"the footage cannot be read: {error.strerror}", where=str(path)) from error
+    if head.startswith(_LARGE_FILE_POINTER):
+        what = "this is the pointer that Git LFS leaves for a video that was not fetched"
+        raise FootageError(what, where=str(path), todo="fetch it with: git lfs pull")
     if head and not head.translate(None, _TEXT) and not head.startswith(_VIDEO_WITH_A_TEXT_FIRST):
         what = "the footage cannot be read as a video: it is a text, such as a playlist"
         raise FootageError(what, where=str(path), todo=f"name {PATTERNS}")
     for begin, kind in _OTHERS.items():
         if re.match(begin, head, re.DOTALL):
             raise FootageError(f"this is {kind}, not a video", where=str(path), todo=f"name {PATTERNS}")
+
+
+def _leads_nowhere(path: Path) -> FootageError:
+    """Return the error for a symbolic link to a file that does not exist."""
+    what = f"this is a link to '{os.readlink(path)}', which does not exist"
+    try:
+        path.stat()
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            return FootageError("this link leads back to itself", where=str(path), todo="name the video's file")
+    return FootageError(what, where=str(path), todo="connect the drive that it is on, or name another file")
 
 
 def _meant(path: Path) -> str | None:

@@ -183,6 +183,25 @@ def test_missing_and_unreadable_footage_is_refused(tmp_path: Path) -> None:
         probe(tmp_path / "text.mp4")
 
 
+def test_what_was_not_fetched_and_what_leads_nowhere_is_called_so(tmp_path: Path) -> None:
+    (tmp_path / "lfs.mp4").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n")
+    (tmp_path / "gone.mp4").symlink_to("elsewhere.mp4")
+    (tmp_path / "loop.mp4").symlink_to("loop.mp4")
+    for name, words in (("lfs", "git lfs pull"), ("gone", "a link to 'elsewhere.mp4'"), ("loop", "back to itself")):
+        with pytest.raises(FootageError, match=words):
+            probe(tmp_path / f"{name}.mp4")
+
+
+def test_a_video_that_was_cut_before_its_index_is_called_so(video: Path, tmp_path: Path) -> None:
+    data, cut = video.read_bytes(), tmp_path / "cut.mp4"
+    cut.write_bytes(data[: data.index(b"moov") - 4])
+    with pytest.raises(FootageError, match=r"its index is missing.*copy the file from the camera again"):
+        probe(cut)
+    cut.write_bytes(bytes(range(256)) * 9)  # no video at all
+    with pytest.raises(FootageError, match=r"as a video \(convert it"):
+        probe(cut)
+
+
 @pytest.mark.parametrize("named", ["smb://nas/shoot/cam01.mp4", "https://example.org/cam01.mp4"])
 def test_an_address_is_not_taken_for_a_misspelt_path(tmp_path: Path, named: str) -> None:
     with pytest.raises(FootageError, match="this is an address"):
