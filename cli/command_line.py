@@ -63,6 +63,8 @@ def main(argv: Sequence[str] | None = None, services: Services | None = None) ->
             if not isinstance(error, KFMocapError):
                 raise
             print(f"kfmocap: error: {' '.join(str(error).split())}", file=sys.stderr)
+            for note in getattr(error, "__notes__", ()):
+                print(f"kfmocap: {note}", file=sys.stderr)
             return 1
         except KeyboardInterrupt as interrupt:
             print(f"kfmocap: {reason(interrupt)}", file=sys.stderr)

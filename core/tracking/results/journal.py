@@ -125,9 +125,19 @@ class Journal:
                 return
             file = self.folder / _name(key, finished.segment)
             new = file.with_suffix(".segment.new")
-            new.write_bytes(data)
-            os.replace(new, file)
+            try:
+                new.write_bytes(data)
+                os.replace(new, file)
+            except OSError:
+                new.unlink(missing_ok=True)
+                raise
             self.kept.append(finished.segment)
+
+    @property
+    def what_stays(self) -> str:
+        """A sentence on the finished segments that the folder holds; empty if it holds none of this run's."""
+        count = len(self.taken) + len(self.kept)
+        return f"{count} finished segments are kept; --resume goes on from there" if count else ""
 
     def discard(self) -> None:
         """Remove the folder."""
@@ -179,7 +189,8 @@ class KeptSegments:
 def journal_beside(folder: Path, *, resume: bool) -> Iterator[Journal]:
     """Context with the journal of a run whose results go into a folder; it is removed when the block succeeds.
 
-    If the block fails, the journal stays. If the run is interrupted, it stays only if `resume` is set.
+    If the block fails, the journal stays. If the run is interrupted, it stays only if `resume` is set. A note on the
+    exception says what is kept. No empty folder stays.
     """
     whole = folder.absolute()
     journal = Journal(whole.with_name(whole.name + JOURNAL_SUFFIX) if whole.name else whole, resume=resume)
@@ -190,8 +201,15 @@ def journal_beside(folder: Path, *, resume: bool) -> Iterator[Journal]:
     except (KeyboardInterrupt, CancelledError) as interrupt:
         if not resume or WRITTEN_NOTE in getattr(interrupt, "__notes__", ()):
             journal.discard()
-        elif count := len(journal.taken) + len(journal.kept):
-            interrupt.add_note(f"{count} finished segments are kept; --resume goes on from there")
+        elif journal.what_stays:
+            interrupt.add_note(journal.what_stays)
+        raise
+    except Exception as error:
+        if journal.what_stays:
+            error.add_note(journal.what_stays)
+        else:
+            with suppress(OSError):  # it holds what an earlier run kept of another shot
+                journal.folder.rmdir()
         raise
     journal.discard()
 

@@ -149,6 +149,26 @@ def test_segments_stay_of_a_run_that_failed_or_was_interrupted_with_resume(
     assert folder.exists() == (error is OSError or (resume and error is not None))
 
 
+def test_a_run_that_failed_says_what_is_kept_and_leaves_no_empty_folder(
+    tmp_path: Path, shot: Shot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(OSError, match="disk") as caught, journal_beside(tmp_path / "out", resume=False) as journal:
+        track(shot, run=RunContext(journal))
+        raise OSError("the disk is full")
+    assert caught.value.__notes__ == [f"{len(journal.kept)} finished segments are kept; --resume goes on from there"]
+
+    def full(file: Path, data: bytes) -> None:
+        file.touch()
+        raise OSError("the disk is full")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(OSError, match="disk") as caught, journal_beside(tmp_path / "none", resume=False) as journal:
+        track(shot, run=RunContext(journal))
+        raise OSError("the disk is full")
+    assert not journal.kept and not journal.folder.exists()
+    assert not hasattr(caught.value, "__notes__")
+
+
 def test_a_journal_that_cannot_be_written_keeps_nobody_from_the_results(
     tmp_path: Path, shot: Shot, whole: TrackResult
 ) -> None:
