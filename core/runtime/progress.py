@@ -6,8 +6,6 @@ from collections.abc import Callable
 from threading import Lock
 from typing import TypeVar
 
-import numpy as np
-
 from ..errors import CancelledError
 
 Progress = Callable[[str, float], bool]
@@ -17,11 +15,10 @@ State = TypeVar("State")
 
 
 def is_cancelled(answer: object) -> bool:
-    """Whether a progress callback answered False: Python's, or NumPy's as comparisons of its numbers give it.
-
-    A callback that returns nothing goes on.
+    """Whether a progress callback answered False, Python's or NumPy's, which comparisons of its numbers give; a callback
+    that returns nothing goes on.
     """
-    return isinstance(answer, bool | np.bool_) and not answer
+    return answer is not None and not answer
 
 
 def report_progress(progress: Progress | None, what: str, fraction: float) -> None:
