@@ -15,7 +15,7 @@ State = TypeVar("State")
 
 
 def is_cancelled(answer: object) -> bool:
-    """Whether a progress callback answered False, Python's or NumPy's, which comparisons of its numbers give; a callback
+    """Whether a progress callback answered False: Python's, or NumPy's, as comparisons of its numbers are; a callback
     that returns nothing goes on.
     """
     return answer is not None and not answer
