@@ -63,11 +63,13 @@ def fit_poses(body: Body, names: Sequence[str], targets_world: Array, start: Mot
     Raises
     ------
     LandmarkError
-        If a pose has fewer than three landmarks, or there is not a position for each name.
+        If a pose has fewer than three landmarks, there is not a position for each name, or a name comes twice.
     """
     shape = np.shape(targets_world)
     if len(shape) != 3 or shape[1:] != (len(names), 3):
         raise LandmarkError(f"positions of shape {shape}", todo=f"give those of each pose, (poses, {len(names)}, 3)")
+    if repeated := next((name for i, name in enumerate(names) if name in names[:i]), None):
+        raise LandmarkError(f"'{repeated}' comes twice among the names", todo="give each landmark once")
     search = PoseSearch.RANDOM if start is None else PoseSearch.ARMS
     return searched_poses(body, names, targets_world, start, search, tolerance=FINE_TOLERANCE)
 

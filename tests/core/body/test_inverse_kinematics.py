@@ -150,6 +150,12 @@ def test_fewer_than_three_landmarks_are_an_error_that_names_the_pose(seen: int) 
         fit_poses(BODY, NAMES, targets)
 
 
+def test_a_name_that_comes_twice_is_refused() -> None:
+    names = [*NAMES, NAMES[3]]
+    with pytest.raises(LandmarkError, match=f"'{NAMES[3]}' comes twice"):
+        fit_poses(BODY, names, landmark_positions(BODY, exercise(BODY, 2), names))
+
+
 @pytest.mark.parametrize("shape", [(20, 3), (1, 19, 3), (1, 20, 2)])
 def test_positions_that_are_not_one_for_each_name_are_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(LandmarkError, match=r"positions of shape .*\(poses, 20, 3\)"):
