@@ -170,9 +170,11 @@ def _acceleration_lines(performer: Mapping[str, Any]) -> list[str]:
 
 
 def _key_pose_lines(performer: Mapping[str, Any]) -> list[str]:
-    """Return lines on limbs that may be lost, and on frames where another key pose would help."""
+    """Return lines on what may be lost, and on frames where another key pose would help."""
     lines = []
-    lost = [f"{part} {', '.join(f'{a}-{b}' for a, b in spans)}" for part, spans in performer["may_be_lost"].items()]
+    whole = {"the whole body": performer["body_may_be_lost"]} if performer["body_may_be_lost"] else {}
+    each = (whole | performer["may_be_lost"]).items()
+    lost = [f"{part} {', '.join(f'{a}-{b}' for a, b in spans)}" for part, spans in each]
     if lost:
         lines.append(
             f"may be lost, or hidden by something, as the footage does not show them where they are: {'; '.join(lost)}"

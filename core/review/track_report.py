@@ -212,7 +212,8 @@ def _expected_errors(shot: Shot, performer: Performer, errors: JointErrors, unkn
         "joint_errors_90": {
             names[part]: [round(1000 * float(value), 1) for value in errors.interval[:, part]] for part in joints
         },
-        "may_be_lost": _spans(names, errors.maybe_lost(), first),
+        "body_may_be_lost": intervals(errors.body_maybe_lost(), first),
+        "may_be_lost": _spans(names, errors.parts_maybe_lost(), first),
         "helpful_keyframes": [
             {
                 "frame": first + key.frame,

@@ -83,7 +83,7 @@ class KFMocapHelpfulKey(bpy.types.PropertyGroup):
 
 
 class KFMocapLostPart(bpy.types.PropertyGroup):
-    """A part of a limb that may be lost on some frames; its name is the bone's."""
+    """What may be lost on some frames: a part of a limb, whose name is the bone's, or the whole body."""
 
     frames: bpy.props.IntVectorProperty(size=2, name="Frames", description="First and last scene frame")
 

@@ -103,6 +103,20 @@ def test_parts_that_may_be_lost_are_listed_with_their_frames_and_an_excerpt_repl
     assert listed(made) == []
 
 
+def test_a_body_that_may_be_lost_is_listed_once_and_its_limbs_where_they_alone_may_be(built):
+    made, *_ = built
+    nothing = np.zeros((FRAMES, len(BODY)))
+    lost = nothing.copy()
+    lost[3:7], lost[3:9, FOREARM] = 0.9, 0.9
+    lost_parts.write_lost(made, [JointErrors(nothing, nothing, lost)])
+    assert listed(made) == [
+        ("the whole body", [START + 3, START + 6]),
+        ("forearm.L", [START + 7, START + 8]),
+    ]
+    lost_parts.write_lost(made, [JointErrors(nothing, nothing, nothing)])
+    assert listed(made) == []
+
+
 def test_the_most_helpful_frame_is_listed_first_with_its_parts(built):
     made, *_ = built
     first, *_ = made.kfmocap.performers[0].helpful

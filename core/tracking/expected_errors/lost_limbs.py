@@ -38,11 +38,19 @@ REVEAL_PROBABILITY = 0.5
 
 
 def lost_probabilities(
-    body: Body, misfit: Misfit, span: slice, *, held: Bools, keys: Ints, support: Array | None
+    body: Body,
+    misfit: Misfit,
+    span: slice,
+    *,
+    held: Bools,
+    keys: Ints,
+    support: Array | None,
+    whole: Array | float = 0.0,
 ) -> Array:
     """Probability that each part of a performer is lost, shape (F, P).
 
-    It is zero for parts of the trunk. A part of a limb is at least as probably lost as the one that it hangs on.
+    For parts of the trunk it is that of the whole body. A part of a limb is at least as probably lost as the one that
+    it hangs on.
 
     Parameters
     ----------
@@ -57,6 +65,8 @@ def lost_probabilities(
         is right. Without any, it is the median over all frames.
     support : ndarray, shape (F, P) or None
         Log likelihood ratio of the images with each part against without it (`limb_support.support_of_parts`).
+    whole : ndarray, shape (F,), or float
+        Probability that the whole body is lost, see `lost_body.lost_body_probabilities`.
     """
     visible, background = misfit.visible[..., span], misfit.background[..., span]
     pieces = np.minimum(visible / PATCH_SIDE**2, misfit.pixels[..., span])
@@ -65,12 +75,13 @@ def lost_probabilities(
     each = [doubt]
     if support is not None:  # of a lost part the images say as much as if nothing were there
         each.append(-_outward(body, support) / FRAMES_PER_OBSERVATION)
-    lost = np.zeros(held.shape)
+    found = np.broadcast_to(1.0 - np.asarray(whole), len(held))
+    lost = np.repeat(1 - found[:, None], len(body), axis=1)
     for chain in limbs(body):
-        sure = np.ones(len(lost))
+        sure = found
         for part in chain:
             for odds in each:
-                sure = sure * (1 - _chain_probabilities(np.where(held[:, part], -np.inf, odds[:, part])))
+                sure = sure * (1 - chain_probabilities(np.where(held[:, part], -np.inf, odds[:, part])))
             lost[:, part] = 1 - sure
     return lost
 
@@ -86,10 +97,11 @@ def confirmed_parts(body: Body, keypoints: KeypointFactor, poses: Poses) -> Bool
 
 
 def lost_lengths(body: Body, lost: Array) -> Array:
-    """Expected distance of each part's tip from its true position if it is lost, metres, shape (F, P); 0 for the trunk.
+    """Expected distance of each part's tip from its true position if it is lost, metres, shape (F, P).
 
     It is the length of the limb from the first part that is lost to the tip: of an arm that is found, a hand can only
-    be off by its own length.
+    be off by its own length. Of a body that is lost, it is the length from the root to the tip, and at least that of
+    the trunk, as it may be turned about its head or its feet.
 
     Parameters
     ----------
@@ -97,13 +109,25 @@ def lost_lengths(body: Body, lost: Array) -> Array:
         Probability that each part is lost, see `lost_probabilities`.
     """
     lengths = np.array([float(np.linalg.norm(part.tail_world - part.head_world)) for part in body.parts])
-    found = np.zeros(lost.shape)
+    whole, far = lost[:, 0], _lengths_of_body(body, lengths)
+    found = np.where(whole[:, None] > 0, far, 0.0)
     for chain in limbs(body):
-        first = np.diff(lost[:, chain], axis=1, prepend=0.0)
+        first = np.diff(lost[:, chain], axis=1, prepend=whole[:, None])
         for i, part in enumerate(chain):
             to_tip = np.cumsum(lengths[chain[i::-1]])[::-1]
-            found[:, part] = first[:, : i + 1] @ to_tip / np.maximum(lost[:, part], 1e-12)
+            expected = whole * far[part] + first[:, : i + 1] @ to_tip
+            found[:, part] = expected / np.maximum(lost[:, part], 1e-12)
     return found
+
+
+def _lengths_of_body(body: Body, lengths: Array) -> Array:
+    """Return the lengths from the root to the tips of all parts, at least that of the trunk, metres, (P,)."""
+    from_root = lengths.copy()
+    for part, parent in enumerate(body.parents):
+        if parent >= 0:
+            from_root[part] += from_root[parent]
+    trunk = np.setdiff1d(np.arange(len(body)), [part for chain in limbs(body) for part in chain])
+    return np.maximum(from_root, from_root[trunk].max())
 
 
 def _outward(body: Body, values: Array) -> Array:
@@ -139,7 +163,7 @@ def _log_odds(background: Array, pieces: Array, usual: Array) -> Array:
     return np.asarray(np.logaddexp(np.log(1 - REVEAL_PROBABILITY), np.log(REVEAL_PROBABILITY) + lost - right))
 
 
-def _chain_probabilities(log_odds: Array) -> Array:
+def chain_probabilities(log_odds: Array) -> Array:
     """Probability of the lost state on each of F frames given all of them, by the forward-backward algorithm in log
     odds.
     """

@@ -5,7 +5,7 @@ grows with speed (`joint_covariances.growth_by_speed`), and is multiplied for ea
 from the shot, by predicting key poses without using them (`held_out_keys`). The second is what no footage
 can show: how far the body's joints are from the performer's (`body_uncertainty`). The third is the
 possibility that the solution is wrong, which uncovered foreground and limbs on the background indicate
-(`lost_limbs`).
+(`lost_limbs`, `lost_body`).
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from ..solvers.equations.view_delays import DelayEvidence, delay_evidence
 from ..solvers.limb_evidence.limb_support import support_of_parts
 from .held_out_keys import USUAL_RATIO, covariance_ratios, missed_key_poses
 from .joint_covariances import growth_by_speed, tip_covariances, tip_jacobian
+from .lost_body import lost_body_probabilities
 from .lost_limbs import confirmed_parts, lost_lengths, lost_probabilities
 from .wide_clothes import widths_of_clothes
 
@@ -117,6 +118,14 @@ class JointErrors:
         """Return where each part may be lost, shape (F, P)."""
         return np.asarray(self.lost >= REPORTED_PROBABILITY)
 
+    def body_maybe_lost(self) -> Bools:
+        """Return where the whole body may be lost, shape (F,)."""
+        return np.asarray(self.maybe_lost()[:, 0])
+
+    def parts_maybe_lost(self) -> Bools:
+        """Return where each part may be lost though the whole body is not, shape (F, P)."""
+        return np.asarray(self.maybe_lost() & ~self.body_maybe_lost()[:, None])
+
 
 def segment_uncertainties(
     problem: SegmentProblem, solution: SegmentSolution, by: ViewWork
@@ -159,7 +168,13 @@ def segment_uncertainties(
                 missed_key_poses(problem, solution, images, i, growth),
                 gaps[i],
                 lost_probabilities(
-                    body, misfit, spans[i], held=held, keys=keys[i], support=None if support is None else support[i]
+                    body,
+                    misfit,
+                    spans[i],
+                    held=held,
+                    keys=keys[i],
+                    support=None if support is None else support[i],
+                    whole=lost_body_probabilities(problem, solution, i, held),
                 ),
                 clothes[i],
             )

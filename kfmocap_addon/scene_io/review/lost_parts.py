@@ -13,6 +13,9 @@ from ..body import body_armature
 if TYPE_CHECKING:
     from ....core.tracking.expected_errors.uncertainty import JointErrors
 
+WHOLE_BODY = "the whole body"
+"""Listed where all of it may be lost, instead of its parts."""
+
 
 def write_lost(
     scene: bpy.types.Scene,
@@ -37,7 +40,8 @@ def write_lost(
     for slot, own in zip(scene.kfmocap.performers if slots is None else slots, errors, strict=True):
         forget(slot, range(start, start + len(own.lost)))
         names = [bone.name for bone in body_armature.body_bones(slot.armature)]
-        for name, lost in zip(names, own.maybe_lost().T, strict=True):
+        listed = [(WHOLE_BODY, own.body_maybe_lost()), *zip(names, own.parts_maybe_lost().T, strict=True)]
+        for name, lost in listed:
             for frames in intervals(lost, start):
                 item = slot.lost.add()
                 item.name, item.frames = name, frames

@@ -139,12 +139,27 @@ def test_the_report_has_how_far_off_the_parts_may_be_and_where_one_more_key_pose
     assert all(first["gain"] >= other["gain"] > 0 for other in others)
 
 
+def test_a_whole_body_that_may_be_lost_is_named_once_before_the_parts(tracked: tuple[Shot, type]) -> None:
+    shot, result = tracked
+    errors = result.errors[0]
+    lost = errors.lost.copy()
+    lost[5:8] = 0.9
+    result.errors = (replace(errors, lost=lost),)
+    found = report(shot, result)
+    (man,) = found["performers"]
+    assert man["body_may_be_lost"] == [[105, 107]]
+    assert man["may_be_lost"] == {"forearm.L": [[114, 116]]}
+    assert any(line.endswith("they are: the whole body 105-107; forearm.L 114-116") for line in report_lines(found))
+
+
 def test_blind_spots_are_reported_in_one_line_each(tracked: tuple[Shot, type]) -> None:
     shot, result = tracked
     unseen, lost, helpful, suggested = report_lines(report(shot, result))
     assert lost == (
         "man: may be lost, or hidden by something, as the footage does not show them where they are: forearm.L 114-116"
     )
+    (man,) = report(shot, result)["performers"]
+    assert man["body_may_be_lost"] == []
     assert unseen == "man: frames on which no camera sees a part: shin.L 1, hand.R 7"
     assert suggested == "man: key poses would help at 107 (hand.R hidden 108-114), 115 (hand.R hidden 108-114)"
     assert helpful.startswith("man: where one more key pose would help most: ") and "(forearm.L some 200 mm)" in helpful

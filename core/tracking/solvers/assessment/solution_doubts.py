@@ -126,20 +126,39 @@ def _frames_explained_little(problem: SegmentProblem, solution: SegmentSolution,
 
 def frames_unexplained(problem: SegmentProblem, solution: SegmentSolution, performer: int) -> Ints:
     """Return the frames on which a performer explains too little of what there is to explain (`most_explained`)."""
-    keys, low = problem.whole_keys(performer), _frames_explained_little(problem, solution, performer)
-    views = views_with_foreground(problem.views)
-    # The foreground of others may look like a performer's.
-    if not len(low) or len(keys) < 2 or not views or problem.among_others:
+    low = _frames_explained_little(problem, solution, performer)
+    if not len(low) or len(problem.whole_keys(performer)) < 2:
         return low
-    explained, frames = solution.explained[performer], [*keys.tolist(), *low.tolist()]
+    return low[_share_of_most(problem, solution, performer, low) < MIN_EXPLAINED_RATIO]
+
+
+def explained_at_best(problem: SegmentProblem, solution: SegmentSolution, performer: int) -> Array:
+    """Return how much of a performer a solution explains on each frame, shape (F,): the larger of the ratios to what is
+    expected (`explained_share`) and to what there is to explain. NaN where the first is; above 1 only the first counts.
+    """
+    best = explained_share(problem, solution, performer)
+    low = np.flatnonzero(best < 1)
+    best[low] = np.maximum(best[low], _share_of_most(problem, solution, performer, low))
+    return best
+
+
+def _share_of_most(problem: SegmentProblem, solution: SegmentSolution, performer: int, frames: Ints) -> Array:
+    """Ratio of what a solution explains of a performer on some frames to what there is to explain (`most_explained`),
+    relative to the best of the key poses, shape (n,). Zero where that cannot be told: without foreground images, and of
+    one of several performers, as the foreground of others may look like it.
+    """
+    keys, views = problem.whole_keys(performer), views_with_foreground(problem.views)
+    if not views or problem.among_others:
+        return np.zeros(len(frames))
+    explained, asked = solution.explained[performer], [*keys.tolist(), *frames.tolist()]
     poses, geometry = poses_by_delay(problem, view_instants(problem, solution.motions)), problem.geometry()
     each = [
-        most_explained(view, geometry, poses[view.delay], performer, first=problem.first, frames=frames)
+        most_explained(view, geometry, poses[view.delay], performer, first=problem.first, frames=asked)
         for view in views
     ]
-    most = np.sum(each, axis=0)
-    usual = (explained[keys] / np.maximum(most[: len(keys)], 1.0)).max()
-    return low[explained[low] < MIN_EXPLAINED_RATIO * usual * most[len(keys) :]]
+    most = np.maximum(np.sum(each, axis=0), 1.0)
+    usual = (explained[keys] / most[: len(keys)]).max()
+    return np.asarray(explained[frames] / (usual * most[len(keys) :]))
 
 
 def explained_share(problem: SegmentProblem, solution: SegmentSolution, performer: int) -> Array:
