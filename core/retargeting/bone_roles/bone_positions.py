@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from ...body.skeleton_motion import RestSkeleton
 from ...numerics.arrays import Array
 from .bone_words import read_name
+from .limb_joints import arm_joints, leg_joints, shared_bones, subtree
 from .roles import FINGERS
 from .skeleton_tree import SkeletonTree
 
@@ -31,7 +32,6 @@ _IN_PALM = 0.5
 """A bone that begins nearer to the wrist than this share of where the next one does is no part of a finger."""
 _SAME_CARRIER = 2.0
 """How far limbs that hang on the same bone as the legs differ from arms, as the logarithm of a proportion."""
-_AS_FAR = 0.1  # relative: bones of both sides are as far down their limbs within this
 _LEVEL = 10.0  # least horizontal distance of siblings on both sides, in units of the vertical one
 _HALF_TURN = 36
 """Directions of siblings are told apart in so many steps of a half turn."""
@@ -55,14 +55,13 @@ def roles_by_position(rest: RestSkeleton) -> dict[str, tuple[str, ...]]:
     limbs = _legs_and_arms(rest, pairs, _AS_LOW * height)
     if limbs is None:
         return {}
-    shortest = _shortest(rest, limbs[1])
     found: dict[str, tuple[str, ...]] = {}
     left = _left(rest, limbs, lateral)
-    for branch in limbs:
-        for one, other in (branch, branch[::-1]):
-            on_left = float(left @ (rest.heads[one] - _middle(rest, branch))) > 0
-            limb, _ = _limb(rest, one, other, branch == limbs[1], shortest)
-            side = "L" if on_left else "R"
+    sides = [_joints(rest, *limbs), _joints(rest, limbs[0][::-1], limbs[1][::-1])]
+    for pair in ([limb for limb, _ in pair] for pair in zip(*sides, strict=True)):
+        for limb, other in (pair, pair[::-1]):
+            first = next(iter(limb))  # the branches themselves may begin in the middle
+            side = "L" if float(left @ (rest.heads[limb[first]] - rest.heads[other[first]])) > 0 else "R"
             found |= {f"{role}.{side}": (rest.names[j],) for role, j in limb.items()}
             fingers = _fingers(rest, limb["hand"]) if "hand" in limb else {}
             found |= {f"{role}.{side}": tuple(rest.names[j] for j in bones) for role, bones in fingers.items()}
@@ -77,7 +76,7 @@ def _mirror(rest: RestSkeleton, near: float) -> tuple[Array, Array]:
     """
     tree, children = cKDTree(rest.heads), Counter(rest.parents)
     forks = [j for j in range(len(rest.names)) if children[j] > 1]
-    forks = sorted(forks, key=lambda j: -len(_subtree(rest, j)))[:_TRUNK]
+    forks = sorted(forks, key=lambda j: -len(subtree(rest, j)))[:_TRUNK]
     best = (0.0, np.eye(3)[0], np.zeros(len(rest.names)))
     for axis in _across(rest, forks):
         along = rest.heads @ axis
@@ -109,7 +108,7 @@ def _mirrored_branches(rest: RestSkeleton, lateral: Array, aside: Array, near: f
     are as long as others on the other side, however these limbs are posed.
     """
     images = rest.heads - 2 * aside[:, None] * lateral
-    below = [_subtree(rest, j) for j in range(len(rest.names))]
+    below = [subtree(rest, j) for j in range(len(rest.names))]
     pairs: list[_Pair] = []
     for j, p in enumerate(rest.parents):
         if p < 0 or abs(aside[p]) >= near / 2 or max(abs(aside[below[j]])) < near:
@@ -117,51 +116,40 @@ def _mirrored_branches(rest: RestSkeleton, lateral: Array, aside: Array, near: f
         apart = np.linalg.norm(rest.heads - images[j], axis=1)
         for k in (k for k in np.flatnonzero(apart < near) if rest.parents[k] == p and k != j):
             opposite = float(aside[below[j]].mean() * aside[below[k]].mean()) < 0
-            shared = len(_shared(rest, j, k)) if opposite else 0
+            shared = len(shared_bones(rest, j, k)) if opposite else 0
             if shared > max(1, len(below[j]) / 2):
                 pairs.append((j, int(k)))
                 break
     return pairs
 
 
-def _shared(rest: RestSkeleton, top: int, other: int) -> list[int]:
-    """Return a bone and those below it that are as far away from it, along the bones, as others are from another bone:
-    both sides have them, however they are posed.
-    """
-    own, theirs = ({one: 0.0} for one in (top, other))
-    for away in (own, theirs):
-        for j in _subtree(rest, next(iter(away)))[1:]:
-            p = rest.parents[j]
-            away[j] = away[p] + float(np.linalg.norm(rest.heads[j] - rest.heads[p]))
-    others = np.array([*theirs.values()])
-    return [j for j, way in own.items() if np.abs(others - way).min() <= _AS_FAR * way]
-
-
 def _legs_and_arms(rest: RestSkeleton, pairs: Sequence[_Pair], as_low: float) -> tuple[_Pair, _Pair] | None:
     """Return the pairs of limbs that are most like the legs and arms of a human, of those that reach lowest and those
     above them; None if there are none.
     """
-    lows = {pair: min(rest.heads[j, 2] for j in _subtree(rest, pair[0])) for pair in pairs}
+    lows = {pair: min(rest.heads[j, 2] for j in subtree(rest, pair[0])) for pair in pairs}
     best: tuple[float, _Pair, _Pair] | None = None
     for legs, arms in product(pairs, pairs):
         reach = lows[legs] <= min(lows.values()) + as_low
         if reach and rest.heads[list(arms), 2].min() > rest.heads[list(legs), 2].max():
-            unlike = _unlike_human(rest, legs, arms, _shortest(rest, arms))
+            unlike = max(_unlike_human(rest, legs, arms), _unlike_human(rest, legs[::-1], arms[::-1]))
             if np.isfinite(unlike) and (best is None or unlike < best[0]):
                 best = (unlike, legs, arms)
     return None if best is None else best[1:]
 
 
-def _shortest(rest: RestSkeleton, arms: _Pair) -> float:
-    """Return the least length of limbs' segments, as the height of arms says: a head or a hat may be huge."""
-    return _MIN_LENGTH / _SHOULDERS * float(rest.heads[list(arms), 2].mean() - rest.heads[:, 2].min())
+def _joints(rest: RestSkeleton, legs: _Pair, arms: _Pair) -> list[tuple[dict[str, int], Array]]:
+    """Return the bones of the first leg and the first arm, and the lengths of their segments; see `leg_joints`."""
+    shoulders = float(rest.heads[list(arms), 2].mean() - rest.heads[:, 2].min())  # a head or a hat may be huge
+    shortest = _MIN_LENGTH / _SHOULDERS * shoulders
+    return [leg_joints(rest, *legs, shortest), arm_joints(rest, *arms, shortest)]
 
 
-def _unlike_human(rest: RestSkeleton, legs: _Pair, arms: _Pair, shortest: float) -> float:
+def _unlike_human(rest: RestSkeleton, legs: _Pair, arms: _Pair) -> float:
     """Return how far limbs differ from the legs and arms of a human, in proportions and in their places, as wings,
     hair, skirts and the hind legs of a centaur do; infinite if they are no limbs, or those of four legs.
     """
-    (leg, of_leg), (arm, of_arm) = _limb(rest, *legs, False, shortest), _limb(rest, *arms, True, shortest)
+    (leg, of_leg), (arm, of_arm) = _joints(rest, legs, arms)
     if not leg or not arm:
         return float(np.inf)
     whole = float(of_leg.sum())
@@ -170,18 +158,10 @@ def _unlike_human(rest: RestSkeleton, legs: _Pair, arms: _Pair, shortest: float)
     if beside > max(rise, _BESIDE):
         return float(np.inf)
     ratios = np.array([*(of_arm / of_leg), max(rise, 0.1)]) / _ARM
-    hand = _subtree(rest, arm["hand"]) if "hand" in arm else []
+    hand = subtree(rest, arm["hand"]) if "hand" in arm else []
     tips = [j for j in hand[1:] if j not in rest.parents]
     same = rest.parents[arms[0]] == rest.parents[legs[0]]  # a skirt hangs on the hips as the legs do
     return float(np.abs(np.log(ratios)).sum()) + beside + _SAME_CARRIER * same - (len(tips) >= _FINGERS)
-
-
-def _subtree(rest: RestSkeleton, top: int) -> list[int]:
-    found = {top: None}
-    for j in range(top + 1, len(rest.names)):
-        if rest.parents[j] in found:
-            found[j] = None
-    return [*found]
 
 
 def _middle(rest: RestSkeleton, pair: tuple[int, int]) -> Array:
@@ -194,7 +174,7 @@ def _left(rest: RestSkeleton, pairs: Sequence[tuple[int, int]], lateral: Array) 
     for pair in pairs:
         for one in pair:
             aside = float((rest.heads[one] - _middle(rest, pair)) @ lateral)
-            sides = [read_name(rest.names[j]).side for j in _subtree(rest, one)]
+            sides = [read_name(rest.names[j]).side for j in subtree(rest, one)]
             marked += np.sign(aside) * (sides.count("L") - sides.count("R"))
     if marked:
         return np.asarray(np.sign(marked) * lateral)
@@ -208,7 +188,7 @@ def _forward(rest: RestSkeleton, legs: tuple[int, int], lateral: Array) -> Array
     ahead = np.cross(lateral, [0.0, 0.0, 1.0])
     reach = []
     for leg in legs:
-        below = _subtree(rest, leg)
+        below = subtree(rest, leg)
         low, top = (limit(rest.heads[j, 2] for j in below) for limit in (min, max))
         feet = [j for j in below if rest.heads[j, 2] < low + 0.2 * (top - low)]
         points = np.concatenate([rest.heads[feet], rest.tails[feet][~np.isnan(rest.tails[feet][:, 0])]])
@@ -217,47 +197,18 @@ def _forward(rest: RestSkeleton, legs: tuple[int, int], lateral: Array) -> Array
     return np.asarray(ahead if abs(ways.max()) >= abs(ways.min()) else -ahead)
 
 
-def _limb(rest: RestSkeleton, top: int, other: int, arm: bool, shortest: float) -> tuple[dict[str, int], Array]:
-    """Return the bones of an arm or leg, its two long segments, the bone above the first, and those below the second,
-    and the lengths of both segments, shape (2,); no bones if there are no such segments.
-
-    Only what the limb on the other side has, too, counts: no weapon in a hand.
-    """
-    shared = _shared(rest, top, other)
-    away = np.linalg.norm(rest.heads[shared] - rest.heads[top], axis=1)
-    path = [shared[int(np.argmax(away) if arm else np.argmin(rest.heads[shared, 2]))]]
-    while path[-1] != top:
-        path.append(rest.parents[path[-1]])
-    path.reverse()
-    ends = [*path, -1]
-    lengths = [
-        float(np.linalg.norm((rest.heads[b] if b >= 0 else rest.tails[a]) - rest.heads[a])) for a, b in pairwise(ends)
-    ]
-    long = [k for k, length in enumerate(lengths) if length > shortest]
-    if len(long) < 2:
-        return {}, np.zeros(2)
-    # Of an arm the longest two consecutive segments, below a long collar bone; a knee may be divided in two.
-    upper, lower = max(pairwise(long), key=lambda two: lengths[two[0]] + lengths[two[1]]) if arm else long[:2]
-    names = ("shoulder", "upper_arm", "forearm", "hand") if arm else ("", "thigh", "shin", "foot", "toe")
-    found = {names[1]: path[upper], names[2]: path[upper + 1]}
-    if upper > 0 and names[0]:
-        found[names[0]] = path[upper - 1]
-    found |= dict(zip(names[3:], path[lower + 1 :], strict=False))
-    return found, np.array([lengths[upper], sum(lengths[upper + 1 : lower + 1])])
-
-
 def _fingers(rest: RestSkeleton, hand: int) -> dict[str, list[int]]:
     """Return the fingers of a hand with four or five of them: the thumb points most apart, and others follow by how far
     they are from it. Bones in the palm are left out.
     """
-    children = {j: [k for k, p in enumerate(rest.parents) if p == j] for j in _subtree(rest, hand)}
+    children = {j: [k for k, p in enumerate(rest.parents) if p == j] for j in subtree(rest, hand)}
     palm = hand
     while len(children[palm]) == 1:
         palm = children[palm][0]
     chains = [[top] for top in children[palm]]
     for chain in chains:
         while children[chain[-1]]:
-            chain.append(max(children[chain[-1]], key=lambda j: len(_subtree(rest, j))))
+            chain.append(max(children[chain[-1]], key=lambda j: len(subtree(rest, j))))
     chains = [chain for chain in chains if len(chain) > 1]
     if len(chains) not in (_FINGERS + 1, _FINGERS + 2):
         return {}
@@ -288,7 +239,7 @@ def _trunk(rest: RestSkeleton, leg: int, arms: _Pair) -> dict[str, tuple[str, ..
     above = [k for k in above if k not in arms and _rises(rest, chest, k)]
     if not above:
         return found
-    neck = [max(above, key=lambda k: max(rest.heads[i, 2] for i in _subtree(rest, k)))]
+    neck = [max(above, key=lambda k: max(rest.heads[i, 2] for i in subtree(rest, k)))]
     while below := [k for k in range(len(rest.names)) if rest.parents[k] == neck[-1]]:
         straight = [k for k in below if len([i for i in below if abs(rest.heads[i, 2] - rest.heads[k, 2]) < 1e-6]) == 1]
         if len(below) > 1 or not straight or not _rises(rest, neck[-1], below[0]):

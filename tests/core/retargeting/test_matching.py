@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -238,6 +239,39 @@ BESIDE = {
 def test_limbs_that_are_least_human_are_no_arms_and_no_legs_where_places_decide(what, turn):
     rest, roles = nameless(BESIDE[what], turn)
     found = roles_by_position(rest)
+    assert {role: found[role] for role in roles} == roles
+
+
+def divided(rest: RestSkeleton, bones: Sequence[int], middle: Sequence[int]) -> RestSkeleton:
+    """A skeleton in which some bones are two each, the lower one of which carries what hung on them, and others hang on
+    bones of their own that begin at the one above, as MakeHuman's and Daz's limbs do.
+    """
+    made: list[tuple[str, str, np.ndarray, np.ndarray]] = []
+    carrier: dict[int, str] = {-1: ""}
+    for j, name in enumerate(rest.names):
+        above, carrier[j] = carrier[rest.parents[j]], name
+        if j in middle:
+            made.append((f"{name} above", above, rest.heads[rest.parents[j]], rest.heads[j]))
+            above = f"{name} above"
+        made.append((name, above, rest.heads[j], rest.tails[j]))
+        if j in bones:
+            carrier[j] = f"{name} below"
+            made.append((carrier[j], name, 0.7 * rest.heads[j] + 0.3 * rest.tails[j], rest.tails[j]))
+    names = tuple(name for name, *_ in made)
+    parents = tuple(names.index(above) if above else -1 for _, above, *_ in made)
+    return RestSkeleton(names, parents, *(np.array(points) for points in list(zip(*made, strict=True))[2:]))
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.6])
+@pytest.mark.parametrize("extra", [(), BESIDE["hair"], BESIDE["skirt"]], ids=["", "hair", "skirt"])
+def test_segments_of_two_bones_are_one_where_places_decide(extra, turn):
+    plain = made_rig("mixamo", BODY, 0.8)
+    wrist = plain.rest.heads[plain.index("hand.L")]
+    fingers = [("hand.{}", [wrist + [0.06, y, -0.06], wrist + [0.08, y, -0.08]]) for y in (-0.03, 0.0, 0.03, 0.06)]
+    rest, roles = nameless([*fingers, *extra], turn)
+    limbs = [int(roles[role][0]) for role in LIMBS if role[:-2] not in ("hand", "foot")]
+    thighs = [int(roles[f"thigh.{side}"][0]) for side in "LR"]
+    found = roles_by_position(divided(rest, limbs, thighs))
     assert {role: found[role] for role in roles} == roles
 
 
