@@ -41,7 +41,7 @@ from .equations.problem import AccelerationSearch, SegmentProblem, SegmentSoluti
 from .gauss_newton import continued, descend
 from .joint_moves import farthest_joint
 from .limb_corrections.limb_exchange import with_limbs_exchanged
-from .limb_corrections.limb_search import limbs_elsewhere
+from .limb_corrections.limbs_elsewhere import limbs_elsewhere
 from .limb_corrections.mirrored_limbs import with_limbs_mirrored
 from .limb_corrections.search_rounds import MAX_SEARCH_ROUNDS, TrialRound, searched, searched_among_others
 from .limb_corrections.strayed_limbs import with_limbs_returned

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from ....body.kinematics import scene_poses
-from ....body.motion import Motion
+from ....body.motion import Motion, with_motion
 from ..assessment.solution_ranking import RESTING_GAIN
 from ..equations.problem import SegmentProblem
 from ..limb_evidence.limb_images import ViewRatios
 from ..limb_evidence.limb_likelihood import pixel_gains, with_sides_learned
 from ..limb_evidence.limb_model import FINE_POINTS, LimbOfPerformer, limb_of
 from ..thinned_frames import ThinnedProblem
-from .limb_search import frames_elsewhere
+from .limbs_elsewhere import frames_elsewhere
 
 LEAST_GAIN = 100.0
 """Smallest gain in log likelihood, in natural units, for which limbs are moved that the images do not contradict, or
@@ -45,10 +45,13 @@ def is_promising(
     limbs: tuple[int, Sequence[list[int]]],
     found: Motion,
     ratios: Sequence[ViewRatios],
+    *,
+    share: float = 1.0,
 ) -> bool:
     """Whether limbs of a single performer are worth solving for where a search has found them: unless nothing
     contradicts where they are, and the pixels that led the search there gain less than the images must (`least_gain`),
-    in proportion to the frames on which it was made.
+    in proportion to the frames on which it was made. Each limb of a pair is asked with those before it where they were
+    found: it may be where one of them was.
 
     Parameters
     ----------
@@ -62,14 +65,20 @@ def is_promising(
         F poses of the performer, with the limbs where they were found.
     ratios : sequence of ViewRatios
         What the views show of the performer on the kept frames.
+    share : float
+        Share of the least gain that is enough.
     """
-    alone, some = thinned.problem, thinned.of_motions(motions)
+    alone, some = thinned.problem, tuple(thinned.of_motions(motions))
     if alone.among_others or contradicted(alone) or not alone.shows_depth:
         return True
     performer, chains = limbs
-    there = found[thinned.frames]
-    gains = [_gain_elsewhere(alone, some, (performer, chain), there, ratios) for chain in chains]
-    return sum(gains) >= least_gain(alone) * len(thinned.frames) / thinned.whole.length
+    there, gain = found[thinned.frames], 0.0
+    for chain in chains:
+        gain += _gain_elsewhere(alone, some, (performer, chain), there, ratios)
+        Q = some[performer].rotations.copy()
+        Q[:, chain] = there.rotations[:, chain]
+        some = with_motion(some, performer, Motion(there.translations, Q))
+    return gain >= share * least_gain(alone) * len(thinned.frames) / thinned.whole.length
 
 
 def _gain_elsewhere(

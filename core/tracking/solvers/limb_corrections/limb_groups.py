@@ -17,11 +17,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ....body import Body
 from ....body.motion import Motion, with_motion
-from ....numerics.arrays import Bools
 from ..assessment.settled_solutions import SettledSolution, SettledSolutions
-from ..assessment.solution_doubts import least_frames
 from ..assessment.solution_ranking import RESTING_GAIN, likelihood, settled_further
 from ..descent_stages import SETTLED, UNCONVERGED_MOVE
 from ..equations.measurement import Workspace
@@ -30,38 +27,12 @@ from ..equations.segment_equations import SegmentNoise
 from ..gauss_newton import VainTest, continued, descend
 from ..joint_moves import farthest_joint
 from ..limb_evidence.limb_images import ViewRatios
-from ..limb_evidence.limb_model import FINE_POINTS, POINTS_PER_PART
 from ..thinned_frames import ThinnedProblem
-from .bridges import evenly_led
-from .limb_gains import contradicted, is_promising, least_gain
-from .limb_search import MIN_GAIN_ELSEWHERE, LimbSearch, frames_elsewhere, freed_limb, views_of
+from .limb_gains import contradicted, least_gain
+from .limb_proposals import LimbGroup, LimbProposals, elsewhere, frames_searched
 from .local_trials import LocalTrial
 from .long_leaps import leaps_farther
 from .search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
-
-SEARCH_RATE = 12.0
-"""Fewest frames per second on which poses of limbs of one of several performers are drawn. Most of these are right
-where they are, and how far off the others are changes slowly."""
-
-
-@dataclass(frozen=True)
-class LimbGroup:
-    """Limbs of a performer that are searched for together.
-
-    Attributes
-    ----------
-    performer : int
-    chains : tuple of list of int
-        One limb or two, as chains of parts.
-    """
-
-    performer: int
-    chains: tuple[list[int], ...]
-
-    def frames_elsewhere(self, body: Body, before: Motion, after: Motion, frames: int) -> Bools:
-        """Return on which frames any of the limbs is elsewhere for so many frames in a row (`limb_search`)."""
-        each = [frames_elsewhere(body, chain, before, after, frames) for chain in self.chains]
-        return np.any(each, axis=0)
 
 
 def with_limbs_found(
@@ -79,6 +50,8 @@ def with_limbs_found(
     an even path far from there, or after `MAX_VAIN_ROUNDS` in a row that find nothing likelier; of one of several
     performers, after one. Limbs that end where they were stay there, however much likelier the rest has become, unless
     the images contradict it: that is chance.
+
+    For a single performer in several views, a rough search comes first, which may end the search (`limb_proposals`).
 
     Where frames follow each other closely, poses of a single performer's limbs are drawn on some of them
     (`thinned_frames`). What is found is solved for, and judged, on all: on some of them the images say less for it.
@@ -99,15 +72,6 @@ def with_limbs_found(
     search = _GroupSearch(thinned, group, workspace, only_elsewhere=alone.among_others)
     settled, best = search.likeliest(solution, known, ratios)
     return solution if settled is None else _if_likelier(problem, solution, group, settled, best)
-
-
-def frames_searched(alone: SegmentProblem, motions: Sequence[Motion]) -> ThinnedProblem:
-    """Return the problem of a performer, and the frames on which poses of its limbs are drawn; `motions` has F poses
-    per performer.
-    """
-    several = alone.among_others
-    some = ThinnedProblem.at_rate(alone, SEARCH_RATE) if several else ThinnedProblem.of(alone, motions)
-    return some or ThinnedProblem.with_all(alone)
 
 
 def likeliest_found(
@@ -171,17 +135,16 @@ class _GroupSearch:
         if nothing was worth solving for, as the limbs were found where they are, or their pixels gain too little
         elsewhere. Parameters as in `with_limbs_found`.
         """
-        alone, thinned = self.thinned.whole, self.thinned
-        if ratios is None:  # the others stay where they are
-            ratios = views_of(thinned.problem, thinned.of_motions(solution.motions), self.group.performer)
+        alone = self.thinned.whole
         best, vain, settled, quiet = solution, 0, None, self.workspace.silent()
+        proposals = LimbProposals.of(self.thinned, self.group, tuple(solution.motions), ratios)
         for turn in range(1 + MAX_SEARCH_ROUNDS):
             self.workspace.report(turn / (1 + MAX_SEARCH_ROUNDS))
-            found = _proposed(thinned, best.motions, self.group, turn, ratios)
+            found = proposals.around(best.motions, turn)
             if found is None:
                 break
             there = None
-            if is_promising(thinned, best.motions, (self.group.performer, self.group.chains), found, ratios):
+            if proposals.are_promising(best.motions, found):
                 if settled is None and self.only_elsewhere:  # most limbs that are found elsewhere come back
                     there = self._solved(known.noise(alone, solution, quiet), solution, found)
                     if there is None:
@@ -206,7 +169,7 @@ class _GroupSearch:
         """
         alone, group, workspace = self.thinned.whole, self.group, self.workspace.silent()
         i = group.performer
-        away = _elsewhere(alone, group, best.motions[i], found)
+        away = elsewhere(alone, group, best.motions[i], found)
         moved = Motion(
             found.translations, np.where(away[:, None, None, None], found.rotations, best.motions[i].rotations)
         )
@@ -225,7 +188,7 @@ class _GroupSearch:
             return solved_from(alone, motions, noise, workspace)
 
         def back(motions: Sequence[Motion]) -> bool:
-            return not _elsewhere(alone, group, best.motions[i], motions[i]).any()
+            return not elsewhere(alone, group, best.motions[i], motions[i]).any()
 
         there = solved_from(alone, motions, noise, workspace, vain=back)
         return None if back(there.motions) else there
@@ -253,56 +216,13 @@ def _if_likelier(
         return solution
     alone, i = problem.alone(group.performer), group.performer
     gain = likelihood(alone, settled.noise, best) - likelihood(alone, settled.noise, settled.solution)
-    moved = contradicted(problem) or _elsewhere(alone, group, settled.solution.motions[i], best.motions[i]).any()
+    moved = contradicted(problem) or elsewhere(alone, group, settled.solution.motions[i], best.motions[i]).any()
     if gain <= least_gain(problem) or not moved:
         return solution
     refuted = bool(problem.doubted) or alone.among_others
     if not refuted and leaps_farther(alone, i, settled.solution.motions[i], best.motions[i], group.chains):
         return solution
     return continued(solution, replace(best, only=problem.only))
-
-
-def _proposed(
-    thinned: ThinnedProblem, motions: Sequence[Motion], group: LimbGroup, turn: int, ratios: Sequence[ViewRatios]
-) -> Motion | None:
-    """Search for the limbs of a group on the kept frames, one after the other, and return the performer's motion on all
-    frames; None if they are where they were.
-
-    The first turn is around even paths of all of them, but not with a single view: the likelier of two motions that are
-    far apart is not the truer one often enough there. A limb of one of several performers is only elsewhere if the
-    images say clearly more for it (`MIN_GAIN_ELSEWHERE`).
-    """
-    alone, i, some = thinned.problem, group.performer, thinned.of_motions(motions)
-    before = around = some[i]
-    for chain in group.chains if turn == 0 and alone.shows_depth else ():
-        around = evenly_led(alone, i, around, chain)
-    share = len(thinned.frames) / thinned.whole.length
-    search = LimbSearch(
-        points=POINTS_PER_PART if len(group.chains) == 1 else FINE_POINTS,
-        least_gain=share * MIN_GAIN_ELSEWHERE if alone.among_others else -np.inf,
-        before=before,
-    )
-    found = around
-    for chain in group.chains:
-        found = freed_limb(alone, with_motion(some, i, found), (i, chain), turn, search=search, ratios=ratios)
-    if found is before or (alone.among_others and found is around):
-        return None
-    if not _elsewhere(alone, group, before, found).any():
-        return None
-    moved = (found.rotations != before.rotations).any(axis=(0, 2, 3))
-    Q, [whole] = motions[i].rotations.copy(), thinned.interpolated([found])
-    Q[:, moved] = whole.rotations[:, moved]
-    return Motion(motions[i].translations, Q)
-
-
-def _elsewhere(alone: SegmentProblem, group: LimbGroup, before: Motion, after: Motion) -> Bools:
-    """Return on which frames some limb is farther from where it was than a descent reaches, for a while, as sampled
-    poses scatter. In depth, which a single view hardly shows, a descent reaches less far: there it is on all frames.
-    """
-    if not alone.shows_depth:
-        return np.ones(alone.length, bool)
-    long = least_frames(alone.fps)
-    return group.frames_elsewhere(alone.bodies[group.performer], before, after, long)
 
 
 def continued_where_likelier(

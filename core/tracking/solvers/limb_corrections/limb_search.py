@@ -15,7 +15,6 @@ import numpy as np
 import scipy  # its parts are loaded when they are used
 from numpy.random import Generator
 
-from ....body import Body, part_poses
 from ....body.body_size import body_size
 from ....body.kinematics import scene_poses
 from ....body.limbs import limbs
@@ -34,6 +33,7 @@ from ..limb_evidence.limb_images import EVEN_LEVEL, UncoveredImages, ViewRatios
 from ..limb_evidence.limb_likelihood import MIN_GAIN, pixel_gains, side_log_ratios, with_sides_learned
 from ..limb_evidence.limb_model import MIN_HELD_WEIGHT, POINTS_PER_PART, LimbModel, LimbOfPerformer, limb_of
 from .limb_paths import likeliest_limb
+from .limbs_elsewhere import farthest_joints, frames_elsewhere
 from .swapped_limbs import untangled_limbs
 
 MIN_SEEN_SHARE = 0.1
@@ -50,6 +50,9 @@ scatter by some centimetres around a place that a descent would reach (`OUTLINE_
 CHILD_SIZE = 1.6
 """Size of a body (`core.body.body_size`), metres, below which its limbs gain less: pixels count by the area that they
 show. The least gain was measured with adults of 1.65 m and more."""
+ROUGH_GAIN_SHARE = 0.5
+"""Share of the least gain from which on a path that was found roughly is worth improving: that also fits it to the
+noise of the images."""
 LEAST_SEEN_SHARE = 0.1
 """Least share of a limb, in relation to what is usually seen of it, by which a gain is divided."""
 
@@ -70,12 +73,15 @@ class LimbSearch:
         they hardly gain more, if other random poses lead elsewhere. By default neither is asked.
     before : Motion, optional
         F poses of the performer in relation to which they gain, if the search is around others.
+    roughly : bool
+        Whether the limb is moved to where it is found roughly, whatever is gained by it.
     """
 
     free: bool = True
     points: int = POINTS_PER_PART
     least_gain: float = -np.inf
     before: Motion | None = None
+    roughly: bool = False
 
 
 def can_search_limbs(problem: SegmentProblem) -> bool:
@@ -150,40 +156,11 @@ def views_of(problem: SegmentProblem, motions: Sequence[Motion], performer: int)
     return [ViewRatios.of(view, problem, performer, motions) for view in views_with_foreground(problem.views)]
 
 
-def is_elsewhere(body: Body, chain: Sequence[int], before: Motion, after: Motion, frames: int = 1) -> bool:
-    """Whether some joint of a limb, relative to its first, is farther from where it was than a descent reaches, on so
-    many frames in a row.
-    """
-    return bool(frames_elsewhere(body, chain, before, after, frames).any())
-
-
-def frames_elsewhere(body: Body, chain: Sequence[int], before: Motion, after: Motion, frames: int = 1) -> Bools:
-    """Return on which frames that is so, shape (F,)."""
-    return lasting(_farthest_joints(body, chain, before, after) > OUTLINE_REACH, frames)
-
-
-def _farthest_joints(body: Body, chain: Sequence[int], before: Motion, after: Motion) -> Array:
-    """Largest distance of a limb's joint, relative to its first, from where it was before, on each frame, (F,)."""
-    joints = [part_poses(body, motion)[1][:, chain] for motion in (before, after)]
-    a, b = (each - each[:, :1] for each in joints)
-    return np.asarray(np.linalg.norm(b - a, axis=-1).max(axis=1))
-
-
-def limbs_elsewhere(problem: SegmentProblem, before: Sequence[Motion], after: Sequence[Motion]) -> bool:
-    """Whether some limb of the performers that are solved for is elsewhere for `least_frames` in a row."""
-    frames = least_frames(problem.fps)
-    return any(
-        is_elsewhere(problem.bodies[i], chain, before[i], after[i], frames)
-        for i in problem.sought
-        for chain in limbs(problem.bodies[i])
-    )
-
-
 def _frames_clearly_elsewhere(limb: LimbModel, before: Motion, after: Motion) -> Bools:
     """Return on which frames a limb is elsewhere, without those beside each other on which it is so by less than
     `FOUND_REACH`, shape (F,).
     """
-    distance = _farthest_joints(limb.body, limb.chain, before, after)
+    distance = farthest_joints(limb.body, limb.chain, before, after)
     away = distance > OUTLINE_REACH
     for first, last in runs(away):
         away[first : last + 1] = distance[first : last + 1].max() > FOUND_REACH
@@ -245,7 +222,10 @@ def _with_limb_found(
         if problem.only is not None and not _is_hardly_seen(limb):
             return motion
     draws = _LimbDraws(limb, uncovered, motion, problem.fps, rng)
-    if search.least_gain == -np.inf:
+    found: Motion | None
+    if search.roughly:
+        found = draws.found_roughly()
+    elif search.least_gain == -np.inf:
         found = draws.found()
     else:
         before = motion if search.before is None else search.before
@@ -286,6 +266,11 @@ class _LimbDraws:
         found = self._posed(path)
         return found if enough is None or enough(found) else None
 
+    def found_roughly(self) -> Motion:
+        """Return the motion with the limb on the path that is found roughly, whatever that gains."""
+        path, _ = likeliest_limb(self.limb, self.uncovered, self.fps, self.rng, lambda _: False)
+        return self._posed(path)
+
     def found_surely(self, gained: Callable[[Motion], float], least_gain: float, before: Motion) -> Motion | None:
         """Return the motion that a search finds: where it hardly gains enough, only if a second search agrees. Where
         little shows a limb, each search finds another motion.
@@ -293,10 +278,10 @@ class _LimbDraws:
         They agree if the limb is elsewhere than before in both, and in the same place, as near as a descent reaches,
         for `least_frames` in a row.
         """
-        gained = cache(gained)
+        gained, promising = cache(gained), ROUGH_GAIN_SHARE * least_gain
         both: list[Motion] = []
         for _ in range(2):
-            found = self.found(lambda moved: gained(moved) >= least_gain, lambda moved: gained(moved) >= least_gain / 2)
+            found = self.found(lambda moved: gained(moved) >= least_gain, lambda moved: gained(moved) >= promising)
             if found is None:
                 return None
             if gained(found) >= CLEAR_GAIN_RATIO * least_gain:

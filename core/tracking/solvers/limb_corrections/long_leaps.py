@@ -25,7 +25,8 @@ from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
 from .bridges import BRIDGING, LEAP_RATIO, Leap, bridged_motion
-from .limb_search import freed_limb, is_elsewhere
+from .limb_search import freed_limb
+from .limbs_elsewhere import is_elsewhere
 from .local_trials import is_long, likelier_after_change, longest_piece, stretch_around, stretch_of
 
 STEP_TIME = 1 / 30

@@ -37,14 +37,8 @@ from ..limb_evidence.limb_images import ViewRatios
 from ..limb_evidence.limb_support import SupportOfLimb, evaluated, support_of_limbs
 from ..thinned_frames import ThinnedProblem
 from .limb_gains import contradicted
-from .limb_groups import (
-    LimbGroup,
-    continued_where_likelier,
-    frames_searched,
-    likeliest_found,
-    with_limbs_found,
-    with_limbs_moved,
-)
+from .limb_groups import continued_where_likelier, likeliest_found, with_limbs_found, with_limbs_moved
+from .limb_proposals import LimbGroup, frames_searched
 from .limb_search import views_of
 from .local_trials import Stretch, is_long, stretch_of, stretches_around
 from .swivelled_limbs import with_limbs_swivelled

@@ -33,7 +33,8 @@ from ..equations.problem import SegmentProblem, SegmentSolution
 from ..equations.segment_equations import SegmentNoise
 from ..gauss_newton import VainTest, descend
 from .limb_exchange import recombined
-from .limb_search import found_limbs, limbs_elsewhere
+from .limb_search import found_limbs
+from .limbs_elsewhere import limbs_elsewhere
 from .swapped_limbs import untangled_limbs
 
 MAX_SEARCH_ROUNDS = 5

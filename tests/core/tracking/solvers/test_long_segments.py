@@ -31,7 +31,7 @@ from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, Segm
 from kfmocap.core.tracking.solvers.equations.segment_equations import SegmentNoise
 from kfmocap.core.tracking.solvers.limb_corrections import local_trials, regained_limbs
 from kfmocap.core.tracking.solvers.limb_corrections.bridges import BRIDGING
-from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import LimbGroup
+from kfmocap.core.tracking.solvers.limb_corrections.limb_proposals import LimbGroup
 from kfmocap.core.tracking.solvers.limb_corrections.local_trials import (
     ADAPTATION_TIME,
     HELD_FRAMES,

@@ -18,16 +18,15 @@ from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem, SegmentSolution
 from kfmocap.core.tracking.solvers.equations.segment_equations import SegmentNoise
 from kfmocap.core.tracking.solvers.gauss_newton import VainTest
-from kfmocap.core.tracking.solvers.limb_corrections import limb_groups
-from kfmocap.core.tracking.solvers.limb_corrections.limb_gains import LEAST_GAIN
+from kfmocap.core.tracking.solvers.limb_corrections import limb_gains, limb_groups, limb_proposals
+from kfmocap.core.tracking.solvers.limb_corrections.limb_gains import LEAST_GAIN, is_promising
 from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import (
-    SEARCH_RATE,
-    LimbGroup,
-    frames_searched,
     likeliest_found,
     with_limbs_found,
     with_limbs_moved,
 )
+from kfmocap.core.tracking.solvers.limb_corrections.limb_proposals import SEARCH_RATE, LimbGroup, frames_searched
+from kfmocap.core.tracking.solvers.limb_corrections.limb_search import LimbSearch
 from kfmocap.core.tracking.solvers.limb_corrections.local_trials import ADAPTATION_TIME, HELD_FRAMES
 from kfmocap.core.tracking.solvers.limb_corrections.search_rounds import MAX_SEARCH_ROUNDS, MAX_VAIN_ROUNDS
 from kfmocap.core.tracking.solvers.thinned_frames import ThinnedProblem
@@ -114,10 +113,10 @@ class World:
             self.settled += 1
             return SettledSolution(begin, noise, begin)
 
-        monkeypatch.setattr(limb_groups, "freed_limb", self.search)
+        monkeypatch.setattr(limb_proposals, "freed_limb", self.search)
         monkeypatch.setattr(limb_groups, "solved_from", solved)
-        monkeypatch.setattr(limb_groups, "views_of", lambda *_: [])
-        monkeypatch.setattr(limb_groups, "is_promising", lambda *_: self.promising)
+        monkeypatch.setattr(limb_proposals, "views_of", lambda *_: [])
+        monkeypatch.setattr(limb_proposals, "is_promising", lambda *_, **__: self.promising)
         monkeypatch.setattr(SettledSolutions, "noise", lambda *_: noise)
         monkeypatch.setattr(ThinnedProblem, "at_rate", lambda *_: None)
         monkeypatch.setattr(limb_groups, "settled_further", self.settled_further)
@@ -181,6 +180,51 @@ def test_where_frames_follow_each_other_closely_a_limb_is_drawn_on_some_of_them_
     np.testing.assert_allclose(turned_by[3:13], 0.9, atol=0.1)
     others = np.setdiff1d(np.arange(len(BODY)), PAIR[0][0])
     np.testing.assert_array_equal(found.rotations[:, others], at_rest(BODY, problem.length).rotations[:, others])
+
+
+@pytest.mark.parametrize(
+    ("views", "performers", "found", "promising", "drawn"),
+    [
+        (2, 1, False, True, ["rough"]),
+        (2, 1, True, False, ["rough"]),
+        (2, 1, True, True, ["rough", *["fine"] * MAX_VAIN_ROUNDS]),
+        (1, 1, True, False, ["fine"] * MAX_VAIN_ROUNDS),
+        (2, 2, True, True, ["thinned"]),
+    ],
+)
+def test_limbs_of_a_single_performer_in_several_views_are_searched_for_only_where_a_rough_search_promises_something(
+    monkeypatch: pytest.MonkeyPatch, views: int, performers: int, found: bool, promising: bool, drawn: list[str]
+) -> None:
+    """Most are right where they are. One of several performers is searched for on some of the frames in any case."""
+    problem, kept, kinds = seen_by(views, performers=performers), np.arange(0, 16, 3), list[str]()
+    world = World(defaultdict(float), PAIR[:1] if found else (), promising=promising)
+    begin = world.begun(monkeypatch, problem)
+    monkeypatch.setattr(ThinnedProblem, "at_rate", lambda whole, _: ThinnedProblem.at(whole, kept, 3))
+
+    def freed(
+        some: SegmentProblem, motions: Sequence[Motion], *given: object, search: LimbSearch, **how: object
+    ) -> Motion:
+        kinds.append("rough" if search.roughly else "thinned" if some.length == len(kept) else "fine")
+        assert (kinds[-1] == "fine") is (some.length == problem.length)
+        return world.search(some, motions, *given, **how)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(limb_proposals, "freed_limb", freed)
+    with_limbs_found(problem, begin, ONE, SettledSolutions(), Workspace())
+    assert kinds == drawn
+
+
+def test_limbs_of_a_pair_are_promising_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each may have been found where the other one was, so that none gains alone."""
+    thinned, rest = ThinnedProblem.with_all(seen_by(2)), at_rest(BODY, 16)
+    both = turned(turned(rest, PAIR[0]), PAIR[1])
+
+    def gain(_problem: object, motions: Sequence[Motion], *_: object) -> float:
+        return {(0, 0): -LEAST_GAIN, (9, 0): 1.7 * LEAST_GAIN}[angles(motions[0])]
+
+    monkeypatch.setattr(limb_gains, "_gain_elsewhere", gain)
+    assert is_promising(thinned, [rest], (0, PAIR), both, [], share=0.5)
+    assert not is_promising(thinned, [rest], (0, PAIR), both, [])
+    assert not is_promising(thinned, [rest], (0, PAIR[:1]), both, [], share=0.5)
 
 
 @pytest.mark.parametrize("gain", [-MUCH, 2 * RESTING_GAIN, MUCH])

@@ -28,11 +28,13 @@ from kfmocap.core.tracking.solvers.limb_corrections import (
     limb_gains,
     limb_groups,
     limb_paths,
+    limb_proposals,
     limb_search,
     regained_limbs,
 )
 from kfmocap.core.tracking.solvers.limb_corrections.limb_gains import is_promising
-from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import LimbGroup, with_limbs_found
+from kfmocap.core.tracking.solvers.limb_corrections.limb_groups import with_limbs_found
+from kfmocap.core.tracking.solvers.limb_corrections.limb_proposals import LimbGroup
 from kfmocap.core.tracking.solvers.limb_corrections.limb_search import (
     CLEAR_GAIN_RATIO,
     FOUND_REACH,
@@ -118,7 +120,7 @@ def test_a_doubted_performer_that_comes_to_rest_where_it_was_is_not_solved_furth
     """Whatever is solved further becomes a little likelier."""
     further: list[object] = []
     monkeypatch.setattr(limb_groups, "settled_further", lambda *given, **_: further.append(given) or given[2])
-    monkeypatch.setattr(limb_groups, "freed_limb", lambda _problem, motions, place, _seed, **_: motions[place[0]])
+    monkeypatch.setattr(limb_proposals, "freed_limb", lambda _problem, motions, place, _seed, **_: motions[place[0]])
     refined(replace(problem, doubted=(0,)), [TRUTH], Workspace())
     assert not further
 
@@ -256,7 +258,7 @@ def test_a_limb_is_also_searched_for_around_an_even_path_between_its_key_poses(
 
     aside = Motion(TRUTH.translations, TRUTH.rotations.copy())
     aside.rotations[1:-1, ARM[0]] = aside.rotations[1:-1, ARM[0]] @ rotations.exp(np.array([0.0, 0.0, -1.2]))
-    monkeypatch.setattr(limb_groups, "freed_limb", near_even_path)
+    monkeypatch.setattr(limb_proposals, "freed_limb", near_even_path)
     solution = refined(replace(problem, settings=Settings(limb_search=False)), [astray()], Workspace())
     found = with_limbs_found(problem, solution, LimbGroup(0, (ARM,)), SettledSolutions(), Workspace())
     if right:
