@@ -17,7 +17,7 @@ _ENDS = ("head", "hand", "foot")
 _HALVED = (("upper_arm", "forearm"), ("forearm", "hand"), ("thigh", "shin"), ("shin", "foot"))
 """Limbs of two bones each in some characters, such as those of Daz and MakeHuman, by their roles and the next one."""
 _STRAIGHT = np.radians(15)
-"""Largest angle at which a bone goes on from the one above as the half of a limb."""
+"""Largest angle to a limb at which one half of it is, of two: the first may be short, and askew."""
 _NEAR = 1e-3
 """Share of a limb's length within which a bone begins where the limb does."""
 
@@ -46,7 +46,7 @@ def taken_in(armature: bpy.types.Object, bones: BoneMap) -> dict[str, str]:
                 way = bone.head_local - rest[first].head_local
                 if bone.name == first or rest[first] not in bone.parent_recursive:
                     break
-                if way.length < _NEAR * line.length or way.angle(line) < _STRAIGHT:
+                if way.length < _NEAR * line.length or min(way.angle(line), (line - way).angle(line, 0.0)) < _STRAIGHT:
                     found[bone.name] = first
     return found
 

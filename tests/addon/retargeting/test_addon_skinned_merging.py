@@ -42,19 +42,23 @@ def with_chain(armature, name, parent, head, way, radius):
     bind(armature, f"{name} skin", [(bone, cloud(a, b, radius)) for bone, _, a, b in chain])
 
 
-def test_the_halves_of_limbs_are_one_part():
+@pytest.mark.parametrize(("share", "aside"), [(0.5, 0.0), (0.2, 0.07)], ids=["halves", "short and askew"])
+def test_the_halves_of_limbs_are_one_part(share, aside):
+    """The first may be short, and askew, as that of the thighs of MakeHuman's women."""
     armature = skinned_human()
     halves = [(f"{upper}.{side}", f"{lower}.{side}") for upper, lower in LOWER.items() for side in "LR"]
     with body_armature.edit_bones(armature) as bones:
         for upper, lower in halves:
             half = bones.new(f"{upper}Twist")
-            half.head, half.tail = bones[upper].head.lerp(bones[lower].head, 0.5), bones[lower].head
+            limb = bones[lower].head - bones[upper].head
+            beside = aside * limb.cross((0.0, -1.0, 0.0))
+            half.head, half.tail = bones[upper].head + share * limb + beside, bones[lower].head
             half.parent = bones[upper]
             bones[lower].use_connect, bones[lower].parent = False, half
     led = []
     for upper, lower in halves:
         head, tail = (np.array(armature.data.bones[name].head_local) for name in (upper, lower))
-        led.append((f"{upper}Twist", cloud(0.5 * (head + tail), tail, 0.04)))
+        led.append((f"{upper}Twist", cloud(head + share * (tail - head), tail, 0.04)))
     bind(armature, "lower halves", led)
     armature, remarks = use_as_body(bpy.context.scene, armature)
     body = body_armature.body_from_armature(armature)
