@@ -235,7 +235,7 @@ def _with_limb_found(
         if search.free:
             found = draws.found_surely(gained, least, before)
         else:
-            found = draws.found(lambda moved: gained(moved) >= least)
+            found = draws.found(lambda moved: gained(moved) >= least, lambda moved: gained(moved) >= least / 2)
     if found is None:
         return motion
     if limb.shoulder is None:

@@ -252,15 +252,42 @@ def test_however_a_limb_turns_it_stays_within_the_window_that_is_searched(monkey
         )
 
 
+def with_arm_lost_beside_another() -> tuple[Motion, Motion, Motion]:
+    """The true motion of one of two performers, the same with an arm elsewhere, and the other's, far away."""
+    truth = walk()
+    return truth, turned(truth, "upper_arm.L", -1.5), Motion(truth.translations + (0, 30.0, 0), truth.rotations)
+
+
+def beside_another(truth: Motion) -> SegmentProblem:
+    """Pictures of the first of two performers; those of the other show nobody."""
+    views = coloured(BODY, truth, (CAMERA, FRONT))
+    both = tuple(replace(v, foreground=np.concatenate([v.foreground, np.full_like(v.foreground, 4)])) for v in views)
+    return SegmentProblem(both, (BODY, BODY), 0, FPS, (ends_held(BODY, LENGTH),) * 2)
+
+
+def test_of_several_performers_a_limb_is_only_found_exactly_where_it_may_be_once_found_roughly(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    truth, lost, away = with_arm_lost_beside_another()
+    promised: list[tuple[bool, bool]] = []
+
+    def likeliest(limb: LimbModel, *asked: object) -> tuple[Array, float]:
+        promising = asked[-1]
+        assert callable(promising)
+        there = rotations.log(truth.rotations[:, limb.chain])
+        promised.append((promising(limb.begin), promising(there)))
+        return limb.begin, 0.0
+
+    monkeypatch.setattr(limb_search, "likeliest_limb", likeliest)
+    found_limbs(beside_another(truth).alone(0), [lost, away], seed=0, workspace=Workspace())
+    assert promised == [(False, True)]
+
+
 def test_with_several_performers_only_limbs_that_are_hardly_seen_in_place_are_searched_for(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    truth = walk()
-    away = Motion(truth.translations + (0, 30.0, 0), truth.rotations)
-    lost = turned(truth, "upper_arm.L", -1.5)
-    views = coloured(BODY, truth, (CAMERA, FRONT))
-    both = tuple(replace(v, foreground=np.concatenate([v.foreground, np.full_like(v.foreground, 4)])) for v in views)
-    problem = SegmentProblem(both, (BODY, BODY), 0, FPS, (ends_held(BODY, LENGTH),) * 2)
+    truth, lost, away = with_arm_lost_beside_another()
+    problem = beside_another(truth)
     looked: list[str] = []
 
     def likeliest(limb: LimbModel, *_: object) -> tuple[Array, float]:
