@@ -49,7 +49,8 @@ def lost_probabilities(
 ) -> Array:
     """Probability that each part of a performer is lost, shape (F, P).
 
-    For parts of the trunk it is that of the whole body. A part of a limb is at least as probably lost as the one that
+    For parts of the trunk it is that of the whole body, which can be lost only where some limb is by itself: what a
+    body explains less may also be due to light and shade. A part of a limb is at least as probably lost as the one that
     it hangs on.
 
     Parameters
@@ -66,7 +67,7 @@ def lost_probabilities(
     support : ndarray, shape (F, P) or None
         Log likelihood ratio of the images with each part against without it (`limb_support.support_of_parts`).
     whole : ndarray, shape (F,), or float
-        Probability that the whole body is lost, see `lost_body.lost_body_probabilities`.
+        Probability that the whole body is lost, if some limb is, see `lost_body.lost_body_probabilities`.
     """
     visible, background = misfit.visible[..., span], misfit.background[..., span]
     pieces = np.minimum(visible / PATCH_SIDE**2, misfit.pixels[..., span])
@@ -75,15 +76,14 @@ def lost_probabilities(
     each = [doubt]
     if support is not None:  # of a lost part the images say as much as if nothing were there
         each.append(-_outward(body, support) / FRAMES_PER_OBSERVATION)
-    found = np.broadcast_to(1.0 - np.asarray(whole), len(held))
-    lost = np.repeat(1 - found[:, None], len(body), axis=1)
+    lost = np.zeros(held.shape)
     for chain in limbs(body):
-        sure = found
+        sure = np.ones(len(lost))
         for part in chain:
             for odds in each:
                 sure = sure * (1 - chain_probabilities(np.where(held[:, part], -np.inf, odds[:, part])))
             lost[:, part] = 1 - sure
-    return lost
+    return np.asarray(1 - (1 - lost) * (1 - whole * lost.max(axis=1))[:, None])
 
 
 def confirmed_parts(body: Body, keypoints: KeypointFactor, poses: Poses) -> Bools:

@@ -200,10 +200,14 @@ def misfit_in(shown: list[Array], found: Motion, cameras: tuple = CAMERAS, furni
     return measured_misfit(views, Geometry.of([BODY]), at, first=0, spans=[slice(0, P)], limb_of=limb_of)
 
 
-def lost_in(misfit: Misfit, held: Array | None = None, support: Array | None = None) -> Array:
+def lost_in(
+    misfit: Misfit, held: Array | None = None, support: Array | None = None, whole: Array | float = 0.0
+) -> Array:
     held = np.zeros((FRAMES, P), bool) if held is None else held
     held[[0, -1]] = True
-    return lost_probabilities(BODY, misfit, slice(0, P), held=held, keys=np.array([0, FRAMES - 1]), support=support)
+    return lost_probabilities(
+        BODY, misfit, slice(0, P), held=held, keys=np.array([0, FRAMES - 1]), support=support, whole=whole
+    )
 
 
 def test_an_arm_that_lies_on_background_may_be_lost_on_these_frames_and_no_other_part_ever() -> None:
@@ -212,6 +216,15 @@ def test_an_arm_that_lies_on_background_may_be_lost_on_these_frames_and_no_other
     assert said[LOST, ARM[0]].all() and said[LOST, ARM[1]].all()
     assert not said[: LOST.start - 2].any() and not said[LOST.stop + 2 :].any()
     assert not np.delete(said, ARM, axis=1).any()
+
+
+def test_a_body_that_explains_too_little_is_lost_only_where_a_limb_lies_on_background() -> None:
+    """Elsewhere it may be lit otherwise than on the key poses."""
+    whole = np.full(FRAMES, 0.9)
+    said = lost_in(misfit_of(arm_turned_away()), whole=whole)[:, 0] >= REPORTED_PROBABILITY
+    assert said[LOST].all()
+    assert not said[: LOST.start - 2].any() and not said[LOST.stop + 2 :].any()
+    assert lost_in(misfit_of(at_rest(BODY, FRAMES)), whole=whole).max() < 0.2
 
 
 def test_a_lost_arm_is_expected_to_be_off_by_its_length_not_by_millimetres() -> None:
