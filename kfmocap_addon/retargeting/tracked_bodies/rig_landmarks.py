@@ -36,7 +36,9 @@ def add_landmarks(armature: bpy.types.Object) -> None:
 
 
 def _parts(armature: bpy.types.Object, body: Body, roles: BoneMap) -> dict[str, int]:
-    """Return the part of each role: that of its bone, or one that begins where its bone does, such as a control's."""
+    """Return the part of each role: that of its bone, or one that begins where its bone does, such as a control's. Hips
+    whose bone leads no skin are the topmost part.
+    """
     R, place, scale = body_armature.object_pose(armature)
     heads = np.array([part.head_world for part in body.parts])
     near = _MAX_START_DISTANCE * float(np.ptp(heads, axis=0).max())
@@ -51,4 +53,4 @@ def _parts(armature: bpy.types.Object, body: Body, roles: BoneMap) -> dict[str, 
         apart = np.linalg.norm(heads - head, axis=1)
         if apart.min() < near:
             found[role] = int(apart.argmin())
-    return found
+    return {"hips": body.parents.index(-1)} | found

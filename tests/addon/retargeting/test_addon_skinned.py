@@ -24,6 +24,7 @@ from kfmocap.kfmocap_addon.scene_io.keys import key_pose_curves, motion_curves  
 from mathutils import Matrix  # noqa: E402
 from odd_characters import (  # noqa: E402
     CONTROL,
+    add_bones,
     as_imported,
     bind,
     controlled_human,
@@ -31,6 +32,7 @@ from odd_characters import (  # noqa: E402
     mixamo_like,
     points_of,
     quadruped,
+    skinned_human,
 )
 from scipy.spatial import ConvexHull  # noqa: E402
 
@@ -602,6 +604,18 @@ def test_a_character_of_other_bones_has_landmarks_and_soles():
         for soles in [[each.landmarks[f"{side}{tip}"] for side in "LR" for tip in ("Heel", "BigToe")]]
     )
     np.testing.assert_allclose(found, own, atol=0.01)
+
+
+def test_a_character_whose_hips_lead_no_skin_has_landmarks_and_soles():
+    """As a rig of 3ds Max may: legs and chest hang on the first bone of the spine."""
+    armature = skinned_human({"pelvis": "Spine", "spine": "Spine1", "chest": "Spine2"})
+    add_bones(armature, [("Hips", "", (0.0, 0.1, 0.85), (0.0, 0.1, 0.9))], deform=True)
+    with body_armature.edit_bones(armature) as bones:
+        bones["Spine"].parent = bones["Hips"]
+    use_as_body(bpy.context.scene, armature)
+    body = body_armature.body_from_armature(armature)
+    assert body.names[body.landmarks["Hip"][0]] == "Spine"
+    assert Soles.of(body).names == Soles.of(BODY).names
 
 
 @pytest.mark.parametrize("degrees", [90, -90])
