@@ -27,6 +27,7 @@ from odd_characters import (  # noqa: E402
     add_bones,
     as_imported,
     bind,
+    bone_names,
     controlled_human,
     foreign_armature,
     mixamo_like,
@@ -608,13 +609,15 @@ def test_a_character_of_other_bones_has_landmarks_and_soles():
 
 def test_a_character_whose_hips_lead_no_skin_has_landmarks_and_soles():
     """As a rig of 3ds Max may: legs and chest hang on the first bone of the spine."""
-    armature = skinned_human({"pelvis": "Spine", "spine": "Spine1", "chest": "Spine2"})
-    add_bones(armature, [("Hips", "", (0.0, 0.1, 0.85), (0.0, 0.1, 0.9))], deform=True)
+    limbs = "UpperArm Forearm Hand Thigh Calf Foot"
+    names = bone_names("Bip_Spine Bip_Spine1 Bip_Spine2 Bip_Head", limbs, lambda word, side: f"Bip_{side}_{word}")
+    armature = skinned_human(names)
+    add_bones(armature, [("Bip_Pelvis", "", (0.0, 0.1, 0.85), (0.0, 0.1, 0.9))], deform=True)
     with body_armature.edit_bones(armature) as bones:
-        bones["Spine"].parent = bones["Hips"]
+        bones["Bip_Spine"].parent = bones["Bip_Pelvis"]
     use_as_body(bpy.context.scene, armature)
     body = body_armature.body_from_armature(armature)
-    assert body.names[body.landmarks["Hip"][0]] == "Spine"
+    assert body.names[body.landmarks["Hip"][0]] == "Bip_Spine"
     assert Soles.of(body).names == Soles.of(BODY).names
 
 
