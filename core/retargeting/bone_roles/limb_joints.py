@@ -139,7 +139,7 @@ def _segments(ways: Array, joints: Sequence[int], ends: Sequence[int], ratio: fl
     the ratio of their lengths is most nearly the given one, and they leave little of the limb out.
     """
     lengths, on = np.linalg.norm(ways, axis=1), _go_on(ways)
-    whole = float(lengths[joints[0] : joints[-1]].sum())
+    whole = max(float(lengths[joints[0] : joints[-1]].sum()), 1e-12)
 
     def unlike(found: tuple[int, int, int]) -> float:
         (a, b), (_, c) = pairwise(found)
