@@ -2,7 +2,8 @@
 
 The curve through the key poses takes the shorter way from each to the next, so that a spin by nearly a turn passes for
 standing still. The start with the other way is the same curve with a whole turn about one of the pelvis's axes added:
-upright a spin, sideways a cartwheel, forward a somersault.
+upright a spin, sideways a cartwheel, forward a somersault. Where such even turns do not explain the images, turns are
+tried that are placed by them (`placed_turns`).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from ..descent_stages import COARSE_STAGES, FINE_STAGES, DescentStage
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import descend
+from .placed_turns import placed_turns
 
 SOLVED_TURNS = 2
 """Turned starts that are solved: those that cover most after the coarse stages. Before that, how much a turn covers
@@ -55,6 +57,7 @@ def with_whole_turn(
         return start, first
     if len(frames_unexplained(problem, first, performer)) < least:
         return start, first
+    curve = start
     ways = [turned(start[performer], problem.fixed[performer], axis) for axis in (*np.eye(3), *-np.eye(3))]
     starts = [with_motion(start, performer, way) for way in ways]
     quiet = workspace.silent()
@@ -64,4 +67,12 @@ def with_whole_turn(
         found = descend(problem, begun[k], quiet, stages)
         if covering_most(problem, first, found) is found:
             start, first = starts[k], found
+    if one_of_several or not problem.shows_depth:
+        return start, first
+    if len(frames_unexplained(problem, first, performer)) < LEAST_UNEXPLAINED * problem.length:
+        return start, first
+    for motions in placed_turns(problem, curve, quiet)[:SOLVED_TURNS]:
+        found = descend(problem, approach(problem, motions, quiet, COARSE_STAGES), quiet, stages)
+        if covering_most(problem, first, found) is found:
+            start, first = motions, found
     return start, first
