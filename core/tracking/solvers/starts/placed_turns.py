@@ -39,8 +39,8 @@ _PULL = 1.0
 
 
 def placed_turns(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> list[list[Motion]]:
-    """Return the six starts with a whole turn about one of the pelvis's three axes, in either direction, those that
-    cover most first.
+    """Return starts with a whole turn about one of the pelvis's three axes, in either direction, those that cover most
+    first: only those that cover more than the placed body does without a turn.
 
     Parameters
     ----------
@@ -64,7 +64,8 @@ def placed_turns(problem: SegmentProblem, start: Sequence[Motion], workspace: Wo
         for sign in (1, -1):
             steps, cover = _likeliest_steps(np.array(covers)[sign * np.arange(STEPS + 1) % STEPS])
             motion = _placed(problem, performer, _turned(curve, sign * _smoothed(steps), axis), middles, curve)
-            found.append((cover, with_motion(start, performer, motion)))
+            if cover > covers[0].sum():
+                found.append((cover, with_motion(start, performer, motion)))
     return [list(motions) for _, motions in sorted(found, key=lambda one: -one[0])]
 
 

@@ -38,7 +38,7 @@ ARM = max(limbs(BODY), key=lambda chain: BODY.names[chain[-1]] == "hand.L")
 def turned_over() -> Motion:
     """The body lies on its side for a while instead of standing."""
     Q = TRUE.rotations.copy()
-    Q[LOST, 0] = exp(np.array([0.0, 1.5, 0.0])) @ Q[LOST, 0]
+    Q[LOST, 0] = exp(np.array([0.0, 0.0, 1.5])) @ Q[LOST, 0]
     return Motion(TRUE.translations, Q)
 
 

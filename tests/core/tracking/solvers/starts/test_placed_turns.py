@@ -27,7 +27,7 @@ Array = np.ndarray
 BODY, LENGTH, FPS = human(1.75), 16, 20.0
 HELD = ends_held(BODY, LENGTH)
 CAMERAS = (look_at("front", (0.4, -4.5, 1.2)), look_at("side", (-4.2, -1.6, 1.3)))
-SIDEWAYS = np.array([0.0, 1.0, 0.0])
+SIDEWAYS = np.array([0.0, 0.0, 1.0])
 SHARE = np.clip(np.arange(LENGTH) / (0.6 * (LENGTH - 1)), 0, 1)
 """Of the turn and of the way, on each frame: both are over after three fifths of the time."""
 
@@ -59,11 +59,20 @@ def test_a_cartwheel_that_is_over_early_is_found_where_and_when_it_happens() -> 
     angle, distance = off(turned(CURVE, HELD, SIDEWAYS))
     assert angle > np.pi / 2 and distance > 0.4
     starts = placed_turns(PROBLEM, [CURVE], Workspace())
-    angle, distance = min(off(motion) for [motion] in starts[: whole_turns.SOLVED_TURNS])
+    angle, distance = off(starts[0][0])
     assert angle < np.pi / 6 and distance < 0.2
-    assert len(starts) == 6
+    assert len(starts) <= 6
     for [motion] in starts:
         np.testing.assert_allclose(motion.difference(CURVE)[[0, -1]], 0, atol=1e-12)
+
+
+def test_nobody_who_stays_upright_is_turned_over() -> None:
+    """On the curve, or half a metre beside it. Outlines alone hardly tell a spin."""
+    beside = np.outer(np.sin(np.pi * np.linspace(0, 1, LENGTH)), [0, 0.5, 0])
+    for true in (CURVE, Motion(CURVE.translations + beside, CURVE.rotations)):
+        problem = replace(PROBLEM, views=coloured(BODY, true, CAMERAS))
+        for [motion] in placed_turns(problem, [CURVE], Workspace()):
+            assert (np.abs(motion.rotations[:, 0, 1, 1] - 1) < 1e-6).all()
 
 
 def test_where_nothing_shows_the_body_it_travels_along_the_curve() -> None:
