@@ -77,7 +77,8 @@ def foot_goals(
             turns[:, toe], driven[toe] = turns[:, ankle] @ sole.bent(bends), True
         ways = sole.ends(turns[:, ankle], bends)
         rolls = path.rolls_over_ball
-        ways[rolls, BALL, :2] = (turns[rolls, ankle] @ offsets[BALL])[:, :2]  # however its toes bend
+        straight = turns[:, ankle] @ offsets[BALL] + sole.carried(turns[:, ankle], bends, path.ball)
+        ways[rolls, BALL, :2] = straight[rolls, :2]  # as if the toes did not bend, but for what they carry of the ball
         held = path.planted.any(axis=1)
         wanted = _ankle_path(points, path.planted, ways, foot)
         shift = spread_shifts(np.where(held[:, None], wanted - foot, 0.0), held, motion.fps)

@@ -111,6 +111,16 @@ class Sole:
             found[:, 1, 2] = np.where(bends > 0, np.minimum(found[:, 1, 2], below), found[:, 1, 2])
         return found
 
+    def carried(self, turns: Array, bends: Array, share: float) -> Array:
+        """Return how far bent toes move the point of the sole at a share of the way from heel to tip, (F, 3): not at
+        all where it is behind their joint.
+        """
+        point = self.heel + share * (self.tip - self.heel)
+        if self.joint is None or (point - self.joint) @ self._axes[:, 1] <= 0:
+            return np.zeros((len(turns), 3))
+        ahead = point - self.joint
+        return np.einsum("fij,fj->fi", turns, self.bent(bends) @ ahead - ahead)
+
     @property
     def _below_joint(self) -> Array:
         assert self.joint is not None

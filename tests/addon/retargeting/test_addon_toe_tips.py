@@ -10,6 +10,9 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from kfmocap.core.body.soles import BALL_SHARE  # noqa: E402
+from kfmocap.core.numerics.frame_ranges import runs  # noqa: E402
+from kfmocap.core.retargeting.contacts.foot_paths import BALL, foot_paths  # noqa: E402
+from kfmocap.core.retargeting.retarget import prepared  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.source_motion import motion_of_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
@@ -272,6 +275,36 @@ def test_all_toes_of_broad_feet_bend_and_no_bone_of_the_instep_does():
     bends = bends_of_toes(armature, 5)
     assert np.linalg.norm(bends, axis=-1).max(axis=(0, 1)) == pytest.approx([np.linalg.norm(bends, axis=-1).max()] * 5)
     assert all(armature.pose.bones[f"instep.{side}"].matrix_basis.is_identity for side in "LR")
+
+
+def with_high_toes():
+    """A character whose toes carry the ball, and begin high above the floor, as those of an animal on two legs."""
+    armature = skinned_human()
+    with body_armature.edit_bones(armature) as bones:
+        for side in "LR":
+            foot, toe = bones[f"foot.{side}"], bones.new(f"toe.{side}")
+            tip, foot.tail = foot.tail.copy(), foot.head.lerp(foot.tail, 0.35)
+            toe.parent, toe.head, toe.tail = foot, foot.tail, tip
+    return armature
+
+
+def test_toes_that_carry_the_ball_stay_where_it_does():
+    """They would slide forward as their joint does, which moves over the ball while the heel rises."""
+    armature, performer = with_high_toes(), rolling_over_balls()
+    send_to_rig(bpy.context.scene, performer, armature, 1)
+    upright, bones = prepared(performer)
+    bends = []
+    for path in foot_paths(upright, bones):
+        toe = armature.pose.bones[f"toe.{path.side}"]
+        for first, last in runs(path.planted[:, BALL]):
+            tips = []
+            for frame in range(first, last + 1):
+                bpy.context.scene.frame_set(1 + frame)
+                tips.append(toe.tail[:2])
+                bends.append(np.degrees(toe.matrix_basis.to_quaternion().angle))
+            moved = np.array(tips) - path.heel_and_ball[first : last + 1, BALL, :2]
+            assert np.ptp(moved, axis=0).max() < 0.002
+    assert max(bends) > 15
 
 
 @pytest.mark.parametrize("what", ["helper", "held", "driven"])
