@@ -27,8 +27,9 @@ SOLVED_TURNS = 2
 """Turned starts that are solved: those that cover most after the coarse stages. Before that, how much a turn covers
 says little, as limbs move along with it and the hips travel."""
 LEAST_UNEXPLAINED = 0.25
-"""Share of the frames on which one of several performers must be unexplained for a turn to be tried. Without the turn
-the body is turned away by more than a right angle on about half of them; whom others hide is unexplained on a few."""
+"""Share of the frames on which a performer must be unexplained for a turn to be tried. Without the turn the body is
+turned away by more than a right angle on about half of them; one of whom a limb is lost or whom others hide is
+unexplained on a few."""
 
 
 def with_whole_turn(
@@ -51,11 +52,9 @@ def with_whole_turn(
         those that were given.
     """
     [performer] = problem.sought
-    one_of_several = problem.only is not None
-    least = LEAST_UNEXPLAINED * problem.length if one_of_several else 1
     if problem.whole_keys(performer).tolist() != [0, problem.length - 1]:
         return start, first
-    if len(frames_unexplained(problem, first, performer)) < least:
+    if len(frames_unexplained(problem, first, performer)) < LEAST_UNEXPLAINED * problem.length:
         return start, first
     curve = start
     ways = [turned(start[performer], problem.fixed[performer], axis) for axis in (*np.eye(3), *-np.eye(3))]
@@ -67,7 +66,7 @@ def with_whole_turn(
         found = descend(problem, begun[k], quiet, stages)
         if covering_most(problem, first, found) is found:
             start, first = starts[k], found
-    if one_of_several or not problem.shows_depth:
+    if problem.only is not None or not problem.shows_depth:
         return start, first
     if len(frames_unexplained(problem, first, performer)) < LEAST_UNEXPLAINED * problem.length:
         return start, first
