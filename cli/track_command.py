@@ -95,8 +95,9 @@ def _run(
         )
     with results_are_written():
         if args.resume:
-            count = len(journal.taken) or "no"
-            print(f"kfmocap: {count} finished segments were taken from a run that was ended", file=sys.stderr)
+            count = len(journal.taken)
+            taken = f"{count or 'no'} finished segment{' was' if count == 1 else 's were'} taken"
+            print(f"kfmocap: {taken} from a run that was ended", file=sys.stderr)
         print_outcome(files, report_lines(json.loads((args.out / REPORT_FILE).read_text(encoding="utf-8"))))
     return 0
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Any
 
 import cv2
@@ -107,7 +108,7 @@ class Camera:
         if not rotations.are_rotations(R).all():
             todo = "matrices that scale or mirror are not rotations"
             raise CalibrationError("a rotation matrix is not a rotation", where=where, todo=todo)
-        if np.shape(size) != (2,) or not (np.isfinite(size).all() and min(size) >= 1):
+        if np.shape(size) != (2,) or not all(isinstance(n, Real) and 1 <= n < np.inf for n in size):
             todo = "give width and height in pixels"
             raise CalibrationError(f"the size of its pictures is {size!r}", where=where, todo=todo)
         return cls(

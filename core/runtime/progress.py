@@ -15,10 +15,11 @@ State = TypeVar("State")
 
 
 def is_cancelled(answer: object) -> bool:
-    """Whether a progress callback answered False: Python's, or NumPy's, as comparisons of its numbers are; a callback
-    that returns nothing goes on.
+    """Whether a progress callback answered False: Python's, or NumPy's, as comparisons of its numbers are.
+
+    Whatever else it returns, such as nothing or a 0, the job goes on.
     """
-    return answer is not None and not answer
+    return (isinstance(answer, bool) or str(getattr(answer, "dtype", "")) == "bool") and not answer
 
 
 def report_progress(progress: Progress | None, what: str, fraction: float) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from pathlib import Path
 from typing import Any, Literal
 
@@ -241,18 +242,30 @@ def checked_keyframes(frames: Sequence[int], shot_frames: tuple[int, int], *, wh
     Raises
     ------
     ShotError
-        There are none, or one lies outside the shot's first and last frame.
+        There are none, or one is not a whole number or lies outside the shot's first and last frame.
     """
     if not frames:
         raise ShotError("at least one key frame is needed", where=where)
     first, last = shot_frames
+    check_are_whole(frames, where=where)
     for frame in frames:
-        if frame % 1 != 0:
-            raise ShotError(f"key frame {frame} is not a whole number", where=where)
         if not first <= frame <= last:
             what = f"key frame {frame} lies outside the shot's frames {first} to {last}"
             raise ShotError(what, where=where, todo="frames are counted from 0" if frame == last + 1 else None)
-    return tuple(sorted(set(frames)))
+    return tuple(sorted({int(frame) for frame in frames}))
+
+
+def check_are_whole(keyframes: Sequence[object], *, where: str) -> None:
+    """Check that key frames are whole numbers, as those of a mask of frames are not.
+
+    Raises
+    ------
+    ShotError
+        One is not.
+    """
+    for frame in keyframes:
+        if isinstance(frame, bool) or not isinstance(frame, Real) or frame % 1 != 0:
+            raise ShotError(f"key frame {frame} is not a whole number", where=where, todo="give frame numbers")
 
 
 def checked_file_name(name: str, where: str) -> str:

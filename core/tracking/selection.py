@@ -13,7 +13,7 @@ from ..body.motion import Motion
 from ..errors import ShotError
 from ..shot.settings import check_solver
 from ..shot.shot import KeyPoses, Performer, Shot
-from ..shot.shot_spec import check_cameras, check_is_auto
+from ..shot.shot_spec import check_are_whole, check_cameras, check_is_auto
 from .prepare import with_proposed_keys
 
 
@@ -59,6 +59,7 @@ def selected(
             raise ShotError("no view has keypoints to propose key poses from", where="--keyframes")
         shot = with_proposed_keys(shot)
     elif keyframes is not None:
+        check_are_whole(list(keyframes), where="--keyframes")
         performers = tuple(_at(performer, list(keyframes), shot.frames[0]) for performer in shot.performers)
         shot = replace(shot, performers=performers)
     if solver is not None:

@@ -18,7 +18,7 @@ _UPPER_ARM = 0.172 / 0.150
 _LEAST_DIVIDED = 3
 """Number of bones above the hand of an arm with a collar bone, of which none is divided."""
 _FINGERS = 3
-"""Least number of bones that hang on a hand, which is no part of the forearm."""
+"""Least number of bones that hang on a hand: the last bone of an arm with so many, as helpers may hang on a forearm."""
 _LEG, _ARM = ("thigh", "shin", "foot", "toe"), ("upper_arm", "forearm", "hand")
 
 
@@ -83,7 +83,7 @@ def arm_joints(rest: RestSkeleton, top: int, other: int, shortest: float) -> tup
     path = _path(rest, top, shared[int(np.argmax(away))])
     ways = _ways(rest, path)
     lengths = np.linalg.norm(ways, axis=1)
-    palm = next((k for k, j in enumerate(path) if rest.parents.count(j) >= _FINGERS), 0)
+    palm = max((k for k, j in enumerate(path) if rest.parents.count(j) >= _FINGERS), default=0)
     if palm > _LEAST_DIVIDED:
         upper, middle, end = _segments(ways, range(palm + 1), [palm - 1, palm], _UPPER_ARM)
         collar = path[0]

@@ -26,11 +26,11 @@ def has_sound_alone(path: Path) -> bool:
 
 
 def lacks_index(path: Path) -> bool:
-    """Whether the index of a file's tracks is missing, which programs write last."""
+    """Whether the index of a file's tracks is missing, which programs write last; a photo (HEIC, AVIF) has none."""
     try:
         with path.open("rb") as file:
             top = _whole(file)
-            return top is not None and _first(file, top, b"moov") is None
+            return top is not None and not any(box.kind in (b"moov", b"meta") for box in _boxes(file, top))
     except (OSError, struct.error):
         return False
 

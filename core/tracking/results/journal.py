@@ -137,7 +137,8 @@ class Journal:
     def what_stays(self) -> str:
         """A sentence on the finished segments that the folder holds; empty if it holds none of this run's."""
         count = len(self.taken) + len(self.kept)
-        return f"{count} finished segments are kept; --resume goes on from there" if count else ""
+        kept = f"{count} finished segment{' is' if count == 1 else 's are'} kept"
+        return f"{kept}; --resume goes on from there" if count else ""
 
     def discard(self) -> None:
         """Remove the folder."""

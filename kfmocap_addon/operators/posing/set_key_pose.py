@@ -9,7 +9,7 @@ from ..reporting import NothingToDoError, reported
 
 
 def _on_whole_frame(context: bpy.types.Context) -> str:
-    return "Go to a whole frame first: what is between two pictures has none" if context.scene.frame_subframe else ""
+    return "Go to a whole frame first: there is no picture between two frames" if context.scene.frame_subframe else ""
 
 
 class SetKeyPose(Conditional, bpy.types.Operator):

@@ -17,7 +17,7 @@ _ENDS = ("head", "hand", "foot")
 _HALVED = (("upper_arm", "forearm"), ("forearm", "hand"), ("thigh", "shin"), ("shin", "foot"))
 """Limbs of two bones each in some characters, such as those of Daz and MakeHuman, by their roles and the next one."""
 _STRAIGHT = np.radians(15)
-"""Largest angle to a limb at which one half of it is, of two: the first may be short, and askew."""
+"""Largest angle between a limb and one of its two halves; the other may be short and askew."""
 _NEAR = 1e-3
 """Share of a limb's length within which a bone begins where the limb does."""
 

@@ -193,6 +193,7 @@ def test_no_picture_is_reduced_to_nothing() -> None:
         {"size": 640},
         {"size": (640, 0)},
         {"size": (640, np.nan)},
+        {"size": ("640", "480")},
         {"matrix": K.T},
         {"R_cam_world": np.zeros((0, 3, 3)), "t_cam_world": np.zeros((0, 3))},
         {"t_cam_world": [0, 0, np.inf]},

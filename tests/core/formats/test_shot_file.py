@@ -215,7 +215,7 @@ def test_fields_of_interlaced_footage_are_frames(folder: Path) -> None:
 
 
 def test_one_view_by_its_name_and_key_frames_in_an_array_are_as_lists_of_them(folder: Path) -> None:
-    read = load_shot(folder / "shot.toml", views="cam02", keyframes=np.array([3, 9]))
+    read = load_shot(folder / "shot.toml", views="cam02", keyframes=np.array([3.0, 9.0]))
     cut = selected(load_shot(folder / "shot.toml"), "cam02", np.array([3, 9]))
     for shot in (read, cut):
         assert [view.camera.name for view in shot.views] == ["cam02"]
@@ -238,6 +238,8 @@ def test_a_part_of_a_shot_can_be_selected(folder: Path) -> None:
         ({"keyframes": [4]}, "--keyframes: man has no key pose at frame 4"),
         ({"keyframes": []}, "--keyframes: at least one"),
         ({"keyframes": "3,9"}, "--keyframes: key frames are '3,9'.*\"auto\""),
+        ({"keyframes": ["3", "9"]}, "--keyframes: key frame 3 is not a whole number"),
+        ({"keyframes": np.arange(9) == 3}, "--keyframes: key frame False is not a whole number"),
         ({"solver": "magic"}, "unknown solver 'magic'"),
     ],
 )
@@ -447,6 +449,8 @@ def test_a_missing_shot_file_is_named(tmp_path: Path) -> None:
         ({"keyframes": []}, "--keyframes: at least one"),
         ({"keyframes": np.array([2, 2.5])}, "--keyframes: key frame 2.5 is not a whole number"),
         ({"keyframes": "3,9"}, "--keyframes: key frames are '3,9'.*\"auto\""),
+        ({"keyframes": ["3", "9"]}, "--keyframes: key frame 3 is not a whole number"),
+        ({"keyframes": np.arange(9) == 3}, "--keyframes: key frame False is not a whole number"),
         ({"solver": "magic"}, "--solver: unknown solver 'magic'"),
     ],
 )

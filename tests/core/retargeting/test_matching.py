@@ -230,6 +230,7 @@ BESIDE = {
     "skirt": [("hips", [(0.15, 0.0, 1.0), (0.2, 0.0, 0.7), (0.25, 0.0, 0.45), (0.3, 0.0, 0.2)])],
     "wings": [("spine", [(0.1, 0.1, 1.2), (0.5, 0.3, 1.6), (1.0, 0.4, 1.7), (1.4, 0.4, 1.3)])],
     "hair": [("head", [(0.08, 0.05, 1.65), (0.12, 0.08, 1.3), (0.13, 0.1, 0.95), (0.13, 0.1, 0.6)])],
+    "helpers": [("forearm.{}", [(0.45 + 0.01 * k, 0.05, 1.2)]) for k in range(3)],
     "hind legs": [("hips", [(0.1, 0.9, 0.95), (0.1, 0.85, 0.5), (0.1, 0.9, 0.05)])],
 }
 
@@ -263,12 +264,12 @@ def divided(rest: RestSkeleton, bones: Sequence[int], middle: Sequence[int]) -> 
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.6])
-@pytest.mark.parametrize("extra", [(), BESIDE["hair"], BESIDE["skirt"]], ids=["", "hair", "skirt"])
-def test_segments_of_two_bones_are_one_where_places_decide(extra, turn):
+@pytest.mark.parametrize("what", ["", "hair", "skirt", "helpers"])
+def test_segments_of_two_bones_are_one_where_places_decide(what, turn):
     plain = made_rig("mixamo", BODY, 0.8)
     wrist = plain.rest.heads[plain.index("hand.L")]
     fingers = [("hand.{}", [wrist + [0.06, y, -0.06], wrist + [0.08, y, -0.08]]) for y in (-0.03, 0.0, 0.03, 0.06)]
-    rest, roles = nameless([*fingers, *extra], turn)
+    rest, roles = nameless([*fingers, *BESIDE.get(what, [])], turn)
     limbs = [int(roles[role][0]) for role in LIMBS if role[:-2] not in ("hand", "foot")]
     thighs = [int(roles[f"thigh.{side}"][0]) for side in "LR"]
     found = roles_by_position(divided(rest, limbs, thighs))

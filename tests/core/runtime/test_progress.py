@@ -25,7 +25,10 @@ def test_cancelling_a_part_cancels_the_job() -> None:
         report_progress(share(lambda what, fraction: False, 0.0, 0.5), "work", 0.3)
 
 
-@pytest.mark.parametrize(("answer", "cancelled"), [(np.False_, True), (np.True_, False), (None, False), (True, False)])
+@pytest.mark.parametrize(
+    ("answer", "cancelled"),
+    [(np.False_, True), (np.True_, False), (None, False), (0, False), (np.float64(0), False), (True, False)],
+)
 def test_what_a_comparison_in_numpy_answers_cancels_as_well(answer: object, cancelled: bool) -> None:
     with pytest.raises(CancelledError) if cancelled else nullcontext():
         report_progress(lambda what, fraction: answer, "work", 0.3)

@@ -27,6 +27,8 @@ from kfmocap.core.shot.shot import View
 
 SIZE = (64, 48)
 COUNT = 12
+HEIC = struct.pack(">I4s4sI4sI4s", 20, b"ftyp", b"heic", 0, b"mif1", 300, b"meta") + bytes(292)
+"""A photo as telephones take it: what is in it is described in another box than that of a film."""
 # The matrices of an MP4's track header: how a player is to turn the frames, clockwise.
 TURNS = {0: (1, 0, 0, 1), 90: (0, 1, -1, 0), 180: (-1, 0, 0, -1), 270: (0, -1, 1, 0)}
 
@@ -197,9 +199,10 @@ def test_a_video_that_was_cut_before_its_index_is_called_so(video: Path, tmp_pat
     cut.write_bytes(data[: data.index(b"moov") - 4])
     with pytest.raises(FootageError, match=r"its index is missing.*copy the file from the camera again"):
         probe(cut)
-    cut.write_bytes(bytes(range(256)) * 9)  # no video at all
-    with pytest.raises(FootageError, match=r"as a video \(convert it"):
-        probe(cut)
+    for other in (bytes(range(256)) * 9, HEIC):  # no video at all
+        cut.write_bytes(other)
+        with pytest.raises(FootageError, match=r"as a video \(convert it"):
+            probe(cut)
 
 
 @pytest.mark.parametrize("named", ["smb://nas/shoot/cam01.mp4", "https://example.org/cam01.mp4"])

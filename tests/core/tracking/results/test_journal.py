@@ -156,6 +156,8 @@ def test_a_run_that_failed_says_what_is_kept_and_leaves_no_empty_folder(
         track(shot, run=RunContext(journal))
         raise OSError("the disk is full")
     assert caught.value.__notes__ == [f"{len(journal.kept)} finished segments are kept; --resume goes on from there"]
+    del journal.kept[1:]
+    assert journal.what_stays.startswith("1 finished segment is kept;")
 
     def full(file: Path, data: bytes) -> None:
         file.touch()
