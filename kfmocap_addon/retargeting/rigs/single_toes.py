@@ -46,7 +46,8 @@ def toe_channels(armature: bpy.types.Object, rig: ControlRig, poses: RigPoses) -
 
 def _beside(armature: bpy.types.Object, foot: str, toe: str) -> list[str]:
     """Return the bones that hang on the same one as that of a foot's toes and begin, along the foot, nearer to it than
-    to the ankle: the little toe's is as far from the big one as half the foot is long.
+    to the ankle: the little toe's is as far from the big one as half the foot is long. What is farther away than the
+    foot is long, such as a knee's pole target, is no toe.
     """
     joint, above = armature.data.bones[toe], armature.data.bones[toe].parent
     if above is None:
@@ -54,7 +55,8 @@ def _beside(armature: bpy.types.Object, foot: str, toe: str) -> list[str]:
     ankle = armature.data.bones[foot].head_local
     along = joint.head_local - ankle
     others = [bone for bone in above.children if bone != joint]
-    return [bone.name for bone in others if (bone.head_local - ankle).dot(along) > along.length_squared / 2]
+    near = [bone for bone in others if (bone.head_local - joint.head_local).length < along.length]
+    return [bone.name for bone in near if (bone.head_local - ankle).dot(along) > along.length_squared / 2]
 
 
 def _is_free(armature: bpy.types.Object, name: str) -> bool:

@@ -225,8 +225,8 @@ def with_single_toes(toes):
 
 
 def with_broad_feet():
-    """A character whose five toes begin where those of Daz's people do, on feet a fifth broader, and a bone in the
-    middle of each foot.
+    """A character whose five toes begin where those of Daz's people do, on feet a fifth broader, with a bone in the
+    middle of each foot, and the knee's pole target, which hangs on the foot.
     """
     armature = with_single_toes(5)
     with body_armature.edit_bones(armature) as bones:
@@ -239,6 +239,9 @@ def with_broad_feet():
                 bone.head, bone.tail = place, place + 0.4 * along
             bone = bones.new(f"instep.{side}")
             bone.parent, bone.head, bone.tail = foot, foot.head + 0.4 * along, foot.tail
+            pole = bones.new(f"pole.{side}")
+            pole.parent, pole.head, pole.use_deform = foot, foot.head + Vector((0.0, -0.5, 0.4)), False
+            pole.tail = pole.head + Vector((0.0, -0.1, 0.0))
     return armature
 
 
@@ -272,8 +275,9 @@ def test_toes_bend_where_the_performer_rolls_over_the_balls_of_stiff_feet(toes):
 def test_all_toes_of_broad_feet_bend_and_no_bone_of_the_instep_does():
     armature = with_broad_feet()
     send_to_rig(bpy.context.scene, rolling_over_balls(), armature, 1)
-    bends = bends_of_toes(armature, 5)
-    assert np.linalg.norm(bends, axis=-1).max(axis=(0, 1)) == pytest.approx([np.linalg.norm(bends, axis=-1).max()] * 5)
+    most = np.linalg.norm(bends_of_toes(armature, 5), axis=-1).max(axis=(0, 1))
+    assert most.min() > 10
+    assert most == pytest.approx([most.max()] * 5)
     assert all(armature.pose.bones[f"instep.{side}"].matrix_basis.is_identity for side in "LR")
 
 
