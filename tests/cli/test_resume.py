@@ -10,9 +10,12 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from kfmocap.__main__ import main
+from kfmocap.cli import tracked_files
+from kfmocap.core.errors import OutputError
 from kfmocap.core.tracking.results.journal import JOURNAL_SUFFIX
 from short_walk import short_walk
 
@@ -51,3 +54,22 @@ def test_a_killed_run_is_taken_up(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert re.search(r" (1 finished segment was|\d+ finished segments were) taken from a run", capsys.readouterr().err)
     assert results(tmp_path / "out") == results(tmp_path / "whole")
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["out", "walk", "whole"]
+
+
+def test_a_run_that_fails_says_how_many_finished_segments_are_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    track = tracked_files.track
+
+    def full(*args: Any, **kwargs: Any) -> None:
+        track(*args, **kwargs)
+        raise OutputError("the disk is full")
+
+    monkeypatch.setattr(tracked_files, "track", full)
+    short_walk(tmp_path / "walk", 5, keyframes=(0, 2, 4), settings=SETTINGS, posed=True)
+    assert main(arguments(tmp_path, "out")) == 1
+    said = capsys.readouterr().err.splitlines()[-2:]
+    assert said == [
+        "kfmocap: error: the disk is full",
+        "kfmocap: 2 finished segments are kept; --resume goes on from there",
+    ]
