@@ -67,7 +67,9 @@ def leg_joints(rest: RestSkeleton, top: int, other: int, shortest: float) -> tup
     upper, middle, end = long[0], long[0] + 1, long[1] + 1  # a knee may be divided in two
     first, last = _straight_run(ways, long[1])
     if last - first > 2:
-        upper, middle, end = _segments(ways, range(first, last + 1), [*range(first, last + 1)], 1.0)
+        a, b, c = _segments(ways, range(first, last + 1), [*range(first, last + 1)], 1.0)
+        if min(lengths[a:b].sum(), lengths[b:c].sum()) > shortest:  # small bones may follow the shin of a bent knee
+            upper, middle, end = a, b, c
     found = dict(zip(_LEG, [path[upper], path[middle], *path[end:]], strict=False))
     return found, np.array([lengths[upper:middle].sum(), lengths[middle:end].sum()])
 
