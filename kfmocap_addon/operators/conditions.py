@@ -143,6 +143,11 @@ def no_performer(context: bpy.types.Context) -> str:
     return _is_gone(slots[0]) if slots else "This scene has no performer yet: use Load Shot, or add a body"
 
 
+def on_whole_frame(context: bpy.types.Context) -> str:
+    """The pose that is shown is that of a frame, and none between two."""
+    return "Go to a whole frame first: there is no picture between two frames" if context.scene.frame_subframe else ""
+
+
 def has_tracked(context: bpy.types.Context) -> str:
     """The tracker has written keys of some performer."""
     from ..scene_io.keys import tracked_keys

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ...scene_io import active_performer
-from ..conditions import Conditional, has_performer
+from ..conditions import Conditional, has_performer, on_whole_frame
 from .posing_operator import PosingOperator
 
 if TYPE_CHECKING:
@@ -65,6 +65,7 @@ class MirrorPose(PosingOperator, bpy.types.Operator):
 
     bl_idname = "kfmocap.mirror_pose"
     bl_label = "Mirror Pose"
+    conditions = (has_performer, on_whole_frame)
 
     root: _ROOT
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..conditions import has_performer
+from ..conditions import has_performer, on_whole_frame
 from ..key_conditions import has_other_key_pose, is_between_key_poses
 from .posing_operator import PosingOperator
 
@@ -43,7 +43,7 @@ class NudgePose(PosingOperator, bpy.types.Operator):
 
     bl_idname = "kfmocap.nudge_pose"
     bl_label = "Nudge Pose"
-    conditions = (has_performer, has_other_key_pose)
+    conditions = (has_performer, on_whole_frame, has_other_key_pose)
 
     side: bpy.props.EnumProperty(
         items=[
@@ -78,7 +78,7 @@ class NudgeDepth(PosingOperator, bpy.types.Operator):
 
     bl_idname = "kfmocap.nudge_depth"
     bl_label = "Nudge Depth"
-    conditions = (has_performer, _has_camera)
+    conditions = (has_performer, on_whole_frame, _has_camera)
 
     distance: bpy.props.FloatProperty(
         default=0.05,

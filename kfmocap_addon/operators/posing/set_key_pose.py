@@ -3,13 +3,9 @@
 import bpy
 
 from ...scene_io import active_performer
-from ..conditions import Conditional, has_performer, outside_shot
+from ..conditions import Conditional, has_performer, on_whole_frame, outside_shot
 from ..key_conditions import has_proposal, is_on_key_pose
 from ..reporting import NothingToDoError, reported
-
-
-def _on_whole_frame(context: bpy.types.Context) -> str:
-    return "Go to a whole frame first: there is no picture between two frames" if context.scene.frame_subframe else ""
 
 
 class SetKeyPose(Conditional, bpy.types.Operator):
@@ -18,7 +14,7 @@ class SetKeyPose(Conditional, bpy.types.Operator):
 
     bl_idname = "kfmocap.set_key_pose"
     bl_label = "Set Key Pose"
-    conditions = (has_performer, _on_whole_frame)
+    conditions = (has_performer, on_whole_frame)
 
     def act(self, context: bpy.types.Context) -> None:
         from ...scene_io.keys import key_pose_curves
