@@ -6,7 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from kfmocap.core.shot.footage_faults.continuity import block_change, block_means, single_frames, torn_pairs
+from kfmocap.core.shot.footage_faults.continuity import (
+    block_change,
+    block_means,
+    lit_differently,
+    single_frames,
+    torn_pairs,
+)
 from walking_film import FRAMES, film
 
 
@@ -69,3 +75,16 @@ def test_a_repeated_frame_has_no_weight(speed: float) -> None:
 
 def test_missing_frames_are_torn() -> None:
     assert np.flatnonzero(torn(film(3.0, moved=25))).tolist() == [FRAMES // 2 - 1]
+
+
+@pytest.mark.parametrize("instead", ["brighter", "darker", "flat", "other", "same"])
+def test_light_changes_blocks_in_one_sense_and_leaves_what_is_in_them(instead: str) -> None:
+    before, shade = np.random.default_rng(5).uniform(20, 90, (72, 130)), np.linspace(0.2, 1.0, 130)
+    after = {
+        "brighter": before * (1 + shade),
+        "darker": before * (1 - 0.6 * shade),
+        "flat": np.full_like(before, 128.0),
+        "other": np.roll(before, 40, axis=1) + 60,
+        "same": before,
+    }[instead]
+    assert lit_differently(before, after) == (instead in ("brighter", "darker"))
