@@ -14,6 +14,7 @@ from ..numerics import rotations
 from ..numerics.arrays import Array
 from ..numerics.least_squares_batch import NormalSystems, minimise_each
 from ..numerics.repeatable import on_grid
+from ..numerics.sequences import first_repeated
 from . import Body, landmark_positions, part_poses
 from .motion import Motion, stacked
 
@@ -68,7 +69,7 @@ def fit_poses(body: Body, names: Sequence[str], targets_world: Array, start: Mot
     shape = np.shape(targets_world)
     if len(shape) != 3 or shape[1:] != (len(names), 3):
         raise LandmarkError(f"positions of shape {shape}", todo=f"give those of each pose, (poses, {len(names)}, 3)")
-    if repeated := next((name for i, name in enumerate(names) if name in names[:i]), None):
+    if (repeated := first_repeated(names)) is not None:
         raise LandmarkError(f"'{repeated}' comes twice among the names", todo="give each landmark once")
     search = PoseSearch.RANDOM if start is None else PoseSearch.ARMS
     return searched_poses(body, names, targets_world, start, search, tolerance=FINE_TOLERANCE)

@@ -8,17 +8,14 @@ from __future__ import annotations
 
 import csv
 import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
 
 import cv2
 import numpy as np
 
 from ..errors import KFMocapError, located
-
-Name = TypeVar("Name")
 
 MAX_BYTES = 1 << 30
 """Largest file that is read; no legitimate file comes near."""
@@ -108,16 +105,6 @@ def read_text(path: Path, what: str, error: type[KFMocapError]) -> str:
         message = f"{what} cannot be read: it is not a text file in UTF-8"
         raise error(message, where=str(path), todo="save it in a text editor with that encoding") from problem
     return text.replace("\r\n", "\n").replace("\r", "\n")
-
-
-def first_repeated(names: Iterable[Name]) -> Name | None:
-    """Return the first name that occurs a second time, or None."""
-    seen: set[Name] = set()
-    for name in names:
-        if name in seen:
-            return name
-        seen.add(name)
-    return None
 
 
 def check_depth(text: str, path: Path, what: str, error: type[KFMocapError]) -> None:

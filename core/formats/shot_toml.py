@@ -11,6 +11,7 @@ from typing import Any, get_args, get_type_hints
 
 from ..cameras.world_axes import AXES, METRES, FileWorld
 from ..errors import ShotError, located
+from ..numerics.sequences import first_repeated
 from ..shot.holds import Hold, check_names
 from ..shot.settings import Settings
 from ..shot.shot import FIELD_ORDERS, Gap
@@ -23,7 +24,6 @@ from ..shot.shot_spec import (
     checked_keyframes,
     result_names,
 )
-from .reading import first_repeated
 from .toml_tables import Table, check_kind, is_integer, read_toml
 
 _TABLES = ("shot", "calibration", "view", "performer", "hold", "track")

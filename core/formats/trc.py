@@ -15,8 +15,9 @@ import numpy as np
 from ..cameras.world_axes import METRES
 from ..errors import LandmarkError
 from ..numerics.arrays import Array
+from ..numerics.sequences import first_repeated
 from ..runtime.output_files.files import replacing
-from .reading import NUMBER_LIMIT, first_repeated, read_text, reading
+from .reading import NUMBER_LIMIT, read_text, reading
 
 WORLD_OF_Y_UP = [2, 0, 1]
 _TRC_OF_WORLD = [1, 2, 0]

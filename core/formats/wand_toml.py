@@ -15,9 +15,10 @@ from ..capture.capture_videos import CaptureVideos, CaptureVideoView
 from ..capture.colours import Colour, parsed
 from ..errors import CalibrationError, ShotError
 from ..numerics.arrays import Array
+from ..numerics.sequences import first_repeated
 from .dltdv_points import ORIGINS, from_bottom, is_dltdv_file, read_dltdv_points
 from .marker_points import TAKES, read_marker_points
-from .reading import NUMBER_LIMIT, first_repeated, reading
+from .reading import NUMBER_LIMIT, reading
 from .toml_tables import Table, check_kind, read_toml
 
 _MOST_BESIDE = 0.6

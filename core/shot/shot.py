@@ -12,6 +12,7 @@ from ..body import Body
 from ..body.motion import Motion, stacked
 from ..cameras.camera import Camera
 from ..errors import ShotError
+from ..numerics.sequences import is_whole
 from .holds import Hold, holds_between
 from .settings import SEVERAL_VIEWS_LENGTHS, Settings
 
@@ -76,7 +77,7 @@ class View:
 def _whole_numbers(frames: ArrayLike) -> NDArray[np.int64]:
     """Return frame numbers as integers; a mask of frames, or a time between two, is refused."""
     numbers = np.asarray(frames)
-    if numbers.dtype == bool or not np.can_cast(numbers.dtype, float) or (numbers % 1 != 0).any():
+    if not all(map(is_whole, numbers.ravel().tolist())):
         what = f"key frames are {', '.join(map(str, numbers.ravel()[:20]))}"
         raise ShotError(what, todo="give frame numbers, which are whole and count from the shot's first frame")
     return numbers.astype(np.int64)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from numbers import Real
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..cameras.world_axes import FileWorld
 from ..errors import ShotError
+from ..numerics.sequences import is_whole
 from .holds import Hold
 from .settings import Settings, check_solver
 from .shot import Gap
@@ -264,7 +264,7 @@ def check_are_whole(keyframes: Sequence[object], *, where: str) -> None:
         One is not.
     """
     for frame in keyframes:
-        if isinstance(frame, bool) or not isinstance(frame, Real) or frame % 1 != 0:
+        if not is_whole(frame):
             raise ShotError(f"key frame {frame} is not a whole number", where=where, todo="give frame numbers")
 
 

@@ -10,7 +10,8 @@ from pathlib import Path
 from ...cameras.camera import Camera
 from ...choices import CALIBRATION_ENDINGS
 from ...errors import CalibrationError
-from ..reading import NUMBER_LIMIT, first_repeated, reading
+from ...numerics.sequences import first_repeated
+from ..reading import NUMBER_LIMIT, reading
 from .caliscope import write_caliscope_cameras
 from .opencv_storage import read_opencv_cameras, write_opencv_cameras
 from .qualisys import read_qualisys_cameras, write_qualisys_cameras

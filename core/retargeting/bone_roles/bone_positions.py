@@ -12,9 +12,9 @@ from scipy.spatial import cKDTree
 from ...body.skeleton_motion import RestSkeleton
 from ...numerics.arrays import Array
 from .bone_words import read_name
-from .limb_joints import arm_joints, leg_joints, shared_bones, subtree
+from .limb_joints import arm_joints, leg_joints, shared_bones
 from .roles import FINGERS
-from .skeleton_tree import SkeletonTree
+from .skeleton_tree import SkeletonTree, subtree
 
 _SYMMETRY = 0.03  # of the height: largest distance of a bone's partner from its mirror image
 _MIN_LENGTH = 0.08  # of the height of a human with such shoulders: least length of a segment of an arm or leg

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...body.skeleton_motion import RestSkeleton
 from ...numerics.arrays import Array
+from .skeleton_tree import subtree
 
 _AS_FAR = 0.1  # relative: bones of both sides are as far down their limbs within this
 _STRAIGHT = float(np.cos(np.radians(30)))
@@ -20,15 +21,6 @@ _LEAST_DIVIDED = 3
 _FINGERS = 3
 """Least number of bones that hang on a hand: the last bone of an arm with so many, as helpers may hang on a forearm."""
 _LEG, _ARM = ("thigh", "shin", "foot", "toe"), ("upper_arm", "forearm", "hand")
-
-
-def subtree(rest: RestSkeleton, top: int) -> list[int]:
-    """Return a bone and all bones below it."""
-    found = {top: None}
-    for j in range(top + 1, len(rest.names)):
-        if rest.parents[j] in found:
-            found[j] = None
-    return [*found]
 
 
 def shared_bones(rest: RestSkeleton, top: int, other: int) -> list[int]:

@@ -15,6 +15,15 @@ _SEGMENTS = ("thigh", "shin", "upper_arm", "forearm")
 """Roles of the bones of limbs."""
 
 
+def subtree(rest: RestSkeleton, top: int) -> list[int]:
+    """Return a bone and all bones below it."""
+    found = {top: None}
+    for j in range(top + 1, len(rest.names)):
+        if rest.parents[j] in found:
+            found[j] = None
+    return [*found]
+
+
 class SkeletonTree:
     """The hierarchy of a skeleton; bones are given by their indices, parents first."""
 

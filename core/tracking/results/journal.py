@@ -140,6 +140,14 @@ class Journal:
         kept = f"{count} finished segment{' is' if count == 1 else 's are'} kept"
         return f"{kept}; --resume goes on from there" if count else ""
 
+    def stay(self, error: BaseException) -> None:
+        """Keep the folder unless it is empty, and note on what ended the run what stays."""
+        if self.what_stays:
+            error.add_note(self.what_stays)
+        else:
+            with suppress(OSError):  # it holds what an earlier run kept of another shot
+                self.folder.rmdir()
+
     def discard(self) -> None:
         """Remove the folder."""
         with suppress(OSError):
@@ -202,15 +210,11 @@ def journal_beside(folder: Path, *, resume: bool) -> Iterator[Journal]:
     except (KeyboardInterrupt, CancelledError) as interrupt:
         if not resume or WRITTEN_NOTE in getattr(interrupt, "__notes__", ()):
             journal.discard()
-        elif journal.what_stays:
-            interrupt.add_note(journal.what_stays)
+        else:
+            journal.stay(interrupt)
         raise
     except Exception as error:
-        if journal.what_stays:
-            error.add_note(journal.what_stays)
-        else:
-            with suppress(OSError):  # it holds what an earlier run kept of another shot
-                journal.folder.rmdir()
+        journal.stay(error)
         raise
     journal.discard()
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import ShotError
-from ...formats.reading import first_repeated
 from ...numerics import rotations
+from ...numerics.sequences import first_repeated
 from ...shot.shot import FIELD_ORDERS, Performer, Shot, View
 
 

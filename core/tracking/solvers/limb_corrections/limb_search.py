@@ -232,10 +232,11 @@ def _with_limb_found(
         there = scene_poses(problem.bodies, with_motion(motions, i, before))
         seen = np.sum([view.labels(geometry, there).share[:, parts].sum(axis=1) for view in ratios], axis=0)
         gained, least = partial(_gain_elsewhere, limb, uncovered, seen, before), search.least_gain
+        promising = ROUGH_GAIN_SHARE * least
         if search.free:
             found = draws.found_surely(gained, least, before)
         else:
-            found = draws.found(lambda moved: gained(moved) >= least, lambda moved: gained(moved) >= least / 2)
+            found = draws.found(lambda moved: gained(moved) >= least, lambda moved: gained(moved) >= promising)
     if found is None:
         return motion
     if limb.shoulder is None:

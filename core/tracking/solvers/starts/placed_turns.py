@@ -3,8 +3,8 @@
 An even turn along the curve through the key poses fails if the body turns in part of the time between them only, or
 travels otherwise than the curve: a cartwheel after which somebody stands still for as long is over before the even turn
 is half done, and half a metre ahead of it. So the middle of the foreground first places the body on every frame. Then
-the curve's poses are turned by multiples of `TURN_STEP` about each of the pelvis's axes, and the path through these
-that covers most, from no turn to a whole one, is the start.
+the curve's poses are turned by multiples of 30 degrees about each of the pelvis's axes, and the path through these that
+covers most, from no turn to a whole one, is the start.
 """
 
 from __future__ import annotations
@@ -54,18 +54,22 @@ def placed_turns(problem: SegmentProblem, start: Sequence[Motion], workspace: Wo
     curve = start[performer]
     middles = _middles(problem, performer, curve)
     sampling = COARSE_STAGES[-1].sampling_of(len(problem.views))
-    found = []
+
+    def placed(steps: Array, axis: Array) -> Sequence[Motion]:
+        motion = _placed(problem, performer, _turned(curve, steps, axis), middles, curve)
+        return with_motion(start, performer, motion)
+
+    def cover_of(k: int, axis: Array) -> Array:
+        measured = workspace.measure(problem, placed(np.full(len(curve), k), axis), sampling)
+        return np.asarray(measured.evidence.explained[:, performer].sum(axis=0))
+
+    found, unturned = [], cover_of(0, np.eye(3)[0])
     for axis in np.eye(3):
-        covers = []
-        for k in range(STEPS):
-            motion = _placed(problem, performer, _turned(curve, np.full(len(curve), k), axis), middles, curve)
-            measured = workspace.measure(problem, with_motion(start, performer, motion), sampling)
-            covers.append(measured.evidence.explained[:, performer].sum(axis=0))
+        covers = np.array([unturned, *(cover_of(k, axis) for k in range(1, STEPS))])
         for sign in (1, -1):
-            steps, cover = _likeliest_steps(np.array(covers)[sign * np.arange(STEPS + 1) % STEPS])
-            motion = _placed(problem, performer, _turned(curve, sign * _smoothed(steps), axis), middles, curve)
-            if cover > covers[0].sum():
-                found.append((cover, with_motion(start, performer, motion)))
+            steps, cover = _likeliest_steps(covers[sign * np.arange(STEPS + 1) % STEPS])
+            if cover > unturned.sum():
+                found.append((cover, placed(sign * _smoothed(steps), axis)))
     return [list(motions) for _, motions in sorted(found, key=lambda one: -one[0])]
 
 

@@ -54,24 +54,31 @@ def with_whole_turn(
     [performer] = problem.sought
     if problem.whole_keys(performer).tolist() != [0, problem.length - 1]:
         return start, first
-    if len(frames_unexplained(problem, first, performer)) < LEAST_UNEXPLAINED * problem.length:
+    if not _is_unexplained(problem, first, performer):
         return start, first
-    curve = start
     ways = [turned(start[performer], problem.fixed[performer], axis) for axis in (*np.eye(3), *-np.eye(3))]
     starts = [with_motion(start, performer, way) for way in ways]
     quiet = workspace.silent()
     begun = [approach(problem, motions, quiet, COARSE_STAGES) for motions in starts]
     covers = [cover_at(problem, first, own.motions, quiet) for own in begun]
+    best: tuple[Sequence[Motion], SegmentSolution] = start, first
     for k in np.argsort(covers)[::-1][:SOLVED_TURNS]:
-        found = descend(problem, begun[k], quiet, stages)
-        if covering_most(problem, first, found) is found:
-            start, first = starts[k], found
-    if problem.only is not None or not problem.shows_depth:
-        return start, first
-    if len(frames_unexplained(problem, first, performer)) < LEAST_UNEXPLAINED * problem.length:
-        return start, first
-    for motions in placed_turns(problem, curve, quiet)[:SOLVED_TURNS]:
-        found = descend(problem, approach(problem, motions, quiet, COARSE_STAGES), quiet, stages)
-        if covering_most(problem, first, found) is found:
-            start, first = motions, found
-    return start, first
+        best = _covering_more(problem, best, (starts[k], descend(problem, begun[k], quiet, stages)))
+    if problem.only is None and problem.shows_depth and _is_unexplained(problem, best[1], performer):
+        for motions in placed_turns(problem, start, quiet)[:SOLVED_TURNS]:
+            coarse = approach(problem, motions, quiet, COARSE_STAGES)
+            best = _covering_more(problem, best, (motions, descend(problem, coarse, quiet, stages)))
+    return best
+
+
+def _covering_more(
+    problem: SegmentProblem,
+    best: tuple[Sequence[Motion], SegmentSolution],
+    other: tuple[Sequence[Motion], SegmentSolution],
+) -> tuple[Sequence[Motion], SegmentSolution]:
+    """Return the best start so far and its solution, or others if their solution covers more."""
+    return other if covering_most(problem, best[1], other[1]) is other[1] else best
+
+
+def _is_unexplained(problem: SegmentProblem, solution: SegmentSolution, performer: int) -> bool:
+    return len(frames_unexplained(problem, solution, performer)) >= LEAST_UNEXPLAINED * problem.length
