@@ -893,6 +893,22 @@ SKELETONS = {
         neck_b | neck_a | nape | neck
         head | neck_b | head | head
         """,
+    "joints named as in films, the head by a letter": """
+        root_JNT | | ground | root
+        C_pelvis_JNT | root_JNT | hips | hips
+        C_spineA_JNT | C_pelvis_JNT | spine1 | spine
+        C_spineB_JNT | C_spineA_JNT | spine2 | spine
+        C_spineC_JNT | C_spineB_JNT | spine3 | spine
+        {S}_clav_JNT | C_spineC_JNT | collar | shoulder
+        {S}_shoulder_JNT | {S}_clav_JNT | shoulder | upper_arm
+        {S}_elbow_JNT | {S}_shoulder_JNT | elbow | forearm
+        {S}_wrist_JNT | {S}_elbow_JNT | wrist | hand
+        {S}_hip_JNT | C_pelvis_JNT | thigh | thigh
+        {S}_knee_JNT | {S}_hip_JNT | knee | shin
+        {S}_ankle_JNT | {S}_knee_JNT | ankle | foot
+        C_neckA_JNT | C_spineC_JNT | neck | neck
+        C_headA_JNT | C_neckA_JNT | head | head
+        """,
     "toes that are named like fingers": """
         Hips | | hips | hips
         Spine | Hips | spine1 | spine

@@ -38,8 +38,8 @@ _CENTRE = "C"
 """Begins the names of bones in the middle where those of the sides begin with L and R, or is numbered as these are."""
 _CENTRES = frozenset(["cn", "ctr", "cen", "cent", "md"])
 _LETTERS = [*"abcdefg"]
-_LETTERED = frozenset(["spine", "neck", *FINGERS])
-"""Letters number the bones of chains in some rigs, as in spineA and thumb_b."""
+_LETTERED = frozenset(["spine", "neck", "head", *FINGERS])
+"""Letters number the bones of chains in some rigs, as in spineA, headA and thumb_b."""
 _HELPERS = re.compile(
     r"^(ik|ikhandle|mch|tgt|target|pole|tweak|twist\d*|twk|roll|share|corrective|cor|helper|helpers|volume|jiggle|spring"
     r"|nub|end|tip|eff|effector|sec|adj|metacarpals?|carpals?|metatarsals?|vis|driver|offset|scale|parent|prop"

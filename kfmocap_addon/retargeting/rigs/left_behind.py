@@ -25,7 +25,8 @@ def left_behind(
     scene: bpy.types.Scene, armature: bpy.types.Object, rig: ControlRig, poses: RigPoses, frames: Ints
 ) -> list[str]:
     """Return warnings about skin that stays in place while the hips go away: that of bones which do not move, such as a
-    board on the root of a character who stands on it, and vertices that belong to no bone.
+    board on the root of a character who stands on it, and vertices that belong to no bone. A foot on the floor hangs on
+    a leg that moves.
 
     Parameters
     ----------
@@ -36,11 +37,13 @@ def left_behind(
     farthest = int(way.argmax())
     if way[farthest] < _AWAY * np.ptp(rig.rest.heads[:, 2]):
         return []
-    names = [bone.name for bone in armature.data.bones if bone.use_deform]
-    first, last = _heads(scene, armature, names, frames[[0, farthest]])
-    still = np.linalg.norm(last - first, axis=1) < _STILL * way[farthest]
-    led = set(leading_bones(armature)) if still.any() else set()
-    staying = [name for name, stays in zip(names, still, strict=True) if stays and name in led]
+    bones = list(armature.data.bones)
+    first, last = _heads(scene, armature, [bone.name for bone in bones], frames[[0, farthest]])
+    ways = np.linalg.norm(last - first, axis=1)
+    still = {bone.name for bone, own in zip(bones, ways, strict=True) if own < _STILL * way[farthest]}
+    still -= {bone.name for bone in bones if any(above.name not in still for above in bone.parent_recursive)}
+    led = set(leading_bones(armature)) if still else set()
+    staying = [bone.name for bone in bones if bone.use_deform and bone.name in still & led]
     moved = f"while the hips move by {way[farthest]:.1f} m"
     found = [
         f"mesh {mesh}: {count} of its vertices belong to no bone that deforms, so they stay where they are {moved}: "
@@ -48,9 +51,9 @@ def left_behind(
         for mesh, count in unbound_vertices(armature).items()
     ]
     if staying:
-        bones = "bone" if len(staying) == 1 else "bones"
+        what = "bone" if len(staying) == 1 else "bones"
         found.append(
-            f"{bones} {listed(staying, _NAMED)}: no part of what moves, so the skin stays where it is {moved}: choose "
+            f"{what} {listed(staying, _NAMED)}: no part of what moves, so the skin stays where it is {moved}: choose "
             "another bone for the hips in the list of Find Bones, or key it yourself"
         )
     return found

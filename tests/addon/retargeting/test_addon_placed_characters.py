@@ -34,6 +34,7 @@ from odd_characters import (  # noqa: E402
     unreal_like,
 )
 from render.motions import MOTIONS  # noqa: E402
+from scipy.spatial.transform import Rotation  # noqa: E402
 from synthetic import swing  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
@@ -240,6 +241,21 @@ def test_skin_that_stays_where_it_is_while_the_hips_go_away_is_named(root, named
     options = SendOptions(retarget=RetargetOptions(root=root))
     report = send_to_rig(bpy.context.scene, motion_of_body(BODY, away, "man", 30.0), armature, 1, options)
     assert [text.partition(":")[0] for text in report["warnings"]] == (["bone board"] if named else [])
+
+
+def test_feet_that_stand_while_the_hips_go_down_are_not_named():
+    rest, bend = {part.name: part.R_world_rest for part in BODY.parts}, np.radians(58)
+    rotations = np.tile(np.eye(3), (FRAMES, len(BODY), 1, 1))
+    for name, turn in (("thigh", 1), ("shin", -2), ("foot", 1)):
+        for bone in (f"{name}.L", f"{name}.R"):
+            turned = Rotation.from_rotvec(np.linspace(0, turn * bend, FRAMES)[:, None] * (1.0, 0.0, 0.0)).as_matrix()
+            rotations[:, BODY.index(bone)] = rest[bone].T @ turned @ rest[bone]
+    leg = BODY.parts[BODY.index("thigh.L")].head_world[2] - BODY.parts[BODY.index("foot.L")].head_world[2]
+    down = leg * (1 - np.cos(np.linspace(0, bend, FRAMES)))
+    motion = Motion(BODY.parts[0].head_world - down[:, None] * (0.0, 0.0, 1.0), rotations)
+    assert down[-1] > 0.3
+    report = send_to_rig(bpy.context.scene, motion_of_body(BODY, motion, "man", 30.0), unreal_like(), 1)
+    assert report["warnings"] == []
 
 
 @pytest.mark.parametrize(("modifier", "named"), [(None, True), ("SURFACE_DEFORM", False), ("ARMATURE", False)])
