@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import bpy
 import numpy as np
 
 from ....core.errors import BodyError
 from ....core.retargeting.bone_roles.roles import SIDES, BoneMap
 from ..target_armatures import target_bones
+from .rigify_animals import goes_on_four
+from .tracked_bones import moves
 
 PART_ROLES = ("hips", "spine", "neck", "head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")
 _LIMB_ROLES = ("head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")
@@ -20,6 +24,10 @@ _STRAIGHT = np.radians(15)
 """Largest angle between a limb and one of its two halves; the other may be short and askew."""
 _NEAR = 1e-3
 """Share of a limb's length within which a bone begins where the limb does."""
+_FINGERS = 3
+"""Least number of bones that hang on a hand."""
+_TAILS = ("tail", "schwanz", "rabo", "хвост", "尾")
+"""Words in the names of bones on the hips that are a limb of their own."""
 
 
 def limb_bones(armature: bpy.types.Object) -> BoneMap:
@@ -54,3 +62,37 @@ def taken_in(armature: bpy.types.Object, bones: BoneMap) -> dict[str, str]:
 def limbs_of(bones: BoneMap) -> list[str]:
     """Return the bones of a map that are separate parts even if small."""
     return [name for role, _, name in bones.items() if role.partition(".")[0] in _LIMB_ROLES]
+
+
+def carried_along(armature: bpy.types.Object, bones: BoneMap) -> dict[str, str]:
+    """Return the bones that are no part of a human's body, whatever they are called, and the bone that they go along
+    with: what carries no limb, trunk or head, such as hair, skirts, capes and bags.
+
+    Not those that keys turn, as the animator has posed them, nor a tail that is called so, nor further arms.
+    """
+    if not bones.bones or ("hand.L" in bones.bones and "hand.R" in bones.bones and goes_on_four(armature, bones)):
+        return {}
+    rest, found = armature.data.bones, dict[str, str]()
+    ends = {name for role, _, name in bones.items() if role.partition(".")[0] in _ENDS}
+    body = set(target_bones(armature).names())  # collar bones, too
+    needed = {above.name for name in body for above in (rest[name], *rest[name].parent_recursive)}
+    for chain in _hung(rest, needed):
+        of_body = next((above.name for above in chain[0].parent_recursive if above.name in body), "")
+        tail = of_body in bones.bones["hips"] and any(word in chain[0].name.casefold() for word in _TAILS)
+        for bone in chain if of_body and of_body not in ends and not tail and not _is_limb(chain) else ():
+            if not moves(armature, bone.name, "rotation"):
+                stays = (above.name for above in bone.parent_recursive if above.name not in found)
+                found[bone.name] = next(name for name in stays if name in body or name not in needed)
+    return found
+
+
+def _is_limb(chain: Sequence[bpy.types.Bone]) -> bool:
+    """Whether bones, each after those above, end in a hand: others, as skirts, branch where they begin."""
+    return any(len(bone.children) >= _FINGERS and len(set(bone.parent_recursive) & {*chain}) > 1 for bone in chain)
+
+
+def _hung(rest: bpy.types.ArmatureBones, needed: set[str]) -> Iterator[list[bpy.types.Bone]]:
+    """Generate each bone that hangs on one of some bones and is none of them, with all that hangs on it."""
+    for bone in rest:
+        if bone.name not in needed and bone.parent is not None and bone.parent.name in needed:
+            yield [bone, *bone.children_recursive]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -27,12 +28,20 @@ from ..rigs.rig_settings import has_keys, keep_in_override, setting_name, with_s
 from ..rigs.rig_warnings import undriven
 from ..target_armatures import target_bones
 from .freed_limbs import freed_remarks, with_goals, without_goals
-from .part_roles import PART_ROLES, limb_bones, limbs_of, taken_in
+from .part_roles import PART_ROLES, carried_along, limb_bones, limbs_of, taken_in
 from .rig_landmarks import add_landmarks
 from .rigify_animals import animal_controls, goes_on_four, is_generated
 from .root_keys import keyed_on_body
 from .switched_key_poses import keep_freed_poses, keep_key_poses
-from .tracked_bones import movable_root, refuse_apart, refuse_following, refuse_moving_object, remove_parts, tied_bones
+from .tracked_bones import (
+    movable_root,
+    moves,
+    refuse_apart,
+    refuse_following,
+    refuse_moving_object,
+    remove_parts,
+    tied_bones,
+)
 
 _FOLLOWS = 0.5
 """Least fraction of a control's rotation with which a deforming bone follows it."""
@@ -110,6 +119,7 @@ def _use_posed(
         following={name: what for name, what in followed.items() if name not in limbs.names()},
         limbs=limbs_of(limbs),
         taken_in=taken_in(armature, limbs),
+        carried={name: above for name, above in carried_along(armature, limbs).items() if name not in followed},
         head=next(iter(limbs.bones.get("head", ())), ""),
     )
     tied = tied_bones(armature, made.parts)
@@ -185,7 +195,8 @@ def _controls(armature: bpy.types.Object) -> FkControls | None:
     loose = {n for n in led if not any(above.name in led for above in armature.data.bones[n].parent_recursive)}
     if not led or (not held and len(loose) < _APART * len(led)):
         return None
-    controls = fk_controls.find_controls(armature, led, held)
+    roles = [name for name in limb_bones(armature).names() if name not in led]
+    controls = fk_controls.find_controls(armature, [*led, *roles], held)
     concerned = held or loose  # deforming bones may hang each on a control of its own
     others = any(controls.by_bone.get(name, name) != name for name in concerned)
     return controls if others or controls.settings else None
@@ -196,11 +207,16 @@ def _use_controls(
 ) -> tuple[bpy.types.Object, tuple[str, ...]]:
     """Make a rig a performer through its controls; see `use_as_body`."""
     held, roles = following(armature), limb_bones(armature)
-    turned = fk_controls.with_halves_of_limbs(armature, controls, held, roles.names())
-    carriers, remarks = _turning_controls(armature, turned, held, roles)
+    along = _along_with_controls(armature, controls.by_bone, roles)
+    turned = fk_controls.with_halves_of_limbs(armature, _of_skin(armature, controls), held, {*roles.names(), *along})
+    carriers, remarks = _turning_controls(armature, turned, controls.carried, held, roles)
     with with_settings(armature, controls.settings) as before:
         made = skinned_parts.add_parts(
-            armature, collection, carriers, limbs=[carriers.get(n, n) for n in limbs_of(roles)]
+            armature,
+            collection,
+            carriers,
+            limbs=[carriers.get(n, n) for n in limbs_of(roles)],
+            carried={carriers[name]: above for name, above in along.items() if name in carriers},
         )
         try:
             fk_controls.refuse_otherwise_moved(armature, turned)
@@ -221,11 +237,35 @@ def _use_controls(
     return taken, tuple(remarks)
 
 
+def _of_skin(armature: bpy.types.Object, controls: FkControls) -> FkControls:
+    """Return the controls of bones that lead skin."""
+    led = set(skinned_parts.leading_bones(armature))
+    return replace(controls, by_bone={name: control for name, control in controls.by_bone.items() if name in led})
+
+
+def _along_with_controls(armature: bpy.types.Object, by_bone: Mapping[str, str], roles: BoneMap) -> dict[str, str]:
+    """Return the control of the trunk that deforming bones go along with, by those that are no part of the body, see
+    `carried_along`. Those on limbs, such as twist bones, go along with what moves them.
+    """
+    trunk = {name for role in ("hips", "spine", "neck") for name in roles.bones.get(role, ())}
+    of_body = {by_bone.get(name, name) for name in roles.names()}
+    found = {}
+    for name, above in carried_along(armature, roles).items():
+        control = by_bone.get(name, name)
+        if above in trunk & set(by_bone) and control not in of_body and not moves(armature, control, "rotation"):
+            found[name] = by_bone[above]
+    return found
+
+
 def _turning_controls(
-    armature: bpy.types.Object, turned: Mapping[str, str], held: Mapping[str, str], roles: BoneMap
+    armature: bpy.types.Object,
+    turned: Mapping[str, str],
+    carried: Mapping[str, str],
+    held: Mapping[str, str],
+    roles: BoneMap,
 ) -> tuple[dict[str, str], list[str]]:
-    """Return the control that moves each deforming bone, given those of bones that controls turn themselves, and
-    remarks on bones that follow the body.
+    """Return the control that moves each deforming bone, given those of bones that controls turn about their heads, and
+    those that carry bones, and remarks on bones that follow the body.
 
     Raises
     ------
@@ -236,6 +276,9 @@ def _turning_controls(
     led = skinned_parts.leading_bones(armature)
     for name in sorted(set(led) - set(carriers), key=lambda each: len(armature.data.bones[each].parent_recursive)):
         above = next((p.name for p in armature.data.bones[name].parent_recursive if p.name in carriers), None)
+        if above is None and name in held and name in carried and name not in roles.names():
+            carriers[name] = carried[name]  # half of a limb, stretched between points on its controls
+            continue
         if above is None or name in roles.names():
             raise BodyError(
                 f"no control was found that turns the bone about its head: it is moved by "

@@ -18,22 +18,45 @@ _SIMULATED_WORDS = (
 )  # fmt: skip
 """Words in the names of bones that a simulation moves, which follow the body."""
 _REACH = 1.5
-"""Of the head's own radius: farther off, hair and hats are left out, as a convex solid would span what is between."""
+"""Of a part's own radius: farther off, hair, skirts and hats are left out, as a convex solid would span what is
+between."""
 _STRAIGHT = np.cos(np.radians(15))
 """Cosine of the angle within which a bone goes on as the one above, so that it may only divide its twist."""
 
 
-def with_taken_in(clouds: Mapping[str, Array], taken_in: Mapping[str, str], head: str) -> dict[str, Array]:
-    """Add the points (V, 3) of some bones to those of others."""
+def with_taken_in(
+    armature: bpy.types.Object,
+    clouds: Mapping[str, Array],
+    taken_in: Mapping[str, str],
+    loose: Collection[str],
+    limbs: Collection[str],
+) -> dict[str, Array]:
+    """Add the points (V, 3) of some bones to those of others; of loose ones those that are near."""
     found: dict[str, list[Array]] = {name: [cloud] for name, cloud in clouds.items() if name not in taken_in}
     for name in [name for name in clouds if name in taken_in]:
         cloud, above = clouds[name], taken_in[name]
-        if above == head and head in clouds:
-            middle = clouds[head].mean(axis=0)
-            radius = np.linalg.norm(clouds[head] - middle, axis=1).max()
-            cloud = cloud[np.linalg.norm(cloud - middle, axis=1) < _REACH * radius]
+        if name in loose and above in clouds:
+            cloud = cloud[_within_reach(armature.data.bones[above], clouds[above], cloud, limbs)]
         found.setdefault(above, []).append(cloud)
     return {name: np.concatenate(each) for name, each in found.items()}
+
+
+def _within_reach(bone: bpy.types.Bone, own: Array, cloud: Array, limbs: Collection[str]) -> Array:
+    """Return which points of a cloud (V, 3) are near a part: its middle, or the line of a limb's segment."""
+    next_joint = next((child for child in bone.children_recursive if child.name in limbs), None)
+    if bone.name not in limbs or next_joint is None:
+        middle = own.mean(axis=0)
+        apart, reach = (np.linalg.norm(points - middle, axis=1) for points in (cloud, own))
+        return np.asarray(apart < _REACH * reach.max())
+    start, line = np.array(bone.head_local), np.array(next_joint.head_local - bone.head_local)
+    apart, reach = (_from_line(points - start, line) for points in (cloud, own))
+    return np.asarray(apart < _REACH * reach.max())
+
+
+def _from_line(points: Array, line: Array) -> Array:
+    """Return the distances (V,) of points (V, 3) from a line that begins at the origin and ends somewhere (3,)."""
+    share = np.clip(points @ line / max(float(line @ line), 1e-12), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(points - share[:, None] * line, axis=1))
 
 
 def merged_clouds(

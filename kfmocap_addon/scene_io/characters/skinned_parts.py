@@ -12,17 +12,17 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from ....core.body import Part
-from ....core.errors import BodyError
+from ....core.errors import BodyError, listed
 from ....core.numerics.arrays import Array
 from ..body import part_meshes
-from .merged_clouds import merged_clouds, with_taken_in
+from .merged_clouds import merged_clouds, says_twist, with_taken_in
 from .skins import Skin, read_skin
 
 _CORNERS = 24
 """Directions in which a part's solid touches the skin: few faces, drawn many times."""
 _MIN_SIZE_SHARE = 0.045
 """Size of parts, as a share of the skin's height, below which they (fingers, eyes) belong to the part above."""
-_MIN_VERTICES = 8
+_MIN_VERTICES, _NAMED = 8, 3
 _MOST_VERTICES = 1000
 """Of a part that is drawn as it is: every triangle of its hull is, in every picture and every iteration."""
 
@@ -43,6 +43,7 @@ def add_parts(
     *,
     limbs: Collection[str],
     taken_in: Mapping[str, str] = MappingProxyType({}),
+    carried: Mapping[str, str] = MappingProxyType({}),
     head: str = "",
 ) -> SkinnedParts:
     """Add the parts of a body to the bones of a skinned character, as separate meshes.
@@ -62,8 +63,10 @@ def add_parts(
         Bones that are parts of their own, however small they are.
     taken_in : mapping of str to str
         The bone whose part has the skin of another one, however large that is.
+    carried : mapping of str to str
+        The same for what the body carries along, such as skirts; skin that is far off is left out.
     head : str
-        The bone of the head, if there is one; it takes in no skin that is far off.
+        The bone of the head, if there is one; it takes in no skin that is far off, such as hair.
 
     Raises
     ------
@@ -81,8 +84,10 @@ def add_parts(
     if not len(skin.points):
         todo = "; ".join(remarks) or "parent meshes to its bones, or bind one to it by vertex groups"
         raise BodyError("no bone carries a mesh, and no skin is bound to it", where=where, todo=todo)
-    clouds = with_taken_in(_clouds(armature, skin, carriers), taken_in, head)
-    height = float(np.ptp(skin.points, axis=0).max())
+    clouds, height = _clouds(armature, skin, carriers), float(np.ptp(skin.points, axis=0).max())
+    remarks += _carried_remark(clouds, carried, 2 * _MIN_SIZE_SHARE * height)
+    loose = {*carried, *(name for name, above in taken_in.items() if above == head)}
+    clouds = with_taken_in(armature, clouds, {**carried, **taken_in}, loose, limbs)
     merged, left_out = merged_clouds(armature, clouds, _MIN_SIZE_SHARE * height, following, limbs)
     remarks += [f"bone {n}: it is moved by {following[n]}, so it is left out, and follows the body" for n in left_out]
     kept = {name: cloud for name, cloud in merged.items() if _is_solid(cloud)}
@@ -95,6 +100,19 @@ def add_parts(
     for mesh in made:
         mesh[part_meshes.OF_SKIN] = True
     return SkinnedParts(tuple(kept), tuple(remarks))
+
+
+def _carried_remark(clouds: Mapping[str, Array], carried: Mapping[str, str], small: float) -> list[str]:
+    """Return what to report of bones that go along with others, where they lead more than a little skin there."""
+    names = [name for name in clouds if name in carried and not says_twist(name)]
+    led = {above: [clouds[name] for name in names if carried[name] == above] for above in carried.values()}
+    sizes = {above: np.linalg.norm(np.ptp(np.concatenate(each), axis=0)) for above, each in led.items() if each}
+    names = [name for name in names if sizes[carried[name]] > small]
+    if not names:
+        return []
+    what = f"bone{'s' if len(names) > 1 else ''} {listed(names, _NAMED)}"
+    todo = "to have one tracked, undo, turn it in two key poses, and use the armature again"
+    return [f"{what}: no limb, trunk or head, so they go along with the body: {todo}"]
 
 
 def _skin(armature: bpy.types.Object) -> Skin:

@@ -12,7 +12,7 @@ from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
-from odd_characters import BODY, add_bones, bind, controlled_human, skinned_human  # noqa: E402
+from odd_characters import BODY, add_bones, bind, controlled_human, points_of, skinned_human  # noqa: E402
 from synthetic import swing  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
@@ -109,6 +109,58 @@ def test_what_a_simulation_moves_belongs_to_the_part_above(name):
     assert names_of(armature) == sorted(BODY.names)
 
 
+def with_skirt():
+    """A human, and four chains of bones under names that say nothing round the pelvis."""
+    armature = skinned_human()
+    top = BODY.parts[BODY.index("pelvis")].head_world
+    for k, way in enumerate(([1.0, 0, 0], [0, 1.0, 0], [-1.0, 0, 0], [0, -1.0, 0])):
+        way = np.array(way)
+        with_chain(armature, f"x{k}", "pelvis", top + 0.12 * way, 0.02 * way - [0.0, 0.0, 0.15], 0.03)
+    return armature
+
+
+def test_what_carries_no_limb_trunk_or_head_goes_along_with_the_body_whatever_it_is_called():
+    armature, remarks = use_as_body(bpy.context.scene, with_skirt())
+    body = body_armature.body_from_armature(armature)
+    assert sorted(body.names) == sorted(BODY.names)
+    [said] = remarks
+    assert said.startswith("bones x0_0, x0_1, x0_2, ...: ")
+    pelvis = points_of(body.parts[body.index("pelvis")])
+    assert np.ptp(pelvis[:, 2]) < 0.55  # the hem, 0.6 m below, is not there
+
+
+def test_chains_that_hang_on_a_bone_of_their_own_go_along_with_the_body():
+    armature = skinned_human()
+    top = BODY.parts[BODY.index("pelvis")].head_world
+    add_bones(armature, [("belt", "pelvis", top, top + [0.0, 0.05, 0.0])], deform=True)
+    for k, x in enumerate((-0.1, 0.0, 0.1)):
+        with_chain(armature, f"x{k}", "belt", top + [x, -0.1, 0.0], np.array([0.0, -0.01, -0.1]), 0.03)
+    armature, _ = use_as_body(bpy.context.scene, armature)
+    assert names_of(armature) == sorted(BODY.names)
+
+
+def test_what_key_poses_turn_is_tracked_though_it_carries_no_limb():
+    armature = with_skirt()
+    for frame, angle in ((1, 0.0), (9, 0.4)):
+        armature.pose.bones["x1_0"].rotation_quaternion = (np.cos(angle), np.sin(angle), 0, 0)
+        armature.pose.bones["x1_0"].keyframe_insert("rotation_quaternion", frame=frame)
+        armature.pose.bones["x2_0"].keyframe_insert("rotation_quaternion", frame=frame)  # keyed, but never turned
+    armature, _ = use_as_body(bpy.context.scene, armature)
+    assert names_of(armature) == sorted([*BODY.names, "x1_0"])
+
+
+def test_further_arms_are_tracked():
+    armature = skinned_human()
+    chest = BODY.parts[BODY.index("chest")].head_world
+    arm = [chest + [0.15 + 0.25 * k, 0.0, 0.0] for k in range(4)]
+    fingers = [(f"third_{q}", "third_2", arm[3], arm[3] + [0.06, 0.03 * q, 0.0]) for q in range(3, 6)]
+    bones = [(f"third_{k}", f"third_{k - 1}" if k else "chest", arm[k], arm[k + 1]) for k in range(3)]
+    add_bones(armature, [*bones, *fingers], deform=True)
+    bind(armature, "third arm", [(name, cloud(a, b, 0.04)) for name, _, a, b in bones])
+    armature, _ = use_as_body(bpy.context.scene, armature)
+    assert {"third_0", "third_1", "third_2"} < set(names_of(armature))
+
+
 def test_an_animals_long_tail_has_parts_of_its_own():
     armature = skinned_human({name: f"bone {k}" for k, name in enumerate(BODY.names)})
     top = BODY.parts[BODY.index("pelvis")].head_world
@@ -124,3 +176,18 @@ def test_fingers_of_a_control_rig_belong_to_the_hand():
     with_chain(armature, "f_index", "DEF-hand.L", hand.tail_world, 0.06 * along, 0.01)
     armature, _ = use_as_body(bpy.context.scene, armature)
     assert len(names_of(armature)) == len(BODY.names)
+
+
+def test_halves_of_limbs_that_are_stretched_between_points_on_its_control_are_one_part():
+    armature = controlled_human()
+    thigh, shin = (BODY.parts[BODY.index(name)].head_world for name in ("thigh.L", "shin.L"))
+    middle = (thigh + shin) / 2
+    points = [("MCH-middle", "CTRL-thigh.L", middle), ("MCH-end", "CTRL-thigh.L", shin)]
+    add_bones(armature, [(name, above, at, at + [0.0, 0.0, 0.05]) for name, above, at in points])
+    add_bones(armature, [("DEF-thigh2.L", "MCH-middle", middle, shin)], deform=True)
+    stretched = armature.pose.bones["DEF-thigh2.L"].constraints.new("STRETCH_TO")
+    stretched.target, stretched.subtarget = armature, "MCH-end"
+    bind(armature, "lower half", [("DEF-thigh2.L", cloud(middle, shin, 0.05))])
+    armature, remarks = use_as_body(bpy.context.scene, armature)
+    assert len(names_of(armature)) == len(BODY.names)
+    assert not remarks
