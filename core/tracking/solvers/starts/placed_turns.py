@@ -31,6 +31,9 @@ STEPS = 12
 """Number of steps of a whole turn: limbs are found by a descent when turned by half of that, 15 degrees."""
 LARGEST_STEP = 2
 """Most steps from one frame to the next, 60 degrees: at 20 frames a second more than three turns a second."""
+RIVAL_SHARE = 0.5
+"""A turn is worth solving if it makes the placed body cover more by at least this share of the difference between what
+the best solution covers and what the placed body does without a turn: nothing but the turn is right yet."""
 _STRIDE = 4
 _ITERATIONS = 4  # of the search for the body's place, which is exact but for the perspective
 _NUDGE = 1e-3  # for derivatives of a projection, metres
@@ -38,9 +41,12 @@ _PULL = 1.0
 """How strongly the place stays where it is, pixels per metre: only where views do not show it does that count."""
 
 
-def placed_turns(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace) -> list[list[Motion]]:
+def placed_turns(
+    problem: SegmentProblem, start: Sequence[Motion], rival: float, workspace: Workspace
+) -> list[list[Motion]]:
     """Return starts with a whole turn about one of the pelvis's three axes, in either direction, those that cover most
-    first: only those that cover more than the placed body does without a turn.
+    first: only those with which the placed body covers so much more than without a turn that, once they are solved,
+    they may cover more than a solution (`RIVAL_SHARE`).
 
     Parameters
     ----------
@@ -48,6 +54,8 @@ def placed_turns(problem: SegmentProblem, start: Sequence[Motion], workspace: Wo
         A single performer in several views with foreground images, between two key poses of the whole body.
     start : sequence of Motion
         F poses per performer, the curve through the key poses.
+    rival : float
+        What the solution that they are to beat covers (`SegmentSolution.cover`).
     workspace : Workspace
     """
     [performer] = problem.sought
@@ -64,11 +72,12 @@ def placed_turns(problem: SegmentProblem, start: Sequence[Motion], workspace: Wo
         return np.asarray(measured.evidence.explained[:, performer].sum(axis=0))
 
     found, unturned = [], cover_of(0, np.eye(3)[0])
+    least = unturned.sum() + RIVAL_SHARE * max(rival - unturned.sum(), 0.0)
     for axis in np.eye(3):
         covers = np.array([unturned, *(cover_of(k, axis) for k in range(1, STEPS))])
         for sign in (1, -1):
             steps, cover = _likeliest_steps(covers[sign * np.arange(STEPS + 1) % STEPS])
-            if cover > unturned.sum():
+            if cover > least:
                 found.append((cover, placed(sign * _smoothed(steps), axis)))
     return [list(motions) for _, motions in sorted(found, key=lambda one: -one[0])]
 

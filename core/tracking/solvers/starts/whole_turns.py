@@ -65,7 +65,7 @@ def with_whole_turn(
     for k in np.argsort(covers)[::-1][:SOLVED_TURNS]:
         best = _covering_more(problem, best, (starts[k], descend(problem, begun[k], quiet, stages)))
     if problem.only is None and problem.shows_depth and _is_unexplained(problem, best[1], performer):
-        for motions in placed_turns(problem, start, quiet)[:SOLVED_TURNS]:
+        for motions in placed_turns(problem, start, best[1].cover, quiet)[:SOLVED_TURNS]:
             coarse = approach(problem, motions, quiet, COARSE_STAGES)
             best = _covering_more(problem, best, (motions, descend(problem, coarse, quiet, stages)))
     return best

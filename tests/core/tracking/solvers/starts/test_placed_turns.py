@@ -12,6 +12,7 @@ from kfmocap.core.numerics.rotations import exp
 from kfmocap.core.shot.motion_warping import turned
 from kfmocap.core.tracking.solvers.equations.measurement import Workspace
 from kfmocap.core.tracking.solvers.equations.problem import SegmentProblem
+from kfmocap.core.tracking.solvers.starts import placed_turns as module
 from kfmocap.core.tracking.solvers.starts import whole_turns
 from kfmocap.core.tracking.solvers.starts.placed_turns import (
     LARGEST_STEP,
@@ -45,6 +46,8 @@ def cartwheel(angle: float = 2 * np.pi) -> Motion:
 TRUTH = cartwheel()
 CURVE = Motion(np.linspace(TRUTH.translations[0], TRUTH.translations[-1], LENGTH), cartwheel(0.0).rotations)
 PROBLEM = SegmentProblem(coloured(BODY, TRUTH, CAMERAS), (BODY,), 0, FPS, (HELD,))
+ANY = -np.inf
+"""Cover of a solution that any turn may beat."""
 
 
 def off(motion: Motion) -> tuple[float, float]:
@@ -58,7 +61,7 @@ def test_a_cartwheel_that_is_over_early_is_found_where_and_when_it_happens() -> 
     """The even turn along the curve is more than a right angle behind it, and half a metre."""
     angle, distance = off(turned(CURVE, HELD, SIDEWAYS))
     assert angle > np.pi / 2 and distance > 0.4
-    starts = placed_turns(PROBLEM, [CURVE], Workspace())
+    starts = placed_turns(PROBLEM, [CURVE], ANY, Workspace())
     angle, distance = off(starts[0][0])
     assert angle < np.pi / 6 and distance < 0.2
     assert len(starts) <= 6
@@ -71,14 +74,27 @@ def test_nobody_who_stays_upright_is_turned_over() -> None:
     beside = np.outer(np.sin(np.pi * np.linspace(0, 1, LENGTH)), [0, 0.5, 0])
     for true in (CURVE, Motion(CURVE.translations + beside, CURVE.rotations)):
         problem = replace(PROBLEM, views=coloured(BODY, true, CAMERAS))
-        for [motion] in placed_turns(problem, [CURVE], Workspace()):
+        for [motion] in placed_turns(problem, [CURVE], ANY, Workspace()):
             assert (np.abs(motion.rotations[:, 0, 1, 1] - 1) < 1e-6).all()
+
+
+@pytest.mark.parametrize(("share", "worth"), [(0.98, 0), (1.02, 6)])
+def test_turns_are_worth_solving_if_they_bring_the_placed_body_half_way_to_what_is_covered_already(
+    monkeypatch: pytest.MonkeyPatch, share: float, worth: int
+) -> None:
+    rival, even = 2e4, np.linspace(0, STEPS, LENGTH)
+    monkeypatch.setattr(
+        module,
+        "_likeliest_steps",
+        lambda covers: (even, covers[0].sum() + share * 0.5 * (rival - covers[0].sum())),
+    )
+    assert len(placed_turns(PROBLEM, [CURVE], rival, Workspace())) == worth
 
 
 def test_where_nothing_shows_the_body_it_travels_along_the_curve() -> None:
     """So it does where a view alone sees it, but for what that view shows."""
     dark = tuple(replace(view, foreground=np.zeros_like(view.foreground)) for view in PROBLEM.views)
-    for [motion] in placed_turns(replace(PROBLEM, views=dark), [CURVE], Workspace()):
+    for [motion] in placed_turns(replace(PROBLEM, views=dark), [CURVE], ANY, Workspace()):
         np.testing.assert_allclose(_middle_of(BODY, motion), _middle_of(BODY, CURVE), atol=1e-6)
 
 
