@@ -24,6 +24,7 @@ from functools import partial
 import numpy as np
 
 from ...body.motion import Motion
+from ...evidence.view_frames import views_with_foreground
 from ...runtime.processes.freed_memory import return_freed_memory
 from ...runtime.timing import Seconds
 from .approach import approach
@@ -52,6 +53,7 @@ from .limb_corrections.limb_gains import contradicted
 from .limb_corrections.limb_search import can_search_limbs
 from .limb_corrections.local_trials import HELD_FRAMES, Stretch, can_be_parted, stretch_of, stretches_around
 from .limb_corrections.regained_limbs import with_limbs_regained
+from .limb_corrections.wound_ends import with_ends_unwound
 from .long_refinement import polished_again, refine
 from .multi_start import best_of_starts, first_solution, searched_once, with_sides_exchanged
 from .thinned_frames import ThinnedProblem
@@ -259,7 +261,8 @@ def _refined_and_searched(
         stages = POLISH
     first = refine(problem, start, workspace.part(0.0, share), stages)
     if not can_search_limbs(problem):
-        return first, first
+        shown = problem.settings.limb_search and views_with_foreground(problem.views)
+        return first, with_ends_unwound(problem, first, searching) if shown else first
     several = problem.among_others
     begin = with_crossed_limbs_exchanged(problem, first, workspace.silent())
     bridged = with_leaps_bridged(problem, begin, searching.part(0.0, 0.1), long_only=not several)

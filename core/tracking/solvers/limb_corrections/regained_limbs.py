@@ -42,11 +42,12 @@ from .limb_proposals import LimbGroup, frames_searched
 from .limb_search import views_of
 from .local_trials import Stretch, is_long, stretch_of, stretches_around
 from .swivelled_limbs import with_limbs_swivelled
-from .wound_heads import with_heads_unwound
+from .wound_ends import with_ends_unwound
 
 
 def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentSolution:
-    """Search again for limbs of a refined solution that may be lost; then heads are unwound (`wound_heads`).
+    """Search again for limbs of a refined solution that may be lost; then heads, hands and feet are
+    unwound (`wound_ends`).
 
     In a long segment, limbs that the images show weakly for a moment are searched for around it, while the motion
     beside it stays.
@@ -65,7 +66,7 @@ def with_limbs_regained(problem: SegmentProblem, solution: SegmentSolution, work
             solution = _searched_in_stretches(problem, solution, stretches, workspace)
         else:
             solution = _searched(problem, solution, groups, SettledSolutions(), workspace)
-        solution = with_heads_unwound(problem, solution, workspace.silent())
+        solution = with_ends_unwound(problem, solution, workspace.silent())
     return replace(solution, seconds=dict(seconds))
 
 
