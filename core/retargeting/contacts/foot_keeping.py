@@ -64,8 +64,12 @@ def foot_goals(
         offsets = _target_offsets(path, (motion.rest, of_source), rig, placement, A[roles[2]][0])
         toe = _bending_toe(of_source, rig, path.side)
         snap = _FLOOR_TOLERANCE * leg if clean else None
+        flat, ahead = path.planted.all(axis=1), offsets[BALL] - offsets[HEEL]
         if snap is not None:
-            turns[:, ankle] = _flattened(turns[:, ankle], path.planted.all(axis=1), offsets, snap=snap, fps=motion.fps)
+            turns[:, ankle] = _flattened(turns[:, ankle], flat, ahead, snap=snap, fps=motion.fps)
+        else:
+            longer = float(np.linalg.norm(ahead) / np.linalg.norm(path.offsets[BALL] - path.offsets[HEEL]))
+            turns[:, ankle] = _steadied(turns[:, ankle], flat, ahead, longer=longer / placement.scale, fps=motion.fps)
         points = _sole_points(path, placement, offsets, turns[:, ankle], snap, toes_bend=toe is not None)
         lowest = np.where(path.planted[:, BALL], points[:, BALL, 2], _least_height(points, placement))
         hip, foot = (poses.places[:, b] for b in (controls[0], ankle))
@@ -186,7 +190,8 @@ def _ankle_path(points: Array, planted: Bools, ways: Array, ankle: Array) -> Arr
         path = by_point[np.arange(len(frames)), point].copy()
         change = np.flatnonzero(np.diff(point)) + 1
         for k in change:  # the foot rolls over to the other point, and the ankle must not jump
-            path[k:, :2] += by_point[k, point[k - 1], :2] - by_point[k, point[k], :2]
+            both = k - 1 if planted[frames[k - 1]].all() else k  # where both stand
+            path[k:, :2] += by_point[both, point[k - 1], :2] - by_point[both, point[k], :2]
         path[:, :2] += (ankle[frames, :2] - path[:, :2]).mean(axis=0)
         wanted[frames] = path
     return wanted
@@ -240,7 +245,22 @@ def _still(points: Array, planted: Bools, floor: float, snap: float) -> Array:
     return found
 
 
-def _flattened(turns: Array, flat: Bools, offsets: Array, *, snap: float, fps: float) -> Array:
+def _steadied(turns: Array, flat: Bools, ahead: Array, *, longer: float, fps: float) -> Array:
+    """Return rotations (F, 3, 3) of a foot that is longer than the source's, in proportion to the legs, and turns about
+    the vertical so much less while heel and ball are planted: both move as far as the source's then. `ahead` (3,) is
+    the way from heel to ball at rest.
+    """
+    if longer <= 1 + _SAME_FOOT:
+        return turns
+    shift = np.zeros((len(turns), 3))
+    for first, last in runs(flat):
+        along = turns[first : last + 1] @ ahead
+        yaw = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
+        shift[first : last + 1, 2] = (1 / longer - 1) * (yaw - yaw.mean())
+    return np.asarray(Rotation.from_rotvec(spread_shifts(shift, flat, fps)).as_matrix() @ turns)
+
+
+def _flattened(turns: Array, flat: Bools, ahead: Array, *, snap: float, fps: float) -> Array:
     """Return rotations (F, 3, 3) of a foot that is level and still while heel and ball are planted, unless one of them
     is higher than the other by `snap`: a foot may stand on its ball for a while, with a raised heel.
     """
@@ -248,7 +268,7 @@ def _flattened(turns: Array, flat: Bools, offsets: Array, *, snap: float, fps: f
     shift = np.zeros((len(turns), 3))
     for first, last in runs(flat):
         mean = Rotation.from_matrix(turns[first : last + 1]).mean().as_matrix()
-        along = mean @ (offsets[BALL] - offsets[HEEL])
+        along = mean @ ahead
         level = along * [1.0, 1.0, 0.0]
         if abs(along[2]) > snap:
             continue

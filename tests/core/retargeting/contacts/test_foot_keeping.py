@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from kfmocap.core.body import human
+from kfmocap.core.body.motion import Motion
 from kfmocap.core.body.skeleton_motion import SkeletonMotion
 from kfmocap.core.body.soles import BALL_SHARE
 from kfmocap.core.numerics import rotations
@@ -76,6 +78,30 @@ def test_toes_that_can_bend_are_level_on_the_floor_while_the_foot_rolls_over_its
         bends = np.linalg.norm(rotations.log(np.swapaxes(feet, -1, -2) @ turns), axis=1)
         assert np.degrees(bends[planted].max()) > 15
         assert np.degrees(np.abs(np.diff(bends)).max()) < 20
+
+
+@pytest.mark.parametrize("lifted", [False, True], ids=["both stand", "the ball is lifted first"])
+def test_heel_and_ball_of_a_long_foot_that_stands_move_no_farther_than_the_performers(lifted):
+    """It turns by 3 degrees while it stands, as tracked feet do; twice as long, it would move twice as far."""
+    frames, foot = np.arange(40), BODY.index("foot.L")
+    yaw = np.radians(3) * np.clip((frames - 5) / 20, 0, 1) + np.radians(4) * lifted * np.clip(frames - 29, 0, 6)
+    turns = np.tile(np.eye(3), (len(frames), len(BODY), 1, 1))
+    rest = BODY.parts[foot].R_world_rest
+    turns[:, foot] = rest.T @ rotations.exp(yaw[:, None] * [0.0, 0.0, 1.0]) @ rest
+    source, bones = prepared(moved_body(BODY, Motion(np.tile(BODY.parts[0].head_world, (len(frames), 1)), turns), FPS))
+    rig = made_rig("kfmocap", BODY, 0.0, 7)
+    own = rig.rest.tails[rig.index("foot.L")] - rig.rest.heads[rig.index("foot.L")]
+    rig = replace(rig, toe_tips=dict.fromkeys("LR", 2 * float(np.linalg.norm(own[:2]))))
+    planted = {"heel.L": frames < 36, "ball.L": frames < (30 if lifted else 36)}
+    result = retarget(source, bones, rig, planted=planted)
+    [path, _] = result.feet
+    way = (result.poses.turns[:, rig.index("foot.L")] @ (2 * own * [1.0, 1.0, 0.0]))[:, None]
+    points = result.poses.places[:, rig.index("foot.L"), None] + [[[-0.3], [1.0]]] * way
+    moved, given = (each - each[0] for each in (points, result.placement.moved(path.points)))
+    apart = np.linalg.norm((moved - given)[..., :2], axis=-1)
+    assert np.linalg.norm(given[29, 1, :2]) > 0.005
+    assert apart[:36, 0].max() < 0.0005
+    assert apart[planted["ball.L"], 1].max() < 0.0005
 
 
 def with_toes(body):
