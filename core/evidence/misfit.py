@@ -123,6 +123,23 @@ def measured_misfit(
     )
 
 
+def bare_shares(
+    views: Sequence[ViewFrames],
+    geometry: Geometry,
+    poses: Mapping[float, Poses],
+    *,
+    first: int,
+    limb_of: Ints,
+    by: ViewWork = IN_THIS_THREAD,
+) -> Array:
+    """Share of what each part covers in every view behind which there is nothing but background, (V, F, P): no part of
+    another limb, of the trunk or of somebody else. Parameters as of `measured_misfit`.
+    """
+    tasks = [(view, (geometry, poses[view.delay], first, limb_of)) for view in views_with_foreground(views)]
+    found = list(by.of_each(_bare_shares, tasks, EvidenceCaches()))
+    return np.array(found).reshape(-1, *next(iter(poses.values()))[1].shape[:2])
+
+
 def most_explained(
     view: ViewFrames, geometry: Geometry, poses: Poses, performer: int, *, first: int, frames: Sequence[int]
 ) -> Array:
@@ -205,6 +222,19 @@ def _view_misfit(
         pixels[f] = np.bincount(covering[f][within], minlength=P)
         background[f] = np.bincount(covering[f][within], nobody[f][within], P)
     return gaps, areas, pixels / scale**2, background / np.maximum(pixels, 1), pixels
+
+
+def _bare_shares(view: ViewFrames, _caches: EvidenceCaches, asked: tuple[Geometry, Poses, int, Ints]) -> Array:
+    """Compute `bare_shares` for one view, (F, P)."""
+    geometry, (R, T), first, limb_of = asked
+    labels = render_labels(geometry, view.camera.subsampled(_STRIDE), first, R, T)
+    bare = np.zeros(T.shape[:2])
+    for limb in np.unique(limb_of):
+        own = np.flatnonzero(limb_of == limb)
+        alone = labels.labels_without(own.tolist()).ravel()[labels.index] < 0
+        counts = np.diff(np.concatenate([[0], np.cumsum(alone)])[labels.ends]).reshape(bare.shape)
+        bare[:, own] = counts[:, own]
+    return bare / np.maximum(np.diff(labels.ends).reshape(bare.shape), 1)
 
 
 def _furniture(covering: NDArray[Any], nobody: NDArray[np.float32], limb_of: Ints) -> Bools:

@@ -204,14 +204,20 @@ class LabelImages:
         images[self.index] = 1 / self.inverse_depth
         return images.reshape(self.part.shape)
 
+    def labels_without(self, parts: Sequence[int]) -> NDArray[np.int16]:
+        """Return the parts seen as they would be without some of them, (n, h, w); only of parts that were all drawn
+        together.
+        """
+        assert self.still is None
+        gone = np.isin(np.arange(self.share.shape[1]), parts)
+        return _painted(self.outlines, self.distance, self.part.shape[:0:-1], left_out=gone)
+
     def without(self, parts: Sequence[int]) -> tuple[NDArray[np.int16], NDArray[np.uint16]]:
         """Return label and depth images, in units of `DEPTH_STEP`, as they would be without some parts, (n, h, w) each;
         only of parts that were all drawn together.
         """
-        assert self.still is None
         n, P = self.share.shape
-        gone = np.isin(np.arange(P), parts)
-        label = _painted(self.outlines, self.distance, self.part.shape[:0:-1], left_out=gone)
+        gone, label = np.isin(np.arange(P), parts), self.labels_without(parts)
         index = self.index[np.repeat(np.tile(gone, n), np.diff(self.ends))]
         behind = np.full(label.shape, -1, np.int16)
         behind.ravel()[index] = label.ravel()[index]

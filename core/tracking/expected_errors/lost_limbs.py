@@ -1,10 +1,12 @@
 """The probability that a part of a limb is lost: that the tracker has it somewhere else than in the footage.
 
 The pixels that a part covers look like the performer where it is right, as on the key frames. Where it is lost, it
-covers background in some views; in others it may lie in front of the rest of the body, and nothing shows. A single view
-leaves more limbs there, so that the sides of limbs and the colours of their parts, too, are asked whether it is seen. A
-lost limb stays lost for a while, so the states found and lost form a hidden Markov chain, whose probabilities are
-computed given all frames.
+covers background in the views in which nothing but background lies behind it; in others it lies in front of the rest of
+the body, and nothing shows. A single view leaves more limbs there, so that the sides of limbs and the colours of their
+parts, too, are asked whether it is seen. A part that is found covers what looks like background where something stands
+in front of it that also stands still, such as furniture or a bystander; other views show that it is found. A lost limb
+stays lost for a while, and a hidden one hidden, so the states found, hidden in one of the views, and lost form a hidden
+Markov chain, whose probabilities are computed given all frames.
 """
 
 from __future__ import annotations
@@ -19,9 +21,13 @@ from ...body.tip_landmarks import tip_landmarks
 from ...evidence.misfit import Misfit
 from ...keypoints.keypoint_factor import KeypointFactor
 from ...numerics.arrays import Array, Bools, Ints
+from ...numerics.likeliest_path import state_probabilities
 
 LOSS_PROBABILITY, RECOVERY_PROBABILITY = 0.002, 0.1
-"""Probabilities per frame that a part that is found gets lost, and that a lost one is found again."""
+"""Probabilities per frame that a part that is found gets lost, and that a lost or hidden one is found again."""
+HIDING_PROBABILITY = 0.0002
+"""Probability per frame and view that a part that is found gets behind something that looks like the background: so
+much less that a single view says lost, but so that two frames of another one decide."""
 PATCH_SIDE = 0.05
 """Side of a square on the body whose pixels count as one observation, metres; of somebody far away every pixel does."""
 FRAMES_PER_OBSERVATION = 2.0
@@ -33,8 +39,9 @@ SHARE_MARGIN = 0.02
 """Least distance of this share from 0 and 1."""
 SHARE_PRECISION = 20.0
 """How little this share varies, as a number of observations (precision of a beta distribution)."""
-REVEAL_PROBABILITY = 0.5
-"""Probability that a view reveals that a part is lost; otherwise it lies in front of or behind the rest of the body."""
+REVEAL_PROBABILITY = 0.9
+"""Probability that a view reveals that a part is lost where nothing but background lies behind it; that of the opposite
+where the rest of the body lies behind it."""
 
 
 def lost_probabilities(
@@ -44,6 +51,7 @@ def lost_probabilities(
     *,
     held: Bools,
     keys: Ints,
+    bare: Array,
     support: Array | None,
     whole: Array | float = 0.0,
 ) -> Array:
@@ -64,6 +72,8 @@ def lost_probabilities(
     keys : ndarray of int, shape (K,)
         Frames with a key pose of the whole body, which show the share of each part that looks like background though it
         is right. Without any, it is the median over all frames.
+    bare : ndarray, shape (V, F, P)
+        See `core.evidence.misfit.bare_shares`.
     support : ndarray, shape (F, P) or None
         Log likelihood ratio of the images with each part against without it (`limb_support.support_of_parts`).
     whole : ndarray, shape (F,), or float
@@ -72,16 +82,18 @@ def lost_probabilities(
     visible, background = misfit.visible[..., span], misfit.background[..., span]
     pieces = np.minimum(visible / PATCH_SIDE**2, misfit.pixels[..., span])
     usual = _usual_background(background, pieces, keys)
-    doubt = _log_odds(background, pieces, usual).sum(axis=0) / FRAMES_PER_OBSERVATION
-    each = [doubt]
-    if support is not None:  # of a lost part the images say as much as if nothing were there
-        each.append(-_outward(body, support) / FRAMES_PER_OBSERVATION)
+    hidden = _log_odds(background, pieces, usual)
+    revealed = REVEAL_PROBABILITY * bare[..., span] + (1 - REVEAL_PROBABILITY) * (1 - bare[..., span])
+    doubt = np.logaddexp(np.log(1 - revealed), np.log(revealed) + hidden)
+    # Of a lost part the images say as much as if nothing were there.
+    unseen = None if support is None else -_outward(body, support) / FRAMES_PER_OBSERVATION
     lost = np.zeros(held.shape)
     for chain in limbs(body):
         sure = np.ones(len(lost))
         for part in chain:
-            for odds in each:
-                sure = sure * (1 - chain_probabilities(np.where(held[:, part], -np.inf, odds[:, part])))
+            sure = sure * (1 - _lost_not_hidden(doubt[..., part], hidden[..., part], held[:, part]))
+            if unseen is not None:
+                sure = sure * (1 - chain_probabilities(np.where(held[:, part], -np.inf, unseen[:, part])))
             lost[:, part] = 1 - sure
     return np.asarray(1 - (1 - lost) * (1 - whole * lost.max(axis=1))[:, None])
 
@@ -155,12 +167,40 @@ def _usual_background(background: Array, pieces: Array, keys: Ints) -> Array:
 
 
 def _log_odds(background: Array, pieces: Array, usual: Array) -> Array:
-    """Log likelihood ratio (lost against found) of the share of background on each part."""
+    """Log likelihood ratio, against a part that is seen where it is, of the share of background on each part in each
+    view if any share is as likely, (V, F, P).
+    """
     hits, usual = background * pieces, np.clip(usual, SHARE_MARGIN, 1 - SHARE_MARGIN)
     a, b = usual * SHARE_PRECISION, (1 - usual) * SHARE_PRECISION
-    right = betaln(hits + a, pieces - hits + b) - betaln(a, b)
-    lost = betaln(hits + 1, pieces - hits + 1)
-    return np.asarray(np.logaddexp(np.log(1 - REVEAL_PROBABILITY), np.log(REVEAL_PROBABILITY) + lost - right))
+    seen = betaln(hits + a, pieces - hits + b) - betaln(a, b)
+    return np.asarray(betaln(hits + 1, pieces - hits + 1) - seen)
+
+
+def _lost_not_hidden(if_lost: Array, if_hidden: Array, held: Bools) -> Array:
+    """Probability that a part is lost on each frame, (F,), though something may stand in front of it in one of V views;
+    not where it is held, (F,).
+
+    Parameters
+    ----------
+    if_lost, if_hidden : ndarray, shape (V, F)
+        Log likelihood ratios of what each view shows of a part that is lost, and of one that is hidden in that view,
+        against one that is found. Other views show a hidden part as they show one that is found.
+    held : ndarray of bool, shape (F,)
+    """
+    V, F = if_lost.shape
+    found, lost, hidden = 0, 1, slice(2, None)
+    costs = np.zeros((2 + V, F))
+    costs[lost] = np.where(held, np.inf, -if_lost.sum(axis=0) / FRAMES_PER_OBSERVATION)
+    costs[hidden] = -if_hidden / FRAMES_PER_OBSERVATION
+    change = np.diag(np.full(2 + V, 1 - RECOVERY_PROBABILITY))
+    change[found] = [1 - LOSS_PROBABILITY - V * HIDING_PROBABILITY, LOSS_PROBABILITY, *[HIDING_PROBABILITY] * V]
+    change[1:, found] = RECOVERY_PROBABILITY
+    begin = change[found] / RECOVERY_PROBABILITY  # as it is in the long run, to the first order
+    begin[found] = 1.0
+    costs[:, 0] -= np.log(begin)
+    with np.errstate(divide="ignore"):
+        step = -np.log(change)
+    return state_probabilities(costs, lambda _: step)[0][lost]
 
 
 def chain_probabilities(log_odds: Array) -> Array:

@@ -16,13 +16,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...body import Body
+from ...body.limbs import numbered_limbs
+from ...evidence.misfit import bare_shares
 from ...evidence.view_work import ViewWork
 from ...numerics.arrays import Array, Bools
 from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.error_lengths import length_quantile
 from ...runtime.processes.freed_memory import return_freed_memory
 from ..solvers.assessment.solution_doubts import misfit_at
-from ..solvers.equations.measurement import LONG, keypoint_instants, measured_at
+from ..solvers.equations.measurement import LONG, keypoint_instants, measured_at, poses_by_delay, view_instants
 from ..solvers.equations.problem import SegmentProblem, SegmentSolution
 from ..solvers.equations.segment_equations import evidence_equations, hidden_and_expected, with_priors_at
 from ..solvers.equations.smoothness_factor import SegmentSmoothness
@@ -152,6 +154,10 @@ def segment_uncertainties(
     gaps = misfit.mean_gaps(keys)
     covariances = _pose_covariances(whole, solution, images)
     clothes = widths_of_clothes(problem, motions)
+    poses = poses_by_delay(problem, view_instants(problem, motions))
+    bare = bare_shares(
+        problem.views, problem.geometry(), poses, first=problem.first, limb_of=numbered_limbs(problem.bodies), by=by
+    )
     support = None if problem.shows_depth or problem.keypoints else support_of_parts(whole, motions)
     uncertainties = []
     for i, (body, motion, fixed) in enumerate(zip(problem.bodies, motions, problem.fixed, strict=True)):
@@ -173,6 +179,7 @@ def segment_uncertainties(
                     spans[i],
                     held=held,
                     keys=keys[i],
+                    bare=bare,
                     support=None if support is None else support[i],
                     whole=lost_body_probabilities(problem, solution, i, held),
                 ),

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from kfmocap.core.body.limbs import numbered_limbs
 from kfmocap.core.body.motion import Motion
-from kfmocap.core.evidence.misfit import measured_misfit
+from kfmocap.core.evidence.misfit import bare_shares, measured_misfit
 from kfmocap.core.evidence.rendering.part_geometry import Geometry
 from kfmocap.core.evidence.view_frames import ViewFrames
 from kfmocap.core.numerics.rotations import exp
@@ -80,3 +81,16 @@ def test_a_view_that_sees_nobody_or_has_no_foreground_changes_no_gap() -> None:
     at = {0.0: poses_of([BODY], [found])}
     misfit = measured_misfit([blind], Geometry.of([BODY]), at, first=0, spans=[slice(0, P)])
     assert not misfit.mean_gaps([np.array([0, 3])]).any()
+
+
+def test_an_arm_beside_the_trunk_is_bare_and_one_in_front_of_it_is_not() -> None:
+    """The arms point to the sides: one camera sees them beside the trunk, the other one looks along them."""
+    poses = poses_of([BODY], [at_rest(BODY, 2)])
+    cameras = [look_at("front", (0, -3, 1.2)), look_at("left", (3, 0, 1.3))]
+    views = []
+    for camera in cameras:
+        seen = np.full((2, *camera.size[::-1]), 128, np.uint8)
+        views.append(ViewFrames(camera, np.zeros_like(seen), 0, foreground=seen[None]))
+    front, left = bare_shares(views, Geometry.of([BODY]), {0.0: poses}, first=0, limb_of=numbered_limbs([BODY]))
+    arm = [BODY.index("upper_arm.L"), BODY.index("forearm.L")]
+    assert front[:, arm].min() > 0.9 and left[:, arm].max() < 0.1

@@ -201,12 +201,23 @@ def misfit_in(shown: list[Array], found: Motion, cameras: tuple = CAMERAS, furni
 
 
 def lost_in(
-    misfit: Misfit, held: Array | None = None, support: Array | None = None, whole: Array | float = 0.0
+    misfit: Misfit,
+    held: Array | None = None,
+    support: Array | None = None,
+    whole: Array | float = 0.0,
+    bare: Array | float = 1.0,
 ) -> Array:
     held = np.zeros((FRAMES, P), bool) if held is None else held
     held[[0, -1]] = True
     return lost_probabilities(
-        BODY, misfit, slice(0, P), held=held, keys=np.array([0, FRAMES - 1]), support=support, whole=whole
+        BODY,
+        misfit,
+        slice(0, P),
+        held=held,
+        keys=np.array([0, FRAMES - 1]),
+        bare=np.broadcast_to(bare, misfit.background.shape),
+        support=support,
+        whole=whole,
     )
 
 
@@ -271,23 +282,34 @@ def test_limbs_that_pass_behind_a_post_are_hidden_and_not_lost() -> None:
     assert lost_in(misfit_in(shown, found)).max() < 0.05
 
 
+@pytest.mark.parametrize("front_bare", [True, False])
+def test_an_arm_that_one_view_shows_as_background_is_hidden_if_another_shows_it_beside_the_body(
+    front_bare: bool,
+) -> None:
+    """There a bystander stands in front of it; before the body, the other view would not show that it is elsewhere."""
+    misfit, bare = arm_on_background(CAMERAS, view=1), np.ones((len(CAMERAS), FRAMES, P))
+    bare[0][:, ARM] = float(front_bare)
+    said = lost_in(misfit, bare=bare)[LOST, ARM]
+    assert (said < 0.1).all() if front_bare else (said >= REPORTED_PROBABILITY).all()
+
+
+def test_in_a_single_view_an_arm_that_lies_on_background_is_lost_and_not_hidden() -> None:
+    assert (lost_in(arm_on_background(CAMERAS[:1], view=0))[LOST, ARM] > 0.8).all()
+
+
+def arm_on_background(cameras: tuple, view: int, share: float = 1.0, pixels: int = 400) -> Misfit:
+    """A misfit in which every part covers 40 pieces, and a share of those of the arm are background in one view."""
+    misfit = misfit_of(at_rest(BODY, FRAMES), cameras)
+    background = np.zeros_like(misfit.background)
+    background[view, LOST, ARM[0]] = background[view, LOST, ARM[1]] = share
+    area = np.full_like(background, 40 * PATCH_SIDE**2)
+    return replace(misfit, background=background, visible=area, pixels=np.full_like(background, pixels))
+
+
 def test_a_part_of_a_few_pixels_is_not_lost_because_of_one_of_them() -> None:
     """Somebody far away may cover more pieces of a size than pixels: their share of background then tells little."""
-    misfit = misfit_of(at_rest(BODY, FRAMES))
-    background = np.zeros_like(misfit.background)
-    background[:, LOST, ARM[1]] = 0.25
-    few, many = (
-        lost_in(
-            replace(
-                misfit,
-                background=background,
-                visible=np.full_like(background, 40 * PATCH_SIDE**2),
-                pixels=np.full_like(background, count),
-            )
-        )
-        for count in (4, 400)
-    )
-    assert few.max() < REPORTED_PROBABILITY < many[LOST, ARM[1]].min()
+    few, many = (lost_in(arm_on_background(CAMERAS[:1], view=0, share=0.25, pixels=pixels)) for pixels in (4, 400))
+    assert few.max() < REPORTED_PROBABILITY < many[LOST, ARM].min()
 
 
 def test_without_foreground_images_nothing_is_called_lost() -> None:
