@@ -177,11 +177,12 @@ def _solved(
     with seconds.measure("appearance"):
         data = segment_data(shot, segment, views, state, observed, by=by)
     if earlier is not None:
-        steps = _steps(progress, None)
-        if (resumed := resume_segment(shot, solver, data, earlier, Workspace(by, on_step=steps))) is not None:
+        workspace = Workspace(by, on_step=_steps(progress, None))
+        if (resumed := resume_segment(shot, solver, data, earlier, workspace)) is not None:
             seconds.add(resumed.solution.seconds)
-            rest = Workspace(by, on_step=step_share(steps, 1.0, 1.0))
-            return _without_refinement(replace(task, state=earlier.carried), resumed, None, seconds, rest)
+            workspace.recent.forget()  # images are kept for the polish with planted feet
+            state = earlier.carried
+            return _without_refinement(replace(task, state=state), resumed, None, seconds, workspace.part(1.0, 1.0))
     steps = _steps(progress, watch)
     solved = solve_segment(shot, solver, data, state, Workspace(by, on_step=steps))  # not kept: large caches
     seconds.add(solved.solution.seconds)

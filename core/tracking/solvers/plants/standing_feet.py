@@ -36,7 +36,7 @@ from ....body.soles import Soles
 from ....numerics.arrays import Array, Bools
 from ....numerics.banded_blocks import BandedBlocks
 from ....numerics.robust_kernels import Quadratic
-from ..descent_stages import POLISH, UNCONVERGED_MOVE
+from ..descent_stages import POLISH, UNCONVERGED_MOVE, DescentStage
 from ..equations.measurement import Workspace
 from ..equations.plant_factor import PlantFactor
 from ..equations.problem import SegmentProblem, SegmentSolution
@@ -90,8 +90,14 @@ def with_standing_feet(
     if can_be_parted(problem) or at_rest(problem, solution.motions, settled.motions, UNCONVERGED_MOVE):
         return settled
     plants = [held.get(i) for i in range(len(settled.motions))]
-    polished = descend(problem, settled.motions, workspace, POLISH, plants=plants)
+    polished = descend(problem, settled.motions, workspace, _stages_as_before(solution), plants=plants)
     return replace(settled, motions=polished.motions)
+
+
+def _stages_as_before(solution: SegmentSolution) -> tuple[DescentStage, ...]:
+    """Return the polish with the pixels by which a solution was found: those of a correction are fewer."""
+    assert solution.evidence is not None
+    return tuple(replace(stage, sampling=solution.evidence.sampling, thinned=False) for stage in POLISH)
 
 
 def with_plants_at_rest(
