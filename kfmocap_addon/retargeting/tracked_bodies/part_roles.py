@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import bpy
 import numpy as np
 
 from ....core.errors import BodyError
 from ....core.retargeting.bone_roles.roles import SIDES, BoneMap
+from ..rigs.fk_controls import FkControls
 from ..target_armatures import target_bones
 from .rigify_animals import goes_on_four
 from .tracked_bones import moves
@@ -16,6 +17,7 @@ from .tracked_bones import moves
 PART_ROLES = ("hips", "spine", "neck", "head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")
 _LIMB_ROLES = ("head", "upper_arm", "forearm", "hand", "thigh", "shin", "foot")
 """Roles of bones that are separate parts even if small, as on figures with large heads and short limbs."""
+_TRUNK = ("hips", "spine", "neck")
 _ENDS = ("head", "hand", "foot")
 """Roles of bones on which hair, fingers and toes hang."""
 _HALVED = (("upper_arm", "forearm"), ("forearm", "hand"), ("thigh", "shin"), ("shin", "foot"))
@@ -77,13 +79,55 @@ def carried_along(armature: bpy.types.Object, bones: BoneMap) -> dict[str, str]:
     body = set(target_bones(armature).names())  # collar bones, too
     needed = {above.name for name in body for above in (rest[name], *rest[name].parent_recursive)}
     for chain in _hung(rest, needed):
-        of_body = next((above.name for above in chain[0].parent_recursive if above.name in body), "")
-        tail = of_body in bones.bones["hips"] and any(word in chain[0].name.casefold() for word in _TAILS)
-        for bone in chain if of_body and of_body not in ends and not tail and not _is_limb(chain) else ():
+        of_body = chain[0].parent.name
+        limb = _is_limb(chain) or (of_body in bones.bones["hips"] and _is_tail(chain[0]))
+        for bone in chain if of_body in body and of_body not in ends and not limb else ():
             if not moves(armature, bone.name, "rotation"):
                 stays = (above.name for above in bone.parent_recursive if above.name not in found)
                 found[bone.name] = next(name for name in stays if name in body or name not in needed)
     return found
+
+
+def controls_along(
+    armature: bpy.types.Object, controls: FkControls, led: Collection[str], bones: BoneMap
+) -> dict[str, str]:
+    """Return the control that deforming bones go along with, by those that are no part of a human's body, on a rig of
+    controls: those with a control of their own on the trunk, see `carried_along`.
+
+    Parameters
+    ----------
+    controls : FkControls
+        Of bones that lead skin, and of those that play a role.
+    led : collection of str
+        Bones that lead skin and are turned by controls.
+    bones : BoneMap
+        Of bones that follow the controls.
+    """
+    rest, found = armature.data.bones, dict[str, str]()
+    owner = {name: controls.by_bone.get(name, name) for name in bones.names()}
+    trunk = {owner[name] for role in _TRUNK for name in bones.bones.get(role, ())}
+    of_body = set(owner.values())
+    owner |= {control: control for control in of_body}
+    needed = {above.name for name in owner for above in (rest[name], *rest[name].parent_recursive)}
+    for name in led:
+        way = [rest[controls.by_bone[name]], *rest[controls.by_bone[name]].parent_recursive]
+        at = next((k for k, bone in enumerate(way) if bone.name in owner), 0)
+        carrier, top = owner.get(way[at].name, ""), way[at - 1]
+        on_limb = controls.carried.get(name, carrier) in of_body - trunk
+        if way[0].name in needed or carrier not in trunk or on_limb or _is_limb([top, *top.children_recursive]):
+            continue
+        if carrier in {owner[hips] for hips in bones.bones["hips"]} and _is_tail(top):
+            continue
+        # On what copies a control, nothing can be tracked.
+        posed = [bone.name for bone in way[:at] if moves(armature, bone.name, "rotation")]
+        posed = posed if way[at].name in of_body else []
+        if way[0].name not in posed:
+            found[name] = next(iter(posed), carrier)
+    return found
+
+
+def _is_tail(bone: bpy.types.Bone) -> bool:
+    return any(word in bone.name.casefold() for word in _TAILS)
 
 
 def _is_limb(chain: Sequence[bpy.types.Bone]) -> bool:

@@ -28,14 +28,13 @@ from ..rigs.rig_settings import has_keys, keep_in_override, setting_name, with_s
 from ..rigs.rig_warnings import undriven
 from ..target_armatures import target_bones
 from .freed_limbs import freed_remarks, with_goals, without_goals
-from .part_roles import PART_ROLES, carried_along, limb_bones, limbs_of, taken_in
+from .part_roles import PART_ROLES, carried_along, controls_along, limb_bones, limbs_of, taken_in
 from .rig_landmarks import add_landmarks
 from .rigify_animals import animal_controls, goes_on_four, is_generated
 from .root_keys import keyed_on_body
 from .switched_key_poses import keep_freed_poses, keep_key_poses
 from .tracked_bones import (
     movable_root,
-    moves,
     refuse_apart,
     refuse_following,
     refuse_moving_object,
@@ -207,8 +206,9 @@ def _use_controls(
 ) -> tuple[bpy.types.Object, tuple[str, ...]]:
     """Make a rig a performer through its controls; see `use_as_body`."""
     held, roles = following(armature), limb_bones(armature)
-    along = _along_with_controls(armature, controls.by_bone, roles)
-    turned = fk_controls.with_halves_of_limbs(armature, _of_skin(armature, controls), held, {*roles.names(), *along})
+    of_skin = _of_skin(armature, controls)
+    along = controls_along(armature, controls, of_skin.by_bone, roles) if roles.bones else {}
+    turned = fk_controls.with_halves_of_limbs(armature, of_skin, held, {*roles.names(), *along})
     carriers, remarks = _turning_controls(armature, turned, controls.carried, held, roles)
     with with_settings(armature, controls.settings) as before:
         made = skinned_parts.add_parts(
@@ -241,20 +241,6 @@ def _of_skin(armature: bpy.types.Object, controls: FkControls) -> FkControls:
     """Return the controls of bones that lead skin."""
     led = set(skinned_parts.leading_bones(armature))
     return replace(controls, by_bone={name: control for name, control in controls.by_bone.items() if name in led})
-
-
-def _along_with_controls(armature: bpy.types.Object, by_bone: Mapping[str, str], roles: BoneMap) -> dict[str, str]:
-    """Return the control of the trunk that deforming bones go along with, by those that are no part of the body, see
-    `carried_along`. Those on limbs, such as twist bones, go along with what moves them.
-    """
-    trunk = {name for role in ("hips", "spine", "neck") for name in roles.bones.get(role, ())}
-    of_body = {by_bone.get(name, name) for name in roles.names()}
-    found = {}
-    for name, above in carried_along(armature, roles).items():
-        control = by_bone.get(name, name)
-        if above in trunk & set(by_bone) and control not in of_body and not moves(armature, control, "rotation"):
-            found[name] = by_bone[above]
-    return found
 
 
 def _turning_controls(

@@ -12,7 +12,7 @@ from kfmocap.core.errors import BodyError  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
-from odd_characters import BODY, add_bones, bind, controlled_human, points_of, skinned_human  # noqa: E402
+from odd_characters import BODY, add_bones, bind, controlled_human, layered_human, points_of, skinned_human  # noqa: E402
 from synthetic import swing  # noqa: E402
 
 pytest_plugins = ("addon_fixtures",)
@@ -191,3 +191,26 @@ def test_halves_of_limbs_that_are_stretched_between_points_on_its_control_are_on
     armature, remarks = use_as_body(bpy.context.scene, armature)
     assert len(names_of(armature)) == len(BODY.names)
     assert not remarks
+
+
+@pytest.mark.parametrize("above", ["ORG-pelvis", "CTRL-pelvis"])
+@pytest.mark.parametrize("posed", [False, True], ids=["goes along", "posed"])
+def test_what_hangs_on_controls_or_their_copies_goes_along_with_the_limb_or_the_trunk(posed, above):
+    """The lower half of a thigh and a finger hang on bones that play no role, as they copy controls. A skirt that is
+    posed is tracked where it hangs on a control itself.
+    """
+    plain, _ = use_as_body(bpy.context.scene, layered_human())
+    parts = names_of(plain)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    armature = layered_human()
+    at = {part.name: part.head_world for part in BODY.parts}
+    halves = ("DEF-half", "ORG-thigh.L", (at["thigh.L"] + at["shin.L"]) / 2, at["shin.L"])
+    finger = BODY.parts[BODY.index("hand.L")].tail_world
+    add_bones(armature, [halves, ("DEF-finger", "ORG-hand.L", finger, finger + [0.1, 0, 0])], deform=True)
+    bind(armature, "more", [("DEF-half", cloud(*halves[2:], 0.05)), ("DEF-finger", cloud(finger, finger + 0.1, 0.01))])
+    with_chain(armature, "x", above, at["pelvis"] - [0, 0.15, 0], np.array([0.0, 0.0, -0.1]), 0.05)
+    for frame, angle in ((1, 0.0), (9, 0.4)) if posed else ():
+        armature.pose.bones["x_0"].rotation_quaternion = (np.cos(angle), np.sin(angle), 0, 0)
+        armature.pose.bones["x_0"].keyframe_insert("rotation_quaternion", frame=frame)
+    armature, _ = use_as_body(bpy.context.scene, armature)
+    assert names_of(armature) == sorted([*parts, *(["x_0"] if posed and above == "CTRL-pelvis" else [])])
