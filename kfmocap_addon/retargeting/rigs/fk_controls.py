@@ -20,6 +20,7 @@ from ....core.numerics.arrays import Array
 from ....core.retargeting.bone_roles.roles import SIDES, BoneMap
 from ...scene_io.body import body_armature
 from ...scene_io.characters.followed_bones import following, solved_bones
+from .carrying_controls import hung_on_controls
 from .held_bones import without_limits
 from .rig_at_rest import at_rest, posed_matrices, update
 from .rig_reading import MIN_SCALE, moved_matrices, refuse_mirrored
@@ -114,19 +115,20 @@ def through_controls(armature: bpy.types.Object, bones: BoneMap) -> tuple[BoneMa
     map and the controls.
     """
     held = following(armature)
+    bones, hung = hung_on_controls(armature, bones, held)
     names = bones.names()
     led = {name for name in names if _is_led(armature, name, held, names)}
     if not led:
-        return bones, FkControls({}, {})
-    found = find_controls(armature, names, held)
-    found = _without_loose_ends(armature, bones, found)
+        return bones, FkControls(hung, {})
+    found = _without_loose_ends(armature, bones, find_controls(armature, names, held))
     used = [found.by_bone.get(name, name) if name in led else name for name in names]
     by_bone = {
         name: control for name, control in zip(names, used, strict=True) if name != control and used.count(control) == 1
     }
     roles = {role: tuple(by_bone.get(name, name) for name in played) for role, played in bones.bones.items()}
     needed = by_bone or any(found.by_bone.get(name) == name for name in led)  # these are posed once they are switched
-    return BoneMap(roles, bones.preset, bones.found_by), FkControls(by_bone, found.settings if needed else {})
+    by_bone |= {name: by_bone.get(control, control) for name, control in hung.items()}
+    return replace(bones, bones=roles), FkControls(by_bone, found.settings if needed else {})
 
 
 def _without_loose_ends(armature: bpy.types.Object, bones: BoneMap, found: FkControls) -> FkControls:

@@ -203,7 +203,7 @@ def test_bones_that_follow_a_controlled_one_in_part_are_left_out_with_a_word():
     assert len(body_armature.body_from_armature(armature)) == len(BODY)
 
 
-@pytest.mark.parametrize("made", [controlled_human, switched_human, layered_human])
+@pytest.mark.parametrize("made", [controlled_human, switched_human, layered_human, hung_on_controls])
 def test_motion_is_sent_to_the_controls_of_a_rig_that_no_preset_knows(made):
     scene = bpy.context.scene
     target = made()
