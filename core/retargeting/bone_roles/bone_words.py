@@ -22,7 +22,7 @@ _TOKEN = re.compile(
 _ACCENTED = re.compile(r"([a-zA-Z])[\u0300-\u036f]+")
 _MADE = re.compile(
     r"^(bip|valve|biped|j|b|m|cc|base|bn|bone|joint|jnt|jt|sh|bind|skin|sk|x|character|valvebiped"
-    r"|mstr|main)$"
+    r"|mstr|main|mixamorig)$"
 )
 _NUMBERED = re.compile(r"^(bip|biped|character)$")
 _KINDS = {

@@ -462,6 +462,22 @@ def test_a_word_for_a_part_says_nothing_only_where_nearly_all_bones_have_it():
 @pytest.mark.parametrize(
     ("name", "read"),
     [
+        ("mixamorigLeftUpLeg_049", ("L", "thigh")),
+        ("mixamorigRightHand_052", ("R", "hand")),
+        ("mixamorigSpine1_043", ("", "spine")),
+        ("mixamorigHead_035", ("", "head")),
+    ],
+)
+def test_numbers_that_a_site_for_models_adds_to_mixamos_names_say_nothing(name, read):
+    """Even where hair and a skirt have more bones than the body, so that few names have the word in front."""
+    found = read_name(name)
+    assert (found.side, found.part) == read
+    assert found.kind == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [
         ("C_head_SHJnt", ("", "head", "")),
         ("C_hand_L", ("L", "hand", "control")),
         ("c_head.x", ("", "head", "control")),
