@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from numbers import Real
 
 import numpy as np
 
@@ -92,7 +93,9 @@ _SOLE = 0.016  # below the heel and toe landmarks, metres for a height of 1.75 m
 
 def default_measures(height: float) -> dict[str, float]:
     """Measures in metres of a person of that height; limbs are named per side (`thigh.L`)."""
-    if not np.isfinite(height) or not 0.3 <= height <= 3.0:
+    if not isinstance(height, Real):
+        raise BodyError(f"a height of {height!r} is not a number", todo="give it in metres, 0.3 to 3.0")
+    if not 0.3 <= height <= 3.0:
         todo = "give it in metres, 0.3 to 3.0; if it follows from landmarks or keypoints, check their units"
         raise BodyError(f"a height of {height:.4g} m is not a person's", todo=todo)
     measures: dict[str, float] = {}

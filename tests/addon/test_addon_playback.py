@@ -140,7 +140,15 @@ def test_an_action_that_was_pushed_down_is_said_to_be_there(built):
 
 def test_a_pose_between_two_pictures_is_not_keyed(built):
     built.frame_set(3, subframe=0.4)
-    for tool in ("set_key_pose", "mirror_pose", "nudge_pose", "nudge_depth"):
+    for tool in (
+        "set_key_pose",
+        "paste_pose",
+        "mirror_pose",
+        "breakdown_pose",
+        "nudge_pose",
+        "nudge_depth",
+        "place_joints",
+    ):
         assert "Go to a whole frame first" in why_disabled(tool)
     built.frame_set(3)
     assert bpy.ops.kfmocap.set_key_pose() == {"FINISHED"}

@@ -26,8 +26,8 @@ from ...numerics.likeliest_path import state_probabilities
 LOSS_PROBABILITY, RECOVERY_PROBABILITY = 0.002, 0.1
 """Probabilities per frame that a part that is found gets lost, and that a lost or hidden one is found again."""
 HIDING_PROBABILITY = 0.0002
-"""Probability per frame and view that a part that is found gets behind something that looks like the background: so
-much less that a single view says lost, but so that two frames of another one decide."""
+"""Probability per frame and view that a part that is found gets behind something that looks like the background. It is
+a tenth of that of being lost: a single view says lost, unless another one sees the part beside the body twice."""
 PATCH_SIDE = 0.05
 """Side of a square on the body whose pixels count as one observation, metres; of somebody far away every pixel does."""
 FRAMES_PER_OBSERVATION = 2.0

@@ -43,7 +43,7 @@ class PastePose(PosingOperator, bpy.types.Operator):
 
     bl_idname = "kfmocap.paste_pose"
     bl_label = "Paste Pose"
-    conditions = (has_performer, _has_copied_pose)
+    conditions = (has_performer, on_whole_frame, _has_copied_pose)
 
     flipped: bpy.props.BoolProperty(name="Mirrored", description="Exchange left and right")
     root: _ROOT

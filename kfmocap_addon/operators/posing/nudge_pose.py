@@ -20,7 +20,7 @@ class BreakdownPose(PosingOperator, bpy.types.Operator):
 
     bl_idname = "kfmocap.breakdown_pose"
     bl_label = "Breakdown"
-    conditions = (has_performer, is_between_key_poses)
+    conditions = (has_performer, on_whole_frame, is_between_key_poses)
 
     share: bpy.props.FloatProperty(
         default=0.5,

@@ -8,7 +8,7 @@ from ....core.errors import KeypointError
 from ...scene_io import active_performer
 from ...viewports import viewport
 from ...viewports.navigation import navigates
-from ..conditions import Conditional, has_performer, outside_shot
+from ..conditions import Conditional, has_performer, on_whole_frame, outside_shot
 from ..footage.look_through import show_view
 from ..reporting import reported
 from .placing_display import box_under, draw, handle_under, hint_at
@@ -38,7 +38,7 @@ class PlacingTool(Conditional):
     """The modal tool behind `PlaceJoints`. It keys the pose only on Enter, and passes events outside the footage to
     Blender."""
 
-    conditions = (has_performer, _has_calibrated_camera)
+    conditions = (has_performer, on_whole_frame, _has_calibrated_camera)
 
     def act(self, context: bpy.types.Context) -> None:
         """Pose the body on the present marks of this frame, for scripts."""

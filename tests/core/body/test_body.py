@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from typing import Any
 
 import numpy as np
 import pytest
@@ -176,13 +177,14 @@ def test_every_measure_moves_a_landmark() -> None:
     [
         (0.1, {}),
         (np.nan, {}),
+        ("1.7", {}),
         (1.7, {"thigh": -0.1}),
         (1.7, {"elbow": 0.1}),
         (1.7, {"shin.L": np.nan}),
         (1.7, {"shin": 43.0}),
     ],
 )
-def test_impossible_bodies_are_refused(height: float, measures: dict[str, float]) -> None:
+def test_impossible_bodies_are_refused(height: Any, measures: dict[str, float]) -> None:
     with pytest.raises(BodyError):
         human(height, measures)
 
