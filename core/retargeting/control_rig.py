@@ -41,6 +41,9 @@ class ControlRig:
     palms : mapping of str to ndarray, shape (3, 3)
         By side, the axes of the palms at rest, see `rest_poses.palms.palm_axes`, where fingers that are
         not controlled show them.
+    stiff_soles : mapping of str to ndarray, shape (V, 3)
+        Corners of the skin of feet whose toes have no bone, at rest from the ankle, in the world's axes, metres, by
+        side.
     """
 
     rest: RestSkeleton
@@ -50,6 +53,7 @@ class ControlRig:
     location_axes: Array
     toe_tips: Mapping[str, float] = field(default_factory=dict)
     palms: Mapping[str, Array] = field(default_factory=dict)
+    stiff_soles: Mapping[str, Array] = field(default_factory=dict)
 
     def index(self, role: str, place: int = 0) -> int:
         """Return the index of the control that plays a role; `place` counts along a chain."""

@@ -28,7 +28,7 @@ from .rigs.rig_error import ShownBones
 from .rigs.rig_reading import RigReading, read_rig, turn_from_rest
 from .rigs.rig_settings import Owner, setting_channels, with_settings
 from .rigs.single_toes import all_toes_bend, toe_channels
-from .toe_tips import sole_below_ankle, standing_feet, toe_tips
+from .toe_tips import sole_below_ankle, standing_feet, stiff_soles, toe_tips
 
 _FEET = tuple(f"foot.{side}" for side in SIDES)
 
@@ -123,7 +123,8 @@ def motion_on_rig(armature: bpy.types.Object, bones: BoneMap, transfer: Transfer
         sole, tips = None if sole is None else size * sole, {side: size * tip for side, tip in tips.items()}
         reading = read_rig(armature, used, tips, _resting_toes(bones, used), sole=sole, fingers=bones)
         shown = _shown_at_rest(armature, reading.rig, preset, follows)
-        straight, result = _transferred(transfer, reading, standing, sole)
+        soles = {side: size * corners for side, corners in stiff_soles(bones, skins).items()}
+        straight, result = _transferred(transfer, reading, standing, sole, soles)
         channels = _channels(armature, reading.rig, result, preset)
         channels += setting_channels(armature, settings)  # while they are set: keys may set them otherwise
     return RigMotion(
@@ -142,10 +143,17 @@ def motion_on_rig(armature: bpy.types.Object, bones: BoneMap, transfer: Transfer
 
 
 def _transferred(
-    transfer: Transfer, reading: RigReading, standing: Mapping[str, Array], sole: float | None
+    transfer: Transfer,
+    reading: RigReading,
+    standing: Mapping[str, Array],
+    sole: float | None,
+    soles: Mapping[str, Array],
 ) -> tuple[ControlRig, Retargeted]:
-    """Return the rig as it stands upright, by the turns of `standing_turns`, and the poses of its controls."""
+    """Return the rig as it stands upright, by the turns of `standing_turns`, and the poses of its controls. `soles` are
+    `ControlRig.stiff_soles`.
+    """
     straight, turned = standing_rig(reading.straight, standing, sole) if standing else (reading.straight, None)
+    straight = replace(straight, stiff_soles=soles)
     result = retarget(transfer.motion, transfer.bones, straight, transfer.options, transfer.planted)
     if turned is not None:
         result = as_at_rest(result, turned)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import bpy
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
 from ...core.body.skeleton_motion import RestSkeleton
 from ...core.numerics.arrays import Array
@@ -21,6 +22,8 @@ _BONE_SHARE = 0.86
 """Where the foot of a body without toes ends, as a share of the reach of its skin: as on the default body."""
 _SAME_PLACE = 0.01
 """Distance of heads of bones that are in the same place, as a share of the length of the shin's bone."""
+_FEWEST = 3
+"""Number of points that span no solid."""
 _BELIEVED = (0.8, 1.25)
 """Range of the reach of a foot's bones, in that which its skin shows, within which they are believed."""
 
@@ -54,6 +57,20 @@ def toe_tips(rest: RestSkeleton, bones: BoneMap, used: BoneMap, skins: Mapping[s
             found[side] = reach if told and _BELIEVED[0] < reach / skinned < _BELIEVED[1] else skinned
         elif side in toes:
             found[side] = reach
+    return found
+
+
+def stiff_soles(bones: BoneMap, skins: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the corners (V, 3) of the convex hull of feet whose toes have no bone, by side; `skins` as for
+    `toe_tips`.
+    """
+    found = {}
+    for side, points in skins.items():
+        if f"toe.{side}" not in bones.bones and len(points) > _FEWEST:
+            try:
+                found[side] = points[ConvexHull(points).vertices]
+            except QhullError:  # a flat one
+                found[side] = points
     return found
 
 

@@ -21,6 +21,7 @@ from ..transfer import Placement, leg_length
 from .foot_paths import BALL, HEEL, FootPath, sole_offsets
 from .limb_goals import LimbGoal, limb_controls
 from .long_feet import LIKELY_FOOT, Sole
+from .stiff_feet import StiffFoot
 
 _SAME_FOOT = 0.03  # relative: foot lengths this close to proportional to the legs are taken to be exactly so
 _FADE_TIME = 0.25  # seconds over which a correction fades
@@ -64,12 +65,8 @@ def foot_goals(
         offsets = _target_offsets(path, (motion.rest, of_source), rig, placement, A[roles[2]][0])
         toe = _bending_toe(of_source, rig, path.side)
         snap = _FLOOR_TOLERANCE * leg if clean else None
-        flat, ahead = path.planted.all(axis=1), offsets[BALL] - offsets[HEEL]
-        if snap is not None:
-            turns[:, ankle] = _flattened(turns[:, ankle], flat, ahead, snap=snap, fps=motion.fps)
-        else:
-            longer = float(np.linalg.norm(ahead) / np.linalg.norm(path.offsets[BALL] - path.offsets[HEEL]))
-            turns[:, ankle] = _steadied(turns[:, ankle], flat, ahead, longer=longer / placement.scale, fps=motion.fps)
+        longer = _longer(path, offsets) / placement.scale
+        turns[:, ankle] = _standing(turns[:, ankle], path, offsets, snap=snap, longer=longer, fps=motion.fps)
         points = _sole_points(path, placement, offsets, turns[:, ankle], snap, toes_bend=toe is not None)
         lowest = np.where(path.planted[:, BALL], points[:, BALL, 2], _least_height(points, placement))
         hip, foot = (poses.places[:, b] for b in (controls[0], ankle))
@@ -83,12 +80,44 @@ def foot_goals(
         rolls = path.rolls_over_ball
         straight = turns[:, ankle] @ offsets[BALL] + sole.carried(turns[:, ankle], bends, path.ball)
         ways[rolls, BALL, :2] = straight[rolls, :2]  # as if the toes did not bend, but for what they carry of the ball
-        held = path.planted.any(axis=1)
-        wanted = _ankle_path(points, path.planted, ways, foot)
-        shift = spread_shifts(np.where(held[:, None], wanted - foot, 0.0), held, motion.fps)
-        shift[:, 2] += _lift(foot[:, None] + shift[:, None] + ways, points, held, placement)
-        goals.append(LimbGoal(*controls, shift, held))
+        stiff = None
+        if path.side in rig.stiff_soles and abs(longer - 1) > _SAME_FOOT / 2:
+            stiff = StiffFoot(rig.stiff_soles[path.side], turns[:, ankle], float(offsets[HEEL, 2]))
+        shift = _ankle_shift(path, placement, points, ways, foot, stiff=stiff, fps=motion.fps)
+        goals.append(LimbGoal(*controls, shift, path.planted.any(axis=1)))
     return goals, RigPoses(turns, poses.places, driven)
+
+
+def _longer(path: FootPath, offsets: Array) -> float:
+    """Return the length of the target's foot, in that of the source's."""
+    return float(
+        np.linalg.norm(offsets[BALL] - offsets[HEEL]) / np.linalg.norm(path.offsets[BALL] - path.offsets[HEEL])
+    )
+
+
+def _ankle_shift(
+    path: FootPath,
+    placement: Placement,
+    points: Array,
+    ways: Array,
+    ankle: Array,
+    *,
+    stiff: StiffFoot | None,
+    fps: float,
+) -> Array:
+    """Return how far the target's ankle (F, 3) must be moved for its sole, from the ankle (F, 2, 3), to be where heel
+    and ball should be, (F, 2, 3). A stiff foot is not in the floor while only its ball stands or it swings.
+    """
+    held, rolling = path.planted.any(axis=1), path.planted[:, BALL] & ~path.planted[:, HEEL]
+    wanted = _ankle_path(points, path.planted, ways, ankle)
+    if stiff is not None:
+        wanted[:, 2] += np.where(rolling, stiff.lift(wanted[:, 2] - _touching(path, placement)), 0.0)
+    shift = spread_shifts(np.where(held[:, None], wanted - ankle, 0.0), held, fps)
+    shift[:, 2] += _lift(ankle[:, None] + shift[:, None] + ways, points, held, placement)
+    if stiff is not None:
+        floor = _least_height(placement.moved(path.heel_and_ball), placement)
+        shift[:, 2] += np.where(held, 0.0, stiff.lift(ankle[:, 2] + shift[:, 2] - floor))
+    return shift
 
 
 def _sole_points(
@@ -243,6 +272,16 @@ def _still(points: Array, planted: Bools, floor: float, snap: float) -> Array:
                 middle[2] = floor
             found[first : last + 1, c] = middle
     return found
+
+
+def _standing(turns: Array, path: FootPath, offsets: Array, *, snap: float | None, longer: float, fps: float) -> Array:
+    """Return rotations (F, 3, 3) of a foot that stands: flat, see `_flattened`, or as the source's does if `snap` is
+    None, see `_steadied`.
+    """
+    flat, ahead = path.planted.all(axis=1), offsets[BALL] - offsets[HEEL]
+    if snap is None:
+        return _steadied(turns, flat, ahead, longer=longer, fps=fps)
+    return _flattened(turns, flat, ahead, snap=snap, fps=fps)
 
 
 def _steadied(turns: Array, flat: Bools, ahead: Array, *, longer: float, fps: float) -> Array:

@@ -9,6 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from kfmocap.core.body import human  # noqa: E402
 from kfmocap.core.body.soles import BALL_SHARE  # noqa: E402
 from kfmocap.core.numerics.frame_ranges import runs  # noqa: E402
 from kfmocap.core.retargeting.contacts.foot_paths import BALL, foot_paths  # noqa: E402
@@ -16,7 +17,7 @@ from kfmocap.core.retargeting.retarget import prepared  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.send import SendOptions, send_to_rig  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.source_motion import motion_of_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
-from made_rigs import moved_body  # noqa: E402
+from made_rigs import LONGER_LEGS, moved_body  # noqa: E402
 from mathutils import Matrix, Vector  # noqa: E402
 from odd_characters import BODY, CONTROL, controlled_human, shown_heads, skinned_human  # noqa: E402
 from render.motions import MOTIONS  # noqa: E402
@@ -270,6 +271,19 @@ def test_toes_bend_where_the_performer_rolls_over_the_balls_of_stiff_feet(toes):
     bends = bends_of_toes(armature, toes)
     assert np.linalg.norm(bends, axis=-1).max() > 15
     np.testing.assert_allclose(bends, bends[:, :, :1].repeat(toes, axis=2), atol=0.01)
+
+
+def test_the_skin_of_stiff_feet_is_not_in_the_floor_where_the_performer_rolls_over_the_balls():
+    """Its legs are longer than the performer's, but its feet are not."""
+    armature = skinned_human(body=human(1.75, LONGER_LEGS))
+    [skin] = [o for o in bpy.data.objects if o.type == "MESH"]
+    send_to_rig(bpy.context.scene, rolling_over_balls(), armature, 1)
+    lowest = []
+    for frame in range(1, 41):
+        bpy.context.scene.frame_set(frame)
+        shown = skin.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh()
+        lowest.append(min(vertex.co.z for vertex in shown.vertices))
+    assert min(lowest) > -0.003
 
 
 def test_all_toes_of_broad_feet_bend_and_no_bone_of_the_instep_does():

@@ -80,6 +80,42 @@ def test_toes_that_can_bend_are_level_on_the_floor_while_the_foot_rolls_over_its
         assert np.degrees(np.abs(np.diff(bends)).max()) < 20
 
 
+def with_stiff_soles(body, longer):
+    """A rig whose feet have a skin: as long as the performer's, or longer, from heels to tips."""
+    rig = made_rig("kfmocap", body, 0.0, 7)
+    soles, tips = {}, {}
+    for side in "LR":
+        foot = rig.index(f"foot.{side}")
+        ahead = longer * (rig.rest.tails[foot] - rig.rest.heads[foot]) * [1.0, 1.0, 0.0]
+        down = np.array([0.0, 0.0, rig.rest.ground - rig.rest.heads[foot, 2]])
+        soles[side] = np.stack([-0.3 * ahead + down, ahead / 0.86 + down, 0.5 * ahead])
+        tips[side] = float(np.linalg.norm(ahead))
+    return replace(rig, stiff_soles=soles, toe_tips=tips)
+
+
+@pytest.mark.parametrize("longer", [1.0, 1.1, 1.6])
+def test_stiff_feet_stand_on_the_tips_of_their_toes_where_the_performers_roll_over_their_balls(longer):
+    """Unless they are as the performer's: these are as deep in the floor as there, and no joint is turned."""
+    source, bones = prepared(walk(BALL_SHARE))
+    rig = with_stiff_soles(BODY, longer)
+    result = retarget(source, bones, rig)
+    before = retarget(source, bones, replace(rig, stiff_soles={}))
+    for path in result.feet:
+        foot = rig.index(f"foot.{path.side}")
+        low, deep = (
+            each.poses.places[:, foot, None, 2] + each.poses.turns[:, foot, 2] @ rig.stiff_soles[path.side].T
+            for each in (result, before)
+        )
+        assert deep.min() < -0.02
+        if longer == 1.0:
+            assert np.array_equal(result.poses.turns, before.poses.turns)
+        else:
+            assert low.min() > -0.004
+            held = path.planted.any(axis=1)
+            places = [each.poses.places[held, foot, :2] for each in (result, before)]
+            assert np.abs(places[0] - places[1]).max() < 0.003  # raised, and not shifted
+
+
 @pytest.mark.parametrize("lifted", [False, True], ids=["both stand", "the ball is lifted first"])
 def test_heel_and_ball_of_a_long_foot_that_stands_move_no_farther_than_the_performers(lifted):
     """It turns by 3 degrees while it stands, as tracked feet do; twice as long, it would move twice as far."""
