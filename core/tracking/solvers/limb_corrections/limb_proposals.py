@@ -84,11 +84,12 @@ class LimbProposals:
         motions: tuple[Motion, ...],
         known: Sequence[ViewRatios] | None = None,
     ) -> LimbProposals:
-        """Propose roughly first for a single performer in several views, unless frames are left out already."""
+        """Propose roughly first for a single performer in several views, if that leaves more frames out."""
         alone, rough = thinned.whole, None
-        if alone.shows_depth and not alone.among_others and thinned.problem is alone:
+        if alone.shows_depth and not alone.among_others:
             few = ThinnedProblem.at_rate(alone, SEARCH_RATE)
-            rough = None if few is None else cls(few, group, motions, roughly=True)
+            if few is not None and len(few.frames) < len(thinned.frames):
+                rough = cls(few, group, motions, roughly=True)
         return cls(thinned, group, motions, known, rough)
 
     def around(self, motions: Sequence[Motion], turn: int) -> Motion | None:

@@ -213,6 +213,29 @@ def test_limbs_of_a_single_performer_in_several_views_are_searched_for_only_wher
     assert kinds == drawn
 
 
+@pytest.mark.parametrize(("step", "rough"), [(5, [4]), (2, [])])
+def test_where_frames_are_left_out_a_rough_search_comes_first_if_it_leaves_out_more(
+    monkeypatch: pytest.MonkeyPatch, step: int, rough: list[int]
+) -> None:
+    problem, kept, drawn_on = seen_by(2), np.append(np.arange(0, 15, 2), 15), list[int]()
+    world = World(defaultdict(float), PAIR[:1])
+    begin = world.begun(monkeypatch, problem)
+    few = kept if step == 2 else np.arange(0, 16, step)
+    monkeypatch.setattr(ThinnedProblem, "of", lambda whole, _: ThinnedProblem.at(whole, kept, 2))
+    monkeypatch.setattr(ThinnedProblem, "at_rate", lambda whole, _: ThinnedProblem.at(whole, few, step))
+
+    def freed(
+        some: SegmentProblem, motions: Sequence[Motion], *given: object, search: LimbSearch, **how: object
+    ) -> Motion:
+        drawn_on.append(some.length)
+        assert search.roughly is (some.length < len(kept))
+        return world.search(some, motions, *given, **how)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(limb_proposals, "freed_limb", freed)
+    with_limbs_found(problem, begin, ONE, SettledSolutions(), Workspace())
+    assert drawn_on == [*rough, *[len(kept)] * MAX_VAIN_ROUNDS]
+
+
 def test_limbs_of_a_pair_are_promising_together(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each may have been found where the other one was, so that none gains alone."""
     thinned, rest = ThinnedProblem.with_all(seen_by(2)), at_rest(BODY, 16)
