@@ -16,6 +16,10 @@ _STRAIGHT = float(np.cos(np.radians(30)))
 """Cosine of the largest angle between bones that may divide a segment of a limb."""
 _UPPER_ARM = 0.172 / 0.150
 """Length of a human's upper arm in forearms, by `core.body.human`."""
+_SHOULDERS_APART = 0.64
+"""A human's shoulders, in upper arm and forearm."""
+_CLEARLY = 0.5
+"""How much less unlike a human's, as the logarithm of a proportion, an arm must be with divided segments."""
 _LEAST_DIVIDED = 3
 """Number of bones above the hand of an arm with a collar bone, of which none is divided."""
 _FINGERS = 3
@@ -78,16 +82,22 @@ def arm_joints(rest: RestSkeleton, top: int, other: int, shortest: float) -> tup
     ways = _ways(rest, path)
     lengths = np.linalg.norm(ways, axis=1)
     palm = max((k for k, j in enumerate(path) if rest.parents.count(j) >= _FINGERS), default=0)
+    apart = _apart(rest, path, other)
+    long = np.flatnonzero(lengths > shortest)
+    if palm <= _LEAST_DIVIDED and len(long) < 2:
+        return {}, np.zeros(2)
     if palm > _LEAST_DIVIDED:
-        upper, middle, end = _segments(ways, range(palm + 1), [palm - 1, palm], _UPPER_ARM)
+        upper, middle, end = _segments(ways, range(palm + 1), [palm - 1, palm], _UPPER_ARM, apart)
         collar = path[0]
     else:
-        long = np.flatnonzero(lengths > shortest)
-        if len(long) < 2:
-            return {}, np.zeros(2)
         # The longest two consecutive segments, below a long collar bone.
         upper, lower = max(pairwise(long), key=lambda two: float(lengths[two[0]] + lengths[two[1]]))
         middle, end = upper + 1, lower + 1
+        last = len(path) - 1
+        if last > _LEAST_DIVIDED:
+            divided = _segments(ways, range(last + 1), range(last - 2, last + 1), _UPPER_ARM, apart)
+            odd, odd_divided = (_unlike(ways, two, _UPPER_ARM, apart) for two in ((upper, middle, end), divided))
+            upper, middle, end = divided if odd_divided < odd - _CLEARLY else (upper, middle, end)
         collar = path[upper - 1]
     found = dict(zip(_ARM, [path[upper], path[middle], *path[end:]], strict=False))
     sizes = np.array([lengths[upper:middle].sum(), lengths[middle:end].sum()])
@@ -128,17 +138,46 @@ def _straight_run(ways: Array, inside: int) -> tuple[int, int]:
     return first, last + 1
 
 
-def _segments(ways: Array, joints: Sequence[int], ends: Sequence[int], ratio: float) -> tuple[int, int, int]:
-    """Return where two straight segments of a limb begin and end, of those that the ways from joint to joint make up:
-    the ratio of their lengths is most nearly the given one, and they leave little of the limb out.
+def _apart(rest: RestSkeleton, path: Sequence[int], other: int) -> Array:
+    """Return how far the bones of a limb are from those of the other side, across the body, (N,); `other` is the bone
+    with which that begins.
     """
-    lengths, on = np.linalg.norm(ways, axis=1), _go_on(ways)
-    whole = max(float(lengths[joints[0] : joints[-1]].sum()), 1e-12)
+    far = max(subtree(rest, other), key=lambda j: float(np.linalg.norm(rest.heads[j] - rest.heads[other])))
+    across = rest.heads[path[-1]] - rest.heads[far]
+    across = across / max(float(np.linalg.norm(across)), 1e-12)
+    return np.asarray(2 * (rest.heads[list(path)] - (rest.heads[path[0]] + rest.heads[other]) / 2) @ across)
+
+
+def _segments(
+    ways: Array, joints: Sequence[int], ends: Sequence[int], ratio: float, apart: Array | None = None
+) -> tuple[int, int, int]:
+    """Return where two straight segments of a limb begin and end, of those that the ways from joint to joint make up:
+    the ratio of their lengths is most nearly the given one, they leave little of the limb out, and they begin as far
+    apart as a human's arms, if `apart` is given (see `_apart`).
+    """
+    on, whole = _go_on(ways), max(float(np.linalg.norm(ways[joints[0] : joints[-1]], axis=1).sum()), 1e-12)
 
     def unlike(found: tuple[int, int, int]) -> float:
-        (a, b), (_, c) = pairwise(found)
+        a, b, c = found
         bent = not (on[a : b - 1].all() and on[b : c - 1].all() and c in ends)
-        upper, lower = (max(float(lengths[i:j].sum()), 1e-9 * whole) for i, j in ((a, b), (b, c)))
-        return float(abs(np.log(upper / lower / ratio)) + np.log(whole / (upper + lower))) + 1e3 * bent
+        upper, lower = _two_lengths(ways, found)
+        return _unlike(ways, found, ratio, apart) + float(np.log(whole / (upper + lower))) + 1e3 * bent
 
     return min(combinations(joints, 3), key=unlike)
+
+
+def _two_lengths(ways: Array, joints: tuple[int, int, int]) -> tuple[float, float]:
+    """Return the lengths of the two segments between three joints of a limb."""
+    lengths = np.linalg.norm(ways, axis=1)
+    a, b, c = joints
+    least = 1e-9 * max(float(lengths.sum()), 1e-3)
+    return max(float(lengths[a:b].sum()), least), max(float(lengths[b:c].sum()), least)
+
+
+def _unlike(ways: Array, joints: tuple[int, int, int], ratio: float, apart: Array | None) -> float:
+    """Return how far the two segments between three joints are from a ratio of lengths, and their beginning from the
+    place of a human's shoulders, as the logarithm of a proportion.
+    """
+    upper, lower = _two_lengths(ways, joints)
+    shoulders = 1.0 if apart is None else max(float(apart[joints[0]]) / (upper + lower) / _SHOULDERS_APART, 1e-3)
+    return float(abs(np.log(upper / lower / ratio)) + abs(np.log(shoulders)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import pytest
 from kfmocap.core.body.skeleton_motion import RestSkeleton
 from kfmocap.core.numerics.arrays import Array
 from kfmocap.core.retargeting.bone_roles.limb_joints import arm_joints, leg_joints
@@ -45,3 +46,17 @@ def test_a_short_chain_with_three_ends_is_no_arm() -> None:
     found, lengths = arm_joints(rest, 1, 9, SHORTEST)
     assert not found
     assert not lengths.any()
+
+
+@pytest.mark.parametrize("mitten", [False, True])
+@pytest.mark.parametrize("droop", [0, 45])
+def test_the_elbow_of_an_arm_of_halves_is_found_by_human_proportions_though_the_hand_has_no_fingers(
+    mitten: bool, droop: float
+) -> None:
+    along = np.array([np.cos(np.radians(droop)), 0.0, -np.sin(np.radians(droop))])
+    collar, shoulder = np.array([0.03, 0.0, 1.42]), np.array([0.18, 0.02, 1.42])
+    ways = [0.0, 0.15, 0.3, 0.43, 0.56, *([0.66] if mitten else [])]
+    joints = [collar, *(shoulder + way * along for way in ways)]
+    found, lengths = arm_joints(on_both_sides(joints), 1, 1 + len(joints), SHORTEST)
+    assert (found["shoulder"], found["upper_arm"], found["forearm"], found["hand"]) == (1, 2, 4, 6)
+    np.testing.assert_allclose(lengths, [0.3, 0.26], atol=1e-6)
