@@ -70,9 +70,10 @@ def carried_along(armature: bpy.types.Object, bones: BoneMap) -> dict[str, str]:
     """Return the bones that are no part of a human's body, whatever they are called, and the bone that they go along
     with: what carries no limb, trunk or head, such as hair, skirts, capes and bags.
 
-    Not those that keys turn, as the animator has posed them, nor a tail that is called so, nor further arms.
+    Not those that keys turn, as the animator has posed them, nor a tail that is called so, nor further arms; and none
+    of an animal, whose head or limbs may be among them.
     """
-    if not bones.bones or ("hand.L" in bones.bones and "hand.R" in bones.bones and goes_on_four(armature, bones)):
+    if not _is_whole(armature, bones):
         return {}
     rest, found = armature.data.bones, dict[str, str]()
     ends = {name for role, _, name in bones.items() if role.partition(".")[0] in _ENDS}
@@ -103,6 +104,8 @@ def controls_along(
     bones : BoneMap
         Of bones that follow the controls.
     """
+    if not _is_whole(armature, bones):
+        return {}
     rest, found = armature.data.bones, dict[str, str]()
     owner = {name: controls.by_bone.get(name, name) for name in bones.names()}
     trunk = {owner[name] for role in _TRUNK for name in bones.bones.get(role, ())}
@@ -124,6 +127,12 @@ def controls_along(
         if way[0].name not in posed:
             found[name] = next(iter(posed), carrier)
     return found
+
+
+def _is_whole(armature: bpy.types.Object, bones: BoneMap) -> bool:
+    """Whether bones are those of a human with a head, who stands on two legs."""
+    hands = "hand.L" in bones.bones and "hand.R" in bones.bones
+    return "head" in bones.bones and not (hands and goes_on_four(armature, bones))
 
 
 def _is_tail(bone: bpy.types.Bone) -> bool:

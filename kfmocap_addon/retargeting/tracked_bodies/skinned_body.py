@@ -207,7 +207,7 @@ def _use_controls(
     """Make a rig a performer through its controls; see `use_as_body`."""
     held, roles = following(armature), limb_bones(armature)
     of_skin = _of_skin(armature, controls)
-    along = controls_along(armature, controls, of_skin.by_bone, roles) if roles.bones else {}
+    along = controls_along(armature, controls, of_skin.by_bone, roles)
     turned = fk_controls.with_halves_of_limbs(armature, of_skin, held, {*roles.names(), *along})
     carriers, remarks = _turning_controls(armature, turned, controls.carried, held, roles)
     with with_settings(armature, controls.settings) as before:

@@ -77,7 +77,7 @@ def merged_clouds(
         if name not in found or bone.parent is None:
             continue
         last = not any(child.name in found for child in bone.children_recursive)
-        twist = last and name not in limbs and (says_twist(name) or _is_simulated(name) or _is_twist(bone, found))
+        twist = last and name not in limbs and (says_twist(name) or says_simulated(name) or _is_twist(bone, found))
         follows = last and name in following
         slight = name not in limbs and np.linalg.norm(np.ptp(found[name], axis=0)) < 2 * small
         above = next((p.name for p in bone.parent_recursive if p.name in found), None)
@@ -95,7 +95,8 @@ def says_twist(name: str) -> bool:
     return any(word in name.casefold() for word in _TWIST)
 
 
-def _is_simulated(name: str) -> bool:
+def says_simulated(name: str) -> bool:
+    """Whether a bone's name says that a simulation moves it."""
     return any(word in name.casefold() for word in _SIMULATED_WORDS)
 
 

@@ -15,7 +15,7 @@ from ....core.body import Part
 from ....core.errors import BodyError, listed
 from ....core.numerics.arrays import Array
 from ..body import part_meshes
-from .merged_clouds import merged_clouds, says_twist, with_taken_in
+from .merged_clouds import merged_clouds, says_simulated, says_twist, with_taken_in
 from .skins import Skin, read_skin
 
 _CORNERS = 24
@@ -104,7 +104,7 @@ def add_parts(
 
 def _carried_remark(clouds: Mapping[str, Array], carried: Mapping[str, str], small: float) -> list[str]:
     """Return what to report of bones that go along with others, where they lead more than a little skin there."""
-    names = [name for name in clouds if name in carried and not says_twist(name)]
+    names = [name for name in clouds if name in carried and not (says_twist(name) or says_simulated(name))]
     led = {above: [clouds[name] for name in names if carried[name] == above] for above in carried.values()}
     sizes = {above: np.linalg.norm(np.ptp(np.concatenate(each), axis=0)) for above, each in led.items() if each}
     names = [name for name in names if sizes[carried[name]] > small]

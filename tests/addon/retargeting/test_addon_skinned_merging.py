@@ -9,9 +9,11 @@ bpy = pytest.importorskip("bpy")
 
 from addon_shots import joint_error  # noqa: E402
 from kfmocap.core.errors import BodyError  # noqa: E402
+from kfmocap.kfmocap_addon.retargeting.tracked_bodies.part_roles import limb_bones  # noqa: E402
 from kfmocap.kfmocap_addon.retargeting.tracked_bodies.skinned_body import use_as_body  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.body import body_armature  # noqa: E402
 from kfmocap.kfmocap_addon.scene_io.keys import motion_curves  # noqa: E402
+from mathutils import Vector  # noqa: E402
 from odd_characters import BODY, add_bones, bind, controlled_human, layered_human, points_of, skinned_human  # noqa: E402
 from synthetic import swing  # noqa: E402
 
@@ -105,8 +107,9 @@ def test_what_a_simulation_moves_belongs_to_the_part_above(name):
     armature = skinned_human()
     top = BODY.parts[BODY.index("pelvis")].head_world
     with_chain(armature, name, "pelvis", top + [0.1, -0.1, 0.0], np.array([0.03, -0.02, -0.1]), 0.03)
-    armature, _ = use_as_body(bpy.context.scene, armature)
+    armature, remarks = use_as_body(bpy.context.scene, armature)
     assert names_of(armature) == sorted(BODY.names)
+    assert not remarks
 
 
 def with_skirt():
@@ -147,6 +150,20 @@ def test_what_key_poses_turn_is_tracked_though_it_carries_no_limb():
         armature.pose.bones["x2_0"].keyframe_insert("rotation_quaternion", frame=frame)  # keyed, but never turned
     armature, _ = use_as_body(bpy.context.scene, armature)
     assert names_of(armature) == sorted([*BODY.names, "x1_0"])
+
+
+def test_nothing_goes_along_with_a_body_whose_head_is_not_known():
+    """A dragon whose forelegs and wings pass for legs and arms: its skull would go along with the neck."""
+    armature = skinned_human({name: f"b{k}" for k, name in enumerate(BODY.names)})
+    head = BODY.parts[BODY.index("head")]
+    with body_armature.edit_bones(armature) as bones:
+        bone = bones[f"b{BODY.index('head')}"]
+        bone.head = bone.head + (bone.tail - bone.head) * 0.1 + Vector((0.0, -0.6, 0.0))
+        bone.tail = bone.head + Vector((0.0, -0.2, 0.0))
+    assert "head" not in limb_bones(armature).bones
+    armature, remarks = use_as_body(bpy.context.scene, armature)
+    assert f"b{BODY.index(head.name)}" in names_of(armature)
+    assert not remarks
 
 
 def test_further_arms_are_tracked():
