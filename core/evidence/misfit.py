@@ -132,8 +132,8 @@ def bare_shares(
     limb_of: Ints,
     by: ViewWork = IN_THIS_THREAD,
 ) -> Array:
-    """Share of what each part covers in every view behind which there is nothing but background, (V, F, P): no part of
-    another limb, of the trunk or of somebody else. Parameters as of `measured_misfit`.
+    """Share of the pixels that each part covers in each view with foreground images behind which nothing but background
+    lies, (V, F, P): no other limb, no trunk and nobody else. Parameters as for `measured_misfit`.
     """
     tasks = [(view, (geometry, poses[view.delay], first, limb_of)) for view in views_with_foreground(views)]
     found = list(by.of_each(_bare_shares, tasks, EvidenceCaches()))

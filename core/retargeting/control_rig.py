@@ -42,8 +42,8 @@ class ControlRig:
         By side, the axes of the palms at rest, see `rest_poses.palms.palm_axes`, where fingers that are
         not controlled show them.
     stiff_soles : mapping of str to ndarray, shape (V, 3)
-        Corners of the skin of feet whose toes have no bone, at rest from the ankle, in the world's axes, metres, by
-        side.
+        By side, the corners of the skin of feet whose toes have no bone: at rest, from the ankle, in the world's axes,
+        metres.
     """
 
     rest: RestSkeleton

@@ -22,8 +22,8 @@ _BONE_SHARE = 0.86
 """Where the foot of a body without toes ends, as a share of the reach of its skin: as on the default body."""
 _SAME_PLACE = 0.01
 """Distance of heads of bones that are in the same place, as a share of the length of the shin's bone."""
-_FEWEST = 3
-"""Number of points that span no solid."""
+_FLAT = 3
+"""Largest number of points that cannot span a solid."""
 _BELIEVED = (0.8, 1.25)
 """Range of the reach of a foot's bones, in that which its skin shows, within which they are believed."""
 
@@ -61,15 +61,15 @@ def toe_tips(rest: RestSkeleton, bones: BoneMap, used: BoneMap, skins: Mapping[s
 
 
 def stiff_soles(bones: BoneMap, skins: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the corners (V, 3) of the convex hull of feet whose toes have no bone, by side; `skins` as for
-    `toe_tips`.
+    """Return by side the corners of the convex hull of each foot whose toes have no bone, from the ankle, metres,
+    shape (V, 3); `skins` as for `toe_tips`.
     """
     found = {}
     for side, points in skins.items():
-        if f"toe.{side}" not in bones.bones and len(points) > _FEWEST:
+        if f"toe.{side}" not in bones.bones and len(points) > _FLAT:
             try:
                 found[side] = points[ConvexHull(points).vertices]
-            except QhullError:  # a flat one
+            except QhullError:  # all in one plane
                 found[side] = points
     return found
 

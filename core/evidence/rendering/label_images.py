@@ -205,7 +205,7 @@ class LabelImages:
         return images.reshape(self.part.shape)
 
     def labels_without(self, parts: Sequence[int]) -> NDArray[np.int16]:
-        """Return the parts seen as they would be without some of them, (n, h, w); only of parts that were all drawn
+        """Return label images as they would be without some parts, (n, h, w); only of parts that were all drawn
         together.
         """
         assert self.still is None

@@ -17,9 +17,9 @@ _STRAIGHT = float(np.cos(np.radians(30)))
 _UPPER_ARM = 0.172 / 0.150
 """Length of a human's upper arm in forearms, by `core.body.human`."""
 _SHOULDERS_APART = 0.64
-"""A human's shoulders, in upper arm and forearm."""
+"""Distance between a human's shoulders, in lengths of upper arm and forearm together."""
 _CLEARLY = 0.5
-"""How much less unlike a human's, as the logarithm of a proportion, an arm must be with divided segments."""
+"""How much nearer to a human's proportions, as a difference of logarithms, an arm must be with divided segments."""
 _LEAST_DIVIDED = 3
 """Number of bones above the hand of an arm with a collar bone, of which none is divided."""
 _FINGERS = 3
@@ -96,7 +96,7 @@ def arm_joints(rest: RestSkeleton, top: int, other: int, shortest: float) -> tup
         last = len(path) - 1
         if last > _LEAST_DIVIDED:
             divided = _segments(ways, range(last + 1), range(last - 2, last + 1), _UPPER_ARM, apart)
-            odd, odd_divided = (_unlike(ways, two, _UPPER_ARM, apart) for two in ((upper, middle, end), divided))
+            odd, odd_divided = (_unlike(ways, at, _UPPER_ARM, apart) for at in ((upper, middle, end), divided))
             upper, middle, end = divided if odd_divided < odd - _CLEARLY else (upper, middle, end)
         collar = path[upper - 1]
     found = dict(zip(_ARM, [path[upper], path[middle], *path[end:]], strict=False))
@@ -139,8 +139,8 @@ def _straight_run(ways: Array, inside: int) -> tuple[int, int]:
 
 
 def _apart(rest: RestSkeleton, path: Sequence[int], other: int) -> Array:
-    """Return how far the bones of a limb are from those of the other side, across the body, (N,); `other` is the bone
-    with which that begins.
+    """Return how far the N bones of a limb are across the body from the same bones of the limb on the other side, (N,);
+    `other` is the first bone of that limb.
     """
     far = max(subtree(rest, other), key=lambda j: float(np.linalg.norm(rest.heads[j] - rest.heads[other])))
     across = rest.heads[path[-1]] - rest.heads[far]
@@ -152,8 +152,8 @@ def _segments(
     ways: Array, joints: Sequence[int], ends: Sequence[int], ratio: float, apart: Array | None = None
 ) -> tuple[int, int, int]:
     """Return where two straight segments of a limb begin and end, of those that the ways from joint to joint make up:
-    the ratio of their lengths is most nearly the given one, they leave little of the limb out, and they begin as far
-    apart as a human's arms, if `apart` is given (see `_apart`).
+    the ratio of their lengths is most nearly the given one, they leave little of the limb out, and if `apart` is given,
+    (N,) as by `_apart`, they begin as far apart as a human's arms.
     """
     on, whole = _go_on(ways), max(float(np.linalg.norm(ways[joints[0] : joints[-1]], axis=1).sum()), 1e-12)
 
@@ -167,7 +167,7 @@ def _segments(
 
 
 def _two_lengths(ways: Array, joints: tuple[int, int, int]) -> tuple[float, float]:
-    """Return the lengths of the two segments between three joints of a limb."""
+    """Return the lengths of the two segments between three joints of a limb, metres, a little above 0 at least."""
     lengths = np.linalg.norm(ways, axis=1)
     a, b, c = joints
     least = 1e-9 * max(float(lengths.sum()), 1e-3)
@@ -175,8 +175,8 @@ def _two_lengths(ways: Array, joints: tuple[int, int, int]) -> tuple[float, floa
 
 
 def _unlike(ways: Array, joints: tuple[int, int, int], ratio: float, apart: Array | None) -> float:
-    """Return how far the two segments between three joints are from a ratio of lengths, and their beginning from the
-    place of a human's shoulders, as the logarithm of a proportion.
+    """Return how unlike a human's the two segments between three joints are, as a sum of logarithms: of the ratio of
+    their lengths by the given one, and, if `apart` is given, of the distance between the shoulders by a human's.
     """
     upper, lower = _two_lengths(ways, joints)
     shoulders = 1.0 if apart is None else max(float(apart[joints[0]]) / (upper + lower) / _SHOULDERS_APART, 1e-3)

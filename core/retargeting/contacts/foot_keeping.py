@@ -65,7 +65,7 @@ def foot_goals(
         offsets = _target_offsets(path, (motion.rest, of_source), rig, placement, A[roles[2]][0])
         toe = _bending_toe(of_source, rig, path.side)
         snap = _FLOOR_TOLERANCE * leg if clean else None
-        longer = _longer(path, offsets) / placement.scale
+        longer = _longer(path, offsets, placement)
         turns[:, ankle] = _standing(turns[:, ankle], path, offsets, snap=snap, longer=longer, fps=motion.fps)
         points = _sole_points(path, placement, offsets, turns[:, ankle], snap, toes_bend=toe is not None)
         lowest = np.where(path.planted[:, BALL], points[:, BALL, 2], _least_height(points, placement))
@@ -88,11 +88,10 @@ def foot_goals(
     return goals, RigPoses(turns, poses.places, driven)
 
 
-def _longer(path: FootPath, offsets: Array) -> float:
-    """Return the length of the target's foot, in that of the source's."""
-    return float(
-        np.linalg.norm(offsets[BALL] - offsets[HEEL]) / np.linalg.norm(path.offsets[BALL] - path.offsets[HEEL])
-    )
+def _longer(path: FootPath, offsets: Array, placement: Placement) -> float:
+    """Return how many times as long as the source's foot the target's is, in proportion to the legs."""
+    own, of_source = (float(np.linalg.norm(each[BALL] - each[HEEL])) for each in (offsets, path.offsets))
+    return own / of_source / placement.scale
 
 
 def _ankle_shift(
@@ -106,7 +105,7 @@ def _ankle_shift(
     fps: float,
 ) -> Array:
     """Return how far the target's ankle (F, 3) must be moved for its sole, from the ankle (F, 2, 3), to be where heel
-    and ball should be, (F, 2, 3). A stiff foot is not in the floor while only its ball stands or it swings.
+    and ball should be, (F, 2, 3). A stiff foot is kept out of the floor while it swings or only its ball stands.
     """
     held, rolling = path.planted.any(axis=1), path.planted[:, BALL] & ~path.planted[:, HEEL]
     wanted = _ankle_path(points, path.planted, ways, ankle)
@@ -285,9 +284,9 @@ def _standing(turns: Array, path: FootPath, offsets: Array, *, snap: float | Non
 
 
 def _steadied(turns: Array, flat: Bools, ahead: Array, *, longer: float, fps: float) -> Array:
-    """Return rotations (F, 3, 3) of a foot that is longer than the source's, in proportion to the legs, and turns about
-    the vertical so much less while heel and ball are planted: both move as far as the source's then. `ahead` (3,) is
-    the way from heel to ball at rest.
+    """Return rotations (F, 3, 3) of a foot that turns less about the vertical while heel and ball are planted if it is
+    longer than the source's, in proportion to the legs, so that both points move as far as the source's. `ahead` (3,)
+    is the vector from heel to ball at rest.
     """
     if longer <= 1 + _SAME_FOOT:
         return turns

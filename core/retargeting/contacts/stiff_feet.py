@@ -20,7 +20,7 @@ class StiffFoot:
     turns : ndarray, shape (F, 3, 3)
         Its rotation from the rest pose.
     ground : float
-        Height of the ground at rest, from the ankle.
+        Height of the ground at rest, from the ankle, metres.
     """
 
     skin: Array
@@ -28,8 +28,8 @@ class StiffFoot:
     ground: float
 
     def lift(self, height: Array) -> Array:
-        """Return how far the foot must be raised not to be in the floor, (F,), given the height of its ankle above
-        that. The skin may be below the ground at rest, and is then so much below the floor.
+        """Return how far the foot must be raised to be out of the floor, metres, (F,), given the height of its ankle
+        above the floor, (F,). Skin that is below the ground at rest may be as far below the floor.
         """
         below = max(self.ground - float(self.skin[:, 2].min()), 0.0)
         lowest = height + (self.turns[:, 2] @ self.skin.T).min(axis=1)

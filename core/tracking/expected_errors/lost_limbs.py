@@ -26,8 +26,9 @@ from ...numerics.likeliest_path import state_probabilities
 LOSS_PROBABILITY, RECOVERY_PROBABILITY = 0.002, 0.1
 """Probabilities per frame that a part that is found gets lost, and that a lost or hidden one is found again."""
 HIDING_PROBABILITY = 0.0002
-"""Probability per frame and view that a part that is found gets behind something that looks like the background. It is
-a tenth of that of being lost: a single view says lost, unless another one sees the part beside the body twice."""
+"""Probability per frame and view that a part that is found passes behind something that looks like the background. It
+is a tenth of the probability that it gets lost: what one view shows as background counts as lost until another view has
+seen the part beside the body on two frames."""
 PATCH_SIDE = 0.05
 """Side of a square on the body whose pixels count as one observation, metres; of somebody far away every pixel does."""
 FRAMES_PER_OBSERVATION = 2.0
@@ -40,8 +41,8 @@ SHARE_MARGIN = 0.02
 SHARE_PRECISION = 20.0
 """How little this share varies, as a number of observations (precision of a beta distribution)."""
 REVEAL_PROBABILITY = 0.9
-"""Probability that a view reveals that a part is lost where nothing but background lies behind it; that of the opposite
-where the rest of the body lies behind it."""
+"""Probability that a view reveals that a part is lost, where nothing but background lies behind it. Where the rest of
+the body does, it is one minus this."""
 
 
 def lost_probabilities(
@@ -167,8 +168,8 @@ def _usual_background(background: Array, pieces: Array, keys: Ints) -> Array:
 
 
 def _log_odds(background: Array, pieces: Array, usual: Array) -> Array:
-    """Log likelihood ratio, against a part that is seen where it is, of the share of background on each part in each
-    view if any share is as likely, (V, F, P).
+    """Log likelihood ratio of the share of background on each part in each view, (V, F, P): if every share is equally
+    likely, against a part that is seen where the model has it.
     """
     hits, usual = background * pieces, np.clip(usual, SHARE_MARGIN, 1 - SHARE_MARGIN)
     a, b = usual * SHARE_PRECISION, (1 - usual) * SHARE_PRECISION
@@ -177,8 +178,7 @@ def _log_odds(background: Array, pieces: Array, usual: Array) -> Array:
 
 
 def _lost_not_hidden(if_lost: Array, if_hidden: Array, held: Bools) -> Array:
-    """Probability that a part is lost on each frame, (F,), though something may stand in front of it in one of V views;
-    not where it is held, (F,).
+    """Probability on each frame that a part is lost, (F,), and not merely hidden behind something in one of V views.
 
     Parameters
     ----------
@@ -186,6 +186,7 @@ def _lost_not_hidden(if_lost: Array, if_hidden: Array, held: Bools) -> Array:
         Log likelihood ratios of what each view shows of a part that is lost, and of one that is hidden in that view,
         against one that is found. Other views show a hidden part as they show one that is found.
     held : ndarray of bool, shape (F,)
+        Where the part is known to be found.
     """
     V, F = if_lost.shape
     found, lost, hidden = 0, 1, slice(2, None)

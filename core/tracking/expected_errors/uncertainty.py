@@ -24,7 +24,7 @@ from ...numerics.banded_blocks import BandedBlocks
 from ...numerics.error_lengths import length_quantile
 from ...runtime.processes.freed_memory import return_freed_memory
 from ..solvers.assessment.solution_doubts import misfit_at
-from ..solvers.equations.measurement import LONG, keypoint_instants, measured_at, poses_by_delay, view_instants
+from ..solvers.equations.measurement import LONG, MeasuredMotion, keypoint_instants, measured_at, poses_by_delay
 from ..solvers.equations.problem import SegmentProblem, SegmentSolution
 from ..solvers.equations.segment_equations import evidence_equations, hidden_and_expected, with_priors_at
 from ..solvers.equations.smoothness_factor import SegmentSmoothness
@@ -154,10 +154,7 @@ def segment_uncertainties(
     gaps = misfit.mean_gaps(keys)
     covariances = _pose_covariances(whole, solution, images)
     clothes = widths_of_clothes(problem, motions)
-    poses = poses_by_delay(problem, view_instants(problem, motions))
-    bare = bare_shares(
-        problem.views, problem.geometry(), poses, first=problem.first, limb_of=numbered_limbs(problem.bodies), by=by
-    )
+    bare = _bare_shares(problem, measured, by)
     support = None if problem.shows_depth or problem.keypoints else support_of_parts(whole, motions)
     uncertainties = []
     for i, (body, motion, fixed) in enumerate(zip(problem.bodies, motions, problem.fixed, strict=True)):
@@ -188,6 +185,13 @@ def segment_uncertainties(
         )
     equations = with_priors_at(whole, solution, images, expected)
     return uncertainties, delay_evidence(problem, measured, hidden, whole.tied(equations, motions)), equations
+
+
+def _bare_shares(problem: SegmentProblem, measured: MeasuredMotion, by: ViewWork) -> Array:
+    """Return the share of each part that is seen before nothing but background, (V, F, P), see `misfit.bare_shares`."""
+    poses = poses_by_delay(problem, measured.instants)
+    limb_of = numbered_limbs(problem.bodies)
+    return bare_shares(problem.views, problem.geometry(), poses, first=problem.first, limb_of=limb_of, by=by)
 
 
 def _pose_covariances(

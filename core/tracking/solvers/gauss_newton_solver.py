@@ -251,7 +251,9 @@ def refined(problem: SegmentProblem, start: Sequence[Motion], workspace: Workspa
 def _refined_and_searched(
     problem: SegmentProblem, start: Sequence[Motion], workspace: Workspace, stages: Sequence[DescentStage]
 ) -> tuple[SegmentSolution, SegmentSolution]:
-    """Return a refined solution, and the one that a search for limbs leads to from there."""
+    """Return a refined solution, and the one that a search for limbs leads to from there; if limbs cannot be searched
+    for, the refined one with its ends unwound (`wound_ends`).
+    """
     # With several views, limbs are searched for in many segments, and that takes most of the time where it is done.
     share = 0.2 if contradicted(problem) else 0.6 if problem.shows_depth else 0.7
     searching = workspace.part(share, 1.0)

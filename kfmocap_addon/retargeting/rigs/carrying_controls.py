@@ -11,7 +11,7 @@ from ....core.retargeting.bone_roles.bone_words import read_name
 from ....core.retargeting.bone_roles.roles import BoneMap
 
 _SAME_PLACE = 1e-3
-"""Distance of a control from the bone that it turns about its head, in lengths of the rig."""
+"""Largest distance between the heads of a control and of its bone, as a share of the rig's size."""
 _CONTROLS = ("control", "fk")
 
 
@@ -21,13 +21,13 @@ def hung_on_controls(
     """Replace deforming bones of a map that hang on a control of their own by it: the animator poses that one. Returns
     the map, and the controls by bone.
 
-    A control begins where the bone does, and has a shape or is called a control. The hips stay what they are, since
-    what carries them may carry more.
+    A control begins where the bone does, and has a shape or is called a control. The hips are not replaced, since what
+    carries them may carry other bones, too.
 
     Parameters
     ----------
     held : collection of str
-        Bones that something else than their own pose moves.
+        Bones that are moved by something other than their own pose.
     """
     rest, found = armature.data.bones, dict[str, str]()
     size = float(np.ptp([bone.head_local for bone in rest], axis=0).max()) or 1.0

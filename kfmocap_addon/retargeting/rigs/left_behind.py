@@ -25,8 +25,8 @@ def left_behind(
     scene: bpy.types.Scene, armature: bpy.types.Object, rig: ControlRig, poses: RigPoses, frames: Ints
 ) -> list[str]:
     """Return warnings about skin that stays in place while the hips go away: that of bones which do not move, such as a
-    board on the root of a character who stands on it, and vertices that belong to no bone. A foot on the floor hangs on
-    a leg that moves.
+    board on the root of a character who stands on it, and vertices that belong to no bone. Bones below one that moves,
+    such as a foot that stands, are not meant.
 
     Parameters
     ----------

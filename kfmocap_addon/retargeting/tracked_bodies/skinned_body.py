@@ -33,14 +33,7 @@ from .rig_landmarks import add_landmarks
 from .rigify_animals import animal_controls, goes_on_four, is_generated
 from .root_keys import keyed_on_body
 from .switched_key_poses import keep_freed_poses, keep_key_poses
-from .tracked_bones import (
-    movable_root,
-    refuse_apart,
-    refuse_following,
-    refuse_moving_object,
-    remove_parts,
-    tied_bones,
-)
+from .tracked_bones import movable_root, refuse_apart, refuse_following, refuse_moving_object, remove_parts, tied_bones
 
 _FOLLOWS = 0.5
 """Least fraction of a control's rotation with which a deforming bone follows it."""
@@ -238,7 +231,7 @@ def _use_controls(
 
 
 def _of_skin(armature: bpy.types.Object, controls: FkControls) -> FkControls:
-    """Return the controls of bones that lead skin."""
+    """Return the controls without those of bones that lead no skin."""
     led = set(skinned_parts.leading_bones(armature))
     return replace(controls, by_bone={name: control for name, control in controls.by_bone.items() if name in led})
 

@@ -31,7 +31,20 @@ def with_taken_in(
     loose: Collection[str],
     limbs: Collection[str],
 ) -> dict[str, Array]:
-    """Add the points (V, 3) of some bones to those of others; of loose ones those that are near."""
+    """Add the points (V, 3) of some bones to those of others.
+
+    Parameters
+    ----------
+    armature : bpy.types.Object
+    clouds : mapping of str to ndarray, shape (V, 3)
+        Points of the skin by the bone that moves them, in the armature's axes.
+    taken_in : mapping of str to str
+        The bone to which a bone's points are added.
+    loose : collection of str
+        Bones of which only points near the other bone's are added.
+    limbs : collection of str
+        Bones that are parts of their own, however small they are.
+    """
     found: dict[str, list[Array]] = {name: [cloud] for name, cloud in clouds.items() if name not in taken_in}
     for name in [name for name in clouds if name in taken_in]:
         cloud, above = clouds[name], taken_in[name]
@@ -42,7 +55,9 @@ def with_taken_in(
 
 
 def _within_reach(bone: bpy.types.Bone, own: Array, cloud: Array, limbs: Collection[str]) -> Array:
-    """Return which points of a cloud (V, 3) are near a part: its middle, or the line of a limb's segment."""
+    """Return which points of a cloud (V, 3) are near a part with points `own` (W, 3), shape (V,): near its middle, or
+    near the line from joint to joint if it is a segment of a limb.
+    """
     next_joint = next((child for child in bone.children_recursive if child.name in limbs), None)
     if bone.name not in limbs or next_joint is None:
         middle = own.mean(axis=0)

@@ -22,7 +22,8 @@ _CORNERS = 24
 """Directions in which a part's solid touches the skin: few faces, drawn many times."""
 _MIN_SIZE_SHARE = 0.045
 """Size of parts, as a share of the skin's height, below which they (fingers, eyes) belong to the part above."""
-_MIN_VERTICES, _NAMED = 8, 3
+_MIN_VERTICES = 8
+_NAMED = 3
 _MOST_VERTICES = 1000
 """Of a part that is drawn as it is: every triangle of its hull is, in every picture and every iteration."""
 
@@ -103,16 +104,18 @@ def add_parts(
 
 
 def _carried_remark(clouds: Mapping[str, Array], carried: Mapping[str, str], small: float) -> list[str]:
-    """Return what to report of bones that go along with others, where they lead more than a little skin there."""
+    """Return a remark on the bones that go along with others, if those on one bone lead skin that is larger than
+    `small`, metres, and their names do not say what they are.
+    """
     names = [name for name in clouds if name in carried and not (says_twist(name) or says_simulated(name))]
     led = {above: [clouds[name] for name in names if carried[name] == above] for above in carried.values()}
     sizes = {above: np.linalg.norm(np.ptp(np.concatenate(each), axis=0)) for above, each in led.items() if each}
     names = [name for name in names if sizes[carried[name]] > small]
     if not names:
         return []
-    what = f"bone{'s' if len(names) > 1 else ''} {listed(names, _NAMED)}"
+    what, go = ("bones", "they go") if len(names) > 1 else ("bone", "it goes")
     todo = "to have one tracked, undo, turn it in two key poses, and use the armature again"
-    return [f"{what}: no limb, trunk or head, so they go along with the body: {todo}"]
+    return [f"{what} {listed(names, _NAMED)}: no limb, trunk or head, so {go} along with the body: {todo}"]
 
 
 def _skin(armature: bpy.types.Object) -> Skin:

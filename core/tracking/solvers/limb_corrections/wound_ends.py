@@ -1,9 +1,9 @@
-"""Heads, hands and feet that a solution has turned farther than their joints do: they are led evenly from key pose to
-key pose.
+"""Heads, hands and feet that a solution has turned farther than their joints allow: they are turned evenly from key
+pose to key pose instead.
 
 About its own axis a head is nearly round, and from behind little shows which way it faces. Pictures that follow each
 other may lead it round by more than a right angle, and neither outlines nor brightness lead it back. So it is with a
-foot that is seen from its sole, and the search for limbs turns no feet.
+foot whose sole faces the camera, and the search for limbs turns no feet.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from .limb_groups import solved_from
 MARGIN = np.radians(15)
 """How far joints turn beyond their limits, or beyond the key poses, as nothing unusual: people differ."""
 FRAME_SIGMA = 0.1
-"""Standard deviation of a joint beyond that on a frame, radians."""
+"""Standard deviation, on each frame, of how far a joint turns beyond that margin, radians."""
 
 
 def with_ends_unwound(problem: SegmentProblem, solution: SegmentSolution, workspace: Workspace) -> SegmentSolution:
-    """Lead heads, hands and feet that are wound up evenly between the key poses, solve from there, and keep that where
-    it is likelier: by the images and by how far their joints turn. What keypoints show stays.
+    """Turn heads, hands and feet that are wound up evenly between the key poses, solve from there, and keep that where
+    it is likelier: by the images and by how far their joints turn. Those that keypoints show stay as they are.
 
     All of a performer are led at once; if that is not likelier, one after the other.
 
@@ -66,7 +66,7 @@ def ends(body: Body) -> list[int]:
 
 
 def _turned_freely(problem: SegmentProblem, performer: int) -> list[int]:
-    """Return the ends of a performer's body whose turns no keypoints show: those that have none beside their joint."""
+    """Return the ends of a performer's body whose turns no keypoints show: those with none away from their joint."""
     body, names = problem.bodies[performer], problem.keypoints[performer].keypoints.names if problem.keypoints else ()
     parts, points = body.landmark_arrays([name for name in names if name in body.landmarks])
     return [end for end in ends(body) if end not in parts[points.any(axis=1)]]
@@ -78,7 +78,7 @@ def _is_wound(problem: SegmentProblem, performer: int, end: int, motion: Motion)
 
 
 def turned_too_far(problem: SegmentProblem, performer: int, end: int, motion: Motion) -> Array:
-    """Return by how much an end is turned farther about each axis than its joint's limits and key poses allow, radians,
+    """Return how much farther an end is turned about each axis than its joint's limits and key poses allow, radians,
     (F, 3).
     """
     turns, limits = rotations.log(motion.rotations[:, end]), problem.bodies[performer].limits[end]
@@ -111,8 +111,8 @@ def _likelier_led(
 
 
 def _led(problem: SegmentProblem, performer: int, end: int, motion: Motion) -> Motion:
-    """Turn an end evenly from each key pose that holds it to the next, before and after these as they have it; as at
-    rest where none does.
+    """Turn an end evenly from each key pose that holds it to the next. Before the first and after the last of them it
+    keeps their turn; where no key pose holds it, it is as at rest.
     """
     fixed = problem.fixed_axes(performer)[:, end]
     held = np.flatnonzero(fixed.all(axis=1)).tolist()

@@ -32,8 +32,8 @@ STEPS = 12
 LARGEST_STEP = 2
 """Most steps from one frame to the next, 60 degrees: at 20 frames a second more than three turns a second."""
 RIVAL_SHARE = 0.5
-"""A turn is worth solving if it makes the placed body cover more by at least this share of the difference between what
-the best solution covers and what the placed body does without a turn: nothing but the turn is right yet."""
+"""Share of the difference between what the best solution covers and what the placed body covers without a turn. A turn
+is worth solving if it gains more than this: before it is solved, nothing but the turn is right."""
 _STRIDE = 4
 _ITERATIONS = 4  # of the search for the body's place, which is exact but for the perspective
 _NUDGE = 1e-3  # for derivatives of a projection, metres
@@ -45,8 +45,8 @@ def placed_turns(
     problem: SegmentProblem, start: Sequence[Motion], rival: float, workspace: Workspace
 ) -> list[list[Motion]]:
     """Return starts with a whole turn about one of the pelvis's three axes, in either direction, those that cover most
-    first: only those with which the placed body covers so much more than without a turn that, once they are solved,
-    they may cover more than a solution (`RIVAL_SHARE`).
+    first. Left out are those with which the placed body covers too little for them to cover more than a given solution
+    once they are solved (`RIVAL_SHARE`).
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def placed_turns(
     start : sequence of Motion
         F poses per performer, the curve through the key poses.
     rival : float
-        What the solution that they are to beat covers (`SegmentSolution.cover`).
+        Cover of the solution that they must beat (`SegmentSolution.cover`).
     workspace : Workspace
     """
     [performer] = problem.sought
