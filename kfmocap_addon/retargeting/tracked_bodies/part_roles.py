@@ -70,19 +70,23 @@ def carried_along(armature: bpy.types.Object, bones: BoneMap) -> dict[str, str]:
     """Return the bones that are no part of a human's body, whatever they are called, and the bone that they go along
     with: what carries no limb, trunk or head, such as hair, skirts, capes and bags.
 
-    Not those that keys turn, as the animator has posed them, nor a tail that is called so, nor further arms; and none
-    of an animal, whose head or limbs may be among them.
+    Not those that keys turn, as the animator has posed them, nor a tail that is called so, nor further arms; nor what
+    hangs on hands, feet and head, fingers included, see `taken_in`. None of an animal, whose head or limbs may be among
+    them.
     """
     if not _is_whole(armature, bones):
         return {}
     rest, found = armature.data.bones, dict[str, str]()
-    ends = {name for role, _, name in bones.items() if role.partition(".")[0] in _ENDS}
+    ends = [rest[name] for role, _, name in bones.items() if role.partition(".")[0] in _ENDS]
+    on_ends = {bone.name for end in ends for bone in (end, *end.children_recursive)}
     body = set(target_bones(armature).names())  # collar bones, too
     needed = {above.name for name in body for above in (rest[name], *rest[name].parent_recursive)}
     for chain in _hung(rest, needed):
         of_body = chain[0].parent.name
         limb = _is_limb(chain) or (of_body in bones.bones["hips"] and _is_tail(chain[0]))
-        for bone in chain if of_body in body and of_body not in ends and not limb else ():
+        if limb or of_body not in body - on_ends:
+            continue
+        for bone in chain:
             if not moves(armature, bone.name, "rotation"):
                 stays = (above.name for above in bone.parent_recursive if above.name not in found)
                 found[bone.name] = next(name for name in stays if name in body or name not in needed)

@@ -142,6 +142,19 @@ def test_chains_that_hang_on_a_bone_of_their_own_go_along_with_the_body():
     assert names_of(armature) == sorted(BODY.names)
 
 
+def test_what_hangs_on_a_finger_belongs_to_the_hand_however_long_it_is():
+    armature = skinned_human()
+    tip = BODY.parts[BODY.index("hand.L")].tail_world
+    joint, end = tip + [0.04, 0.0, 0.0], tip + [0.04, -0.9, 0.0]
+    add_bones(armature, [("index1.L", "hand.L", tip, joint), ("blade", "index1.L", joint, end)], deform=True)
+    bind(armature, "blade", [("blade", cloud(joint, end, 0.03))])
+    armature, remarks = use_as_body(bpy.context.scene, armature)
+    body = body_armature.body_from_armature(armature)
+    assert sorted(body.names) == sorted(BODY.names)
+    assert not remarks
+    assert np.ptp(body.parts[body.index("hand.L")].vertices, axis=0).max() > 0.8
+
+
 def test_what_key_poses_turn_is_tracked_though_it_carries_no_limb():
     armature = with_skirt()
     for frame, angle in ((1, 0.0), (9, 0.4)):
