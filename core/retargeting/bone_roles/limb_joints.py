@@ -83,20 +83,20 @@ def arm_joints(rest: RestSkeleton, top: int, other: int, shortest: float) -> tup
     lengths = np.linalg.norm(ways, axis=1)
     palm = max((k for k, j in enumerate(path) if rest.parents.count(j) >= _FINGERS), default=0)
     apart = _apart(rest, path, other)
-    long = np.flatnonzero(lengths > shortest)
-    if palm <= _LEAST_DIVIDED and len(long) < 2:
-        return {}, np.zeros(2)
     if palm > _LEAST_DIVIDED:
         upper, middle, end = _segments(ways, range(palm + 1), [palm - 1, palm], _UPPER_ARM, apart)
         collar = path[0]
     else:
+        long = np.flatnonzero(lengths > shortest)
+        if len(long) < 2:
+            return {}, np.zeros(2)
         # The longest two consecutive segments, below a long collar bone.
         upper, lower = max(pairwise(long), key=lambda two: float(lengths[two[0]] + lengths[two[1]]))
         middle, end = upper + 1, lower + 1
         last = len(path) - 1
         if last > _LEAST_DIVIDED:
             divided = _segments(ways, range(last + 1), range(last - 2, last + 1), _UPPER_ARM, apart)
-            odd, odd_divided = (_unlike(ways, at, _UPPER_ARM, apart) for at in ((upper, middle, end), divided))
+            odd, odd_divided = (_unlike(lengths, at, _UPPER_ARM, apart) for at in ((upper, middle, end), divided))
             upper, middle, end = divided if odd_divided < odd - _CLEARLY else (upper, middle, end)
         collar = path[upper - 1]
     found = dict(zip(_ARM, [path[upper], path[middle], *path[end:]], strict=False))
@@ -155,29 +155,34 @@ def _segments(
     the ratio of their lengths is most nearly the given one, they leave little of the limb out, and if `apart` is given,
     (N,) as by `_apart`, they begin as far apart as a human's arms.
     """
-    on, whole = _go_on(ways), max(float(np.linalg.norm(ways[joints[0] : joints[-1]], axis=1).sum()), 1e-12)
+    lengths, on = np.linalg.norm(ways, axis=1), _go_on(ways)
+    whole = max(float(lengths[joints[0] : joints[-1]].sum()), 1e-12)
 
     def unlike(found: tuple[int, int, int]) -> float:
         a, b, c = found
         bent = not (on[a : b - 1].all() and on[b : c - 1].all() and c in ends)
-        upper, lower = _two_lengths(ways, found)
-        return _unlike(ways, found, ratio, apart) + float(np.log(whole / (upper + lower))) + 1e3 * bent
+        return (
+            _unlike(lengths, found, ratio, apart)
+            + float(np.log(whole / sum(_two_lengths(lengths, found))))
+            + 1e3 * bent
+        )
 
     return min(combinations(joints, 3), key=unlike)
 
 
-def _two_lengths(ways: Array, joints: tuple[int, int, int]) -> tuple[float, float]:
-    """Return the lengths of the two segments between three joints of a limb, metres, a little above 0 at least."""
-    lengths = np.linalg.norm(ways, axis=1)
+def _two_lengths(lengths: Array, joints: tuple[int, int, int]) -> tuple[float, float]:
+    """Return the lengths of the two segments between three joints of a limb, metres, a little above 0 at least, from
+    those of the ways from joint to joint, (N,).
+    """
     a, b, c = joints
     least = 1e-9 * max(float(lengths.sum()), 1e-3)
     return max(float(lengths[a:b].sum()), least), max(float(lengths[b:c].sum()), least)
 
 
-def _unlike(ways: Array, joints: tuple[int, int, int], ratio: float, apart: Array | None) -> float:
+def _unlike(lengths: Array, joints: tuple[int, int, int], ratio: float, apart: Array | None) -> float:
     """Return how unlike a human's the two segments between three joints are, as a sum of logarithms: of the ratio of
     their lengths by the given one, and, if `apart` is given, of the distance between the shoulders by a human's.
     """
-    upper, lower = _two_lengths(ways, joints)
+    upper, lower = _two_lengths(lengths, joints)
     shoulders = 1.0 if apart is None else max(float(apart[joints[0]]) / (upper + lower) / _SHOULDERS_APART, 1e-3)
     return float(abs(np.log(upper / lower / ratio)) + abs(np.log(shoulders)))

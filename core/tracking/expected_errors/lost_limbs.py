@@ -12,7 +12,7 @@ Markov chain, whose probabilities are computed given all frames.
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import betaln, expit
+from scipy.special import betaln
 
 from ...body import Body
 from ...body.kinematics import Poses
@@ -83,18 +83,20 @@ def lost_probabilities(
     visible, background = misfit.visible[..., span], misfit.background[..., span]
     pieces = np.minimum(visible / PATCH_SIDE**2, misfit.pixels[..., span])
     usual = _usual_background(background, pieces, keys)
-    hidden = _log_odds(background, pieces, usual)
+    any_share = _log_odds(background, pieces, usual)
     revealed = REVEAL_PROBABILITY * bare[..., span] + (1 - REVEAL_PROBABILITY) * (1 - bare[..., span])
-    doubt = np.logaddexp(np.log(1 - revealed), np.log(revealed) + hidden)
+    each = np.logaddexp(np.log(1 - revealed), np.log(revealed) + any_share)
+    doubt, hidden = each.sum(axis=0) / FRAMES_PER_OBSERVATION, any_share / FRAMES_PER_OBSERVATION
     # Of a lost part the images say as much as if nothing were there.
     unseen = None if support is None else -_outward(body, support) / FRAMES_PER_OBSERVATION
     lost = np.zeros(held.shape)
     for chain in limbs(body):
         sure = np.ones(len(lost))
         for part in chain:
-            sure = sure * (1 - _lost_not_hidden(doubt[..., part], hidden[..., part], held[:, part]))
+            free = np.where(held[:, part], -np.inf, 0.0)
+            sure = sure * (1 - chain_probabilities(doubt[:, part] + free, hidden[..., part]))
             if unseen is not None:
-                sure = sure * (1 - chain_probabilities(np.where(held[:, part], -np.inf, unseen[:, part])))
+                sure = sure * (1 - chain_probabilities(unseen[:, part] + free))
             lost[:, part] = 1 - sure
     return np.asarray(1 - (1 - lost) * (1 - whole * lost.max(axis=1))[:, None])
 
@@ -177,22 +179,24 @@ def _log_odds(background: Array, pieces: Array, usual: Array) -> Array:
     return np.asarray(betaln(hits + 1, pieces - hits + 1) - seen)
 
 
-def _lost_not_hidden(if_lost: Array, if_hidden: Array, held: Bools) -> Array:
-    """Probability on each frame that a part is lost, (F,), and not merely hidden behind something in one of V views.
+def chain_probabilities(if_lost: Array, if_hidden: Array | None = None) -> Array:
+    """Probability of the lost state on each of F frames given all of them, by the forward-backward algorithm.
 
     Parameters
     ----------
-    if_lost, if_hidden : ndarray, shape (V, F)
-        Log likelihood ratios of what each view shows of a part that is lost, and of one that is hidden in that view,
-        against one that is found. Other views show a hidden part as they show one that is found.
-    held : ndarray of bool, shape (F,)
-        Where the part is known to be found.
+    if_lost : ndarray, shape (F,)
+        Log likelihood ratio of what all views show if lost, against found; minus infinity where it is known to be
+        found.
+    if_hidden : ndarray, shape (V, F), optional
+        The same of what a view shows of a part that is hidden in it, against one that is found. Other views show a
+        hidden part as they show one that is found.
     """
-    V, F = if_lost.shape
+    V, F = (0, len(if_lost)) if if_hidden is None else if_hidden.shape
     found, lost, hidden = 0, 1, slice(2, None)
     costs = np.zeros((2 + V, F))
-    costs[lost] = np.where(held, np.inf, -if_lost.sum(axis=0) / FRAMES_PER_OBSERVATION)
-    costs[hidden] = -if_hidden / FRAMES_PER_OBSERVATION
+    costs[lost] = -if_lost
+    if if_hidden is not None:
+        costs[hidden] = -if_hidden
     change = np.diag(np.full(2 + V, 1 - RECOVERY_PROBABILITY))
     change[found] = [1 - LOSS_PROBABILITY - V * HIDING_PROBABILITY, LOSS_PROBABILITY, *[HIDING_PROBABILITY] * V]
     change[1:, found] = RECOVERY_PROBABILITY
@@ -202,22 +206,3 @@ def _lost_not_hidden(if_lost: Array, if_hidden: Array, held: Bools) -> Array:
     with np.errstate(divide="ignore"):
         step = -np.log(change)
     return state_probabilities(costs, lambda _: step)[0][lost]
-
-
-def chain_probabilities(log_odds: Array) -> Array:
-    """Probability of the lost state on each of F frames given all of them, by the forward-backward algorithm in log
-    odds.
-    """
-    F = len(log_odds)
-    forward, backward = np.empty(F), np.zeros(F)
-    forward[0] = np.log(LOSS_PROBABILITY / RECOVERY_PROBABILITY) + log_odds[0]
-    for f in range(1, F):
-        before = expit(forward[f - 1])
-        lost = before * (1 - RECOVERY_PROBABILITY) + (1 - before) * LOSS_PROBABILITY
-        forward[f] = np.log(lost / (1 - lost)) + log_odds[f]
-    for f in range(F - 2, -1, -1):
-        odds = log_odds[f + 1] + backward[f + 1]
-        if_lost = np.logaddexp(np.log(1 - RECOVERY_PROBABILITY) + odds, np.log(RECOVERY_PROBABILITY))
-        if_found = np.logaddexp(np.log(LOSS_PROBABILITY) + odds, np.log(1 - LOSS_PROBABILITY))
-        backward[f] = if_lost - if_found
-    return np.asarray(expit(forward + backward))

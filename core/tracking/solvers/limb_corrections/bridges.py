@@ -54,8 +54,10 @@ def bridged_motion(motion: Motion, leap: Leap, fixed: Bools) -> Motion:
     return Motion(motion.translations, Q)
 
 
-def evenly_led(problem: SegmentProblem, performer: int, motion: Motion, chain: Sequence[int]) -> Motion:
-    """Turn a limb evenly from each frame on which key poses hold all of it to the next; elsewhere it stays.
+def evenly_led(
+    problem: SegmentProblem, performer: int, motion: Motion, chain: Sequence[int], *, beyond: bool = False
+) -> Motion:
+    """Turn a limb evenly from each frame on which key poses hold all of it to the next.
 
     Parameters
     ----------
@@ -65,9 +67,12 @@ def evenly_led(problem: SegmentProblem, performer: int, motion: Motion, chain: S
         F poses.
     chain : sequence of int
         The limb's parts.
+    beyond : bool
+        Whether it has the turn of the first of these frames before it, too, and that of the last after it; otherwise
+        the motion there is left as it is.
     """
     held = np.flatnonzero(problem.fixed_axes(performer)[:, list(chain)].all(axis=(1, 2))).tolist()
-    for a, b in pairwise(held):
+    for a, b in pairwise([-1, *held, len(motion)] if held and beyond else held):
         if b > a + 1:
             motion = bridged_motion(motion, Leap(a + 1, b - 1, tuple(chain)), problem.fixed[performer])
     return motion

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from ..assessment.solution_ranking import likelihood
 from ..equations.measurement import Workspace
 from ..equations.problem import SegmentProblem, SegmentSolution
 from ..gauss_newton import continued
-from .bridges import Leap, bridged_motion
+from .bridges import evenly_led
 from .limb_groups import solved_from
 
 MARGIN = np.radians(15)
@@ -115,12 +114,8 @@ def _led(problem: SegmentProblem, performer: int, end: int, motion: Motion) -> M
     keeps their turn; where no key pose holds it, it is as at rest.
     """
     fixed = problem.fixed_axes(performer)[:, end]
-    held = np.flatnonzero(fixed.all(axis=1)).tolist()
-    if not held:
-        Q = motion.rotations.copy()
-        Q[~fixed.any(axis=1), end] = np.eye(3)
-        return Motion(motion.translations, Q)
-    for a, b in pairwise([-1, *held, len(motion)]):
-        if b > a + 1:
-            motion = bridged_motion(motion, Leap(a + 1, b - 1, (end,)), problem.fixed[performer])
-    return motion
+    if fixed.all(axis=1).any():
+        return evenly_led(problem, performer, motion, [end], beyond=True)
+    Q = motion.rotations.copy()
+    Q[~fixed.any(axis=1), end] = np.eye(3)
+    return Motion(motion.translations, Q)
